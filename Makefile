@@ -1,0 +1,67 @@
+# make run, make test: either sets up .venv first. ARGS are passed on: make test ARGS="-k store".
+ENV   := .venv
+BIN   := $(ENV)/bin
+STAMP := $(ENV)/.ready
+UV    ?= uv
+
+# Without PYTHON=..., the first of these that is new enough.
+CANDIDATES := $(or $(PYTHON),python3 python3.13 python3.12 python3.11)
+RECENT     := import sys; sys.exit(sys.version_info < (3, 11))
+
+.PHONY: run test check format bench wheel lock clean
+.DEFAULT_GOAL := run
+
+# A copied checkout, or one whose Python is gone, must not go on with the old environment.
+ifneq ($(shell $(BIN)/python -c "print(open('$(STAMP)').read())" 2>/dev/null),$(CURDIR))
+$(shell rm -f $(STAMP))
+endif
+
+run: $(STAMP)
+	@$(BIN)/python -m fraexp run paper/fig12 $(ARGS)
+
+test: check
+	@$(BIN)/python -m pytest $(ARGS)
+
+check: $(STAMP)
+	@$(BIN)/ruff format --quiet --check . || { echo "not formatted: run make format" >&2; exit 1; }
+	@$(BIN)/ruff check --quiet .
+	@$(BIN)/python -m mypy --no-error-summary
+	@$(BIN)/lint-imports --no-logo > $(ENV)/imports.log || { cat $(ENV)/imports.log >&2; exit 1; }
+
+format: $(STAMP)
+	@$(BIN)/ruff format --quiet .
+	@$(BIN)/ruff check --quiet --fix .
+
+bench: $(STAMP)
+	@for script in benchmarks/*.py; do $(BIN)/python "$$script" $(ARGS) || exit 1; done
+
+wheel: $(STAMP)
+	@$(BIN)/hatchling build --target wheel
+
+lock:
+	@command -v $(UV) > /dev/null || { echo "make lock: uv not found; install it, for example with pip install uv" >&2; exit 1; }
+	@$(UV) pip compile pyproject.toml --group dev --universal --python-version 3.11 --fork-strategy fewest \
+	  --generate-hashes --no-emit-index-url --no-annotate --no-header --quiet $(ARGS) --output-file requirements.lock
+
+clean:
+	rm -rf $(ENV) build dist .pytest_cache .hypothesis .mypy_cache .ruff_cache .import_linter_cache
+	find fraexp plugins tests benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# The stamp is written last: a set-up that was interrupted starts afresh, one that is out of date is brought up to date.
+$(STAMP): pyproject.toml requirements.lock
+	@set -e; \
+	for candidate in $(CANDIDATES); do \
+	  if $$candidate -c '$(RECENT)' 2> /dev/null; then python=$$candidate; break; fi; \
+	done; \
+	test -n "$$python" || { echo "fraexp needs Python 3.11 or newer; found none as: $(CANDIDATES) (set PYTHON=...)" >&2; exit 1; }; \
+	if test -e $@; then echo "bringing $(ENV) up to date" >&2; \
+	else echo "setting up $(ENV) with $$($$python --version), once: about a minute" >&2; rm -rf $(ENV); fi; \
+	rm -f $@; \
+	test -x $(BIN)/python || $$python -m venv $(ENV) > /dev/null 2>&1 || $$python -m venv --clear --without-pip $(ENV); \
+	pip="$(BIN)/python -m pip"; \
+	$$pip --version > /dev/null 2>&1 || pip="$$python -m pip --python $(BIN)/python"; \
+	$$pip --version > /dev/null 2>&1 || { echo "$$python has no pip; install it (Debian: python3-pip or python3-venv)" >&2; exit 1; }; \
+	export PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_NO_INPUT=1 PIP_ROOT_USER_ACTION=ignore; \
+	$$pip install --quiet --quiet --require-hashes --requirement requirements.lock; \
+	$$pip install --quiet --quiet --no-deps --no-build-isolation --editable .; \
+	printf %s "$(CURDIR)" > $@

@@ -1,0 +1,1 @@
+"""fraexp: frequency response analysis of machines with friction."""

@@ -1,0 +1,55 @@
+"""The one module that a plugin imports."""
+
+from fraexp.components import (
+    Controller,
+    Estimator,
+    Excitation,
+    FrictionModel,
+    Period,
+    Plant,
+    RecordReader,
+    Schedule,
+    StateSpace,
+    Table,
+    param,
+)
+from fraexp.delays import hold_response, image_factor, path_response
+from fraexp.errors import FraexpError, ParameterError, RecordError, did_you_mean
+from fraexp.periodic import phasors
+from fraexp.plugins import hookimpl
+from fraexp.response import response_result
+from fraexp.results import HARMONICS, Curve, FrequencyResponse, Metric, Outcome, Result
+from fraexp.signals import Segment, Settling, Signals
+
+__all__ = [
+    "HARMONICS",
+    "Controller",
+    "Curve",
+    "Estimator",
+    "Excitation",
+    "FraexpError",
+    "FrequencyResponse",
+    "FrictionModel",
+    "Metric",
+    "Outcome",
+    "ParameterError",
+    "Period",
+    "Plant",
+    "RecordError",
+    "RecordReader",
+    "Result",
+    "Schedule",
+    "Segment",
+    "Settling",
+    "Signals",
+    "StateSpace",
+    "Table",
+    "did_you_mean",
+    "hold_response",
+    "hookimpl",
+    "image_factor",
+    "param",
+    "path_response",
+    "phasors",
+    "response_result",
+]

@@ -1,0 +1,64 @@
+"""Runs, sweeps and results as JSON documents."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+
+from fraexp.results import FrequencyResponse, Outcome, Result
+from fraexp.store import RunSummary, StoredSweep
+
+
+def plain(value: Any) -> Any:
+    """Return a value as JSON has it: NaN is null, a time is ISO 8601, an outcome its name."""
+    match value:
+        case Outcome():
+            return value.name.lower()
+        case datetime():
+            return value.isoformat()
+        case float():
+            return value if math.isfinite(value) else None
+        case np.ndarray() | np.generic():
+            return plain(value.tolist())
+        case Mapping():
+            return {str(key): plain(item) for key, item in value.items()}
+    return [plain(item) for item in value] if isinstance(value, list | tuple) else value
+
+
+def run_document(run: RunSummary) -> dict[str, Any]:
+    """Return a run without its sweeps."""
+    document: dict[str, Any] = plain(asdict(run))
+    return document
+
+
+def sweep_document(sweep: StoredSweep, result: Result | None, points: bool = True) -> dict[str, Any]:
+    """Return a sweep with its metrics and, with `points`, its response."""
+    document: dict[str, Any] = plain(asdict(sweep))
+    document["remedy"] = sweep.outcome.value if sweep.outcome else ""
+    if result is not None:
+        document["metrics"] = plain([asdict(metric) for metric in result.metrics])
+    if result is not None and points:
+        document["response"] = response_document(result.response) if result.response else None
+        document["curves"] = plain([asdict(curve) for curve in result.curves])
+    return document
+
+
+def response_document(response: FrequencyResponse) -> dict[str, Any]:
+    """Return a response as columns of numbers, complex ones as real and imaginary part."""
+    columns = {
+        "frequency": response.frequency,
+        "real": response.response.real,
+        "imaginary": response.response.imag,
+        "covariance": response.covariance,
+        "input_amplitude": response.input_amplitude,
+        "output_amplitude": response.output_amplitude,
+        "settled": response.settled,
+        "settling_time": response.settling_time,
+        "residual": response.residual,
+        "harmonics_real": response.harmonics.real,
+        "harmonics_imaginary": response.harmonics.imag,
+    }
+    return {"unit": response.unit, "input": response.input, "output": response.output, **plain(columns)}

@@ -1,0 +1,31 @@
+"""``fraexp export``: a sweep's result as a file for other programs."""
+
+from argparse import Namespace
+
+from fraexp.cli.documents import plain
+from fraexp.cli.exits import ExitCode
+from fraexp.cli.selection import open_store, sweeps_of
+from fraexp.cli.terminal import print_path
+from fraexp.cli.words import short
+from fraexp.errors import FraexpError
+from fraexp.export import export
+
+
+def execute(arguments: Namespace) -> ExitCode:
+    """Write one sweep, and print the file's path."""
+    with open_store(arguments) as store:
+        sweeps = sweeps_of(store, arguments.id)
+        if len(sweeps) != 1:
+            some = ", ".join(short(sweep.key) for sweep in sweeps[:6]) + (", ..." if len(sweeps) > 6 else "")
+            raise FraexpError(f"export: run {arguments.id} has {len(sweeps)} sweeps; name one of them: {some}")
+        result = store.result(sweeps[0].key)
+    header = {
+        "key": sweeps[0].key,
+        "labels": plain(sweeps[0].labels),
+        "created": plain(sweeps[0].created),
+        "experiment": plain(sweeps[0].experiment),
+        "estimator": plain(sweeps[0].estimator),
+    }
+    export(result, header, arguments.output, force=arguments.force)
+    print_path(arguments.output)
+    return ExitCode.OK

@@ -1,0 +1,137 @@
+"""Following the events of a run, and reporting how it ended."""
+
+from argparse import Namespace
+from collections.abc import Generator
+from contextlib import closing
+from dataclasses import dataclass, field
+from typing import Any
+
+from fraexp.cli.documents import run_document, sweep_document
+from fraexp.cli.exits import ExitCode
+from fraexp.cli.progress import Meter
+from fraexp.cli.selection import open_store
+from fraexp.cli.show import remedies
+from fraexp.cli.tables import sweep_table
+from fraexp.cli.terminal import print_json, print_path, print_table, say
+from fraexp.cli.words import duration, plural, short
+from fraexp.plugins import Registry
+from fraexp.results import Outcome, Result
+from fraexp.scheduler import Ended, Event, Finished, Planned, Preparing, Progress
+from fraexp.store import RunSummary, StoredSweep
+
+SHOWN = 50
+"""Sweeps in the table at the end; `show` has all."""
+FRUITLESS = (Outcome.DIVERGED, Outcome.FAILED)
+"""Outcomes without a result to use."""
+
+
+@dataclass
+class Story:
+    """What the events have told."""
+
+    planned: list[Planned] = field(default_factory=list)
+    ended: list[Ended] = field(default_factory=list)
+    computed: int = 0
+    interrupted: bool = False
+
+
+def follow(events: Generator[Event, None, None]) -> Story:
+    """Render events as they come; Ctrl-C closes them, which ends the run and keeps what is finished."""
+    story = Story()
+    try:
+        with Meter() as meter, closing(events):
+            for event in events:
+                _take(event, story, meter)
+    except KeyboardInterrupt:
+        story.interrupted = True
+    return story
+
+
+def _take(event: Event, story: Story, meter: Meter) -> None:
+    match event:
+        case Planned():
+            story.planned.append(event)
+            say(_plan(event))
+        case Preparing():
+            meter.note(event.what)
+        case Progress():
+            meter.move(event.done, event.total)
+        case Finished():
+            story.computed += event.state == "computed"
+            if event.error:
+                say(f"{short(event.sweep.key)} failed: {event.error}")
+        case Ended():
+            story.ended.append(event)
+
+
+def _plan(planned: Planned) -> str:
+    stale = f" ({planned.stale} stale: a plugin's source has changed; --rerun stale)" if planned.stale else ""
+    time = f", about {duration(planned.seconds)}" if planned.seconds else ""
+    sweeps = plural(planned.total, "sweep")
+    return f"{planned.study}: {sweeps}, {planned.reused} reused{stale}, {planned.missing} to compute{time}"
+
+
+def report(story: Story, arguments: Namespace, registry: Registry) -> ExitCode:
+    """Print what the runs gave, and return how it went."""
+    runs = [(ended, *_stored(ended.run, arguments)) for ended in story.ended if ended.run is not None]
+    if arguments.json:
+        print_json(_document(story, runs))
+    else:
+        for run in runs:
+            _print(*run, registry)
+    if story.interrupted:
+        say(f"interrupted: {plural(story.computed, 'sweep')} computed and kept; the same command goes on from there")
+        return ExitCode.INTERRUPTED
+    failed = any(_fruitless(sweep) for _, _, sweeps, _ in runs for sweep in sweeps)
+    return ExitCode.INCOMPLETE if failed else ExitCode.OK
+
+
+def _stored(number: int, arguments: Namespace) -> tuple[RunSummary, list[StoredSweep], dict[str, Result]]:
+    with open_store(arguments) as store:
+        sweeps = store.sweeps(number)
+        return store.run(number), sweeps, store.results(sweep.key for sweep in sweeps)
+
+
+def _fruitless(sweep: StoredSweep) -> bool:
+    return sweep.state in ("failed", "pending") or sweep.outcome in FRUITLESS
+
+
+def _document(story: Story, runs: list[tuple[Ended, RunSummary, list[StoredSweep], dict[str, Result]]]) -> Any:
+    return {
+        "planned": [
+            {
+                name: getattr(planned, name)
+                for name in ("study", "title", "total", "reused", "missing", "stale", "seconds")
+            }
+            for planned in story.planned
+        ],
+        "interrupted": story.interrupted,
+        "runs": [
+            {
+                **run_document(run),
+                "figure": str(ended.figure) if ended.figure else None,
+                "sweeps": [sweep_document(sweep, results.get(sweep.key), points=False) for sweep in sweeps],
+            }
+            for ended, run, sweeps, results in runs
+        ],
+    }
+
+
+def _print(
+    ended: Ended, run: RunSummary, sweeps: list[StoredSweep], results: dict[str, Result], registry: Registry
+) -> None:
+    print_table(*sweep_table(sweeps[:SHOWN], results, registry))
+    if len(sweeps) > SHOWN:
+        say(f"{len(sweeps) - SHOWN} more sweeps; see fraexp show {run.number}")
+    for remedy in remedies(sweeps):
+        say(remedy)
+    print(f"\nrun {run.number} {run.state}: {_counts(run)}")
+    if ended.figure:
+        print_path(ended.figure, "figure ")
+    hint = f"fraexp show {short(sweeps[0].key)}" if sweeps else "fraexp list"
+    say(f"next: fraexp show {run.number}, {hint}, fraexp plot {run.number} -o FILE.pdf")
+
+
+def _counts(run: RunSummary) -> str:
+    time = f", {duration((run.ended - run.started).total_seconds())}" if run.ended else ""
+    return f"{plural(run.total, 'sweep')}, {run.computed} computed, {run.reused} reused, {run.failed} failed{time}"

@@ -1,0 +1,70 @@
+"""From the command line to an exit code; an error is one line on stderr."""
+
+import importlib
+import io
+import os
+import sys
+import traceback
+from argparse import Namespace
+from collections.abc import Sequence
+
+from fraexp.cli.arguments import COMMANDS, UsageError, parse
+from fraexp.cli.exits import ExitCode
+from fraexp.cli.terminal import say
+from fraexp.errors import FraexpError, StoreError
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command and return its exit code."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # a terminal without µ or ° must not end a run
+            stream.reconfigure(errors="backslashreplace")
+    try:
+        code = _parse_and_execute(arguments)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or the flush at exit complains
+        return ExitCode.PIPE_CLOSED
+    return code
+
+
+def _parse_and_execute(arguments: Sequence[str] | None) -> int:
+    try:
+        parsed = parse(arguments)
+    except UsageError as error:
+        say(f"fraexp: {error}")
+        return ExitCode.USAGE
+    except SystemExit:  # --help has been printed
+        return ExitCode.OK
+    return _guarded(parsed)
+
+
+def _guarded(parsed: Namespace) -> int:
+    try:
+        return _execute(parsed)
+    except BrokenPipeError:
+        raise
+    except KeyboardInterrupt:
+        say("fraexp: interrupted")
+        return ExitCode.INTERRUPTED
+    except FraexpError as error:
+        if parsed.debug:
+            traceback.print_exc()
+        say(f"fraexp: {error}")
+        return ExitCode.STORE if isinstance(error, StoreError) else ExitCode.USAGE
+    except Exception as error:
+        if parsed.debug:
+            traceback.print_exc()
+        more = "please report it" if parsed.debug else "run with --debug for the traceback"
+        say(f"fraexp: internal error: {type(error).__name__}: {error}; {more}")
+        return ExitCode.INTERNAL
+
+
+def _execute(parsed: Namespace) -> int:
+    if parsed.version:
+        from fraexp.provenance import gather
+
+        print(gather()["fraexp"])
+        return ExitCode.OK
+    module = importlib.import_module(f"fraexp.cli.{COMMANDS[parsed.command][0]}")
+    return int(module.execute(parsed))

@@ -1,0 +1,39 @@
+"""``fraexp plot``: a figure of a run or of sweeps."""
+
+from argparse import Namespace
+from collections.abc import Sequence
+
+from fraexp.cli.exits import ExitCode
+from fraexp.cli.selection import chosen, database, is_run, open_store
+from fraexp.cli.terminal import print_path, say
+from fraexp.cli.words import plural
+from fraexp.errors import FraexpError
+from fraexp.figures.stamp import check_suffix
+from fraexp.store import Store
+from fraexp.workspace import Workspace
+
+
+def execute(arguments: Namespace) -> ExitCode:
+    """Draw sweeps, unless the file shows them already, and print the file's path."""
+    check_suffix(arguments.output)
+    workspace = Workspace.open(arguments.workspace, database(arguments))
+    with open_store(arguments) as store:
+        sweeps = chosen(store, arguments.ids)
+        title = arguments.title or _study(store, arguments.ids)
+        drawn = workspace.draw(store, sweeps, arguments.output, title)
+    if drawn is None:
+        raise FraexpError(
+            f"plot: found nothing to draw in {plural(len(sweeps), 'sweep')}; see their outcomes with show"
+        )
+    without = [sweep for sweep in sweeps if sweep.outcome is None]
+    if without:
+        say(f"{plural(len(without), 'sweep')} without a result left out")
+    if not drawn:
+        say("the figure is up to date")
+    print_path(arguments.output)
+    return ExitCode.OK
+
+
+def _study(store: Store, identifiers: Sequence[str]) -> str:
+    studies = {store.run(int(identifier)).study for identifier in identifiers if is_run(identifier)}
+    return studies.pop() if len(studies) == 1 and all(map(is_run, identifiers)) else ""

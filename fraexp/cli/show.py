@@ -1,0 +1,116 @@
+"""``fraexp show``: a run with its sweeps, or a sweep with its parameters and numbers."""
+
+from argparse import Namespace
+from collections.abc import Sequence
+from pathlib import Path
+
+from fraexp.cli.documents import run_document, sweep_document
+from fraexp.cli.exits import ExitCode
+from fraexp.cli.list import took
+from fraexp.cli.selection import is_run, open_store
+from fraexp.cli.tables import outcome_text, response_table, sweep_table
+from fraexp.cli.terminal import print_fields, print_json, print_table, say
+from fraexp.cli.words import duration, flat, moment, number, short, value_text
+from fraexp.figures.labels import label_text
+from fraexp.plugins import discover
+from fraexp.results import Result
+from fraexp.store import RunSummary, Store, StoredSweep
+
+ROWS = 12
+"""Rows of a response that are shown unless all are asked for."""
+
+
+def execute(arguments: Namespace) -> ExitCode:
+    """Print a run or a sweep."""
+    with open_store(arguments) as store:
+        if is_run(arguments.id):
+            _show_run(store, int(arguments.id), arguments)
+        else:
+            _show_sweep(store, arguments)
+    return ExitCode.OK
+
+
+def _show_run(store: Store, number_: int, arguments: Namespace) -> None:
+    run, sweeps = store.run(number_), store.sweeps(number_)
+    results = store.results(sweep.key for sweep in sweeps)
+    if arguments.json:
+        documents = [sweep_document(sweep, results.get(sweep.key), arguments.points) for sweep in sweeps]
+        print_json({**run_document(run), "sweeps": documents})
+        return
+    print_fields(_run_fields(run))
+    print()
+    print_table(*sweep_table(sweeps, results, discover(Path(arguments.workspace) / "plugins")))
+    for remedy in remedies(sweeps):
+        say(remedy)
+
+
+def _run_fields(run: RunSummary) -> list[tuple[str, str]]:
+    git = run.provenance.get("git") or {}
+    changed = " with local changes" if git.get("dirty") else ""
+    commit = f" ({git['commit'][:12]}{changed})" if git.get("commit") else ""
+    return [
+        ("run", str(run.number)),
+        ("study", run.study),
+        ("file", run.study_file),
+        ("command", run.command),
+        ("state", run.state),
+        ("sweeps", f"{run.total}: {run.computed} computed, {run.reused} reused, {run.failed} failed"),
+        ("started", moment(run.started)),
+        ("took", took(run)),
+        ("code", f"fraexp {run.provenance.get('fraexp') or '(version unknown)'}{commit}"),
+    ]
+
+
+def remedies(sweeps: Sequence[StoredSweep]) -> list[str]:
+    """Return a line for each outcome that is not as wished, with the number of sweeps and the remedy."""
+    outcomes = [sweep.outcome for sweep in sweeps if sweep.outcome and sweep.outcome.value]
+    lines = []
+    for outcome in dict.fromkeys(outcomes):
+        lines.append(f"{outcomes.count(outcome)} {outcome.name.lower().replace('_', ' ')}: {outcome.value}")
+    return lines
+
+
+def _show_sweep(store: Store, arguments: Namespace) -> None:
+    sweep = store.find(arguments.id)
+    result = store.results([sweep.key]).get(sweep.key)
+    if arguments.json:
+        print_json(sweep_document(sweep, result))
+        return
+    print_fields(_sweep_fields(sweep))
+    print("\nparameters")
+    parameters = flat({**sweep.experiment, "estimator": sweep.estimator})
+    print_fields([(path, value_text(value)) for path, value in parameters.items()], indent=2)
+    print("\nsupplied by")
+    sources = sweep.sources.items()
+    print_fields([(name, f"{of.distribution}, source {of.source_hash[:12]}") for name, of in sources], indent=2)
+    if result is not None:
+        _show_result(result, None if arguments.points else ROWS)
+
+
+def _sweep_fields(sweep: StoredSweep) -> list[tuple[str, str]]:
+    return [
+        ("sweep", short(sweep.key)),
+        ("key", sweep.key),
+        ("labels", ", ".join(f"{path} = {label_text(value)}" for path, value in sweep.labels.items())),
+        ("state", sweep.state),
+        ("outcome", outcome_text(sweep)),
+        ("message", sweep.message),
+        ("remedy", sweep.outcome.value if sweep.outcome else ""),
+        ("computed", moment(sweep.created)),
+        ("took", duration(sweep.elapsed) if sweep.created else ""),
+    ]
+
+
+def _show_result(result: Result, rows: int | None) -> None:
+    if result.metrics:
+        print("\nmetrics")
+        print_fields([(metric.name, f"{number(metric.value)} {metric.unit}") for metric in result.metrics], indent=2)
+    if result.response is not None:
+        print(f"\nresponse {result.response.output}/{result.response.input}")
+        print_table(*response_table(result.response, rows))
+        left_out = len(result.response.frequency) - (rows or len(result.response.frequency))
+        if left_out > 0:
+            say(f"{left_out} more frequencies; --points shows all")
+    for curve in result.curves:
+        columns = ", ".join(f"{name} [{curve.units.get(name, '')}]" for name in curve.columns)
+        print(f"\ncurve {curve.name}: {columns}, {len(next(iter(curve.columns.values())))} points")

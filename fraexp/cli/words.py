@@ -1,0 +1,72 @@
+"""Numbers, times and nested data as people read them."""
+
+import math
+from collections.abc import Mapping
+from datetime import datetime
+from typing import Any
+
+LONG = 4
+"""Lists with more values are shown by their ends."""
+
+
+def number(value: float | None, digits: int = 6) -> str:
+    """Return a number in short; ``-`` where it is unknown."""
+    return "-" if value is None or not math.isfinite(value) else f"{value:.{digits}g}"
+
+
+def fixed(value: float, decimals: int) -> str:
+    """Return a number with fixed decimals; ``-`` where it is unknown."""
+    return f"{round(value, decimals) + 0.0:.{decimals}f}" if math.isfinite(value) else "-"  # + 0.0: never -0.00
+
+
+def moment(time: datetime | None) -> str:
+    """Return a point in time, in the local time zone."""
+    return "" if time is None else time.astimezone().strftime("%Y-%m-%d %H:%M:%S")
+
+
+def duration(seconds: float) -> str:
+    """Return a duration [s] in the two units that matter."""
+    if seconds < 60:
+        return f"{seconds:.2g} s" if seconds < 10 else f"{seconds:.0f} s"
+    whole = round(seconds)
+    if whole < 3600:
+        return f"{whole // 60} min {whole % 60:02d} s"
+    return f"{whole // 3600} h {whole % 3600 // 60:02d} min"
+
+
+def plural(count: int, word: str) -> str:
+    """Return a count with its word: ``1 sweep``, ``2 sweeps``."""
+    return f"{count} {word}" if count == 1 else f"{count} {word}s"
+
+
+def short(key: str) -> str:
+    """Return the part of a sweep's key that people type."""
+    return key.partition("-")[2][:8]
+
+
+def flat(data: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Return nested data by dotted path; a list of plain values is one value."""
+    found: dict[str, Any] = {}
+    for key, value in data.items():
+        inner = _numbered(value)
+        if isinstance(inner, Mapping) and inner:
+            found |= flat(inner, f"{prefix}{key}.")
+        else:
+            found[f"{prefix}{key}"] = inner
+    return found
+
+
+def _numbered(value: Any) -> Any:
+    nested = isinstance(value, list) and any(isinstance(item, Mapping | list) for item in value)
+    return {str(index): item for index, item in enumerate(value)} if nested else value
+
+
+def value_text(value: Any) -> str:
+    """Return one value of `flat` in short."""
+    if isinstance(value, list):
+        texts = [value_text(item) for item in value]
+        ends = texts if len(texts) <= LONG else [texts[0], "...", texts[-1]]
+        return f"[{', '.join(ends)}]" + (f" ({len(texts)} values)" if len(texts) > LONG else "")
+    if isinstance(value, float):
+        return f"{value:.10g}"
+    return "" if value is None else str(value)

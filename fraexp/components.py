@@ -1,0 +1,379 @@
+"""What plugins supply: the kinds of component and their contracts, declared once for TOML, help, forms and tests."""
+
+import inspect
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, ClassVar, Self, get_args
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic.fields import FieldInfo
+
+from fraexp import units
+from fraexp.errors import ParameterError, PluginError, did_you_mean
+from fraexp.results import Result
+from fraexp.signals import Signals
+
+REQUIRED: Any = ...
+
+
+def param(
+    unit: str,
+    meaning: str,
+    default: Any = REQUIRED,
+    *,
+    above: float | None = None,
+    at_least: float | None = None,
+    below: float | None = None,
+    at_most: float | None = None,
+    inherit: str | None = None,
+) -> Any:
+    """Declare a parameter: its SI unit ("1" for a pure number, "" for a name), meaning, default and bounds.
+
+    `inherit` names the place in the experiment, such as ``loop.sample_time``, from which a study fills a
+    parameter that it does not give.
+    """
+    return Field(
+        default,
+        description=meaning,
+        gt=above,
+        ge=at_least,
+        lt=below,
+        le=at_most,
+        json_schema_extra={"unit": unit, "inherit": inherit},
+    )
+
+
+def unit_of(info: FieldInfo) -> str:
+    """Return the declared unit of a parameter."""
+    extra = info.json_schema_extra
+    return str(extra["unit"]) if isinstance(extra, dict) else ""
+
+
+def inherited_from(info: FieldInfo) -> str | None:
+    """Return the place in the experiment that fills this parameter, or None."""
+    extra = info.json_schema_extra
+    place = extra.get("inherit") if isinstance(extra, dict) else None
+    return place if isinstance(place, str) else None
+
+
+def nested_kind(info: FieldInfo) -> "type[Component] | None":
+    """Return the kind of component that this parameter holds, or None for plain data."""
+    for candidate in (info.annotation, *get_args(info.annotation)):
+        if inspect.isclass(candidate) and issubclass(candidate, Component):
+            return candidate
+    return None
+
+
+class Parameters(BaseModel):
+    """Named values with unit, meaning and bounds; immutable, and plain data when asked."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, ser_json_inf_nan="null")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read_units(cls, data: Any) -> Any:
+        if not isinstance(data, Mapping):
+            return data
+        read = dict(data)
+        for key, info in cls.model_fields.items():
+            if isinstance(read.get(key), bool) and info.annotation in (float, int):
+                raise ParameterError(f"{key} is {read[key]}; expected a number")
+            if unit_of(info):
+                read[key] = _with_units(read[key], unit_of(info)) if key in read else None
+                if read[key] is None:
+                    del read[key]
+        return read
+
+    @classmethod
+    def parse(cls, data: Mapping[str, Any], title: str) -> Self:
+        """Build from plain data; ParameterError says in one line what does not fit. `title` names the owner."""
+        try:
+            return cls.model_validate(dict(data))
+        except ValidationError as error:
+            raise ParameterError(_sentence(cls, title, data, error)) from None
+        except ParameterError as error:
+            raise ParameterError(f"{title}: {error}") from None
+
+    def plain(self) -> dict[str, Any]:
+        """Return plain data from which `parse` builds an equal object."""
+        values = {key: getattr(self, key) for key in type(self).model_fields}
+        return {key: _plain(value) for key, value in values.items()}
+
+
+def _with_units(value: Any, unit: str) -> Any:
+    if isinstance(value, str):
+        return units.number(value, unit)
+    if isinstance(value, list | tuple):
+        return tuple(_with_units(item, unit) for item in value)
+    return value
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Component):
+        return value.spec()
+    if isinstance(value, Parameters):
+        return value.plain()
+    if isinstance(value, tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    return value
+
+
+BOUNDS = {
+    "greater_than": "above",
+    "greater_than_equal": "at least",
+    "less_than": "below",
+    "less_than_equal": "at most",
+}
+
+
+def _sentence(cls: type[Parameters], title: str, data: Mapping[str, Any], error: ValidationError) -> str:
+    found = error.errors(include_url=False)[0]
+    place = ".".join(str(part) for part in found["loc"])
+    name = str(found["loc"][0]) if found["loc"] else ""
+    info = cls.model_fields.get(name)
+    match found["type"]:
+        case "extra_forbidden":
+            return f"{title} has no parameter '{name}'{did_you_mean(name, cls.model_fields)}"
+        case "missing" if info is not None:
+            return f"{title} lacks '{name}' ({info.description}, {unit_of(info) or 'text'})"
+        case "greater_than" | "greater_than_equal" | "less_than" | "less_than_equal" if info is not None:
+            bound = f"{BOUNDS[found['type']]} {next(iter(found['ctx'].values())):g} {unit_of(info)}".removesuffix(" 1")
+            return f"{title}.{place} is {found['input']!r}; the {info.description} must be {bound}"
+    expected = found["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
+    what = f" ({info.description}, {unit_of(info) or 'text'})" if info is not None else ""
+    return f"{title}.{place} is {found['input']!r}{what}; expected {expected}" if place else f"{title}: {expected}"
+
+
+class Component(Parameters, ABC):
+    """What a plugin supplies under a name; the subclasses below are the kinds, theirs the components."""
+
+    kind: ClassVar[str] = ""
+    """Section of a study that names such a component."""
+    name: ClassVar[str] = ""
+    """Name in studies and in the store; empty for a kind."""
+    version: ClassVar[int] = 0
+    """Raised by the author whenever the same parameters give other numbers."""
+
+    def __init_subclass__(cls, *, name: str = "", version: int = 0, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)  # pydantic hands class arguments to both hooks
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, *, name: str = "", version: int = 0, **kwargs: Any) -> None:
+        super().__pydantic_init_subclass__(**kwargs)
+        if not name:
+            return
+        cls.name, cls.version = name, version
+        taken = {"name", "version"} & set(cls.model_fields)
+        if taken:
+            raise PluginError(f"{name}: a parameter cannot be called '{taken.pop()}'; choose another name")
+        if not cls.kind:
+            raise PluginError(f"{name} is of no kind; derive it from FrictionModel, Plant, Controller or another kind")
+        cls.check_definition()
+
+    @classmethod
+    def check_definition(cls) -> None:
+        """Raise PluginError if the class breaks its kind's contract in a way that can be seen without running it."""
+
+    def spec(self) -> dict[str, Any]:
+        """Return the plain data that identifies this component: name, version and parameters."""
+        return {"name": self.name, "version": self.version, **self.plain()}
+
+
+class FrictionModel(Component, ABC):
+    """A friction law in displacement: force from the displacement's increments and a memory of its own.
+
+    The law is one pure function that fraexp compiles; it must be written in the subset of Python that numba
+    compiles, and may use `math`. It is called by the loop (several times a step, hence `z` must not be
+    written), by the observer and by tests::
+
+        @staticmethod
+        def advance(z, dy, dt, z_next, stiffness, coulomb):
+            "Friction force [N] after the displacement moved by dy [m] in dt [s]."
+
+    `z` and `z_next` are float64 arrays of `state_size` elements. The arguments after `z_next` are named after
+    attributes of the model; a sequence reaches the law as a float64 array.
+    """
+
+    kind: ClassVar[str] = "friction"
+    states: ClassVar[tuple[str, ...]] = ()
+    """Name and unit of each element of z, such as ``("force [N]",)``."""
+
+    advance: ClassVar[Any]
+
+    @classmethod
+    def check_definition(cls) -> None:
+        law = getattr(cls, "advance", None)
+        if not isinstance(inspect.getattr_static(cls, "advance", None), staticmethod) or law is None:
+            raise PluginError(f"{cls.name} lacks the static method advance(z, dy, dt, z_next, ...)")
+        names = list(inspect.signature(law).parameters)
+        if names[:4] != ["z", "dy", "dt", "z_next"]:
+            raise PluginError(
+                f"{cls.name}.advance takes ({', '.join(names[:4])}, ...); expected (z, dy, dt, z_next, ...)"
+            )
+        for name in names[4:]:
+            if name not in cls.model_fields and not hasattr(cls, name):
+                raise PluginError(
+                    f"{cls.name}.advance takes '{name}', which is no parameter{did_you_mean(name, cls.model_fields)}"
+                )
+
+    @property
+    def state_size(self) -> int:
+        """Number of elements of z."""
+        return len(self.states)
+
+    @property
+    def viscous(self) -> float:
+        """Linear viscous coefficient [N s/m] on top of the law; loop and observer treat it exactly."""
+        return 0.0
+
+    @property
+    @abstractmethod
+    def greatest_stiffness(self) -> float:
+        """Greatest slope of force over displacement [N/m]; from it the loop's step is judged."""
+
+    def law_arguments(self) -> tuple[Any, ...]:
+        """Return the values that `advance` takes after z_next: floats, and float64 arrays for sequences."""
+        names = list(inspect.signature(type(self).advance).parameters)[4:]
+        values = (getattr(self, name) for name in names)
+        return tuple(
+            np.asarray(value, dtype=float) if isinstance(value, tuple | list | np.ndarray) else float(value)
+            for value in values
+        )
+
+    def force(self, displacement: np.ndarray, time_step: float, warm_up: int = 0) -> np.ndarray:
+        """Return the law's force [N], shape (n,), along a displacement record [m], shape (n,), without `viscous`.
+
+        The record starts from the state at rest; `warm_up` is how often it is run through beforehand, so that a
+        periodic record is answered with its periodic force.
+        """
+        from fraexp.kernels.drive import drive  # numba: imported only when a law is run
+
+        record = np.ascontiguousarray(displacement, dtype=float)
+        return drive(type(self).advance, self.law_arguments(), self.state_size, record, time_step, warm_up)
+
+
+@dataclass(frozen=True)
+class StateSpace:
+    """A linear single-input single-output system ẋ = A x + b u, y = c x."""
+
+    a: np.ndarray
+    """Shape (n, n)."""
+    b: np.ndarray
+    """Shape (n,)."""
+    c: np.ndarray
+    """Shape (n,)."""
+
+
+class Plant(Component, ABC):
+    """The linear plant P(s), from effective thrust [N] to table displacement [m]."""
+
+    kind: ClassVar[str] = "plant"
+
+    @abstractmethod
+    def state_space(self) -> StateSpace:
+        """Return a state-space realisation of P(s)."""
+
+    @abstractmethod
+    def response(self, omega: np.ndarray) -> np.ndarray:
+        """Return P(jω) [m/N], shape (n,), at angular frequencies omega [rad/s], shape (n,)."""
+
+
+class Controller(Component, ABC):
+    """The feedback controller C(z), from position error [m] to thrust [N]."""
+
+    kind: ClassVar[str] = "controller"
+
+    @abstractmethod
+    def transfer_function(self, sample_time: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return numerator and denominator in ascending powers of z⁻¹, the denominator starting with 1."""
+
+    def response(self, omega: np.ndarray, sample_time: float) -> np.ndarray:
+        """Return C(e^{jωTs}) [N/m], shape (n,), at angular frequencies omega [rad/s], shape (n,)."""
+        numerator, denominator = self.transfer_function(sample_time)
+        delay = np.exp(-1j * np.asarray(omega) * sample_time)
+        return np.polynomial.polynomial.polyval(delay, numerator) / np.polynomial.polynomial.polyval(delay, denominator)
+
+
+@dataclass(frozen=True)
+class Period:
+    """One period of an excitation, and the harmonics of it that it excites."""
+
+    waveform: np.ndarray
+    """Samples [N or m], shape (n,)."""
+    lines: np.ndarray
+    """Excited harmonics of the period, ascending, shape (lines,) of int."""
+
+
+class Excitation(Component, ABC):
+    """Periodic excitations, run one after another, each until successive periods agree."""
+
+    kind: ClassVar[str] = "excitation"
+    quantity: ClassVar[str] = "force"
+    """What is excited: ``force`` at the control input of the loop, or ``displacement`` of a friction model."""
+
+    @abstractmethod
+    def periods(self, sample_time: float) -> tuple[Period, ...]:
+        """Return one period of each experiment, sampled at `sample_time` [s]."""
+
+    @property
+    @abstractmethod
+    def schedule(self) -> "Schedule":
+        """How each experiment is brought to its periodic state and recorded."""
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """How a periodic experiment is started, settled and recorded."""
+
+    ramp: float = 0.0
+    """Time over which the amplitude rises [s]."""
+    tolerance: float = 1e-6
+    """Relative difference of successive periods at which the response counts as periodic."""
+    settle_limit: float = 60.0
+    """Time after which settling is given up [s]."""
+    periods: int = 1
+    """Periods that are recorded once settled, at least."""
+    record_time: float = 0.0
+    """Time that is recorded once settled, at least [s]."""
+
+
+class Estimator(Component, ABC):
+    """A frequency response (or another result) from signals."""
+
+    kind: ClassVar[str] = "estimator"
+
+    @abstractmethod
+    def estimate(self, signals: Signals) -> Result:
+        """Return what the signals teach."""
+
+
+class RecordReader(Component, ABC):
+    """A file format of measured records."""
+
+    kind: ClassVar[str] = "reader"
+    suffixes: ClassVar[tuple[str, ...]] = ()
+    """File name endings that it reads, such as ``.csv``."""
+
+    @abstractmethod
+    def read(self, path: Path, columns: Sequence[str]) -> "Table":
+        """Return the named columns of a file; RecordError says what is wrong and which columns exist."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns of a measured record as they stand in the file."""
+
+    columns: Mapping[str, np.ndarray]
+    """Each of shape (n,)."""
+    sample_time: float | None = None
+    """Sample time [s] if the file states one."""
+    units: Mapping[str, str] = field(default_factory=dict)
+    """Unit of each column of which the file tells it."""
+
+
+KINDS: tuple[type[Component], ...] = (FrictionModel, Plant, Controller, Excitation, Estimator, RecordReader)

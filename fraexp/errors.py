@@ -1,0 +1,37 @@
+"""What fraexp raises: one sentence naming place, finding, expectation and the nearest name or remedy."""
+
+import difflib
+from collections.abc import Iterable
+
+
+class FraexpError(Exception):
+    """Base of all errors that a user can mend; its text is one line."""
+
+
+class StudyError(FraexpError):
+    """A study file asks for something that does not exist or does not fit."""
+
+
+class ParameterError(FraexpError):
+    """A parameter has a wrong name, type, unit or range."""
+
+
+class PluginError(FraexpError):
+    """A plugin cannot be loaded, or two plugins supply the same name."""
+
+
+class RecordError(FraexpError):
+    """A measured record cannot be read or is not what the study says."""
+
+
+class StoreError(FraexpError):
+    """A database is locked, foreign, newer, or lacks what was asked for."""
+
+
+def did_you_mean(name: str, options: Iterable[str]) -> str:
+    """Return ``; did you mean 'x'?`` for the nearest option, else the list of what exists."""
+    known = sorted(options)
+    near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+    if near:
+        return f"; did you mean '{near[0]}'?"
+    return f"; known: {', '.join(known)}" if known else ""

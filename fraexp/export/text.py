@@ -1,0 +1,65 @@
+"""Export to text: CSV and JSON."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from fraexp.export.content import Header, document, one_line, plain
+from fraexp.results import FrequencyResponse, Result
+
+
+def write_csv(result: Result, header: Header, path: Path) -> None:
+    """Write a table under comment lines; without a response, one table per curve."""
+    notes = {**header, "outcome": result.outcome.name, "message": result.message}
+    lines = [f"# {key}: {one_line(value)}" for key, value in notes.items()]
+    lines += [f"# metric {metric.name}: {metric.value!r} {metric.unit}".rstrip() for metric in result.metrics]
+    if result.response is not None:
+        response = result.response
+        lines.append(f"# response: {response.output}/{response.input} [{response.unit}]")
+        lines.append("# columns: real, imag and std [unit]; cov_rr, cov_ri and cov_ii [unit²]; std² = cov_rr + cov_ii")
+        lines += _rows(_csv_columns(response))
+    for curve in () if result.response is not None else result.curves:
+        lines.append(f"# curve: {curve.name}")
+        lines += _rows({_heading(name, curve.units.get(name, "")): values for name, values in curve.columns.items()})
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _heading(name: str, unit: str) -> str:
+    return f"{name} [{unit}]" if unit else name
+
+
+def _csv_columns(response: FrequencyResponse) -> dict[str, np.ndarray]:
+    with np.errstate(divide="ignore"):
+        magnitude = 20 * np.log10(np.abs(response.response))
+    return {
+        "frequency_Hz": response.frequency,
+        "real": response.response.real,
+        "imag": response.response.imag,
+        "magnitude_dB": magnitude,
+        "phase_deg": np.degrees(np.angle(response.response)),
+        "std": response.standard_deviation,
+        "cov_rr": response.covariance[:, 0, 0],
+        "cov_ri": response.covariance[:, 0, 1],
+        "cov_ii": response.covariance[:, 1, 1],
+        "input_amplitude": response.input_amplitude,
+        "output_amplitude": response.output_amplitude,
+        "settled": response.settled.astype(int),
+        "settling_time_s": response.settling_time,
+        "residual": response.residual,
+        "thd": response.distortion,
+    }
+
+
+def _rows(columns: Mapping[str, np.ndarray]) -> list[str]:
+    names = [f'"{name}"' if "," in name else name for name in columns]
+    # repr of a Python number is the shortest text that reads back as the same number
+    cells = zip(*(np.asarray(values).tolist() for values in columns.values()), strict=True)
+    return [",".join(names), *(",".join(repr(cell) for cell in row) for row in cells)]
+
+
+def write_json(result: Result, header: Header, path: Path) -> None:
+    """Write everything; a complex number is [re, im], and null what is unknown."""
+    text = json.dumps(plain(document(result, header)), indent=1, allow_nan=False, ensure_ascii=False)
+    path.write_text(text + "\n", encoding="utf-8")

@@ -1,0 +1,188 @@
+"""The Bode plot: magnitude and phase of frequency responses over frequency, with 95 % bands."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from fraexp.errors import FraexpError
+from fraexp.figures.labels import drawable
+from fraexp.figures.scales import continuous_phase, decibel, degrees, readable_unit
+from fraexp.results import FrequencyResponse
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Fill = Literal["full", "none"]
+COVERAGE = 1.959964
+"""Standard deviations on either side that hold 95 % of a normal distribution."""
+
+Reference = tuple[str, np.ndarray, np.ndarray]
+"""Label, frequency [Hz] and complex response, both of shape (n,), in the unit of the curves."""
+
+
+@dataclass(frozen=True)
+class BodeCurve:
+    """One response in the numbers of its Bode plot, in ascending frequency."""
+
+    label: str
+    frequency: np.ndarray
+    """Frequency [Hz], shape (n,)."""
+    magnitude: np.ndarray
+    """Magnitude [dB], shape (n,)."""
+    phase: np.ndarray
+    """Continuous phase [deg], shape (n,)."""
+    settled: np.ndarray
+    """Whether the point had become periodic, shape (n,) of bool; only such points are joined."""
+    magnitude_band: np.ndarray
+    """Lower and upper 95 % limit of the magnitude [dB], shape (2, n); NaN where unknown."""
+    phase_band: np.ndarray
+    """Lower and upper 95 % limit of the phase [deg], shape (2, n); NaN where unknown."""
+
+    def joined(self, values: np.ndarray) -> np.ndarray:
+        """Return values of shape (n,) with NaN, a gap in the line, where the response was not settled."""
+        return np.where(self.settled, values, np.nan)
+
+    @property
+    def alone(self) -> np.ndarray:
+        """Settled points that no line reaches, shape (n,) of bool: these too are drawn as points."""
+        neighbours = np.zeros(len(self.settled) + 2, dtype=bool)
+        neighbours[1:-1] = self.settled
+        return self.settled & ~neighbours[:-2] & ~neighbours[2:]
+
+
+@dataclass(frozen=True)
+class BodeInfo:
+    """What a Bode plot shows."""
+
+    curves: tuple[BodeCurve, ...]
+    reference: BodeCurve | None
+    unit: str
+    """Unit that is 0 dB, such as ``mm/N``."""
+    title: str
+
+
+def bode_info(
+    curves: Sequence[tuple[str, FrequencyResponse]], reference: Reference | None = None, title: str = ""
+) -> BodeInfo:
+    """Return the numbers of a Bode plot of labelled responses; FraexpError if their units differ.
+
+    The phases lie on the branch nearest to the reference, or to the first curve if there is none.
+    """
+    unit = _common_unit(curves)
+    factor, shown = readable_unit(unit)
+    drawn_reference = _reference_curve(reference, factor) if reference else None
+    anchor, drawn = drawn_reference, []
+    for label, response in curves:
+        drawn.append(_curve(label, response, factor, anchor))
+        anchor = anchor or drawn[0]
+    return BodeInfo(tuple(drawn), drawn_reference, shown, title or _title(curves))
+
+
+def _common_unit(curves: Sequence[tuple[str, FrequencyResponse]]) -> str:
+    units = sorted({response.unit for _, response in curves})
+    if len(units) != 1:
+        found = " and ".join(units) or "nothing"
+        raise FraexpError(f"Bode plot: found responses in {found}; curves of one plot share a unit")
+    return units[0]
+
+
+def _title(curves: Sequence[tuple[str, FrequencyResponse]]) -> str:
+    paths = list(dict.fromkeys(f"{response.output}/{response.input}" for _, response in curves))
+    return f"Frequency response {' and '.join(paths)}"
+
+
+def _reference_curve(reference: Reference, factor: float) -> BodeCurve:
+    label, frequency, response = reference
+    order = np.argsort(frequency)
+    everywhere, unknown = np.ones(len(order), dtype=bool), np.full((2, len(order)), np.nan)
+    phase = continuous_phase(degrees(response[order]), everywhere)
+    return BodeCurve(label, frequency[order], decibel(factor * response[order]), phase, everywhere, unknown, unknown)
+
+
+def _curve(label: str, source: FrequencyResponse, factor: float, anchor: BodeCurve | None) -> BodeCurve:
+    order = np.argsort(source.frequency, kind="stable")
+    frequency, response, settled = source.frequency[order], source.response[order], source.settled[order]
+    target = _at(anchor, frequency) if anchor else None
+    phase = continuous_phase(degrees(response), settled, target)
+    along, across = relative_deviations(response, source.covariance[order])
+    spread = np.clip(np.degrees(COVERAGE * across), None, 180)
+    band = np.stack([1 - COVERAGE * along, 1 + COVERAGE * along])
+    magnitude = decibel(factor * response)
+    # The lower limit is below every dB scale where the deviation exceeds the magnitude: no band is drawn there.
+    return BodeCurve(
+        label, frequency, magnitude, phase, settled,
+        magnitude + decibel(np.where(band > 0, band, np.nan)), np.stack([phase - spread, phase + spread]),
+    )  # fmt: skip
+
+
+def _at(anchor: BodeCurve, frequency: np.ndarray) -> np.ndarray | None:
+    usable = anchor.settled & np.isfinite(anchor.phase)
+    if not usable.any():
+        return None
+    phase: np.ndarray = np.interp(np.log(frequency), np.log(anchor.frequency[usable]), anchor.phase[usable])
+    return phase
+
+
+def relative_deviations(response: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the standard deviations along and across a complex response, relative to it, each of shape (n,).
+
+    To first order these are the deviations of ln|G| [1] and of the phase [rad]; `covariance` has shape (n, 2, 2).
+    """
+    size = np.abs(response)
+    size = np.where(size > 0, size, np.nan)
+    real, imaginary = response.real / size, response.imag / size
+    rr, ri, ii = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]
+    along = real**2 * rr + 2 * real * imaginary * ri + imaginary**2 * ii
+    across = imaginary**2 * rr - 2 * real * imaginary * ri + real**2 * ii
+    return np.sqrt(np.maximum(along, 0)) / size, np.sqrt(np.maximum(across, 0)) / size
+
+
+def draw_bode(info: BodeInfo) -> "Figure":
+    """Draw a Bode plot; unsettled points are hollow and not joined, the reference is dashed and dark."""
+    from fraexp.figures import canvas  # matplotlib: imported only when something is drawn
+
+    with canvas.styled():
+        figure = canvas.new_figure(width=9.0, height=6.2)
+        upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(1.25, 1))
+        for curve, style in zip(info.curves, canvas.line_styles(len(info.curves)), strict=True):
+            _draw_curve(upper, curve, curve.magnitude, curve.magnitude_band, style)
+            _draw_curve(lower, curve, curve.phase, curve.phase_band, style)
+        if info.reference is not None:
+            _draw_curve(upper, info.reference, info.reference.magnitude, None, canvas.REFERENCE)
+            _draw_curve(lower, info.reference, info.reference.phase, None, canvas.REFERENCE)
+        upper.set_title(drawable(info.title))
+        upper.set_ylabel(f"Magnitude [dB re 1 {info.unit}]")
+        lower.set_ylabel("Phase [deg]")
+        lower.set_xlabel("Frequency [Hz]")
+        canvas.frequency_axis(lower, _span(info))
+        canvas.phase_axis(lower)
+        canvas.grid(upper, lower)
+        figure.align_ylabels((upper, lower))
+        canvas.legend_below(figure, upper)
+    return figure
+
+
+def _draw_curve(
+    axes: "Axes", curve: BodeCurve, values: np.ndarray, band: np.ndarray | None, style: dict[str, object]
+) -> None:
+    axes.plot(curve.frequency, curve.joined(values), label=drawable(curve.label), **style)  # type: ignore[arg-type]
+    _draw_points(axes, curve.frequency, values, curve.alone, str(style["color"]), "full")
+    _draw_points(axes, curve.frequency, values, ~curve.settled, str(style["color"]), "none")
+    if band is not None and np.isfinite(band[:, curve.settled]).all(axis=0).any():
+        low, high = curve.joined(band[0]), curve.joined(band[1])
+        axes.fill_between(curve.frequency, low, high, color=str(style["color"]), alpha=0.22, linewidth=0)
+
+
+def _draw_points(
+    axes: "Axes", frequency: np.ndarray, values: np.ndarray, chosen: np.ndarray, colour: str, fill: Fill
+) -> None:
+    if chosen.any():
+        axes.plot(frequency[chosen], values[chosen], "o", color=colour, fillstyle=fill, markersize=5, mew=1.2)
+
+
+def _span(info: BodeInfo) -> tuple[float, float]:
+    everything = np.concatenate([curve.frequency for curve in info.curves])
+    return float(everything.min()), float(everything.max())

@@ -1,0 +1,60 @@
+"""The scales of a Bode plot: decibels in the unit people read, phases on branches that lie together."""
+
+import numpy as np
+
+ANCHOR_WEIGHT = 0.2
+"""Pull towards the anchor: it decides steps of about 180° (beyond 144°), and nothing smaller."""
+
+
+def readable_unit(unit: str) -> tuple[float, str]:
+    """Return the factor to, and the name of, the unit in which a response is shown (``m/N`` → 1000, ``mm/N``)."""
+    return (1000.0, f"m{unit}") if unit == "m" or unit.startswith("m/") else (1.0, unit)
+
+
+def decibel(response: np.ndarray) -> np.ndarray:
+    """Return the magnitude [dB] of a complex response, shape (n,); NaN where it is zero or not finite."""
+    magnitude = np.abs(response)
+    usable = np.isfinite(magnitude) & (magnitude > 0)
+    levels: np.ndarray = 20 * np.log10(magnitude, where=usable, out=np.full(magnitude.shape, np.nan))
+    return levels
+
+
+def degrees(response: np.ndarray) -> np.ndarray:
+    """Return the phase [deg] of a complex response, shape (n,), within ±180°; NaN where it is not finite."""
+    finite = np.isfinite(response)
+    return np.where(finite, np.degrees(np.angle(np.where(finite, response, 1.0))), np.nan)
+
+
+def continuous_phase(phase: np.ndarray, trusted: np.ndarray, anchor: np.ndarray | None = None) -> np.ndarray:
+    """Return the phase [deg] without jumps by 360°, shape (n,), on the branch that lies nearest to `anchor`.
+
+    Only `trusted` points, shape (n,) of bool, carry the branch on; the others follow it. Without an anchor
+    [deg], shape (n,), the branch is the one whose median lies above -270° and up to 90°.
+    """
+    trusted = trusted & np.isfinite(phase)
+    if anchor is None:
+        chained = _chain(phase, trusted, None, 0.0)
+        middle = float(np.median(chained[trusted])) if trusted.any() else 0.0
+        usual: np.ndarray = chained - 360 * np.ceil((middle - 90) / 360)
+        return usual
+    starts = (anchor[0] - 360, anchor[0], anchor[0] + 360)
+    candidates = [_chain(phase, trusted, anchor, start) for start in starts]
+    return min(candidates, key=lambda candidate: _distance(candidate, anchor, trusted))
+
+
+def _chain(phase: np.ndarray, trusted: np.ndarray, anchor: np.ndarray | None, start: float) -> np.ndarray:
+    chained = np.full(phase.shape, np.nan)
+    previous = start
+    for index in np.flatnonzero(np.isfinite(phase)):
+        turns = phase[index] + 360 * (np.round((previous - phase[index]) / 360) + np.arange(-1, 2))
+        cost = np.abs(turns - previous)
+        if anchor is not None:
+            cost = cost + ANCHOR_WEIGHT * np.abs(turns - anchor[index])
+        chained[index] = turns[np.argmin(cost)]
+        if trusted[index]:
+            previous = chained[index]
+    return chained
+
+
+def _distance(phase: np.ndarray, anchor: np.ndarray, trusted: np.ndarray) -> float:
+    return float(np.mean(np.abs(phase - anchor)[trusted])) if trusted.any() else 0.0

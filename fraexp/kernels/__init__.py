@@ -1,0 +1,1 @@
+"""Compiled inner loops on bare SI floats; numpy and numba only."""

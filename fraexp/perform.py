@@ -1,0 +1,98 @@
+"""The one function that is sent to workers: an experiment is simulated or read once, and estimated by all that ask."""
+
+import time
+import traceback
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from fraexp import records, simulation
+from fraexp.components import Controller, Estimator, Excitation, FrictionModel, Plant
+from fraexp.errors import FraexpError
+from fraexp.plugins import Registry, create, discover
+from fraexp.results import Result
+from fraexp.signals import Signals
+from fraexp.simulation import Loop, Machine, Numerics
+from fraexp.sweep import Plain
+
+Progress = Callable[[float], None]
+"""Is told the fraction of the experiment that is done."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """The sweeps that share an experiment, as plain data."""
+
+    experiment: Plain
+    estimators: tuple[Plain, ...]
+    files: Mapping[str, str] = field(default_factory=dict)
+    plugins: str = ""
+    """Folder of the workspace's own plugins; empty for none."""
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Why a sweep gave no result: a sentence for people, and the traceback for the log."""
+
+    message: str
+    log: str
+
+
+def perform(job: Job, progress: Progress) -> list[Result | Failure]:
+    """Return a result or a failure per estimator, in their order."""
+    began = time.perf_counter()
+    try:
+        registry = _registry(job.plugins)
+        signals = source(job, registry, progress)
+    except Exception as error:  # whatever a plugin or a file does, the other experiments go on
+        return [_failure(error)] * len(job.estimators)
+    shared = (time.perf_counter() - began) / len(job.estimators)
+    return [_estimate(registry, estimator, signals, shared) for estimator in job.estimators]
+
+
+@cache
+def _registry(folder: str) -> Registry:
+    return discover(Path(folder) if folder else None)
+
+
+def source(job: Job, registry: Registry, progress: Progress) -> Signals:
+    """Return the signals of an experiment: of the simulated loop, of a driven friction model, or of a record."""
+    experiment = job.experiment
+    if experiment["source"] == "record":
+        return records.load(experiment, job.files, registry)
+    friction = create(registry, FrictionModel, experiment["friction"])  # type: ignore[type-abstract]
+    excitation = create(registry, Excitation, experiment["excitation"])  # type: ignore[type-abstract]
+    if experiment["source"] == "drive":
+        return simulation.drive_friction(friction, excitation, experiment["loop"]["sample_time"])
+    machine = Machine(
+        plant=create(registry, Plant, experiment["plant"]),  # type: ignore[type-abstract]
+        friction=friction,
+        controller=create(registry, Controller, experiment["controller"]),  # type: ignore[type-abstract]
+        loop=Loop.parse(experiment["loop"], "loop"),
+        numerics=Numerics.parse(experiment["numerics"], "numerics"),
+    )
+    return simulation.simulate_loop(machine, excitation, progress)
+
+
+def _estimate(registry: Registry, spec: Plain, signals: Signals, shared: float) -> Result | Failure:
+    began = time.perf_counter()
+    try:
+        estimator = create(registry, Estimator, spec)  # type: ignore[type-abstract]
+        result = estimator.estimate(signals)
+    except Exception as error:  # as above: one estimator's failure is its own
+        return _failure(error)
+    return replace(result, elapsed=shared + time.perf_counter() - began)
+
+
+def _failure(error: Exception) -> Failure:
+    kind = "" if isinstance(error, FraexpError) else f"{type(error).__name__}: "
+    text = str(error).splitlines()[0] if str(error) else ""
+    return Failure(f"{kind}{text}", "".join(traceback.format_exception(error)))
+
+
+def reference_response(experiment: Plain, frequency: Any, registry: Registry) -> Any:
+    """Return P(jω) [m/N] of an experiment's plant at `frequency` [Hz], shape (n,)."""
+    plant = create(registry, Plant, experiment["plant"])  # type: ignore[type-abstract]
+    return plant.response(2 * 3.141592653589793 * frequency)

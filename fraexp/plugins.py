@@ -1,0 +1,210 @@
+"""Finding components: installed packages and files dropped in the workspace, collected through one pluggy hook."""
+
+import importlib.util
+import inspect
+import sys
+import traceback
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from importlib.metadata import entry_points
+from pathlib import Path
+from types import ModuleType
+from typing import Any, TypeVar, cast
+
+import pluggy
+
+from fraexp.components import KINDS, Component, inherited_from, nested_kind
+from fraexp.errors import FraexpError, ParameterError, PluginError, did_you_mean
+from fraexp.identity import file_hash
+
+hookspec = pluggy.HookspecMarker("fraexp")
+hookimpl = pluggy.HookimplMarker("fraexp")
+
+AnyComponent = TypeVar("AnyComponent", bound=Component)
+DROP_IN = "fraexp_drop_in_"
+"""Prefix of the module names of dropped-in files: stable, so that compiled laws are found again."""
+
+
+@hookspec
+def fraexp_components() -> Iterable[type[Component]]:
+    """Return the component classes that a plugin supplies."""
+    raise NotImplementedError  # a specification, never called
+
+
+@dataclass(frozen=True)
+class Supply:
+    """A component class and where it comes from."""
+
+    component: type[Component]
+    file: Path
+    distribution: str
+    """Name and version of the installed package, or ``workspace`` for a dropped-in file."""
+
+    @cached_property
+    def source_hash(self) -> str:
+        """Content hash of the file that defines the component."""
+        return file_hash(self.file)
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A plugin that could not be used, and why, in one line."""
+
+    place: str
+    reason: str
+
+
+@dataclass
+class Registry:
+    """All components found, by kind and name, and the plugins that failed."""
+
+    supplies: dict[tuple[str, str], Supply] = field(default_factory=dict)
+    failures: list[Failure] = field(default_factory=list)
+    clashes: dict[tuple[str, str], str] = field(default_factory=dict)
+
+    def add(self, component: type[Component], distribution: str) -> None:
+        """Take up a component class; a second one of the same kind and name makes the name unusable."""
+        supply = Supply(component, Path(inspect.getfile(component)).resolve(), distribution)
+        key = (component.kind, component.name)
+        other = self.supplies.setdefault(key, supply)
+        if other.component is not component:
+            reason = (
+                f"'{component.name}' ({component.kind}) is supplied by both {other.file} and {supply.file}; rename one"
+            )
+            self.clashes[key] = reason
+            self.failures.append(Failure(str(supply.file), reason))
+
+    def names(self, kind: str) -> list[str]:
+        """Return the names of all components of a kind, sorted."""
+        return sorted(name for of, name in self.supplies if of == kind)
+
+    def supply(self, kind: str, name: str) -> Supply:
+        """Return the supply of a component; PluginError if there is none, or two."""
+        if (kind, name) in self.clashes:
+            raise PluginError(self.clashes[kind, name])
+        if (kind, name) not in self.supplies:
+            broken = "".join(f"; {failure.place} failed: {failure.reason}" for failure in self.failures)
+            raise PluginError(f"no {kind} is called '{name}'{did_you_mean(name, self.names(kind))}{broken}")
+        return self.supplies[kind, name]
+
+    def create(self, kind: str, spec: Any, environment: Mapping[str, Any] | None = None, place: str = "") -> Component:
+        """Build a component from plain data with its name, optional version and parameters.
+
+        Parameters that are not given and declare a place to inherit from are taken from `environment`, the
+        plain experiment. `place` is put in front of the sentence if something does not fit.
+        """
+        try:
+            return self._create(kind, spec, environment or {})
+        except FraexpError as error:
+            raise type(error)(f"{place}: {error}" if place else str(error)) from None
+
+    def _create(self, kind: str, spec: Any, environment: Mapping[str, Any]) -> Component:
+        if not isinstance(spec, Mapping) or not isinstance(spec.get("name"), str):
+            raise ParameterError(f"the {kind} lacks a name; known: {', '.join(self.names(kind))}")
+        name = spec["name"]
+        cls = self.supply(kind, name).component
+        version = spec.get("version", cls.version)
+        if version != cls.version:
+            raise PluginError(f"{name} is asked for in version {version!r}; the one found is version {cls.version}")
+        values = {key: value for key, value in spec.items() if key not in ("name", "version")}
+        for key, info in cls.model_fields.items():
+            origin = inherited_from(info)
+            if key not in values and origin is not None:
+                found = _look_up(environment, origin)
+                if found is not None:
+                    values[key] = found
+            nested = nested_kind(info)
+            if nested is not None and isinstance(values.get(key), Mapping):
+                values[key] = self._create(nested.kind, values[key], environment)
+        return cls.parse(values, name)
+
+
+def create(registry: Registry, kind: type[AnyComponent], spec: Any, place: str = "") -> AnyComponent:
+    """Build a component of a kind, typed."""
+    return cast(AnyComponent, registry.create(kind.kind, spec, place=place))
+
+
+def _look_up(data: Any, path: str) -> Any:
+    for part in path.split("."):
+        data = data.get(part) if isinstance(data, Mapping) else None
+    return data
+
+
+def discover(folder: Path | None = None) -> Registry:
+    """Collect the components of all installed plugins and of the ``*.py`` files in `folder`.
+
+    A plugin that fails is listed in `failures`, with its file, line and reason; all else goes on working.
+    """
+    registry = Registry()
+    manager = pluggy.PluginManager("fraexp")
+    manager.add_hookspecs(sys.modules[__name__])
+    owners: dict[Any, str] = {}
+    for entry in entry_points(group="fraexp"):
+        owner = f"{entry.dist.name} {entry.dist.version}" if entry.dist else entry.name
+        _attempt(registry, f"{owner} ({entry.value})", lambda e=entry, o=owner: _register(manager, owners, e.load(), o))
+    for file in sorted(folder.glob("*.py")) if folder and folder.is_dir() else []:
+        _attempt(registry, str(file), lambda f=file: _register(manager, owners, _load(f), "workspace"))
+    for plugin in manager.get_plugins():
+        _attempt(registry, owners[plugin], lambda p=plugin: _collect(manager, registry, p, owners[p]))
+    return registry
+
+
+def _attempt(registry: Registry, place: str, action: Any) -> None:
+    try:
+        action()
+    except Exception as error:  # a stranger's plugin may raise anything; it must not take the rest down
+        lines = traceback.extract_tb(error.__traceback__)
+        line = error.lineno if isinstance(error, SyntaxError) else (lines[-1].lineno if lines else None)
+        where = f" ({Path(lines[-1].filename).name}, line {line})" if lines and line else ""
+        text = str(error).splitlines()[0] if str(error) else ""
+        name = "" if isinstance(error, FraexpError) else f"{type(error).__name__}: "
+        registry.failures.append(Failure(place, f"{name}{text}{where}"))
+
+
+def _register(manager: pluggy.PluginManager, owners: dict[Any, str], module: ModuleType, owner: str) -> None:
+    plugin = module if hasattr(module, "fraexp_components") else _Classes(module)
+    manager.register(plugin)
+    owners[plugin] = owner
+
+
+def _collect(manager: pluggy.PluginManager, registry: Registry, plugin: Any, owner: str) -> None:
+    others = [other for other in manager.get_plugins() if other is not plugin]
+    for components in manager.subset_hook_caller("fraexp_components", remove_plugins=others)():
+        for component in components:
+            if not (inspect.isclass(component) and issubclass(component, KINDS) and component.name):
+                raise PluginError(f"fraexp_components() returned {component!r}; expected named component classes")
+            registry.add(component, owner)
+
+
+class _Classes:
+    """The hook of a module that has none: it supplies every component class that it defines."""
+
+    def __init__(self, module: ModuleType) -> None:
+        self.module = module
+
+    @hookimpl
+    def fraexp_components(self) -> list[type[Component]]:
+        """Return the named component classes that the module defines."""
+        return components_in(self.module)
+
+
+def components_in(module: ModuleType) -> list[type[Component]]:
+    """Return the named component classes that a module defines (not those it imports)."""
+    members = inspect.getmembers(module, inspect.isclass)
+    return [cls for _, cls in members if issubclass(cls, Component) and cls.name and cls.__module__ == module.__name__]
+
+
+def _load(file: Path) -> ModuleType:
+    name = DROP_IN + file.stem
+    spec = importlib.util.spec_from_file_location(name, file)
+    if spec is None or spec.loader is None:
+        raise PluginError(f"{file} is no Python file")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # numba and inspect find the law's source through it
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[name]
+        raise
+    return module

@@ -1,0 +1,60 @@
+"""A frequency response from the phasors of whole periods, segment by segment."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from fraexp.periodic import response_covariance, spectrum
+from fraexp.results import HARMONICS, FrequencyResponse, Result
+from fraexp.signals import Segment, Signals
+
+
+def response_result(
+    signals: Signals,
+    inputs: Sequence[np.ndarray],
+    outputs: Sequence[np.ndarray],
+    *,
+    names: tuple[str, str],
+    units: tuple[str, str],
+) -> Result:
+    """Return the response of output over input, averaged over periods, with the covariance that their scatter shows.
+
+    `inputs` and `outputs` hold per segment the phasors of each period, complex, of shape (periods, lines); `names`
+    and `units` are those of input and output.
+    """
+    if not signals.segments:
+        return Result(signals.outcome, signals.message)
+    spectra = [spectrum(s.frequency, u, y) for s, u, y in zip(signals.segments, inputs, outputs, strict=True)]
+    u, y = np.concatenate([s.input for s in spectra]), np.concatenate([s.output for s in spectra])
+    scatter = [np.concatenate([getattr(s, part) for s in spectra]) for part in ("var_input", "var_output", "cov")]
+    response = FrequencyResponse(
+        frequency=np.concatenate([s.frequency for s in spectra]),
+        response=y / u,
+        covariance=response_covariance(u, y, *scatter),
+        unit=f"{units[1]}/{units[0]}",
+        input=names[0],
+        output=names[1],
+        input_amplitude=np.abs(u),
+        output_amplitude=np.abs(y),
+        settled=_per_line(signals, [s.settling.settled if s.settling else True for s in signals.segments]),
+        settling_time=_per_line(signals, [s.settling.time if s.settling else np.nan for s in signals.segments]),
+        residual=_per_line(signals, [s.settling.residual if s.settling else np.nan for s in signals.segments]),
+        harmonics=np.concatenate([_harmonics(s, names[1]) for s in signals.segments]),
+    )
+    return Result(signals.outcome, signals.message, response)
+
+
+def _per_line(signals: Signals, values: Sequence[float | bool]) -> np.ndarray:
+    return np.repeat(np.array(values), [segment.lines.size for segment in signals.segments])
+
+
+def _harmonics(segment: Segment, channel: str) -> np.ndarray:
+    """Harmonics 2… of a single sine relative to its fundamental; NaN beyond Nyquist and for several lines."""
+    result = np.full((segment.lines.size, HARMONICS - 1), np.nan, dtype=complex)
+    if segment.lines.size == 1 and channel in segment.channels:
+        mean = np.add.reduce(segment.channels[channel], axis=0)
+        bins = np.fft.rfft(mean)
+        wanted = segment.lines[0] * np.arange(2, HARMONICS + 1)
+        below = 2 * wanted < segment.samples
+        result[0, below] = bins[wanted[below]] / bins[segment.lines[0]]
+    return result

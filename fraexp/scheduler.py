@@ -1,0 +1,217 @@
+"""Running a study: what is missing is computed, what is there is reused; events tell how it goes."""
+
+import time
+import traceback
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, field
+from pathlib import Path
+from statistics import median
+
+from fraexp.executors import Answer, Workers
+from fraexp.perform import Failure, Job
+from fraexp.plugins import Registry
+from fraexp.results import Outcome, Result
+from fraexp.store import Store, StoredState, Supplied
+from fraexp.study import Study
+from fraexp.sweep import Plain, Sweep
+
+BEAT = 5.0
+"""Seconds between two signs of life in the database."""
+POLL = 0.1
+"""Seconds between two looks at the workers."""
+GUESS = 0.5
+"""Seconds assumed for a sweep when nothing like it has been computed yet."""
+
+
+@dataclass(frozen=True)
+class Planned:
+    """What a run will do."""
+
+    study: str
+    title: str
+    total: int
+    reused: int
+    missing: int
+    stale: int
+    """Sweeps that are reused although a plugin's source has changed since."""
+    seconds: float | None
+    """Expected time [s]; None if nothing is missing."""
+
+
+@dataclass(frozen=True)
+class Preparing:
+    """Something that takes its time before the first sweep."""
+
+    what: str
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Sweeps done, with the fraction of those that are running."""
+
+    done: float
+    total: float
+
+
+@dataclass(frozen=True)
+class Finished:
+    """One sweep has come to its end: `computed`, `reused` or `failed`."""
+
+    sweep: Sweep
+    result: Result | None
+    state: str
+    error: str = ""
+
+
+@dataclass(frozen=True)
+class Ended:
+    """The run is over: `complete`, `partial`, `interrupted` or `dry`."""
+
+    run: int | None
+    state: str
+    figure: Path | None = None
+
+
+Event = Planned | Preparing | Progress | Finished | Ended
+
+
+@dataclass
+class _Group:
+    """Missing sweeps that share an experiment."""
+
+    number: int
+    sweeps: list[Sweep] = field(default_factory=list)
+    attempts: int = 0
+
+    def job(self, plugins: str) -> Job:
+        """Return them as one job."""
+        first = self.sweeps[0]
+        return Job(first.experiment, tuple(sweep.estimator for sweep in self.sweeps), first.files, plugins)
+
+
+def components_of(sweep: Sweep, registry: Registry) -> dict[str, Supplied]:
+    """Return source hash and distribution of every component that a sweep uses, under ``kind:name``."""
+    return dict(_supplied({**sweep.experiment, "estimator": sweep.estimator}, registry))
+
+
+def _supplied(data: Plain, registry: Registry) -> Iterator[tuple[str, Supplied]]:
+    for key, value in data.items():
+        if isinstance(value, Mapping):
+            supply = registry.supplies.get((key, str(value.get("name"))))
+            if supply:
+                yield f"{key}:{value['name']}", Supplied(supply.source_hash, supply.distribution)
+            yield from _supplied(value, registry)
+
+
+def plan(study: Study, store: Store | None, registry: Registry, rerun: str | None) -> "tuple[list[Sweep], Planned]":
+    """Return the sweeps to compute, and the plan; `rerun` is None, ``stale``, ``failed`` or ``all``."""
+    known = store.known([sweep.key for sweep in study.sweeps]) if store else {}
+    stale = _stale(study.sweeps, known, registry)
+    fruitless = {key for key, state in known.items() if state.outcome in (Outcome.DIVERGED, Outcome.FAILED)}
+    again = {None: set[str](), "stale": stale, "failed": fruitless, "all": set(known)}[rerun]
+    missing = [sweep for sweep in study.sweeps if sweep.key not in known or sweep.key in again]
+    reused = len(study.sweeps) - len(missing)
+    times = [state.elapsed for state in known.values() if state.elapsed > 0]
+    seconds = len(missing) * (median(times) if times else GUESS) if missing else None
+    kept = len(stale - {sweep.key for sweep in missing})
+    return missing, Planned(study.name, study.title, len(study.sweeps), reused, len(missing), kept, seconds)
+
+
+def _stale(sweeps: Sequence[Sweep], known: Mapping[str, StoredState], registry: Registry) -> set[str]:
+    result = set()
+    for sweep in sweeps:
+        if sweep.key in known:
+            now = {name: supply.source_hash for name, supply in components_of(sweep, registry).items()}
+            if any(known[sweep.key].sources.get(name, value) != value for name, value in now.items()):
+                result.add(sweep.key)
+    return result
+
+
+def run(
+    study: Study,
+    store: Store,
+    registry: Registry,
+    *,
+    executor: str,
+    rerun: str | None,
+    command: str,
+    provenance: Plain,
+    plugins: str,
+) -> Iterator[Event]:
+    """Compute what is missing of a study and yield events; closing the iterator interrupts the run."""
+    missing, planned = plan(study, store, registry, rerun)
+    yield planned
+    number = store.begin_run(study.name, str(study.file), command, provenance, study.sweeps)
+    computed = {sweep.key for sweep in missing}
+    reused = [sweep for sweep in study.sweeps if sweep.key not in computed]
+    state = "interrupted"
+    try:
+        store.reuse(number, [sweep.key for sweep in reused])
+        for sweep in reused:
+            yield Finished(sweep, None, "reused")
+        failures = 0
+        for event in _compute(missing, store, registry, number, executor, plugins) if missing else ():
+            failures += isinstance(event, Finished) and event.state == "failed"
+            yield event
+        state = "partial" if failures else "complete"
+    finally:
+        store.end_run(number, state)
+    yield Ended(number, state)
+
+
+def _compute(
+    missing: Sequence[Sweep], store: Store, registry: Registry, run: int, executor: str, plugins: str
+) -> Iterator[Event]:
+    groups: dict[str, _Group] = {}
+    for sweep in missing:
+        groups.setdefault(sweep.experiment_key, _Group(len(groups))).sweeps.append(sweep)
+    waiting, running = deque(groups.values()), dict[Future[Answer], _Group]()
+    sizes = {group.number: len(group.sweeps) for group in waiting}
+    fractions: dict[int, float] = {}
+    beaten = time.monotonic()
+    with Workers(executor, len(waiting)) as workers:
+        yield Preparing(f"{workers.count} at once; a friction law that is new to this machine is compiled first")
+        while waiting or running:
+            while waiting and len(running) < 2 * workers.count:
+                group = waiting.popleft()
+                running[workers.submit(group.number, group.job(plugins))] = group
+            done, _ = wait(running, POLL, FIRST_COMPLETED)
+            fractions.update(workers.reports())
+            for future in done:
+                group = running.pop(future)
+                if isinstance(future.exception(), BrokenProcessPool) and not group.attempts:
+                    group.attempts += 1  # a worker died: it may have been another group's
+                    workers.renew()
+                    waiting.append(group)
+                    continue
+                fractions[group.number] = 1.0
+                yield from _stored(_answers(future, group), group, store, registry, run)
+            if time.monotonic() - beaten > BEAT:
+                store.beat(run)
+                beaten = time.monotonic()
+            yield Progress(sum(sizes[number] * part for number, part in fractions.items()), len(missing))
+
+
+def _answers(future: "Future[Answer]", group: _Group) -> Answer:
+    error = future.exception()
+    if error is None:
+        return future.result()
+    died = "its worker process died twice (killed, or out of memory); lower the number of processes"
+    message = died if isinstance(error, BrokenProcessPool) else f"{type(error).__name__}: {error}"
+    return [Failure(message, "".join(traceback.format_exception(error)))] * len(group.sweeps)
+
+
+def _stored(answers: Answer, group: _Group, store: Store, registry: Registry, run: int) -> Iterator[Finished]:
+    """Store what a job has answered, all of it in one transaction, then tell."""
+    pairs = list(zip(group.sweeps, answers, strict=True))
+    good = [(sweep, answer, components_of(sweep, registry)) for sweep, answer in pairs if isinstance(answer, Result)]
+    store.save(run, good)
+    for sweep, answer in pairs:
+        if isinstance(answer, Failure):
+            store.fail(run, sweep.key, answer.message, answer.log)
+            yield Finished(sweep, None, "failed", answer.message)
+        else:
+            yield Finished(sweep, answer, "computed")

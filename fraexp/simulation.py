@@ -1,0 +1,187 @@
+"""The simulated source of signals: the control loop of the machine, or a friction model driven by a displacement."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from fraexp.components import Controller, Excitation, FrictionModel, Parameters, Period, Plant, Schedule, param
+from fraexp.discretisation import discretise
+from fraexp.results import Outcome
+from fraexp.signals import Segment, Settling, Signals
+
+
+class Loop(Parameters):
+    """The sampled loop around the plant (paper, Figs 3, 5 and 9): clock, delays and scale."""
+
+    sample_time: float = param("s", "sample time Ts of the controller", above=0)
+    input_dead_time: float = param("s", "dead time between control input and thrust", 0.0, at_least=0, at_most=10)
+    input_lags: tuple[float, ...] = param("s", "time constants of first-order lags before the thrust", ())
+    output_dead_time: float = param("s", "dead time between position and its sample", 0.0, at_least=0, at_most=10)
+    output_lags: tuple[float, ...] = param("s", "time constants of first-order lags before the sample", ())
+    resolution: float = param("m", "resolution of the scale, 0 for an ideal one", 0.0, at_least=0)
+    noise: float = param("m", "standard deviation of the scale's noise", 0.0, at_least=0)
+    seed: int = param("1", "seed of the scale's noise", 0, at_least=0)
+    stroke: float = param("m", "displacement at which the loop counts as diverged", 1.0, above=0)
+
+
+class Numerics(Parameters):
+    """How finely the loop is computed."""
+
+    steps_per_sample: int = param("1", "steps of the plant and its friction per sample", 5, at_least=1, at_most=1000)
+
+
+@dataclass(frozen=True)
+class Machine:
+    """What the loop is made of."""
+
+    plant: Plant
+    friction: FrictionModel
+    controller: Controller
+    loop: Loop
+    numerics: Numerics
+
+
+UNITS = {"u": "N", "y": "m", "displacement": "m", "friction": "N"}
+"""Channels of a simulated loop: control input, measured position, true displacement, true friction force."""
+LEAST_COMPARED = 0.1
+"""Time [s] over which periods are compared at least: at 200 Hz a slow transient hardly changes in one period."""
+
+
+def simulate_loop(machine: Machine, excitation: Excitation, progress: Callable[[float], None]) -> Signals:
+    """Run each period of the excitation from rest until it repeats itself, and return what was then recorded.
+
+    `progress` is told the fraction done. A loop that leaves the stroke ends the experiment as diverged.
+    """
+    loop = machine.loop
+    compiled = _Compiled.of(machine)
+    periods = excitation.periods(loop.sample_time)
+    segments: list[Segment] = []
+    for number, period in enumerate(periods):
+        segment = _Experiment(compiled, loop, period, excitation.schedule, number).segment()
+        if segment is None:
+            frequency = period.lines[0] / (period.waveform.size * loop.sample_time)
+            message = f"at {frequency:.4g} Hz the displacement left ±{loop.stroke:g} m"
+            return Signals(tuple(segments), UNITS, Outcome.DIVERGED, message)
+        segments.append(segment)
+        progress((number + 1) / len(periods))
+    waiting = sum(not segment.settling.settled for segment in segments if segment.settling)
+    if waiting:
+        limit = excitation.schedule.settle_limit
+        message = f"{waiting} of {len(segments)} responses were not yet periodic after {limit:g} s"
+        return Signals(tuple(segments), UNITS, Outcome.NOT_SETTLED, message)
+    return Signals(tuple(segments), UNITS)
+
+
+def drive_friction(friction: FrictionModel, excitation: Excitation, sample_time: float) -> Signals:
+    """Drive a friction model by each period of a displacement, and return its periodic force."""
+    segments = []
+    for period in excitation.periods(sample_time):
+        force = friction.force(period.waveform, sample_time, warm_up=2)
+        omega = 2 * np.pi * np.fft.rfftfreq(period.waveform.size, sample_time)
+        velocity = np.fft.irfft(1j * omega * np.fft.rfft(period.waveform), period.waveform.size)
+        force = force + friction.viscous * velocity
+        channels = {"displacement": period.waveform[None, :], "friction": force[None, :]}
+        segments.append(Segment(sample_time, channels, period.lines))
+    return Signals(tuple(segments), {"displacement": "m", "friction": "N"})
+
+
+@dataclass(frozen=True)
+class _Compiled:
+    """The loop's kernel with all its constants."""
+
+    kernel: Callable[..., tuple[bool, np.ndarray]]
+    at_rest: Callable[[], Any]
+
+    @classmethod
+    def of(cls, machine: Machine) -> "_Compiled":
+        """Discretise the machine and bind the kernel to it."""
+        from fraexp.kernels.loop import run  # numba: imported only where a loop is run
+
+        loop, friction = machine.loop, machine.friction
+        sample, feedback, at_rest = discretise(
+            machine.plant.state_space(),
+            friction,
+            machine.controller.transfer_function(loop.sample_time),
+            sample_time=loop.sample_time,
+            steps=machine.numerics.steps_per_sample,
+            input_path=(loop.input_dead_time, loop.input_lags),
+            output_path=(loop.output_dead_time, loop.output_lags),
+            resolution=loop.resolution,
+            stroke=loop.stroke,
+        )
+        return cls(partial(run, type(friction).advance, friction.law_arguments(), sample, feedback), at_rest)
+
+
+class _Experiment:
+    """One periodic excitation of the loop, from rest to the recorded periods."""
+
+    def __init__(self, compiled: _Compiled, loop: Loop, period: Period, schedule: Schedule, number: int) -> None:
+        self.compiled, self.loop, self.period, self.schedule = compiled, loop, period, schedule
+        self.block = period.waveform.size
+        self.state = compiled.at_rest()
+        self.noise = np.random.default_rng([loop.seed, number])
+
+    def segment(self) -> Segment | None:
+        """Settle, record, and return the recorded periods; None if the loop diverged."""
+        loop, schedule = self.loop, self.schedule
+        settling = self._settle()
+        if settling is None:
+            return None
+        count = max(schedule.periods, int(np.ceil(schedule.record_time / (self.block * loop.sample_time))), 1)
+        channels = self._run(np.tile(self.period.waveform, count))
+        if channels is None:
+            return None
+        names = ("u", "y", "displacement", "friction")
+        recorded = {name: row.reshape(count, self.block) for name, row in zip(names, channels, strict=True)}
+        return Segment(loop.sample_time, recorded, self.period.lines, settling)
+
+    def _settle(self) -> Settling | None:
+        """Run until successive stretches of whole periods agree; the remaining difference is extrapolated."""
+        loop, schedule = self.loop, self.schedule
+        ramp_periods = int(np.ceil(schedule.ramp / (self.block * loop.sample_time)))
+        if ramp_periods:
+            rise = np.minimum(np.arange(ramp_periods * self.block) * loop.sample_time / schedule.ramp, 1.0)
+            if self._run(np.tile(self.period.waveform, ramp_periods) * rise) is None:
+                return None
+        repeats = max(1, int(np.ceil(LEAST_COMPARED / (self.block * loop.sample_time))))
+        stretch = np.tile(self.period.waveform, repeats)
+        time = ramp_periods * self.block * loop.sample_time
+        before, difference, floor = None, np.inf, self._floor(stretch.size)
+        while True:
+            channels = self._run(stretch)
+            if channels is None:
+                return None
+            time += stretch.size * loop.sample_time
+            now = channels[1]
+            if before is not None:
+                fresh = _relative_difference(now, before)
+                ratio = min(fresh / difference, 0.98) if difference > 0 else 0.0
+                residual, difference = fresh * max(1.0, ratio / (1 - ratio)), fresh
+                swing = np.std(now)
+                if residual <= schedule.tolerance + (floor / swing if swing > 0 else 0.0):
+                    return Settling(True, time, residual)
+                if time >= schedule.settle_limit:
+                    return Settling(False, time, residual)
+            before = now
+
+    def _floor(self, samples: int) -> float:
+        """Difference of two stretches that scale and noise alone explain [m]."""
+        loop = self.loop
+        scatter = np.sqrt(2 * (loop.noise**2 + loop.resolution**2 / 12))
+        return float(scatter * (1 + 3 / np.sqrt(2 * samples)))
+
+    def _run(self, excitation: np.ndarray) -> np.ndarray | None:
+        sigma = self.loop.noise
+        noise = sigma * self.noise.standard_normal(excitation.size) if sigma else np.zeros(excitation.size)
+        inside, channels = self.compiled.kernel(self.state, excitation, noise)
+        return channels if inside else None
+
+
+def _relative_difference(now: np.ndarray, before: np.ndarray) -> float:
+    # Root mean square of the difference over that of the motion about its mean; 0 for a machine at rest.
+    change = float(np.sqrt(np.mean((now - before) ** 2)))
+    swing = float(np.std(now))
+    return change / swing if swing > 0 else (np.inf if change else 0.0)

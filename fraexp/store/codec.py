@@ -1,0 +1,115 @@
+"""Results as rows and back; arrays as .npy bytes, in which no code can hide."""
+
+import io
+from collections.abc import Iterable
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+from sqlalchemy import RowMapping
+
+from fraexp.errors import StoreError
+from fraexp.results import Curve, FrequencyResponse, Metric, Result
+
+DTYPES: dict[str, type] = {
+    "frequency": np.float64,
+    "response": np.complex128,
+    "covariance": np.float64,
+    "input_amplitude": np.float64,
+    "output_amplitude": np.float64,
+    "settled": np.bool_,
+    "settling_time": np.float64,
+    "residual": np.float64,
+    "harmonics": np.complex128,
+}
+"""Type of each array of a frequency response."""
+
+
+def encode(array: Any, what: str, dtype: type | None = None) -> bytes:
+    """Return an array as .npy bytes, converted to `dtype` if that loses nothing; StoreError names `what`."""
+    values = np.asarray(array)
+    if values.dtype.hasobject:
+        raise StoreError(f"{what} holds Python objects; expected an array of numbers")
+    if dtype is not None:
+        if not np.can_cast(values.dtype, dtype, "same_kind"):
+            raise StoreError(f"{what} is an array of {values.dtype}; expected {np.dtype(dtype)}")
+        values = values.astype(dtype, copy=False)
+    stream = io.BytesIO()
+    np.save(stream, values, allow_pickle=False)
+    return stream.getvalue()
+
+
+def decode(data: bytes) -> np.ndarray:
+    """Return the array in .npy bytes; StoreError if they are damaged."""
+    try:
+        array: np.ndarray = np.load(io.BytesIO(data), allow_pickle=False)
+    except (ValueError, EOFError, OSError, SyntaxError) as error:
+        raise StoreError(f"a stored array is damaged ({error}); compute the sweep again with --rerun all") from error
+    return array
+
+
+def response_rows(key: str, response: FrequencyResponse | None) -> list[dict[str, Any]]:
+    """Return the row of a frequency response, or none."""
+    if response is None:
+        return []
+    row = {item.name: getattr(response, item.name) for item in fields(response)}
+    row |= {name: encode(row[name], f"the response's {name}", dtype) for name, dtype in DTYPES.items()}
+    return [{"key": key, "points": len(response.frequency), **row}]
+
+
+def response_of(row: RowMapping) -> FrequencyResponse:
+    """Return the frequency response in a row."""
+    values: dict[str, Any] = {name: row[name] for name in ("unit", "input", "output")}
+    values |= {name: decode(row[name]) for name in DTYPES}
+    return FrequencyResponse(**values)
+
+
+def metric_rows(key: str, metrics: Iterable[Metric]) -> list[dict[str, Any]]:
+    """Return a row for each metric."""
+    return [
+        {"key": key, "position": position, "name": item.name, "value": float(item.value), "unit": item.unit}
+        for position, item in enumerate(metrics)
+    ]
+
+
+def metric_of(row: RowMapping) -> Metric:
+    """Return the metric in a row."""
+    return Metric(row["name"], row["value"], row["unit"])
+
+
+def curve_rows(key: str, curves: Iterable[Curve]) -> list[dict[str, Any]]:
+    """Return a row for each curve."""
+    return [{"key": key, "position": position, "name": item.name} for position, item in enumerate(curves)]
+
+
+def column_rows(key: str, curves: Iterable[Curve]) -> list[dict[str, Any]]:
+    """Return a row for each column of each curve; a unit without a column is left out."""
+    return [
+        {
+            "key": key,
+            "curve": number,
+            "position": position,
+            "name": name,
+            "unit": item.units.get(name),
+            "samples": encode(samples, f"column '{name}' of curve '{item.name}'"),
+        }
+        for number, item in enumerate(curves)
+        for position, (name, samples) in enumerate(item.columns.items())
+    ]
+
+
+def curve_of(name: str, columns: Iterable[RowMapping]) -> Curve:
+    """Return the curve of a name from the rows of its columns, in order."""
+    rows = list(columns)
+    units = {row["name"]: row["unit"] for row in rows if row["unit"] is not None}
+    return Curve(name, {row["name"]: decode(row["samples"]) for row in rows}, units)
+
+
+def result_rows(key: str, result: Result) -> dict[str, list[dict[str, Any]]]:
+    """Return the rows of a result by table name, parents first."""
+    return {
+        "frequency_response": response_rows(key, result.response),
+        "metric": metric_rows(key, result.metrics),
+        "curve": curve_rows(key, result.curves),
+        "curve_column": column_rows(key, result.curves),
+    }

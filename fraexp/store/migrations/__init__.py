@@ -1,0 +1,8 @@
+"""The schema's history. A new revision is a file in `versions` and its name at the end of HISTORY."""
+
+from pathlib import Path
+
+FOLDER = Path(__file__).parent
+
+HISTORY = ("0001",)
+"""Revisions from the first to the current one: known without importing Alembic."""

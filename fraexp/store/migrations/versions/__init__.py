@@ -1,0 +1,1 @@
+"""One file per revision, which stands on nothing but Alembic: the tables of today change."""

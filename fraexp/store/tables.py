@@ -1,0 +1,219 @@
+"""The tables: runs, sweeps and what was learnt, with units and covariance in columns of their own.
+
+Types are portable to PostgreSQL. Arrays are .npy bytes. A change here needs a revision under `migrations`.
+"""
+
+import math
+from collections.abc import Iterable, Iterator
+from datetime import UTC, datetime
+from typing import Any
+
+from sqlalchemy import (
+    JSON,
+    BigInteger,
+    Column,
+    DateTime,
+    Dialect,
+    Float,
+    ForeignKey,
+    ForeignKeyConstraint,
+    Index,
+    Integer,
+    LargeBinary,
+    MetaData,
+    String,
+    Table,
+    Text,
+)
+from sqlalchemy.types import TypeDecorator
+
+NAMING = {
+    "ix": "ix_%(table_name)s_%(column_0_N_name)s",
+    "fk": "fk_%(table_name)s_%(column_0_N_name)s_%(referred_table_name)s",
+    "pk": "pk_%(table_name)s",
+}
+CHUNK = 500
+"""Keys per IN query: databases limit the variables of a statement."""
+
+
+class Utc(TypeDecorator[datetime]):
+    """An aware moment in UTC; SQLite forgets time zones, so they are taken off and put back here."""
+
+    impl = DateTime(timezone=True)
+    cache_ok = True
+
+    def process_bind_param(self, value: datetime | None, dialect: Dialect) -> datetime | None:
+        """Return the moment in UTC as the database takes it."""
+        if value is None:
+            return None
+        moment = value.astimezone(UTC)
+        return moment.replace(tzinfo=None) if dialect.name == "sqlite" else moment
+
+    def process_result_value(self, value: datetime | None, dialect: Dialect) -> datetime | None:
+        """Return the moment with its time zone."""
+        if value is None:
+            return None
+        return value.replace(tzinfo=UTC) if value.tzinfo is None else value.astimezone(UTC)
+
+
+class Number(TypeDecorator[float]):
+    """A float that may be NaN or infinite; SQLite has no NaN, so it is NULL there and everywhere."""
+
+    impl = Float(precision=53)
+    cache_ok = True
+
+    def process_bind_param(self, value: float | None, dialect: Dialect) -> float | None:
+        """Return None for NaN."""
+        return None if value is None or math.isnan(value) else float(value)
+
+    def process_result_value(self, value: float | None, dialect: Dialect) -> float:
+        """Return NaN for None."""
+        return math.nan if value is None else value
+
+
+class Words(TypeDecorator[str]):
+    """Free text; what no encoding can hold (file names of unknown encoding, NUL) is written as escapes."""
+
+    impl = Text
+    cache_ok = True
+
+    def process_bind_param(self, value: str | None, dialect: Dialect) -> str | None:
+        """Return text that every database takes."""
+        return None if value is None else value.encode("utf-8", "backslashreplace").decode().replace("\0", "\\x00")
+
+
+def _array(name: str) -> Column[bytes]:
+    return Column(name, LargeBinary, nullable=False)
+
+
+def _text(name: str, default: str | None = None) -> Column[str]:
+    return Column(name, Words, nullable=False, default=default)
+
+
+def _sweep_key(**options: Any) -> Column[str]:
+    return Column("key", String(64), ForeignKey("sweep.key", ondelete="CASCADE"), nullable=False, **options)
+
+
+metadata = MetaData(naming_convention=NAMING)
+
+run = Table(
+    "run",
+    metadata,
+    Column("number", Integer, primary_key=True),
+    _text("study"),
+    _text("study_file"),
+    _text("command"),
+    Column("state", String(16), nullable=False),
+    Column("started", Utc, nullable=False),
+    Column("ended", Utc),
+    Column("heartbeat", Utc, nullable=False),
+    _text("host"),
+    _text("boot"),
+    Column("pid", Integer, nullable=False),
+    Column("process_start", BigInteger),  # clock ticks since boot, where known
+    Column("provenance", JSON, nullable=False),
+    sqlite_autoincrement=True,  # a run's number is its name: never given twice
+)
+
+sweep = Table(
+    "sweep",
+    metadata,
+    Column("key", String(64), primary_key=True),
+    Column("experiment_key", String(64), nullable=False, index=True),
+    Column("experiment", JSON, nullable=False),
+    Column("estimator", JSON, nullable=False),
+    Column("outcome", String(16)),  # name of the Outcome; NULL while there is no result
+    _text("message", ""),
+    Column("elapsed", Float(precision=53), nullable=False, default=0.0),
+    Column("created", Utc),
+    Column("source", Words),
+    Column("plant_name", Words),
+    Column("friction_name", Words),
+    Column("controller_name", Words),
+    Column("excitation_name", Words),
+    Column("estimator_name", Words, index=True),
+)
+
+run_sweep = Table(
+    "run_sweep",
+    metadata,
+    Column("run", Integer, ForeignKey("run.number", ondelete="CASCADE"), primary_key=True),
+    Column("position", Integer, primary_key=True),
+    _sweep_key(),
+    Column("labels", JSON, nullable=False),
+    Column("state", String(16), nullable=False, default="pending"),
+    _text("message", ""),
+    _text("log", ""),
+    Index("ix_run_sweep_key_run", "key", "run"),
+)
+
+frequency_response = Table(
+    "frequency_response",
+    metadata,
+    _sweep_key(primary_key=True),
+    _text("unit"),
+    _text("input"),
+    _text("output"),
+    Column("points", Integer, nullable=False),
+    _array("frequency"),  # Hz, float (n,)
+    _array("response"),  # unit, complex (n,)
+    _array("covariance"),  # of (real, imaginary) part, unit², float (n, 2, 2)
+    _array("input_amplitude"),  # unit of the input, float (n,)
+    _array("output_amplitude"),  # unit of the output, float (n,)
+    _array("settled"),  # bool (n,)
+    _array("settling_time"),  # s, float (n,)
+    _array("residual"),  # float (n,)
+    _array("harmonics"),  # relative to the fundamental, complex (n, 6)
+)
+
+metric = Table(
+    "metric",
+    metadata,
+    _sweep_key(primary_key=True),
+    Column("position", Integer, primary_key=True),
+    _text("name"),
+    Column("value", Number),  # NULL: not a number
+    _text("unit"),
+    Index("ix_metric_name", "name"),
+)
+
+curve = Table(
+    "curve",
+    metadata,
+    _sweep_key(primary_key=True),
+    Column("position", Integer, primary_key=True),
+    _text("name"),
+)
+
+curve_column = Table(
+    "curve_column",
+    metadata,
+    Column("key", String(64), primary_key=True),
+    Column("curve", Integer, primary_key=True),
+    Column("position", Integer, primary_key=True),
+    _text("name"),
+    Column("unit", Words),
+    _array("samples"),
+    ForeignKeyConstraint(["key", "curve"], ["curve.key", "curve.position"], ondelete="CASCADE"),
+)
+
+supplied_component = Table(
+    "supplied_component",
+    metadata,
+    _sweep_key(primary_key=True),
+    Column("kind", String(32), primary_key=True),
+    Column("name", String(128), primary_key=True),
+    Column("version", Integer),
+    _text("source_hash"),
+    _text("distribution"),
+)
+
+RESULT_TABLES = (curve_column, curve, metric, frequency_response, supplied_component)
+"""What belongs to a result and goes with it, children first."""
+
+
+def chunks(keys: Iterable[str]) -> Iterator[list[str]]:
+    """Yield the distinct keys in lists short enough for an IN query."""
+    distinct = list(dict.fromkeys(keys))
+    for start in range(0, len(distinct), CHUNK):
+        yield distinct[start : start + CHUNK]

@@ -1,0 +1,189 @@
+"""The folder that a user sees, as one object: the service that command line, terminal UI and notebooks call."""
+
+import json
+import os
+import shlex
+from collections.abc import Generator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fraexp import perform, provenance, scheduler
+from fraexp.errors import StudyError
+from fraexp.executors import workers_of
+from fraexp.figures.label_units import label_units
+from fraexp.figures.labels import curve_names
+from fraexp.figures.stamp import digest, is_current
+from fraexp.plugins import Registry, discover
+from fraexp.results import Result
+from fraexp.scheduler import Ended, Event
+from fraexp.store import Store, StoredSweep
+from fraexp.study import Study, find_studies, load, resolve
+
+REFERENCE_POINTS = 800
+"""Frequencies at which P(jω) is drawn: enough for a resonance with 1 % damping."""
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """A folder with ``plugins/``, ``studies/`` and ``results.db``, each of which may be missing."""
+
+    folder: Path
+    database: str
+
+    @classmethod
+    def open(cls, folder: str | Path, database: str | None = None) -> "Workspace":
+        """Open a folder; the database is ``results.db`` in it, unless a path or URL is given."""
+        root = Path(folder)
+        if not root.is_dir():
+            raise StudyError(f"{root}: there is no such folder to work in")
+        return cls(root, str(database or root / "results.db"))
+
+    @cached_property
+    def registry(self) -> Registry:
+        """All components: installed ones and those in the workspace's ``plugins/``."""
+        return discover(self.folder / "plugins")
+
+    def studies(self, names: Sequence[str], overrides: Sequence[str] = ()) -> list[Study]:
+        """Return the studies of these names, files or folders, resolved; overrides apply to all."""
+        found = [pair for name in names for pair in find_studies(name, self.folder)]
+        return [load(name, file, self.folder, self.registry, overrides) for name, file in found]
+
+    def run(
+        self,
+        studies: Sequence[str],
+        executor: str | None = None,
+        overrides: Sequence[str] = (),
+        dry_run: bool = False,
+        rerun: str | None = None,
+    ) -> Generator[Event, None, None]:
+        """Run studies one after another and yield events; closing the generator interrupts and keeps what is done.
+
+        All studies are resolved before the first one starts, and nothing is written if one of them is wrong.
+        """
+        workers_of(executor := executor or "processes")
+        resolved = self.studies(names := list(studies), overrides)
+        if dry_run:
+            yield from self._plans(resolved, rerun)
+            return
+        command = shlex.join(["fraexp", "run", *names, *(f"--set={text}" for text in overrides)])
+        with Store.open(self.database, create=True) as store:
+            for study in resolved:
+                events = scheduler.run(
+                    study,
+                    store,
+                    self.registry,
+                    executor=executor,
+                    rerun=rerun,
+                    command=command,
+                    provenance=provenance.gather(),
+                    plugins=str(self.folder / "plugins"),
+                )
+                for event in events:
+                    yield replace(event, figure=self._figure(study, store)) if isinstance(event, Ended) else event
+
+    def import_record(
+        self, file: Path, channels: Mapping[str, str], options: Mapping[str, Any], target: Path | None = None
+    ) -> Generator[Event, None, None]:
+        """Write a study that analyses a measured record, and run it.
+
+        The first of `channels` is the input, the others are outputs; `options` are keys of the section [record].
+        The study is ``studies/<name of the file>.toml`` unless told otherwise; nothing is written if the record
+        does not fit.
+        """
+        path = target or self.folder / "studies" / f"{file.stem}.toml"
+        data = _record_study(os.path.relpath(file.resolve(), path.parent.resolve()), channels, options)
+        resolve(path.stem, path, data, self.folder, self.registry)
+        text = _toml(data)
+        if path.exists() and path.read_text(encoding="utf-8") != text:
+            raise StudyError(f"{path}: there is another study already; choose a file with --study")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+        yield from self.run([str(path.resolve())])
+
+    def _plans(self, studies: Sequence[Study], rerun: str | None) -> Generator[Event, None, None]:
+        exists = "://" in self.database or Path(self.database).exists()
+        store = Store.open(self.database, read_only=True) if exists else None
+        for study in studies:
+            yield scheduler.plan(study, store, self.registry, rerun)[1]
+            yield Ended(None, "dry")
+        if store:
+            store.close()
+
+    def _figure(self, study: Study, store: Store) -> Path | None:
+        path = self.folder / "figures" / f"{study.name}.png"
+        sweeps = [store.find(sweep.key) for sweep in study.sweeps]
+        sweeps = [replace(s, labels=dict(sweep.labels)) for s, sweep in zip(sweeps, study.sweeps, strict=True)]
+        drawn = self.draw(store, sweeps, path, study.title)
+        return path if drawn is not None else None
+
+    def draw(self, store: Store, sweeps: Sequence[StoredSweep], path: Path, title: str) -> bool | None:
+        """Draw sweeps into a file; False if it showed them already, None if none has anything to draw."""
+        known = [sweep for sweep in sweeps if sweep.outcome is not None]
+        shown = [f"{sweep.key} {sweep.created} {sorted(sweep.labels.items())}" for sweep in known] + [title]
+        if known and is_current(path, digest(shown)):
+            return False
+        results = store.results(sweep.key for sweep in known)
+        drawable = [sweep for sweep in known if results[sweep.key].response or results[sweep.key].curves]
+        if not drawable:
+            return None
+        from fraexp.figures.drawing import figure_for, save  # matplotlib: only when something is drawn
+
+        sections = ((s.labels, {**s.experiment, "estimator": s.estimator}) for s in drawable)
+        units = label_units(sections, self.registry)
+        names = curve_names([sweep.labels for sweep in drawable], [sweep.key[4:12] for sweep in drawable], units)
+        labelled = [(name, results[sweep.key]) for name, sweep in zip(names, drawable, strict=True)]
+        save(figure_for(labelled, self.reference(drawable, results), title), path, shown)
+        return True
+
+    def reference(
+        self, sweeps: Sequence[StoredSweep], results: Mapping[str, Result]
+    ) -> tuple[str, np.ndarray, np.ndarray] | None:
+        """Return label, frequency [Hz] and P(jω) [m/N] if all sweeps are simulations of the same plant."""
+        responses = [results[sweep.key].response for sweep in sweeps]
+        frequencies = [response.frequency for response in responses if response is not None]
+        plants = [sweep.experiment.get("plant") for sweep in sweeps]
+        if not frequencies or plants[0] is None or any(plant != plants[0] for plant in plants):
+            return None
+        everything = np.concatenate(frequencies)
+        frequency = np.geomspace(everything.min(), everything.max(), REFERENCE_POINTS)
+        return "P(s), linear plant", frequency, self.reference_response(sweeps[0].experiment, frequency)
+
+    def reference_response(self, experiment: Mapping[str, Any], frequency: np.ndarray) -> np.ndarray:
+        """Return P(jω) [m/N] of a simulated experiment's plant at `frequency` [Hz], shape (n,)."""
+        return perform.reference_response(experiment, frequency, self.registry)
+
+
+def _record_study(file: str, channels: Mapping[str, str], options: Mapping[str, Any]) -> dict[str, Any]:
+    if len(channels) < 2:
+        raise StudyError(
+            f"{file}: {len(channels)} channel given; expected an input and an output, such as u=... and y=..."
+        )
+    first, *outputs = channels
+    return {
+        "title": f"Frequency response of {Path(file).name}",
+        "record": {"file": Path(file).as_posix(), **options, "channels": dict(channels)},
+        "estimator": {"name": "conventional", "input": first, "output": outputs[0]},
+        **({"grid": {"estimator.output": outputs}} if len(outputs) > 1 else {}),
+    }
+
+
+def _toml(data: Mapping[str, Any]) -> str:
+    """Return a study as TOML text; a JSON text, number or list is one of TOML too."""
+    lines = [f"{key} = {json.dumps(value)}" for key, value in data.items() if not isinstance(value, Mapping)]
+    for section, values in data.items():
+        if isinstance(values, Mapping):
+            lines += ["", f"[{section}]"]
+            nested = {f"{section}.{key}": value for key, value in values.items() if isinstance(value, Mapping)}
+            plain = {key: value for key, value in values.items() if not isinstance(value, Mapping)}
+            lines += [f"{json.dumps(key)} = {json.dumps(value)}" for key, value in plain.items()]
+            for key, table in nested.items():
+                lines += [
+                    "",
+                    f"[{key}]",
+                    *(f"{json.dumps(name)} = {json.dumps(value)}" for name, value in table.items()),
+                ]
+    return "\n".join(lines) + "\n"

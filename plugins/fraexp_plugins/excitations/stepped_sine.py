@@ -1,0 +1,84 @@
+"""Stepped sine: one frequency after another, each in its periodic state."""
+
+from functools import cached_property
+
+import numpy as np
+
+from fraexp.api import Excitation, ParameterError, Period, Schedule, param
+
+NEAR = 1e-3
+"""Relative distance at which a frequency counts as met by whole periods in whole samples."""
+LEAST, MOST = 400, 1 << 16
+"""Samples of a block of whole periods, at least and at most."""
+PHASES = 20
+"""Different phases at which a sine is sampled, at least."""
+
+
+class SteppedSine(Excitation, name="stepped_sine", version=1):
+    """u_sin = A sin(2πft), frequency by frequency on a logarithmic grid (paper, section II-C).
+
+    Each frequency is moved, by 0.1 % at most where the sample time allows it, to the nearest one of which whole
+    periods fit into whole samples: then the Fourier sums have no leakage and the response can repeat itself.
+    """
+
+    amplitude: float = param("N", "amplitude A", above=0)
+    lowest: float = param("Hz", "lowest frequency", 1.0, above=0)
+    highest: float = param("Hz", "highest frequency", 200.0, above=0)
+    points: int = param("1", "number of frequencies, spaced logarithmically", 100, at_least=1, at_most=100_000)
+    frequencies: tuple[float, ...] = param("Hz", "frequencies in place of lowest, highest and points", ())
+    ramp: float = param("s", "time over which the amplitude rises", 0.1, at_least=0, at_most=1000)
+    tolerance: float = param("1", "relative difference of successive periods that counts as settled", 1e-5, above=0)
+    settle_limit: float = param("s", "time after which settling is given up", 30.0, above=0, at_most=10_000)
+    whole_periods: int = param("1", "whole periods recorded at least", 1, at_least=1, at_most=100_000)
+    record_time: float = param("s", "time recorded at least", 0.0, at_least=0, at_most=10_000)
+
+    def model_post_init(self, context: object) -> None:
+        """Check the grid."""
+        if not self.frequencies and self.lowest > self.highest:
+            raise ParameterError(
+                f"stepped_sine.lowest is {self.lowest:g} Hz; expected at most highest, {self.highest:g} Hz"
+            )
+        if min(self.frequencies, default=1.0) <= 0:
+            raise ParameterError("stepped_sine.frequencies must be above 0 Hz")
+
+    @cached_property
+    def grid(self) -> np.ndarray:
+        """The frequencies asked for [Hz], shape (n,)."""
+        if self.frequencies:
+            return np.array(self.frequencies)
+        return np.geomspace(self.lowest, self.highest, self.points)
+
+    def periods(self, sample_time: float) -> tuple[Period, ...]:
+        """Return one block of whole periods per frequency."""
+        if self.grid.max() * sample_time >= 0.5:
+            limit = 0.5 / sample_time
+            raise ParameterError(
+                f"stepped_sine reaches {self.grid.max():g} Hz; at a sample time of {sample_time:g} s "
+                f"the Nyquist frequency is {limit:g} Hz: lower 'highest', or shorten loop.sample_time"
+            )
+        return tuple(self._period(frequency, sample_time) for frequency in self.grid)
+
+    def _period(self, frequency: float, sample_time: float) -> Period:
+        cycles, samples = coherent(frequency * sample_time)
+        phase = 2 * np.pi * (cycles * np.arange(samples) % samples) / samples
+        return Period(self.amplitude * np.sin(phase), np.array([cycles]))
+
+    @property
+    def schedule(self) -> Schedule:
+        """Settle until periodic."""
+        return Schedule(self.ramp, self.tolerance, self.settle_limit, self.whole_periods, self.record_time)
+
+
+def coherent(cycles_per_sample: float) -> tuple[int, int]:
+    """Return whole cycles and whole samples whose ratio is near `cycles_per_sample`.
+
+    The samples meet the sine at `PHASES` different phases at least: what the resolution of a scale hides from one
+    of them the others show.
+    """
+    cycles = np.arange(1, max(2, int(cycles_per_sample * MOST)))
+    samples = np.rint(cycles / cycles_per_sample).astype(int)
+    samples += samples < PHASES * np.gcd(cycles, samples)
+    error = np.abs(cycles / samples / cycles_per_sample - 1)
+    fits = (error <= NEAR) & (samples >= LEAST) & (samples >= PHASES * np.gcd(cycles, samples))
+    best = int(np.argmax(fits)) if fits.any() else int(np.argmin(error))
+    return int(cycles[best]), int(samples[best])

@@ -1,0 +1,45 @@
+"""The modal plant: a rigid body and any number of vibration modes (paper, eq 1)."""
+
+import numpy as np
+
+from fraexp.api import ParameterError, Plant, StateSpace, param
+
+
+class Modal(Plant, name="modal", version=1):
+    """P(s) = k0 (1/s² + Σ r_i / (s² + 2 ζ_i ω_i s + ω_i²)): eq (1) with k0 = Kt·Kt0 and r_i = k_ti/Kt0."""
+
+    gain: float = param("m/(N s**2)", "rigid-body gain k0, the reciprocal of the moving mass", above=0)
+    frequencies: tuple[float, ...] = param("Hz", "natural frequencies f_i of the modes", ())
+    damping_ratios: tuple[float, ...] = param("1", "damping ratios ζ_i of the modes", ())
+    residues: tuple[float, ...] = param("1", "modal gains r_i relative to the rigid body", ())
+
+    def model_post_init(self, context: object) -> None:
+        """Check that the modes belong together."""
+        counts = {len(self.frequencies), len(self.damping_ratios), len(self.residues)}
+        if len(counts) > 1:
+            raise ParameterError("modal needs as many frequencies as damping_ratios and residues, one of each per mode")
+        if min(self.frequencies, default=1.0) <= 0 or min(self.damping_ratios, default=0.0) < 0:
+            raise ParameterError("modal needs frequencies above 0 Hz and damping_ratios of at least 0")
+
+    def state_space(self) -> StateSpace:
+        """Two states, position and velocity, for the rigid body and for each mode."""
+        omega = 2 * np.pi * np.array([0.0, *self.frequencies])
+        damping = np.array([0.0, *self.damping_ratios])
+        residue = np.array([1.0, *self.residues])
+        n = 2 * omega.size
+        a, b, c = np.zeros((n, n)), np.zeros(n), np.zeros(n)
+        a[0::2, 1::2] = np.eye(omega.size)
+        a[1::2, 0::2] = np.diag(-(omega**2))
+        a[1::2, 1::2] = np.diag(-2 * damping * omega)
+        b[1::2] = 1.0
+        c[0::2] = self.gain * residue
+        return StateSpace(a, b, c)
+
+    def response(self, omega: np.ndarray) -> np.ndarray:
+        """Return P(jω) [m/N] by eq (1)."""
+        s = 1j * np.asarray(omega, dtype=float)
+        total = 1 / s**2
+        for frequency, damping, residue in zip(self.frequencies, self.damping_ratios, self.residues, strict=True):
+            natural = 2 * np.pi * frequency
+            total = total + residue / (s**2 + 2 * damping * natural * s + natural**2)
+        return self.gain * total

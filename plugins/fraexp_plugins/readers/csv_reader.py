@@ -1,0 +1,196 @@
+"""Delimited text: comma, semicolon (decimal comma as well), tab or blanks, with a header line."""
+
+import csv
+import itertools
+import math
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fraexp.api import RecordError, RecordReader, Table
+from fraexp_plugins.readers.measured import check_size, missing_column
+
+DELIMITERS = ("\t", ";", ",", None)
+"""In the order in which they are tried; None is any run of blanks."""
+COMMENTS = ("#", "%")
+PEEK = 65536
+"""Bytes from which the encoding is told."""
+HEAD = 1000
+"""Lines among which the first line of numbers must be."""
+UNIT = re.compile(r"^(?P<name>.*\S)\s*(?:\[(?P<square>[^\]]*)\]|\((?P<round>[^)]*)\))$")
+
+
+class CsvReader(RecordReader, name="csv", version=1):
+    """Delimited text with names in its last line before the numbers, such as ``Position [mm]``.
+
+    A column is asked for by its name with or without the unit; in a file without a header by its number from 1.
+    Lines that begin with # or % are comments; such a line may be the header if there is no other.
+    """
+
+    suffixes = (".csv", ".txt", ".tsv", ".dat")
+
+    def read(self, path: Path, columns: Sequence[str]) -> Table:
+        check_size(path, "the file", path.stat().st_size)
+        encoding = _encoding(path)
+        with path.open(encoding=encoding, errors="replace") as stream:
+            layout = _layout(path, list(itertools.islice(stream, HEAD)))
+        places = [layout.place(path, column) for column in columns]
+        values = _numbers(path, encoding, layout, places)
+        units = {column: layout.units[place] for column, place in zip(columns, places, strict=True)}
+        return Table(
+            columns=dict(zip(columns, values, strict=True)),
+            units={column: unit for column, unit in units.items() if unit is not None},
+        )
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """How the text of a file is laid out."""
+
+    delimiter: str | None
+    decimal_comma: bool
+    start: int
+    """Lines before the first line of numbers."""
+    headings: tuple[str, ...]
+    """As they stand in the file; numbers from 1 if there are none."""
+    units: tuple[str | None, ...]
+
+    def place(self, path: Path, column: str) -> int:
+        """Return the position of a column that is asked for by its heading, or by the name in it."""
+        names = [_split(heading)[0] for heading in self.headings]
+        for known in (list(self.headings), names):
+            if known.count(column) > 1:
+                raise RecordError(
+                    f"{path.name}: {known.count(column)} columns are called '{column}'; rename all but one"
+                )
+            if column in known:
+                return known.index(column)
+        raise missing_column(path, column, names)
+
+    def number(self, cell: str) -> float:
+        """Return the number in a cell; ValueError if there is none."""
+        return float(cell.replace(",", ".") if self.decimal_comma else cell)
+
+
+def _encoding(path: Path) -> str:
+    with path.open("rb") as stream:
+        head = stream.read(PEEK)
+    if head.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return "utf-16"
+    if b"\0" in head:
+        raise RecordError(f"{path.name}: this is no text file; expected lines of numbers, or choose another reader")
+    try:
+        # up to a line's end: no character is cut in two
+        (head[: head.rfind(b"\n") + 1] if len(head) == PEEK else head).decode("utf-8")
+    except UnicodeDecodeError:
+        return "latin-1"
+    return "utf-8-sig"
+
+
+def _layout(path: Path, lines: list[str]) -> _Layout:
+    for delimiter in DELIMITERS:
+        for start, line in enumerate(lines):
+            cells = _cells(line, delimiter)
+            if len(cells) > 1 and not line.lstrip().startswith(COMMENTS) and _numeric(cells, delimiter):
+                return _headed(path, lines[:start], delimiter, cells)
+    for start, line in enumerate(lines):
+        if not line.lstrip().startswith(COMMENTS) and _numeric([line.strip()], ";"):
+            return _headed(path, lines[:start], ";", [line.strip()])
+    raise RecordError(
+        f"{path.name}: no line of numbers in the first {HEAD}; expected columns of numbers under a header"
+    )
+
+
+def _headed(path: Path, before: list[str], delimiter: str | None, cells: list[str]) -> _Layout:
+    decimal_comma = delimiter != "," and any("," in cell for cell in cells)
+    rows = [(number + 1, line.strip()) for number, line in enumerate(before) if line.strip()]
+    plain = [(number, _cells(line, delimiter)) for number, line in rows if not line.startswith(COMMENTS)]
+    noted = [(number, _cells(line.lstrip("#% "), delimiter)) for number, line in rows if line.startswith(COMMENTS)]
+    widths = (len(cells), len(cells) - (not cells[-1]))  # a line of numbers may end with a delimiter
+    candidates = [row for row in plain if len(row[1]) in widths]
+    if not candidates:
+        candidates = [row for row in noted if len(row[1]) in widths][-1:]
+    headings = candidates[0][1] if candidates else [str(place + 1) for place in range(len(cells))]
+    units = [_split(heading)[1] for heading in headings]
+    for number, row in candidates[1:]:
+        if any(_is_number(cell, decimal_comma) for cell in row):
+            bad = next((cell for cell in row if not _is_number(cell, decimal_comma)), row[0])
+            raise RecordError(
+                f"{path.name}, line {number}: '{bad}' does not fit the lines below; mend or remove the line"
+            )
+        units = [cell.strip("[]()") or unit for cell, unit in zip(row, units, strict=False)]  # a line of units
+    return _Layout(delimiter, decimal_comma, len(before), tuple(headings), tuple(units))
+
+
+def _cells(line: str, delimiter: str | None) -> list[str]:
+    if delimiter is None:
+        return line.split()
+    try:
+        return [cell.strip() for cell in next(csv.reader([line.rstrip("\r\n")], delimiter=delimiter), [])]
+    except csv.Error:  # such as a cell of more than 128 KiB
+        return [line.strip()]
+
+
+def _numeric(cells: list[str], delimiter: str | None) -> bool:
+    # A gap in the first line of numbers must not make a heading of it.
+    filled = [cell for cell in cells if cell]
+    return bool(filled) and all(_is_number(cell, delimiter != ",") for cell in filled)
+
+
+def _is_number(cell: str, decimal_comma: bool) -> bool:
+    with suppress(ValueError):
+        float(cell.replace(",", ".") if decimal_comma else cell)
+        return True
+    return False
+
+
+def _split(heading: str) -> tuple[str, str | None]:
+    found = UNIT.match(heading)
+    if not found:
+        return heading, None
+    return found["name"], found["square"] if found["square"] is not None else found["round"]
+
+
+def _rows(path: Path, encoding: str, layout: _Layout) -> Iterator[tuple[int, str]]:
+    with path.open(encoding=encoding, errors="replace") as stream:
+        for number, line in enumerate(stream, start=1):
+            if number > layout.start and line.strip() and not line.lstrip().startswith(COMMENTS):
+                yield number, line
+
+
+def _numbers(path: Path, encoding: str, layout: _Layout, places: list[int]) -> np.ndarray:
+    lines = (line.replace(",", ".") if layout.decimal_comma else line for _, line in _rows(path, encoding, layout))
+    try:
+        values = np.loadtxt(
+            lines, delimiter=layout.delimiter, usecols=places, comments=None, quotechar='"', ndmin=2, unpack=True
+        )
+    except (ValueError, StopIteration):  # the latter where a quote is never closed
+        raise _fault(path, encoding, layout, places) from None
+    if not np.isfinite(values).all():
+        raise _fault(path, encoding, layout, places)
+    return np.asarray(values)
+
+
+def _fault(path: Path, encoding: str, layout: _Layout, places: list[int]) -> RecordError:
+    """Find what is wrong with the numbers, slowly: the first bad cell, and how many there are."""
+    faults: list[str] = []
+    count = 0
+    for number, line in _rows(path, encoding, layout):
+        cells = _cells(line, layout.delimiter)
+        for place in places:
+            cell = cells[place] if place < len(cells) else ""
+            finite = False
+            with suppress(ValueError):
+                finite = math.isfinite(layout.number(cell))
+            if not finite:
+                count += 1
+                faults = faults or [f"line {number}", f"'{cell}' in column '{layout.headings[place]}'"]
+    if not faults:
+        return RecordError(f"{path.name}: the cells cannot be told apart; expected every quote to be closed")
+    where, what = faults
+    others = f" ({count} such cells in all)" if count > 1 else ""
+    return RecordError(f"{path.name}, {where}: {what} is no finite number{others}; mend or cut out these samples")

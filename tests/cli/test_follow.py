@@ -1,0 +1,92 @@
+import json
+from argparse import Namespace
+from collections.abc import Generator
+from pathlib import Path
+
+import pytest
+
+from fraexp.cli.exits import ExitCode
+from fraexp.cli.follow import Story, follow, report
+from fraexp.cli.words import short
+from fraexp.plugins import Registry
+from fraexp.scheduler import Ended, Event, Finished, Planned, Preparing, Progress
+from fraexp.sweep import Sweep
+
+PLANNED = Planned("bench", "Two sensors", 5, 3, 2, 1, 65.0)
+
+
+@pytest.fixture
+def arguments(workspace: Path) -> Namespace:
+    return Namespace(db=None, workspace=workspace, json=False)
+
+
+def test_events_become_talk_on_stderr(sweeps: list[Sweep], capsys: pytest.CaptureFixture[str]) -> None:
+    events: list[Event] = [
+        PLANNED,
+        Preparing("starting 2 workers"),
+        Progress(0.5, 2),
+        Finished(sweeps[0], None, "reused"),
+        Finished(sweeps[4], None, "failed", "ZeroDivisionError: \x1b[31mdivision"),
+        Ended(1, "partial"),
+    ]
+    story = follow(event for event in events)
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.splitlines() == [
+        "bench: 5 sweeps, 3 reused (1 stale: a plugin's source has changed; --rerun stale), 2 to compute, about "
+        "1 min 05 s",
+        "starting 2 workers",
+        rf"{short(sweeps[4].key)} failed: ZeroDivisionError: \x1b[31mdivision",
+    ]
+    assert (story.ended, story.computed, story.interrupted) == ([Ended(1, "partial")], 0, False)
+
+
+def test_ctrl_c_closes_the_events_and_tells_what_is_kept(
+    registry: Registry, arguments: Namespace, sweeps: list[Sweep], capsys: pytest.CaptureFixture[str]
+) -> None:
+    closed = []
+
+    def events() -> Generator[Event, None, None]:
+        try:
+            yield PLANNED
+            yield Finished(sweeps[0], None, "computed")
+            raise KeyboardInterrupt
+        finally:
+            closed.append(True)
+
+    assert report(follow(events()), arguments, registry) == ExitCode.INTERRUPTED
+    assert closed == [True]
+    assert "interrupted: 1 sweep computed and kept; the same command goes on" in capsys.readouterr().err
+
+
+def test_the_end_is_a_table_the_run_and_its_figure(
+    registry: Registry, arguments: Namespace, sweeps: list[Sweep], capsys: pytest.CaptureFixture[str]
+) -> None:
+    story = Story(ended=[Ended(1, "partial", Path("figures/bench.png"))])
+    assert report(story, arguments, registry) == ExitCode.INCOMPLETE
+    printed = capsys.readouterr()
+    lines = printed.out.splitlines()
+    assert lines[0] == "magnitudes in dB re 1 mm/N"
+    assert lines[1].split()[:2] == ["sweep", "output"]
+    assert [line.split()[0] for line in lines[2:7]] == [short(sweep.key) for sweep in sweeps]
+    assert lines[-2].startswith("run 1 partial: 5 sweeps, 4 computed, 0 reused, 1 failed")
+    assert lines[-1] == "figure figures/bench.png"
+    assert "next: fraexp show 1, " in printed.err
+
+
+def test_a_run_as_json_is_one_document(
+    registry: Registry, arguments: Namespace, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments.json = True
+    assert report(Story(planned=[PLANNED], ended=[Ended(1, "partial")]), arguments, registry) == ExitCode.INCOMPLETE
+    document = json.loads(capsys.readouterr().out)
+    assert document["planned"][0]["reused"] == 3
+    assert document["runs"][0]["number"] == 1
+    assert [sweep["state"] for sweep in document["runs"][0]["sweeps"]] == ["computed"] * 4 + ["failed"]
+
+
+def test_a_dry_run_prints_no_table(
+    registry: Registry, arguments: Namespace, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert report(Story(planned=[PLANNED], ended=[Ended(None, "dry")]), arguments, registry) == ExitCode.OK
+    assert capsys.readouterr().out == ""

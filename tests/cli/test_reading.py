@@ -1,0 +1,138 @@
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from fraexp.cli.exits import ExitCode
+from fraexp.cli.main import main
+from fraexp.cli.words import short
+from fraexp.sweep import Sweep
+
+Printed = Callable[..., tuple[str, str]]
+
+
+@pytest.fixture
+def printed(workspace: Path, capsys: pytest.CaptureFixture[str]) -> Printed:
+    def run(*arguments: str) -> tuple[str, str]:
+        assert main([*arguments, "--workspace", str(workspace)]) == ExitCode.OK
+        output = capsys.readouterr()
+        return output.out, output.err
+
+    return run
+
+
+def document(printed: Printed, *arguments: str) -> Any:
+    def refuse(constant: str) -> None:
+        raise ValueError(f"{constant} is no JSON")
+
+    return json.loads(printed(*arguments, "--json")[0], parse_constant=refuse)
+
+
+def test_runs_are_listed(printed: Printed) -> None:
+    header, row = printed("list")[0].splitlines()
+    assert header.split() == ["run", "study", "state", "sweeps", "computed", "reused", "failed", "started", "took"]
+    assert row.split()[:7] == ["1", "bench", "partial", "5", "4", "0", "1"]
+    (run,) = document(printed, "list")["runs"]
+    assert (run["number"], run["state"], run["total"]) == (1, "partial", 5)
+
+
+def test_a_run_shows_its_sweeps_and_remedies(printed: Printed, sweeps: list[Sweep]) -> None:
+    out, err = printed("show", "1")
+    assert "code     fraexp 0.1.0 (c0ffeec0ffee with local changes)" in out
+    first = next(line for line in out.splitlines() if line.startswith(short(sweeps[0].key)))
+    # 0.1 m/N at 1 Hz is 40 dB re 1 mm/N, falling by 40 dB per decade; 1 Hz itself had not settled.
+    assert first.split()[:8] == [short(sweeps[0].key), "scale", "computed", "ok", "37/40", "0.00", "-24.08", "-36.12"]
+    assert "ZeroDivisionError: float division by zero" in out
+    assert "1 not settled: raise excitation.settle_limit" in err
+    assert "1 diverged: the closed loop is unstable" in err
+
+
+def test_a_name_from_a_file_cannot_command_the_terminal(printed: Printed, sweeps: list[Sweep]) -> None:
+    for line in (["show", "1"], ["show", short(sweeps[1].key)], ["compare", "1"]):
+        out, err = printed(*line)
+        assert "\x1b" not in out + err
+        assert r"laser\x1b[31m" in out
+
+
+def test_a_sweep_shows_parameters_sources_metrics_and_points(printed: Printed, sweeps: list[Sweep]) -> None:
+    out, err = printed("show", sweeps[0].key)
+    assert "record.channels.y.column  scale" in out
+    assert "record.lines              [0, ..., 19] (20 values)" in out
+    assert "estimator:h1  fraexp 0.1.0, source 0123456789ab" in out
+    assert "gain   0.1 m/N" in out
+    points = out.partition("response y/u\n")[2].splitlines()
+    assert points[0].startswith("frequency [Hz]  magnitude [dB re 1 mm/N]  phase [deg]")
+    assert len(points) == 1 + 12
+    assert err == "28 more frequencies; --points shows all\n"
+    everything = printed("show", short(sweeps[0].key), "--points")[0].partition("response y/u\n")[2]
+    assert len(everything.splitlines()) == 1 + 40
+
+
+def test_a_sweep_as_json_has_its_numbers(printed: Printed, sweeps: list[Sweep]) -> None:
+    found = document(printed, "show", sweeps[1].key[:14])
+    assert (found["key"], found["outcome"]) == (sweeps[1].key, "not_settled")
+    assert found["remedy"].startswith("raise excitation.settle_limit")
+    assert found["labels"] == {"record.output": "laser\x1b[31m"}
+    assert found["response"]["real"][0] == pytest.approx(-0.2)
+    assert len(found["response"]["frequency"]) == 40
+    assert document(printed, "show", sweeps[0].key)["metrics"][1] == {"name": "delay", "value": None, "unit": "s"}
+
+
+def test_a_run_as_json_has_points_only_if_asked(printed: Printed) -> None:
+    assert "response" not in document(printed, "show", "1")["sweeps"][0]
+    assert len(document(printed, "show", "1", "--points")["sweeps"][0]["response"]["real"]) == 40
+
+
+def test_compare_shows_only_what_differs(printed: Printed, sweeps: list[Sweep]) -> None:
+    keys = [short(sweep.key) for sweep in sweeps[:2]]
+    out = printed("compare", *keys)[0]
+    table, _, responses = out.partition("\n\n")
+    rows = [line.split() for line in table.splitlines()]
+    assert rows[0] == ["what", "differs", *keys]
+    assert ["record.channels.y.column", "scale", "laser"] in rows
+    assert ["gain", "[m/N]", "0.1", "0.2"] in rows
+    assert "record.hash" not in table
+    assert "6.0206" in responses
+
+
+def test_compare_as_json_has_the_difference_in_decibel(printed: Printed, sweeps: list[Sweep]) -> None:
+    found = document(printed, "compare", sweeps[0].key, sweeps[1].key, sweeps[2].key)
+    assert found["parameters"]["record.channels.y.column"] == ["scale", "laser", None]
+    difference = found["responses"][0]["difference"]
+    assert difference["magnitude_max"] == pytest.approx(6.0206, abs=1e-4)
+    assert difference["phase_max"] == pytest.approx(0, abs=1e-9)
+    assert (difference["interpolated"], difference["points"]) == (False, 37)
+    assert found["responses"][1]["difference"] is None
+
+
+def test_compare_needs_two_sweeps(workspace: Path, sweeps: list[Sweep], capsys: pytest.CaptureFixture[str]) -> None:
+    line = ["compare", sweeps[0].key, short(sweeps[0].key), "--workspace", str(workspace)]
+    assert main(line) == ExitCode.USAGE
+    assert "found one sweep; name at least two" in capsys.readouterr().err
+
+
+def test_a_plot_is_drawn_once(printed: Printed, sweeps: list[Sweep], tmp_path: Path) -> None:
+    target = tmp_path / "figure.svg"
+    line = ["plot", sweeps[0].key, sweeps[1].key, sweeps[4].key, "-o", str(target)]
+    assert printed(*line) == (f"{target}\n", "1 sweep without a result left out\n")
+    drawn = target.stat().st_mtime_ns
+    assert "up to date" in printed(*line)[1]
+    assert target.stat().st_mtime_ns == drawn
+    printed(*line, "--title", "Another")
+    assert target.stat().st_mtime_ns != drawn
+
+
+def test_a_driven_friction_model_is_plotted_as_a_loop(printed: Printed, sweeps: list[Sweep], tmp_path: Path) -> None:
+    target = tmp_path / "loop.png"
+    printed("plot", short(sweeps[2].key), "-o", str(target))
+    assert target.read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_sweep_without_a_result_is_not_plotted(
+    workspace: Path, sweeps: list[Sweep], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    line = ["plot", sweeps[4].key, "-o", str(tmp_path / "a.png"), "--workspace", str(workspace)]
+    assert main(line) == ExitCode.USAGE
+    assert "found nothing to draw in 1 sweep" in capsys.readouterr().err

@@ -1,0 +1,84 @@
+import numpy as np
+import pytest
+
+from fraexp.errors import FraexpError
+from fraexp.figures.bode import bode_info, draw_bode, relative_deviations
+from tests.figures.conftest import ResponseMaker
+
+
+def test_magnitudes_are_in_decibel_of_a_millimetre_per_newton(make_response: ResponseMaker) -> None:
+    info = bode_info([("P", make_response([10.0, 1.0], [-1e-3, -1e-1]))])
+    assert info.unit == "mm/N"
+    np.testing.assert_allclose(info.curves[0].frequency, [1, 10])
+    np.testing.assert_allclose(info.curves[0].magnitude, [40, 0], atol=1e-9)
+    np.testing.assert_allclose(info.curves[0].phase, [-180, -180])
+
+
+def test_curves_lie_on_the_branch_of_the_reference(make_response: ResponseMaker) -> None:
+    frequency = np.geomspace(1, 200, 50)
+    plant = 0.1 / (2j * np.pi * frequency) ** 2
+    noisy = make_response(frequency, plant * np.exp(1j * np.where(np.arange(50) % 2, 0.02, -0.02)))
+    info = bode_info([("noisy", noisy)], ("P(s)", frequency, plant))
+    assert info.reference is not None
+    np.testing.assert_allclose(info.reference.phase, -180)
+    assert np.abs(info.curves[0].phase + 180).max() == pytest.approx(np.degrees(0.02))
+
+
+def test_the_band_is_that_of_95_percent(make_response: ResponseMaker) -> None:
+    info = bode_info([("P", make_response([1.0, 2.0], [1e-3, 1e-3j], deviation=[1e-5, 1e-3]))])
+    curve = info.curves[0]
+    expected = 20 * np.log10(1 + 1.959964e-2 * np.array([-1, 1]))
+    np.testing.assert_allclose(curve.magnitude_band[:, 0], expected, rtol=1e-6)
+    np.testing.assert_allclose(curve.phase_band[:, 0], np.degrees([-1.959964e-2, 1.959964e-2]), rtol=1e-6)
+    assert np.isnan(curve.magnitude_band[0, 1]), "a deviation above the magnitude has no lower limit in dB"
+
+
+def test_the_band_covers_95_percent_of_noisy_responses() -> None:
+    rng = np.random.default_rng(3)
+    truth, covariance = 2 - 1j, np.array([[4e-4, 2e-4], [2e-4, 9e-4]])
+    draws = rng.multivariate_normal([truth.real, truth.imag], covariance, size=20000)
+    found = draws[:, 0] + 1j * draws[:, 1]
+    along, across = relative_deviations(found, np.broadcast_to(covariance, (20000, 2, 2)))
+    assert np.mean(np.abs(np.log(np.abs(found) / abs(truth))) < 1.96 * along) == pytest.approx(0.95, abs=0.01)
+    assert np.mean(np.abs(np.angle(found / truth)) < 1.96 * across) == pytest.approx(0.95, abs=0.01)
+
+
+def test_unsettled_points_are_gaps_in_the_line(make_response: ResponseMaker) -> None:
+    settled = [True, False, True, False, True, True]
+    info = bode_info([("P", make_response(np.arange(1, 7), np.full(6, 1e-3), settled=settled))])
+    curve = info.curves[0]
+    np.testing.assert_array_equal(np.isnan(curve.joined(curve.magnitude)), ~np.array(settled))
+    np.testing.assert_array_equal(curve.alone, [True, False, True, False, False, False])
+    np.testing.assert_allclose(curve.magnitude, 0, atol=1e-9)  # still there to be drawn hollow
+    hollow = [line for line in draw_bode(info).axes[0].lines if line.get_fillstyle() == "none"]
+    assert [list(line.get_xdata()) for line in hollow] == [[2, 4]]
+
+
+def test_a_response_that_never_settled_can_be_drawn(make_response: ResponseMaker) -> None:
+    never = make_response([1.0, 2.0], [1e-3, 1e-3], settled=[False, False])
+    info = bode_info([("a", never), ("b", make_response([1.0, 2.0], [1e-3, 1e-3j]))])
+    assert len(draw_bode(info).axes) == 2
+
+
+def test_responses_of_different_units_do_not_share_axes(make_response: ResponseMaker) -> None:
+    one, other = make_response([1.0], [1.0]), make_response([1.0], [1.0], unit="rad/A")
+    with pytest.raises(FraexpError, match="m/N and rad/A; curves of one plot share a unit"):
+        bode_info([("a", one), ("b", other)])
+
+
+def test_panels_share_a_logarithmic_axis_with_units(make_response: ResponseMaker) -> None:
+    response = make_response(np.geomspace(1, 200, 9), np.ones(9))
+    upper, lower = draw_bode(bode_info([("a", response)], title="My study")).axes
+    assert upper.get_xscale() == lower.get_xscale() == "log"
+    assert upper.get_xlim() == lower.get_xlim() == pytest.approx((1, 200), rel=0.02)
+    assert (upper.get_title(), upper.get_ylabel()) == ("My study", "Magnitude [dB re 1 mm/N]")
+    assert (lower.get_xlabel(), lower.get_ylabel()) == ("Frequency [Hz]", "Phase [deg]")
+
+
+@pytest.mark.parametrize("count", [1, 4, 7, 20])
+def test_every_curve_has_a_style_of_its_own_and_a_place_in_the_legend(count: int, make_response: ResponseMaker) -> None:
+    response = make_response([1.0, 2.0], [1.0, 1.0])
+    figure = draw_bode(bode_info([(f"curve {index}", response) for index in range(count)]))
+    styles = {(line.get_color(), str(line.get_linestyle())) for line in figure.axes[0].lines}
+    assert len(styles) == count
+    assert len(figure.legends[0].get_texts()) == count

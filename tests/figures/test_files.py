@@ -1,0 +1,90 @@
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fraexp.errors import FraexpError
+from fraexp.figures.drawing import figure_for, save
+from fraexp.figures.stamp import digest, is_current
+from fraexp.results import Outcome, Result
+from tests.figures.conftest import LoopMaker, ResponseMaker
+
+STARTS = {".png": b"\x89PNG\r\n\x1a\n", ".svg": b"<?xml", ".pdf": b"%PDF"}
+
+
+@pytest.fixture
+def result(make_response: ResponseMaker) -> Result:
+    return Result(Outcome.OK, response=make_response(np.geomspace(1, 200, 20), np.ones(20)))
+
+
+@pytest.mark.parametrize("suffix", STARTS)
+def test_a_file_is_whole_stamped_and_the_same_every_time(suffix: str, tmp_path: Path, result: Result) -> None:
+    first, second = tmp_path / f"new folder/one{suffix}", tmp_path / f"two{suffix}"
+    for path in (first, second):
+        save(figure_for([("conventional", result)]), path, ["fx1-a", "title"])
+    assert first.read_bytes() == second.read_bytes()
+    assert first.read_bytes().startswith(STARTS[suffix])
+    assert is_current(first, digest(["fx1-a", "title"]))
+    assert not is_current(first, digest(["fx1-b", "title"]))
+    assert [path.name for path in first.parent.iterdir()] == [first.name], "no temporary file is left"
+
+
+def test_a_file_that_is_cut_off_or_missing_is_not_current(tmp_path: Path, result: Result) -> None:
+    path = tmp_path / "figure.png"
+    save(figure_for([("a", result)]), path, ["k"])
+    path.write_bytes(path.read_bytes()[:-20])
+    assert not is_current(path, digest(["k"]))
+    assert not is_current(tmp_path / "missing.png", digest(["k"]))
+
+
+def test_an_unknown_suffix_is_refused(tmp_path: Path, result: Result) -> None:
+    with pytest.raises(FraexpError, match=r"figure.bmp: .* '.bmp'; choose one of .png, .svg, .pdf"):
+        save(figure_for([("a", result)]), tmp_path / "figure.bmp", [])
+
+
+def test_a_place_that_cannot_be_written_is_one_line(tmp_path: Path, result: Result) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(FraexpError, match="the figure cannot be written: "):
+        save(figure_for([("a", result)]), tmp_path / "file/figure.png", [])
+
+
+def test_the_figure_fits_the_results(result: Result, make_loop: LoopMaker) -> None:
+    driven = Result(Outcome.OK, curves=(make_loop(1e-5),))
+    assert len(figure_for([("a", result)]).axes) == 2
+    assert [axes.get_ylabel() for axes in figure_for([("a", driven)]).axes] == ["Friction force [N]"]
+    with pytest.raises(FraexpError, match="no result has a frequency response or a hysteresis loop"):
+        figure_for([("a", Result(Outcome.DIVERGED))])
+
+
+@pytest.mark.parametrize("name", ["\x1b[31m red", "$unbalanced", "摩擦", "_hidden", "two\nlines", ""])
+def test_any_name_can_be_drawn(name: str, result: Result, tmp_path: Path) -> None:
+    figure = figure_for([(name, result), ("other", result)], title=name)
+    save(figure, tmp_path / "figure.png", [])
+    texts = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert len(texts) == (2 if name else 1)
+    assert all("\x1b" not in text and "\n" not in text for text in texts)
+
+
+def test_numbers_and_stamps_need_no_matplotlib() -> None:
+    code = (
+        "import sys, fraexp.figures.bode, fraexp.figures.hysteresis, fraexp.figures.stamp, fraexp.figures.difference;"
+        "print('matplotlib' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"
+
+
+def test_drawing_needs_no_pyplot_and_so_no_display() -> None:
+    code = "import sys, fraexp.figures.drawing; print('matplotlib.pyplot' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"
+
+
+def test_drawing_leaves_no_trace_in_the_users_settings(result: Result, tmp_path: Path) -> None:
+    import matplotlib
+
+    before = dict(matplotlib.rcParams)
+    save(figure_for([("a", result)]), tmp_path / "a.svg", [])
+    assert dict(matplotlib.rcParams) == before

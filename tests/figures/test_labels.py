@@ -1,0 +1,47 @@
+from fraexp.figures.label_units import label_units
+from fraexp.figures.labels import curve_names, label_columns
+from fraexp.plugins import Registry
+
+
+def test_names_hold_what_varies_and_nothing_else() -> None:
+    labels = [
+        {"estimator": "conventional", "excitation.amplitude": 12.0, "loop.noise": 0.0},
+        {"estimator": {"name": "proposed"}, "excitation.amplitude": 75.0, "loop.noise": 0.0},
+    ]
+    assert curve_names(labels, ["a", "b"]) == ["conventional, amplitude 12", "proposed, amplitude 75"]
+
+
+def test_a_number_with_a_unit_needs_no_title() -> None:
+    labels = [{"estimator.name": name, "excitation.amplitude": 12} for name in ("conventional", "proposed")]
+    labels[1]["excitation.amplitude"] = 75.0
+    assert curve_names(labels, ["a", "b"], {"excitation.amplitude": "N"}) == ["conventional, 12 N", "proposed, 75 N"]
+    strokes = [{"excitation.amplitude": 25e-6}, {"excitation.amplitude": 2.5e-3}]
+    assert curve_names(strokes, ["a", "b"], {"excitation.amplitude": "m"}) == ["25 µm", "2.5 mm"]
+    forces = [{"a.first": 1, "a.second": 2}, {"a.first": 2, "a.second": 1}]
+    assert curve_names(forces, ["a", "b"], {"a.first": "N", "a.second": "N"})[0] == "first 1 N, second 2 N"
+
+
+def test_units_are_those_that_the_components_declare(registry: Registry) -> None:
+    labels = {"excitation.amplitude": 12, "estimator.name": "proposed", "estimator.friction.viscous_coefficient": 1.0}
+    sections = {
+        "excitation": {"name": "stepped_sine"},
+        "estimator": {"name": "proposed", "friction": {"name": "rolling"}},
+    }
+    assert label_units([({**labels, "loop.seed": 3, "x": 1}, sections)], registry) == {
+        "excitation.amplitude": "N",
+        "estimator.friction.viscous_coefficient": "N s/m",
+    }
+
+
+def test_one_curve_keeps_its_labels_and_an_unlabelled_one_gets_its_key() -> None:
+    assert curve_names([{"estimator": "H1"}], ["3f9c"]) == ["H1"]
+    assert curve_names([{}, {}], ["3f9c", "81aa"]) == ["3f9c", "81aa"]
+
+
+def test_equal_names_are_told_apart() -> None:
+    assert curve_names([{"a.x": 1}, {"a.x": 1}], ["3f9c", "81aa"]) == ["x 1 (3f9c)", "x 1 (81aa)"]
+
+
+def test_titles_are_short_where_that_is_clear() -> None:
+    titles = label_columns([{"plant.gain": 1, "controller.gain": 2, "excitation.amplitude": 3, "estimator.name": 4}])
+    assert list(titles.values()) == ["plant.gain", "controller.gain", "amplitude", "estimator"]

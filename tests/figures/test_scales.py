@@ -1,0 +1,65 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fraexp.figures.scales import continuous_phase, decibel, degrees, readable_unit
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor", "shown"), [("m/N", 1000, "mm/N"), ("m", 1000, "mm"), ("rad/A", 1, "rad/A"), ("mm/N", 1, "mm/N")]
+)
+def test_lengths_are_shown_in_millimetres(unit: str, factor: float, shown: str) -> None:
+    assert readable_unit(unit) == (factor, shown)
+
+
+def test_decibel_and_degrees_of_what_is_no_number_are_gaps() -> None:
+    response = np.array([1j, 0, np.nan, 100, np.inf])
+    np.testing.assert_allclose(decibel(response), [0, np.nan, np.nan, 40, np.nan])
+    np.testing.assert_allclose(degrees(response), [90, 0, np.nan, 0, np.nan])
+
+
+def test_a_delay_is_drawn_without_jumps() -> None:
+    frequency = np.linspace(1, 200, 400)
+    true = -180 - 360 * frequency * 0.004
+    wrapped = degrees(np.exp(1j * np.radians(true)))
+    everywhere = np.ones(400, dtype=bool)
+    np.testing.assert_allclose(continuous_phase(wrapped, everywhere, true), true, atol=1e-9)
+
+
+@pytest.mark.parametrize("turns", [-2, -1, 0, 1, 2])
+@pytest.mark.parametrize("level", [0.0, 45.0, -90.0, -180.0, -260.0])
+def test_without_an_anchor_the_usual_branch_is_taken(turns: int, level: float) -> None:
+    phase = np.full(9, level + 360 * turns)
+    assert continuous_phase(phase, np.ones(9, dtype=bool)) == pytest.approx(level)
+
+
+def test_the_anchor_decides_steps_of_half_a_turn() -> None:
+    # An undamped resonance with a little delay: -185° after 0° is also +175°.
+    phase, anchor = np.array([-1.0, -2.0, 174.0, 173.0]), np.array([0.0, 0.0, -180.0, -180.0])
+    everywhere = np.ones(4, dtype=bool)
+    np.testing.assert_allclose(continuous_phase(phase, everywhere, anchor), [-1, -2, -186, -187])
+
+
+def test_a_stuck_table_lies_above_the_free_one() -> None:
+    # Friction as a spring: 0° against the free table's -180°, half a turn away over many points.
+    phase = np.concatenate([np.linspace(-2, -20, 30), np.linspace(-25, -178, 30)])
+    anchor = np.full(60, -180.0)
+    np.testing.assert_allclose(continuous_phase(phase, np.ones(60, dtype=bool), anchor), phase)
+
+
+def test_points_that_are_not_trusted_do_not_carry_the_branch_away() -> None:
+    true = np.linspace(-100, -260, 17)
+    phase, trusted = degrees(np.exp(1j * np.radians(true))), np.ones(17, dtype=bool)
+    phase[[5, 6, 7]], trusted[[5, 6, 7]] = [170.0, -10.0, np.nan], False
+    drawn = continuous_phase(phase, trusted)
+    np.testing.assert_allclose(drawn[trusted], true[trusted])
+    assert np.isnan(drawn[7])
+
+
+@given(st.lists(st.floats(-180, 180), min_size=1, max_size=30), st.floats(-400, 400))
+def test_the_branch_changes_no_phase_but_by_whole_turns(phase: list[float], anchor: float) -> None:
+    given_phase = np.array(phase)
+    everywhere = np.ones(len(phase), dtype=bool)
+    turns = (continuous_phase(given_phase, everywhere, np.full(len(phase), anchor)) - given_phase) / 360
+    np.testing.assert_allclose(turns, np.round(turns), atol=1e-9)

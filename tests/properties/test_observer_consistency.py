@@ -1,0 +1,105 @@
+"""The paper's claim as a property: with the right model the observer finds û_e and P, whatever the machine."""
+
+import numpy as np
+from fraexp_plugins.controllers.pid import Pid
+from fraexp_plugins.estimators.conventional import Conventional
+from fraexp_plugins.estimators.proposed import Proposed
+from fraexp_plugins.plants.modal import Modal
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fraexp.periodic import phasors
+from tests.machines import FRICTIONLESS, TABLE, guide, simulated
+
+FREQUENCIES = (4.0, 23.0, 61.0)
+number = st.floats
+
+machines = st.fixed_dictionaries(
+    {
+        "mass": number(1.0, 30.0),
+        "mode": number(25.0, 90.0),
+        "damping": number(0.02, 0.2),
+        "residue": number(0.05, 0.6),
+        "coulomb": number(0.5, 20.0),
+        "width": number(10e-6, 200e-6),
+        "viscous": number(0.0, 50.0),
+        "crossover": number(2.0, 8.0),
+        "dead_time": number(0.0, 1.5e-3),
+        "output_dead_time": number(0.0, 1e-3),
+        "amplitude": number(2.0, 80.0),
+    }
+)
+
+
+def built(values: dict[str, float]):
+    """Return plant, friction, controller and delays of drawn numbers."""
+    plant = Modal(
+        gain=1 / values["mass"],
+        frequencies=(values["mode"],),
+        damping_ratios=(values["damping"],),
+        residues=(values["residue"],),
+    )
+    friction = guide(values["coulomb"], values["width"], values["viscous"], elements=10)
+    omega = 2 * np.pi * values["crossover"]
+    controller = Pid(proportional=values["mass"] * omega**2 / 4, derivative_time=3 / omega, filter_time=0.2 / omega)
+    delays = {"input_dead_time": values["dead_time"], "output_dead_time": values["output_dead_time"]}
+    return plant, friction, controller, delays
+
+
+@settings(max_examples=25, deadline=None)
+@given(machines)
+def test_matched_model_recovers_plant_and_effective_input(values):
+    plant, friction, controller, delays = built(values)
+    signals = simulated(
+        friction, FREQUENCIES, values["amplitude"], plant=plant, controller=controller, steps=16, **delays
+    )
+    response = Proposed(friction=friction, **delays).estimate(signals).response
+    omega = 2 * np.pi * response.frequency
+    # the simulation's own error enters P through P·ΔN; it is small against the friction, not against a tiny û_e
+    weight = np.maximum(1.0, np.abs(plant.response(omega)) * friction.greatest_stiffness)
+    assert np.all(np.abs(response.response / plant.response(omega) - 1) < 2e-4 * weight)
+    true_input = response.output_amplitude / np.abs(plant.response(omega))
+    assert np.allclose(response.input_amplitude, true_input, rtol=2e-4 * weight.max())
+
+
+@settings(max_examples=15, deadline=None)
+@given(machines)
+def test_the_estimated_friction_is_the_delayed_true_one(values):
+    plant, friction, controller, delays = built(values)
+    signals = simulated(
+        friction, FREQUENCIES, values["amplitude"], plant=plant, controller=controller, steps=16, **delays
+    )
+    estimator = Proposed(friction=friction, **delays)
+    for segment in signals.segments:
+        omega = 2 * np.pi * segment.frequency
+        delayed = phasors(segment, "friction") * estimator.output_path(omega)
+        estimated = estimator._friction_phasors(segment)
+        scale = np.max(np.abs(phasors(segment, "u")))
+        assert np.all(np.abs(estimated - delayed) < 2e-3 * scale)  # the true force is only known at the samples
+
+
+@settings(max_examples=15, deadline=None)
+@given(machines)
+def test_without_friction_both_methods_agree(values):
+    plant, _, controller, delays = built(values)
+    amplitude = values["amplitude"]
+    signals = simulated(
+        FRICTIONLESS, FREQUENCIES, amplitude, plant=plant, controller=controller, tolerance=1e-8, **delays
+    )
+    conventional = Conventional(remove_delay=True, **delays).estimate(signals).response
+    proposed = Proposed(friction=FRICTIONLESS, **delays).estimate(signals).response
+    assert np.allclose(proposed.response, conventional.response, rtol=1e-12, atol=0)
+
+
+@settings(max_examples=10, deadline=None)
+@given(number(5.0, 100.0), number(5.0, 100.0))
+def test_the_amplitude_drops_out(first, second):
+    friction = guide()
+    found = [
+        Proposed(friction=friction, input_dead_time=1e-3)
+        .estimate(simulated(friction, FREQUENCIES, a, steps=8))
+        .response
+        for a in (first, second)
+    ]
+    assert np.max(np.abs(found[0].response / found[1].response - 1)) < 6e-4
+    assert np.max(np.abs(found[0].response / TABLE.response(2 * np.pi * found[0].frequency) - 1)) < 6e-4

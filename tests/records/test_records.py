@@ -1,0 +1,230 @@
+"""From [record] to signals: units, clock, periods, lines, steps, identity, and what is refused."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fraexp.errors import FraexpError, ParameterError, RecordError
+from fraexp.identity import key_of
+from fraexp.periodic import periodic_spectrum
+from fraexp.plugins import Registry
+from fraexp.records import RecordSettings, load, resolve
+from fraexp.records.cutting import coherent
+from fraexp.records.lines import detected_lines, detected_period
+from fraexp.signals import Signals
+
+Read = Callable[..., Signals]
+
+
+def test_units_and_scale_turn_columns_into_si(tmp_path: Path, signals_of: Read, bench: Any) -> None:
+    rows = bench.rows(4)
+    bench.write(tmp_path / "bench.csv", rows)
+    signals = signals_of()
+    assert signals.units == {"u": "A", "y": "m"}
+    (segment,) = signals.segments
+    assert segment.channels["y"].shape == (4, bench.period)
+    np.testing.assert_allclose(segment.channels["y"].ravel(), -1e-3 * rows[:, 2], rtol=1e-15)
+    assert segment.sample_time == 1 / bench.rate
+    assert segment.settling is None
+
+
+def test_the_studys_unit_wins_over_the_files(tmp_path: Path, signals_of: Read, bench: Any) -> None:
+    rows = bench.rows(3)
+    bench.write(tmp_path / "bench.csv", rows)
+    signals = signals_of(channels={"u": "iq", "y": "Position [um]"})
+    np.testing.assert_allclose(signals.segments[0].channels["y"].ravel(), 1e-6 * rows[:, 2], rtol=1e-15)
+
+
+def test_excited_lines_are_found_and_can_be_stated(tmp_path: Path, signals_of: Read, bench: Any) -> None:
+    bench.write(tmp_path / "bench.csv", bench.rows(4))
+    assert tuple(signals_of().segments[0].lines) == bench.lines
+    assert tuple(signals_of(lowest=10, highest=200, every=2).segments[0].lines) == bench.lines
+    assert signals_of(lowest=50).segments[0].frequency[0] == 50
+    assert tuple(signals_of(lines=[2, 6]).segments[0].lines) == (2, 6)
+
+
+def test_distortion_is_not_taken_for_excitation() -> None:
+    rng = np.random.default_rng(2)
+    time = np.arange(8 * 100)
+    excited = np.cos(2 * np.pi * 3 * time / 100) + 0.5 * np.cos(2 * np.pi * 7 * time / 100)
+    distorted = excited + 0.1 * np.cos(2 * np.pi * 9 * time / 100) + 1e-3 * rng.normal(size=time.size)
+    assert detected_lines(distorted.reshape(8, 100)) == [3, 7]
+
+
+def test_skipped_periods_and_time_are_left_out(tmp_path: Path, signals_of: Read, bench: Any) -> None:
+    rows = bench.rows(5)
+    bench.write(tmp_path / "bench.csv", rows)
+    segment = signals_of(skip=1, skip_time=0.01).segments[0]
+    assert segment.channels["u"].shape == (3, bench.period)
+    assert segment.channels["u"][0, 0] == rows[bench.period + 10, 1]
+
+
+def test_a_period_between_samples_takes_several_periods(tmp_path: Path, signals_of: Read, bench: Any) -> None:
+    time = np.arange(1000) / bench.rate
+    wave = np.sin(2 * np.pi * 80 * time / 3)
+    bench.write(tmp_path / "bench.csv", np.column_stack([time, wave, np.roll(wave, 2)]))
+    segment = signals_of(period=None, period_time=0.0375).segments[0]  # 37.5 samples
+    assert segment.channels["u"].shape == (13, 75)
+    assert segment.lines.tolist() == [2]
+    assert segment.frequency[0] == pytest.approx(80 / 3, rel=1e-12)
+    assert coherent(37.5, 1000, 1e-3) == (75, 2)
+    assert coherent(51.5463918, 10_000, 1e-6) == (5000, 97)
+    assert coherent(np.pi * 10, 300, 1e-6) is None
+
+
+@pytest.mark.parametrize("as_column", [False, True])
+def test_a_stepped_sine_is_cut_into_its_frequencies(
+    tmp_path: Path, signals_of: Read, as_column: bool, bench: Any
+) -> None:
+    steps = [(0.0, 1.0, 10.0), (1.2, 2.0, 38.8), (2.0, 3.5, 80.0)]
+    time = np.arange(3500) / bench.rate
+    frequency, u, y = np.zeros((3, 3500))
+    for start, stop, value in steps:
+        inside = (time >= start - 1e-9) & (time < stop - 1e-9)
+        frequency[inside] = value
+        u[inside] = np.sin(2 * np.pi * value * time[inside])
+        y[inside] = 2 * np.sin(2 * np.pi * value * time[inside] - 0.5)
+    bench.write(tmp_path / "bench.csv", np.column_stack([time, u, y, frequency]), "Time,iq [A],Position [mm],f [Hz]")
+    listed = [{"start": start, "stop": stop, "frequency": value} for start, stop, value in steps]
+    way = {"frequency": "f"} if as_column else {"steps": listed}
+    signals = signals_of(period=None, skip=1, coherence=0.01, **way)
+    assert [float(segment.frequency[0]) for segment in signals.segments] == pytest.approx([10.0, 38.8, 80.0], rel=1e-9)
+    for segment in signals.segments:
+        spectrum = periodic_spectrum(segment, "u", "y")
+        exact = segment.frequency[0] != pytest.approx(38.8)  # that one slips by 1 % of a period per block, and leaks so
+        np.testing.assert_allclose(
+            spectrum.output / spectrum.input, -2e-3 * np.exp(-0.5j), rtol=1e-12 if exact else 0.01
+        )
+
+
+def test_the_same_signals_have_one_key_however_they_are_described(
+    tmp_path: Path, registry: Registry, bench: Any
+) -> None:
+    bench.write(tmp_path / "bench.csv", bench.rows(4))
+    described = [
+        bench.settings,
+        {**bench.settings, "period": None, "period_time": "200 ms"},
+        {
+            **bench.settings,
+            "channels": {"y": {"column": "Position", "unit": "mm", "scale": -1}, "u": "iq [A]"},
+            "input": "u",
+        },
+        {**bench.settings, "lowest": 10, "highest": "0.2 kHz", "every": 2, "sample_rate": 1000},
+    ]
+    keys = {key_of(resolve(RecordSettings.parse(one, "record"), tmp_path, registry)[0]) for one in described}
+    assert len(keys) == 1
+    other = RecordSettings.parse({**bench.settings, "skip": 1}, "record")
+    assert key_of(resolve(other, tmp_path, registry)[0]) not in keys
+
+
+def test_the_experiment_names_the_content_and_not_the_path(tmp_path: Path, registry: Registry, bench: Any) -> None:
+    bench.write(tmp_path / "bench.csv", bench.rows(4))
+    experiment, files = resolve(RecordSettings.parse(bench.settings, "record"), tmp_path, registry)
+    assert str(tmp_path) not in str(experiment)
+    moved = tmp_path / "moved.txt"
+    Path(files["record"]).rename(moved)
+    assert load(experiment, {"record": str(moved)}, registry).units == {"u": "A", "y": "m"}
+    with moved.open("a") as stream:
+        stream.write("9,9,9\n")
+    with pytest.raises(RecordError, match=r"moved\.txt: the file has changed since the study was read"):
+        load(experiment, {"record": str(moved)}, registry)
+
+
+def test_settings_survive_the_way_through_plain_data(bench: Any) -> None:
+    settings = RecordSettings.parse(
+        {**bench.settings, "steps": [{"start": 0, "stop": 1, "frequency": "0.1 kHz"}], "period": None}, "record"
+    )
+    assert settings.steps[0].frequency == 100
+    plain = {key: value for key, value in settings.plain().items() if value is not None}
+    assert RecordSettings.parse(plain, "record") == settings
+
+
+def test_the_period_of_a_record_is_found(bench: Any) -> None:
+    assert (
+        detected_period(bench.rows(4)[:, 1] + 1.0) == bench.period // 2
+    )  # only even lines: it repeats after half of it
+    assert detected_period(np.random.default_rng(1).normal(size=2000)) is None
+
+
+REFUSED = {
+    "misspelt": ({"sample_rat": 5}, r"record has no parameter 'sample_rat'; did you mean 'sample_rate'\?"),
+    "misspelt in a channel": ({"channels": {"u": {"column": "iq", "unt": "A"}}}, r"channels\.u has no parameter 'unt'"),
+    "no channels": ({"channels": {}}, r"channels is no table of channels"),
+    "channel of numbers": ({"channels": {"u": 3}}, r"channels\.u is 3; expected the name of a column"),
+    "no file": ({"file": "bensh.csv"}, r"no such file; did you mean 'bench\.csv'\?"),
+    "no folder": ({"file": "there/bench.csv"}, r"no folder '.*there'"),
+    "no reader of that suffix": ({"file": "bench.xyz"}, r"no reader reads '\.xyz'; give reader = one of csv, mat"),
+    "no such reader": ({"reader": "cvs"}, r"no reader is called 'cvs'; did you mean 'csv'\?"),
+    "no column": (
+        {"channels": {"u": "iqq"}},
+        r"no column is called 'iqq'; it has Time, iq, Position; did you mean 'iq'",
+    ),
+    "no unit": ({"file": "bare.csv", "channels": {"u": "iq"}}, r"channel 'u' has no unit; give unit"),
+    "unknown unit": ({"channels": {"u": "iq [qq]"}}, r"channel 'u': 'qq' is no known unit"),
+    "nonsense as unit": ({"channels": {"u": "iq [m/(]"}}, r"channel 'u': 'm/\(' is no"),
+    "scale 0": ({"channels": {"u": {"column": "iq", "scale": 0}}}, r"scale is 0"),
+    "no clock": ({"time": None}, r"sample rate is unknown; give sample_rate"),
+    "wrong rate": ({"sample_rate": 500}, r"sample_rate is 500 Hz, but the time in the file says 1000 Hz"),
+    "time in metres": ({"time": "Time [m]"}, r"the time is in 'm'; expected a unit such as s"),
+    "no period": ({"period": None}, r"give period .*it seems to repeat every 100 samples \(0\.1 s\)"),
+    "two periods": ({"period_time": 0.2}, r"period and period_time are both given"),
+    "wrong period": ({"period": 130}, r"'u' does not repeat after 130 samples .*repeat every 100 samples"),
+    "too short": ({"skip": 3}, r"200 samples are left, 1\.00 periods; expected at least 2 periods"),
+    "too high": ({"lowest": 10, "highest": 600}, r"excited harmonics are 2 to 120; expected some from 1 to 99"),
+    "no lines": ({"lowest": 300}, r"excited harmonics are none"),
+    "no such input": ({"input": "v"}, r"input is 'v', which is no channel"),
+    "constant": ({"file": "still.csv"}, r"channel 'y' \(column 'Position'\) is constant, 3"),
+    "jitter": (
+        {"file": "jitter.csv"},
+        r"steps by 0\.0012 s after sample 100 \(0\.099 s\), and 1 more; expected 0\.001 s",
+    ),
+    "gap": ({"file": "gap.csv"}, r"has a gap of 0\.05 s after sample 300"),
+    "backwards": ({"file": "backwards.csv"}, r"does not increase after sample 500"),
+    "step beyond the end": (
+        {"period": None, "steps": [{"start": 0, "stop": 9, "frequency": 10}]},
+        r"step 1 \(10 Hz\): it lasts from 0 to 9 s; expected to lie within 0\.8 s",
+    ),
+    "step too fast": (
+        {"period": None, "steps": [{"start": 0, "stop": 0.5, "frequency": 500}]},
+        r"step 1 \(500 Hz\): expected less than half the sample rate",
+    ),
+    "step of another frequency": (
+        {"period": None, "steps": [{"start": 0, "stop": 0.8, "frequency": 15}]},
+        r"'u' is strongest at .* where 15 Hz is stated, and so in 1 of 1 steps",
+    ),
+    "incoherent step": (
+        {"period": None, "coherence": 1e-9, "steps": [{"start": 0, "stop": 0.8, "frequency": 31.4159265}]},
+        r"no whole number of periods of 31\.831 samples .*raise coherence, or record for longer",
+    ),
+    "step without frequency": (
+        {"period": None, "steps": [{"start": 0, "stop": 0.8}]},
+        r"steps\.1 lacks 'frequency'",
+    ),
+}
+
+
+@pytest.fixture
+def records(tmp_path: Path, bench: Any) -> None:
+    rows = bench.rows(4)
+    bench.write(tmp_path / "bench.csv", rows)
+    bench.write(tmp_path / "bench.xyz", rows)
+    bench.write(tmp_path / "bare.csv", rows, "Time,iq,Position")
+    changed = {name: rows.copy() for name in ("still", "jitter", "gap", "backwards")}
+    changed["still"][:, 2] = 3
+    changed["jitter"][100, 0] += 0.0002
+    changed["gap"][300:, 0] += 0.049
+    changed["backwards"][500:, 0] -= 0.1
+    for name, table in changed.items():
+        bench.write(tmp_path / f"{name}.csv", table)
+
+
+@pytest.mark.usefixtures("records")
+@pytest.mark.parametrize(("changes", "sentence"), REFUSED.values(), ids=REFUSED)
+def test_what_does_not_fit_is_refused_in_one_line(signals_of: Read, changes: dict[str, object], sentence: str) -> None:
+    with pytest.raises(FraexpError, match=sentence) as caught:
+        signals_of(**changes)
+    assert isinstance(caught.value, RecordError | ParameterError | FraexpError)
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,55 @@
+"""Makes schema-0001.db, a database as the first schema wrote it. Run with the code of that time."""
+
+import sqlite3
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+
+from fraexp.results import Curve, FrequencyResponse, Metric, Outcome, Result
+from fraexp.store import Store, Supplied
+from fraexp.sweep import Sweep
+
+FILE = Path(__file__).with_name("schema-0001.db")
+
+
+def main() -> None:
+    """Write the file anew."""
+    FILE.unlink(missing_ok=True)
+    experiment = {"source": "loop", "friction": {"name": "rolling", "version": 1, "coulomb": 8.0}}
+    grid = [Sweep(experiment, {"name": name, "version": 1}, {"estimator.name": name}) for name in ("a", "b")]
+    with Store.open(str(FILE), create=True) as store:
+        run = store.begin_run("friction", "studies/friction.toml", "fraexp run", {"fraexp": "0.1.0"}, grid)
+        store.save(run, [(grid[0], result(), {"friction:rolling": Supplied("0123abcd", "fraexp 0.1.0")})])
+        store.fail(run, grid[1].key, "killed its worker twice", "no log")
+        store.end_run(run, "complete")
+    with closing(sqlite3.connect(FILE, isolation_level=None)) as connection:
+        connection.execute("UPDATE run SET host = 'example', boot = '', pid = 1, process_start = NULL")
+        for statement in ("journal_mode = DELETE", "page_size = 512"):
+            connection.execute(f"PRAGMA {statement}")
+        connection.execute("VACUUM")
+        connection.execute("PRAGMA journal_mode = WAL")
+
+
+def result() -> Result:
+    """Return a result that uses every table."""
+    response = FrequencyResponse(
+        frequency=np.array([1.0, 10.0]),
+        response=np.array([0.1, 0.001 - 0.002j]),
+        covariance=np.full((2, 2, 2), np.nan),
+        unit="m/N",
+        input="u",
+        output="y",
+        input_amplitude=np.array([12.0, 12.0]),
+        output_amplitude=np.array([1.2, 0.03]),
+        settled=np.array([True, False]),
+        settling_time=np.array([2.0, 60.0]),
+        residual=np.array([1e-7, 1e-2]),
+        harmonics=np.zeros((2, 6), dtype=complex),
+    )
+    curve = Curve("hysteresis", {"displacement": np.zeros(2), "force": np.ones(2)}, {"displacement": "m", "force": "N"})
+    return Result(Outcome.OK, "", response, (Metric("stroke", 0.01, "m"),), (curve,), elapsed=0.25)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,107 @@
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fraexp.results import Curve, FrequencyResponse, Metric, Outcome, Result
+from fraexp.store import Store, Supplied
+from fraexp.sweep import Sweep
+
+ROOT = Path(__file__).parents[2]
+ORIGIN = {
+    "friction:rolling": Supplied("hash-of-rolling", "fraexp 0.1.0"),
+    "estimator:proposed": Supplied("hash-of-proposed", "workspace"),
+}
+
+
+def _sweep(number: int = 0, **labels: Any) -> Sweep:
+    experiment = {
+        "source": "loop",
+        "plant": {"name": "modal", "version": 1},
+        "friction": {"name": "rolling", "version": 2},
+    }
+    return Sweep({**experiment, "excitation": {"name": "stepped sine", "number": number}}, _estimator(), labels)
+
+
+def _estimator() -> dict[str, Any]:
+    return {"name": "proposed", "version": 3, "model": {"name": "rolling", "version": 2}}
+
+
+def _response(points: int = 3) -> FrequencyResponse:
+    frequency = np.linspace(1.0, 200.0, points)
+    return FrequencyResponse(
+        frequency=frequency,
+        response=np.exp(-1j * frequency) / frequency,
+        covariance=np.full((points, 2, 2), np.nan),
+        unit="m/N",
+        input="u_e",
+        output="y",
+        input_amplitude=12 / frequency,
+        output_amplitude=np.ones(points),
+        settled=frequency > 2,
+        settling_time=np.full(points, 0.25),
+        residual=np.full(points, 1e-7),
+        harmonics=np.full((points, 6), 1e-3 + 2e-3j),
+    )
+
+
+def _result(value: float = 1.5) -> Result:
+    curve = Curve("loop", {"y": np.arange(4.0), "f": np.ones(4)}, {"y": "m", "f": "N"})
+    return Result(Outcome.OK, "all well", _response(), (Metric("overshoot", value, "1"),), (curve,), elapsed=0.5)
+
+
+@pytest.fixture
+def sweep() -> Callable[..., Sweep]:
+    return _sweep
+
+
+@pytest.fixture
+def result() -> Callable[..., Result]:
+    return _result
+
+
+@pytest.fixture
+def origin() -> dict[str, Supplied]:
+    return ORIGIN
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "results.db"
+
+
+@pytest.fixture
+def store(path: Path) -> Iterator[Store]:
+    with Store.open(f"sqlite:///{path}", create=True, timeout=0.2) as opened:
+        yield opened
+
+
+@pytest.fixture
+def begin(store: Store) -> Callable[[list[Sweep]], int]:
+    return lambda sweeps: store.begin_run("friction", "studies/friction.toml", "fraexp run", {"git": None}, sweeps)
+
+
+@pytest.fixture
+def program() -> Callable[..., Any]:
+    """Run Python code in another process until it says "ready", and hand the process over."""
+
+    @contextmanager
+    def started(code: str, *arguments: Any) -> Iterator[subprocess.Popen[str]]:
+        command = [sys.executable, "-c", code, *map(str, arguments)]
+        environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+        with subprocess.Popen(command, env=environment, **pipes) as process:
+            try:
+                assert process.stdout is not None
+                assert process.stdout.readline() == "ready\n"
+                yield process
+            finally:
+                process.kill()
+
+    return started

@@ -1,0 +1,169 @@
+import os
+import signal
+import sqlite3
+import time
+from contextlib import closing
+from datetime import UTC, datetime, timedelta
+
+import pytest
+
+from fraexp.errors import StoreError
+from fraexp.results import Outcome, Result
+from fraexp.store import Store
+
+DIES = """
+import sys
+from fraexp.store import Store
+store = Store.open(sys.argv[1])
+store.begin_run("s", "f", "c", {}, [])
+print("ready", flush=True)
+sys.stdin.read()
+"""
+
+
+def alter(path, statement, *values):
+    with closing(sqlite3.connect(path)) as connection, connection:
+        connection.execute(statement, values)
+
+
+def test_a_run_counts_what_became_of_its_sweeps(store, begin, sweep, result):
+    grid = [sweep(number) for number in range(5)]
+    run = begin(grid)
+    store.reuse(run, [grid[0].key, grid[1].key])
+    store.save(run, [(grid[2], result(), {})])
+    store.fail(run, grid[3].key, "killed its worker twice", "Traceback ...")
+    summary = store.run(run)
+    assert (summary.total, summary.computed, summary.reused, summary.failed) == (5, 1, 2, 1)
+    assert (summary.state, summary.ended, summary.provenance) == ("running", None, {"git": None})
+    assert (summary.study, summary.study_file, summary.command) == ("friction", "studies/friction.toml", "fraexp run")
+    assert [item.state for item in store.sweeps(run)] == ["reused", "reused", "computed", "failed", "pending"]
+
+
+def test_a_failed_attempt_keeps_the_older_result(store, begin, sweep, result):
+    store.save(begin([sweep()]), [(sweep(), result(), {})])
+    later = begin([sweep()])
+    store.fail(later, sweep().key, "out of memory", "the log")
+    failed = store.sweeps(later)[0]
+    assert (failed.state, failed.message, failed.outcome) == ("failed", "out of memory", Outcome.OK)
+    assert store.log(later, sweep().key) == "the log"
+    assert store.result(sweep().key).message == "all well"
+    store.save(later, [(sweep(), result(), {})])
+    assert (store.sweeps(later)[0].state, store.sweeps(later)[0].message) == ("computed", "all well")
+
+
+def test_a_new_result_replaces_the_older_one_entirely(store, begin, sweep, result, origin):
+    run = begin([sweep()])
+    store.save(run, [(sweep(), result(), origin)])
+    store.save(run, [(sweep(), Result(Outcome.NOT_SETTLED, "after 60 s"), {})])
+    found = store.result(sweep().key)
+    assert (found.outcome, found.message) == (Outcome.NOT_SETTLED, "after 60 s")
+    assert (found.response, found.metrics, found.curves) == (None, (), ())
+    assert store.find(sweep().key).sources == {}
+
+
+def test_runs_are_listed_newest_first_and_numbers_are_never_given_twice(store, begin, sweep, path):
+    begin([sweep()])
+    newest = begin([])
+    assert [item.number for item in store.runs()] == [2, 1]
+    alter(path, "DELETE FROM run WHERE number = ?", newest)
+    assert begin([]) == 3
+
+
+def test_an_ended_run_says_how_and_when(store, begin):
+    run = begin([])
+    store.end_run(run, "partial")
+    summary = store.run(run)
+    assert summary.state == "partial"
+    assert summary.ended is not None
+    assert summary.started <= summary.ended <= datetime.now(UTC)
+    with pytest.raises(StoreError, match="cannot end as 'done'; expected one of complete, partial, interrupted"):
+        store.end_run(run, "done")
+
+
+def test_a_point_that_stands_twice_in_a_grid_is_stored_once(store, begin, sweep, result):
+    run = begin([sweep(0, a=1), sweep(0, a=2)])
+    store.save(run, [(sweep(0), result(), {})])
+    assert [(item.labels, item.state) for item in store.sweeps(run)] == [
+        ({"a": 1}, "computed"),
+        ({"a": 2}, "computed"),
+    ]
+
+
+def test_a_run_whose_process_died_shows_as_interrupted(store, path, program):
+    with program(DIES, path) as process:
+        assert store.run(1).state == "running"
+        process.kill()
+        process.wait()
+        assert store.run(1).state == "interrupted"
+    with Store.open(str(path), read_only=True) as watcher:
+        assert [item.state for item in watcher.runs()] == ["interrupted"]
+
+
+def test_a_killed_process_that_nobody_waited_for_counts_as_dead(store, path, program):
+    with program(DIES, path) as process:
+        os.kill(process.pid, signal.SIGKILL)  # a zombie until it is waited for
+        deadline = time.monotonic() + 5
+        while store.run(1).state == "running" and time.monotonic() < deadline:
+            time.sleep(0.01)
+        assert store.run(1).state == "interrupted"
+
+
+@pytest.mark.parametrize("column, value", [("process_start", 1), ("boot", "another"), ("pid", 2**22 + 1)])
+def test_another_process_with_the_same_number_is_not_mistaken_for_the_run(store, begin, path, column, value):
+    run = begin([])
+    assert store.run(run).state == "running"
+    alter(path, f"UPDATE run SET {column} = ?", value)
+    assert store.run(run).state == "interrupted"
+
+
+def test_a_run_on_another_host_lives_by_its_heartbeat(store, begin, path):
+    run = begin([])
+    alter(path, "UPDATE run SET host = 'elsewhere', pid = 1, boot = 'another'")
+    assert store.run(run).state == "running"
+    alter(path, "UPDATE run SET heartbeat = ?", str(datetime.now(UTC).replace(tzinfo=None) - timedelta(minutes=5)))
+    assert store.run(run).state == "interrupted"
+    store.beat(run)
+    assert store.run(run).state == "running"
+
+
+def test_a_run_that_does_not_exist_is_named_with_the_newest(store, begin):
+    with pytest.raises(StoreError, match="there is no run 1; there is none yet"):
+        store.run(1)
+    begin([])
+    for number in (2, 0, -1, 10**30):
+        with pytest.raises(StoreError, match=f"there is no run {number}; the newest is run 1"):
+            store.sweeps(number)
+
+
+def test_a_sweep_is_found_by_the_beginning_of_its_key(store, begin, sweep, result):
+    grid = [sweep(number, step=number) for number in range(30)]
+    run = begin(grid)
+    wanted = grid[7]
+    store.save(run, [(wanted, result(), {})])
+    assert store.find(wanted.key) == store.find(wanted.key[:16]) == store.find(wanted.key[4:16].upper())
+    assert (store.find(wanted.key).labels, store.find(wanted.key).state) == ({"step": 7}, "computed")
+
+
+def test_a_prefix_of_several_keys_or_of_none_is_refused(store, begin, sweep):
+    grid = [sweep(number) for number in range(30)]
+    keys = [item.key for item in grid]
+    begin(grid)
+    shared = next(key[4] for key in keys if sum(other[4] == key[4] for other in keys) > 1)
+    with pytest.raises(StoreError, match=f"keys start with '{shared}': fx1-{shared}.*; give more characters"):
+        store.find(shared)
+    for prefix in ("nothing", "%", "_", "fx1-f" * 9):
+        with pytest.raises(StoreError, match="no sweep's key starts with"):
+            store.find(prefix)
+
+
+def test_a_result_that_does_not_exist_is_refused(store, begin, sweep):
+    begin([sweep()])
+    with pytest.raises(StoreError, match=f"there is no result of sweep {sweep().key}; run its study"):
+        store.result(sweep().key)
+    assert store.results([sweep().key]) == {}
+
+
+def test_a_result_for_a_run_that_does_not_exist_is_stored_for_nobody(store, sweep, result):
+    with pytest.raises(StoreError, match="there is no run 9"):
+        store.save(9, [(sweep(), result(), {})])
+    assert store.known([sweep().key]) == {}

@@ -1,0 +1,172 @@
+"""The shape of the code, checked as code: import directions, what is loaded when, documentation, units, sources."""
+
+import ast
+import importlib
+import inspect
+import json
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import Any, get_args
+
+import pytest
+from importlinter.api import read_configuration
+from pydantic.fields import FieldInfo
+
+from fraexp import units
+from fraexp.components import Component, Parameters, RecordReader, nested_kind, unit_of
+from fraexp.plugins import Registry, Supply
+
+ROOT = Path(__file__).parents[1]
+SOURCES = sorted([*(ROOT / "fraexp").rglob("*.py"), *(ROOT / "plugins").rglob("*.py")])
+LONGEST_FILE = 400
+SOURCE = re.compile(
+    r"10\.\d{4,9}/\S"  # a DOI
+    r"|\beqs?\.? ?\(?\d"  # an equation
+    r"|\bpaper(,|'s) (eqs?|Fig|Table|section)\b"
+    r"|\b(1[89]|20)\d\d\b"  # a name in the literature with its year
+)
+OFFENCES = {
+    "fraexp/errors.py": "import fraexp.workspace",
+    "fraexp/kernels/law.py": "import fraexp.errors",
+    "fraexp/scheduler.py": "import sqlalchemy, matplotlib, numba, textual, fraexp_plugins",
+    "plugins/fraexp_plugins/plants/modal.py": "import fraexp.sweep",
+    "fraexp/misplaced.py": '"""A module that has no layer."""',
+}
+
+
+def lint_imports(checkout: Path) -> subprocess.CompletedProcess[str]:
+    command = [Path(sys.executable).with_name("lint-imports"), "--no-logo", "--no-cache"]
+    paths = f"{checkout}:{checkout / 'plugins'}"
+    return subprocess.run(
+        command, cwd=checkout, env={"PYTHONPATH": paths}, capture_output=True, text=True, check=False, timeout=60
+    )
+
+
+def loaded_by(code: str) -> set[str]:
+    """Return the top-level packages that a fresh interpreter has imported after running `code`."""
+    report = f"{code}\nimport sys, json; print(json.dumps(sorted({{name.partition('.')[0] for name in sys.modules}})))"
+    done = subprocess.run([sys.executable, "-c", report], capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode == 0, done.stderr
+    return set(json.loads(done.stdout.splitlines()[-1]))
+
+
+def relative(paths: list[Path]) -> list[str]:
+    return [str(path.relative_to(ROOT)) for path in paths]
+
+
+def test_import_contracts_hold() -> None:
+    done = lint_imports(ROOT)
+    assert done.returncode == 0, done.stdout
+
+
+def test_every_import_contract_can_be_broken(tmp_path: Path) -> None:
+    for name in ("fraexp", "plugins"):
+        shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(ROOT / "pyproject.toml", tmp_path)
+    for file, line in OFFENCES.items():
+        with (tmp_path / file).open("a") as stream:
+            stream.write(f"\n{line}\n")
+
+    report = lint_imports(tmp_path).stdout
+
+    names = [contract["name"] for contract in read_configuration(str(ROOT / "pyproject.toml"))["contracts_options"]]
+    assert names
+    assert [name for name in names if f"{name} BROKEN" not in report] == []
+    assert "fraexp.misplaced" in report  # a module without a layer is noticed
+
+
+def test_finding_components_loads_no_heavy_package() -> None:
+    loaded = loaded_by("import fraexp.plugins; assert fraexp.plugins.discover().supplies")
+    assert "fraexp_plugins" in loaded
+    assert loaded & {"numba", "llvmlite", "matplotlib", "sqlalchemy", "textual"} == set()
+
+
+def test_the_command_line_loads_nothing_heavy_before_it_is_needed() -> None:
+    loaded = loaded_by("import fraexp.cli.main")
+    assert loaded & {"numba", "numpy", "scipy", "pydantic", "sqlalchemy", "matplotlib", "textual"} == set()
+
+
+def test_no_file_is_too_long() -> None:
+    files = [*SOURCES, *(ROOT / "tests").rglob("*.py"), *(ROOT / "benchmarks").rglob("*.py")]
+    assert relative([file for file in files if len(file.read_text("utf-8").splitlines()) > LONGEST_FILE]) == []
+
+
+def test_every_module_says_what_it_is() -> None:
+    assert relative([file for file in SOURCES if not ast.get_docstring(ast.parse(file.read_text("utf-8")))]) == []
+
+
+def modules() -> Iterator[ModuleType]:
+    for file in SOURCES:
+        parts = file.relative_to(ROOT).with_suffix("").parts
+        dotted = parts[parts[0] == "plugins" :]
+        if dotted[-1] != "__main__" and "migrations" not in dotted:  # those two act when imported
+            yield importlib.import_module(".".join(part for part in dotted if part != "__init__"))
+
+
+def test_every_public_method_is_documented_by_its_class_or_by_the_contract() -> None:
+    missing = []
+    for module in modules():
+        for owner in vars(module).values():
+            if inspect.isclass(owner) and owner.__module__ == module.__name__ and not owner.__name__.startswith("_"):
+                for name, member in vars(owner).items():
+                    method = isinstance(member, staticmethod | classmethod | property) or inspect.isfunction(member)
+                    if method and not name.startswith("_") and not inspect.getdoc(getattr(owner, name)):
+                        missing.append(f"{module.__name__}.{owner.__name__}.{name}")
+    assert missing == []
+
+
+@pytest.fixture(scope="module")
+def built_in(registry: Registry) -> list[Supply]:
+    supplies = [supply for supply in registry.supplies.values() if supply.component.__module__.startswith("fraexp_p")]
+    assert supplies
+    return supplies
+
+
+def test_every_built_in_component_is_found(registry: Registry, built_in: list[Supply]) -> None:
+    written = {
+        (str(file), node.name)
+        for file in SOURCES
+        if file.is_relative_to(ROOT / "plugins")
+        for node in ast.walk(ast.parse(file.read_text("utf-8")))
+        if isinstance(node, ast.ClassDef) and any(keyword.arg == "name" for keyword in node.keywords)
+    }
+    assert registry.failures == []
+    assert {(str(supply.file), supply.component.__name__) for supply in built_in} == written
+
+
+def fields(owner: type[Parameters], path: str) -> Iterator[tuple[str, FieldInfo]]:
+    """Yield all parameters with their place, those of nested groups included."""
+    for name, info in owner.model_fields.items():
+        yield f"{path}.{name}", info
+        for part in flat(info.annotation):
+            if inspect.isclass(part) and issubclass(part, Parameters) and not issubclass(part, Component):
+                yield from fields(part, f"{path}.{name}")
+
+
+def flat(annotation: Any) -> list[Any]:
+    return [annotation, *(inner for part in get_args(annotation) for inner in flat(part))]
+
+
+def test_every_parameter_has_a_meaning_and_every_number_a_known_unit(built_in: list[Supply]) -> None:
+    parameters = [pair for supply in built_in for pair in fields(supply.component, supply.component.name)]
+    assert parameters
+    assert [place for place, info in parameters if not info.description] == []
+    numbers = [(place, info) for place, info in parameters if {float, int} & set(flat(info.annotation))]
+    assert [place for place, info in numbers if nested_kind(info) is None and not unit_of(info)] == []
+    for _, info in numbers:
+        units.si(unit_of(info))  # raises for a unit that nobody knows
+
+
+def test_every_component_names_its_source(built_in: list[Supply]) -> None:
+    silent = []
+    for component in (supply.component for supply in built_in):
+        texts = (component.__doc__, inspect.getmodule(component).__doc__)
+        if not issubclass(component, RecordReader) and not any(SOURCE.search(text or "") for text in texts):
+            silent.append(f"{component.kind} {component.name}")  # a reader follows a file format, not the literature
+        assert component.__doc__, component
+    assert silent == [], "a DOI, an equation number, a place in the paper, or a name and year"

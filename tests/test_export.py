@@ -1,0 +1,195 @@
+"""Every format gives back the numbers that went in, as precisely as it can hold them."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import pyuff
+from scipy.io import loadmat
+
+from fraexp.errors import FraexpError
+from fraexp.export import WRITERS, export
+from fraexp.results import Curve, FrequencyResponse, Metric, Outcome, Result
+
+HEADER = {"study": "studies/a b.toml", "key": "fx1-00", "experiment": {"A": [12, 75], "plant": {"name": "modal"}}}
+COUNT = 40
+
+
+@pytest.fixture
+def response() -> FrequencyResponse:
+    rng = np.random.default_rng(5)
+    halves = np.exp(rng.normal(size=COUNT))
+    complex_noise = rng.normal(size=(2, COUNT)) * 1e-7
+    return FrequencyResponse(
+        frequency=np.geomspace(1, 200, COUNT) + 1e-9 / 3,
+        response=complex_noise[0] + 1j * complex_noise[1],
+        covariance=halves[:, None, None] * np.array([[1.0, 0.1], [0.1, 2.0]]) * 1e-16,
+        unit="m/N",
+        input="u",
+        output="y",
+        input_amplitude=np.full(COUNT, 12.0),
+        output_amplitude=rng.uniform(size=COUNT),
+        settled=np.arange(COUNT) % 3 > 0,
+        settling_time=np.where(np.arange(COUNT) % 3 > 0, 0.1, np.nan),
+        residual=np.full(COUNT, 1e-7),
+        harmonics=rng.normal(size=(COUNT, 6)) + 1j * rng.normal(size=(COUNT, 6)),
+    )
+
+
+@pytest.fixture
+def result(response: FrequencyResponse) -> Result:
+    loop = Curve(
+        "loop 1/a", {"y": np.array([0.0, 1e-5, 0.0]), "f,1": np.array([1.0, -1.0, 1.0])}, {"y": "m", "f,1": "N"}
+    )
+    metric = Metric("settling time", 0.25, "s")
+    return Result(Outcome.NOT_SETTLED, "13 had not\nsettled", response, (metric,), (loop,))
+
+
+def test_csv_holds_every_number_exactly(tmp_path: Path, result: Result, response: FrequencyResponse) -> None:
+    path = tmp_path / "a.csv"
+    export(result, HEADER, path)
+    text = path.read_text("utf-8")
+    assert "# study: studies/a b.toml\n# key: fx1-00\n" in text
+    assert "# message: 13 had not settled\n" in text
+    assert "# metric settling time: 0.25 s\n" in text
+    assert "# response: y/u [m/N]\n" in text
+    table = np.genfromtxt([line for line in text.splitlines() if not line.startswith("#")], delimiter=",", names=True)
+    np.testing.assert_array_equal(table["frequency_Hz"], response.frequency)
+    np.testing.assert_array_equal(table["real"] + 1j * table["imag"], response.response)
+    np.testing.assert_array_equal(table["std"], response.standard_deviation)
+    np.testing.assert_array_equal(table["cov_ii"], response.covariance[:, 1, 1])
+    np.testing.assert_array_equal(table["settled"], response.settled)
+    np.testing.assert_array_equal(table["settling_time_s"], response.settling_time)
+    np.testing.assert_array_equal(table["thd"], response.distortion)
+    np.testing.assert_allclose(10 ** (table["magnitude_dB"] / 20), np.abs(response.response), rtol=1e-13)
+
+
+def test_json_holds_everything_without_nan(tmp_path: Path, result: Result, response: FrequencyResponse) -> None:
+    export(result, HEADER, tmp_path / "a.json")
+
+    def refuse(name: str) -> float:
+        raise AssertionError(f"{name} is not JSON")
+
+    content = json.loads((tmp_path / "a.json").read_text("utf-8"), parse_constant=refuse)
+    assert content["header"] == HEADER
+    assert content["outcome"] == "NOT_SETTLED"
+    pairs = np.array(content["response"]["response"])
+    np.testing.assert_array_equal(pairs[:, 0] + 1j * pairs[:, 1], response.response)
+    assert np.array(content["response"]["harmonics"]).shape == (COUNT, 6, 2)
+    assert content["response"]["settling_time"][:2] == [None, 0.1]
+    assert content["response"]["settled"][:2] == [False, True]
+    assert content["units"]["response"] == "m/N"
+    assert content["metrics"] == {"settling time": {"value": 0.25, "unit": "s"}}
+    assert content["curves"]["loop 1/a"]["columns"]["f,1"] == [1.0, -1.0, 1.0]
+
+
+def test_matlab_gets_structs_of_arrays(tmp_path: Path, result: Result, response: FrequencyResponse) -> None:
+    export(result, HEADER, tmp_path / "a.mat")
+    content = loadmat(tmp_path / "a.mat", simplify_cells=True)["fraexp"]
+    assert json.loads(content["header"]) == HEADER
+    for name in ("frequency", "response", "covariance", "settled", "settling_time", "harmonics"):
+        np.testing.assert_array_equal(content["response"][name], getattr(response, name))
+    assert content["response"]["unit"] == "m/N"
+    assert content["metrics"]["settling_time"]["value"] == 0.25
+    assert content["curves"]["loop_1_a"]["columns"]["f_1"].tolist() == [1.0, -1.0, 1.0]
+
+
+def test_hdf5_gets_datasets_with_units(tmp_path: Path, result: Result, response: FrequencyResponse) -> None:
+    export(result, HEADER, tmp_path / "a.h5")
+    with h5py.File(tmp_path / "a.h5") as file:
+        assert json.loads(file["header"].asstr()[()]) == HEADER
+        for name in ("frequency", "response", "covariance", "settled", "settling_time", "harmonics"):
+            np.testing.assert_array_equal(file["response"][name][()], getattr(response, name))
+        assert file["response/frequency"].attrs["unit"] == "Hz"
+        assert file["response/response"].attrs["unit"] == "m/N"
+        assert file["curves/loop 1_a/y"].attrs["unit"] == "m"
+        assert file["metrics/settling time"][()] == 0.25
+
+
+def test_universal_files_hold_twelve_digits(tmp_path: Path, result: Result, response: FrequencyResponse) -> None:
+    export(result, HEADER, tmp_path / "a.unv")
+    sets = pyuff.UFF(str(tmp_path / "a.unv")).read_sets()
+    assert [one["type"] for one in sets] == [58, 58, 58]
+    assert sets[0]["func_type"] == 4
+    assert sets[0]["id1"].strip() == "studies/a b.toml"
+    assert sets[0]["ordinate_axis_units_lab"].strip() == "m/N"
+    parts = sets[0]["data"]
+    np.testing.assert_allclose(parts.real, response.response.real, rtol=1e-11)  # printed with 12 digits
+    np.testing.assert_allclose(parts.imag, response.response.imag, rtol=1e-11)
+    np.testing.assert_allclose(sets[0]["x"], response.frequency, rtol=5e-6)  # the format's abscissa: 6 digits
+    np.testing.assert_allclose(sets[1]["data"], response.frequency, rtol=1e-11)
+    np.testing.assert_allclose(sets[2]["data"], response.standard_deviation, rtol=1e-11)
+
+
+@pytest.fixture
+def loops() -> Result:
+    loop = Curve("loop", {"y": np.array([0.0, 1e-5, 0.0]), "f": np.array([1.0, -1.0, 0.1])}, {"y": "m", "f": "N"})
+    virgin = Curve("virgin", {"x": np.array([0.0, 1.0])}, {})
+    return Result(Outcome.OK, curves=(loop, virgin))
+
+
+def test_curves_are_exported_where_there_is_no_response(tmp_path: Path, loops: Result) -> None:
+    for suffix in WRITERS:
+        export(loops, {}, tmp_path / f"a{suffix}")
+    text = (tmp_path / "a.csv").read_text("utf-8")
+    assert "# curve: loop\ny [m],f [N]\n0.0,1.0\n1e-05,-1.0\n0.0,0.1\n# curve: virgin\nx\n" in text
+    sets = pyuff.UFF(str(tmp_path / "a.unv")).read_sets()
+    np.testing.assert_allclose(sets[1]["data"], [1.0, -1.0, 0.1], rtol=1e-11)
+    assert loadmat(tmp_path / "a.mat", simplify_cells=True)["fraexp"]["curves"]["loop"]["units"]["f"] == "N"
+
+
+def test_an_unknown_standard_deviation_is_left_out_of_universal_files(
+    tmp_path: Path, response: FrequencyResponse
+) -> None:
+    response.covariance[3] = np.nan
+    export(Result(Outcome.OK, response=response), {}, tmp_path / "a.unv")
+    assert len(pyuff.UFF(str(tmp_path / "a.unv")).read_sets()) == 2
+
+
+def test_a_file_is_replaced_only_by_force(tmp_path: Path, result: Result) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("precious")
+    with pytest.raises(FraexpError, match=r"a\.csv: the file exists; give --force to replace it"):
+        export(result, HEADER, path)
+    assert path.read_text() == "precious"
+    export(result, HEADER, path, force=True)
+    assert "precious" not in path.read_text("utf-8")
+
+
+def test_a_failed_export_leaves_the_old_file_and_nothing_else(tmp_path: Path, loops: Result) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("precious")
+    loops.curves[0].columns["f"] = np.zeros(2)  # of another length than y: a broken result
+    with pytest.raises(ValueError, match="shorter"):
+        export(loops, {}, path, force=True)
+    assert [(file.name, file.read_text()) for file in tmp_path.iterdir()] == [("a.csv", "precious")]
+
+
+REFUSED: dict[str, tuple[Callable[[Result, Path], None], str]] = {
+    "suffix": (
+        lambda r, p: export(r, {}, p / "a.xls"),
+        r"a\.xls: '\.xls' is no format of export; known: \.csv, \.json",
+    ),
+    "no suffix": (lambda r, p: export(r, {}, p / "a"), r"a: '' is no format of export"),
+    "folder": (lambda r, p: export(r, {}, p / "x" / "a.csv"), r"a\.csv: cannot be written: No such file"),
+    "folder for hdf5": (lambda r, p: export(r, {}, p / "x" / "a.h5"), r"a\.h5: cannot be written"),
+    "folder for unv": (lambda r, p: export(r, {}, p / "x" / "a.unv"), r"a\.unv: cannot be written"),
+    "empty": (lambda r, p: export(Result(Outcome.DIVERGED, "why"), {}, p / "a.csv"), r"empty \(DIVERGED: why\)"),
+    "metrics as unv": (
+        lambda r, p: export(Result(Outcome.OK, metrics=r.metrics), {}, p / "a.unv"),
+        r"a \.unv file holds responses and curves of at least 2 points",
+    ),
+}
+
+
+@pytest.mark.parametrize(("act", "sentence"), REFUSED.values(), ids=REFUSED)
+def test_what_cannot_be_exported_is_refused_in_one_line(
+    tmp_path: Path, result: Result, act: Callable[[Result, Path], None], sentence: str
+) -> None:
+    with pytest.raises(FraexpError, match=sentence) as caught:
+        act(result, tmp_path)
+    assert "\n" not in str(caught.value)
+    assert not list(tmp_path.iterdir())
