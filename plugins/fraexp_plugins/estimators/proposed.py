@@ -15,9 +15,10 @@ class Proposed(DelayedEstimator, name="proposed", version=1):
     The friction model is driven by y' in the time domain, the delays are applied at each frequency. Between its
     samples y' is interpolated by its Fourier series, which is exact for a periodic response; a friction model fed
     with the samples alone would miss the peaks by A(1 - cos(ωTs/2)). Terms of the series that the scale's
-    resolution and noise hide are left out: the model would take them for reversals. With the right friction model P̂ is P at
-    any amplitude; the error of a wrong one is 1/P̂ - 1/P = N - N̂, largest where 1/P is small. Not to be used
-    where the friction model is only guessed.
+    resolution and noise hide are left out: the model would take them for reversals.
+
+    With the right friction model P̂ is P at any amplitude; the error of a wrong one is 1/P̂ - 1/P = N - N̂, largest
+    where 1/P is small. Not to be used where the friction model is only guessed.
     """
 
     friction: FrictionModel = param("", "friction model FM of the observer", inherit="friction")
