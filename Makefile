@@ -8,7 +8,7 @@ UV    ?= uv
 CANDIDATES := $(or $(PYTHON),python3 python3.13 python3.12 python3.11)
 RECENT     := import sys; sys.exit(sys.version_info < (3, 11))
 
-.PHONY: run test check format bench wheel lock clean
+.PHONY: run test check format bench docs-figures wheel lock clean
 .DEFAULT_GOAL := run
 
 # A copied checkout, or one whose Python is gone, must not go on with the old environment.
@@ -33,7 +33,12 @@ format: $(STAMP)
 	@$(BIN)/ruff check --quiet --fix .
 
 bench: $(STAMP)
-	@for script in benchmarks/*.py; do $(BIN)/python "$$script" $(ARGS) || exit 1; done
+	@$(BIN)/python benchmarks/accuracy.py $(ARGS)
+	@$(BIN)/python benchmarks/timing.py
+
+docs-figures: $(STAMP)
+	@$(BIN)/python -m fraexp run paper/fig12 $(ARGS)
+	@cp figures/paper/fig12.png docs/figures/fig12.png
 
 wheel: $(STAMP)
 	@$(BIN)/hatchling build --target wheel

@@ -10,6 +10,7 @@ chosen, two numbers remain to meet these two: the presliding width and the first
 
 import argparse
 import tomllib
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -46,13 +47,19 @@ def controller(gain: float) -> dict[str, float]:
     }
 
 
+def sections_of(file: Path) -> dict[str, Any]:
+    """Return the sections of a machine's file."""
+    data = tomllib.loads(file.read_text(encoding="utf-8"))
+    return {key: value for key, value in data.items() if key not in ("title", "source")}
+
+
 def machine(width: float, damping: float) -> dict[str, Any]:
     """Return the machine's sections with these two numbers."""
-    sections = tomllib.loads(MACHINE.read_text(encoding="utf-8"))
+    sections = sections_of(MACHINE)
     sections["friction"] |= elements(width)
     sections["plant"]["damping_ratios"] = [damping, sections["plant"]["damping_ratios"][1]]
     sections["controller"] |= controller(sections["plant"]["gain"])
-    return {key: value for key, value in sections.items() if key not in ("title", "source")}
+    return sections
 
 
 def fitted(sections: dict[str, Any], amplitude: float, points: int) -> dict[str, tuple[float, float]]:
@@ -67,7 +74,7 @@ def fitted(sections: dict[str, Any], amplitude: float, points: int) -> dict[str,
     path = {"input_dead_time": loop["input_dead_time"]}
     estimators = (
         {"name": "conventional", "remove_delay": True, **path},
-        {"name": "proposed", "friction": sections["friction"], **path},
+        {"name": "proposed", "friction": sections["friction"], "resolution": loop["resolution"], **path},
     )
     answers = perform(Job(experiment, estimators), lambda _: None)
     return {spec["name"]: modal_fit(answer) for spec, answer in zip(estimators, answers, strict=True)}
@@ -118,8 +125,7 @@ def main() -> None:
     options.add_argument("--search", action="store_true", help="search the two numbers again")
     options.add_argument("--points", type=int, default=100, help="frequencies of a sweep, 1 to 200 Hz")
     arguments = options.parse_args()
-    sections = tomllib.loads(MACHINE.read_text(encoding="utf-8"))
-    sections = {key: value for key, value in sections.items() if key not in ("title", "source")}
+    sections = sections_of(MACHINE)
     if arguments.search:
         width, damping = search(arguments.points)
         sections = machine(width, damping)

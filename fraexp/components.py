@@ -316,6 +316,9 @@ class Excitation(Component, ABC):
     quantity: ClassVar[str] = "force"
     """What is excited: ``force`` at the control input of the loop, or ``displacement`` of a friction model."""
 
+    def check(self, sample_time: float) -> None:
+        """Raise ParameterError if it cannot be sampled at `sample_time` [s]: asked before anything is run."""
+
     @abstractmethod
     def periods(self, sample_time: float) -> tuple[Period, ...]:
         """Return one period of each experiment, sampled at `sample_time` [s]."""

@@ -10,7 +10,7 @@ from typing import Any
 from fraexp import records
 from fraexp.components import Controller, Estimator, Excitation, FrictionModel, Parameters, Plant
 from fraexp.errors import FraexpError, StudyError, did_you_mean
-from fraexp.plugins import Registry
+from fraexp.plugins import Registry, create
 from fraexp.simulation import Loop, Numerics
 from fraexp.sweep import Plain, Sweep
 
@@ -218,22 +218,20 @@ def _experiment(file: Path, resolved: Mapping[str, Any], registry: Registry) -> 
     """Return the sections that decide the signals, by their source."""
     if "record" in resolved:
         return {"source": "record", "record": resolved["record"]}
-    excitation = resolved.get("excitation")
-    if excitation is None:
+    if "excitation" not in resolved:
         raise StudyError(f"{file}: lacks the section [excitation] (for a simulation) or [record] (for measured data)")
-    drives = _excitation_class(registry, excitation["name"]).quantity == "displacement"
+    excitation = create(registry, Excitation, resolved["excitation"])  # type: ignore[type-abstract]
+    drives = excitation.quantity == "displacement"
     needed = ("friction", "excitation", "loop") if drives else (*MACHINE, "excitation", "numerics")
     for key in needed:
         if key not in resolved:
             raise StudyError(f"{file}: lacks the section [{key}]; name a machine, or write the section")
     parts = {key: resolved[key] for key in needed}
+    sample_time = resolved["loop"]["sample_time"]
+    try:
+        excitation.check(sample_time)
+    except FraexpError as error:
+        raise type(error)(f"{file}, [excitation]: {error}") from None
     if drives:
-        parts["loop"] = {"sample_time": resolved["loop"]["sample_time"]}
+        parts["loop"] = {"sample_time": sample_time}
     return {"source": "drive" if drives else "loop", **parts}
-
-
-def _excitation_class(registry: Registry, name: str) -> type[Excitation]:
-    """Return the class of an excitation by name."""
-    component = registry.supply(Excitation.kind, name).component
-    assert issubclass(component, Excitation)  # the registry keys a class by its kind
-    return component

@@ -54,6 +54,8 @@ def _database(arguments: Namespace) -> dict[str, Any]:
     try:
         with open_store(arguments) as store:
             document["runs"] = len(store.runs())
+            finding = store.health()
+            document["error"] = "" if finding == "sound" else f"{document['url']}: {finding}; restore a backup"
     except StoreError as error:
         document["error"] = str(error)
     return document

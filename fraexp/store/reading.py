@@ -4,7 +4,7 @@ from collections import defaultdict
 from collections.abc import Iterable
 from typing import Any
 
-from sqlalchemy import Connection, RowMapping, Select, and_, func, select
+from sqlalchemy import Connection, RowMapping, Select, and_, func, select, text
 
 from fraexp.errors import StoreError
 from fraexp.identity import TAG
@@ -163,3 +163,12 @@ def _summary(row: RowMapping, counts: dict[str, int]) -> RunSummary:
         reused=counts.get("reused", 0),
         failed=counts.get("failed", 0),
     )
+
+
+def health(connection: Connection) -> str:
+    """Return ``sound``, or what SQLite's integrity and foreign key checks find first."""
+    finding = str(connection.execute(text("PRAGMA quick_check(1)")).scalar_one())
+    orphan = connection.execute(text("PRAGMA foreign_key_check")).first()
+    if finding != "ok":
+        return finding
+    return f"a row of {orphan[0]} refers to a {orphan[2]} that does not exist" if orphan else "sound"

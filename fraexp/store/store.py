@@ -139,6 +139,11 @@ class Store:
         with self._reading() as connection:
             return reading.results(connection, keys)
 
+    def health(self) -> str:
+        """Return ``sound``, or the first finding of the database's own check of its structure."""
+        with self._reading() as connection:
+            return reading.health(connection)
+
     @contextmanager
     def _reading(self) -> Iterator[Connection]:
         with self._database.sentences(), self._engine.connect() as connection:

@@ -55,11 +55,11 @@ def test_matched_model_recovers_plant_and_effective_input(values):
     )
     response = Proposed(friction=friction, **delays).estimate(signals).response
     omega = 2 * np.pi * response.frequency
-    # the simulation's own error enters P through P·ΔN; it is small against the friction, not against a tiny û_e
+    # errors of y' enter P through P·N: most of them the hold's ripple, which a fractional output dead time samples
     weight = np.maximum(1.0, np.abs(plant.response(omega)) * friction.greatest_stiffness)
-    assert np.all(np.abs(response.response / plant.response(omega) - 1) < 2e-4 * weight)
+    assert np.all(np.abs(response.response / plant.response(omega) - 1) < 6e-4 * weight)
     true_input = response.output_amplitude / np.abs(plant.response(omega))
-    assert np.allclose(response.input_amplitude, true_input, rtol=2e-4 * weight.max())
+    assert np.allclose(response.input_amplitude, true_input, rtol=6e-4 * weight.max())
 
 
 @settings(max_examples=15, deadline=None)

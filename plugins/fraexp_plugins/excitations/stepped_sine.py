@@ -48,14 +48,16 @@ class SteppedSine(Excitation, name="stepped_sine", version=1):
             return np.array(self.frequencies)
         return np.geomspace(self.lowest, self.highest, self.points)
 
-    def periods(self, sample_time: float) -> tuple[Period, ...]:
-        """Return one block of whole periods per frequency."""
+    def check(self, sample_time: float) -> None:
+        """Refuse frequencies from the Nyquist frequency on."""
         if self.grid.max() * sample_time >= 0.5:
-            limit = 0.5 / sample_time
             raise ParameterError(
                 f"stepped_sine reaches {self.grid.max():g} Hz; at a sample time of {sample_time:g} s "
-                f"the Nyquist frequency is {limit:g} Hz: lower 'highest', or shorten loop.sample_time"
+                f"the Nyquist frequency is {0.5 / sample_time:g} Hz: lower 'highest', or shorten loop.sample_time"
             )
+
+    def periods(self, sample_time: float) -> tuple[Period, ...]:
+        """Return one block of whole periods per frequency."""
         return tuple(self._period(frequency, sample_time) for frequency in self.grid)
 
     def _period(self, frequency: float, sample_time: float) -> Period:
