@@ -21,6 +21,7 @@ class Loop(Parameters):
     input_lags: tuple[float, ...] = param("s", "time constants of first-order lags before the thrust", ())
     output_dead_time: float = param("s", "dead time between position and its sample", 0.0, at_least=0, at_most=10)
     output_lags: tuple[float, ...] = param("s", "time constants of first-order lags before the sample", ())
+    reference: float = param("m", "position reference r", 0.0)
     resolution: float = param("m", "resolution of the scale, 0 for an ideal one", 0.0, at_least=0)
     noise: float = param("m", "standard deviation of the scale's noise", 0.0, at_least=0)
     seed: int = param("1", "seed of the scale's noise", 0, at_least=0)
@@ -176,7 +177,8 @@ class _Experiment:
     def _run(self, excitation: np.ndarray) -> np.ndarray | None:
         sigma = self.loop.noise
         noise = sigma * self.noise.standard_normal(excitation.size) if sigma else np.zeros(excitation.size)
-        inside, channels = self.compiled.kernel(self.state, excitation, noise)
+        reference = np.full(excitation.size, self.loop.reference)
+        inside, channels = self.compiled.kernel(self.state, excitation, reference, noise)
         return channels if inside else None
 
 

@@ -111,7 +111,7 @@ def legend_below(figure: Figure, *panels: Axes) -> None:
         labels += of_axes[1]
     if not any(labels):
         return
-    fitting = max(1, min(len(labels), 100 // (max(len(label) for label in labels) + 8)))
+    fitting = max(1, min(len(labels), 80 // (max(len(label) for label in labels) + 8)))
     rows = -(-len(labels) // fitting)
     figure.set_figheight(figure.get_figheight() + LEGEND_ROW * (rows - 1))
     columns = -(-len(labels) // rows)

@@ -64,9 +64,10 @@ def run(
     feedback: Feedback,
     state: State,
     excitation: np.ndarray,
+    reference: np.ndarray,
     noise: np.ndarray,
 ) -> tuple[bool, np.ndarray]:
-    """Run the loop over the samples of `excitation` [N], shape (k,), with scale noise [m], shape (k,).
+    """Run the loop over the samples of `excitation` [N], `reference` [m] and scale `noise` [m], each of shape (k,).
 
     Returns whether the loop stayed within its limit, and the channels, shape (4, k): control input [N], measured
     position [m], displacement [m] and friction force [N] at the sampling instants.
@@ -74,13 +75,13 @@ def run(
     channels = np.empty((4, excitation.size))
     kernel = specialised(_make_loop, law)
     # plain tuples: looking up the type of a named one takes as long as running 200 samples
-    inside = kernel(tuple(sample), tuple(feedback), tuple(state), excitation, noise, channels, arguments)
+    inside = kernel(tuple(sample), tuple(feedback), tuple(state), excitation, reference, noise, channels, arguments)
     return bool(inside), channels
 
 
 def _make_loop(law: Law, fingerprint: str) -> Any:
     @njit(cache=True)
-    def loop(sample, feedback, state, excitation, noise, channels, arguments):  # type: ignore[no-untyped-def]
+    def loop(sample, feedback, state, excitation, reference, noise, channels, arguments):  # type: ignore[no-untyped-def]
         _ = fingerprint  # a cell of the closure: an edited law is compiled again
         displacement, compliance, measured, transition, step = sample
         numerator, denominator, resolution, limit = feedback
@@ -93,7 +94,7 @@ def _make_loop(law: Law, fingerprint: str) -> Any:
                 position = np.round(position / resolution) * resolution
             for i in range(late, 0, -1):
                 inputs[i] = inputs[i - 1]
-            inputs[0] = control(numerator, denominator, w, -position) + excitation[k]
+            inputs[0] = control(numerator, denominator, w, reference[k] - position) + excitation[k]
             channels[0, k], channels[1, k], channels[2, k], channels[3, k] = inputs[0], position, contact[1], contact[0]
             known[:n] = x
             known[n], known[n + 1], known[n + 2] = inputs[late], inputs[late - 1], contact[0]

@@ -194,3 +194,9 @@ def test_noise_and_quantisation_are_repeatable_by_seed_and_shape_the_measurement
     assert not np.array_equal(y, other.segments[0].channels["y"])
     assert np.allclose(y / 1e-7, np.round(y / 1e-7), atol=1e-6)
     assert first.segments[0].settling.settled
+
+
+def test_the_controller_holds_the_machine_about_its_reference():
+    integrating = Pid(proportional=6052.9, integral_time=0.3, derivative_time=0.0566, filter_time=0.00629)
+    signals = simulated(FRICTIONLESS, (10.0,), controller=integrating, tolerance=1e-9, reference=2e-3)
+    assert np.mean(signals.segments[0].channels["y"]) == pytest.approx(2e-3, rel=1e-4)
