@@ -181,7 +181,7 @@ def law_error(found: dict[Any, FrequencyResponse]) -> float:
 def describing_function(amplitude: float) -> complex:
     """Return N(A) [N/m] of the machine's friction, without its viscous part."""
     y = amplitude * np.cos(2 * np.pi * np.arange(2000) / 2000)
-    force = FRICTION.force(y, 1e-4, warm_up=1)
+    force = FRICTION.force(y, 1e-4, periodic=True)
     return complex(np.fft.rfft(force)[1] / np.fft.rfft(y)[1])
 
 

@@ -245,16 +245,16 @@ class FrictionModel(Component, ABC):
             for value in values
         )
 
-    def force(self, displacement: np.ndarray, time_step: float, warm_up: int = 0) -> np.ndarray:
+    def force(self, displacement: np.ndarray, time_step: float, periodic: bool = False) -> np.ndarray:
         """Return the law's force [N], shape (n,), along a displacement record [m], shape (n,), without `viscous`.
 
-        The record starts from the state at rest; `warm_up` is how often it is run through beforehand, so that a
-        periodic record is answered with its periodic force.
+        The record starts from the state at rest; one that is one or more whole periods is answered with the
+        periodic force if `periodic`.
         """
         from fraexp.kernels.drive import drive  # numba: imported only when a law is run
 
         record = np.ascontiguousarray(displacement, dtype=float)
-        return drive(type(self).advance, self.law_arguments(), self.state_size, record, time_step, warm_up)
+        return drive(type(self).advance, self.law_arguments(), self.state_size, record, time_step, periodic)
 
 
 @dataclass(frozen=True)

@@ -80,7 +80,7 @@ def drive_friction(friction: FrictionModel, excitation: Excitation, sample_time:
     """Drive a friction model by each period of a displacement, and return its periodic force."""
     segments = []
     for period in excitation.periods(sample_time):
-        force = friction.force(period.waveform, sample_time, warm_up=2)
+        force = friction.force(period.waveform, sample_time, periodic=True)
         omega = 2 * np.pi * np.fft.rfftfreq(period.waveform.size, sample_time)
         velocity = np.fft.irfft(1j * omega * np.fft.rfft(period.waveform), period.waveform.size)
         force = force + friction.viscous * velocity

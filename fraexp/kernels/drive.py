@@ -7,6 +7,11 @@ from numba import njit
 
 from fraexp.kernels.law import Law, specialised
 
+PASSES = 500
+"""Times that a periodic record is run through at most."""
+CLOSED = 1e-10
+"""Change of the force from one pass to the next, relative to the greatest force, that counts as periodic."""
+
 
 def drive(
     law: Law,
@@ -14,29 +19,34 @@ def drive(
     states: int,
     displacement: np.ndarray,
     time_step: float,
-    warm_up: int,
+    periodic: bool,
 ) -> np.ndarray:
     """Return the force [N], shape (n,), along a displacement [m], shape (n,), from the state at rest.
 
-    The record is run through `warm_up` times beforehand; between its end and its beginning the displacement
-    moves by their difference, as it does in a periodic record.
+    A periodic record is run through again until its force repeats itself; from its end to its beginning the
+    displacement moves by their difference.
     """
     force = np.empty_like(displacement)
     z = np.zeros((2, max(states, 1)))
-    specialised(_make_drive, law)(displacement, time_step, warm_up, z, force, arguments)
+    specialised(_make_drive, law)(displacement, time_step, PASSES if periodic else 1, z, force, arguments)
     return force
 
 
 def _make_drive(law: Law, fingerprint: str) -> Any:
     @njit(cache=True)
-    def run(displacement, time_step, warm_up, z, force, arguments):  # type: ignore[no-untyped-def]
+    def run(displacement, time_step, passes, z, force, arguments):  # type: ignore[no-untyped-def]
         _ = fingerprint  # a cell of the closure: an edited law is compiled again
         now = 0
         last = displacement[0]
-        for _repeat in range(warm_up + 1):
+        for done in range(passes):
+            greatest = 0.0
             for k in range(displacement.size):
                 force[k] = law(z[now], displacement[k] - last, time_step, z[1 - now], *arguments)
+                greatest = max(greatest, abs(force[k]))
                 last = displacement[k]
                 now = 1 - now
+            again = law(z[now], displacement[0] - last, time_step, z[1 - now], *arguments)
+            if done > 0 and abs(again - force[0]) <= CLOSED * greatest:
+                break
 
     return run

@@ -37,7 +37,7 @@ def jenkins(stiffness: float, limit: float, amplitude: float) -> complex:
     ],
 )
 def test_describing_function_of_one_element(amplitude, expected):
-    force = ELEMENT.force(cosine(amplitude), 1e-4, warm_up=1)
+    force = ELEMENT.force(cosine(amplitude), 1e-4, periodic=True)
     found = harmonic(force) / amplitude
     assert abs(found - expected) < 1e-6
     assert abs(found - jenkins(1.0, 1.0, amplitude)) < 1e-7
@@ -49,13 +49,13 @@ def test_describing_function_of_the_guide_is_the_sum_over_its_elements():
         expected = sum(
             jenkins(k, f / k, amplitude) for k, f in zip(friction.stiffness, friction.limit_force, strict=True)
         )
-        found = harmonic(friction.force(cosine(amplitude), 1e-4, warm_up=1)) / amplitude
+        found = harmonic(friction.force(cosine(amplitude), 1e-4, periodic=True)) / amplitude
         assert abs(found / expected - 1) < 1e-6
 
 
 @pytest.mark.parametrize(("ratio", "third", "fifth"), [(2, 0.1790, 0.0358), (5, 0.2732, 0.1076)])
 def test_odd_harmonics_of_one_element_and_no_even_ones(ratio, third, fifth):
-    force = ELEMENT.force(cosine(ratio), 1e-4, warm_up=1)
+    force = ELEMENT.force(cosine(ratio), 1e-4, periodic=True)
     first = abs(harmonic(force))
     assert abs(harmonic(force, 3)) / first == pytest.approx(third, abs=5e-5)
     assert abs(harmonic(force, 5)) / first == pytest.approx(fifth, abs=5e-5)
@@ -64,7 +64,7 @@ def test_odd_harmonics_of_one_element_and_no_even_ones(ratio, third, fifth):
 
 def test_energy_per_cycle_is_four_times_force_times_excess_stroke():
     friction, y = guide(), cosine(80e-6)
-    force = friction.force(y, 1e-4, warm_up=1)
+    force = friction.force(y, 1e-4, periodic=True)
     found = np.sum((force + np.roll(force, -1)) / 2 * (np.roll(y, -1) - y))
     deflections = np.array(friction.limit_force) / np.array(friction.stiffness)
     expected = 4 * np.sum(np.array(friction.limit_force) * np.maximum(80e-6 - deflections, 0))
@@ -91,7 +91,7 @@ def test_viscoelastic_elements_add_damping_below_slip():
     friction = Rolling(stiffness=(3.0,), limit_force=(30.0,), damping=(0.02,))
     omega, points = 2 * np.pi * 5, 4000
     step = 2 * np.pi / omega / points
-    found = harmonic(friction.force(cosine(1.0, points), step, warm_up=1))
+    found = harmonic(friction.force(cosine(1.0, points), step, periodic=True))
     assert found == pytest.approx(3.0 + 1j * omega * 0.02, rel=1e-3)
 
 

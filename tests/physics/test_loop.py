@@ -134,7 +134,7 @@ def test_matched_proposed_method_recovers_the_plant_at_any_amplitude(amplitude):
 
 def describing(friction, amplitude: float) -> complex:
     y = amplitude * np.cos(2 * np.pi * np.arange(4000) / 4000)
-    return complex(np.fft.rfft(friction.force(y, 1e-4, warm_up=1))[1] / np.fft.rfft(y)[1])
+    return complex(np.fft.rfft(friction.force(y, 1e-4, periodic=True))[1] / np.fft.rfft(y)[1])
 
 
 def test_conventional_method_follows_the_describing_function_at_high_frequency():

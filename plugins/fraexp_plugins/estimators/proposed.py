@@ -48,7 +48,7 @@ class Proposed(DelayedEstimator, name="proposed", version=1):
         """Return the phasors of the friction model's force [N] per period, shape (periods, lines)."""
         record = segment.channels[self.output]
         fine = self._interpolated(record) / self.width_scale
-        force = self.friction.force(fine, segment.sample_time / self.interpolation, warm_up=1)
+        force = self.friction.force(fine, segment.sample_time / self.interpolation, periodic=True)
         periods = (self.force_scale * force).reshape(record.shape[0], -1)
         return np.fft.rfft(periods, axis=1)[:, segment.lines] * (2 / periods.shape[1])
 

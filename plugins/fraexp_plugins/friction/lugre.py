@@ -1,0 +1,63 @@
+"""LuGre friction."""
+
+import math
+from typing import ClassVar
+
+from fraexp.api import FrictionModel, ParameterError, param
+
+
+class LuGre(FrictionModel, name="lugre", version=1):
+    """LuGre friction: bristles of mean deflection z, ż = v - σ0|v|z/g(v), F = σ0 z + σ1 ż + σ2 v.
+
+    g(v) = Fc + (Fs - Fc) exp(-(v/vs)²). C. Canudas de Wit, H. Olsson, K. J. Åström and P. Lischinsky, IEEE Trans.
+    Automatic Control 40(3), 1995, doi:10.1109/9.376053. The step is exact for a constant velocity, so |z| ≤ Fs/σ0 at
+    any step. It drifts under small vibrations, and with the printed parameters it is not passive.
+    """
+
+    states: ClassVar[tuple[str, ...]] = ("deflection [m]", "its last change [m]")
+
+    sigma0: float = param("N/m", "bristle stiffness σ0", above=0)
+    sigma1: float = param("N s/m", "bristle damping σ1", 0.0, at_least=0)
+    sigma2: float = param("N s/m", "viscous coefficient σ2", 0.0, at_least=0)
+    coulomb: float = param("N", "Coulomb friction force Fc", above=0)
+    breakaway: float = param("N", "static friction force Fs", above=0)
+    stribeck_velocity: float = param("m/s", "Stribeck velocity vs", 1e-3, above=0)
+
+    presets: ClassVar[dict[str, dict[str, float]]] = {
+        "canudas_de_wit_1995": {
+            "sigma0": 1e5,
+            "sigma1": 316.22776601683796,
+            "sigma2": 0.4,
+            "coulomb": 1.0,
+            "breakaway": 1.5,
+            "stribeck_velocity": 1e-3,
+        }
+    }
+
+    def model_post_init(self, context: object) -> None:
+        """Check that friction does not rise with the velocity."""
+        if self.breakaway < self.coulomb:
+            raise ParameterError(
+                f"lugre.breakaway is {self.breakaway:g} N; it must be at least coulomb, {self.coulomb:g} N"
+            )
+
+    @property
+    def viscous(self) -> float:
+        """σ2 [N s/m]."""
+        return self.sigma2
+
+    @property
+    def greatest_stiffness(self) -> float:
+        """2σ0 [N/m]: at a reversal from full slip."""
+        return 2 * self.sigma0
+
+    @staticmethod
+    def advance(z, dy, dt, z_next, sigma0, sigma1, coulomb, breakaway, stribeck_velocity):  # type: ignore[no-untyped-def]
+        """Friction force [N] without σ2 v after the displacement moved by dy [m] in dt [s]."""
+        velocity = dy / dt / stribeck_velocity
+        steady = coulomb + (breakaway - coulomb) * math.exp(-velocity * velocity)
+        limit = math.copysign(steady / sigma0, dy)
+        z_next[0] = limit + (z[0] - limit) * math.exp(-sigma0 * abs(dy) / steady)
+        z_next[1] = z_next[0] - z[0]
+        rate = (1.5 * z_next[1] - 0.5 * z[1]) / dt  # at the step's end, to second order
+        return sigma0 * z_next[0] + sigma1 * rate
