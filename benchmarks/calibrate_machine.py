@@ -20,19 +20,9 @@ from fraexp.perform import Failure, Job, perform
 from fraexp.study import packaged_studies
 
 MACHINE = packaged_studies() / "machines" / "linear_motor_table.toml"
-COULOMB, ELEMENTS, NARROWEST, WIDEST = 17.9, 20, 0.5e-6, 100e-6
 CROSSOVER, LEAD = 8.0, 10.0
 PRINTED = {"conventional": (0.177, 41.9), "proposed": (0.132, 38.8)}
 BAND = (20.0, 150.0)
-
-
-def elements(width: float) -> dict[str, list[float]]:
-    """Return K_i [N/m] and F_mi [N] of the curve Fc(1 - e^{-x/width}) through log-spaced knots, ending at Fc."""
-    knots = np.geomspace(NARROWEST, WIDEST, ELEMENTS)
-    curve = COULOMB * (1 - np.exp(-knots / width)) / (1 - np.exp(-WIDEST / width))
-    slopes = np.diff(curve, prepend=0.0) / np.diff(knots, prepend=0.0)
-    stiffness = slopes - np.append(slopes[1:], 0.0)
-    return {"stiffness": stiffness.tolist(), "limit_force": (stiffness * knots).tolist()}
 
 
 def controller(gain: float) -> dict[str, float]:
@@ -56,7 +46,7 @@ def sections_of(file: Path) -> dict[str, Any]:
 def machine(width: float, damping: float) -> dict[str, Any]:
     """Return the machine's sections with these two numbers."""
     sections = sections_of(MACHINE)
-    sections["friction"] |= elements(width)
+    sections["friction"]["curve"]["width"] = width
     sections["plant"]["damping_ratios"] = [damping, sections["plant"]["damping_ratios"][1]]
     sections["controller"] |= controller(sections["plant"]["gain"])
     return sections
@@ -130,8 +120,6 @@ def main() -> None:
         width, damping = search(arguments.points)
         sections = machine(width, damping)
         print(f"width = {width:.4e} m, damping_ratios = {sections['plant']['damping_ratios']}")
-        for key in ("stiffness", "limit_force"):
-            print(f"{key} = [{', '.join(f'{value:.6g}' for value in sections['friction'][key])}]")
         print({key: f"{value:.6g}" for key, value in sections["controller"].items() if key != "name"})
     for amplitude in (12.0, 75.0):
         for method, (gain, frequency) in fitted(sections, amplitude, arguments.points).items():

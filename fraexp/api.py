@@ -11,10 +11,10 @@ from fraexp.components import (
     Schedule,
     StateSpace,
     Table,
-    param,
 )
 from fraexp.delays import hold_response, image_factor, path_response
 from fraexp.errors import FraexpError, ParameterError, RecordError, did_you_mean
+from fraexp.parameters import Parameters, param
 from fraexp.periodic import phasors
 from fraexp.plugins import hookimpl
 from fraexp.response import response_result
@@ -33,6 +33,7 @@ __all__ = [
     "Metric",
     "Outcome",
     "ParameterError",
+    "Parameters",
     "Period",
     "Plant",
     "RecordError",

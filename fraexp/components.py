@@ -1,62 +1,19 @@
-"""What plugins supply: the kinds of component and their contracts, declared once for TOML, help, forms and tests."""
+"""What plugins supply: the kinds of component and their contracts."""
 
 import inspect
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar, Self, get_args
+from typing import Any, ClassVar, cast, get_args
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic.fields import FieldInfo
 
-from fraexp import units
-from fraexp.errors import ParameterError, PluginError, did_you_mean
+from fraexp.errors import PluginError, did_you_mean
+from fraexp.parameters import Parameters
 from fraexp.results import Result
 from fraexp.signals import Signals
-
-REQUIRED: Any = ...
-
-
-def param(
-    unit: str,
-    meaning: str,
-    default: Any = REQUIRED,
-    *,
-    above: float | None = None,
-    at_least: float | None = None,
-    below: float | None = None,
-    at_most: float | None = None,
-    inherit: str | None = None,
-) -> Any:
-    """Declare a parameter: its SI unit ("1" for a pure number, "" for a name), meaning, default and bounds.
-
-    `inherit` names the place in the experiment, such as ``loop.sample_time``, from which a study fills a
-    parameter that it does not give.
-    """
-    return Field(
-        default,
-        description=meaning,
-        gt=above,
-        ge=at_least,
-        lt=below,
-        le=at_most,
-        json_schema_extra={"unit": unit, "inherit": inherit},
-    )
-
-
-def unit_of(info: FieldInfo) -> str:
-    """Return the declared unit of a parameter."""
-    extra = info.json_schema_extra
-    return str(extra["unit"]) if isinstance(extra, dict) else ""
-
-
-def inherited_from(info: FieldInfo) -> str | None:
-    """Return the place in the experiment that fills this parameter, or None."""
-    extra = info.json_schema_extra
-    place = extra.get("inherit") if isinstance(extra, dict) else None
-    return place if isinstance(place, str) else None
 
 
 def nested_kind(info: FieldInfo) -> "type[Component] | None":
@@ -65,88 +22,6 @@ def nested_kind(info: FieldInfo) -> "type[Component] | None":
         if inspect.isclass(candidate) and issubclass(candidate, Component):
             return candidate
     return None
-
-
-class Parameters(BaseModel):
-    """Named values with unit, meaning and bounds; immutable, and plain data when asked."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, ser_json_inf_nan="null")
-
-    @model_validator(mode="before")
-    @classmethod
-    def _read_units(cls, data: Any) -> Any:
-        if not isinstance(data, Mapping):
-            return data
-        read = dict(data)
-        for key, info in cls.model_fields.items():
-            if isinstance(read.get(key), bool) and info.annotation in (float, int):
-                raise ParameterError(f"{key} is {read[key]}; expected a number")
-            if unit_of(info):
-                read[key] = _with_units(read[key], unit_of(info)) if key in read else None
-                if read[key] is None:
-                    del read[key]
-        return read
-
-    @classmethod
-    def parse(cls, data: Mapping[str, Any], title: str) -> Self:
-        """Build from plain data; ParameterError says in one line what does not fit. `title` names the owner."""
-        try:
-            return cls.model_validate(dict(data))
-        except ValidationError as error:
-            raise ParameterError(_sentence(cls, title, data, error)) from None
-        except ParameterError as error:
-            raise ParameterError(f"{title}: {error}") from None
-
-    def plain(self) -> dict[str, Any]:
-        """Return plain data from which `parse` builds an equal object."""
-        values = {key: getattr(self, key) for key in type(self).model_fields}
-        return {key: _plain(value) for key, value in values.items()}
-
-
-def _with_units(value: Any, unit: str) -> Any:
-    if isinstance(value, str):
-        return units.number(value, unit)
-    if isinstance(value, list | tuple):
-        return tuple(_with_units(item, unit) for item in value)
-    return value
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Component):
-        return value.spec()
-    if isinstance(value, Parameters):
-        return value.plain()
-    if isinstance(value, tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
-    return value
-
-
-BOUNDS = {
-    "greater_than": "above",
-    "greater_than_equal": "at least",
-    "less_than": "below",
-    "less_than_equal": "at most",
-}
-
-
-def _sentence(cls: type[Parameters], title: str, data: Mapping[str, Any], error: ValidationError) -> str:
-    found = error.errors(include_url=False)[0]
-    place = ".".join(str(part) for part in found["loc"])
-    name = str(found["loc"][0]) if found["loc"] else ""
-    info = cls.model_fields.get(name)
-    match found["type"]:
-        case "extra_forbidden":
-            return f"{title} has no parameter '{name}'{did_you_mean(name, cls.model_fields)}"
-        case "missing" if info is not None:
-            return f"{title} lacks '{name}' ({info.description}, {unit_of(info) or 'text'})"
-        case "greater_than" | "greater_than_equal" | "less_than" | "less_than_equal" if info is not None:
-            bound = f"{BOUNDS[found['type']]} {next(iter(found['ctx'].values())):g} {unit_of(info)}".removesuffix(" 1")
-            return f"{title}.{place} is {found['input']!r}; the {info.description} must be {bound}"
-    expected = found["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
-    what = f" ({info.description}, {unit_of(info) or 'text'})" if info is not None else ""
-    return f"{title}.{place} is {found['input']!r}{what}; expected {expected}" if place else f"{title}: {expected}"
 
 
 class Component(Parameters, ABC):
@@ -158,6 +33,8 @@ class Component(Parameters, ABC):
     """Name in studies and in the store; empty for a kind."""
     version: ClassVar[int] = 0
     """Raised by the author whenever the same parameters give other numbers."""
+    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
+    """Named parameter sets, such as that of a paper; a study names one as ``preset`` and may change parts of it."""
 
     def __init_subclass__(cls, *, name: str = "", version: int = 0, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)  # pydantic hands class arguments to both hooks
@@ -168,7 +45,7 @@ class Component(Parameters, ABC):
         if not name:
             return
         cls.name, cls.version = name, version
-        taken = {"name", "version"} & set(cls.model_fields)
+        taken = {"name", "version", "preset"} & set(cls.model_fields)
         if taken:
             raise PluginError(f"{name}: a parameter cannot be called '{taken.pop()}'; choose another name")
         if not cls.kind:
@@ -232,12 +109,21 @@ class FrictionModel(Component, ABC):
         return 0.0
 
     @property
-    @abstractmethod
     def greatest_stiffness(self) -> float:
-        """Greatest slope of force over displacement [N/m]; from it the loop's step is judged."""
+        """Greatest slope of force over displacement [N/m] that the loop's step must resolve.
+
+        Unless a model knows better: twice the slope at rest, as after a reversal from full slip.
+        """
+        z, z_next = np.zeros((2, max(self.state_size, 1)))
+        return 2 * abs(self.law(z, PROBE, PROBE / SLOW, z_next, *self.law_arguments())) / PROBE
+
+    @property
+    def law(self) -> Callable[..., float]:
+        """The function that is compiled: `advance`, unless a model puts its law together from others."""
+        return cast(Callable[..., float], type(self).advance)
 
     def law_arguments(self) -> tuple[Any, ...]:
-        """Return the values that `advance` takes after z_next: floats, and float64 arrays for sequences."""
+        """Return the values that the law takes after z_next: floats, and float64 arrays for sequences."""
         names = list(inspect.signature(type(self).advance).parameters)[4:]
         values = (getattr(self, name) for name in names)
         return tuple(
@@ -254,7 +140,11 @@ class FrictionModel(Component, ABC):
         from fraexp.kernels.drive import drive  # numba: imported only when a law is run
 
         record = np.ascontiguousarray(displacement, dtype=float)
-        return drive(type(self).advance, self.law_arguments(), self.state_size, record, time_step, periodic)
+        return drive(self.law, self.law_arguments(), self.state_size, record, time_step, periodic)
+
+
+PROBE, SLOW = 1e-9, 1e-9
+"""A displacement [m] that lets no friction slip, and a velocity [m/s] without rate effects."""
 
 
 @dataclass(frozen=True)

@@ -62,7 +62,7 @@ def source(job: Job, registry: Registry, progress: Progress) -> Signals:
     experiment = job.experiment
     if experiment["source"] == "record":
         return records.load(experiment, job.files, registry)
-    friction = create(registry, FrictionModel, experiment["friction"])  # type: ignore[type-abstract]
+    friction = create(registry, FrictionModel, experiment["friction"])
     excitation = create(registry, Excitation, experiment["excitation"])  # type: ignore[type-abstract]
     if experiment["source"] == "drive":
         return simulation.drive_friction(friction, excitation, experiment["loop"]["sample_time"])

@@ -4,7 +4,7 @@ import importlib.util
 import inspect
 import sys
 import traceback
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib.metadata import entry_points
@@ -14,9 +14,10 @@ from typing import Any, TypeVar, cast
 
 import pluggy
 
-from fraexp.components import KINDS, Component, inherited_from, nested_kind
+from fraexp.components import KINDS, Component, nested_kind
 from fraexp.errors import FraexpError, ParameterError, PluginError, did_you_mean
 from fraexp.identity import file_hash
+from fraexp.parameters import inherited_from
 
 hookspec = pluggy.HookspecMarker("fraexp")
 hookimpl = pluggy.HookimplMarker("fraexp")
@@ -88,6 +89,18 @@ class Registry:
             raise PluginError(f"no {kind} is called '{name}'{did_you_mean(name, self.names(kind))}{broken}")
         return self.supplies[kind, name]
 
+    def used(self, kind: str, spec: Mapping[str, Any]) -> Iterator[Supply]:
+        """Yield the supplies of a component in plain data and of those that it holds, as far as they are known."""
+        supply = self.supplies.get((kind, str(spec.get("name"))))
+        if supply is None:
+            return
+        yield supply
+        for key, info in supply.component.model_fields.items():
+            nested, value = nested_kind(info), spec.get(key)
+            if nested is not None:
+                for part in value if isinstance(value, list) else [value]:
+                    yield from self.used(nested.kind, part) if isinstance(part, Mapping) else ()
+
     def create(self, kind: str, spec: Any, environment: Mapping[str, Any] | None = None, place: str = "") -> Component:
         """Build a component from plain data with its name, optional version and parameters.
 
@@ -107,7 +120,9 @@ class Registry:
         version = spec.get("version", cls.version)
         if version != cls.version:
             raise PluginError(f"{name} is asked for in version {version!r}; the one found is version {cls.version}")
-        values = {key: value for key, value in spec.items() if key not in ("name", "version")}
+        values = {key: value for key, value in spec.items() if key not in ("name", "version", "preset")}
+        if "preset" in spec:
+            values = {**_preset(cls, spec["preset"]), **values}
         for key, info in cls.model_fields.items():
             origin = inherited_from(info)
             if key not in values and origin is not None:
@@ -117,7 +132,15 @@ class Registry:
             nested = nested_kind(info)
             if nested is not None and isinstance(values.get(key), Mapping):
                 values[key] = self._create(nested.kind, values[key], environment)
+            elif nested is not None and isinstance(values.get(key), list | tuple):
+                values[key] = tuple(self._create(nested.kind, part, environment) for part in values[key])
         return cls.parse(values, name)
+
+
+def _preset(cls: type[Component], name: Any) -> Mapping[str, Any]:
+    if name not in cls.presets:
+        raise ParameterError(f"{cls.name} has no preset '{name}'{did_you_mean(str(name), cls.presets)}")
+    return cls.presets[name]
 
 
 def create(registry: Registry, kind: type[AnyComponent], spec: Any, place: str = "") -> AnyComponent:

@@ -94,16 +94,14 @@ class _Group:
 
 def components_of(sweep: Sweep, registry: Registry) -> dict[str, Supplied]:
     """Return source hash and distribution of every component that a sweep uses, under ``kind:name``."""
-    return dict(_supplied({**sweep.experiment, "estimator": sweep.estimator}, registry))
-
-
-def _supplied(data: Plain, registry: Registry) -> Iterator[tuple[str, Supplied]]:
-    for key, value in data.items():
-        if isinstance(value, Mapping):
-            supply = registry.supplies.get((key, str(value.get("name"))))
-            if supply:
-                yield f"{key}:{value['name']}", Supplied(supply.source_hash, supply.distribution)
-            yield from _supplied(value, registry)
+    record = sweep.experiment.get("record", {})
+    sections = {**sweep.experiment, "estimator": sweep.estimator, "reader": record.get("reader")}
+    return {
+        f"{supply.component.kind}:{supply.component.name}": Supplied(supply.source_hash, supply.distribution)
+        for kind, spec in sections.items()
+        if isinstance(spec, Mapping)
+        for supply in registry.used(kind, spec)
+    }
 
 
 def plan(study: Study, store: Store | None, registry: Registry, rerun: str | None) -> "tuple[list[Sweep], Planned]":

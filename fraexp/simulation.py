@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from fraexp.components import Controller, Excitation, FrictionModel, Parameters, Period, Plant, Schedule, param
+from fraexp.components import Controller, Excitation, FrictionModel, Period, Plant, Schedule
 from fraexp.discretisation import discretise
+from fraexp.parameters import Parameters, param
 from fraexp.results import Outcome
 from fraexp.signals import Segment, Settling, Signals
 
@@ -113,7 +114,7 @@ class _Compiled:
             resolution=loop.resolution,
             stroke=loop.stroke,
         )
-        return cls(partial(run, type(friction).advance, friction.law_arguments(), sample, feedback), at_rest)
+        return cls(partial(run, friction.law, friction.law_arguments(), sample, feedback), at_rest)
 
 
 class _Experiment:

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from fraexp import records
-from fraexp.components import Controller, Estimator, Excitation, FrictionModel, Parameters, Plant
+from fraexp.components import Controller, Estimator, Excitation, FrictionModel, Plant
 from fraexp.errors import FraexpError, StudyError, did_you_mean
+from fraexp.parameters import Parameters
 from fraexp.plugins import Registry, create
 from fraexp.simulation import Loop, Numerics
 from fraexp.sweep import Plain, Sweep

@@ -9,8 +9,8 @@ from pydantic.fields import FieldInfo
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.terminal import print_fields, print_json, print_table, say
 from fraexp.cli.words import plural, value_text
-from fraexp.components import inherited_from, unit_of
 from fraexp.figures.labels import printable
+from fraexp.parameters import inherited_from, unit_of
 from fraexp.plugins import Supply, discover
 
 BOUNDS = {"gt": ">", "ge": "≥", "lt": "<", "le": "≤"}

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from fraexp.components import unit_of
+from fraexp.parameters import unit_of
 from fraexp.plugins import Registry
 
 

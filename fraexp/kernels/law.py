@@ -14,20 +14,30 @@ Law = Callable[..., float]
 
 @cache
 def compilable(law: Law) -> Law:
-    """Return the law, made known to the compiler; the function itself stays plain Python."""
+    """Return the law, made known to the compiler with the plain functions it calls; it stays plain Python itself."""
+    for helper in helpers(law):
+        compilable(helper)
     made: Law = register_jitable(law)
     return made
 
 
+def helpers(law: Law) -> list[Law]:
+    """Return the plain Python functions that a law calls: of its module, and those that it closes over."""
+    called = [law.__globals__[name] for name in law.__code__.co_names if name in law.__globals__]
+    closed = [cell.cell_contents for cell in law.__closure__ or ()]
+    return [value for value in called + closed if inspect.isfunction(value)]
+
+
 def fingerprint(law: Law) -> str:
-    """Return a hash of the source that decides what the law computes: its file, helpers and constants included.
+    """Return a hash of the source that decides what the law computes: its file and those of its helpers.
 
     A kernel closes over it, because the compiler's disk cache compares the cells of a closure but not the
     source of the functions that it calls: without it an edited law would run as it was before.
     """
     path = Path(inspect.getfile(law))
     source = path.read_bytes() if path.is_file() else law.__code__.co_code
-    return hashlib.blake2b(source, digest_size=16).hexdigest()
+    parts = [hashlib.blake2b(source, digest_size=16).hexdigest(), *(fingerprint(helper) for helper in helpers(law))]
+    return parts[0] if len(parts) == 1 else hashlib.blake2b("".join(parts).encode(), digest_size=16).hexdigest()
 
 
 def specialised(factory: Callable[[Law, str], Any], law: Law) -> Any:

@@ -6,8 +6,8 @@ from typing import Any
 
 from pydantic import field_validator
 
-from fraexp.components import Parameters, param
 from fraexp.errors import ParameterError
+from fraexp.parameters import Parameters, param
 
 SHORT = re.compile(r"^(?P<column>.*\S)\s*\[(?P<unit>[^\]]*)\]$")
 """A column with its unit in square brackets, such as ``iq [A]``."""

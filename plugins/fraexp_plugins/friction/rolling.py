@@ -1,63 +1,31 @@
 """Rolling friction of a linear guide: parallel elasto-slide elements (paper, section V-A)."""
 
-from functools import cached_property
-
-import numpy as np
-
-from fraexp.api import FrictionModel, ParameterError, param
+from fraexp_plugins.friction.elements import ElementModel
 
 
-class Rolling(FrictionModel, name="rolling", version=1):
+class Rolling(ElementModel, name="rolling", version=1):
     """Rolling friction by N parallel viscoelastic elements that slip, eqs (6)-(11), with viscous friction, eq (12).
 
     Each element is a stop operator: its deflection follows the displacement up to ±F_mi/K_i (eq 9) and its force
     is K_i y_i + D_i dy_i/dt (eq 7), limited to ±F_mi (eq 10). Also known as Maxwell slip, Jenkins or Iwan model.
+
+    With D_i > 0 eqs (9) and (10) bind at different instants. Here (9) is the slider: the deflection stops at Y_mi,
+    then the force is limited. `rolling_force_slider` takes (10) for the slider; without D_i both are the same.
     """
 
-    stiffness: tuple[float, ...] = param("N/m", "elastic coefficients K_i of the elements", above=None)
-    limit_force: tuple[float, ...] = param("N", "maximum forces F_mi of the elements")
-    damping: tuple[float, ...] = param("N s/m", "viscous coefficients D_i of the elements", ())
-    viscous_coefficient: float = param("N s/m", "viscous coefficient D_v of the guide", 0.0, at_least=0)
-
-    def model_post_init(self, context: object) -> None:
-        """Check that the elements belong together."""
-        count = len(self.stiffness)
-        if not count or len(self.limit_force) != count or len(self.damping) not in (0, count):
-            found = f"{count} stiffness, {len(self.limit_force)} limit_force and {len(self.damping)} damping values"
-            raise ParameterError(f"rolling has {found}; expected one of each per element (damping may be left out)")
-        if min(self.stiffness) <= 0 or min(self.limit_force) <= 0 or min(self.damping, default=0.0) < 0:
-            raise ParameterError("rolling needs stiffness and limit_force above 0 and damping of at least 0")
-
-    @property
-    def state_size(self) -> int:
-        """One deflection [m] per element."""
-        return len(self.stiffness)
-
-    @property
-    def viscous(self) -> float:
-        """D_v of eq (12) [N s/m]."""
-        return self.viscous_coefficient
-
-    @property
-    def greatest_stiffness(self) -> float:
-        """ΣK_i [N/m]: the stiffness after any reversal."""
-        return float(sum(self.stiffness))
-
-    @cached_property
-    def limit_deflection(self) -> np.ndarray:
-        """Y_mi = F_mi/K_i [m], eq (8), shape (N,)."""
-        return np.array(self.limit_force) / np.array(self.stiffness)
-
     @staticmethod
-    def advance(z, dy, dt, z_next, stiffness, damping, limit_deflection):  # type: ignore[no-untyped-def]
+    def advance(z, dy, dt, z_next, element_stiffness, damping, limit_deflection):  # type: ignore[no-untyped-def]
         """Friction force [N] after the displacement moved by dy [m] in dt [s]; z holds the deflections [m]."""
-        force = 0.0
-        for i in range(stiffness.size):
+        force, n = 0.0, element_stiffness.size
+        for i in range(n):
             limit = limit_deflection[i]
             z_next[i] = min(max(z[i] + dy, -limit), limit)
             if damping.size == 0:
-                force += stiffness[i] * z_next[i]
+                force += element_stiffness[i] * z_next[i]
             else:
-                element = stiffness[i] * z_next[i] + damping[i] * ((z_next[i] - z[i]) / dt)
-                force += min(max(element, -stiffness[i] * limit), stiffness[i] * limit)
+                change = z_next[i] - z[i]
+                z_next[n + i] = change
+                rate = (1.5 * change - 0.5 * z[n + i]) / dt  # at the step's end, to second order
+                most = element_stiffness[i] * limit
+                force += min(max(element_stiffness[i] * z_next[i] + damping[i] * rate, -most), most)
         return force

@@ -1,0 +1,62 @@
+"""What models of parallel elasto-slide elements have in common: the elements' numbers."""
+
+from abc import ABC
+from functools import cached_property
+
+import numpy as np
+
+from fraexp.api import FrictionModel, ParameterError, param
+from fraexp_plugins.friction.virgin_curve import VirginCurve
+
+
+class ElementModel(FrictionModel, ABC):
+    """Parallel elements with stiffness K_i, viscous coefficient D_i and maximum force F_mi (paper, eqs 7, 8, 12)."""
+
+    curve: VirginCurve | None = param("", "virgin curve that the elements follow, in place of their numbers", None)
+    stiffness: tuple[float, ...] = param("N/m", "elastic coefficients K_i of the elements", ())
+    limit_force: tuple[float, ...] = param("N", "maximum forces F_mi of the elements", ())
+    damping: tuple[float, ...] = param("N s/m", "viscous coefficients D_i of the elements", ())
+    viscous_coefficient: float = param("N s/m", "viscous coefficient D_v of the guide", 0.0, at_least=0)
+
+    def model_post_init(self, context: object) -> None:
+        """Check that the elements belong together."""
+        if self.curve is not None and (self.stiffness or self.limit_force):
+            raise ParameterError(
+                f"{self.name} has a curve and also stiffness or limit_force; expected one or the other"
+            )
+        stiffness, force = self.elements
+        if not stiffness or len(force) != len(stiffness) or len(self.damping) not in (0, len(stiffness)):
+            found = f"{len(stiffness)} stiffness, {len(force)} limit_force and {len(self.damping)} damping values"
+            raise ParameterError(f"{self.name} has {found}; expected one of each per element (damping may be left out)")
+        if min(stiffness) <= 0 or min(force) <= 0 or min(self.damping, default=0.0) < 0:
+            raise ParameterError(f"{self.name} needs stiffness and limit_force above 0 and damping of at least 0")
+
+    @cached_property
+    def elements(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """K_i [N/m] and F_mi [N] of all elements."""
+        return self.curve.stiffness_and_force() if self.curve is not None else (self.stiffness, self.limit_force)
+
+    @property
+    def state_size(self) -> int:
+        """Deflection [m] of each element, and its last change [m] where elements are damped."""
+        return len(self.elements[0]) * (2 if self.damping else 1)
+
+    @property
+    def viscous(self) -> float:
+        """D_v of eq (12) [N s/m]."""
+        return self.viscous_coefficient
+
+    @property
+    def greatest_stiffness(self) -> float:
+        """ΣK_i [N/m]: the stiffness after any reversal."""
+        return float(sum(self.elements[0]))
+
+    @cached_property
+    def limit_deflection(self) -> np.ndarray:
+        """Y_mi = F_mi/K_i [m], eq (8), shape (N,)."""
+        return np.array(self.elements[1]) / self.element_stiffness
+
+    @cached_property
+    def element_stiffness(self) -> np.ndarray:
+        """K_i [N/m], shape (N,)."""
+        return np.array(self.elements[0])
