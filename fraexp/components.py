@@ -228,7 +228,7 @@ class Schedule:
     tolerance: float = 1e-6
     """Relative difference of successive periods at which the response counts as periodic."""
     settle_limit: float = 60.0
-    """Time after which settling is given up [s]."""
+    """Time after which settling is given up [s]; 0 to record from the start."""
     periods: int = 1
     """Periods that are recorded once settled, at least."""
     record_time: float = 0.0

@@ -9,6 +9,7 @@ import numpy as np
 
 from fraexp.components import Controller, Excitation, FrictionModel, Period, Plant, Schedule
 from fraexp.discretisation import discretise
+from fraexp.errors import ParameterError
 from fraexp.parameters import Parameters, param
 from fraexp.results import Outcome
 from fraexp.signals import Segment, Settling, Signals
@@ -48,6 +49,8 @@ class Machine:
 
 UNITS = {"u": "N", "y": "m", "displacement": "m", "friction": "N"}
 """Channels of a simulated loop: control input, measured position, true displacement, true friction force."""
+LONGEST_STEP = 0.5
+"""Longest step, in radians of the stuck table's resonance."""
 LEAST_COMPARED = 0.1
 """Time [s] over which periods are compared at least: at 200 Hz a slow transient hardly changes in one period."""
 
@@ -103,6 +106,7 @@ class _Compiled:
         from fraexp.kernels.loop import run  # numba: imported only where a loop is run
 
         loop, friction = machine.loop, machine.friction
+        _check_step(machine)
         sample, feedback, at_rest = discretise(
             machine.plant.state_space(),
             friction,
@@ -115,6 +119,18 @@ class _Compiled:
             stroke=loop.stroke,
         )
         return cls(partial(run, friction.law, friction.law_arguments(), sample, feedback), at_rest)
+
+
+def _check_step(machine: Machine) -> None:
+    """Refuse a step that is too long to follow the stuck table on its presliding stiffness."""
+    model, steps = machine.plant.state_space(), machine.numerics.steps_per_sample
+    stuck = np.sqrt(machine.friction.greatest_stiffness * max(float(model.c @ model.a @ model.b), 0.0))  # rad/s
+    needed = int(np.ceil(machine.loop.sample_time * stuck / LONGEST_STEP))
+    if steps < needed:
+        raise ParameterError(
+            f"numerics.steps_per_sample is {steps}; stuck on {machine.friction.name} friction the machine resonates at "
+            f"{stuck / (2 * np.pi):.4g} Hz: expected {needed} at least"
+        )
 
 
 class _Experiment:
@@ -143,6 +159,8 @@ class _Experiment:
     def _settle(self) -> Settling | None:
         """Run until successive stretches of whole periods agree; the remaining difference is extrapolated."""
         loop, schedule = self.loop, self.schedule
+        if schedule.settle_limit == 0:
+            return Settling(True, 0.0, np.nan)  # the transient itself is asked for
         ramp_periods = int(np.ceil(schedule.ramp / (self.block * loop.sample_time)))
         if ramp_periods:
             rise = np.minimum(np.arange(ramp_periods * self.block) * loop.sample_time / schedule.ramp, 1.0)

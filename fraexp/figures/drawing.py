@@ -11,20 +11,22 @@ from matplotlib.figure import Figure
 from fraexp.errors import FraexpError
 from fraexp.figures.bode import Reference, bode_info, draw_bode
 from fraexp.figures.canvas import styled
+from fraexp.figures.curves import curves_info, draw_curves
 from fraexp.figures.hysteresis import draw_hysteresis, hysteresis_info, is_hysteresis
 from fraexp.figures.stamp import check_suffix, digest
 from fraexp.results import Result
 
 
 def figure_for(results: Sequence[tuple[str, Result]], reference: Reference | None = None, title: str = "") -> Figure:
-    """Return the figure that fits labelled results: a Bode plot for responses, else hysteresis loops for curves."""
+    """Return the figure that fits labelled results: a Bode plot, else hysteresis loops, else curves."""
     responses = [(label, result.response) for label, result in results if result.response is not None]
     if responses:
         return draw_bode(bode_info(responses, reference, title))
-    curves = [(label, curve) for label, result in results for curve in result.curves if is_hysteresis(curve)]
+    curves = [(label, curve) for label, result in results for curve in result.curves]
     if not curves:
-        raise FraexpError("figure: no result has a frequency response or a hysteresis loop to draw")
-    return draw_hysteresis(hysteresis_info(curves, title))
+        raise FraexpError("figure: no result has a frequency response or a curve to draw")
+    loops = [(label, curve) for label, curve in curves if is_hysteresis(curve)]
+    return draw_hysteresis(hysteresis_info(loops, title)) if loops else draw_curves(curves_info(curves, title))
 
 
 def save(figure: Figure, path: Path, keys: Sequence[str]) -> None:

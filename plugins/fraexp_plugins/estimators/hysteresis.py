@@ -1,36 +1,54 @@
-"""The hysteresis loop of friction: force over displacement."""
+"""The hysteresis loop of friction: force over displacement and velocity."""
 
 import numpy as np
 
-from fraexp.api import Curve, Estimator, Metric, Result, Segment, Signals, param
+from fraexp.api import Curve, Estimator, FrictionModel, Metric, Result, Segment, Signals, param
 
 
 class Hysteresis(Estimator, name="hysteresis", version=1):
     """Friction force over displacement (paper, Fig 2), the loop's energy and its describing function.
 
-    W = ∮ f dy per cycle, and N = F₁/Y₁ of the fundamentals (Gelb and Vander Velde, Multiple-Input Describing
-    Functions and Nonlinear System Design, 1968, section 2.2).
+    W = ∮ f dy per cycle, and N = F₁/Y₁ of the fundamentals (A. Gelb and W. E. Vander Velde, Multiple-Input Describing
+    Functions and Nonlinear System Design, 1968, section 2.2). Signals without a force, such as a measured
+    displacement, are answered with that of a friction model. Not to be used on a record that is not periodic.
     """
 
     displacement: str = param("", "channel of the displacement", "displacement")
-    force: str = param("", "channel of the friction force", "friction")
+    force: str = param("", "channel of the friction force; where there is none, the model's force", "friction")
+    friction: FrictionModel | None = param("", "friction model for signals without a force", None, inherit="friction")
 
     def estimate(self, signals: Signals) -> Result:
         """Return the loop of the last period of each segment, and the metrics of each."""
-        units = {"displacement": signals.unit(self.displacement), "force": signals.unit(self.force)}
-        loops = [self._loop(segment) for segment in signals.segments]
+        measured = self.force in signals.units or self.friction is None
+        units = {
+            "displacement": signals.unit(self.displacement),
+            "force": signals.unit(self.force) if measured else "N",
+            "velocity": f"{signals.unit(self.displacement)}/s",
+        }
+        loops = [self._loop(segment, measured) for segment in signals.segments]
         curves = tuple(Curve("hysteresis", loop, units) for loop in loops)
         metrics = tuple(metric for loop in loops for metric in _metrics(loop, units))
         return Result(signals.outcome, signals.message, curves=curves, metrics=metrics)
 
-    def _loop(self, segment: Segment) -> dict[str, np.ndarray]:
-        return {"displacement": segment.channels[self.displacement][-1], "force": segment.channels[self.force][-1]}
+    def _loop(self, segment: Segment, measured: bool) -> dict[str, np.ndarray]:
+        displacement = segment.channels[self.displacement][-1]
+        velocity = _velocity(displacement, segment.sample_time)
+        if measured or self.friction is None:
+            force = segment.channels[self.force][-1]
+        else:
+            force = self.friction.force(displacement, segment.sample_time, periodic=True)
+            force = force + self.friction.viscous * velocity
+        return {"displacement": displacement, "force": force, "velocity": velocity}
+
+
+def _velocity(displacement: np.ndarray, sample_time: float) -> np.ndarray:
+    """Return the central difference of a periodic displacement."""
+    return (np.roll(displacement, -1) - np.roll(displacement, 1)) / (2 * sample_time)
 
 
 def _metrics(loop: dict[str, np.ndarray], units: dict[str, str]) -> list[Metric]:
     y, f = loop["displacement"], loop["force"]
-    centred = y - np.mean(y)
-    first = int(np.argmax(np.abs(np.fft.rfft(centred))))
+    first = int(np.argmax(np.abs(np.fft.rfft(y - np.mean(y)))))
     describing = np.fft.rfft(f)[first] / np.fft.rfft(y)[first]
     energy = float(np.sum((f + np.roll(f, -1)) / 2 * (np.roll(y, -1) - y)))
     stiffness = f"{units['force']}/{units['displacement']}"

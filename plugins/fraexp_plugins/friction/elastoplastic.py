@@ -34,7 +34,16 @@ class Elastoplastic(FrictionModel, name="elastoplastic", version=1):
             "breakaway": 1.5,
             "stribeck_velocity": 1e-3,
             "elastic_share": 0.7,
-        }
+        },
+        "linear_motor_table": {  # the guide of the paper's machine, with a Stribeck effect and micro-damping added
+            "sigma0": 3.9e5,
+            "sigma1": 400.0,
+            "sigma2": 4.69,
+            "coulomb": 17.9,
+            "breakaway": 22.0,
+            "stribeck_velocity": 1e-3,
+            "elastic_share": 0.7,
+        },
     }
 
     def model_post_init(self, context: object) -> None:

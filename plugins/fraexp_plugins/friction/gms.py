@@ -35,7 +35,16 @@ class GeneralizedMaxwellSlip(FrictionModel, name="gms", version=1):
             "breakaway": 1.5,
             "stribeck_velocity": 1e-3,
             "attraction": 20.0,
-        }
+        },
+        "linear_motor_table": {  # the rolling guide of the paper's machine, with a Stribeck effect added
+            "stiffness": [14549, 12600, 18710, 27196, 38254, 51166, 63357, 69763, 64327, 73982],
+            "shares": [0.00163, 0.00217, 0.00499, 0.01119, 0.02432, 0.05024, 0.09608, 0.16339, 0.23268, 0.41331],
+            "coulomb": 17.9,
+            "breakaway": 22.0,
+            "stribeck_velocity": 1e-3,
+            "attraction": 500.0,
+            "viscous_coefficient": 4.69,
+        },
     }
 
     def model_post_init(self, context: object) -> None:

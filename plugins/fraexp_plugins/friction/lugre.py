@@ -31,7 +31,15 @@ class LuGre(FrictionModel, name="lugre", version=1):
             "coulomb": 1.0,
             "breakaway": 1.5,
             "stribeck_velocity": 1e-3,
-        }
+        },
+        "linear_motor_table": {  # the guide of the paper's machine, with a Stribeck effect and micro-damping added
+            "sigma0": 3.9e5,
+            "sigma1": 400.0,
+            "sigma2": 4.69,
+            "coulomb": 17.9,
+            "breakaway": 22.0,
+            "stribeck_velocity": 1e-3,
+        },
     }
 
     def model_post_init(self, context: object) -> None:

@@ -1,0 +1,34 @@
+"""A force with an offset and a ripple, from rest."""
+
+import numpy as np
+
+from fraexp.api import Excitation, Period, Schedule, param
+from fraexp_plugins.excitations.sampling import samples_per_period
+
+
+class BiasedSine(Excitation, name="biased_sine", version=1):
+    """u = B + A sin(2πft) from rest, recorded from the start.
+
+    Below the static friction a machine stays where it is; models without an elastic range creep (P. Dupont et al.,
+    IEEE Trans. Automatic Control 47(5), 2002, doi:10.1109/TAC.2002.1000274, section II).
+    """
+
+    bias: float = param("N", "offset B")
+    amplitude: float = param("N", "amplitude A of the ripple", above=0)
+    frequency: float = param("Hz", "frequency f of the ripple", above=0)
+    whole_periods: int = param("1", "periods recorded", 50, at_least=2, at_most=100_000)
+
+    def check(self, sample_time: float) -> None:
+        """Refuse a frequency with too few samples per period."""
+        samples_per_period(self.name, self.frequency, sample_time)
+
+    def periods(self, sample_time: float) -> tuple[Period, ...]:
+        """Return one period, of the whole number of samples that is nearest to 1/(f Ts)."""
+        samples = samples_per_period(self.name, self.frequency, sample_time)
+        ripple = self.amplitude * np.sin(2 * np.pi * np.arange(samples) / samples)
+        return (Period(self.bias + ripple, np.array([1])),)
+
+    @property
+    def schedule(self) -> Schedule:
+        """Nothing is settled: the way from rest is what is asked for."""
+        return Schedule(settle_limit=0.0, periods=self.whole_periods)

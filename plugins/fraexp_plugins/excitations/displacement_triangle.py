@@ -1,0 +1,36 @@
+"""A triangular displacement that drives a friction model directly."""
+
+from typing import ClassVar
+
+import numpy as np
+
+from fraexp.api import Excitation, Period, Schedule, param
+from fraexp_plugins.excitations.sampling import samples_per_period
+
+
+class DisplacementTriangle(Excitation, name="displacement_triangle", version=1):
+    """A displacement to and fro at constant velocity, as in friction rigs (paper, Fig 2).
+
+    Rate effects then show at one velocity, 4 A f.
+    """
+
+    quantity: ClassVar[str] = "displacement"
+
+    amplitude: float = param("m", "amplitude A", above=0)
+    frequency: float = param("Hz", "frequency f", 1.0, above=0)
+
+    def check(self, sample_time: float) -> None:
+        """Refuse a frequency with too few samples per period."""
+        samples_per_period(self.name, self.frequency, sample_time)
+
+    def periods(self, sample_time: float) -> tuple[Period, ...]:
+        """Return one period of four times a whole number of samples, so that both peaks are samples."""
+        quarter = round(samples_per_period(self.name, self.frequency, sample_time) / 4)
+        rise = np.arange(-quarter, quarter) / quarter
+        waveform = np.roll(np.concatenate([rise, -rise]), -quarter)
+        return (Period(self.amplitude * waveform, np.array([1])),)
+
+    @property
+    def schedule(self) -> Schedule:
+        """A friction model is driven until periodic without a schedule."""
+        return Schedule()

@@ -1,0 +1,17 @@
+"""How finely a period is sampled."""
+
+from fraexp.api import ParameterError
+
+LEAST = 16
+"""Samples per period that make a wave."""
+
+
+def samples_per_period(name: str, frequency: float, sample_time: float) -> int:
+    """Return the whole number nearest to 1/(f Ts); ParameterError if `LEAST` are not reached."""
+    samples = round(1 / (frequency * sample_time))
+    if samples < LEAST:
+        raise ParameterError(
+            f"{name} has {samples} samples per period at {frequency:g} Hz and a sample time of {sample_time:g} s; "
+            f"expected {LEAST} at least: lower 'frequency', or shorten loop.sample_time"
+        )
+    return samples
