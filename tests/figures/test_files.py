@@ -54,7 +54,7 @@ def test_the_figure_fits_the_results(result: Result, make_loop: LoopMaker) -> No
     driven = Result(Outcome.OK, curves=(make_loop(1e-5),))
     assert len(figure_for([("a", result)]).axes) == 2
     assert [axes.get_ylabel() for axes in figure_for([("a", driven)]).axes] == ["Friction force [N]"]
-    with pytest.raises(FraexpError, match="no result has a frequency response or a hysteresis loop"):
+    with pytest.raises(FraexpError, match="no result has a frequency response or a curve"):
         figure_for([("a", Result(Outcome.DIVERGED))])
 
 

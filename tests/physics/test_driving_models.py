@@ -63,7 +63,7 @@ def test_a_force_below_static_friction_does_not_move_the_guide_and_moves_a_free_
     held = metrics(Drift().estimate(simulate_loop(machine, push, lambda _: None)))["drift"]
     free = Machine(TABLE, FRICTIONLESS, LEAD, Loop(sample_time=SAMPLE), Numerics())
     moved = metrics(Drift().estimate(simulate_loop(free, push, lambda _: None)))["drift"]
-    assert abs(held) < 1e-9
+    assert abs(held) < 1e-7  # what is left of the modes' ringing
     assert abs(moved) > 1e-6
 
 
@@ -72,7 +72,7 @@ def test_too_coarse_sampling_is_refused_with_the_remedy():
         DisplacementSine(amplitude=1.0, frequency=500.0),
         BiasedSine(bias=1, amplitude=1, frequency=500),
     ):
-        with pytest.raises(ParameterError, match="4 samples per period.*shorten loop.sample_time"):
+        with pytest.raises(ParameterError, match=r"4 samples per period.*shorten loop.sample_time"):
             excitation.check(SAMPLE)
 
 
