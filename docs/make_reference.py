@@ -11,11 +11,11 @@ from typing import Any, get_args, get_origin
 
 from pydantic.fields import FieldInfo
 
-from fraexp.cli.arguments import COMMANDS, DECLARE, CommandParser
+from fraexp.cli import arguments
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.plugins import BOUNDS
-from fraexp.cli.words import value_text
-from fraexp.components import KINDS, Component, Parameters, inherited_from, nested_kind, unit_of
+from fraexp.components import KINDS, Component, nested_kind
+from fraexp.parameters import Parameters, inherited_from, unit_of
 from fraexp.plugins import Registry, discover
 from fraexp.records.settings import Channel, RecordSettings, Step
 from fraexp.simulation import Loop, Numerics
@@ -66,7 +66,7 @@ def _reference(registry: Registry) -> list[str]:
         for name in registry.names(kind.kind):
             component = registry.supply(kind.kind, name).component
             lines += ["", f"### {kind.kind} `{name}`, version {component.version}", ""]
-            lines += [*_described(component), *_parameters(component)]
+            lines += [*_described(component), *_parameters(component), *_presets(component)]
     return lines
 
 
@@ -81,18 +81,28 @@ def _parameters(owner: type[Parameters]) -> list[str]:
     return list(_table(["parameter", "kind", "unit", "default", "bounds", "meaning"], (_row(*pair) for pair in fields)))
 
 
+def _presets(component: type[Component]) -> list[str]:
+    names = ", ".join(f"`{name}`" for name in component.presets)
+    return ["", f"Presets: {names}."] if names else []
+
+
 def _suffixes(owner: Any) -> list[str]:
     return [f"`{suffix}`" for suffix in owner.suffixes]
 
 
 def _row(name: str, info: FieldInfo) -> list[str]:
-    bounds = [f"{BOUNDS[word]} {getattr(item, word):g}" for item in info.metadata for word in BOUNDS if hasattr(item, word)]
+    bounds = [
+        f"{BOUNDS[word]} {getattr(item, word):g}" for item in info.metadata for word in BOUNDS if hasattr(item, word)
+    ]
     return [f"`{name}`", _kind(info), unit_of(info), _default(info), ", ".join(bounds), info.description or ""]
 
 
 def _kind(info: FieldInfo) -> str:
     nested = nested_kind(info)
-    return f"{nested.kind} component" if nested else _word(info.annotation)
+    if nested is None:
+        return _word(info.annotation)
+    several = get_origin(info.annotation) is tuple
+    return f"list of {nested.kind} components" if several else f"{nested.kind} component"
 
 
 def _word(annotation: Any) -> str:
@@ -113,19 +123,51 @@ def _default(info: FieldInfo) -> str:
     if info.is_required():
         return "required"
     value = info.default
-    if isinstance(value, bool):
-        return str(value).lower()
-    return value_text(list(value) if isinstance(value, tuple) else value)
+    if value is None or value == "":
+        return ""
+    return f"`{str(value).lower() if isinstance(value, bool) else list(value) if isinstance(value, tuple) else value}`"
 
 
 def _commands() -> list[str]:
     lines = ["## Exit codes", "", *_table(["code", "meaning"], ([str(code.value), code.sentence] for code in ExitCode))]
-    common = CommandParser(prog="fraexp", add_help=False)
-    common.add_argument("--version", action="store_true", help="print the version; without a command")
-    lines += ["", "## Options of every command", ""]
-    lines += _actions([*_own(DECLARE["list"], inherited=True), *_listed(common)])
-    for name, (_, summary) in COMMANDS.items():
-        actions = _own(DECLARE[name])
-        lines += ["", f"## fraexp {name}", "", summary[0].upper() + summary[1:] + ".", ""]
-        lines += [f"    fraexp {name} {_usage(actions)}".rstrip(), "", *_actions(actions)]
+    parser = arguments._parser()
+    common = [action for action in parser._actions if action.option_strings]
+    known = {option for action in common for option in action.option_strings}
+    lines += ["", "## Options of every command", "", *_options(common)]
+    (commands,) = (action.choices for action in parser._actions if isinstance(action.choices, Mapping))
+    for name, command in commands.items():
+        own = [action for action in command._actions if not known.issuperset(action.option_strings or [""])]
+        optional = [] if all(action.required for action in own) else ["[options]"]
+        usage = ["fraexp", name, *optional, *(_usage(action) for action in own if action.required)]
+        lines += ["", f"## `fraexp {name}`", "", str(command.description), "", f"    {' '.join(usage)}"]
+        lines += ["", *_options(own)] if own else []
     return [*lines, ""]
+
+
+def _usage(action: argparse.Action) -> str:
+    value = action.metavar or (action.dest.upper() if action.nargs != 0 else "")
+    if action.choices:
+        value = "|".join(action.choices)
+    text = " ".join([*action.option_strings[:1], str(value)]).strip()
+    return f"{text} [{text} ...]" if action.nargs == "+" else text
+
+
+def _options(actions: Iterable[argparse.Action]) -> list[str]:
+    rows = []
+    for action in actions:
+        value = _usage(action).removeprefix((action.option_strings or [""])[0]).strip()
+        names = ", ".join(sorted(action.option_strings, key=len)) or str(action.metavar)
+        rows.append([f"`{names} {value}`" if action.option_strings and value else f"`{names}`", action.help or ""])
+    return _table(["argument", "meaning"], rows)
+
+
+def _table(titles: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    """Return a table without the columns in which nothing stands."""
+    cells = [[cell.replace("|", "\\|").replace("*", "\\*") for cell in row] for row in rows]
+    kept = [index for index in range(len(titles)) if any(row[index] for row in cells)]
+    lines = [titles, ["---"] * len(titles), *cells]
+    return ["| " + " | ".join(line[index] for index in kept) + " |" for line in lines]
+
+
+if __name__ == "__main__":
+    main()

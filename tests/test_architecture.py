@@ -18,7 +18,8 @@ from importlinter.api import read_configuration
 from pydantic.fields import FieldInfo
 
 from fraexp import units
-from fraexp.components import Component, Parameters, RecordReader, nested_kind, unit_of
+from fraexp.components import Component, RecordReader, nested_kind
+from fraexp.parameters import Parameters, unit_of
 from fraexp.plugins import Registry, Supply
 
 ROOT = Path(__file__).parents[1]

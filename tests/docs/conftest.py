@@ -1,0 +1,107 @@
+"""Pages as they are read: their blocks in order, and a folder in which to follow them."""
+
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+BLOCK = re.compile(
+    r"(?:^<!-- (?P<mark>file: (?P<file>\S+)|run) -->\n)?^```(?P<language>\w+)\n(?P<text>.*?)^```$",
+    re.MULTILINE | re.DOTALL,
+)
+MAKE_RUN = "fraexp run paper/fig12"
+"""What the Makefile's target `run` comes down to; tests/docs/test_pages.py compares."""
+
+
+REDUCED = {
+    "fraexp run paper": "fraexp run paper --dry-run",
+    "fraexp run amplitudes": "fraexp run amplitudes --set excitation.points=4 --executor serial",
+    "fraexp run loop": "fraexp run loop --set excitation.points=4",
+    "fraexp run quick --json": "fraexp run quick --json --set excitation.points=4 --executor serial",
+}
+"""Beginnings of commands that take long, and what is run in their place; the longest one counts."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """A fenced block of a page."""
+
+    language: str
+    text: str
+    file: str | None
+    """Where the page tells to put it."""
+    run: bool
+    """Whether it is a program to run."""
+
+
+def blocks(page: str) -> list[Block]:
+    text = (ROOT / page).read_text("utf-8")
+    return [
+        Block(found["language"], found["text"], found["file"], found["mark"] == "run") for found in BLOCK.finditer(text)
+    ]
+
+
+def commands(block: Block) -> list[str]:
+    """Return the commands of a shell block; setting up and testing are covered elsewhere."""
+    joined = block.text.replace("\\\n", " ").splitlines()
+    lines = [line.partition(" #")[0].strip() for line in joined]
+    lines = [MAKE_RUN if line == "make run" else line for line in lines]
+    return [line for line in lines if line and not line.startswith("make ")]
+
+
+def reduced(command: str) -> str:
+    """Return a command with a smaller study, if it is one that takes long."""
+    for long, short in REDUCED.items():
+        if command == long or command.startswith((f"{long} --", f"{long} >")):
+            return command.replace(long, short, 1)
+    return command
+
+
+Follow = Callable[[str], dict[str, str]]
+
+
+@pytest.fixture
+def follow(tmp_path: Path) -> Follow:
+    """Do what a page says, in its order; returns what each command has printed."""
+
+    def run(page: str) -> dict[str, str]:
+        printed = {}
+        for block in blocks(page):
+            if block.file:
+                target = tmp_path / block.file
+                target.parent.mkdir(parents=True, exist_ok=True)
+                target.write_text(block.text, encoding="utf-8")
+            elif block.run:
+                execute([sys.executable, "-c", block.text], tmp_path)
+            elif block.language == "sh":
+                for line in commands(block):
+                    command = reduced(line).replace("KEY", some_key(tmp_path))
+                    printed[line] = execute(["bash", "-c", command], tmp_path)
+        return printed
+
+    return run
+
+
+def execute(command: list[str], folder: Path) -> str:
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    done = subprocess.run(
+        command, cwd=folder, env={**os.environ, "PATH": path}, capture_output=True, text=True, check=False, timeout=300
+    )
+    assert done.returncode == 0, f"{command[-1]}\n{done.stdout}\n{done.stderr}"
+    return done.stdout
+
+
+def some_key(folder: Path) -> str:
+    """Return the first digits of a sweep's key, in place of KEY."""
+    if not (folder / "results.db").exists():
+        return "KEY"
+    from fraexp.store import Store
+
+    with Store.open(str(folder / "results.db"), read_only=True) as store:
+        return store.sweeps(1)[0].key[4:12]

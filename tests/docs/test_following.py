@@ -1,0 +1,116 @@
+"""What the pages tell people to type, typed."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.io
+
+from tests.docs.conftest import MAKE_RUN, ROOT, Follow, blocks, commands
+
+NEAR = {"1 Hz": 3.0}
+"""How far the README's numbers may be off [dB] where the scale hides the motion; elsewhere half of what they show."""
+
+
+def multisine(periods: int, samples: int) -> np.ndarray:
+    lines = np.arange(1, samples // 4)
+    angle = 2 * np.pi * np.outer(np.arange(samples), lines) / samples
+    wave = np.cos(angle + np.random.default_rng(1).uniform(0, 2 * np.pi, lines.size)).sum(axis=1)
+    return np.tile(wave, periods)
+
+
+@pytest.mark.slow
+def test_the_readme(follow: Follow, tmp_path: Path) -> None:
+    u = multisine(4, 2500)
+    rows = np.column_stack([u, 0.5 * np.roll(u, 3)])
+    np.savetxt(tmp_path / "bench.csv", rows, delimiter=",", header="current,angle", comments="")
+    printed = follow("README.md")
+    assert (tmp_path / "fig12.pdf").stat().st_size > 1000
+    assert (tmp_path / "fig12.csv").read_text("utf-8").count("\n") > 100
+    assert (tmp_path / "studies/bench.toml").exists()
+    shown = next(block.text for block in blocks("README.md") if block.language == "text")
+    compare_tables(shown.splitlines(), printed[MAKE_RUN].splitlines())
+
+
+def compare_tables(shown: list[str], printed: list[str]) -> None:
+    """Compare two tables but for their keys, and but for rounding."""
+    assert shown[:2] == printed[:2]
+    titles = [title for title in shown[1].split("  ") if title]
+    for expected, found in zip(shown[2:6], printed[2:6], strict=True):
+        pairs = zip(titles, expected.split(), found.split(), strict=True)
+        for title, one, other in list(pairs)[1:]:
+            if title.strip().endswith(" Hz"):
+                assert float(one) == pytest.approx(float(other), abs=NEAR.get(title.strip(), 0.01)), title
+            else:
+                assert one == other
+    assert shown[-2].partition("failed")[0] == printed[-2].partition("failed")[0]
+    assert shown[-1] == printed[-1]
+
+
+@pytest.mark.slow
+def test_the_page_on_studies(follow: Follow) -> None:
+    printed = follow("docs/studies.md")
+    first = printed["fraexp run drive wrong"]
+    assert first.count(" complete: ") == 2
+    assert " diverged " not in first
+
+
+@pytest.mark.slow
+def test_the_page_on_records(follow: Follow, tmp_path: Path) -> None:
+    u = multisine(4, 2500)
+    columns = {"iq_adx": u, "theta_mx": 0.5 * np.roll(u, 3), "theta_my": -0.1 * np.roll(u, 5)}
+    scipy.io.savemat(tmp_path / "bench.mat", columns)
+    printed = follow("docs/records.md")
+    assert "run 1 complete: 2 sweeps, 2 computed" in next(iter(printed.values()))
+    assert "run 2 complete: 2 sweeps, 2 computed" in printed["fraexp run bench"]
+    assert "proposed" in printed["fraexp run record"]
+
+
+@pytest.mark.slow
+def test_the_page_on_writing_plugins(follow: Follow, tmp_path: Path) -> None:
+    u = multisine(3, 100)
+    np.savez(tmp_path / "bench.npz", force=u, position=np.roll(u, 2))
+    printed = follow("docs/writing-a-plugin.md")
+    found = printed["fraexp plugins"]
+    assert "friction element  version 1" in found
+    assert "broken" not in found
+    assert "third harmonic" in printed["fraexp run own_machine own_multisine"]
+
+
+@pytest.mark.slow
+def test_the_page_on_the_command_line(follow: Follow, tmp_path: Path) -> None:
+    follow("docs/command-line.md")
+    assert '"response"' not in (tmp_path / "quick.json").read_text("utf-8")
+    assert '"response"' in (tmp_path / "run.json").read_text("utf-8")
+
+
+def test_a_record_is_refused_in_the_words_of_its_page(tmp_path: Path) -> None:
+    head, *sentences = [block.text for block in blocks("docs/records.md") if block.language == "text"]
+    record = ROOT / "studies/records/table_stepped_sine.csv"
+    assert record.read_text("utf-8").startswith(head)
+    expected = sentences[0].splitlines()
+    for changes in (["y=positio [um]"], ["y=position [um]", "--sample-rate", "1900", "--time", "time"]):
+        command = [
+            sys.executable,
+            "-m",
+            "fraexp",
+            "import",
+            str(record),
+            "--channel",
+            "u=thrust",
+            "--channel",
+            *changes,
+        ]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=60)
+        assert done.returncode == 2
+        assert done.stderr.rstrip().endswith(expected.pop(0))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_shell_blocks_are_understood() -> None:
+    found = [line for block in blocks("README.md") if block.language == "sh" for line in commands(block)]
+    assert found[0] == MAKE_RUN
+    assert all(line.startswith("fraexp ") for line in found)
+    assert not any("#" in line for line in found)

@@ -1,0 +1,127 @@
+"""The pages against the code: what is generated is current, what is named exists, and nothing is left out."""
+
+import importlib.util
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from fraexp.cli.arguments import COMMANDS
+from fraexp.plugins import Registry
+from fraexp.results import Outcome
+from fraexp.study import KEYS
+from fraexp.workspace import Workspace
+from tests.docs.conftest import MAKE_RUN, ROOT, blocks
+
+PAGES = sorted(str(path.relative_to(ROOT)) for path in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")])
+MAKEFILE = (ROOT / "Makefile").read_text("utf-8")
+LINK = re.compile(r"\]\((?!https?:)([^)#]+)")
+NAMED = re.compile(r"`((?:studies|docs|plugins|benchmarks|tests|fraexp)/[\w./-]*)`")
+WRITTEN_BY_READERS = ("plugins/", "studies/", "studies/amplitudes.toml", "studies/bench.toml", "studies/machines/")
+LONGEST_README = 200
+
+
+def read(page: str) -> str:
+    return (ROOT / page).read_text("utf-8")
+
+
+def test_generated_pages_are_current(registry: Registry) -> None:
+    spec = importlib.util.spec_from_file_location("make_reference", ROOT / "docs/make_reference.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    stale = [path.name for path, text in module.pages(registry).items() if path.read_text("utf-8") != text]
+    assert stale == [], "run: .venv/bin/python docs/make_reference.py"
+
+
+def test_every_component_and_parameter_is_in_the_reference(registry: Registry) -> None:
+    reference = read("docs/reference.md")
+    for (kind, name), supply in registry.supplies.items():
+        section = reference.partition(f"### {kind} `{name}`, version {supply.component.version}\n")[2].partition("\n#")[
+            0
+        ]
+        assert section, f"{kind} {name}"
+        for parameter in supply.component.model_fields:
+            assert f"| `{parameter}` |" in section
+
+
+def test_every_command_is_in_the_readme_and_on_its_page() -> None:
+    for command in COMMANDS:
+        assert re.search(rf"`?fraexp {command}\b", read("README.md")), command
+        assert f"## `fraexp {command}`" in read("docs/command-line.md")
+
+
+def test_every_section_of_a_study_is_explained() -> None:
+    table = read("docs/studies.md").partition("\n## ")[0]
+    assert [key for key in KEYS if f"`{key}`" not in table and f"`[{key}]`" not in table] == []
+
+
+def test_every_outcome_is_explained() -> None:
+    page = read("docs/concepts.md")
+    assert [outcome.name for outcome in Outcome if f"| {outcome.name.lower().replace('_', ' ')} |" not in page] == []
+
+
+def test_the_readme_names_the_two_commands_and_every_target_that_is_named_exists() -> None:
+    targets = set(re.findall(r"^([\w-]+):", MAKEFILE, re.MULTILINE))
+    assert "make run" in read("README.md")
+    assert "make test" in read("README.md")
+    assert {"run", "test", "docs-figures"} <= targets
+    lines = {line for page in PAGES for block in blocks(page) for line in block.text.splitlines()}
+    named = {line.split()[1] for line in lines if line.startswith("make ")}
+    named |= {name for page in PAGES for name in re.findall(r"`make ([\w-]+)", read(page))}
+    assert named - targets == set()
+    recipe = MAKEFILE.partition("\nrun: ")[2].partition("\n\n")[0]
+    assert MAKE_RUN in recipe
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_links_and_named_files_exist(page: str) -> None:
+    text = read(page)
+    assert [link for link in LINK.findall(text) if not (ROOT / page).parent.joinpath(link).exists()] == []
+    named = [name for name in NAMED.findall(text) if name not in WRITTEN_BY_READERS and "FILE" not in name]
+    assert [name for name in named if not (ROOT / name).exists()] == []
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_toml_block_is_toml_and_every_python_block_is_python(page: str) -> None:
+    for block in blocks(page):
+        if block.language == "toml":
+            assert tomllib.loads(block.text)
+        elif block.language == "python":
+            compile(block.text, page, "exec")
+            assert block.file or block.run, "a program that no test runs"
+
+
+def test_the_readme_is_short_and_its_figure_is_there() -> None:
+    assert len(read("README.md").splitlines()) <= LONGEST_README
+    assert (ROOT / "docs/figures/fig12.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_decisions_have_their_four_parts_and_are_listed() -> None:
+    folder = ROOT / "docs/decisions"
+    pages = sorted(folder.glob("0*.md"))
+    assert pages
+    for page in pages:
+        text = page.read_text("utf-8")
+        assert text.startswith(f"# {page.name[:4]} ")
+        assert [
+            part for part in ("**Status**", "## Context", "## Decision", "## Consequences") if part not in text
+        ] == []
+        consequences = text.partition("## Consequences")[2]
+        assert "\n- **+** " in consequences
+        assert "\n- **−** " in consequences
+        assert page.name in (folder / "README.md").read_text("utf-8")
+
+
+def test_studies_share_sweeps_as_the_page_on_concepts_says(tmp_path: Path) -> None:
+    first, second = Workspace.open(tmp_path).studies(["paper/fig12", "paper/fig14"])
+    assert {sweep.key for sweep in first.sweeps} & {sweep.key for sweep in second.sweeps}
+
+
+def test_a_number_with_a_unit_makes_the_same_sweep(tmp_path: Path) -> None:
+    workspace = Workspace.open(tmp_path)
+    (plain,) = workspace.studies(["quick"], ["loop.sample_time=500e-6"])
+    (worded,) = workspace.studies(["quick"], ["loop.sample_time=0.5 ms"])
+    assert [sweep.key for sweep in plain.sweeps] == [sweep.key for sweep in worded.sweeps]
