@@ -35,6 +35,8 @@ class Component(Parameters, ABC):
     """Raised by the author whenever the same parameters give other numbers."""
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
     """Named parameter sets, such as that of a paper; a study names one as ``preset`` and may change parts of it."""
+    expected_failures: ClassVar[Mapping[str, str]] = {}
+    """Checks of `fraexp.testing` that it does not pass by its nature, each with the reason."""
 
     def __init_subclass__(cls, *, name: str = "", version: int = 0, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)  # pydantic hands class arguments to both hooks
@@ -50,6 +52,9 @@ class Component(Parameters, ABC):
             raise PluginError(f"{name}: a parameter cannot be called '{taken.pop()}'; choose another name")
         if not cls.kind:
             raise PluginError(f"{name} is of no kind; derive it from FrictionModel, Plant, Controller or another kind")
+        missing = sorted(getattr(cls, "__abstractmethods__", ()))
+        if missing:
+            raise PluginError(f"{name} lacks {', '.join(missing)}, which every {cls.kind} has")
         cls.check_definition()
 
     @classmethod
@@ -107,6 +112,11 @@ class FrictionModel(Component, ABC):
     def viscous(self) -> float:
         """Linear viscous coefficient [N s/m] on top of the law; loop and observer treat it exactly."""
         return 0.0
+
+    @property
+    def force_bound(self) -> float | None:
+        """Greatest magnitude [N] that the law's force can reach, such as Fs; None if it has none, or does not say."""
+        return None
 
     @property
     def greatest_stiffness(self) -> float:

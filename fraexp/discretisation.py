@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fraexp.components import FrictionModel, StateSpace
+from fraexp.errors import ParameterError
 
 if TYPE_CHECKING:
     from fraexp.kernels.loop import Feedback, Sample, State
@@ -87,6 +88,10 @@ def _with_lags(
     Viscous friction is linear and therefore part of a; the velocity is c·a·x, as c·b = 0 for any P of relative
     degree 2.
     """
+    if abs(plant.c @ plant.b) > 1e-9 * np.linalg.norm(plant.c) * np.linalg.norm(plant.b):
+        raise ParameterError(
+            "the plant's displacement jumps in velocity with the thrust; expected a relative degree of 2"
+        )
     n, p, q = plant.b.size, len(lags_in), len(lags_out)
     a = np.zeros((n + p + q, n + p + q))
     a[:n, :n] = plant.a - viscous * np.outer(plant.b, plant.c @ plant.a)

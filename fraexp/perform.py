@@ -87,9 +87,13 @@ def _estimate(registry: Registry, spec: Plain, signals: Signals, shared: float) 
 
 
 def _failure(error: Exception) -> Failure:
-    kind = "" if isinstance(error, FraexpError) else f"{type(error).__name__}: "
+    log = "".join(traceback.format_exception(error))
     text = str(error).splitlines()[0] if str(error) else ""
-    return Failure(f"{kind}{text}", "".join(traceback.format_exception(error)))
+    if isinstance(error, FraexpError):
+        return Failure(text, log)
+    frames = traceback.extract_tb(error.__traceback__)
+    place = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else ""
+    return Failure(f"{type(error).__name__}: {text}{place}", log)
 
 
 def reference_response(experiment: Plain, frequency: Any, registry: Registry) -> Any:

@@ -167,7 +167,7 @@ def discover(folder: Path | None = None) -> Registry:
         owner = f"{entry.dist.name} {entry.dist.version}" if entry.dist else entry.name
         _attempt(registry, f"{owner} ({entry.value})", lambda e=entry, o=owner: _register(manager, owners, e.load(), o))
     for file in sorted(folder.glob("*.py")) if folder and folder.is_dir() else []:
-        _attempt(registry, str(file), lambda f=file: _register(manager, owners, _load(f), "workspace"))
+        _attempt(registry, str(file), lambda f=file: _register(manager, owners, load_file(f), "workspace"))
     for plugin in manager.get_plugins():
         _attempt(registry, owners[plugin], lambda p=plugin: _collect(manager, registry, p, owners[p]))
     return registry
@@ -218,7 +218,8 @@ def components_in(module: ModuleType) -> list[type[Component]]:
     return [cls for _, cls in members if issubclass(cls, Component) and cls.name and cls.__module__ == module.__name__]
 
 
-def _load(file: Path) -> ModuleType:
+def load_file(file: Path) -> ModuleType:
+    """Import a dropped-in file as a module of its own."""
     name = DROP_IN + file.stem
     spec = importlib.util.spec_from_file_location(name, file)
     if spec is None or spec.loader is None:

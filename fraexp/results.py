@@ -15,7 +15,7 @@ class Outcome(Enum):
     OK = ""
     NOT_SETTLED = "raise excitation.settle_limit, or loosen excitation.tolerance"
     DIVERGED = "the closed loop is unstable: lower the controller gain or the dead time"
-    FAILED = "see the message; run with --debug for the traceback"
+    FAILED = "see the message, and the log that fraexp show prints"
 
 
 @dataclass(frozen=True)

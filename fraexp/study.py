@@ -67,7 +67,7 @@ def _study_name(path: Path, roots: Sequence[Path]) -> str:
 def load(name: str, file: Path, folder: Path, registry: Registry, overrides: Sequence[str] = ()) -> Study:
     """Read a study and resolve every point of its grid; StudyError (or ParameterError) says what does not fit.
 
-    `overrides` are texts such as ``excitation.amplitude=20`` that replace what the file says.
+    `overrides` are texts such as ``excitation.amplitude=20`` that replace what the file says, its grid included.
     """
     return resolve(name, file, _read(file), folder, registry, overrides)
 
@@ -85,9 +85,11 @@ def resolve(
     sections = {key: value for key, value in data.items() if key not in ("title", "question", "machine", "grid")}
     if "machine" in data:
         sections = _merge(_machine(data["machine"], file, folder), sections, str(file))
-    for text in overrides:
-        sections = _merge(sections, _nested(*_override(text)), "--set")
     grid = _grid(data.get("grid", {}), file)
+    for text in overrides:
+        path, value = _override(text)
+        sections = _merge(sections, _nested(path, value), "--set")
+        grid = {axis: values for axis, values in grid.items() if axis != path and not axis.startswith(f"{path}.")}
     sweeps = tuple(_sweep(file, sections, point, registry) for point in _points(grid))
     keys = {sweep.key for sweep in sweeps}
     if len(keys) < len(sweeps):
@@ -142,6 +144,8 @@ def _overlay(old: Any, new: Any) -> Any:
 
 def _override(text: str) -> tuple[str, Any]:
     path, equals, value = text.partition("=")
+    if path.strip().partition(".")[0] in ("grid", *WORDS):
+        raise StudyError(f"--set {text}: only a section's parameters can be set; write another study for the rest")
     if not equals or not path.strip():
         raise StudyError(f"--set {text}: expected PATH=VALUE, such as excitation.amplitude=20")
     try:

@@ -158,6 +158,7 @@ def _import(parser: Parser) -> None:
     parser.add_argument("--sample-rate", metavar="HZ", type=float, help="sample rate, if the file has no time column")
     parser.add_argument("--time", metavar="COLUMN", help="column with the time, such as 'time [ms]'")
     parser.add_argument("--period", metavar="SAMPLES", type=int, help="samples per period of the excitation")
+    parser.add_argument("--frequency", metavar="COLUMN", help="column with the frequency of a stepped sine")
     parser.add_argument("--skip", metavar="PERIODS", type=int, help="periods to drop at the start")
     parser.add_argument("--lowest", metavar="HZ", type=float, help="lowest excited frequency")
     parser.add_argument("--highest", metavar="HZ", type=float, help="highest excited frequency")

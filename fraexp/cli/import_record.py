@@ -8,7 +8,7 @@ from fraexp.cli.selection import database
 from fraexp.errors import RecordError
 from fraexp.workspace import Workspace
 
-OPTIONS = ("sample_rate", "time", "period", "skip", "lowest", "highest")
+OPTIONS = ("sample_rate", "time", "period", "frequency", "skip", "lowest", "highest")
 """Options that are keys of a study's section [record]."""
 
 

@@ -11,7 +11,7 @@ from fraexp.cli.selection import is_run, open_store
 from fraexp.cli.tables import outcome_text, response_table, sweep_table
 from fraexp.cli.terminal import print_fields, print_json, print_table, say
 from fraexp.cli.words import duration, flat, moment, number, short, value_text
-from fraexp.figures.labels import label_text
+from fraexp.figures.labels import label_text, printable
 from fraexp.plugins import discover
 from fraexp.results import Result
 from fraexp.store import RunSummary, Store, StoredSweep
@@ -72,7 +72,7 @@ def remedies(sweeps: Sequence[StoredSweep]) -> list[str]:
 
 def _show_sweep(store: Store, arguments: Namespace) -> None:
     sweep = store.find(arguments.id)
-    result = store.results([sweep.key]).get(sweep.key)
+    result, log = store.results([sweep.key]).get(sweep.key), store.log(sweep.key)
     if arguments.json:
         print_json(sweep_document(sweep, result))
         return
@@ -85,6 +85,9 @@ def _show_sweep(store: Store, arguments: Namespace) -> None:
     print_fields([(name, f"{of.distribution}, source {of.source_hash[:12]}") for name, of in sources], indent=2)
     if result is not None:
         _show_result(result, None if arguments.points else ROWS)
+    if log:
+        print("\nlog")
+        print("\n".join(printable(line) for line in log.splitlines()))
 
 
 def _sweep_fields(sweep: StoredSweep) -> list[tuple[str, str]]:

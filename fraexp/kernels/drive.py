@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from fraexp.kernels.law import Law, specialised
+from fraexp.kernels.law import Law, call
 
 PASSES = 500
 """Times that a periodic record is run through at most."""
@@ -28,7 +28,7 @@ def drive(
     """
     force = np.empty_like(displacement)
     z = np.zeros((2, max(states, 1)))
-    specialised(_make_drive, law)(displacement, time_step, PASSES if periodic else 1, z, force, arguments)
+    call(_make_drive, law, displacement, time_step, PASSES if periodic else 1, z, force, arguments)
     return force
 
 

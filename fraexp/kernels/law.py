@@ -7,6 +7,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from numba.core.errors import NumbaError
 from numba.extending import register_jitable
 
 Law = Callable[..., float]
@@ -38,6 +39,34 @@ def fingerprint(law: Law) -> str:
     source = path.read_bytes() if path.is_file() else law.__code__.co_code
     parts = [hashlib.blake2b(source, digest_size=16).hexdigest(), *(fingerprint(helper) for helper in helpers(law))]
     return parts[0] if len(parts) == 1 else hashlib.blake2b("".join(parts).encode(), digest_size=16).hexdigest()
+
+
+class LawError(Exception):
+    """A law is not written in the part of Python that can be compiled."""
+
+
+def call(factory: Callable[[Law, str], Any], law: Law, *arguments: Any) -> Any:
+    """Call the kernel that a factory makes for a law; LawError tells in one line why it cannot be compiled."""
+    try:
+        return specialised(factory, law)(*arguments)
+    except NumbaError as error:
+        lines = [line.strip() for line in str(error).splitlines()]
+        said = [line for line in lines if line.startswith(TELLING)] or [line for line in lines if line][-1:]
+        where = [line.removeprefix("File ").replace('"', "") for line in lines if line.startswith('File "')]
+        place = where[-1].rstrip(":") if where else inspect.getfile(law)
+        raise LawError(f"{law.__qualname__} cannot be compiled: {said[0]} ({place})") from None
+
+
+TELLING = (
+    "NameError",
+    "Cannot",
+    "Invalid use",
+    "No implementation",
+    "Unknown attribute",
+    "Untyped global",
+    "Unsupported",
+)
+"""How the line of the compiler's message begins that says what is wrong."""
 
 
 def specialised(factory: Callable[[Law, str], Any], law: Law) -> Any:

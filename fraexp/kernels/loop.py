@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
-from fraexp.kernels.law import Law, specialised
+from fraexp.kernels.law import Law, call
 
 
 class Sample(NamedTuple):
@@ -73,10 +73,9 @@ def run(
     position [m], displacement [m] and friction force [N] at the sampling instants.
     """
     channels = np.empty((4, excitation.size))
-    kernel = specialised(_make_loop, law)
     # plain tuples: looking up the type of a named one takes as long as running 200 samples
-    inside = kernel(tuple(sample), tuple(feedback), tuple(state), excitation, reference, noise, channels, arguments)
-    return bool(inside), channels
+    constants = (tuple(sample), tuple(feedback), tuple(state))
+    return bool(call(_make_loop, law, *constants, excitation, reference, noise, channels, arguments)), channels
 
 
 def _make_loop(law: Law, fingerprint: str) -> Any:

@@ -80,9 +80,9 @@ def find(connection: Connection, prefix: str) -> StoredSweep:
     return _stored(connection.execute(latest).mappings().one(), sources)
 
 
-def log(connection: Connection, number: int, key: str) -> str:
-    """Return the log of a sweep's failed attempt in a run; empty if none failed."""
-    query = select(run_sweep.c.log).where(run_sweep.c.run == number, run_sweep.c.key == key).limit(1)
+def log(connection: Connection, key: str) -> str:
+    """Return the log of a sweep's latest attempt; empty if it did not fail."""
+    query = select(run_sweep.c.log).where(run_sweep.c.key == key).order_by(run_sweep.c.run.desc()).limit(1)
     return connection.scalar(query) or ""
 
 

@@ -122,10 +122,10 @@ class Store:
         with self._reading() as connection:
             return reading.find(connection, prefix)
 
-    def log(self, run: int, key: str) -> str:
-        """Return the log of a sweep's failed attempt in a run; empty if none failed."""
+    def log(self, key: str) -> str:
+        """Return the log of a sweep's latest attempt; empty if it did not fail."""
         with self._reading() as connection:
-            return reading.log(connection, run, key)
+            return reading.log(connection, key)
 
     def result(self, key: str) -> Result:
         """Return the result of a sweep, with arrays."""

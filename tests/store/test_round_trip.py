@@ -176,4 +176,4 @@ def test_text_that_no_encoding_holds_is_escaped(store, begin, sweep):
     run = begin([sweep()])
     store.fail(run, sweep().key, "no file 'a\udcff'", "log \0 end")
     assert store.sweeps(run)[0].message == r"no file 'a\udcff'"
-    assert store.log(run, sweep().key) == r"log \x00 end"
+    assert store.log(sweep().key) == r"log \x00 end"

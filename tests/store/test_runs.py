@@ -45,7 +45,7 @@ def test_a_failed_attempt_keeps_the_older_result(store, begin, sweep, result):
     store.fail(later, sweep().key, "out of memory", "the log")
     failed = store.sweeps(later)[0]
     assert (failed.state, failed.message, failed.outcome) == ("failed", "out of memory", Outcome.OK)
-    assert store.log(later, sweep().key) == "the log"
+    assert store.log(sweep().key) == "the log"
     assert store.result(sweep().key).message == "all well"
     store.save(later, [(sweep(), result(), {})])
     assert (store.sweeps(later)[0].state, store.sweeps(later)[0].message) == ("computed", "all well")
