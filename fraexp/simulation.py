@@ -51,6 +51,8 @@ UNITS = {"u": "N", "y": "m", "displacement": "m", "friction": "N"}
 """Channels of a simulated loop: control input, measured position, true displacement, true friction force."""
 LONGEST_STEP = 0.5
 """Longest step, in radians of the stuck table's resonance."""
+SLOWEST = 0.98
+"""Greatest ratio of successive differences that is believed: slower ones look like noise."""
 LEAST_COMPARED = 0.1
 """Time [s] over which periods are compared at least: at 200 Hz a slow transient hardly changes in one period."""
 
@@ -169,23 +171,15 @@ class _Experiment:
         repeats = max(1, int(np.ceil(LEAST_COMPARED / (self.block * loop.sample_time))))
         stretch = np.tile(self.period.waveform, repeats)
         time = ramp_periods * self.block * loop.sample_time
-        before, difference, floor = None, np.inf, self._floor(stretch.size)
+        agreement = _Agreement(schedule.tolerance, self._floor(stretch.size))
         while True:
             channels = self._run(stretch)
             if channels is None:
                 return None
             time += stretch.size * loop.sample_time
-            now = channels[1]
-            if before is not None:
-                fresh = _relative_difference(now, before)
-                ratio = min(fresh / difference, 0.98) if difference > 0 else 0.0
-                residual, difference = fresh * max(1.0, ratio / (1 - ratio)), fresh
-                swing = np.std(now)
-                if residual <= schedule.tolerance + (floor / swing if swing > 0 else 0.0):
-                    return Settling(True, time, residual)
-                if time >= schedule.settle_limit:
-                    return Settling(False, time, residual)
-            before = now
+            settled = agreement.reached(channels[1])
+            if settled or time >= schedule.settle_limit:
+                return Settling(settled, time, agreement.difference)
 
     def _floor(self, samples: int) -> float:
         """Difference of two stretches that scale and noise alone explain [m]."""
@@ -201,8 +195,31 @@ class _Experiment:
         return channels if inside else None
 
 
-def _relative_difference(now: np.ndarray, before: np.ndarray) -> float:
-    # Root mean square of the difference over that of the motion about its mean; 0 for a machine at rest.
-    change = float(np.sqrt(np.mean((now - before) ** 2)))
-    swing = float(np.std(now))
-    return change / swing if swing > 0 else (np.inf if change else 0.0)
+class _Agreement:
+    """Whether successive stretches of a motion agree, and how far the last two are apart."""
+
+    def __init__(self, tolerance: float, floor: float) -> None:
+        self.tolerance, self.floor = tolerance, floor
+        self.difference = np.nan
+        self._before: np.ndarray | None = None
+        self._excess = np.inf
+
+    def reached(self, now: np.ndarray) -> bool:
+        """Compare a stretch [m] with the one before.
+
+        Relative to the motion, the difference beyond what scale and noise explain, extrapolated as a geometric
+        series to all that is still to come, must be within the tolerance.
+        """
+        before, self._before = self._before, now
+        if before is None:
+            return False
+        swing = float(np.std(now))
+        change = float(np.sqrt(np.mean((now - before) ** 2)))
+        if swing == 0:  # a machine at rest
+            self.difference = np.inf if change else 0.0
+            return not change
+        self.difference = change / swing
+        excess = max(change - self.floor, 0.0) / swing
+        ratio = min(excess / self._excess, SLOWEST) if self._excess > 0 else 0.0
+        self._excess = excess
+        return excess * max(1.0, ratio / (1 - ratio)) <= self.tolerance

@@ -200,3 +200,12 @@ def test_the_controller_holds_the_machine_about_its_reference():
     integrating = Pid(proportional=6052.9, integral_time=0.3, derivative_time=0.0566, filter_time=0.00629)
     signals = simulated(FRICTIONLESS, (10.0,), controller=integrating, tolerance=1e-9, reference=2e-3)
     assert np.mean(signals.segments[0].channels["y"]) == pytest.approx(2e-3, rel=1e-4)
+
+
+def test_a_slow_transient_settles_under_noise_too():
+    settings = {"resolution": 1e-7, "noise": 1e-7, "seed": 3}
+    quiet = simulated(FRICTIONLESS, (45.0,), amplitude=75.0).segments[0].settling
+    noisy = simulated(FRICTIONLESS, (45.0,), amplitude=75.0, **settings).segments[0].settling
+    assert quiet.settled
+    assert noisy.settled
+    assert 0.7 < noisy.time < quiet.time  # the stand rings on until it drowns in the noise
