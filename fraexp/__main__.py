@@ -1,8 +1,6 @@
 """``python -m fraexp``."""
 
-import sys
-
-from fraexp.cli.main import main
+from fraexp.cli.main import console
 
 if __name__ == "__main__":
-    sys.exit(main())
+    console()

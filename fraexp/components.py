@@ -1,6 +1,7 @@
 """What plugins supply: the kinds of component and their contracts."""
 
 import inspect
+import traceback
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -8,6 +9,7 @@ from pathlib import Path
 from typing import Any, ClassVar, cast, get_args
 
 import numpy as np
+from pydantic import PrivateAttr
 from pydantic.fields import FieldInfo
 
 from fraexp.errors import PluginError, did_you_mean
@@ -46,6 +48,10 @@ class Component(Parameters, ABC):
         super().__pydantic_init_subclass__(**kwargs)
         if not name:
             return
+        if not isinstance(version, int):
+            raise PluginError(
+                f"{name} has version {version!r}; expected a whole number, raised when its numbers change"
+            )
         cls.name, cls.version = name, version
         taken = {"name", "version", "preset"} & set(cls.model_fields)
         if taken:
@@ -86,6 +92,7 @@ class FrictionModel(Component, ABC):
     """Name and unit of each element of z, such as ``("force [N]",)``."""
 
     advance: ClassVar[Any]
+    _rehearsed: bool = PrivateAttr(default=False)
 
     @classmethod
     def check_definition(cls) -> None:
@@ -141,6 +148,30 @@ class FrictionModel(Component, ABC):
             for value in values
         )
 
+    def rehearse(self) -> None:
+        """Try the law once in plain Python; PluginError where compiled code would go wrong without a word.
+
+        Indices beyond `state_size`, a state that is written, and a force that is no number are found here.
+        """
+        if self._rehearsed:
+            return
+        arguments = self.law_arguments()
+        for dy in (PROBE, -PROBE, 0.0, 1e3 * PROBE):
+            z, z_next = np.zeros(self.state_size), np.full(self.state_size, np.nan)
+            try:
+                force: Any = self.law(z, dy, REHEARSED, z_next, *arguments)
+            except Exception as error:
+                line = traceback.extract_tb(error.__traceback__)[-1]
+                reason = f"{type(error).__name__}: {error} ({Path(line.filename).name}, line {line.lineno})"
+                size = f"z has {self.state_size} elements (states, or state_size)"
+                raise PluginError(f"the law of {self.name} fails on dy = {dy:g} m: {reason}; {size}") from error
+            if not isinstance(force, float | int) or not np.isfinite(force) or not np.all(np.isfinite(z_next)):
+                found = f"a force of {force!r} and a next state of {z_next.tolist()}"
+                raise PluginError(f"the law of {self.name} gives {found} on dy = {dy:g} m; expected finite numbers")
+            if np.any(z):
+                raise PluginError(f"the law of {self.name} writes z; it must write z_next, as z is tried several times")
+        self._rehearsed = True
+
     def force(self, displacement: np.ndarray, time_step: float, periodic: bool = False) -> np.ndarray:
         """Return the law's force [N], shape (n,), along a displacement record [m], shape (n,), without `viscous`.
 
@@ -149,10 +180,13 @@ class FrictionModel(Component, ABC):
         """
         from fraexp.kernels.drive import drive  # numba: imported only when a law is run
 
+        self.rehearse()
         record = np.ascontiguousarray(displacement, dtype=float)
         return drive(self.law, self.law_arguments(), self.state_size, record, time_step, periodic)
 
 
+REHEARSED = 1e-4
+"""Step at which a law is tried [s]."""
 PROBE, SLOW = 1e-9, 1e-9
 """A displacement [m] that lets no friction slip, and a velocity [m/s] without rate effects."""
 

@@ -4,6 +4,7 @@ import multiprocessing
 import os
 import queue
 import signal
+import threading
 from collections.abc import Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from typing import Any
@@ -30,8 +31,9 @@ class Workers:
 
     def __init__(self, name: str, jobs: int) -> None:
         self.count = min(workers_of(name), max(jobs, 1))
+        self._threaded = name == "serial"
         self._stopped = False
-        if self.count == 1:
+        if self._threaded:
             self._reports: Any = queue.SimpleQueue()
         else:
             for variable in ONE_THREAD:
@@ -40,7 +42,7 @@ class Workers:
         self._pool = self._fresh()
 
     def _fresh(self) -> Executor:
-        if self.count == 1:
+        if self._threaded:
             return ThreadPoolExecutor(1)
         return ProcessPoolExecutor(self.count, SPAWN, _start, (self._reports,))
 
@@ -107,6 +109,15 @@ _worker: dict[str, Any] = {}
 def _start(reports: Any) -> None:
     _worker["reports"] = reports
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the scheduler, which then ends its workers
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """End this worker when its scheduler is gone, however that died."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 def _there(number: int, job: Job) -> Answer:

@@ -66,10 +66,11 @@ class Parameters(BaseModel):
         for key, info in cls.model_fields.items():
             if isinstance(read.get(key), bool) and info.annotation in (float, int):
                 raise ParameterError(f"{key} is {read[key]}; expected a number")
-            if unit_of(info):
-                read[key] = _with_units(read[key], unit_of(info)) if key in read else None
-                if read[key] is None:
-                    del read[key]
+            if unit_of(info) and read.get(key) is not None:
+                try:
+                    read[key] = _with_units(read[key], unit_of(info))
+                except ParameterError as error:
+                    raise ParameterError(f"{key}: {error}") from None
         return read
 
     @classmethod
@@ -119,7 +120,10 @@ BOUNDS = {
 
 
 def _sentence(cls: type[Parameters], title: str, data: Mapping[str, Any], error: ValidationError) -> str:
-    found = error.errors(include_url=False)[0]
+    all_found = error.errors(include_url=False)
+    found = next(
+        (one for one in all_found if one["type"] == "extra_forbidden"), all_found[0]
+    )  # a slip of the pen first
     place = ".".join(str(part) for part in found["loc"])
     name = str(found["loc"][0]) if found["loc"] else ""
     info = cls.model_fields.get(name)

@@ -168,7 +168,7 @@ def discover(folder: Path | None = None) -> Registry:
         _attempt(registry, f"{owner} ({entry.value})", lambda e=entry, o=owner: _register(manager, owners, e.load(), o))
     for file in sorted(folder.glob("*.py")) if folder and folder.is_dir() else []:
         _attempt(registry, str(file), lambda f=file: _register(manager, owners, load_file(f), "workspace"))
-    for plugin in manager.get_plugins():
+    for plugin in list(owners):  # in the order of finding: pluggy keeps a set
         _attempt(registry, owners[plugin], lambda p=plugin: _collect(manager, registry, p, owners[p]))
     return registry
 
@@ -176,7 +176,7 @@ def discover(folder: Path | None = None) -> Registry:
 def _attempt(registry: Registry, place: str, action: Any) -> None:
     try:
         action()
-    except Exception as error:  # a stranger's plugin may raise anything; it must not take the rest down
+    except (Exception, SystemExit) as error:  # a stranger's plugin may raise anything; the rest goes on
         lines = traceback.extract_tb(error.__traceback__)
         line = error.lineno if isinstance(error, SyntaxError) else (lines[-1].lineno if lines else None)
         where = f" ({Path(lines[-1].filename).name}, line {line})" if lines and line else ""

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from fraexp.periodic import response_covariance, spectrum
-from fraexp.results import HARMONICS, FrequencyResponse, Result
+from fraexp.results import HARMONICS, FrequencyResponse, Outcome, Result
 from fraexp.signals import Segment, Signals
 
 
@@ -26,21 +26,28 @@ def response_result(
         return Result(signals.outcome, signals.message)
     spectra = [spectrum(s.frequency, u, y) for s, u, y in zip(signals.segments, inputs, outputs, strict=True)]
     u, y = np.concatenate([s.input for s in spectra]), np.concatenate([s.output for s in spectra])
+    silent = (np.abs(u) == 0) | (np.abs(y) == 0)
+    u, y = np.where(silent, np.nan, u), np.where(silent, np.nan, y)
     scatter = [np.concatenate([getattr(s, part) for s in spectra]) for part in ("var_input", "var_output", "cov")]
+    with np.errstate(invalid="ignore"):  # where nothing moves
+        ratio, covariance = y / u, response_covariance(u, y, *scatter)
     response = FrequencyResponse(
         frequency=np.concatenate([s.frequency for s in spectra]),
-        response=y / u,
-        covariance=response_covariance(u, y, *scatter),
+        response=ratio,
+        covariance=covariance,
         unit=f"{units[1]}/{units[0]}",
         input=names[0],
         output=names[1],
         input_amplitude=np.abs(u),
         output_amplitude=np.abs(y),
-        settled=_per_line(signals, [s.settling.settled if s.settling else True for s in signals.segments]),
+        settled=~silent & _per_line(signals, [s.settling.settled if s.settling else True for s in signals.segments]),
         settling_time=_per_line(signals, [s.settling.time if s.settling else np.nan for s in signals.segments]),
         residual=_per_line(signals, [s.settling.residual if s.settling else np.nan for s in signals.segments]),
         harmonics=np.concatenate([_harmonics(s, names[1]) for s in signals.segments]),
     )
+    if silent.any() and signals.outcome is Outcome.OK:
+        message = f"at {silent.sum()} of {silent.size} frequencies input or output does not move"
+        return Result(Outcome.NO_SIGNAL, message, response)
     return Result(signals.outcome, signals.message, response)
 
 
@@ -56,5 +63,6 @@ def _harmonics(segment: Segment, channel: str) -> np.ndarray:
         bins = np.fft.rfft(mean)
         wanted = segment.lines[0] * np.arange(2, HARMONICS + 1)
         below = 2 * wanted < segment.samples
-        result[0, below] = bins[wanted[below]] / bins[segment.lines[0]]
+        if bins[segment.lines[0]] != 0:
+            result[0, below] = bins[wanted[below]] / bins[segment.lines[0]]
     return result

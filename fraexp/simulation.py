@@ -29,6 +29,17 @@ class Loop(Parameters):
     seed: int = param("1", "seed of the scale's noise", 0, at_least=0)
     stroke: float = param("m", "displacement at which the loop counts as diverged", 1.0, above=0)
 
+    def model_post_init(self, context: object) -> None:
+        """Check the lags."""
+        if min(self.input_lags + self.output_lags, default=1.0) <= 0:
+            raise ParameterError("loop has a lag of 0 s or less; a first-order lag must be above 0 s")
+
+    @property
+    def delay(self) -> float:
+        """Time that a change of the control input needs to be seen in the measured position [s]."""
+        lags = sum(self.input_lags) + sum(self.output_lags)
+        return self.input_dead_time + self.output_dead_time + 5 * lags
+
 
 class Numerics(Parameters):
     """How finely the loop is computed."""
@@ -49,6 +60,10 @@ class Machine:
 
 UNITS = {"u": "N", "y": "m", "displacement": "m", "friction": "N"}
 """Channels of a simulated loop: control input, measured position, true displacement, true friction force."""
+CHUNK = 50_000
+"""Samples after which a long experiment shows that it is alive, and can be stopped."""
+Alive = Callable[[float], None]
+"""Is told how much of an experiment is done, at most."""
 LONGEST_STEP = 0.5
 """Longest step, in radians of the stuck table's resonance."""
 SLOWEST = 0.98
@@ -67,7 +82,8 @@ def simulate_loop(machine: Machine, excitation: Excitation, progress: Callable[[
     periods = excitation.periods(loop.sample_time)
     segments: list[Segment] = []
     for number, period in enumerate(periods):
-        segment = _Experiment(compiled, loop, period, excitation.schedule, number).segment()
+        share = partial(_share, progress, number, len(periods))
+        segment = _Experiment(compiled, loop, period, excitation.schedule, number, share).segment()
         if segment is None:
             frequency = period.lines[0] / (period.waveform.size * loop.sample_time)
             message = f"at {frequency:.4g} Hz the displacement left ±{loop.stroke:g} m"
@@ -108,6 +124,7 @@ class _Compiled:
         from fraexp.kernels.loop import run  # numba: imported only where a loop is run
 
         loop, friction = machine.loop, machine.friction
+        friction.rehearse()
         _check_step(machine)
         sample, feedback, at_rest = discretise(
             machine.plant.state_space(),
@@ -138,8 +155,11 @@ def _check_step(machine: Machine) -> None:
 class _Experiment:
     """One periodic excitation of the loop, from rest to the recorded periods."""
 
-    def __init__(self, compiled: _Compiled, loop: Loop, period: Period, schedule: Schedule, number: int) -> None:
+    def __init__(
+        self, compiled: _Compiled, loop: Loop, period: Period, schedule: Schedule, number: int, alive: Alive
+    ) -> None:
         self.compiled, self.loop, self.period, self.schedule = compiled, loop, period, schedule
+        self.alive, self.done = alive, 0.0
         self.block = period.waveform.size
         self.state = compiled.at_rest()
         self.noise = np.random.default_rng([loop.seed, number])
@@ -163,9 +183,10 @@ class _Experiment:
         loop, schedule = self.loop, self.schedule
         if schedule.settle_limit == 0:
             return Settling(True, 0.0, np.nan)  # the transient itself is asked for
-        ramp_periods = int(np.ceil(schedule.ramp / (self.block * loop.sample_time)))
+        ramp_periods = int(np.ceil((schedule.ramp + loop.delay) / (self.block * loop.sample_time)))
         if ramp_periods:
-            rise = np.minimum(np.arange(ramp_periods * self.block) * loop.sample_time / schedule.ramp, 1.0)
+            elapsed = np.arange(ramp_periods * self.block) * loop.sample_time
+            rise = np.minimum(elapsed / schedule.ramp, 1.0) if schedule.ramp else np.ones(elapsed.size)
             if self._run(np.tile(self.period.waveform, ramp_periods) * rise) is None:
                 return None
         repeats = max(1, int(np.ceil(LEAST_COMPARED / (self.block * loop.sample_time))))
@@ -191,8 +212,21 @@ class _Experiment:
         sigma = self.loop.noise
         noise = sigma * self.noise.standard_normal(excitation.size) if sigma else np.zeros(excitation.size)
         reference = np.full(excitation.size, self.loop.reference)
-        inside, channels = self.compiled.kernel(self.state, excitation, reference, noise)
-        return channels if inside else None
+        parts = []
+        for begin in range(0, excitation.size, CHUNK):
+            part = slice(begin, begin + CHUNK)
+            inside, channels = self.compiled.kernel(self.state, excitation[part], reference[part], noise[part])
+            if not inside:
+                return None
+            parts.append(channels)
+            self.done += channels.shape[1] * self.loop.sample_time
+            self.alive(self.done / self.schedule.settle_limit if self.schedule.settle_limit else 0.0)
+        return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
+
+
+def _share(progress: Callable[[float], None], number: int, count: int, part: float) -> None:
+    """Tell that of one experiment among several at least a part is done."""
+    progress((number + min(part, 0.9)) / count)
 
 
 class _Agreement:

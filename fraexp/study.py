@@ -1,6 +1,7 @@
 """A study file: what shall be known, as TOML; its grid multiplies into sweeps."""
 
 import itertools
+import os
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -59,8 +60,9 @@ def find_studies(name: str, folder: Path) -> list[tuple[str, Path]]:
 
 def _study_name(path: Path, roots: Sequence[Path]) -> str:
     for root in roots:
-        if path.resolve().is_relative_to(root.resolve()):
-            return path.resolve().relative_to(root.resolve()).with_suffix("").as_posix()
+        inside, outside = Path(os.path.realpath(path)), os.path.realpath(root)  # which survive a loop of links
+        if inside.is_relative_to(outside):
+            return inside.relative_to(outside).with_suffix("").as_posix()
     return path.stem
 
 
@@ -91,19 +93,20 @@ def resolve(
         sections = _merge(sections, _nested(path, value), "--set")
         grid = {axis: values for axis, values in grid.items() if axis != path and not axis.startswith(f"{path}.")}
     sweeps = tuple(_sweep(file, sections, point, registry) for point in _points(grid))
-    keys = {sweep.key for sweep in sweeps}
-    if len(keys) < len(sweeps):
-        raise StudyError(f"{file}, [grid]: {len(sweeps) - len(keys)} of {len(sweeps)} points are the same as others")
+    different = {sweep.key: sweep for sweep in reversed(sweeps)}  # points may say the same in two ways
+    sweeps = tuple(sweep for sweep in sweeps if different[sweep.key] is sweep)
     return Study(name, file, data.get("title", name), data.get("question", ""), sweeps)
 
 
 def _read(file: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(file.read_text(encoding="utf-8"))
+        return tomllib.loads(file.read_text(encoding="utf-8-sig"))
     except tomllib.TOMLDecodeError as error:
         raise StudyError(f"{file}: is no valid TOML: {error}") from None
     except UnicodeDecodeError:
         raise StudyError(f"{file}: is no text in UTF-8") from None
+    except (RecursionError, ValueError) as error:
+        raise StudyError(f"{file}: cannot be read as TOML: {error}") from None
     except OSError as error:
         raise StudyError(f"{file}: cannot be read: {error.strerror}") from None
 

@@ -3,7 +3,9 @@
 import importlib
 import io
 import os
+import signal
 import sys
+import threading
 import traceback
 from argparse import Namespace
 from collections.abc import Sequence
@@ -12,6 +14,29 @@ from fraexp.cli.arguments import COMMANDS, UsageError, parse
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.terminal import say
 from fraexp.errors import FraexpError, StoreError
+
+
+def console() -> None:
+    """Run the command of this process, and end it with its exit code."""
+    for name in ("SIGTERM", "SIGHUP"):  # asked to end: as with Ctrl-C, what is finished is kept
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.default_int_handler)
+    code = main()
+    if code == ExitCode.INTERRUPTED and _threads_left(PATIENCE):  # which the interpreter would wait for
+        sys.stderr.flush()
+        os._exit(code)
+    sys.exit(code)
+
+
+PATIENCE = 0.5
+"""Seconds that threads have to end after an interruption."""
+
+
+def _threads_left(patience: float) -> bool:
+    others = [thread for thread in threading.enumerate() if not (thread.daemon or thread is threading.main_thread())]
+    for thread in others:
+        thread.join(patience / len(others))
+    return any(thread.is_alive() for thread in others)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -3,9 +3,8 @@
 from typing import Any
 
 import numpy as np
-from numba import njit
 
-from fraexp.kernels.law import Law, call
+from fraexp.kernels.law import Law, cached, call
 
 PASSES = 500
 """Times that a periodic record is run through at most."""
@@ -33,7 +32,7 @@ def drive(
 
 
 def _make_drive(law: Law, fingerprint: str) -> Any:
-    @njit(cache=True)
+    @cached
     def run(displacement, time_step, passes, z, force, arguments):  # type: ignore[no-untyped-def]
         _ = fingerprint  # a cell of the closure: an edited law is compiled again
         now = 0

@@ -7,6 +7,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from numba import njit
 from numba.core.errors import NumbaError
 from numba.extending import register_jitable
 
@@ -39,6 +40,14 @@ def fingerprint(law: Law) -> str:
     source = path.read_bytes() if path.is_file() else law.__code__.co_code
     parts = [hashlib.blake2b(source, digest_size=16).hexdigest(), *(fingerprint(helper) for helper in helpers(law))]
     return parts[0] if len(parts) == 1 else hashlib.blake2b("".join(parts).encode(), digest_size=16).hexdigest()
+
+
+def cached(function: Callable[..., Any]) -> Any:
+    """Compile a function when it is first called, and keep the machine code on disk where there is a place for it."""
+    try:
+        return njit(cache=True)(function)
+    except RuntimeError:  # no folder can be written, as in a container: compile again in each process
+        return njit(function)
 
 
 class LawError(Exception):

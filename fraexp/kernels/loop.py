@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
-from fraexp.kernels.law import Law, call
+from fraexp.kernels.law import Law, cached, call
 
 
 class Sample(NamedTuple):
@@ -79,7 +79,7 @@ def run(
 
 
 def _make_loop(law: Law, fingerprint: str) -> Any:
-    @njit(cache=True)
+    @cached
     def loop(sample, feedback, state, excitation, reference, noise, channels, arguments):  # type: ignore[no-untyped-def]
         _ = fingerprint  # a cell of the closure: an edited law is compiled again
         displacement, compliance, measured, transition, step = sample
@@ -119,7 +119,7 @@ def _make_loop(law: Law, fingerprint: str) -> Any:
     return loop
 
 
-@njit(cache=True)
+@cached
 def control(numerator, denominator, w, error):  # type: ignore[no-untyped-def]
     """One sample of C(z) in transposed direct form II."""
     value = numerator[0] * error + w[0]

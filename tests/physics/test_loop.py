@@ -209,3 +209,25 @@ def test_a_slow_transient_settles_under_noise_too():
     assert quiet.settled
     assert noisy.settled
     assert 0.7 < noisy.time < quiet.time  # the stand rings on until it drowns in the noise
+
+
+def test_lags_after_the_position_do_not_hide_the_motion_from_the_friction_model():
+    friction, lags = guide(), (5e-3,)
+    signals = simulated(friction, (2.0, 12.0, 30.0), amplitude=75.0, output_lags=lags)
+    response = Proposed(friction=friction, input_dead_time=1e-3, output_lags=lags).estimate(signals).response
+    ratio = response.response / TABLE.response(2 * np.pi * response.frequency)
+    assert np.max(np.abs(ratio - 1)) < 5e-4
+
+
+def test_nothing_counts_as_settled_before_it_has_arrived():
+    signals = simulated(FRICTIONLESS, (50.0,), controller=ZTransfer(numerator=(0.0,)), input_dead_time=1.5)
+    assert signals.segments[0].settling.time > 1.5
+    assert np.ptp(signals.segments[0].channels["y"]) > 0
+
+
+def test_a_scale_that_shows_nothing_is_no_result():
+    signals = simulated(guide(), (10.0, 150.0), resolution=1e-3)
+    result = Conventional().estimate(signals)
+    assert result.outcome is Outcome.NO_SIGNAL
+    assert np.isnan(result.response.response).all()
+    assert not result.response.settled.any()

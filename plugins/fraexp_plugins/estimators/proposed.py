@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fraexp.api import FrictionModel, Result, Segment, Signals, param, phasors, response_result
+from fraexp.api import FrictionModel, Result, Segment, Signals, param, path_response, phasors, response_result
 from fraexp_plugins.estimators.delayed import DelayedEstimator
 
 CLEAR = 3.0
@@ -47,18 +47,23 @@ class Proposed(DelayedEstimator, name="proposed", version=1):
     def _friction_phasors(self, segment: Segment) -> np.ndarray:
         """Return the phasors of the friction model's force [N] per period, shape (periods, lines)."""
         record = segment.channels[self.output]
-        fine = self._interpolated(record) / self.width_scale
+        fine = self._interpolated(record, segment.sample_time) / self.width_scale
         force = self.friction.force(fine, segment.sample_time / self.interpolation, periodic=True)
         periods = (self.force_scale * force).reshape(record.shape[0], -1)
-        return np.fft.rfft(periods, axis=1)[:, segment.lines] * (2 / periods.shape[1])
+        lagged = path_response(2 * np.pi * segment.frequency, 0.0, self.output_lags)
+        return lagged * np.fft.rfft(periods, axis=1)[:, segment.lines] * (2 / periods.shape[1])
 
-    def _interpolated(self, record: np.ndarray) -> np.ndarray:
-        """Return all periods of a record, shape (periods, n), at `interpolation` times as many points, as one row."""
+    def _interpolated(self, record: np.ndarray, sample_time: float) -> np.ndarray:
+        """Return all periods of a record, shape (periods, n), at `interpolation` times as many points, as one row.
+
+        First-order lags in G_do are undone: they would change the shape of the motion that friction sees.
+        """
         periods, samples = record.shape
         bins = np.fft.rfft(record.ravel())
         # rounding repeats itself from period to period and adds up, noise does not
         scatter = self.noise**2 * periods + self.resolution**2 / 12 * periods**2
         bins[np.abs(bins) < CLEAR * np.sqrt(scatter * samples)] = 0
+        bins /= path_response(2 * np.pi * np.fft.rfftfreq(record.size, sample_time), 0.0, self.output_lags)
         if record.size % 2 == 0:
             bins[-1] /= 2  # the Nyquist line stands for two
         return np.fft.irfft(bins, record.size * self.interpolation) * self.interpolation

@@ -10,6 +10,8 @@ NEAR = 1e-3
 """Relative distance at which a frequency counts as met by whole periods in whole samples."""
 LEAST, MOST = 400, 1 << 16
 """Samples of a block of whole periods, at least and at most."""
+LONGEST = 20_000_000
+"""Samples of a period, at most: a gigabyte of channels."""
 PHASES = 20
 """Different phases at which a sine is sampled, at least."""
 
@@ -50,6 +52,12 @@ class SteppedSine(Excitation, name="stepped_sine", version=1):
 
     def check(self, sample_time: float) -> None:
         """Refuse frequencies from the Nyquist frequency on."""
+        longest = 1 / (self.grid.min() * sample_time)
+        if longest > LONGEST:
+            raise ParameterError(
+                f"stepped_sine has {longest:.3g} samples per period at {self.grid.min():g} Hz and a sample time of "
+                f"{sample_time:g} s; expected {LONGEST:,} at most: raise 'lowest', or lengthen loop.sample_time"
+            )
         if self.grid.max() * sample_time >= 0.5:
             raise ParameterError(
                 f"stepped_sine reaches {self.grid.max():g} Hz; at a sample time of {sample_time:g} s "
