@@ -22,6 +22,8 @@ BEAT = 5.0
 """Seconds between two signs of life in the database."""
 POLL = 0.1
 """Seconds between two looks at the workers."""
+FRUITLESS = (Outcome.NO_SIGNAL, Outcome.DIVERGED, Outcome.FAILED)
+"""Outcomes that ``rerun = "failed"`` computes again."""
 GUESS = 0.5
 """Seconds assumed for a sweep when nothing like it has been computed yet."""
 
@@ -72,7 +74,10 @@ class Ended:
 
     run: int | None
     state: str
-    figure: Path | None = None
+    figures: tuple[Path, ...] = ()
+    """Files that show the sweeps, one for each unit of their responses."""
+    note: str = ""
+    """Why there is no figure, where there should be one."""
 
 
 Event = Planned | Preparing | Progress | Finished | Ended
@@ -108,7 +113,7 @@ def plan(study: Study, store: Store | None, registry: Registry, rerun: str | Non
     """Return the sweeps to compute, and the plan; `rerun` is None, ``stale``, ``failed`` or ``all``."""
     known = store.known([sweep.key for sweep in study.sweeps]) if store else {}
     stale = _stale(study.sweeps, known, registry)
-    fruitless = {key for key, state in known.items() if state.outcome in (Outcome.DIVERGED, Outcome.FAILED)}
+    fruitless = {key for key, state in known.items() if state.outcome in FRUITLESS}
     again = {None: set[str](), "stale": stale, "failed": fruitless, "all": set(known)}[rerun]
     missing = [sweep for sweep in study.sweeps if sweep.key not in known or sweep.key in again]
     reused = len(study.sweeps) - len(missing)

@@ -64,7 +64,7 @@ CHUNK = 50_000
 """Samples after which a long experiment shows that it is alive, and can be stopped."""
 Alive = Callable[[float], None]
 """Is told how much of an experiment is done, at most."""
-LONGEST_STEP = 0.5
+LONGEST_STEP = 1.0
 """Longest step, in radians of the stuck table's resonance."""
 SLOWEST = 0.98
 """Greatest ratio of successive differences that is believed: slower ones look like noise."""

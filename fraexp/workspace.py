@@ -3,7 +3,7 @@
 import json
 import os
 import shlex
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from fraexp import perform, provenance, scheduler
-from fraexp.errors import StudyError
+from fraexp.errors import FraexpError, StudyError
 from fraexp.executors import workers_of
 from fraexp.figures.label_units import label_units
 from fraexp.figures.labels import curve_names
@@ -83,7 +83,7 @@ class Workspace:
                     plugins=str(self.folder / "plugins"),
                 )
                 for event in events:
-                    yield replace(event, figure=self._figure(study, store)) if isinstance(event, Ended) else event
+                    yield self._illustrated(event, study, store) if isinstance(event, Ended) else event
 
     def import_record(
         self, file: Path, channels: Mapping[str, str], options: Mapping[str, Any], target: Path | None = None
@@ -113,38 +113,56 @@ class Workspace:
         if store:
             store.close()
 
-    def _figure(self, study: Study, store: Store) -> Path | None:
+    def _illustrated(self, ended: Ended, study: Study, store: Store) -> Ended:
+        try:
+            return replace(ended, figures=tuple(self._figures(study, store)))
+        except FraexpError as error:
+            return replace(ended, note=str(error))
+        except Exception as error:  # whatever drawing runs into, the numbers are there and are worth more
+            return replace(ended, note=f"{type(error).__name__}: {error}")
+
+    def _figures(self, study: Study, store: Store) -> Iterable[Path]:
         path = self.folder / "figures" / f"{study.name}.png"
         sweeps = [store.find(sweep.key) for sweep in study.sweeps]
         sweeps = [replace(s, labels=dict(sweep.labels)) for s, sweep in zip(sweeps, study.sweeps, strict=True)]
-        drawn = self.draw(store, sweeps, path, study.title)
-        return path if drawn is not None else None
+        return self.draw(store, sweeps, path, study.title)
 
-    def draw(self, store: Store, sweeps: Sequence[StoredSweep], path: Path, title: str) -> bool | None:
-        """Draw sweeps into a file; False if it showed them already, None if none has anything to draw."""
-        known = [sweep for sweep in sweeps if sweep.outcome is not None]
-        shown = [f"{sweep.key} {sweep.created} {sorted(sweep.labels.items())}" for sweep in known] + [title]
-        if known and is_current(path, digest(shown)):
+    def draw(self, store: Store, sweeps: Sequence[StoredSweep], path: Path, title: str) -> dict[Path, bool]:
+        """Draw sweeps into a file for each unit of their responses: the first is `path`, then ``<name>-2`` and so on.
+
+        Returns for each file whether it was drawn now or showed them already; nothing if there is nothing to draw.
+        """
+        results = store.results(sweep.key for sweep in sweeps)
+        groups: dict[str | None, list[StoredSweep]] = {}
+        for sweep in sweeps:
+            result = results.get(sweep.key)
+            if result and (result.response or result.curves):
+                groups.setdefault(result.response.unit if result.response else None, []).append(sweep)
+        paths = [path, *(path.with_stem(f"{path.stem}-{number}") for number in range(2, len(groups) + 1))]
+        return {
+            target: self._draw_group(group, results, target, title)
+            for target, group in zip(paths, groups.values(), strict=False)
+        }
+
+    def _draw_group(self, sweeps: Sequence[StoredSweep], results: Mapping[str, Result], path: Path, title: str) -> bool:
+        shown = [f"{sweep.key} {sweep.created} {sorted(sweep.labels.items())}" for sweep in sweeps] + [title]
+        if is_current(path, digest(shown)):
             return False
-        results = store.results(sweep.key for sweep in known)
-        drawable = [sweep for sweep in known if results[sweep.key].response or results[sweep.key].curves]
-        if not drawable:
-            return None
         from fraexp.figures.drawing import figure_for, save  # matplotlib: only when something is drawn
 
-        sections = ((s.labels, {**s.experiment, "estimator": s.estimator}) for s in drawable)
+        sections = ((s.labels, {**s.experiment, "estimator": s.estimator}) for s in sweeps)
         units = label_units(sections, self.registry)
-        names = curve_names([sweep.labels for sweep in drawable], [sweep.key[4:12] for sweep in drawable], units)
-        labelled = [(name, results[sweep.key]) for name, sweep in zip(names, drawable, strict=True)]
-        save(figure_for(labelled, self.reference(drawable, results), title), path, shown)
+        names = curve_names([sweep.labels for sweep in sweeps], [sweep.key[4:12] for sweep in sweeps], units)
+        labelled = [(name, results[sweep.key]) for name, sweep in zip(names, sweeps, strict=True)]
+        save(figure_for(labelled, self.reference(sweeps, results), title), path, shown)
         return True
 
     def reference(
         self, sweeps: Sequence[StoredSweep], results: Mapping[str, Result]
     ) -> tuple[str, np.ndarray, np.ndarray] | None:
-        """Return label, frequency [Hz] and P(jω) [m/N] if all sweeps are simulations of the same plant."""
+        """Return label, frequency [Hz] and P(jω) [m/N] if all sweeps are simulations of the same plant in this unit."""
         responses = [results[sweep.key].response for sweep in sweeps]
-        frequencies = [response.frequency for response in responses if response is not None]
+        frequencies = [response.frequency for response in responses if response and response.unit == "m/N"]
         plants = [sweep.experiment.get("plant") for sweep in sweeps]
         if not frequencies or plants[0] is None or any(plant != plants[0] for plant in plants):
             return None

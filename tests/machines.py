@@ -1,5 +1,8 @@
 """Components and experiments that several tests use."""
 
+import itertools
+from typing import Any
+
 import numpy as np
 from fraexp_plugins.controllers.pid import Pid
 from fraexp_plugins.excitations.stepped_sine import SteppedSine
@@ -8,6 +11,7 @@ from fraexp_plugins.friction.rolling import Rolling
 from fraexp_plugins.plants.modal import Modal
 
 from fraexp.components import Controller, FrictionModel, Plant
+from fraexp.plugins import Registry, create
 from fraexp.signals import Signals
 from fraexp.simulation import Loop, Machine, Numerics, simulate_loop
 
@@ -51,3 +55,41 @@ def decibel(ratio: np.ndarray) -> np.ndarray:
 def degrees(ratio: np.ndarray) -> np.ndarray:
     """Return the phase in degrees."""
     return np.angle(ratio, deg=True)
+
+
+def table_models(registry: Registry) -> dict[str, FrictionModel]:
+    """Return every kind of friction with parameters of the same guide: 17.9 N, about 4e5 N/m at rest."""
+    like_rolling = {"stiffness": guide().stiffness, "limit_force": guide().limit_force, "viscous_coefficient": 4.69}
+    preset = {"preset": "linear_motor_table"}
+    specs: dict[str, dict[str, Any]] = {
+        "rolling": like_rolling,
+        "gms": preset,
+        "elastoplastic": preset,
+        "lugre": preset,
+        "dahl": {"stiffness": 3.9e5, "coulomb": 17.9, "viscous_coefficient": 4.69},
+        "coulomb": {"coulomb": 17.9, "breakaway": 22.0, "viscous_coefficient": 4.69},
+        "rolling_force_slider": like_rolling,
+        "composite": {"parts": [{"name": "rolling", **like_rolling}, {"name": "none", "viscous_coefficient": 10.0}]},
+    }
+    return {name: create(registry, FrictionModel, {"name": name, **spec}) for name, spec in specs.items()}  # type: ignore[type-abstract]
+
+
+def cosine(amplitude: float, points: int = 20_000) -> np.ndarray:
+    """Return one period of a displacement, from its peak on."""
+    return amplitude * np.cos(2 * np.pi * np.arange(points) / points)
+
+
+def harmonic(signal: np.ndarray, number: int = 1) -> complex:
+    """Return the phasor of a harmonic of one period."""
+    return complex(np.fft.rfft(signal)[number] * 2 / signal.size)
+
+
+def work(force: np.ndarray, displacement: np.ndarray) -> float:
+    """Return the energy per cycle [J] of one period of force [N] and displacement [m]."""
+    return float(np.sum((force + np.roll(force, -1)) / 2 * (np.roll(displacement, -1) - displacement)))
+
+
+def along(*corners: float, points: int = 200) -> np.ndarray:
+    """Return a path that goes straight from corner to corner, each after `points` samples; it begins with the first."""
+    legs = [np.linspace(a, b, points + 1)[1:] for a, b in itertools.pairwise(corners)]
+    return np.concatenate([[corners[0]], *legs])

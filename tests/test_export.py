@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -55,7 +56,9 @@ def test_csv_holds_every_number_exactly(tmp_path: Path, result: Result, response
     assert "# study: studies/a b.toml\n# key: fx1-00\n" in text
     assert "# message: 13 had not settled\n" in text
     assert "# metric settling time: 0.25 s\n" in text
+    assert "# outcome: not_settled\n" in text
     assert "# response: y/u [m/N]\n" in text
+    assert "# output_amplitude: [m]\n# input_amplitude: [N]\n" in text
     table = np.genfromtxt([line for line in text.splitlines() if not line.startswith("#")], delimiter=",", names=True)
     np.testing.assert_array_equal(table["frequency_Hz"], response.frequency)
     np.testing.assert_array_equal(table["real"] + 1j * table["imag"], response.response)
@@ -75,13 +78,14 @@ def test_json_holds_everything_without_nan(tmp_path: Path, result: Result, respo
 
     content = json.loads((tmp_path / "a.json").read_text("utf-8"), parse_constant=refuse)
     assert content["header"] == HEADER
-    assert content["outcome"] == "NOT_SETTLED"
+    assert content["outcome"] == "not_settled"
     pairs = np.array(content["response"]["response"])
     np.testing.assert_array_equal(pairs[:, 0] + 1j * pairs[:, 1], response.response)
     assert np.array(content["response"]["harmonics"]).shape == (COUNT, 6, 2)
     assert content["response"]["settling_time"][:2] == [None, 0.1]
     assert content["response"]["settled"][:2] == [False, True]
     assert content["units"]["response"] == "m/N"
+    assert (content["units"]["input_amplitude"], content["units"]["output_amplitude"]) == ("N", "m")
     assert content["metrics"] == {"settling time": {"value": 0.25, "unit": "s"}}
     assert content["curves"]["loop 1/a"]["columns"]["f,1"] == [1.0, -1.0, 1.0]
 
@@ -105,6 +109,9 @@ def test_hdf5_gets_datasets_with_units(tmp_path: Path, result: Result, response:
             np.testing.assert_array_equal(file["response"][name][()], getattr(response, name))
         assert file["response/frequency"].attrs["unit"] == "Hz"
         assert file["response/response"].attrs["unit"] == "m/N"
+        assert file["response/input_amplitude"].attrs["unit"] == "N"
+        assert file["response/output_amplitude"].attrs["unit"] == "m"
+        assert file.attrs["outcome"] == "not_settled"
         assert file["curves/loop 1_a/y"].attrs["unit"] == "m"
         assert file["metrics/settling time"][()] == 0.25
 
@@ -168,6 +175,29 @@ def test_a_failed_export_leaves_the_old_file_and_nothing_else(tmp_path: Path, lo
     assert [(file.name, file.read_text()) for file in tmp_path.iterdir()] == [("a.csv", "precious")]
 
 
+@pytest.mark.parametrize("unit", ["m/s/N", "1"])
+def test_units_of_amplitudes_that_are_not_known_are_left_out(
+    unit: str, tmp_path: Path, response: FrequencyResponse
+) -> None:
+    export(Result(Outcome.OK, response=replace(response, unit=unit)), {}, tmp_path / "a.h5")
+    with h5py.File(tmp_path / "a.h5") as file:
+        assert file["response/response"].attrs["unit"] == unit
+        assert "unit" not in file["response/input_amplitude"].attrs
+
+
+@pytest.mark.parametrize("suffix", WRITERS)
+def test_a_file_where_a_folder_should_be_is_one_line(suffix: str, tmp_path: Path, result: Result) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(FraexpError, match="cannot be written: Not a directory; choose another place") as caught:
+        export(result, HEADER, tmp_path / f"file/a{suffix}")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_name_that_no_file_can_have_is_one_line(tmp_path: Path, result: Result) -> None:
+    with pytest.raises(FraexpError, match="cannot be written: File name too long"):
+        export(result, HEADER, tmp_path / f"{'a' * 300}.csv")
+
+
 REFUSED: dict[str, tuple[Callable[[Result, Path], None], str]] = {
     "suffix": (
         lambda r, p: export(r, {}, p / "a.xls"),
@@ -177,7 +207,7 @@ REFUSED: dict[str, tuple[Callable[[Result, Path], None], str]] = {
     "folder": (lambda r, p: export(r, {}, p / "x" / "a.csv"), r"a\.csv: cannot be written: No such file"),
     "folder for hdf5": (lambda r, p: export(r, {}, p / "x" / "a.h5"), r"a\.h5: cannot be written"),
     "folder for unv": (lambda r, p: export(r, {}, p / "x" / "a.unv"), r"a\.unv: cannot be written"),
-    "empty": (lambda r, p: export(Result(Outcome.DIVERGED, "why"), {}, p / "a.csv"), r"empty \(DIVERGED: why\)"),
+    "empty": (lambda r, p: export(Result(Outcome.DIVERGED, "why"), {}, p / "a.csv"), r"empty \(diverged: why\)"),
     "metrics as unv": (
         lambda r, p: export(Result(Outcome.OK, metrics=r.metrics), {}, p / "a.unv"),
         r"a \.unv file holds responses and curves of at least 2 points",

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from fraexp.errors import PluginError
+from fraexp.errors import ParameterError, PluginError
 from fraexp.plugins import discover
 
 LAW = """
@@ -101,5 +101,5 @@ def test_two_plugins_of_one_name_are_both_named_whenever_it_is_asked_for(tmp_pat
 def test_presets_can_be_named_and_changed_in_part(registry):
     model = registry.create("friction", {"name": "lugre", "preset": "canudas_de_wit_1995", "sigma2": 9.0})
     assert (model.sigma0, model.sigma2) == (1e5, 9.0)
-    with pytest.raises(Exception, match="lugre has no preset 'canudas'; did you mean 'canudas_de_wit_1995'?"):
+    with pytest.raises(ParameterError, match=r"lugre has no preset 'canudas'; did you mean 'canudas_de_wit_1995'\?"):
         registry.create("friction", {"name": "lugre", "preset": "canudas"})

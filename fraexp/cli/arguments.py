@@ -19,10 +19,14 @@ COMMANDS = {
     "export": ("export", "write a sweep's result to a file for other programs"),
     "import": ("import_record", "analyse a measured record"),
     "plugins": ("plugins", "list the components that plugins supply, and the broken plugins"),
+    "new": ("new", "write a plugin to start from: a file in plugins/, or a package"),
+    "check": ("check", "run the conformance checks of a plugin's components"),
     "doctor": ("doctor", "check the installation, the database and the plugins"),
 }
 """Module and one-line help of each command."""
 
+KINDS = ("friction", "plant", "controller", "excitation", "estimator", "reader")
+"""Kinds of component."""
 EPILOG = "exit codes:\n" + "\n".join(f"  {code.value:<4} {code.sentence}" for code in ExitCode)
 IDENTIFIER = "a run's number, or the beginning of a sweep's key"
 
@@ -166,6 +170,18 @@ def _import(parser: Parser) -> None:
     _json(parser)
 
 
+def _new(parser: Parser) -> None:
+    parser.add_argument("kind", metavar="KIND", choices=KINDS, help=f"kind of component: {', '.join(KINDS)}")
+    parser.add_argument("name", metavar="NAME", help="its name in studies, such as my_law")
+    parser.add_argument("--package", action="store_true", help="write an installable package with its test")
+
+
+def _check(parser: Parser) -> None:
+    parser.add_argument("name", metavar="NAME", help="name of a component, or a plugin's file")
+    parser.add_argument("--kind", metavar="KIND", choices=KINDS, help="its kind, if several have the name")
+    _json(parser)
+
+
 DECLARE = {
     "run": _run,
     "list": _json,
@@ -175,5 +191,7 @@ DECLARE = {
     "export": _export,
     "import": _import,
     "plugins": _json,
+    "new": _new,
+    "check": _check,
     "doctor": _json,
 }

@@ -2,13 +2,14 @@
 
 from argparse import Namespace
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from fraexp.cli.documents import plain
 from fraexp.cli.exits import ExitCode
-from fraexp.cli.selection import chosen, open_store
+from fraexp.cli.selection import chosen, is_run, open_store
 from fraexp.cli.terminal import print_json, print_table
 from fraexp.cli.words import fixed, flat, number, short, value_text
 from fraexp.errors import FraexpError
@@ -18,7 +19,7 @@ from fraexp.figures.labels import curve_names
 from fraexp.identity import key_of
 from fraexp.plugins import Registry, discover
 from fraexp.results import Result
-from fraexp.store import StoredSweep
+from fraexp.store import Store, StoredSweep
 
 ABSENT = "-"
 
@@ -27,6 +28,8 @@ def execute(arguments: Namespace) -> ExitCode:
     """Print parameters and metrics that differ, and the differences of the responses from the first one."""
     with open_store(arguments) as store:
         sweeps = chosen(store, arguments.ids)
+        if not any(is_run(identifier) for identifier in arguments.ids):
+            sweeps = completed(labelled_as_computed(store, sweeps))
         results = store.results(sweep.key for sweep in sweeps)
     if len(sweeps) < 2:
         raise FraexpError("compare: found one sweep; name at least two sweeps, or a run that has several")
@@ -38,6 +41,35 @@ def execute(arguments: Namespace) -> ExitCode:
     else:
         _print(sweeps, parameters, metrics, differences, discover(Path(arguments.workspace) / "plugins"))
     return ExitCode.OK
+
+
+def labelled_as_computed(store: Store, sweeps: Sequence[StoredSweep]) -> list[StoredSweep]:
+    """Return sweeps with the labels that they have in the runs that computed them, not in those that reused them."""
+    labels: dict[str, dict[str, Any]] = {}
+    for run in store.runs():
+        end = run.ended or datetime.max.replace(tzinfo=UTC)
+        wanted = {sweep.key for sweep in sweeps if sweep.created and run.started <= sweep.created <= end}
+        if wanted:
+            labels |= {s.key: s.labels for s in store.sweeps(run.number) if s.key in wanted and s.state == "computed"}
+    return [replace(sweep, labels=labels.get(sweep.key, sweep.labels)) for sweep in sweeps]
+
+
+def completed(sweeps: Sequence[StoredSweep]) -> list[StoredSweep]:
+    """Return sweeps that all have the labels of each, so that names of sweeps from several studies say the same."""
+    paths = dict.fromkeys(path for sweep in sweeps for path in sweep.labels)
+    found = [{path: _looked_up(sweep, path) for path in paths} | sweep.labels for sweep in sweeps]
+    return [
+        replace(sweep, labels={path: value for path, value in labels.items() if value is not None})
+        for sweep, labels in zip(sweeps, found, strict=True)
+    ]
+
+
+def _looked_up(sweep: StoredSweep, path: str) -> Any:
+    """Return what a sweep has at a label's path: a plain value, or a component's name."""
+    value: Any = {**sweep.experiment, "estimator": sweep.estimator}
+    for part in path.split("."):
+        value = value.get(part) if isinstance(value, Mapping) else None
+    return value.get("name") if isinstance(value, Mapping) else value
 
 
 def _metrics(result: Result | None) -> dict[str, Any]:

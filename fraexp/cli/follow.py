@@ -1,7 +1,7 @@
 """Following the events of a run, and reporting how it ended."""
 
 from argparse import Namespace
-from collections.abc import Generator
+from collections.abc import Generator, Mapping
 from contextlib import closing
 from dataclasses import dataclass, field
 from typing import Any
@@ -14,6 +14,7 @@ from fraexp.cli.show import remedies
 from fraexp.cli.tables import sweep_table
 from fraexp.cli.terminal import print_json, print_path, print_table, say
 from fraexp.cli.words import duration, plural, short
+from fraexp.figures.labels import printable
 from fraexp.plugins import Registry
 from fraexp.results import Outcome, Result
 from fraexp.scheduler import Ended, Event, Finished, Planned, Preparing, Progress
@@ -21,7 +22,7 @@ from fraexp.store import RunSummary, StoredSweep
 
 SHOWN = 50
 """Sweeps in the table at the end; `show` has all."""
-FRUITLESS = (Outcome.DIVERGED, Outcome.FAILED)
+FRUITLESS = (Outcome.NO_SIGNAL, Outcome.DIVERGED, Outcome.FAILED)
 """Outcomes without a result to use."""
 
 
@@ -74,16 +75,28 @@ def _plan(planned: Planned) -> str:
 def report(story: Story, arguments: Namespace, registry: Registry) -> ExitCode:
     """Print what the runs gave, and return how it went."""
     runs = [(ended, *_stored(ended.run, arguments)) for ended in story.ended if ended.run is not None]
+    for ended, run, _, _ in runs:
+        if ended.note:
+            say(f"run {run.number} has no figure: {' '.join(ended.note.split())}")
     if arguments.json:
         print_json(_document(story, runs))
     else:
-        for run in runs:
-            _print(*run, registry)
+        titles = {planned.study: planned.title for planned in story.planned}
+        for number, (ended, run, sweeps, results) in enumerate(runs):
+            if number > 0:
+                print()
+            if len(runs) > 1:
+                print(printable(_heading(run.study, titles)))
+            _print(ended, run, sweeps, results, registry)
     if story.interrupted:
         say(f"interrupted: {plural(story.computed, 'sweep')} computed and kept; the same command goes on from there")
         return ExitCode.INTERRUPTED
     failed = any(_fruitless(sweep) for _, _, sweeps, _ in runs for sweep in sweeps)
     return ExitCode.INCOMPLETE if failed else ExitCode.OK
+
+
+def _heading(study: str, titles: Mapping[str, str]) -> str:
+    return ": ".join(part for part in (study, titles.get(study, "")) if part)
 
 
 def _stored(number: int, arguments: Namespace) -> tuple[RunSummary, list[StoredSweep], dict[str, Result]]:
@@ -109,7 +122,7 @@ def _document(story: Story, runs: list[tuple[Ended, RunSummary, list[StoredSweep
         "runs": [
             {
                 **run_document(run),
-                "figure": str(ended.figure) if ended.figure else None,
+                "figures": [str(path) for path in ended.figures],
                 "sweeps": [sweep_document(sweep, results.get(sweep.key), points=False) for sweep in sweeps],
             }
             for ended, run, sweeps, results in runs
@@ -122,14 +135,20 @@ def _print(
 ) -> None:
     print_table(*sweep_table(sweeps[:SHOWN], results, registry))
     if len(sweeps) > SHOWN:
-        say(f"{len(sweeps) - SHOWN} more sweeps; see fraexp show {run.number}")
+        say(f"{plural(len(sweeps) - SHOWN, 'more sweep')}; see fraexp show {run.number}")
     for remedy in remedies(sweeps):
         say(remedy)
     print(f"\nrun {run.number} {run.state}: {_counts(run)}")
-    if ended.figure:
-        print_path(ended.figure, "figure ")
-    hint = f"fraexp show {short(sweeps[0].key)}" if sweeps else "fraexp list"
-    say(f"next: fraexp show {run.number}, {hint}, fraexp plot {run.number} -o FILE.pdf")
+    for path in ended.figures:
+        print_path(path, "figure ")
+    say(_next(run, sweeps, results))
+
+
+def _next(run: RunSummary, sweeps: list[StoredSweep], results: dict[str, Result]) -> str:
+    steps = [f"fraexp show {run.number}", f"fraexp show {short(sweeps[0].key)}" if sweeps else "fraexp list"]
+    if any(result.response or result.curves for result in results.values()):
+        steps.append(f"fraexp plot {run.number} -o FILE.pdf")
+    return f"next: {', '.join(steps)}"
 
 
 def _counts(run: RunSummary) -> str:

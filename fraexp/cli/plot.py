@@ -21,16 +21,17 @@ def execute(arguments: Namespace) -> ExitCode:
         sweeps = chosen(store, arguments.ids)
         title = arguments.title or _study(store, arguments.ids)
         drawn = workspace.draw(store, sweeps, arguments.output, title)
-    if drawn is None:
+    if not drawn:
         raise FraexpError(
             f"plot: found nothing to draw in {plural(len(sweeps), 'sweep')}; see their outcomes with show"
         )
     without = [sweep for sweep in sweeps if sweep.outcome is None]
     if without:
         say(f"{plural(len(without), 'sweep')} without a result left out")
-    if not drawn:
-        say("the figure is up to date")
-    print_path(arguments.output)
+    if not any(drawn.values()):
+        say("the figure is up to date" if len(drawn) == 1 else "the figures are up to date")
+    for path in drawn:
+        print_path(path)
     return ExitCode.OK
 
 

@@ -10,7 +10,7 @@ from fraexp.cli.list import took
 from fraexp.cli.selection import is_run, open_store
 from fraexp.cli.tables import outcome_text, response_table, sweep_table
 from fraexp.cli.terminal import print_fields, print_json, print_table, say
-from fraexp.cli.words import duration, flat, moment, number, short, value_text
+from fraexp.cli.words import duration, flat, moment, number, plural, short, value_text, without_segments
 from fraexp.figures.labels import label_text, printable
 from fraexp.plugins import discover
 from fraexp.results import Result
@@ -33,6 +33,7 @@ def execute(arguments: Namespace) -> ExitCode:
 def _show_run(store: Store, number_: int, arguments: Namespace) -> None:
     run, sweeps = store.run(number_), store.sweeps(number_)
     results = store.results(sweep.key for sweep in sweeps)
+    say_recomputed(run, sweeps)
     if arguments.json:
         documents = [sweep_document(sweep, results.get(sweep.key), arguments.points) for sweep in sweeps]
         print_json({**run_document(run), "sweeps": documents})
@@ -42,6 +43,14 @@ def _show_run(store: Store, number_: int, arguments: Namespace) -> None:
     print_table(*sweep_table(sweeps, results, discover(Path(arguments.workspace) / "plugins")))
     for remedy in remedies(sweeps):
         say(remedy)
+
+
+def say_recomputed(run: RunSummary, sweeps: Sequence[StoredSweep]) -> None:
+    """Say how many of the run's sweeps have been computed again since it ended."""
+    again = [sweep for sweep in sweeps if run.ended and sweep.created and sweep.created > run.ended]
+    if again:
+        have = "has" if len(again) == 1 else "have"
+        say(f"{len(again)} of {plural(run.total, 'sweep')} {have} been computed again since; the new results are shown")
 
 
 def _run_fields(run: RunSummary) -> list[tuple[str, str]]:
@@ -78,7 +87,7 @@ def _show_sweep(store: Store, arguments: Namespace) -> None:
         return
     print_fields(_sweep_fields(sweep))
     print("\nparameters")
-    parameters = flat({**sweep.experiment, "estimator": sweep.estimator})
+    parameters = flat({**without_segments(sweep.experiment), "estimator": sweep.estimator})
     print_fields([(path, value_text(value)) for path, value in parameters.items()], indent=2)
     print("\nsupplied by")
     sources = sweep.sources.items()
@@ -113,7 +122,7 @@ def _show_result(result: Result, rows: int | None) -> None:
         print_table(*response_table(result.response, rows))
         left_out = len(result.response.frequency) - (rows or len(result.response.frequency))
         if left_out > 0:
-            say(f"{left_out} more frequencies; --points shows all")
+            say(f"{plural(left_out, 'more frequency', 'more frequencies')}; --points shows all")
     for curve in result.curves:
         columns = ", ".join(f"{name} [{curve.units.get(name, '')}]" for name in curve.columns)
         print(f"\ncurve {curve.name}: {columns}, {len(next(iter(curve.columns.values())))} points")

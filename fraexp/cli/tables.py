@@ -1,20 +1,23 @@
 """Tables of sweeps and of responses."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
 from fraexp.cli.words import fixed, number, short
+from fraexp.export.content import channel_units
 from fraexp.figures.bode import COVERAGE, relative_deviations
 from fraexp.figures.label_units import label_units
-from fraexp.figures.labels import label_columns, label_text
+from fraexp.figures.labels import label_columns, label_texts
 from fraexp.figures.scales import continuous_phase, decibel, degrees, readable_unit
 from fraexp.plugins import Registry
 from fraexp.results import FrequencyResponse, Result
 from fraexp.store import StoredSweep
 
 SPOTS = (1.0, 10.0, 40.0, 80.0)
-"""Frequencies [Hz] at which a table of sweeps shows magnitudes."""
+"""Frequencies [Hz] near which a table of sweeps shows measured magnitudes."""
+NEAR = 1.005
+"""Frequencies within this factor share a column."""
 Table = tuple[list[str], list[list[str]], str]
 """Titles of the columns, rows of cells, and title of the table."""
 
@@ -26,24 +29,26 @@ def sweep_table(sweeps: Sequence[StoredSweep], results: Mapping[str, Result], re
         ((sweep.labels, sweep.experiment | {"estimator": sweep.estimator}) for sweep in sweeps), registry
     )
     titles = [f"{title} [{units[path]}]" if path in units else title for path, title in labels.items()]
-    responses = [result.response for result in results.values() if result.response is not None]
+    found = [results[sweep.key].response for sweep in sweeps if sweep.key in results]
+    responses = [response for response in found if response is not None and len(response.frequency)]
     spots, unit = _spots(responses)
     metrics = list(
         dict.fromkeys((metric.name, metric.unit) for result in results.values() for metric in result.metrics)
     )
     mixed = len({sweep.state for sweep in sweeps}) > 1
     columns = [
-        "sweep", *titles, *(["state"] if mixed else []), "outcome", "settled", *(f"{spot:g} Hz" for spot in spots),
+        "sweep", *titles, *(["state"] if mixed else []), "outcome", "settled", *spots,
         *(f"{name} [{unit}]" if unit not in ("", "1") else name for name, unit in metrics), "message",
     ]  # fmt: skip
+    texts = {path: label_texts([sweep.labels.get(path) for sweep in sweeps]) for path in labels}
     rows = []
-    for sweep in sweeps:
+    for index, sweep in enumerate(sweeps):
         result = results.get(sweep.key)
         values = {(metric.name, metric.unit): metric.value for metric in result.metrics} if result else {}
         rows.append([
-            short(sweep.key), *(label_text(sweep.labels.get(path)) for path in labels),
+            short(sweep.key), *(texts[path][index] for path in labels),
             *([sweep.state] if mixed else []), outcome_text(sweep),
-            *_response_cells(result.response if result else None, spots),
+            *_response_cells(result.response if result else None, spots.values()),
             *(number(values[metric]) if metric in values else "" for metric in metrics), sweep.message,
         ])  # fmt: skip
     return columns, rows, f"magnitudes in dB re 1 {unit}" if spots else ""
@@ -54,40 +59,44 @@ def outcome_text(sweep: StoredSweep) -> str:
     return sweep.outcome.name.lower().replace("_", " ") if sweep.outcome else ""
 
 
-def _spots(responses: Sequence[FrequencyResponse]) -> tuple[list[float], str]:
+def _spots(responses: Sequence[FrequencyResponse]) -> tuple[dict[str, float], str]:
+    """Return frequencies [Hz] of the first response by the titles of their columns, and the unit of 0 dB."""
     if len({response.unit for response in responses}) != 1:
-        return [], ""
-    unit = readable_unit(responses[0].unit)[1]
-    low = min(float(response.frequency.min()) for response in responses)
-    high = max(float(response.frequency.max()) for response in responses)
-    inside = [spot for spot in SPOTS if low * (1 - 1e-9) <= spot <= high * (1 + 1e-9)]
-    spread = [float(f"{spot:.1g}") for spot in np.geomspace(low, high, 4)]
-    return inside if len(inside) > 2 else sorted({spot for spot in spread if low <= spot <= high}), unit
+        return {}, ""
+    grid = np.unique(responses[0].frequency)
+    inside = [spot for spot in SPOTS if grid[0] / NEAR <= spot <= grid[-1] * NEAR]
+    wanted = inside if len(inside) > 2 else np.geomspace(grid[0], grid[-1], len(SPOTS))
+    spots = sorted({float(grid[np.argmin(np.abs(np.log(grid / spot)))]) for spot in wanted})
+    digits = next((count for count in range(3, 17) if len({f"{spot:.{count}g}" for spot in spots}) == len(spots)), 17)
+    return {f"{spot:.{digits}g} Hz": spot for spot in spots}, readable_unit(responses[0].unit)[1]
 
 
-def _response_cells(response: FrequencyResponse | None, spots: Sequence[float]) -> list[str]:
-    if response is None:
+def _response_cells(response: FrequencyResponse | None, spots: Iterable[float]) -> list[str]:
+    if response is None or not len(response.frequency):
         return ["", *("" for _ in spots)]
-    settled = response.settled
-    cells = [f"{int(settled.sum())}/{len(settled)}"]
-    order = np.argsort(response.frequency[settled])
-    frequency = response.frequency[settled][order]
-    level = decibel(readable_unit(response.unit)[0] * response.response[settled][order])
-    for spot in spots:
-        inside = len(frequency) > 0 and frequency[0] * (1 - 1e-9) <= spot <= frequency[-1] * (1 + 1e-9)
-        cells.append(fixed(float(np.interp(np.log(spot), np.log(frequency), level)), 2) if inside else "")
-    return cells
+    return [
+        f"{int(response.settled.sum())}/{len(response.settled)}",
+        *(_level_near(response, spot) for spot in spots),
+    ]
+
+
+def _level_near(response: FrequencyResponse, spot: float) -> str:
+    """Return the magnitude [dB] at the response's point nearest to `spot` [Hz]; empty if there is none to trust."""
+    index = int(np.argmin(np.abs(np.log(response.frequency / spot))))
+    near = spot / NEAR <= response.frequency[index] <= spot * NEAR
+    level = decibel(readable_unit(response.unit)[0] * response.response[[index]])[0]
+    return fixed(float(level), 2) if near and response.settled[index] and np.isfinite(level) else ""
 
 
 def response_table(response: FrequencyResponse, rows: int | None) -> Table:
     """Return the points of a response, about `rows` of them spread evenly, or all."""
     factor, shown = readable_unit(response.unit)
-    output_unit, _, input_unit = response.unit.partition("/")
+    output_unit, input_unit = (f" [{unit}]" if unit else "" for unit in channel_units(response))
     level, phase = decibel(factor * response.response), continuous_phase(degrees(response.response), response.settled)
     along, across = relative_deviations(response.response, response.covariance)
     columns = [
         "frequency [Hz]", f"magnitude [dB re 1 {shown}]", "phase [deg]", "± 95 % [dB]", "± 95 % [deg]",
-        f"input [{input_unit}]", f"output [{output_unit}]", "distortion [%]", "settled", "after [s]",
+        f"input{input_unit}", f"output{output_unit}", "distortion [%]", "settled", "after [s]",
     ]  # fmt: skip
     count = len(response.frequency)
     indices = range(count) if rows is None or count <= rows else np.linspace(0, count - 1, rows).round().astype(int)

@@ -5,13 +5,12 @@ import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
+from fraexp.cli.layout import GAP, blocks
 from fraexp.figures.labels import printable
 
-WIDEST = 48
-"""Widest column [characters] of a table on a terminal that is too narrow for it."""
-NUMBER = re.compile(r"[+±-]?[\d.]+(e[+-]?\d+)?(/\d+)?( .*)?$")
+NUMBER = re.compile(r"[+±-]?[\d.]+(e[+-]?\d+)?(/\d+)?( (?!to )[^,]*)?$")
 """A number, a share such as 3/4, or a number with its unit; not a key, which may start with a digit too."""
 
 
@@ -40,9 +39,9 @@ def print_fields(pairs: Sequence[tuple[str, str]], indent: int = 0) -> None:
 
 
 def print_table(columns: Sequence[str], rows: Sequence[Sequence[str]], title: str = "") -> None:
-    """Print a table: drawn on a terminal, plain aligned text elsewhere; columns of numbers stand right.
+    """Print a table: fitted into a terminal, plain aligned text elsewhere; columns of numbers stand right.
 
-    Columns without any value are left out.
+    Columns without any value are left out. Columns that do not fit into the terminal follow below, behind the first.
     """
     kept = [index for index in range(len(columns)) if any(row[index] for row in rows)]
     cells = [[printable(row[index]) for index in kept] for row in rows]
@@ -69,22 +68,16 @@ def _draw(titles: list[str], cells: list[list[str]], right: list[bool], title: s
     from rich.table import Table
     from rich.text import Text
 
-    table = Table(
-        title=Text(title) if title else None,
-        title_justify="left",
-        header_style="bold",
-        box=None,
-        padding=(0, 2, 0, 0),
-        pad_edge=False,
-    )
-    widths = [
-        max(len(text) for text in (*name.split(), *(row[index] for row in cells))) for index, name in enumerate(titles)
-    ]
-    widths = [min(width, WIDEST) for width in widths]  # titles and long messages are folded, keys and numbers never
-    for name, width, to_right in zip(titles, widths, right, strict=True):
-        table.add_column(Text(name), min_width=width, justify="right" if to_right else "left", overflow="fold")
-    for row in cells:
-        table.add_row(*(Text(cell) for cell in row))
     console = Console(highlight=False)
-    console.width = max(console.width, sum(widths) + 2 * len(widths))
-    console.print(table)
+    available = console.width
+    for count, widths in enumerate(blocks(titles, cells, right, available)):
+        table = Table(header_style="bold", box=None, padding=(0, GAP, 0, 0), pad_edge=False)
+        for index, width in widths.items():
+            justify: Literal["left", "right"] = "right" if right[index] else "left"
+            table.add_column(Text(titles[index]), width=width, justify=justify, overflow="fold")
+        for row in cells:
+            table.add_row(*(Text(row[index]) for index in widths))
+        console.width = max(available, sum(widths.values()) + GAP * (len(widths) - 1))  # a wide number wraps, uncut
+        if count or title:
+            console.print(Text("" if count else title), soft_wrap=True)
+        console.print(table)

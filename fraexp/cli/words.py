@@ -1,7 +1,7 @@
 """Numbers, times and nested data as people read them."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from typing import Any
 
@@ -34,14 +34,34 @@ def duration(seconds: float) -> str:
     return f"{whole // 3600} h {whole % 3600 // 60:02d} min"
 
 
-def plural(count: int, word: str) -> str:
-    """Return a count with its word: ``1 sweep``, ``2 sweeps``."""
-    return f"{count} {word}" if count == 1 else f"{count} {word}s"
+def plural(count: int, word: str, many: str = "") -> str:
+    """Return a count with its word: ``1 sweep``, ``2 sweeps``; `many` where an s does not do."""
+    return f"{count} {word if count == 1 else many or f'{word}s'}"
 
 
 def short(key: str) -> str:
     """Return the part of a sweep's key that people type."""
     return key.partition("-")[2][:8]
+
+
+def without_segments(experiment: Mapping[str, Any]) -> dict[str, Any]:
+    """Return an experiment in which a record's segments are one line: how many, and over which frequencies."""
+    record = experiment.get("record", {})
+    segments = record.get("segments")
+    if not isinstance(segments, list) or not segments:
+        return dict(experiment)
+    return {**experiment, "record": {**record, "segments": _segments_text(segments)}}
+
+
+def _segments_text(segments: Sequence[Mapping[str, Any]]) -> str:
+    lines = [
+        line / (segment["samples"] * segment["sample_time"])
+        for segment in segments
+        if segment.get("samples") and segment.get("sample_time")
+        for line in segment.get("lines") or ()
+    ]
+    span = f", {number(min(lines), 4)} to {number(max(lines), 4)} Hz" if lines else ""
+    return f"{plural(len(segments), 'segment')}{span}"
 
 
 def flat(data: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
@@ -69,4 +89,6 @@ def value_text(value: Any) -> str:
         return f"[{', '.join(ends)}]" + (f" ({len(texts)} values)" if len(texts) > LONG else "")
     if isinstance(value, float):
         return f"{value:.10g}"
+    if isinstance(value, bool):
+        return str(value).lower()
     return "" if value is None else str(value)

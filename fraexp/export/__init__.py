@@ -6,11 +6,12 @@ JSON, MATLAB and HDF5 everything; universal files (dataset 58) the response, or 
 
 import os
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 from fraexp.errors import FraexpError
 from fraexp.export.binary import write_hdf5, write_mat
-from fraexp.export.content import Header
+from fraexp.export.content import Header, outcome_name
 from fraexp.export.text import write_csv, write_json
 from fraexp.export.universal import write_universal
 from fraexp.results import Result
@@ -36,16 +37,18 @@ def export(result: Result, header: Header, path: Path, *, force: bool = False) -
     writer = WRITERS.get(path.suffix.lower())
     if writer is None:
         raise FraexpError(f"{path.name}: '{path.suffix}' is no format of export; known: {', '.join(WRITERS)}")
-    if path.exists() and not force:
-        raise FraexpError(f"{path}: the file exists; give --force to replace it, or another name")
     if result.response is None and not result.curves and not result.metrics:
-        why = f"{result.outcome.name}: {result.message}"
+        why = f"{outcome_name(result)}: {result.message}"
         raise FraexpError(f"{path.name}: the result is empty ({why}); expected a response, metrics or curves")
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
+        if path.exists() and not force:
+            raise FraexpError(f"{path}: the file exists; give --force to replace it, or another name")
+        part.touch()  # fails with the reason, which not every writer tells
         writer(result, header, part)
         part.replace(path)
     except OSError as error:
         raise FraexpError(f"{path}: cannot be written: {error.strerror or error}; choose another place") from None
     finally:
-        part.unlink(missing_ok=True)
+        with suppress(OSError):  # a folder that takes no file does not let any be removed either
+            part.unlink(missing_ok=True)

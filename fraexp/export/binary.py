@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from fraexp.export.content import Header, arrays, distinct, document, plain, units_of
+from fraexp.export.content import Header, arrays, distinct, document, outcome_name, plain, units_of
 from fraexp.results import Result
 
 
@@ -38,7 +38,7 @@ def write_hdf5(result: Result, header: Header, path: Path) -> None:
 
     with h5py.File(path, "w") as file:
         file["header"] = json.dumps(plain(header))  # no attribute: these are limited to 64 KiB
-        file.attrs["outcome"], file.attrs["message"] = result.outcome.name, result.message
+        file.attrs["outcome"], file.attrs["message"] = outcome_name(result), result.message
         if result.response is not None:
             _add_group(file.create_group("response"), arrays(result.response), units_of(result.response))
         metrics = file.create_group("metrics")

@@ -13,9 +13,14 @@ Header = Mapping[str, Any]
 """What describes a result: plain data, such as study, experiment and provenance."""
 
 
+def outcome_name(result: Result) -> str:
+    """Return the outcome as it is written: ``ok``, ``not_settled``."""
+    return result.outcome.name.lower()
+
+
 def document(result: Result, header: Header) -> dict[str, Any]:
     """Return the whole result by name."""
-    content: dict[str, Any] = {"header": dict(header), "outcome": result.outcome.name, "message": result.message}
+    content: dict[str, Any] = {"header": dict(header), "outcome": outcome_name(result), "message": result.message}
     if result.response is not None:
         content["response"] = arrays(result.response)
         content["units"] = units_of(result.response)
@@ -44,13 +49,22 @@ def arrays(response: FrequencyResponse) -> dict[str, Any]:
     }
 
 
+def channel_units(response: FrequencyResponse) -> tuple[str, str]:
+    """Return the units of output and input; empty where the response's unit does not tell them apart."""
+    output, *rest = response.unit.split("/")  # m/s/N may be (m/s)/N or m/(s/N)
+    return (output, rest[0]) if len(rest) == 1 else ("", "")
+
+
 def units_of(response: FrequencyResponse) -> dict[str, str]:
-    """Return the units of these fields."""
+    """Return the units of these fields; those of the amplitudes are empty where they are not known."""
+    output, entry = channel_units(response)
     return {
         "frequency": "Hz",
         "response": response.unit,
         "covariance": f"({response.unit})^2",
         "standard_deviation": response.unit,
+        "input_amplitude": entry,
+        "output_amplitude": output,
         "settling_time": "s",
         "residual": "1",
         "harmonics": "1",

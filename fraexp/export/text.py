@@ -6,19 +6,21 @@ from pathlib import Path
 
 import numpy as np
 
-from fraexp.export.content import Header, document, one_line, plain
+from fraexp.export.content import Header, channel_units, document, one_line, outcome_name, plain
 from fraexp.results import FrequencyResponse, Result
 
 
 def write_csv(result: Result, header: Header, path: Path) -> None:
     """Write a table under comment lines; without a response, one table per curve."""
-    notes = {**header, "outcome": result.outcome.name, "message": result.message}
+    notes = {**header, "outcome": outcome_name(result), "message": result.message}
     lines = [f"# {key}: {one_line(value)}" for key, value in notes.items()]
     lines += [f"# metric {metric.name}: {metric.value!r} {metric.unit}".rstrip() for metric in result.metrics]
     if result.response is not None:
         response = result.response
         lines.append(f"# response: {response.output}/{response.input} [{response.unit}]")
         lines.append("# columns: real, imag and std [unit]; cov_rr, cov_ri and cov_ii [unit²]; std² = cov_rr + cov_ii")
+        units = zip(("output", "input"), channel_units(response), strict=True)
+        lines += [f"# {name}_amplitude: [{unit}]" for name, unit in units if unit]
         lines += _rows(_csv_columns(response))
     for curve in () if result.response is not None else result.curves:
         lines.append(f"# curve: {curve.name}")

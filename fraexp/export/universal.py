@@ -22,7 +22,6 @@ def write_universal(result: Result, header: Header, path: Path) -> None:
     sets = _response_sets(result.response, title) if result.response is not None else _curve_sets(result.curves, title)
     if not sets or any(len(one["data"]) < LEAST_POINTS for one in sets):
         raise FraexpError(f"a .unv file holds responses and curves of at least {LEAST_POINTS} points; export to .json")
-    path.touch()  # fails with the reason, which pyuff does not tell
     pyuff.UFF(str(path)).write_sets(sets, mode="overwrite")
 
 

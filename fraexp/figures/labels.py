@@ -8,6 +8,9 @@ from typing import Any
 COMMANDING = ("Cc", "Cf", "Cs", "Zl", "Zp")
 """Unicode categories that move the cursor, turn the writing direction or break lines."""
 
+LONG = 4
+"""Lists with more values are shown by their ends."""
+
 
 def printable(text: str) -> str:
     """Return a text in one line in which control and formatting characters are written out."""
@@ -30,15 +33,19 @@ def curve_names(
     `units` are the units of labels, by path: a number with a unit needs no title if it is the only one in it.
     """
     columns = label_columns(labels)
-    varying = [path for path in columns if len({label_text(of.get(path)) for of in labels}) > 1] or list(columns)
+    texts = {path: label_texts([of.get(path) for of in labels]) for path in columns}
+    varying = [path for path in columns if len(set(texts[path])) > 1] or list(columns)
     counts = Counter((units or {}).get(path) for path in varying)
     names = []
-    for of, spare in zip(labels, fallback, strict=True):
-        parts = [(columns[path], of[path], (units or {}).get(path, "")) for path in varying if path in of]
-        names.append(", ".join(_part(title, value, unit, counts[unit] == 1) for title, value, unit in parts) or spare)
+    for index, (of, spare) in enumerate(zip(labels, fallback, strict=True)):
+        parts = []
+        for path in (path for path in varying if path in of):
+            unit = (units or {}).get(path, "")
+            parts.append(_part(columns[path], of[path], texts[path][index], unit, counts[unit] == 1))
+        names.append(", ".join(parts) or spare)
     repeated = {name for name, count in Counter(names).items() if count > 1}
     return [
-        f"{name} ({spare})" if name in repeated and name != spare else name
+        f"{name} ({spare})" if name in repeated and spare and name != spare else name
         for name, spare in zip(names, fallback, strict=True)
     ]
 
@@ -56,18 +63,54 @@ def label_columns(labels: Sequence[Mapping[str, Any]]) -> dict[str, str]:
 
 def label_text(value: Any) -> str:
     """Return one value of a grid as people read it: numbers in short, a component by its name."""
-    if isinstance(value, Mapping):
-        return str(value.get("name", ", ".join(f"{key} {label_text(item)}" for key, item in value.items())))
-    if isinstance(value, float):
-        return f"{value:.6g}"
+    return label_texts([value])[0]
+
+
+def label_texts(values: Sequence[Any]) -> list[str]:
+    """Return values of one label as people read them; components of one name get the parameters that differ."""
+    if any(isinstance(value, Mapping) for value in values):
+        values = [{"name": value} if isinstance(value, str) else value for value in values]
+    return [
+        _component_text(value, [other for other in values if _named_like(other, value)])
+        if isinstance(value, Mapping)
+        else _plain_text(value)
+        for value in values
+    ]
+
+
+def _named_like(other: Any, value: Mapping[str, Any]) -> bool:
+    return isinstance(other, Mapping) and other.get("name") == value.get("name")
+
+
+def _component_text(value: Mapping[str, Any], alike: Sequence[Mapping[str, Any]]) -> str:
+    """Return a component's name, with those of its parameters that tell it from the others in `alike`."""
+    index = next(index for index, other in enumerate(alike) if other is value)
+    parts = []
+    for key in dict.fromkeys(key for other in alike for key in other if key != "name"):
+        column = [other.get(key) for other in alike]
+        if key in value and ("name" not in value or any(item != column[0] for item in column)):
+            parts.append(f"{key} {label_texts(column)[index]}")
+    told = ", ".join(parts)
+    return told if "name" not in value else f"{value['name']} ({told})" if told else str(value["name"])
+
+
+def _plain_text(value: Any) -> str:
+    match value:
+        case bool():
+            return str(value).lower()
+        case float():
+            return f"{value:.6g}"
+        case list() | tuple():
+            texts = label_texts(value)
+            return f"[{', '.join(texts if len(texts) <= LONG else [texts[0], '...', texts[-1]])}]"
     return "" if value is None else str(value)
 
 
-def _part(title: str, value: Any, unit: str, alone: bool) -> str:
+def _part(title: str, value: Any, text: str, unit: str, alone: bool) -> str:
     if isinstance(value, str | Mapping):
-        return label_text(value)
+        return text
     if not unit or not isinstance(value, int | float):
-        return f"{title} {label_text(value)}"
+        return f"{title} {text}"
     factor, shown = (
         (1.0, unit) if unit != "m" or abs(value) >= 1 else (1e3, "mm") if abs(value) >= 1e-3 else (1e6, "µm")
     )

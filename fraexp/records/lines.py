@@ -1,4 +1,4 @@
-"""Which harmonics are excited, and whether a record repeats itself as the study says."""
+"""Which harmonics are excited, and whether the input is where the study says."""
 
 import math
 
@@ -14,32 +14,75 @@ NEGLIGIBLE = 1e-3
 """Amplitude relative to the greatest line below which a line counts as not excited."""
 STEP = 3.0
 """Least ratio of amplitudes that separates excited lines from distortion."""
-SIMILAR = 0.5
-"""Correlation of successive periods below which a record does not repeat itself."""
-ALIKE = 0.95
-"""Share of the highest autocorrelation from which an earlier peak is taken for the period."""
+NOTHING = 1e-9
+"""Amplitude relative to the greatest line that is rounding."""
 
 
 def excited_lines(settings: RecordSettings, cut: Cut, channel: np.ndarray, place: str) -> tuple[int, ...]:
-    """Return the excited harmonics of the block: those stated, else those that stand out of the input channel."""
+    """Return the excited harmonics of the block: those stated, else those that stand out of the input channel.
+
+    `lines`, or `every` from `lowest` to `highest`, state them; RecordError if the input has nothing there.
+    """
+    _check_statement(settings, cut, place)
     last = (cut.samples - 1) // 2
     base = cut.periods / (cut.samples * cut.sample_time)
     lowest = max(math.ceil((settings.lowest or 0.0) / base - 1e-6), 1)
-    highest = math.floor((settings.highest or math.inf) / base + 1e-6) if settings.highest else last // cut.periods
-    if settings.lines:
-        lines = sorted({line * cut.periods for line in settings.lines})
-    elif settings.lowest and settings.highest:
-        lines = [line * cut.periods for line in range(lowest, highest + 1, settings.every)]
-    else:
-        found = detected_lines(cut.blocks_of(channel))
+    highest = math.floor(settings.highest / base + 1e-6) if settings.highest else last // cut.periods
+    stated = sorted(set(settings.lines or (range(lowest, highest + 1, settings.every) if settings.every else ())))
+    blocks = cut.blocks_of(channel)
+    lines = [line * cut.periods for line in stated]
+    if not settings.lines and not settings.every:
+        found = detected_lines(blocks)
         lines = [line for line in found if lowest * cut.periods <= line <= highest * cut.periods]
+        if found and not lines:
+            low, high = (line * base / cut.periods for line in (found[0], found[-1]))
+            raise RecordError(
+                f"{place}: none of the excited lines, {low:.4g} to {high:.4g} Hz, is between lowest and highest; "
+                "correct them, or state lines"
+            )
     if not lines or lines[0] < 1 or lines[-1] > last:
-        found_text = f"{lines[0]} to {lines[-1]}" if lines else "none"
+        found_text = f"{lines[0] // cut.periods} to {lines[-1] // cut.periods}" if lines else "none"
         raise RecordError(
             f"{place}: the excited harmonics are {found_text}; expected some from 1 to {last // cut.periods} "
             f"({base:.4g} to {0.5 / cut.sample_time:.4g} Hz): correct lowest and highest, or lines"
         )
+    if stated:
+        _check_excited(lines, blocks, base / cut.periods, cut.periods, place)
     return tuple(lines)
+
+
+def _check_statement(settings: RecordSettings, cut: Cut, place: str) -> None:
+    if settings.lines and (settings.every or settings.lowest or settings.highest):
+        raise RecordError(f"{place}: lines are given, and lowest, highest or every as well; expected one way")
+    if settings.every and not (settings.lowest and settings.highest):
+        raise RecordError(f"{place}: every is given without lowest and highest; give both, or lines")
+    if settings.highest and settings.highest > 0.5 / cut.sample_time:
+        raise RecordError(
+            f"{place}: highest is {settings.highest:.4g} Hz; expected at most half the sample rate, "
+            f"{0.5 / cut.sample_time:.4g} Hz"
+        )
+    if settings.lowest and settings.highest and settings.lowest > settings.highest:
+        raise RecordError(
+            f"{place}: lowest is {settings.lowest:g} Hz and highest {settings.highest:g} Hz; expected lowest below"
+        )
+
+
+def _check_excited(lines: list[int], blocks: np.ndarray, spacing: float, periods: int, place: str) -> None:
+    """Raise RecordError if a stated line cannot be told from the noise; `spacing` of the block's lines in Hz."""
+    amplitude, scatter = _spectrum(blocks)
+    stated = np.array(lines) - 1
+    others = np.delete(amplitude, stated)
+    floor = np.maximum(scatter, np.median(others**2) if others.size else 0.0)[stated]
+    share = amplitude[stated] / amplitude.max() if amplitude.any() else amplitude[stated]
+    lost = (share < NEGLIGIBLE) & (amplitude[stated] ** 2 <= SIGNIFICANT * floor) | (share < NOTHING)
+    if lost.any():
+        first = int(np.argmax(lost))
+        more = f", nor at {int(lost.sum()) - 1} more of the {len(lines)} stated lines" if lost.sum() > 1 else ""
+        raise RecordError(
+            f"{place}: the input does not excite {lines[first] * spacing:.6g} Hz (harmonic "
+            f"{lines[first] // periods}), with {share[first]:.1e} of the strongest line{more}; "
+            "correct lines, or leave out every"
+        )
 
 
 def detected_lines(blocks: np.ndarray) -> list[int]:
@@ -48,10 +91,7 @@ def detected_lines(blocks: np.ndarray) -> list[int]:
     Lines above the noise are sorted by amplitude and cut at their widest gap, if that is at least a factor of 3:
     a controller's input also holds lines that friction has made.
     """
-    spectra = np.fft.rfft(blocks, axis=1)[:, 1 : (blocks.shape[1] - 1) // 2 + 1]
-    mean = np.add.reduce(spectra, axis=0) / len(spectra)
-    scatter = np.add.reduce(np.abs(spectra - mean) ** 2, axis=0) / (len(spectra) * (len(spectra) - 1))
-    amplitude = np.abs(mean)
+    amplitude, scatter = _spectrum(blocks)
     above = (amplitude**2 > SIGNIFICANT * scatter) & (amplitude > NEGLIGIBLE * amplitude.max(initial=0.0))
     levels = np.sort(amplitude[above])
     if levels.size > 1:
@@ -62,20 +102,12 @@ def detected_lines(blocks: np.ndarray) -> list[int]:
     return [int(line) + 1 for line in np.flatnonzero(above)]
 
 
-def check_repeats(cut: Cut, channel: np.ndarray, name: str, place: str) -> None:
-    """Raise RecordError if the blocks of a channel do not resemble each other; it tells the period that would fit."""
-    blocks = cut.blocks_of(channel)
-    swing = blocks - blocks.mean()
-    power = float(np.sum(swing**2)) / len(swing)
-    alike = float(np.sum(swing[1:] * swing[:-1])) / (len(swing) - 1) / power if power else 1.0
-    if alike >= SIMILAR:
-        return
-    better = detected_period(channel[cut.start :])
-    if better or alike < SIMILAR / 5:
-        remedy = f"it seems to repeat every {better} samples" if better else "check period and sample_rate"
-        raise RecordError(
-            f"{place}: '{name}' does not repeat after {cut.samples} samples (correlation {alike:.2f}); {remedy}"
-        )
+def _spectrum(blocks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the amplitude of the mean spectrum from line 1, not scaled, and the variance of that mean."""
+    spectra = np.fft.rfft(blocks, axis=1)[:, 1 : (blocks.shape[1] - 1) // 2 + 1]
+    mean = np.add.reduce(spectra, axis=0) / len(spectra)
+    scatter = np.add.reduce(np.abs(spectra - mean) ** 2, axis=0) / (len(spectra) * (len(spectra) - 1))
+    return np.abs(mean), scatter
 
 
 def check_steps(cuts: list[Cut], channel: np.ndarray, rate: float, name: str, place: str) -> None:
@@ -93,22 +125,3 @@ def check_steps(cuts: list[Cut], channel: np.ndarray, rate: float, name: str, pl
             f"{place}: '{name}' is strongest at {found:.4g} Hz where {stated:.4g} Hz is stated, and so in "
             f"{len(wrong)} of {len(cuts)} steps; check sample_rate and the steps"
         )
-
-
-def detected_period(channel: np.ndarray) -> int | None:
-    """Return the period [samples] that the autocorrelation of a channel shows, or None."""
-    count = channel.size
-    swing = channel - channel.mean()
-    power = np.abs(np.fft.rfft(swing, 2 * count)) ** 2
-    correlation = np.fft.irfft(power)[:count] / np.arange(count, 0, -1)
-    falling = np.flatnonzero(correlation[: count // 2 + 1] < 0)
-    if not falling.size or correlation[0] <= 0:
-        return None
-    first = int(falling[0])  # up to here a smooth signal resembles itself anyway
-    later = correlation[first : count // 2 + 1] / correlation[0]
-    if later.max() < SIMILAR:
-        return None
-    start = int(np.argmax(later >= ALIKE * later.max()))
-    run = later[start:]
-    end = int(np.argmax(run < ALIKE * later.max())) or run.size
-    return first + start + int(np.argmax(run[:end]))

@@ -50,8 +50,13 @@ class RecordSettings(Parameters):
     skip_time: float = param("s", "time dropped at the start of the record, or of each step", 0.0, at_least=0)
     lowest: float | None = param("Hz", "lowest excited frequency", None, above=0)
     highest: float | None = param("Hz", "highest excited frequency", None, above=0)
-    every: int = param("1", "every how many harmonics one is excited, from the lowest", 1, at_least=1)
-    lines: tuple[int, ...] = param("1", "excited harmonics of the period, if they are not evenly spaced", ())
+    every: int | None = param(
+        "1",
+        "every how many harmonics one is excited, from lowest to highest; found if absent",
+        None,
+        at_least=1,
+    )
+    lines: tuple[int, ...] = param("1", "excited harmonics of the period, if they are not to be found", ())
     coherence: float = param(
         "1", "greatest phase slip of a block of whole periods, in periods", 1e-3, above=0, below=0.1
     )

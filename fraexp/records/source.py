@@ -8,20 +8,19 @@ from typing import Any
 
 import numpy as np
 
-from fraexp import units
 from fraexp.components import RecordReader, Table
-from fraexp.errors import ParameterError, RecordError, did_you_mean
+from fraexp.errors import RecordError, did_you_mean
 from fraexp.identity import file_hash
 from fraexp.plugins import Registry, create
 from fraexp.records.cutting import Cut, periodic_cut, step_cuts, steps_of
-from fraexp.records.lines import check_repeats, check_steps, detected_period, excited_lines
+from fraexp.records.lines import check_steps, excited_lines
+from fraexp.records.quantities import auxiliary_values, evident_clock, in_si, values_of
+from fraexp.records.repeats import check_repeats, detected_period, seems_to_repeat
 from fraexp.records.settings import Channel, RecordSettings
 from fraexp.records.timebase import agreed_rate, rate_of
 from fraexp.signals import Segment, Signals
 
 Plain = dict[str, Any]
-PURE = ("-", "–", "1", "")
-"""How instruments write that a number has no unit."""
 
 
 def resolve(settings: RecordSettings, base_folder: Path, registry: Registry) -> tuple[Plain, dict[str, str]]:
@@ -35,9 +34,9 @@ def resolve(settings: RecordSettings, base_folder: Path, registry: Registry) -> 
     reader = _reader(settings.reader, path, registry)
     wanted = {**settings.channels, **_auxiliary(settings)}
     table = _read(reader, path, {channel.column for channel in wanted.values()})
-    plain = {name: _in_si(name, channel, table, path) for name, channel in settings.channels.items()}
-    values = {name: _values(table, channel, name, path) for name, channel in plain.items()}
-    rate = _rate(settings, table, path)
+    plain = {name: in_si(name, channel, table, path) for name, channel in settings.channels.items()}
+    values = {name: values_of(table, channel, name, path) for name, channel in plain.items()}
+    rate = _rate(settings, reader, table, path)
     cuts = _cuts(settings, values, table, rate, path)
     record: Plain = {
         "hash": file_hash(path),
@@ -58,7 +57,7 @@ def load(experiment: Mapping[str, Any], files: Mapping[str, str], registry: Regi
     reader = create(registry, RecordReader, record["reader"], place=path.name)  # type: ignore[type-abstract]
     channels: Mapping[str, Plain] = record["channels"]
     table = _read(reader, path, {channel["column"] for channel in channels.values()})
-    values = {name: _values(table, channel, name, path) for name, channel in channels.items()}
+    values = {name: values_of(table, channel, name, path) for name, channel in channels.items()}
     segments = tuple(
         Segment(
             cut.sample_time, {name: cut.blocks_of(samples) for name, samples in values.items()}, np.array(cut.lines)
@@ -111,51 +110,13 @@ def _read(reader: RecordReader, path: Path, columns: set[str]) -> Table:
     return table
 
 
-def _in_si(name: str, channel: Channel, table: Table, path: Path, default: str = "") -> Plain:
-    unit = channel.unit or table.units.get(channel.column, "") or default
-    if not unit:
-        raise ParameterError(
-            f"{path.name}: channel '{name}' has no unit; give unit = such as mm, or 1 for a pure number"
-        )
-    factor, short = _si(unit, f"{path.name}, channel '{name}'")
-    if channel.scale == 0:
-        raise ParameterError(f"{path.name}, channel '{name}': scale is 0; expected another number")
-    return {"column": channel.column, "unit": short, "scale": factor * channel.scale}
-
-
-def _si(unit: str, place: str) -> tuple[float, str]:
-    try:
-        return units.si("1" if unit.strip() in PURE else unit.strip())
-    except ParameterError as error:
-        raise ParameterError(f"{place}: {error}") from None
-    except Exception:  # what stands in a file's header may be anything, and the parser of units raises anything
-        raise ParameterError(
-            f"{place}: '{unit}' is no unit that can be used; give unit = such as mm, rad or 1"
-        ) from None
-
-
-def _values(table: Table, channel: Mapping[str, Any], name: str, path: Path) -> np.ndarray:
-    samples = table.columns[channel["column"]]
-    if samples.size and samples.min() == samples.max():
-        raise RecordError(
-            f"{path.name}: channel '{name}' (column '{channel['column']}') is constant, {samples[0]:g}; "
-            "expected a signal: choose another column"
-        )
-    return np.ascontiguousarray(samples * channel["scale"])
-
-
-def _auxiliary_values(name: str, channel: Channel, table: Table, default: str, path: Path) -> np.ndarray:
-    plain = _in_si(name, channel, table, path, default)
-    if plain["unit"] != units.si(default)[1]:
-        raise ParameterError(f"{path.name}: the {name} is in '{plain['unit']}'; expected a unit such as {default}")
-    return np.asarray(table.columns[channel.column] * plain["scale"])
-
-
-def _rate(settings: RecordSettings, table: Table, path: Path) -> float:
+def _rate(settings: RecordSettings, reader: RecordReader, table: Table, path: Path) -> float:
     clock = 1 / table.sample_time if table.sample_time else None
     if settings.time is not None:
-        time = _auxiliary_values("time", settings.time, table, "s", path)
+        time = auxiliary_values("time", settings.time, table, "s", path)
         clock = rate_of(time, f"{path.name}: the time in column '{settings.time.column}'")
+    elif settings.sample_rate and clock is None:
+        clock = evident_clock(reader, table, path)
     return agreed_rate(settings.sample_rate, clock, path.name)
 
 
@@ -169,11 +130,11 @@ def _cuts(settings: RecordSettings, values: dict[str, np.ndarray], table: Table,
         raise _undecided(ways, channel, rate, path.name)
     if ways[0] in ("period", "period_time"):
         cut = periodic_cut(settings, rate, channel.size, path.name)
-        check_repeats(cut, channel, name, path.name)
+        check_repeats(cut, channel, rate, name, path.name)
         return [replace(cut, lines=excited_lines(settings, cut, channel, path.name))]
     steps = list(settings.steps)
     if settings.frequency is not None:
-        steps = steps_of(_auxiliary_values("frequency", settings.frequency, table, "Hz", path), rate)
+        steps = steps_of(auxiliary_values("frequency", settings.frequency, table, "Hz", path), rate)
     if not steps:
         raise RecordError(f"{path.name}: the frequency is nowhere above 0; expected one for each step")
     cuts = step_cuts(settings, steps, rate, channel.size, path.name)
@@ -185,7 +146,7 @@ def _undecided(ways: list[str], channel: np.ndarray, rate: float, place: str) ->
     if ways:
         return RecordError(f"{place}: {' and '.join(ways)} are both given; expected one of them")
     found = detected_period(channel)
-    seems = f": it seems to repeat every {found} samples ({found / rate:.6g} s)" if found else ""
+    seems = f": {seems_to_repeat(found, rate)}" if found else ", as period = N (--period N)"
     return RecordError(
         f"{place}: give period (samples) or period_time (s) of a periodic record{seems}; "
         "or steps or frequency of a stepped sine"

@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[2]
 Command = Callable[..., subprocess.CompletedProcess[str]]
 
 
-def _response(gain: float, points: int = 40) -> FrequencyResponse:
+def response_of(gain: float, points: int = 40) -> FrequencyResponse:
     frequency = np.geomspace(1, 200, points)
     return FrequencyResponse(
         frequency=frequency,
@@ -55,8 +55,8 @@ def fill(path: Path) -> list[Sweep]:
     angle = np.linspace(0, 7, 30)
     loop = Curve("loop", {"displacement": np.cos(angle), "force": np.sin(angle)}, {"displacement": "m", "force": "N"})
     results = [
-        Result(Outcome.OK, "", _response(0.1), (Metric("gain", 0.1, "m/N"), Metric("delay", float("nan"), "s"))),
-        Result(Outcome.NOT_SETTLED, "1 of 40 frequencies", _response(0.2), (Metric("gain", 0.2, "m/N"),)),
+        Result(Outcome.OK, "", response_of(0.1), (Metric("gain", 0.1, "m/N"), Metric("delay", float("nan"), "s"))),
+        Result(Outcome.NOT_SETTLED, "1 of 40 frequencies", response_of(0.2), (Metric("gain", 0.2, "m/N"),)),
         Result(Outcome.OK, curves=(loop,)),
         Result(Outcome.DIVERGED, "after 0.2 s"),
     ]

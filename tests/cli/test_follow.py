@@ -9,7 +9,9 @@ from fraexp.cli.exits import ExitCode
 from fraexp.cli.follow import Story, follow, report
 from fraexp.cli.words import short
 from fraexp.plugins import Registry
+from fraexp.results import Outcome, Result
 from fraexp.scheduler import Ended, Event, Finished, Planned, Preparing, Progress
+from fraexp.store import Store
 from fraexp.sweep import Sweep
 
 PLANNED = Planned("bench", "Two sensors", 5, 3, 2, 1, 65.0)
@@ -62,16 +64,17 @@ def test_ctrl_c_closes_the_events_and_tells_what_is_kept(
 def test_the_end_is_a_table_the_run_and_its_figure(
     registry: Registry, arguments: Namespace, sweeps: list[Sweep], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    story = Story(ended=[Ended(1, "partial", Path("figures/bench.png"))])
+    story = Story(ended=[Ended(1, "partial", (Path("figures/bench.png"), Path("figures/bench-2.png")))])
     assert report(story, arguments, registry) == ExitCode.INCOMPLETE
     printed = capsys.readouterr()
     lines = printed.out.splitlines()
     assert lines[0] == "magnitudes in dB re 1 mm/N"
     assert lines[1].split()[:2] == ["sweep", "output"]
     assert [line.split()[0] for line in lines[2:7]] == [short(sweep.key) for sweep in sweeps]
-    assert lines[-2].startswith("run 1 partial: 5 sweeps, 4 computed, 0 reused, 1 failed")
-    assert lines[-1] == "figure figures/bench.png"
+    assert lines[-3].startswith("run 1 partial: 5 sweeps, 4 computed, 0 reused, 1 failed")
+    assert lines[-2:] == ["figure figures/bench.png", "figure figures/bench-2.png"]
     assert "next: fraexp show 1, " in printed.err
+    assert "fraexp plot 1" in printed.err
 
 
 def test_a_run_as_json_is_one_document(
@@ -90,3 +93,28 @@ def test_a_dry_run_prints_no_table(
 ) -> None:
     assert report(Story(planned=[PLANNED], ended=[Ended(None, "dry")]), arguments, registry) == ExitCode.OK
     assert capsys.readouterr().out == ""
+
+
+@pytest.mark.parametrize(
+    ("outcome", "code"),
+    [
+        (Outcome.OK, ExitCode.OK),
+        (Outcome.NOT_SETTLED, ExitCode.OK),
+        (Outcome.NO_SIGNAL, ExitCode.INCOMPLETE),
+        (Outcome.DIVERGED, ExitCode.INCOMPLETE),
+    ],
+)
+def test_outcomes_decide_the_exit_code_and_nothing_is_plotted_where_nothing_is(
+    outcome: Outcome, code: ExitCode, registry: Registry, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sweep = Sweep({"source": "drive"}, {"name": "hysteresis"}, {"x": 1})
+    with Store.open(str(tmp_path / "results.db"), create=True) as store:
+        run = store.begin_run("one", "one.toml", "fraexp run one", {}, [sweep])
+        store.save(run, [(sweep, Result(outcome, "why"), {})])
+        store.end_run(run, "complete")
+    arguments = Namespace(db=None, workspace=tmp_path, json=False)
+    assert report(Story(ended=[Ended(run, "complete", note="two\nlines")]), arguments, registry) == code
+    printed = capsys.readouterr()
+    assert outcome.name.lower().replace("_", " ") in printed.out
+    assert "run 1 has no figure: two lines\n" in printed.err
+    assert "fraexp plot" not in printed.err

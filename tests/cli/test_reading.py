@@ -1,16 +1,25 @@
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from fraexp.cli.compare import completed
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
 from fraexp.cli.words import short
+from fraexp.results import Outcome, Result
+from fraexp.store import Store, StoredSweep
 from fraexp.sweep import Sweep
+from tests.cli.conftest import response_of
 
 Printed = Callable[..., tuple[str, str]]
+SEGMENTS = [
+    {"start": 0, "periods": 6, "samples": 250, "sample_time": 0.0005, "lines": [1]},
+    {"start": 1500, "periods": 3, "samples": 100, "sample_time": 0.0005, "lines": [1, 3]},
+]
 
 
 @pytest.fixture
@@ -42,8 +51,9 @@ def test_a_run_shows_its_sweeps_and_remedies(printed: Printed, sweeps: list[Swee
     out, err = printed("show", "1")
     assert "code     fraexp 0.1.0 (c0ffeec0ffee with local changes)" in out
     first = next(line for line in out.splitlines() if line.startswith(short(sweeps[0].key)))
-    # 0.1 m/N at 1 Hz is 40 dB re 1 mm/N, falling by 40 dB per decade; 1 Hz itself had not settled.
-    assert first.split()[:8] == [short(sweeps[0].key), "scale", "computed", "ok", "37/40", "0.00", "-24.08", "-36.12"]
+    # 0.1 m/N at 1 Hz is 40 dB re 1 mm/N, falling by 40 dB per decade; 1 Hz itself had not settled: no such column.
+    assert first.split()[:8] == [short(sweeps[0].key), "scale", "computed", "ok", "37/40", "-0.12", "-23.72", "-35.52"]
+    assert "settled  10.1 Hz  39.2 Hz  77.3 Hz  gain [m/N]" in out
     assert "ZeroDivisionError: float division by zero" in out
     assert "1 not settled: raise excitation.settle_limit" in err
     assert "1 diverged: the closed loop is unstable" in err
@@ -136,3 +146,71 @@ def test_a_sweep_without_a_result_is_not_plotted(
     line = ["plot", sweeps[4].key, "-o", str(tmp_path / "a.png"), "--workspace", str(workspace)]
     assert main(line) == ExitCode.USAGE
     assert "found nothing to draw in 1 sweep" in capsys.readouterr().err
+
+
+def test_compare_names_sweeps_by_the_run_that_computed_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    result = Result(Outcome.OK, response=response_of(0.1))
+    first, second = (
+        Sweep({"source": "loop", "excitation": {"amplitude": force}}, {"name": name}, {"excitation.amplitude": force})
+        for force, name in ((12, "conventional"), (12, "proposed"))
+    )
+    with Store.open(str(tmp_path / "results.db"), create=True) as store:
+        for sweep in (first, second):
+            run = store.begin_run("bench", "bench.toml", "fraexp run bench", {}, [sweep])
+            store.save(run, [(sweep, result, {})])
+            store.end_run(run, "complete")
+        again = [replace(first, labels={"later": 1}), replace(second, labels={"later": 2})]
+        store.reuse(run := store.begin_run("other", "other.toml", "", {}, again), [sweep.key for sweep in again])
+        store.end_run(run, "complete")
+    keys = [short(sweep.key) for sweep in (first, second)]
+    assert main(["compare", *keys, "--workspace", str(tmp_path)]) == ExitCode.OK
+    assert f"responses against {keys[0]} (amplitude 12)\n" in capsys.readouterr().out
+
+
+def test_a_sweep_without_a_label_is_named_by_its_parameters() -> None:
+    def stored(amplitude: float, name: str, labels: dict[str, Any]) -> StoredSweep:
+        experiment = {"excitation": {"amplitude": amplitude}}
+        return StoredSweep("k", experiment, {"name": name, "x": 1}, labels, Outcome.OK, "", 0.0, None, "computed")
+
+    one = stored(12, "conventional", {"excitation.amplitude": 12})
+    two = stored(75, "proposed", {"estimator": {"name": "proposed"}, "unknown.path": 3})
+    assert [sweep.labels for sweep in completed([one, two])] == [
+        {"excitation.amplitude": 12, "estimator": "conventional"},
+        {"excitation.amplitude": 75, "estimator": {"name": "proposed"}, "unknown.path": 3},
+    ]
+
+
+def test_responses_of_two_units_are_two_figures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    speed = Sweep({"source": "record"}, {"name": "h1", "output": "v"}, {"estimator.output": "v"})
+    position = Sweep({"source": "record"}, {"name": "h1", "output": "y"}, {"estimator.output": "y"})
+    with Store.open(str(tmp_path / "results.db"), create=True) as store:
+        run = store.begin_run("bench", "bench.toml", "", {}, [position, speed])
+        response = response_of(0.1)
+        units = ((position, "m/N"), (speed, "m/s/N"))
+        store.save(
+            run, [(sweep, Result(Outcome.OK, response=replace(response, unit=unit)), {}) for sweep, unit in units]
+        )
+        store.end_run(run, "complete")
+    target = tmp_path / "figure.png"
+    line = ["plot", "1", "-o", str(target), "--workspace", str(tmp_path)]
+    assert main(line) == ExitCode.OK
+    second = tmp_path / "figure-2.png"
+    assert capsys.readouterr().out == f"{target}\n{second}\n"
+    assert target.read_bytes() != second.read_bytes()
+    assert main(line) == ExitCode.OK
+    assert capsys.readouterr().err == "the figures are up to date\n"
+    assert main(["show", short(speed.key), "--workspace", str(tmp_path)]) == ExitCode.OK
+    titles = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("frequency [Hz]"))
+    assert {"input", "output", "distortion"} <= set(titles.split())
+    assert "[m]" not in titles, "which part of m/s/N is whose is not known"
+
+
+def test_one_frequency_is_not_many(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    sweep = Sweep({"source": "record", "record": {"segments": SEGMENTS}}, {"name": "h1"}, {})
+    with Store.open(str(tmp_path / "results.db"), create=True) as store:
+        run = store.begin_run("bench", "bench.toml", "", {}, [sweep])
+        store.save(run, [(sweep, Result(Outcome.OK, response=response_of(0.1, points=13)), {})])
+    assert main(["show", sweep.key, "--workspace", str(tmp_path)]) == ExitCode.OK
+    printed = capsys.readouterr()
+    assert printed.err == "1 more frequency; --points shows all\n"
+    assert "  record.segments  2 segments, 8 to 60 Hz\n" in printed.out

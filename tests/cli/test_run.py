@@ -43,7 +43,7 @@ def test_a_run_prints_its_table_and_figure_and_is_reused(folder: Path, capsys: p
     assert main(["run", "methods", "--json"]) == ExitCode.OK
     document = json.loads(capsys.readouterr().out)
     (run,) = document["runs"]
-    assert (run["number"], run["reused"], run["figure"]) == (2, 2, "figures/methods.png")
+    assert (run["number"], run["reused"], run["figures"]) == (2, 2, ["figures/methods.png"])
     assert figure.stat().st_mtime_ns == drawn
 
 
@@ -78,3 +78,33 @@ def test_what_a_study_gets_wrong_is_one_line_and_nothing_is_written(
     assert sentence in printed
     assert printed.count("\n") == 1
     assert [path.name for path in folder.iterdir()] == ["studies"]
+
+
+def test_a_figure_that_cannot_be_written_is_a_note_and_the_table_is_there(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "figures").touch()
+    assert main(["run", "methods", "--executor", "serial"]) == ExitCode.OK
+    printed = capsys.readouterr()
+    assert "run 1 complete: 2 sweeps, 2 computed" in printed.out
+    assert "conventional  ok " in printed.out
+    notes = [line for line in printed.err.splitlines() if "figure" in line]
+    assert notes == [notes[0]]
+    assert notes[0].startswith("run 1 has no figure: figures/methods.png: the figure cannot be written: ")
+
+
+def test_several_studies_head_their_tables_and_a_rerun_is_told_to_the_old_run(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "studies/other.toml").write_text(STUDY.replace("Two methods", "Another title").replace("12", "75"))
+    assert main(["run", "methods", "other", "--executor", "serial"]) == ExitCode.OK
+    printed = capsys.readouterr()
+    assert printed.out.startswith("methods: Two methods\nmagnitudes in dB")
+    assert "\n\nother: Another title\nmagnitudes in dB" in printed.out
+
+    assert main(["run", "methods", "--executor", "serial", "--rerun", "all"]) == ExitCode.OK
+    assert not capsys.readouterr().out.startswith("methods")
+    assert main(["show", "1"]) == ExitCode.OK
+    assert "2 of 2 sweeps have been computed again since" in capsys.readouterr().err
+    assert main(["show", "3"]) == ExitCode.OK
+    assert "again" not in capsys.readouterr().err

@@ -1,5 +1,5 @@
 from fraexp.figures.label_units import label_units
-from fraexp.figures.labels import curve_names, label_columns
+from fraexp.figures.labels import curve_names, label_columns, label_text, label_texts
 from fraexp.plugins import Registry
 
 
@@ -45,3 +45,32 @@ def test_equal_names_are_told_apart() -> None:
 def test_titles_are_short_where_that_is_clear() -> None:
     titles = label_columns([{"plant.gain": 1, "controller.gain": 2, "excitation.amplitude": 3, "estimator.name": 4}])
     assert list(titles.values()) == ["plant.gain", "controller.gain", "amplitude", "estimator"]
+
+
+def test_components_of_one_name_are_told_apart_by_what_differs() -> None:
+    rolling = {"name": "rolling", "coulomb": 17.9}
+    found = [
+        {"name": "proposed", "friction": rolling, "hold": True},
+        {"name": "proposed", "friction": {"name": "lugre", "stiffness": 1e5}, "hold": True},
+        {"name": "conventional", "hold": False},
+    ]
+    texts = ["proposed (friction rolling)", "proposed (friction lugre)", "conventional"]
+    assert label_texts(found) == texts
+    assert curve_names([{"estimator": value} for value in found], ["a", "b", "c"]) == texts
+    assert label_text(found[0]) == "proposed"
+
+
+def test_nested_components_of_one_name_are_told_apart_too() -> None:
+    estimators = [{"name": "proposed", "friction": {"name": "rolling", "coulomb": force}} for force in (17.9, 20.0)]
+    assert label_texts(estimators) == [
+        "proposed (friction rolling (coulomb 17.9))",
+        "proposed (friction rolling (coulomb 20))",
+    ]
+    assert label_texts(["proposed", {"name": "proposed", "hold": False, "lags": list(range(20))}]) == [
+        "proposed",
+        "proposed (hold false, lags [0, ..., 19])",
+    ]
+
+
+def test_equal_names_without_a_spare_stay_as_they_are() -> None:
+    assert curve_names([{"a.x": 1}, {"a.x": 1}], ["", ""]) == ["x 1", "x 1"]

@@ -13,7 +13,8 @@ from fraexp.periodic import periodic_spectrum
 from fraexp.plugins import Registry
 from fraexp.records import RecordSettings, load, resolve
 from fraexp.records.cutting import coherent
-from fraexp.records.lines import detected_lines, detected_period
+from fraexp.records.lines import detected_lines
+from fraexp.records.repeats import detected_period
 from fraexp.signals import Signals
 
 Read = Callable[..., Signals]
@@ -31,11 +32,49 @@ def test_units_and_scale_turn_columns_into_si(tmp_path: Path, signals_of: Read, 
     assert segment.settling is None
 
 
-def test_the_studys_unit_wins_over_the_files(tmp_path: Path, signals_of: Read, bench: Any) -> None:
+def test_the_studys_unit_is_used_where_the_file_tells_none(tmp_path: Path, signals_of: Read, bench: Any) -> None:
+    rows = bench.rows(3)
+    for heading in ("Position", "Position (filtered)", "Position [-]"):
+        bench.write(tmp_path / "bench.csv", rows, f"Time [s],iq,{heading}")
+        signals = signals_of(channels={"u": "iq [A]", "y": "Position [um]"})
+        np.testing.assert_allclose(signals.segments[0].channels["y"].ravel(), 1e-6 * rows[:, 2], rtol=1e-15)
+
+
+def test_a_scale_turns_one_quantity_into_another(tmp_path: Path, signals_of: Read, bench: Any) -> None:
     rows = bench.rows(3)
     bench.write(tmp_path / "bench.csv", rows)
-    signals = signals_of(channels={"u": "iq", "y": "Position [um]"})
-    np.testing.assert_allclose(signals.segments[0].channels["y"].ravel(), 1e-6 * rows[:, 2], rtol=1e-15)
+    signals = signals_of(channels={"u": {"column": "iq", "unit": "N", "scale": 65}, "y": "Position"})
+    assert signals.units["u"] == "N"
+    np.testing.assert_allclose(signals.segments[0].channels["u"].ravel(), 65 * rows[:, 1], rtol=1e-15)
+
+
+def odd(periods: int, unexcited: float = 0.0, noise: float = 0.0) -> np.ndarray:
+    """Time, input and output of an odd multisine; 200 samples per period at 1 kHz, 5 to 195 Hz."""
+    rng = np.random.default_rng(4)
+    angle = 2 * np.pi * np.outer(np.arange(200), np.arange(1, 41)) / 200
+    amplitude = np.where(np.arange(1, 41) % 2, 0.3, unexcited)
+    u = np.tile((amplitude * np.cos(angle + rng.uniform(0, 2 * np.pi, 40))).sum(axis=1), periods)
+    u += noise * rng.normal(size=u.size)
+    return np.column_stack([np.arange(u.size) / 1000, u, np.roll(u, 2)])
+
+
+@pytest.mark.parametrize(("unexcited", "noise"), [(2e-13, 0.0), (0.0, 1e-4), (1e-5, 1e-3)])
+def test_unexcited_lines_between_lowest_and_highest_are_left_out(
+    tmp_path: Path, signals_of: Read, bench: Any, unexcited: float, noise: float
+) -> None:
+    bench.write(tmp_path / "bench.csv", odd(5, unexcited, noise))
+    assert signals_of(lowest=5, highest=195).segments[0].lines.tolist() == list(range(1, 40, 2))
+    assert signals_of(lowest=12, highest=60).segments[0].lines.tolist() == [3, 5, 7, 9, 11]
+    assert signals_of(lowest=5, highest=195, every=2).segments[0].lines.tolist() == list(range(1, 40, 2))
+    for stated in ({"lowest": 5, "highest": 195, "every": 1}, {"lines": [1, 2, 3]}):
+        with pytest.raises(RecordError, match=r"the input does not excite 10 Hz \(harmonic 2\)") as caught:
+            signals_of(**stated)
+        assert "\n" not in str(caught.value)
+
+
+def test_a_stated_line_may_be_weak_if_it_is_more_than_noise(tmp_path: Path, signals_of: Read, bench: Any) -> None:
+    bench.write(tmp_path / "bench.csv", odd(5, unexcited=1e-4))
+    assert signals_of(lines=[1, 2]).segments[0].lines.tolist() == [1, 2]
 
 
 def test_excited_lines_are_found_and_can_be_stated(tmp_path: Path, signals_of: Read, bench: Any) -> None:
@@ -168,13 +207,37 @@ REFUSED = {
     "scale 0": ({"channels": {"u": {"column": "iq", "scale": 0}}}, r"scale is 0"),
     "no clock": ({"time": None}, r"sample rate is unknown; give sample_rate"),
     "wrong rate": ({"sample_rate": 500}, r"sample_rate is 500 Hz, but the time in the file says 1000 Hz"),
-    "time in metres": ({"time": "Time [m]"}, r"the time is in 'm'; expected a unit such as s"),
-    "no period": ({"period": None}, r"give period .*it seems to repeat every 100 samples \(0\.1 s\)"),
+    "unit of another kind": (
+        {"channels": {"u": "iq", "y": "Position [N]"}},
+        r"'y': the unit is given as N, but the file says mm for column 'Position'; choose",
+    ),
+    "unit of another size": (
+        {"channels": {"u": "iq", "y": {"column": "Position", "unit": "m", "scale": -1}}},
+        r"'y': the unit is given as m, but the file says mm; leave the unit out or correct it",
+    ),
+    "another time in the file": (
+        {"time": None, "sample_rate": 500},
+        r"sample_rate is 500 Hz, but the time in the file says 1000 Hz",
+    ),
+    "time in other units": ({"time": "Time [m]"}, r"given as m, but the file says s for column 'Time'"),
+    "time in metres": (
+        {"file": "bare.csv", "time": "Time [m]", "channels": {"u": "iq [A]"}},
+        r"the time is in 'm'; expected a unit such as s",
+    ),
+    "no period": (
+        {"period": None},
+        r"give period .*it seems to repeat every 100 samples \(0\.1 s\): give period = 100 \(--period\)",
+    ),
     "two periods": ({"period_time": 0.2}, r"period and period_time are both given"),
     "wrong period": ({"period": 130}, r"'u' does not repeat after 130 samples .*repeat every 100 samples"),
+    "period off by one": ({"period": 199}, r"repeats worse after 199 samples than after 100; it .* period = 100 \("),
     "too short": ({"skip": 3}, r"200 samples are left, 1\.00 periods; expected at least 2 periods"),
-    "too high": ({"lowest": 10, "highest": 600}, r"excited harmonics are 2 to 120; expected some from 1 to 99"),
-    "no lines": ({"lowest": 300}, r"excited harmonics are none"),
+    "too high": ({"lowest": 10, "highest": 600}, r"highest is 600 Hz; expected at most half the sample rate, 500 Hz"),
+    "no lines": ({"lowest": 300}, r"none of the excited lines, 10 to 200 Hz, is between"),
+    "lines too high": ({"lines": [2, 120]}, r"excited harmonics are 2 to 120; expected some from 1 to 99"),
+    "lowest above highest": ({"lowest": 30, "highest": 20}, r"lowest is 30 Hz and highest 20 Hz"),
+    "every without ends": ({"every": 2, "lowest": 10}, r"every is given without lowest and highest"),
+    "lines in two ways": ({"lines": [2], "every": 2}, r"lines are given, and lowest, highest or every as well"),
     "no such input": ({"input": "v"}, r"input is 'v', which is no channel"),
     "constant": ({"file": "still.csv"}, r"channel 'y' \(column 'Position'\) is constant, 3"),
     "jitter": (

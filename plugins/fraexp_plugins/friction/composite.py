@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from functools import cache
-from typing import Any
+from typing import Any, ClassVar
 
 from fraexp.api import FrictionModel, ParameterError, param
 
@@ -13,6 +13,15 @@ class Composite(FrictionModel, name="composite", version=1):
     """Several friction models that act on the same displacement; their forces add up (paper, eq 13)."""
 
     parts: tuple[FrictionModel, ...] = param("", "the models, each with its name and parameters")
+
+    presets: ClassVar[dict[str, dict[str, Any]]] = {
+        "dahl_and_viscous": {
+            "parts": [
+                {"name": "dahl", "stiffness": 3.9e5, "coulomb": 17.9},
+                {"name": "none", "viscous_coefficient": 4.69},
+            ]
+        }
+    }
 
     def model_post_init(self, context: object) -> None:
         """Check that there is something to add."""
@@ -28,6 +37,13 @@ class Composite(FrictionModel, name="composite", version=1):
     def viscous(self) -> float:
         """Sum of the parts' viscous coefficients [N s/m]."""
         return sum(part.viscous for part in self.parts)
+
+    @property
+    def force_bound(self) -> float | None:
+        """Sum of the parts' bounds [N]; None if one of them has none."""
+        bounds = [part.force_bound for part in self.parts]
+        known = [bound for bound in bounds if bound is not None]
+        return sum(known) if len(known) == len(bounds) else None
 
     @property
     def greatest_stiffness(self) -> float:

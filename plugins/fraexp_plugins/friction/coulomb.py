@@ -11,8 +11,9 @@ class Coulomb(FrictionModel, name="coulomb", version=1):
 
     B. Armstrong-Hélouvry, P. Dupont and C. Canudas de Wit, Automatica 30(7), 1994, doi:10.1016/0005-1098(94)90209-7.
     At rest the force takes whatever value within ±Fs holds the machine: the law is a stop operator whose deflection
-    (`sticking`, a nanometre) is far below anything measured, and the loop finds the force implicitly, without
-    regularising sgn(v) and without chatter. A force of the other direction is `asymmetry` times as large.
+    (`sticking`) is a tenth of a micrometre, and the loop finds the force implicitly, without regularising sgn(v). A
+    smaller one needs more steps per sample, or the machine rings at rest. A force of the other direction is
+    `asymmetry` times as large.
     """
 
     states: ClassVar[tuple[str, ...]] = ("share of the limit force",)
@@ -20,11 +21,14 @@ class Coulomb(FrictionModel, name="coulomb", version=1):
     coulomb: float = param("N", "Coulomb friction force Fc", above=0)
     breakaway: float | None = param("N", "static friction force Fs; Fc if not given", None, above=0)
     stribeck_velocity: float = param("m/s", "Stribeck velocity vs", 1e-3, above=0)
-    stribeck_shape: float = param("1", "Stribeck exponent δ", 2.0, above=0)
+    stribeck_shape: float = param("1", "Stribeck exponent δ", 2.0, at_least=0.5, at_most=10)
     asymmetry: float = param("1", "friction of the negative direction over that of the positive one", 1.0, above=0)
-    sticking: float = param("m", "deflection at which rest ends", 1e-9, above=0)
+    sticking: float = param("m", "deflection at which rest ends", 1e-7, above=0)
     viscous_coefficient: float = param("N s/m", "viscous coefficient σ2", 0.0, at_least=0)
 
+    expected_failures: ClassVar[dict[str, str]] = {
+        "odd": "the friction force of each direction is a parameter",
+    }
     presets: ClassVar[dict[str, dict[str, float]]] = {
         "unit": {"coulomb": 1.0, "breakaway": 1.5, "stribeck_velocity": 1e-3},
     }
@@ -47,9 +51,14 @@ class Coulomb(FrictionModel, name="coulomb", version=1):
         return self.viscous_coefficient
 
     @property
+    def force_bound(self) -> float:
+        """Fs [N], in the direction where it is greater."""
+        return self.static * max(1.0, self.asymmetry)
+
+    @property
     def greatest_stiffness(self) -> float:
-        """0 N/m: sticking is no spring that the loop must resolve; the implicit step holds the machine."""
-        return 0.0
+        """Fs over the deflection at which rest ends [N/m], in the direction where it is greater."""
+        return self.force_bound / self.sticking
 
     @staticmethod
     def advance(  # type: ignore[no-untyped-def]

@@ -25,6 +25,11 @@ class Dahl(FrictionModel, name="dahl", version=1):
         return self.viscous_coefficient
 
     @property
+    def force_bound(self) -> float:
+        """Fc [N]."""
+        return self.coulomb
+
+    @property
     def greatest_stiffness(self) -> float:
         """2σ [N/m]: at a reversal from full slip."""
         return 2 * self.stiffness

@@ -2,6 +2,7 @@
 
 from abc import ABC
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
@@ -17,6 +18,13 @@ class ElementModel(FrictionModel, ABC):
     limit_force: tuple[float, ...] = param("N", "maximum forces F_mi of the elements", ())
     damping: tuple[float, ...] = param("N s/m", "viscous coefficients D_i of the elements", ())
     viscous_coefficient: float = param("N s/m", "viscous coefficient D_v of the guide", 0.0, at_least=0)
+
+    presets: ClassVar[dict[str, dict[str, object]]] = {
+        "linear_motor_table": {
+            "curve": {"coulomb": 17.9, "width": 45.36e-6, "narrowest": 0.5e-6, "widest": 100e-6},
+            "viscous_coefficient": 4.69,
+        }
+    }
 
     def model_post_init(self, context: object) -> None:
         """Check that the elements belong together."""
@@ -45,6 +53,11 @@ class ElementModel(FrictionModel, ABC):
     def viscous(self) -> float:
         """D_v of eq (12) [N s/m]."""
         return self.viscous_coefficient
+
+    @property
+    def force_bound(self) -> float:
+        """ΣF_mi [N]."""
+        return float(sum(self.elements[1]))
 
     @property
     def greatest_stiffness(self) -> float:

@@ -7,6 +7,7 @@ class Frictionless(FrictionModel, name="none", version=1):
     """No friction but, if wanted, a linear viscous one (paper, eq 12)."""
 
     viscous_coefficient: float = param("N s/m", "viscous coefficient D_v of the guide", 0.0, at_least=0)
+    force_bound = property(lambda self: 0.0, doc="0 N: all of it is viscous.")
     greatest_stiffness = property(lambda self: 0.0, doc="0 N/m: there is no presliding stiffness.")
 
     @property

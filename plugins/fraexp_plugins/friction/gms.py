@@ -23,7 +23,7 @@ class GeneralizedMaxwellSlip(FrictionModel, name="gms", version=1):
     coulomb: float = param("N", "Coulomb friction force Fc", above=0)
     breakaway: float = param("N", "static friction force Fs", above=0)
     stribeck_velocity: float = param("m/s", "Stribeck velocity vs", 1e-3, above=0)
-    stribeck_shape: float = param("1", "Stribeck exponent δ", 2.0, above=0)
+    stribeck_shape: float = param("1", "Stribeck exponent δ", 2.0, at_least=0.5, at_most=10)
     attraction: float = param("N/s", "attraction C towards the Stribeck curve", above=0)
     viscous_coefficient: float = param("N s/m", "viscous coefficient σ2", 0.0, at_least=0)
 
@@ -72,6 +72,11 @@ class GeneralizedMaxwellSlip(FrictionModel, name="gms", version=1):
         return self.viscous_coefficient
 
     @property
+    def force_bound(self) -> float:
+        """Fs [N]."""
+        return self.breakaway
+
+    @property
     def greatest_stiffness(self) -> float:
         """Σk_i [N/m]: all elements stick after a reversal."""
         return float(sum(self.stiffness))
@@ -102,7 +107,8 @@ class GeneralizedMaxwellSlip(FrictionModel, name="gms", version=1):
             else:
                 element = z[i] + stiffness[i] * dy
                 if dy != 0.0 and sign * (element - limit) >= 0.0:
-                    element = limit
+                    beyond = max(sign * (z[i] - limit), 0.0)  # a limit that has sunk below the force lets it relax
+                    element = limit + sign * beyond * kept
                     slips = True
             z_next[i] = element
             z_next[n + i] = 1.0 if slips else 0.0

@@ -23,6 +23,9 @@ class LuGre(FrictionModel, name="lugre", version=1):
     breakaway: float = param("N", "static friction force Fs", above=0)
     stribeck_velocity: float = param("m/s", "Stribeck velocity vs", 1e-3, above=0)
 
+    expected_failures: ClassVar[dict[str, str]] = {
+        "energy": "the force is not passive if σ2 < σ1 (Fs - Fc)/Fc, as with the parameters of 1995",
+    }
     presets: ClassVar[dict[str, dict[str, float]]] = {
         "canudas_de_wit_1995": {
             "sigma0": 1e5,
@@ -53,6 +56,11 @@ class LuGre(FrictionModel, name="lugre", version=1):
     def viscous(self) -> float:
         """σ2 [N s/m]."""
         return self.sigma2
+
+    @property
+    def force_bound(self) -> float | None:
+        """Fs [N] without σ1; with it the force has no bound."""
+        return None if self.sigma1 else self.breakaway
 
     @property
     def greatest_stiffness(self) -> float:

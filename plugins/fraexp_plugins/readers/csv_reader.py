@@ -40,10 +40,12 @@ class CsvReader(RecordReader, name="csv", version=1):
             layout = _layout(path, list(itertools.islice(stream, HEAD)))
         places = [layout.place(path, column) for column in columns]
         values = _numbers(path, encoding, layout, places)
-        units = {column: layout.units[place] for column, place in zip(columns, places, strict=True)}
+        names = [_split(heading)[0] for heading in layout.headings]
+        units = dict(zip(names, layout.units, strict=False))  # of all columns: one not asked for may be the clock
+        units |= {column: layout.units[place] for column, place in zip(columns, places, strict=True)}
         return Table(
             columns=dict(zip(columns, values, strict=True)),
-            units={column: unit for column, unit in units.items() if unit is not None},
+            units={column: unit for column, unit in units.items() if unit},
         )
 
 

@@ -1,0 +1,116 @@
+"""Columns become quantities: units that agree with the file's, samples in SI units, and a clock beside them."""
+
+import math
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fraexp import units
+from fraexp.components import RecordReader, Table
+from fraexp.errors import ParameterError, RecordError
+from fraexp.records.settings import Channel
+from fraexp.records.timebase import JITTER, rate_of
+
+Plain = dict[str, Any]
+PURE = ("-", "–", "1", "")
+"""How instruments write that a number has no unit."""
+CLOCKS = ("time", "t", "zeit")
+"""Names, in lower case, of a column that is the time even if it is not written evenly."""
+
+
+def in_si(name: str, channel: Channel, table: Table, path: Path, default: str = "") -> Plain:
+    """Return column, SI unit and factor to it of a channel, as plain data; `default` is for a column without unit."""
+    stated = table.units.get(channel.column, "")
+    if channel.unit and stated and abs(channel.scale) == 1:  # another scale turns one quantity into another
+        _check_unit(name, channel, stated, path)
+    unit = channel.unit or table.units.get(channel.column, "") or default
+    if not unit:
+        raise ParameterError(
+            f"{path.name}: channel '{name}' has no unit; give unit = such as mm, or 1 for a pure number"
+        )
+    factor, short = _si(unit, f"{path.name}, channel '{name}'")
+    if channel.scale == 0:
+        raise ParameterError(f"{path.name}, channel '{name}': scale is 0; expected another number")
+    return {"column": channel.column, "unit": short, "scale": factor * channel.scale}
+
+
+def _check_unit(name: str, channel: Channel, stated: str, path: Path) -> None:
+    if stated.strip() in PURE:
+        return
+    try:
+        theirs = _si(stated, "")
+    except ParameterError:  # a remark in brackets
+        return
+    place = f"{path.name}, channel '{name.strip()}'"
+    ours = _si(channel.unit, place)
+    if ours[1] != theirs[1]:
+        raise RecordError(
+            f"{place}: the unit is given as {channel.unit}, but the file says {stated} for column "
+            f"'{channel.column}'; choose the other column, or correct the unit"
+        )
+    if not math.isclose(ours[0], theirs[0], rel_tol=1e-9):
+        raise RecordError(
+            f"{place}: the unit is given as {channel.unit}, but the file says {stated}; "
+            "leave the unit out or correct it"
+        )
+
+
+def _si(unit: str, place: str) -> tuple[float, str]:
+    try:
+        return units.si("1" if unit.strip() in PURE else unit.strip())
+    except ParameterError as error:
+        raise ParameterError(f"{place}: {error}") from None
+    except Exception:  # what stands in a file's header may be anything, and the parser of units raises anything
+        raise ParameterError(
+            f"{place}: '{unit}' is no unit that can be used; give unit = such as mm, rad or 1"
+        ) from None
+
+
+def values_of(table: Table, channel: Mapping[str, Any], name: str, path: Path) -> np.ndarray:
+    """Return the samples of a channel in SI units, shape (n,); RecordError if they do not vary."""
+    samples = table.columns[channel["column"]]
+    if samples.size and samples.min() == samples.max():
+        raise RecordError(
+            f"{path.name}: channel '{name}' (column '{channel['column']}') is constant, {samples[0]:g}; "
+            "expected a signal: choose another column"
+        )
+    return np.ascontiguousarray(samples * channel["scale"])
+
+
+def auxiliary_values(name: str, channel: Channel, table: Table, default: str, path: Path) -> np.ndarray:
+    """Return the samples of the time or frequency, shape (n,), in the unit `default`."""
+    plain = in_si(name, channel, table, path, default)
+    if plain["unit"] != units.si(default)[1]:
+        raise ParameterError(f"{path.name}: the {name} is in '{plain['unit']}'; expected a unit such as {default}")
+    return np.asarray(table.columns[channel.column] * plain["scale"])
+
+
+def evident_clock(reader: RecordReader, table: Table, path: Path) -> float | None:
+    """Return the sample rate [Hz] of a column that nobody asked for and that is evidently the time, or None.
+
+    Its unit must be one of time, and it must be uniform, or be called time and increase.
+    """
+    for column, unit in table.units.items():
+        if column in table.columns:
+            continue
+        with suppress(ParameterError, RecordError):  # whatever else it may be, it is no clock
+            factor, short = _si(unit, "")
+            if short == "s" and unit.strip() not in PURE:
+                return _clock(reader.read(path, [column]).columns[column] * factor, column)
+    return None
+
+
+def _clock(time: np.ndarray, column: str) -> float:
+    if column.strip().lower() not in CLOCKS:
+        return rate_of(time, column)
+    steps = np.diff(time)
+    if not (np.isfinite(time).all() and (steps >= 0).all() and steps.any()):
+        raise RecordError(f"{column} does not increase")
+    rate = float(steps.size / (time[-1] - time[0]))
+    resolution = float(steps[steps > 0].min())  # of time that is written with few digits
+    if resolution > JITTER * (time[-1] - time[0]):
+        return rate_of(time, column)
+    return rate

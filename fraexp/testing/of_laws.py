@@ -1,0 +1,183 @@
+"""Checks of friction models that look at the law as a function: what loop and observer rely on."""
+
+from typing import Any
+
+import numpy as np
+
+from fraexp.components import FrictionModel
+from fraexp.testing.check import NotApplicableError, ViolationError, require
+from fraexp.testing.examples import bounds, built, numbers, typical
+from fraexp.testing.walk import SLOW, Drive, Walk, slip_length
+
+NEAR = 1e-9
+"""Forces that differ by less, relative to the greatest one, count as equal."""
+STEEPER = 4.0
+"""By what factor the greatest stiffness may be overstated: a reversal from full slip may double that at rest."""
+EXTREME = 1e6
+"""Factor on a parameter without a bound."""
+
+
+def finite(drive: Drive) -> None:
+    """The force is a finite number on every path, for steps of 0 m and for very long ones as well."""
+    _all_finite(drive.force, drive.record)
+    walk = Walk(drive.model, drive.time_step)
+    for dy in (0.0, 0.0, 1e3 * drive.length, 0.0, -1e3 * drive.length, -0.0, 1e-300):
+        force = walk.step(dy)
+        require(np.isfinite(force), f"the force is {force} N after a step of {dy:.3g} m")
+
+
+def rest(model: FrictionModel) -> None:
+    """A model that has never moved has no force."""
+    for time_step in (1e-5, 1.0):
+        force = Walk(model, time_step).step(0.0)
+        require(force == 0, f"the force is {force:.4g} N before anything has moved")
+
+
+def limits(model: FrictionModel) -> None:
+    """The force is finite with every parameter at the bounds that are declared for it."""
+    for name, info in type(model).model_fields.items():
+        value = getattr(model, name)
+        if not numbers(info) or value is None:
+            continue
+        low, high = bounds(info)
+        start = abs(value) or typical(info)
+        for extreme in (low if low is not None else -start * EXTREME, high if high is not None else start * EXTREME):
+            other = built(type(model), {**dict(model), name: extreme})
+            if other is None:
+                continue
+            try:
+                path = slip_length(other) * np.array([0.0, 0.5, 3.0, 3.0, -2.0, EXTREME])
+                forces = Walk(other, 1e-4).along(path)
+            except ArithmeticError as error:
+                raise ViolationError(f"with {name} = {extreme:.4g}: {type(error).__name__}: {error}") from None
+            require(np.isfinite(forces).all(), f"with {name} = {extreme:.4g} the forces are {forces.tolist()} N")
+
+
+def trial(drive: Drive) -> None:
+    """A step is a trial: it leaves z as it was, and another step from there gives what it would have given."""
+    for walk, dy in drive.walks():
+        before, expected = walk.z.copy(), walk.trial(dy)
+        for other in (-2 * dy, drive.length, 0.0):
+            walk.trial(other)
+            changed = np.flatnonzero(walk.z != before)
+            require(not changed.size, f"the law writes z[{changed[:1]}]; it may write z_next alone")
+        force, z_next = walk.trial(dy)
+        require(_same(force, expected[0]), f"the same step gives {expected[0]!r} N, then {force!r} N")
+        require(_same(z_next, expected[1]), "the same step gives another memory when it is tried again")
+
+
+def state_size(drive: Drive) -> None:
+    """Every step writes all of z_next, and nothing beyond the declared size."""
+    for walk, dy in drive.walks():
+        for step in (dy, 0.0):
+            _, z_next = walk.trial(step)
+            unwritten = np.flatnonzero(np.isnan(z_next))
+            require(not unwritten.size, f"a step of {step:.3g} m leaves z_next{unwritten.tolist()} unwritten or NaN")
+
+
+def compiled(drive: Drive) -> None:
+    """The compiled law gives the same forces as plain Python, to the last bits."""
+    forces = drive.model.force(drive.record, drive.time_step)
+    different = np.flatnonzero(forces != drive.force)
+    if different.size:
+        at = different[0]
+        raise ViolationError(f"step {at}: {forces[at]!r} N compiled, {drive.force[at]!r} N in plain Python")
+
+
+def order(drive: Drive) -> None:
+    """The force does not depend on what was computed before, or is computed in between."""
+    first = drive.model.force(drive.record, drive.time_step)
+    walk, other = Walk(drive.model, drive.time_step), Walk(drive.model, 3 * drive.time_step)
+    interleaved = []
+    for dy in np.diff(drive.record, prepend=0.0).tolist():
+        interleaved.append(walk.step(dy))
+        other.step(drive.length - 2 * dy)
+    drive.model.force(-2 * drive.record[::-1], 3 * drive.time_step, periodic=True)
+    again = drive.model.force(drive.record, drive.time_step)
+    require(_same(first, again), "a second computation gives another force")
+    require(_same(np.array(interleaved), drive.force), "the forces differ if another law is stepped in between")
+
+
+def present(drive: Drive) -> None:
+    """The force of a step is that at its end: implicit, not held from the step before."""
+    for walk, _ in drive.slowly().walks():
+        small = drive.length / 64
+        for dy in (small, -small):
+            before, _ = walk.trial(0.0)
+            moved, z_next = walk.trial(dy)
+            later = Walk(drive.model, SLOW)
+            later.z = z_next
+            held, _ = later.trial(0.0)
+            change = max(abs(held - before), abs(moved - before))
+            require(abs(held - moved) <= 0.2 * change + NEAR * drive.scale, _late(dy, moved, held))
+
+
+def _late(dy: float, moved: float, held: float) -> str:
+    return f"after a slow step of {dy:.3g} m the force is {moved:.6g} N, and {held:.6g} N once it stands still"
+
+
+def monotone(drive: Drive) -> None:
+    """A slow step, of up to the slip length, gives no less force than a shorter one: the implicit step is unique."""
+    slow = drive.slowly()
+    steps = slow.length * np.concatenate([np.linspace(-1, 1, 25), np.geomspace(1e-6, 1e-2, 5)])
+    steps.sort()
+    for walk, _ in slow.walks():
+        forces = np.array([walk.trial(dy)[0] for dy in steps.tolist()])
+        falls = np.flatnonzero(np.diff(forces) < -NEAR * slow.scale)
+        if falls.size:
+            at = falls[0]
+            numbers_ = (steps[at], steps[at + 1], forces[at], forces[at + 1])
+            raise ViolationError("a slow step of {:.4g} m or {:.4g} m gives {:.6g} N or {:.6g} N".format(*numbers_))
+
+
+def stiffness(drive: Drive) -> None:
+    """`greatest_stiffness`, which the loop's step length is chosen by, is the slope of the steepest slow step."""
+    slow, declared, steepest = drive.slowly(), drive.model.greatest_stiffness, 0.0
+    small = slow.length * 1e-4
+    for walk, _ in slow.walks():
+        base = walk.trial(0.0)[0]
+        steepest = max(steepest, *((walk.trial(dy)[0] - base) / dy for dy in (small, -small)))
+    slopes = f"a slope of {steepest:.5g} N/m; greatest_stiffness is {declared:.5g} N/m"
+    require(steepest <= declared * (1 + 1e-6) + NEAR * slow.scale / small, slopes)
+    require(
+        declared <= STEEPER * steepest, f"no slope above {steepest:.5g} N/m; greatest_stiffness is {declared:.5g} N/m"
+    )
+
+
+def translation(drive: Drive) -> None:
+    """Only the way counts, not the place: the same path elsewhere gives the same force."""
+    record = np.round(drive.record / (drive.length / 4096)) * 2.0**-30  # so that adding the offset is exact
+    forces = drive.model.force(record, drive.time_step)
+    moved = drive.model.force(record + 2.0**-4, drive.time_step)
+    scale = float(np.max(np.abs(forces), initial=0.0))
+    require(np.allclose(forces, moved, rtol=0, atol=NEAR * scale), "the force changes if the path begins elsewhere")
+
+
+def odd(drive: Drive) -> None:
+    """The opposite path gives the opposite force."""
+    mirrored = Walk(drive.model, drive.time_step).along(-drive.record)
+    worst = int(np.argmax(np.abs(mirrored + drive.force)))
+    agrees = np.allclose(mirrored, -drive.force, rtol=0, atol=NEAR * drive.scale)
+    require(agrees, f"step {worst}: {drive.force[worst]:.6g} N, and {mirrored[worst]:.6g} N on the opposite path")
+
+
+def bound(drive: Drive) -> None:
+    """The force stays within `force_bound`, where the model declares one."""
+    most = drive.model.force_bound
+    if most is None:
+        raise NotApplicableError("it declares no force_bound")
+    far = EXTREME * drive.length * np.array([0.0, 1.0, -1.0])
+    for forces in (drive.force, drive.slowly().force, Walk(drive.model, SLOW).along(far)):
+        greatest = float(np.max(np.abs(forces), initial=0.0))
+        require(greatest <= most * (1 + NEAR), f"the force reaches {greatest:.6g} N; force_bound is {most:.6g} N")
+
+
+def _all_finite(forces: np.ndarray, record: np.ndarray) -> None:
+    wrong = np.flatnonzero(~np.isfinite(forces))
+    if wrong.size:
+        dy = np.diff(record, prepend=0.0)[wrong[0]]
+        raise ViolationError(f"the force is {forces[wrong[0]]} N after a step of {dy:.3g} m")
+
+
+def _same(first: Any, second: Any) -> bool:
+    return np.asarray(first, dtype=float).tobytes() == np.asarray(second, dtype=float).tobytes()

@@ -1,0 +1,74 @@
+"""Elastoplastic friction: an exact spring up to its elastic limit, LuGre beyond it."""
+
+import numpy as np
+import pytest
+from fraexp_plugins.friction.elastoplastic import Elastoplastic
+from fraexp_plugins.friction.lugre import LuGre
+from scipy.integrate import solve_ivp
+
+from tests.machines import along, cosine
+
+REFERENCE = Elastoplastic.parse(Elastoplastic.presets["dupont_2002"], "elastoplastic")
+UNDAMPED = REFERENCE.model_copy(update={"sigma1": 0.0})  # the force is sigma0 z
+ELASTIC = 0.7 * 1.0 / 1e5  # m
+
+
+def test_it_is_a_spring_up_to_the_elastic_limit():
+    walk = np.random.default_rng(2).uniform(-1, 1, 5000) * ELASTIC
+    walk[0] = 0.0
+    assert np.allclose(UNDAMPED.force(walk, 1e-4), 1e5 * walk, rtol=0, atol=1e-12)
+    assert UNDAMPED.force(np.array([0.0, 4e-6]), 1e-4)[-1] == pytest.approx(0.4, rel=1e-12)
+
+
+def test_it_is_a_spring_on_the_way_back():
+    y = along(0, 100e-6, 100e-6 - 15e-6)  # from full slip through zero to the elastic limit of the other side
+    force = UNDAMPED.force(y, 1.0)[200:]
+    assert force[0] == pytest.approx(1.5, rel=1e-3)
+    assert np.allclose(np.diff(force), 1e5 * np.diff(y[200:]), rtol=0, atol=1e-12)
+
+
+def test_it_has_no_drift_within_the_elastic_limit_even_from_full_slip():
+    ripple = 100e-6 - 13e-6 + np.tile(cosine(4e-6, 100), 50)
+    force = UNDAMPED.force(np.concatenate([along(0, 100e-6), ripple]), 1.0)[201:]
+    assert np.allclose(force, np.tile(force[:100], 50), rtol=0, atol=1e-11)
+
+
+def alpha(z: float, v: float, steady: float) -> float:
+    if np.sign(z) != np.sign(v) or abs(z) <= ELASTIC:
+        return 0.0
+    if abs(z) >= steady:
+        return 1.0
+    return 0.5 + 0.5 * np.sin(np.pi * (abs(z) - (steady + ELASTIC) / 2) / (steady - ELASTIC))
+
+
+@pytest.mark.parametrize("frequency", [0.5, 20.0])
+def test_it_converges_to_its_differential_equation(frequency):
+    omega, amplitude = 2 * np.pi * frequency, 30e-6
+
+    def right(time: float, z: np.ndarray) -> list[float]:
+        v = amplitude * omega * np.cos(omega * time)
+        steady = (1.0 + 0.5 * np.exp(-((v / 1e-3) ** 2))) / 1e5
+        return [v * (1 - alpha(z[0], v, steady) * np.sign(v) * z[0] / steady)]
+
+    end, errors = 1.7 / frequency, []
+    answer = solve_ivp(right, (0, end), [0.0], rtol=1e-9, atol=1e-14, max_step=end / 2000)
+    for points in (500, 1000, 2000):
+        time = np.linspace(0, end, points + 1)
+        force = UNDAMPED.force(amplitude * np.sin(omega * time), time[1])
+        errors.append(abs(force[-1] - 1e5 * answer.y[0, -1]))
+    assert errors[0] < 2e-3
+    assert errors[2] < 1e-4
+
+
+def test_without_elastic_range_it_is_nearly_lugre():
+    y = np.cumsum(np.random.default_rng(4).normal(0, 2e-7, 4000)) + along(0, 60e-6, -60e-6, points=2000)[:4000]
+    flowing = REFERENCE.model_copy(update={"elastic_share": 1e-9, "breakaway": 1.0, "sigma1": 0.0})
+    lugre = LuGre(sigma0=1e5, coulomb=1.0, breakaway=1.0).force(y, 1e-4)
+    assert np.max(np.abs(flowing.force(y, 1e-4))) <= 1.0 + 1e-12
+    assert np.max(np.abs(lugre)) <= np.max(np.abs(flowing.force(y, 1e-4)))  # bristles that flow at once carry less
+
+
+@pytest.mark.parametrize("step", [1e-7, 1e-4, 1e-2, 1.0, 1e3])
+def test_bristles_stay_within_static_friction_at_any_step(step):
+    walk = np.cumsum(np.random.default_rng(1).normal(0, 1e-3, 3000) * step)
+    assert np.max(np.abs(UNDAMPED.force(walk, step))) <= 1.5 * (1 + 1e-12)

@@ -1,0 +1,112 @@
+"""Generalized Maxwell slip: the rolling model without Stribeck effect, frictional lag and continuity with it."""
+
+import numpy as np
+import pytest
+from fraexp_plugins.friction.gms import GeneralizedMaxwellSlip
+from fraexp_plugins.friction.rolling import Rolling
+
+from tests.machines import cosine, guide, harmonic
+
+REFERENCE = GeneralizedMaxwellSlip.parse(GeneralizedMaxwellSlip.presets["reference"], "gms")
+LEVEL = REFERENCE.model_copy(update={"breakaway": 1.0})
+AS_ROLLING = Rolling(stiffness=LEVEL.stiffness, limit_force=(0.1,) * 10)
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("size", [1e-7, 2e-6, 3e-5])
+def test_with_static_as_coulomb_friction_it_is_the_rolling_model(seed, size):
+    walk = np.cumsum(np.random.default_rng(seed).normal(0, size, 5000))
+    assert np.max(np.abs(LEVEL.force(walk, 1e-4) - AS_ROLLING.force(walk, 1e-4))) < 1e-14
+
+
+def test_the_table_with_static_as_coulomb_friction_is_its_rolling_guide():
+    friction = guide()
+    total = sum(friction.limit_force)
+    level = GeneralizedMaxwellSlip(
+        stiffness=friction.stiffness,
+        shares=tuple(force / total for force in friction.limit_force),
+        coulomb=total,
+        breakaway=total,
+        attraction=500.0,
+    )
+    y = cosine(90e-6)
+    assert np.allclose(level.force(y, 1e-4), friction.force(y, 1e-4), rtol=0, atol=1e-12 * total)
+
+
+def hysteresis(frequency: float, attraction: float) -> float:
+    """Return the friction force's lead of acceleration over deceleration, at the mean velocity of a pulsating slide."""
+    lagging = REFERENCE.model_copy(update={"attraction": attraction})
+    points, omega = 4000, 2 * np.pi * frequency
+    time = np.arange(20 * points + 1) / points / frequency
+    y = 1e-3 * (time + 0.8 * (1 - np.cos(omega * time)) / omega)  # velocity 1 mm/s (1 + 0.8 sin ωt): it never turns
+    force = lagging.force(y, time[1])[-points:]
+    return float(force[0] - force[points // 2])
+
+
+@pytest.mark.parametrize("frequency", [0.5, 2.0, 10.0])
+def test_friction_lags_behind_the_velocity(frequency):
+    """The force over the velocity is a loop, higher while the velocity rises: the Stribeck curve is reached late."""
+    assert hysteresis(frequency, 20.0) > 0.05
+
+
+def test_frictional_lag_vanishes_with_a_strong_attraction_and_in_slow_motion():
+    assert 0 < hysteresis(2.0, 2000.0) < 0.1 * hysteresis(2.0, 20.0)
+    assert 0 < hysteresis(0.02, 20.0) < 0.1 * hysteresis(2.0, 20.0)
+
+
+def test_the_lag_is_that_of_the_exact_exponential():
+    """All elements slip, so F' = C (1 - F/S): at small changes of S a first-order lag of time constant S/C."""
+    points, frequency = 4000, 3.0
+    omega = 2 * np.pi * frequency
+    time = np.arange(20 * points + 1) / points / frequency
+    y = 1e-3 * (time + 1e-3 * (1 - np.cos(omega * time)) / omega)
+    force = REFERENCE.force(y, time[1])[-points:]
+    steady, slope = 1 + 0.5 * np.exp(-1), -0.5 * 2 * np.exp(-1) / 1e-3
+    swing = slope * 1e-6 / (1 + 1j * omega * steady / 20.0)  # answers the velocity's sine
+    assert harmonic(force) == pytest.approx(-1j * swing, rel=5e-3)
+
+
+def test_the_force_is_continuous_where_the_velocity_changes_sign():
+    changes = []
+    for points in (1000, 2000, 4000):
+        y = np.tile(cosine(40e-6, points), 3)
+        force = REFERENCE.force(y, 1 / points)
+        changes.append(np.max(np.abs(np.diff(force[points:]))))
+    assert changes[0] < 0.05
+    assert changes[0] / changes[1] == pytest.approx(2, rel=0.1)  # no more than the path times the stiffness
+    assert changes[1] / changes[2] == pytest.approx(2, rel=0.1)
+
+
+def test_the_force_is_continuous_when_a_sticking_element_is_set_going_fast():
+    """Elements that stick under more than the new, lower limit relax towards it at the rate C/S."""
+    jumps = []
+    for step in (1e-4, 1e-5):
+        creeping = np.arange(int(25e-6 / 1e-5 / step) + 1) * 1e-5 * step
+        fast = creeping[-1] + np.arange(1, 3) * 1e-2 * step
+        force = REFERENCE.force(np.concatenate([creeping, fast]), step)
+        jumps.append(abs(force[creeping.size] - force[creeping.size - 1]))
+    assert jumps[1] < 0.2 * jumps[0]
+    assert jumps[0] < 0.1
+
+
+def test_what_was_before_may_decide_the_periodic_force():
+    """An element with Fc/Fs Y < A < Y slips in every period or in none, as its past has it."""
+    one = GeneralizedMaxwellSlip(
+        stiffness=(1e5,), shares=(1.0,), coulomb=1.0, breakaway=1.5, stribeck_velocity=1e-3, attraction=5000.0
+    )
+    y = cosine(12e-6)  # between 10 and 15 µm; at 30 Hz, whose velocity is above the Stribeck velocity
+    step = 1 / 30 / y.size
+    at_rest = np.tile(y, 12)  # from the peak: at first the element is stretched one way only, and slips
+    rising = np.concatenate([np.arange(y.size) / y.size * y, np.tile(y, 12)])
+    swings = [abs(harmonic(one.force(path, step)[-y.size :])) for path in (at_rest, rising)]
+    assert swings[1] == pytest.approx(1e5 * 12e-6, rel=1e-9)  # a spring all the time
+    assert swings[0] < 0.99 * swings[1]
+    level = one.model_copy(update={"breakaway": 1.0})
+    swings = [abs(harmonic(level.force(path, step)[-y.size :])) for path in (at_rest, rising)]
+    assert swings[0] == pytest.approx(swings[1], rel=1e-9)  # the rolling model forgets
+
+
+def test_the_force_never_exceeds_static_friction():
+    walk = np.cumsum(np.random.default_rng(7).normal(0, 5e-6, 20_000))
+    for step in (1e-5, 1e-3, 1.0):
+        assert np.max(np.abs(REFERENCE.force(walk, step))) <= 1.5 * (1 + 1e-12)

@@ -1,0 +1,96 @@
+"""A miscounted period is noticed; noise, drift, hum and multiples of the period are not taken for one."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fraexp.errors import RecordError
+from fraexp.records.cutting import Cut
+from fraexp.records.repeats import check_repeats, detected_period
+from fraexp.signals import Signals
+
+RATE = 1000.0
+DISTURBANCES = ("white", "walk", "ramp", "decay", "hum")
+
+
+def multisine(rng: np.random.Generator, period: int, blocks: int) -> np.ndarray:
+    """A few to many lines in random phase, rms 1."""
+    lines = np.arange(1, max(3, int(period * rng.choice([0.02, 0.1, 0.4]))))
+    angle = 2 * np.pi * np.outer(np.arange(period), lines) / period + rng.uniform(0, 2 * np.pi, lines.size)
+    wave = np.cos(angle).sum(axis=1)
+    return np.tile(wave / wave.std(), blocks)
+
+
+def disturbance(rng: np.random.Generator, kind: str, size: int) -> np.ndarray:
+    n = np.arange(size)
+    made = {
+        "white": rng.normal(size=size),
+        "walk": np.cumsum(rng.normal(size=size)),
+        "ramp": n - size / 2.0,
+        "decay": np.exp(-n / (0.1 * size)),
+        "hum": np.cos(2 * np.pi * rng.uniform(0.003, 0.3) * n),
+    }[kind]
+    return np.asarray(made / made.std())
+
+
+@pytest.mark.parametrize("kind", DISTURBANCES)
+def test_good_records_are_never_refused(kind: str) -> None:
+    rng = np.random.default_rng(11)
+    for _ in range(150):
+        period, blocks, times = int(rng.integers(20, 400)), int(rng.integers(6, 16)), int(rng.integers(1, 4))
+        level = rng.choice([0.01, 0.05, {"hum": 0.1, "white": 1.0}.get(kind, 0.5)])
+        signal = multisine(rng, period, blocks)
+        signal += level * disturbance(rng, kind, signal.size)
+        cut = Cut(0, blocks // times, period * times, times, 1 / RATE)
+        check_repeats(cut, signal, RATE, "u", "record")
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-3, 0.03])
+@pytest.mark.parametrize("off", [-3, -1, 1, 2, 9])
+def test_a_miscounted_period_is_refused_with_the_right_one(off: int, noise: float) -> None:
+    rng = np.random.default_rng(12)
+    period, blocks = 2000, 6
+    time = np.arange(period * blocks)
+    signal = sum(np.cos(2 * np.pi * line * time / period + line**2) for line in range(1, 60)) / np.sqrt(30)
+    signal = signal + noise * rng.normal(size=time.size)
+    cut = Cut(0, time.size // (period + off), period + off, 1, 1 / RATE)
+    with pytest.raises(RecordError, match=r"seems to repeat every 2000 samples \(2 s\): give period = 2000") as caught:
+        check_repeats(cut, signal, RATE, "u", "record")
+    assert "\n" not in str(caught.value)
+    assert detected_period(signal) == period
+
+
+def test_a_period_between_samples_is_not_refused(
+    tmp_path: Path, signals_of: Callable[..., Signals], bench: Any
+) -> None:
+    time = np.arange(4000) / bench.rate
+    phase = 2 * np.pi * time / 0.0514
+    wave = np.sin(phase) + np.sin(5 * phase) + 1e-3 * np.random.default_rng(5).normal(size=time.size)
+    bench.write(tmp_path / "bench.csv", np.column_stack([time, wave, np.roll(wave, 2)]))
+    (segment,) = signals_of(period=None, period_time=0.0514, coherence=0.02).segments
+    assert segment.channels["u"].shape[1] == 51
+    assert segment.frequency[0] == pytest.approx(1 / 0.0514)
+
+
+def test_time_that_is_written_with_few_digits_is_a_clock_all_the_same(
+    tmp_path: Path, signals_of: Callable[..., Signals], bench: Any
+) -> None:
+    rows = bench.rows(60)
+    rows[:, 0] = np.round(rows[:, 0], 2) * 1000
+    bench.write(tmp_path / "bench.csv", rows, "Zeit [ms],iq (A),Position [mm]")
+    with pytest.raises(RecordError, match=r"sample_rate is 900 Hz, but the time in the file says (999|1000)"):
+        signals_of(time=None, sample_rate=900)
+
+
+@pytest.mark.parametrize("heading", ["latency [ms]", "time", "pressure [bar]"])
+def test_a_column_that_is_not_evidently_the_time_is_no_clock(
+    tmp_path: Path, signals_of: Callable[..., Signals], bench: Any, heading: str
+) -> None:
+    rows = bench.rows(4)
+    if heading != "time":
+        rows[:, 0] = np.random.default_rng(6).uniform(1, 2, len(rows))
+    bench.write(tmp_path / "bench.csv", rows, f"{heading},iq (A),Position [mm]")
+    assert signals_of(time=None, sample_rate=500).segments[0].sample_time == 1 / 500

@@ -1,0 +1,61 @@
+"""That the checks bite: a component with a defect is caught by the check of that name, one without is not."""
+
+import pytest
+
+from fraexp.components import Component
+from fraexp.errors import PluginError
+from fraexp.testing import Verdict, checks_for, run_checks
+from fraexp.testing.catalogue import FRICTION
+from tests.testing import defects, other_defects
+
+
+def only(component: type[Component], name: str):
+    return [check for check in checks_for(component) if check.name == name]
+
+
+@pytest.mark.parametrize(
+    ("component", "name"),
+    [*defects.FRICTION.items(), *other_defects.OTHERS],
+    ids=lambda part: part if isinstance(part, str) else part.name,
+)
+def test_a_seeded_defect_is_caught_by_name(component: type[Component], name: str) -> None:
+    (finding,) = run_checks(component, only(component, name)).findings
+    assert finding.verdict is Verdict.FAILED
+    assert finding.reason
+    assert "\n" not in finding.reason + finding.example
+    assert finding.check.draws is None or component.name in finding.example
+
+
+def test_every_check_of_friction_has_a_defect_that_it_catches() -> None:
+    caught = {*defects.FRICTION.values(), "observer"}
+    assert [check.name for check in FRICTION if check.name not in caught] == []
+
+
+def test_the_observer_check_catches_what_depends_on_the_step() -> None:
+    (finding,) = run_checks(defects.Leaking, only(defects.Leaking, "observer")).findings
+    assert finding.verdict is Verdict.FAILED
+
+
+@pytest.mark.parametrize("component", [defects.Element, *other_defects.SOUND], ids=lambda component: component.name)
+def test_a_component_without_defect_passes(component: type[Component]) -> None:
+    report = run_checks(component)
+    assert [finding.reason for finding in report.findings if finding.verdict is not Verdict.PASSED] == []
+
+
+def test_an_expected_failure_must_fail() -> None:
+    expected = {"odd": "one direction is weaker"}
+    (found,) = run_checks(defects.Lopsided, only(defects.Lopsided, "odd"), expected).findings
+    assert (found.verdict, found.reason) == (Verdict.EXPECTED, "one direction is weaker")
+    report = run_checks(defects.Element, only(defects.Element, "odd"), expected)
+    assert report.findings[0].verdict is Verdict.UNEXPECTED
+    assert not report.sound
+
+
+def test_an_expected_failure_of_an_unknown_check_is_refused() -> None:
+    with pytest.raises(PluginError, match=r"element\.expected_failures: no check 'enrgy'; did you mean 'energy'\?"):
+        run_checks(defects.Element, expected_failures={"enrgy": "a slip"})
+
+
+def test_the_smallest_example_is_simple() -> None:
+    (finding,) = run_checks(defects.Lopsided, only(defects.Lopsided, "odd")).findings
+    assert "lopsided(stiffness=4e+05, limit=18); from 0 m to " in finding.example
