@@ -35,6 +35,7 @@ format: $(STAMP)
 bench: $(STAMP)
 	@$(BIN)/python benchmarks/accuracy.py $(ARGS)
 	@$(BIN)/python benchmarks/timing.py
+	@$(BIN)/python benchmarks/plugin_cost.py
 
 docs-figures: $(STAMP)
 	@$(BIN)/python -m fraexp run paper/fig12 $(ARGS)
