@@ -12,7 +12,8 @@ import pytest
 from fraexp.cli.exits import ExitCode
 from fraexp.store import Store
 
-LONG = ["run", "quick", "--set", "excitation.lowest=1e-4", "--set", "excitation.points=3"]
+SLOW = {"lowest": 1e-3, "points": 3, "tolerance": 1e-15, "settle_limit": 10_000}
+LONG = ["run", "quick", *(f"--set=excitation.{name}={value}" for name, value in SLOW.items())]
 
 
 def started(folder: Path, *more: str) -> subprocess.Popen[str]:

@@ -2,7 +2,7 @@
 
 from fraexp.api import ParameterError
 
-LEAST, MOST = 16, 20_000_000
+LEAST, MOST = 16, 2_000_000
 """Samples per period that make a wave, and that fit into memory."""
 
 

@@ -10,8 +10,8 @@ NEAR = 1e-3
 """Relative distance at which a frequency counts as met by whole periods in whole samples."""
 LEAST, MOST = 400, 1 << 16
 """Samples of a block of whole periods, at least and at most."""
-LONGEST = 20_000_000
-"""Samples of a period, at most: a gigabyte of channels."""
+LONGEST = 2_000_000
+"""Samples of a period, at most: half a gigabyte of channels."""
 PHASES = 20
 """Different phases at which a sine is sampled, at least."""
 
