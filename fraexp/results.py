@@ -15,7 +15,9 @@ class Outcome(Enum):
     OK = ""
     NOT_SETTLED = "raise excitation.settle_limit, or loosen excitation.tolerance"
     NO_SIGNAL = "raise excitation.amplitude, or take a finer scale: where nothing moves nothing is learnt"
-    DIVERGED = "the closed loop is unstable: lower the controller gain or the dead time"
+    DIVERGED = (
+        "the loop is unstable, or excited beyond loop.stroke: lower the controller gain, the dead time or the amplitude"
+    )
     FAILED = "see the message, and the log that fraexp show prints"
 
 

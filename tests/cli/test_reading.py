@@ -56,7 +56,7 @@ def test_a_run_shows_its_sweeps_and_remedies(printed: Printed, sweeps: list[Swee
     assert "settled  10.1 Hz  39.2 Hz  77.3 Hz  gain [m/N]" in out
     assert "ZeroDivisionError: float division by zero" in out
     assert "1 not settled: raise excitation.settle_limit" in err
-    assert "1 diverged: the closed loop is unstable" in err
+    assert "1 diverged: the loop is unstable" in err
 
 
 def test_a_name_from_a_file_cannot_command_the_terminal(printed: Printed, sweeps: list[Sweep]) -> None:
