@@ -3,10 +3,11 @@
 import math
 from typing import ClassVar
 
-from fraexp.api import FrictionModel, ParameterError, param
+from fraexp.api import param
+from fraexp_plugins.friction.bristles import BristleModel
 
 
-class Elastoplastic(FrictionModel, name="elastoplastic", version=1):
+class Elastoplastic(BristleModel, name="elastoplastic", version=1):
     """Elastoplastic friction: LuGre bristles that are purely elastic up to z_ba, ż = v (1 - α(z, v) z/z_ss sgn v).
 
     α is 0 for |z| ≤ z_ba and on the way back, 1 from z_ss(v) = g(v)/σ0 on, and a half sine between. P. Dupont,
@@ -16,14 +17,6 @@ class Elastoplastic(FrictionModel, name="elastoplastic", version=1):
     any step. It does not drift.
     """
 
-    states: ClassVar[tuple[str, ...]] = ("deflection [m]", "its last change [m]")
-
-    sigma0: float = param("N/m", "bristle stiffness σ0", above=0)
-    sigma1: float = param("N s/m", "bristle damping σ1", 0.0, at_least=0)
-    sigma2: float = param("N s/m", "viscous coefficient σ2", 0.0, at_least=0)
-    coulomb: float = param("N", "Coulomb friction force Fc", above=0)
-    breakaway: float = param("N", "static friction force Fs", above=0)
-    stribeck_velocity: float = param("m/s", "Stribeck velocity vs", 1e-3, above=0)
     elastic_share: float = param("1", "elastic limit z_ba as a share of Fc/σ0", 0.7, above=0, below=1)
 
     expected_failures: ClassVar[dict[str, str]] = {
@@ -49,23 +42,6 @@ class Elastoplastic(FrictionModel, name="elastoplastic", version=1):
             "elastic_share": 0.7,
         },
     }
-
-    def model_post_init(self, context: object) -> None:
-        """Check that friction does not rise with the velocity."""
-        if self.breakaway < self.coulomb:
-            raise ParameterError(
-                f"elastoplastic.breakaway is {self.breakaway:g} N; it must be at least coulomb, {self.coulomb:g} N"
-            )
-
-    @property
-    def viscous(self) -> float:
-        """σ2 [N s/m]."""
-        return self.sigma2
-
-    @property
-    def force_bound(self) -> float | None:
-        """Fs [N] without σ1; with it the force has no bound."""
-        return None if self.sigma1 else self.breakaway
 
     @property
     def greatest_stiffness(self) -> float:

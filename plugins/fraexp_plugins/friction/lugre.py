@@ -3,25 +3,16 @@
 import math
 from typing import ClassVar
 
-from fraexp.api import FrictionModel, ParameterError, param
+from fraexp_plugins.friction.bristles import BristleModel
 
 
-class LuGre(FrictionModel, name="lugre", version=1):
+class LuGre(BristleModel, name="lugre", version=1):
     """LuGre friction: bristles of mean deflection z, ż = v - σ0|v|z/g(v), F = σ0 z + σ1 ż + σ2 v.
 
     g(v) = Fc + (Fs - Fc) exp(-(v/vs)²). C. Canudas de Wit, H. Olsson, K. J. Åström and P. Lischinsky, IEEE Trans.
     Automatic Control 40(3), 1995, doi:10.1109/9.376053. The step is exact for a constant velocity, so |z| ≤ Fs/σ0 at
     any step. It drifts under small vibrations, and with the printed parameters it is not passive.
     """
-
-    states: ClassVar[tuple[str, ...]] = ("deflection [m]", "its last change [m]")
-
-    sigma0: float = param("N/m", "bristle stiffness σ0", above=0)
-    sigma1: float = param("N s/m", "bristle damping σ1", 0.0, at_least=0)
-    sigma2: float = param("N s/m", "viscous coefficient σ2", 0.0, at_least=0)
-    coulomb: float = param("N", "Coulomb friction force Fc", above=0)
-    breakaway: float = param("N", "static friction force Fs", above=0)
-    stribeck_velocity: float = param("m/s", "Stribeck velocity vs", 1e-3, above=0)
 
     expected_failures: ClassVar[dict[str, str]] = {
         "energy": "the force is not passive if σ2 < σ1 (Fs - Fc)/Fc, as with the parameters of 1995",
@@ -44,23 +35,6 @@ class LuGre(FrictionModel, name="lugre", version=1):
             "stribeck_velocity": 1e-3,
         },
     }
-
-    def model_post_init(self, context: object) -> None:
-        """Check that friction does not rise with the velocity."""
-        if self.breakaway < self.coulomb:
-            raise ParameterError(
-                f"lugre.breakaway is {self.breakaway:g} N; it must be at least coulomb, {self.coulomb:g} N"
-            )
-
-    @property
-    def viscous(self) -> float:
-        """σ2 [N s/m]."""
-        return self.sigma2
-
-    @property
-    def force_bound(self) -> float | None:
-        """Fs [N] without σ1; with it the force has no bound."""
-        return None if self.sigma1 else self.breakaway
 
     @property
     def greatest_stiffness(self) -> float:
