@@ -172,17 +172,25 @@ class FrictionModel(Component, ABC):
                 raise PluginError(f"the law of {self.name} writes z; it must write z_next, as z is tried several times")
         self._rehearsed = True
 
-    def force(self, displacement: np.ndarray, time_step: float, periodic: bool = False) -> np.ndarray:
+    def force(
+        self,
+        displacement: np.ndarray,
+        time_step: float,
+        periodic: bool = False,
+        lead_in: tuple[np.ndarray, float] = (np.empty(0), 1.0),
+    ) -> np.ndarray:
         """Return the law's force [N], shape (n,), along a displacement record [m], shape (n,), without `viscous`.
 
-        The record starts from the state at rest; one that is one or more whole periods is answered with the
-        periodic force if `periodic`.
+        The record starts from the state at rest, or after a `lead_in` from there: a displacement [m] and its time
+        step [s]. One that is one or more whole periods is answered with the periodic force if `periodic`.
         """
         from fraexp.kernels.drive import drive  # numba: imported only when a law is run
 
         self.rehearse()
         record = np.ascontiguousarray(displacement, dtype=float)
-        return drive(self.law, self.law_arguments(), self.state_size, record, time_step, periodic)
+        before, step = lead_in
+        begun = np.ascontiguousarray(before, dtype=float), float(step)
+        return drive(self.law, self.law_arguments(), self.state_size, record, time_step, periodic, begun)
 
 
 REHEARSED = 1e-4

@@ -32,6 +32,8 @@ class Segment:
     """Excited harmonics of the period, ascending, shape (lines,) of int."""
     settling: Settling | None = None
     """None for a record that does not tell."""
+    lead_in: Mapping[str, np.ndarray] = field(default_factory=dict)
+    """Samples from rest up to the first period, each of shape (n,), of the channels of which they are known."""
 
     @property
     def samples(self) -> int:

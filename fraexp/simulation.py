@@ -163,6 +163,7 @@ class _Experiment:
         self.block = period.waveform.size
         self.state = compiled.at_rest()
         self.noise = np.random.default_rng([loop.seed, number])
+        self.measured: list[np.ndarray] = []
 
     def segment(self) -> Segment | None:
         """Settle, record, and return the recorded periods; None if the loop diverged."""
@@ -170,13 +171,14 @@ class _Experiment:
         settling = self._settle()
         if settling is None:
             return None
+        lead_in = {"y": np.concatenate(self.measured)} if self.measured else {}
         count = max(schedule.periods, int(np.ceil(schedule.record_time / (self.block * loop.sample_time))), 1)
         channels = self._run(np.tile(self.period.waveform, count))
         if channels is None:
             return None
         names = ("u", "y", "displacement", "friction")
         recorded = {name: row.reshape(count, self.block) for name, row in zip(names, channels, strict=True)}
-        return Segment(loop.sample_time, recorded, self.period.lines, settling)
+        return Segment(loop.sample_time, recorded, self.period.lines, settling, lead_in)
 
     def _settle(self) -> Settling | None:
         """Run until successive stretches of whole periods agree; the remaining difference is extrapolated."""
@@ -219,6 +221,7 @@ class _Experiment:
             if not inside:
                 return None
             parts.append(channels)
+            self.measured.append(channels[1].copy())
             self.done += channels.shape[1] * self.loop.sample_time
             self.alive(self.done / self.schedule.settle_limit if self.schedule.settle_limit else 0.0)
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)

@@ -48,7 +48,10 @@ class Proposed(DelayedEstimator, name="proposed", version=1):
         """Return the phasors of the friction model's force [N] per period, shape (periods, lines)."""
         record = segment.channels[self.output]
         fine = self._interpolated(record, segment.sample_time) / self.width_scale
-        force = self.friction.force(fine, segment.sample_time / self.interpolation, periodic=True)
+        before = segment.lead_in.get(self.output, np.empty(0)) / self.width_scale
+        force = self.friction.force(
+            fine, segment.sample_time / self.interpolation, periodic=True, lead_in=(before, segment.sample_time)
+        )
         periods = (self.force_scale * force).reshape(record.shape[0], -1)
         lagged = path_response(2 * np.pi * segment.frequency, 0.0, self.output_lags)
         return lagged * np.fft.rfft(periods, axis=1)[:, segment.lines] * (2 / periods.shape[1])
