@@ -5,6 +5,7 @@ from fraexp.components import (
     Estimator,
     Excitation,
     FrictionModel,
+    Motion,
     Period,
     Plant,
     RecordReader,
@@ -14,6 +15,7 @@ from fraexp.components import (
 )
 from fraexp.delays import hold_response, image_factor, path_response
 from fraexp.errors import FraexpError, ParameterError, RecordError, did_you_mean
+from fraexp.kernels.choice import where
 from fraexp.parameters import Parameters, param
 from fraexp.periodic import phasors
 from fraexp.plugins import hookimpl
@@ -31,6 +33,7 @@ __all__ = [
     "FrequencyResponse",
     "FrictionModel",
     "Metric",
+    "Motion",
     "Outcome",
     "ParameterError",
     "Parameters",
@@ -53,4 +56,5 @@ __all__ = [
     "path_response",
     "phasors",
     "response_result",
+    "where",
 ]

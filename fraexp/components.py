@@ -5,8 +5,9 @@ import traceback
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar, cast, get_args
+from typing import Any, ClassVar, NamedTuple, cast, get_args
 
 import numpy as np
 from pydantic import PrivateAttr
@@ -41,7 +42,10 @@ class Component(Parameters, ABC):
     """Checks of `fraexp.testing` that it does not pass by its nature, each with the reason."""
 
     def __init_subclass__(cls, *, name: str = "", version: int = 0, **kwargs: Any) -> None:
-        super().__init_subclass__(**kwargs)  # pydantic hands class arguments to both hooks
+        for option in kwargs:
+            near = did_you_mean(option, ("name", "version"))
+            raise PluginError(f"class {cls.__name__} is given '{option}', which no component takes{near}")
+        super().__init_subclass__()  # pydantic hands class arguments to both hooks
 
     @classmethod
     def __pydantic_init_subclass__(cls, *, name: str = "", version: int = 0, **kwargs: Any) -> None:
@@ -61,6 +65,7 @@ class Component(Parameters, ABC):
         missing = sorted(getattr(cls, "__abstractmethods__", ()))
         if missing:
             raise PluginError(f"{name} lacks {', '.join(missing)}, which every {cls.kind} has")
+        _check_overrides(cls)
         cls.check_definition()
 
     @classmethod
@@ -70,6 +75,22 @@ class Component(Parameters, ABC):
     def spec(self) -> dict[str, Any]:
         """Return the plain data that identifies this component: name, version and parameters."""
         return {"name": self.name, "version": self.version, **self.plain()}
+
+
+def _check_overrides(cls: type[Component]) -> None:
+    """Raise PluginError for a method that cannot be called as its kind's, or that ought to be a property."""
+    kind = next(base for base in KINDS if issubclass(cls, base))
+    for name, expected in vars(kind).items():
+        found = inspect.getattr_static(cls, name)
+        if isinstance(expected, property) and inspect.isfunction(found):
+            raise PluginError(f"{cls.name}.{name} is a method; expected a property: put @property above it")
+        if inspect.isfunction(expected) and inspect.isfunction(found):
+            wanted = [key for key, one in inspect.signature(expected).parameters.items() if one.default is one.empty]
+            try:
+                inspect.signature(found).bind(*wanted)
+            except TypeError:
+                has = ", ".join(inspect.signature(found).parameters)
+                raise PluginError(f"{cls.name}.{name} takes ({has}); expected ({', '.join(wanted)})") from None
 
 
 class FrictionModel(Component, ABC):
@@ -139,6 +160,13 @@ class FrictionModel(Component, ABC):
         """The function that is compiled: `advance`, unless a model puts its law together from others."""
         return cast(Callable[..., float], type(self).advance)
 
+    @cached_property
+    def vectorises(self) -> bool:
+        """Whether the law can be computed for several machines at once: it takes no branch on a value."""
+        from fraexp.kernels.wide import vectorises  # numba: imported only when a law is run
+
+        return vectorises(self.law, self.law_arguments(), self.state_size)
+
     def law_arguments(self) -> tuple[Any, ...]:
         """Return the values that the law takes after z_next: floats, and float64 arrays for sequences."""
         names = list(inspect.signature(type(self).advance).parameters)[4:]
@@ -149,52 +177,95 @@ class FrictionModel(Component, ABC):
         )
 
     def rehearse(self) -> None:
-        """Try the law once in plain Python; PluginError where compiled code would go wrong without a word.
+        """Walk with the law in plain Python; PluginError where compiled code would go wrong without a word.
 
-        Indices beyond `state_size`, a state that is written, and a force that is no number are found here.
+        Indices beyond `state_size`, writes to `z` or to a parameter, and a force that is no number are found here,
+        also where the law goes only after it has slipped, turned, or moved fast or slowly for long.
         """
         if self._rehearsed:
             return
-        arguments = self.law_arguments()
-        for dy in (PROBE, -PROBE, 0.0, 1e3 * PROBE):
-            z, z_next = np.zeros(self.state_size), np.full(self.state_size, np.nan)
-            try:
-                force: Any = self.law(z, dy, REHEARSED, z_next, *arguments)
-            except Exception as error:
-                line = traceback.extract_tb(error.__traceback__)[-1]
-                reason = f"{type(error).__name__}: {error} ({Path(line.filename).name}, line {line.lineno})"
-                size = f"z has {self.state_size} elements (states, or state_size)"
-                raise PluginError(f"the law of {self.name} fails on dy = {dy:g} m: {reason}; {size}") from error
-            if not isinstance(force, float | int) or not np.isfinite(force) or not np.all(np.isfinite(z_next)):
-                found = f"a force of {force!r} and a next state of {z_next.tolist()}"
-                raise PluginError(f"the law of {self.name} gives {found} on dy = {dy:g} m; expected finite numbers")
-            if np.any(z):
-                raise PluginError(f"the law of {self.name} writes z; it must write z_next, as z is tried several times")
+        arguments = tuple(_read_only(value) for value in self.law_arguments())
+        z = np.zeros(self.state_size)
+        for dy, dt in REHEARSAL:
+            z_next = self._rehearsed_step(z, dy, dt, arguments)
+            z = z_next if np.all(np.isfinite(z_next)) else np.zeros(self.state_size)
         self._rehearsed = True
 
-    def force(
-        self,
-        displacement: np.ndarray,
-        time_step: float,
-        periodic: bool = False,
-        lead_in: tuple[np.ndarray, float] = (np.empty(0), 1.0),
-    ) -> np.ndarray:
+    def _rehearsed_step(self, z: np.ndarray, dy: float, dt: float, arguments: tuple[Any, ...]) -> np.ndarray:
+        force: Any = np.nan
+        z_next = np.full(self.state_size, np.nan)
+        plausible = abs(dy) <= PLAUSIBLE * dt
+        try:
+            force = self.law(_read_only(z), dy, dt, z_next, *arguments)
+        except Exception as error:
+            if plausible or not isinstance(error, ArithmeticError):  # which compiled code answers with inf
+                raise PluginError(self._complaint(error, dy, dt)) from error
+        sound = isinstance(force, float | int) and np.isfinite(force) and np.all(np.isfinite(z_next))
+        if plausible and not sound:
+            found = f"a force of {force!r} and a next state of {z_next.tolist()}"
+            raise PluginError(f"the law of {self.name} gives {found} on dy = {dy:g} m; expected finite numbers")
+        return z_next
+
+    def _complaint(self, error: Exception, dy: float, dt: float) -> str:
+        line = traceback.extract_tb(error.__traceback__)[-1]
+        place = f"({Path(line.filename).name}, line {line.lineno})"
+        if "read-only" in str(error):
+            return f"the law of {self.name} writes z or a parameter; it may write z_next, as steps are tried {place}"
+        size = f"z has {self.state_size} elements (states, or state_size)"
+        reason = f"{type(error).__name__}: {error} {place}"
+        return f"the law of {self.name} fails on dy = {dy:g} m in {dt:g} s: {reason}; {size}"
+
+    def force(self, displacement: np.ndarray, time_step: float, periodic: bool = False) -> np.ndarray:
         """Return the law's force [N], shape (n,), along a displacement record [m], shape (n,), without `viscous`.
 
-        The record starts from the state at rest, or after a `lead_in` from there: a displacement [m] and its time
-        step [s]. One that is one or more whole periods is answered with the periodic force if `periodic`.
+        The record starts from the state at rest; one that is one or more whole periods is answered with the
+        periodic force if `periodic`.
         """
+        return self.forces([Motion(displacement, time_step, periodic)])[0]
+
+    def forces(self, motions: "Sequence[Motion]") -> list[np.ndarray]:
+        """Return the law's force [N] along each of several motions: much faster than one after another."""
         from fraexp.kernels.drive import drive  # numba: imported only when a law is run
 
         self.rehearse()
-        record = np.ascontiguousarray(displacement, dtype=float)
-        before, step = lead_in
-        begun = np.ascontiguousarray(before, dtype=float), float(step)
-        return drive(self.law, self.law_arguments(), self.state_size, record, time_step, periodic, begun)
+        if not motions:
+            return []
+        wide = len(motions) > 1 and self.vectorises
+        return drive(self.law, self.law_arguments(), self.state_size, motions, wide)
 
 
-REHEARSED = 1e-4
-"""Step at which a law is tried [s]."""
+class Motion(NamedTuple):
+    """A displacement along which a friction model is driven."""
+
+    displacement: np.ndarray
+    """Displacement [m], shape (n,)."""
+    time_step: float
+    """Its time step [s]."""
+    periodic: bool = False
+    """Whether the displacement is one or more whole periods, and the periodic force is wanted."""
+    lead_in: np.ndarray = np.empty(0)
+    """Displacement before, from rest [m]."""
+    lead_in_step: float = 1.0
+    """Its time step [s]."""
+
+
+def _read_only(value: Any) -> Any:
+    if not isinstance(value, np.ndarray):
+        return value
+    view = value.view()
+    view.flags.writeable = False
+    return view
+
+
+REHEARSAL = [
+    (share * size, dt)
+    for dt, sizes in ((1e-4, (1e-9, 1e-6)), (1.0, (1e-6, 1e-4)), (1e-4, (1e-8, 1e-5, 1e-3, 1e-1)))
+    for size in sizes
+    for share in (1.0, 0.0, 1.0, -0.3, -2.0, -2.0, 0.0)
+]
+"""Steps [m] and their times [s] with which a law is tried: small and long, slow and fast, there and back."""
+PLAUSIBLE = 1.0
+"""Speed [m/s] up to which a law must give numbers in its rehearsal."""
 PROBE, SLOW = 1e-9, 1e-9
 """A displacement [m] that lets no friction slip, and a velocity [m/s] without rate effects."""
 

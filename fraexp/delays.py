@@ -14,14 +14,17 @@ def path_response(omega: np.ndarray, dead_time: float, lags: tuple[float, ...]) 
     return result
 
 
-def hold_response(omega: np.ndarray, sample_time: float) -> np.ndarray:
-    """Return the zero-order hold (1 - e^{-jωTs})/(jωTs) at ω [rad/s]: a gain sinc(fTs) and a delay of Ts/2."""
+def hold_response(omega: np.ndarray, sample_time: float | np.ndarray) -> np.ndarray:
+    """Return the zero-order hold (1 - e^{-jωTs})/(jωTs) at ω [rad/s]: a gain sinc(fTs) and a delay of Ts/2.
+
+    The sample time [s] is one number, or one for each ω.
+    """
     half = omega * sample_time / 2
     return np.exp(-1j * half) * np.sinc(half / np.pi)
 
 
 def image_factor(
-    omega: np.ndarray, sample_time: float, dead_time: float, lags: tuple[float, ...], roll_off: int
+    omega: np.ndarray, sample_time: float | np.ndarray, dead_time: float, lags: tuple[float, ...], roll_off: int
 ) -> np.ndarray:
     """Return what a sampled response to a held input has more than the continuous one, as a factor near 1.
 
@@ -30,7 +33,7 @@ def image_factor(
     the factor is exact.
     """
     k = np.concatenate([np.arange(-IMAGES, 0), np.arange(1, IMAGES + 1)])
-    image = omega[..., None] + k * (2 * np.pi / sample_time)
+    image = omega[..., None] + k * (2 * np.pi / np.asarray(sample_time)[..., None])
     ratio = (omega[..., None] / image) ** (roll_off + 1)  # the hold's numerator is the same at every image
     path = path_response(image, dead_time, lags) / path_response(omega, dead_time, lags)[..., None]
     return 1 + np.sum(ratio * path, axis=-1)

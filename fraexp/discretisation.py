@@ -1,18 +1,36 @@
 """The loop's linear part over one sample, exactly: any dead time, first-order lags, friction linear in the step."""
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 
 from fraexp.components import FrictionModel, StateSpace
 from fraexp.errors import ParameterError
 
-if TYPE_CHECKING:
-    from fraexp.kernels.loop import Feedback, Sample, State
-
 Path = tuple[float, tuple[float, ...]]
 """Dead time [s] and time constants of first-order lags [s]."""
+
+
+class Discrete(NamedTuple):
+    """The loop over one sample of m steps: n states, two input values, m + 1 friction forces."""
+
+    displacement: np.ndarray
+    """Rows that give the displacement at each step's end from state and inputs, shape (m, n + 2)."""
+    compliance: np.ndarray
+    """Displacement at each step's end that the forces at the steps' bounds take away, shape (m, m + 1)."""
+    measured: np.ndarray
+    """Row that gives the next measured position from state, inputs and forces, shape (n + m + 3,)."""
+    transition: np.ndarray
+    """Rows that give the next state from state, inputs and forces, shape (n, n + m + 3)."""
+    numerator: np.ndarray
+    """C(z) in ascending powers of z⁻¹ [N/m], shape (p,)."""
+    denominator: np.ndarray
+    """Ascending powers of z⁻¹, starting with 1, shape (p,)."""
+
+    @property
+    def gain(self) -> float:
+        """Displacement at a step's end that the force there takes away [m/N]."""
+        return float(self.compliance[0, 1])
 
 
 def discretise(
@@ -24,16 +42,11 @@ def discretise(
     steps: int,
     input_path: Path,
     output_path: Path,
-    resolution: float,
-    stroke: float,
-) -> "tuple[Sample, Feedback, Callable[[], State]]":
-    """Return the constants of the loop, and a function that makes its state at rest."""
-    from fraexp.kernels.loop import Feedback, Sample, State
-
+) -> Discrete:
+    """Return the constants of the loop."""
     a, drive, force, displacement, measured = _with_lags(plant, friction.viscous, input_path[1], output_path[1])
     n, step = a.shape[0], sample_time / steps
-    whole_in, late_in = _split(input_path[0], sample_time)
-    whole_out, late_out = _split(output_path[0], sample_time)
+    late_in, late_out = split(input_path[0], sample_time)[1], split(output_path[0], sample_time)[1]
 
     def columns(time: float) -> np.ndarray:
         """State after `time` in the sample, from its begin's state, two inputs and all forces, (n, n + 3 + steps)."""
@@ -51,30 +64,19 @@ def discretise(
         return effect
 
     ends = np.array([displacement @ columns((j + 1) * step) for j in range(steps)])
-    sample = Sample(
-        displacement=np.ascontiguousarray(ends[:, : n + 2]),
-        compliance=np.ascontiguousarray(-ends[:, n + 2 :]),
-        measured=measured @ columns(sample_time - late_out),  # the instant whose position is sampled next
-        transition=np.ascontiguousarray(columns(sample_time).T),
-        step=step,
-    )
     size = max(controller[0].size, controller[1].size)
-    padded = [np.concatenate([c, np.zeros(size - c.size)]) for c in controller]
-
-    def at_rest() -> State:
-        return State(
-            x=np.zeros(a.shape[0]),
-            z=np.zeros((2, max(friction.state_size, 1))),
-            w=np.zeros(size),
-            inputs=np.zeros(whole_in + 2),
-            outputs=np.zeros(whole_out + 1),
-            contact=np.zeros(5),
-        )
-
-    return sample, Feedback(padded[0], padded[1], float(resolution), float(stroke)), at_rest
+    numerator, denominator = (np.concatenate([c, np.zeros(size - c.size)]) for c in controller)
+    return Discrete(
+        displacement=ends[:, : n + 2],
+        compliance=-ends[:, n + 2 :],
+        measured=measured @ columns(sample_time - late_out),  # the instant whose position is sampled next
+        transition=columns(sample_time),
+        numerator=numerator,
+        denominator=denominator,
+    )
 
 
-def _split(dead_time: float, sample_time: float) -> tuple[int, float]:
+def split(dead_time: float, sample_time: float) -> tuple[int, float]:
     """Return the whole samples of a dead time, and the rest [s]."""
     whole = int(np.floor(dead_time / sample_time + 1e-9))
     return whole, max(dead_time - whole * sample_time, 0.0)

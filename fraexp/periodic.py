@@ -31,7 +31,7 @@ class PeriodicSpectrum:
 
 def phasors(segment: Segment, channel: str) -> np.ndarray:
     """Return 2/N Σ x e^{-jωt} of each period at the excited lines [unit], complex, shape (periods, lines)."""
-    return np.fft.rfft(segment.channels[channel], axis=1)[:, segment.lines] * (2 / segment.samples)
+    return segment.spectrum(channel)[:, segment.lines] * (2 / segment.samples)
 
 
 def periodic_spectrum(segment: Segment, input_channel: str, output_channel: str) -> PeriodicSpectrum:

@@ -2,9 +2,11 @@
 
 import importlib.util
 import inspect
+import os
 import sys
 import traceback
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import redirect_stdout
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib.metadata import entry_points
@@ -13,6 +15,7 @@ from types import ModuleType
 from typing import Any, TypeVar, cast
 
 import pluggy
+import pydantic
 
 from fraexp.components import KINDS, Component, nested_kind
 from fraexp.errors import FraexpError, ParameterError, PluginError, did_you_mean
@@ -54,6 +57,15 @@ class Failure:
 
     place: str
     reason: str
+    file: Path | None = None
+    """The dropped-in file; None for an installed package."""
+
+    def concerns(self, name: str) -> bool:
+        """Say whether the plugin may be the one that ought to supply a name; of a package that is not known."""
+        if self.file is None:
+            return True
+        text = self.file.read_text(encoding="utf-8", errors="replace") if self.file.is_file() else ""
+        return name == self.file.stem or f'"{name}"' in text or f"'{name}'" in text
 
 
 @dataclass
@@ -70,11 +82,10 @@ class Registry:
         key = (component.kind, component.name)
         other = self.supplies.setdefault(key, supply)
         if other.component is not component:
-            reason = (
-                f"'{component.name}' ({component.kind}) is supplied by both {other.file} and {supply.file}; rename one"
-            )
+            name = f"'{component.name}' ({component.kind})"
+            reason = f"{name} is supplied by both {_defined(other.component)} and {_defined(component)}; rename one"
             self.clashes[key] = reason
-            self.failures.append(Failure(str(supply.file), reason))
+            self.failures.append(Failure(_from_here(supply.file), reason, supply.file))
 
     def names(self, kind: str) -> list[str]:
         """Return the names of all components of a kind, sorted."""
@@ -85,9 +96,18 @@ class Registry:
         if (kind, name) in self.clashes:
             raise PluginError(self.clashes[kind, name])
         if (kind, name) not in self.supplies:
-            broken = "".join(f"; {failure.place} failed: {failure.reason}" for failure in self.failures)
-            raise PluginError(f"no {kind} is called '{name}'{did_you_mean(name, self.names(kind))}{broken}")
+            raise PluginError(f"no {kind} is called '{name}'{self.instead(name, self.names(kind))}")
         return self.supplies[kind, name]
+
+    def instead(self, name: str, options: Iterable[str]) -> str:
+        """Return what helps where a name is not there: the broken plugin that may supply it, or the nearest name."""
+        concerned = [failure for failure in self.failures if failure.concerns(name)]
+        broken = "".join(f"; {failure.place} may supply it, but is broken: {failure.reason}" for failure in concerned)
+        if any(failure.file for failure in concerned):
+            return broken
+        others = len(self.failures) > len(concerned)
+        more = "; others are broken, see 'fraexp plugins'" if others else ""
+        return f"{did_you_mean(name, options)}{broken}{more}"
 
     def used(self, kind: str, spec: Mapping[str, Any]) -> Iterator[Supply]:
         """Yield the supplies of a component in plain data and of those that it holds, as far as they are known."""
@@ -162,33 +182,70 @@ def discover(folder: Path | None = None) -> Registry:
     registry = Registry()
     manager = pluggy.PluginManager("fraexp")
     manager.add_hookspecs(sys.modules[__name__])
-    owners: dict[Any, str] = {}
+    origins: dict[Any, _Origin] = {}
     for entry in entry_points(group="fraexp"):
         owner = f"{entry.dist.name} {entry.dist.version}" if entry.dist else entry.name
-        _attempt(registry, f"{owner} ({entry.value})", lambda e=entry, o=owner: _register(manager, owners, e.load(), o))
+        origin = _Origin(f"{owner} ({entry.value})", owner)
+        _attempt(registry, origin, lambda e=entry, o=origin: _register(manager, origins, e.load(), o))
     for file in sorted(folder.glob("*.py")) if folder and folder.is_dir() else []:
-        _attempt(registry, str(file), lambda f=file: _register(manager, owners, load_file(f), "workspace"))
-    for plugin in list(owners):  # in the order of finding: pluggy keeps a set
-        _attempt(registry, owners[plugin], lambda p=plugin: _collect(manager, registry, p, owners[p]))
+        origin = _Origin(str(file), "workspace", file)
+        _attempt(registry, origin, lambda f=file, o=origin: _register(manager, origins, load_file(f), o))
+    for plugin, origin in list(origins.items()):  # in the order of finding: pluggy keeps a set
+        _attempt(registry, origin, lambda p=plugin, o=origin: _collect(manager, registry, p, o.owner))
     return registry
 
 
-def _attempt(registry: Registry, place: str, action: Any) -> None:
+@dataclass(frozen=True)
+class _Origin:
+    """Where a plugin comes from."""
+
+    place: str
+    owner: str
+    file: Path | None = None
+
+
+def _attempt(registry: Registry, origin: _Origin, action: Any) -> None:
     try:
-        action()
+        with redirect_stdout(sys.stderr):  # what a plugin prints is no data
+            action()
     except (Exception, SystemExit) as error:  # a stranger's plugin may raise anything; the rest goes on
-        lines = traceback.extract_tb(error.__traceback__)
-        line = error.lineno if isinstance(error, SyntaxError) else (lines[-1].lineno if lines else None)
-        where = f" ({Path(lines[-1].filename).name}, line {line})" if lines and line else ""
-        text = str(error).splitlines()[0] if str(error) else ""
-        name = "" if isinstance(error, FraexpError) else f"{type(error).__name__}: "
-        registry.failures.append(Failure(place, f"{name}{text}{where}"))
+        registry.failures.append(Failure(origin.place, reason_of(error, origin.file), origin.file))
 
 
-def _register(manager: pluggy.PluginManager, owners: dict[Any, str], module: ModuleType, owner: str) -> None:
+def reason_of(error: BaseException, file: Path | None = None) -> str:
+    """Return in one line what a plugin ran into, with the line of its `file`, or of what is nearest to it."""
+    lines = [(line.filename, line.lineno) for line in traceback.extract_tb(error.__traceback__)]
+    own = [line for line in lines if file and line[0] == str(file)]
+    foreign = [line for line in lines if not line[0].startswith(MACHINERY)]
+    place = next(reversed(own or foreign), None)
+    text = str(error).splitlines()[0] if str(error) else ""
+    if isinstance(error, SyntaxError):
+        text, place = error.msg, (error.filename or str(file), error.lineno)
+    if isinstance(error, ImportError) and (error.name or "").partition(".")[0] == "fraexp":
+        text = f"{text.partition(' (')[0]}; it was written for another version of fraexp"
+    name = "" if isinstance(error, FraexpError) else f"{type(error).__name__}: "
+    return f"{name}{text}" + (f" ({Path(place[0]).name}, line {place[1]})" if place and place[1] else "")
+
+
+MACHINERY = (
+    "<frozen",
+    *(f"{Path(file or '').parent}{os.sep}" for file in (__file__, pluggy.__file__, pydantic.__file__)),
+)
+"""How the names of files begin in which a plugin's mistake is found but not made."""
+
+
+def _from_here(file: Path) -> str:
+    return str(file.relative_to(Path.cwd())) if file.is_relative_to(Path.cwd()) else str(file)
+
+
+def _defined(cls: type) -> str:
+    return f"{_from_here(Path(inspect.getfile(cls)).resolve())}, line {inspect.getsourcelines(cls)[1]}"
+
+
+def _register(manager: pluggy.PluginManager, origins: dict[Any, _Origin], module: ModuleType, origin: _Origin) -> None:
     plugin = module if hasattr(module, "fraexp_components") else _Classes(module)
     manager.register(plugin)
-    owners[plugin] = owner
+    origins[plugin] = origin
 
 
 def _collect(manager: pluggy.PluginManager, registry: Registry, plugin: Any, owner: str) -> None:
@@ -208,14 +265,18 @@ class _Classes:
 
     @hookimpl
     def fraexp_components(self) -> list[type[Component]]:
-        """Return the named component classes that the module defines."""
-        return components_in(self.module)
+        """Return the named component classes that the module defines; it may not have forgotten all names."""
+        named = components_in(self.module)
+        for cls in [] if named else vars(self.module).values():
+            if inspect.isclass(cls) and issubclass(cls, Component) and cls.__module__ == self.module.__name__:
+                raise PluginError(f"{_defined(cls)}: {cls.__name__} has no name; expected name=... after its base")
+        return named
 
 
 def components_in(module: ModuleType) -> list[type[Component]]:
     """Return the named component classes that a module defines (not those it imports)."""
-    members = inspect.getmembers(module, inspect.isclass)
-    return [cls for _, cls in members if issubclass(cls, Component) and cls.name and cls.__module__ == module.__name__]
+    members = [cls for _, cls in inspect.getmembers(module, inspect.isclass) if issubclass(cls, Component)]
+    return [cls for cls in members if cls.name and cls.__module__ == module.__name__]
 
 
 def load_file(file: Path) -> ModuleType:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fraexp.periodic import response_covariance, spectrum
+from fraexp.periodic import PeriodicSpectrum, response_covariance, spectrum
 from fraexp.results import HARMONICS, FrequencyResponse, Outcome, Result
 from fraexp.signals import Segment, Signals
 
@@ -24,7 +24,7 @@ def response_result(
     """
     if not signals.segments:
         return Result(signals.outcome, signals.message)
-    spectra = [spectrum(s.frequency, u, y) for s, u, y in zip(signals.segments, inputs, outputs, strict=True)]
+    spectra = _spectra(signals.segments, inputs, outputs)
     u, y = np.concatenate([s.input for s in spectra]), np.concatenate([s.output for s in spectra])
     silent = (np.abs(u) == 0) | (np.abs(y) == 0)
     u, y = np.where(silent, np.nan, u), np.where(silent, np.nan, y)
@@ -51,6 +51,16 @@ def response_result(
     return Result(signals.outcome, signals.message, response)
 
 
+def _spectra(
+    segments: Sequence[Segment], inputs: Sequence[np.ndarray], outputs: Sequence[np.ndarray]
+) -> list[PeriodicSpectrum]:
+    """Return the averages over periods: of all segments at once where they have equally many."""
+    if len({len(each) for each in inputs}) > 1:
+        return [spectrum(s.frequency, u, y) for s, u, y in zip(segments, inputs, outputs, strict=True)]
+    frequency = np.concatenate([segment.frequency for segment in segments])
+    return [spectrum(frequency, np.concatenate(inputs, axis=1), np.concatenate(outputs, axis=1))]
+
+
 def _per_line(signals: Signals, values: Sequence[float | bool]) -> np.ndarray:
     return np.repeat(np.array(values), [segment.lines.size for segment in signals.segments])
 
@@ -59,8 +69,7 @@ def _harmonics(segment: Segment, channel: str) -> np.ndarray:
     """Harmonics 2… of a single sine relative to its fundamental; NaN beyond Nyquist and for several lines."""
     result = np.full((segment.lines.size, HARMONICS - 1), np.nan, dtype=complex)
     if segment.lines.size == 1 and channel in segment.channels:
-        mean = np.add.reduce(segment.channels[channel], axis=0)
-        bins = np.fft.rfft(mean)
+        bins = np.add.reduce(segment.spectrum(channel), axis=0)
         wanted = segment.lines[0] * np.arange(2, HARMONICS + 1)
         below = 2 * wanted < segment.samples
         if bins[segment.lines[0]] != 0:

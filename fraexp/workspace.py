@@ -3,7 +3,7 @@
 import json
 import os
 import shlex
-from collections.abc import Generator, Iterable, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from fraexp import perform, provenance, scheduler
-from fraexp.errors import FraexpError, StudyError
+from fraexp.errors import FraexpError, PluginError, StudyError
 from fraexp.executors import workers_of
 from fraexp.figures.label_units import label_units
 from fraexp.figures.labels import curve_names
@@ -127,10 +127,18 @@ class Workspace:
         sweeps = [replace(s, labels=dict(sweep.labels)) for s, sweep in zip(sweeps, study.sweeps, strict=True)]
         return self.draw(store, sweeps, path, study.title)
 
-    def draw(self, store: Store, sweeps: Sequence[StoredSweep], path: Path, title: str) -> dict[Path, bool]:
+    def draw(
+        self,
+        store: Store,
+        sweeps: Sequence[StoredSweep],
+        path: Path,
+        title: str,
+        tell: Callable[[str], object] = lambda _: None,
+    ) -> dict[Path, bool]:
         """Draw sweeps into a file for each unit of their responses: the first is `path`, then ``<name>-2`` and so on.
 
         Returns for each file whether it was drawn now or showed them already; nothing if there is nothing to draw.
+        `tell` is called with what had to be left out: the plant's own response if its plugin is no longer there.
         """
         results = store.results(sweep.key for sweep in sweeps)
         groups: dict[str | None, list[StoredSweep]] = {}
@@ -140,21 +148,33 @@ class Workspace:
                 groups.setdefault(result.response.unit if result.response else None, []).append(sweep)
         paths = [path, *(path.with_stem(f"{path.stem}-{number}") for number in range(2, len(groups) + 1))]
         return {
-            target: self._draw_group(group, results, target, title)
+            target: self._draw_group(group, results, target, title, tell)
             for target, group in zip(paths, groups.values(), strict=False)
         }
 
-    def _draw_group(self, sweeps: Sequence[StoredSweep], results: Mapping[str, Result], path: Path, title: str) -> bool:
+    def _draw_group(
+        self,
+        sweeps: Sequence[StoredSweep],
+        results: Mapping[str, Result],
+        path: Path,
+        title: str,
+        tell: Callable[[str], object],
+    ) -> bool:
         shown = [f"{sweep.key} {sweep.created} {sorted(sweep.labels.items())}" for sweep in sweeps] + [title]
         if is_current(path, digest(shown)):
             return False
+        try:
+            reference = self.reference(sweeps, results)
+        except PluginError as error:  # what is stored can be drawn without the plugins that computed it
+            tell(f"the plant's own response is left out: {error}")
+            reference, shown = None, [*shown, "without the plant"]
         from fraexp.figures.drawing import figure_for, save  # matplotlib: only when something is drawn
 
         sections = ((s.labels, {**s.experiment, "estimator": s.estimator}) for s in sweeps)
         units = label_units(sections, self.registry)
         names = curve_names([sweep.labels for sweep in sweeps], [sweep.key[4:12] for sweep in sweeps], units)
         labelled = [(name, results[sweep.key]) for name, sweep in zip(names, sweeps, strict=True)]
-        save(figure_for(labelled, self.reference(sweeps, results), title), path, shown)
+        save(figure_for(labelled, reference, title), path, shown)
         return True
 
     def reference(

@@ -1,5 +1,6 @@
 """Plugins from strangers: found, reported, and never the end of the rest."""
 
+import time
 from pathlib import Path
 
 import pytest
@@ -62,18 +63,71 @@ def test_a_file_that_cannot_be_loaded_is_reported_and_the_rest_goes_on(tmp_path,
         ({"arguments": "z, dy, dt, z_next, kk"}, "mine.advance takes 'kk', which is no parameter; did you mean 'k'?"),
         ({"arguments": "dy, z, dt, z_next, k"}, "expected (z, dy, dt, z_next, ...)"),
         ({"version": "'a'"}, "expected a whole number"),
+        ({"version": "1, api=0"}, "class Mine is given 'api', which no component takes; known: name, version"),
     ],
 )
 def test_a_class_that_breaks_the_contract_is_refused_when_it_is_defined(tmp_path, changes, reason):
     drop(tmp_path, "mine.py", **changes)
-    assert reason in discover(tmp_path).failures[0].reason
+    (failure,) = discover(tmp_path).failures
+    assert reason in failure.reason
+    assert failure.reason.endswith("(mine.py, line 4)")  # the class
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        (
+            "class C(Controller, name='c', version=1):\n    def transfer_function(self):\n        return [1], [1]",
+            "c.transfer_function takes (self); expected (self, sample_time) (other.py, line 2)",
+        ),
+        (
+            "class X(Excitation, name='x', version=1):\n    def periods(self, sample_time): ...\n"
+            "    def schedule(self): ...",
+            "x.schedule is a method; expected a property: put @property above it (other.py, line 2)",
+        ),
+        ("class P(Plant):\n    pass", "other.py, line 2: P has no name; expected name=... after its base"),
+        ("class P(Plant, name='p', version=1):\n    pass", "p lacks response, state_space, which every plant has"),
+        ("from fraexp.api import Gone", "'Gone' from 'fraexp.api'; it was written for another version of fraexp"),
+        ("x = (", "SyntaxError: '(' was never closed (other.py, line 2)"),
+    ],
+)
+def test_a_mistyped_or_outdated_file_is_reported_with_its_own_line(tmp_path, text, reason):
+    (tmp_path / "other.py").write_text(f"from fraexp.api import Controller, Excitation, Plant\n{text}\n")
+    (failure,) = discover(tmp_path).failures
+    assert reason in failure.reason
+    assert "line 2" in failure.reason
+    assert failure.place == str(tmp_path / "other.py")
+
+
+def test_an_error_about_a_name_tells_of_the_broken_file_that_may_supply_it_and_of_no_other(tmp_path):
+    drop(tmp_path, "first.py", name="wanted", arguments="z, dy, dt, z_next, kk")
+    (tmp_path / "second.py").write_text("1/0")
+    registry = discover(tmp_path)
+    with pytest.raises(PluginError) as caught:
+        registry.supply("friction", "wanted")
+    place = tmp_path / "first.py"
+    assert str(caught.value).startswith(f"no friction is called 'wanted'; {place} may supply it, but is broken: wanted")
+    assert "second.py" not in str(caught.value)
+    with pytest.raises(PluginError, match=r"did you mean 'rolling'\?; others are broken, see 'fraexp plugins'$"):
+        registry.supply("friction", "roling")
+
+
+def test_what_a_plugin_prints_is_no_data(tmp_path, capsys):
+    (tmp_path / "loud.py").write_text("print('hello')")
+    assert not discover(tmp_path).failures
+    assert capsys.readouterr() == ("", "hello\n")
 
 
 @pytest.mark.parametrize(
     ("body", "reason"),
     [
         ("z_next[5] = 1.0; return k * dy", "IndexError: index 5 is out of bounds"),
-        ("z[0] = 1.0; z_next[0] = z[0]; return k * dy", "writes z"),
+        ("z_next[0] = 0.0; z_next[-2] = 1.0; return k * dy", "IndexError: index -2 is out of bounds"),
+        ("z_next[0] = dy; return z[1] if dy < -1e-3 else k * dy", "IndexError: index 1 is out of bounds"),
+        ("z_next[0] = z[0] + dy; return z[int(z[0] * 100)]", "IndexError: index"),  # after a long way only
+        ("z_next[0] = dy; return z_next[1] if dy * z[0] < 0 and abs(dy) > 1e-5 else 0.0", "IndexError: index 1"),
+        ("z[0] = 1.0; z_next[0] = z[0]; return k * dy", "writes z or a parameter"),
+        ("z_next[0] = dy\n        if abs(dy) > 2e-4: z[0] = 0.0\n        return k * dy", "writes z or a parameter"),
         ("z_next[0] = 0.0; return float('nan')", "expected finite numbers"),
         ("return k * dy", "expected finite numbers"),
         ("raise ValueError('boom')", "ValueError: boom (mine.py, line"),
@@ -87,14 +141,34 @@ def test_a_law_that_would_go_wrong_when_compiled_is_refused_before(tmp_path, bod
     assert reason in str(caught.value)
 
 
+def test_a_law_that_overflows_only_at_absurd_speed_is_let_through(tmp_path):
+    drop(tmp_path, "mine.py", "import math; z_next[0] = 0.0; return k * math.sinh(dy / dt)")
+    discover(tmp_path).create("friction", {"name": "mine"}).rehearse()
+    drop(tmp_path, "mine.py", "import math; z_next[0] = 0.0; return k * math.sinh(1e4 * dy / dt)")
+    with pytest.raises(PluginError, match="OverflowError"):
+        discover(tmp_path).create("friction", {"name": "mine"}).rehearse()
+
+
+def test_the_built_in_laws_rehearse_within_milliseconds(registry):
+    for name, preset in (
+        ("rolling", "linear_motor_table"),
+        ("gms", "linear_motor_table"),
+        ("lugre", "linear_motor_table"),
+    ):
+        model = registry.create("friction", {"name": name, "preset": preset})
+        begun = time.perf_counter()
+        model.rehearse()
+        assert time.perf_counter() - begun < 0.05  # ten times what it takes, for a busy machine
+
+
 def test_two_plugins_of_one_name_are_both_named_whenever_it_is_asked_for(tmp_path):
     drop(tmp_path, "first.py", name="rolling")
     drop(tmp_path, "second.py", name="twice")
     drop(tmp_path, "third.py", name="twice")
     registry = discover(tmp_path)
-    with pytest.raises(PluginError, match=r"'twice' .* both .*second.py and .*third.py; rename one"):
+    with pytest.raises(PluginError, match=r"'twice' .* both .*second.py, line 4 and .*third.py, line 4; rename one"):
         registry.create("friction", {"name": "twice"})
-    with pytest.raises(PluginError, match=r"'rolling' .* both .*rolling.py and .*first.py"):
+    with pytest.raises(PluginError, match=r"'rolling' .* both .*rolling.py, line \d+ and .*first.py, line 4"):
         registry.create("friction", {"name": "rolling"})
 
 

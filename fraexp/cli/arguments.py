@@ -28,7 +28,7 @@ COMMANDS = {
 KINDS = ("friction", "plant", "controller", "excitation", "estimator", "reader")
 """Kinds of component."""
 EPILOG = "exit codes:\n" + "\n".join(f"  {code.value:<4} {code.sentence}" for code in ExitCode)
-IDENTIFIER = "a run's number, or the beginning of a sweep's key"
+IDENTIFIER = "a run's number, a study's name for its newest run, or the beginning of a sweep's key"
 
 
 class UsageError(Exception):

@@ -10,9 +10,9 @@ from fraexp.cli.exits import ExitCode
 from fraexp.cli.terminal import print_json, say
 from fraexp.cli.words import plural
 from fraexp.components import Component
-from fraexp.errors import FraexpError, PluginError, did_you_mean
+from fraexp.errors import PluginError
 from fraexp.figures.labels import printable
-from fraexp.plugins import Registry, components_in, discover, load_file
+from fraexp.plugins import Registry, components_in, discover, load_file, reason_of
 from fraexp.testing import Finding, Report, Verdict, checks_for, findings
 
 HEADS = {Verdict.PASSED: "pass", Verdict.SKIPPED: "skip", Verdict.EXPECTED: "expected"}
@@ -93,10 +93,8 @@ def _of_file(file: Path, kind: str | None) -> Iterator[type[Component]]:
         raise PluginError(f"{file}: there is no such file")
     try:
         found = components_in(load_file(file))
-    except FraexpError as error:
-        raise PluginError(f"{file} cannot be loaded: {error}") from None
-    except Exception as error:  # a stranger's file may raise anything
-        raise PluginError(f"{file} cannot be loaded: {type(error).__name__}: {error}") from error
+    except (Exception, SystemExit) as error:  # a stranger's file may raise anything
+        raise PluginError(f"{file} cannot be loaded: {reason_of(error, file)}") from error
     chosen = [component for component in found if kind in (None, component.kind)]
     if not chosen:
         what = f"{kind} component" if kind else "component"
@@ -110,6 +108,5 @@ def _named(name: str, kind: str | None, registry: Registry) -> Iterator[type[Com
         raise PluginError(f"'{name}' is the name of a {' and of a '.join(kinds)}; choose one with --kind")
     if not kinds:
         names = {known for of, known in registry.supplies if kind in (None, of)}
-        broken = "".join(f"; {failure.place} failed: {failure.reason}" for failure in registry.failures)
-        raise PluginError(f"no {kind or 'component'} is called '{name}'{did_you_mean(name, names)}{broken}")
+        raise PluginError(f"no {kind or 'component'} is called '{name}'{registry.instead(name, names)}")
     yield registry.supply(kinds[0], name).component

@@ -9,7 +9,7 @@ from typing import Any
 
 from fraexp.cli.documents import plain
 from fraexp.cli.exits import ExitCode
-from fraexp.cli.selection import chosen, is_run, open_store
+from fraexp.cli.selection import chosen, open_store, run_of
 from fraexp.cli.terminal import print_json, print_table
 from fraexp.cli.words import fixed, flat, number, short, value_text
 from fraexp.errors import FraexpError
@@ -28,7 +28,7 @@ def execute(arguments: Namespace) -> ExitCode:
     """Print parameters and metrics that differ, and the differences of the responses from the first one."""
     with open_store(arguments) as store:
         sweeps = chosen(store, arguments.ids)
-        if not any(is_run(identifier) for identifier in arguments.ids):
+        if all(run_of(store, identifier) is None for identifier in arguments.ids):
             sweeps = completed(labelled_as_computed(store, sweeps))
         results = store.results(sweep.key for sweep in sweeps)
     if len(sweeps) < 2:

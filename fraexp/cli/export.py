@@ -4,7 +4,7 @@ from argparse import Namespace
 
 from fraexp.cli.documents import plain
 from fraexp.cli.exits import ExitCode
-from fraexp.cli.selection import open_store, sweeps_of
+from fraexp.cli.selection import open_store, run_of, sweeps_of
 from fraexp.cli.terminal import print_path
 from fraexp.cli.words import short
 from fraexp.errors import FraexpError
@@ -17,7 +17,8 @@ def execute(arguments: Namespace) -> ExitCode:
         sweeps = sweeps_of(store, arguments.id)
         if len(sweeps) != 1:
             some = ", ".join(short(sweep.key) for sweep in sweeps[:6]) + (", ..." if len(sweeps) > 6 else "")
-            raise FraexpError(f"export: run {arguments.id} has {len(sweeps)} sweeps; name one of them: {some}")
+            run = f"run {run_of(store, arguments.id)}"
+            raise FraexpError(f"export: {run} has {len(sweeps)} sweeps; name one of them: {some}")
         result = store.result(sweeps[0].key)
     header = {
         "key": sweeps[0].key,

@@ -10,9 +10,8 @@ from pathlib import Path
 from string import Template
 
 from fraexp.cli.exits import ExitCode
-from fraexp.cli.selection import open_store
 from fraexp.cli.terminal import print_path
-from fraexp.errors import PluginError, StoreError
+from fraexp.errors import PluginError
 from fraexp.plugins import Registry, discover
 
 STUDIES = ("friction", "plant", "controller", "excitation", "estimator")
@@ -91,17 +90,7 @@ def _steps(kind: str, words: Mapping[str, str], arguments: Namespace) -> Iterato
         yield f"fraexp plugins{here}"
         return
     yield f"fraexp run {name}{here}"
-    yield f"fraexp plot {_next_run(arguments)} -o {name}.pdf{here}"
-
-
-def _next_run(arguments: Namespace) -> int:
-    """Return the number that the next run will have."""
-    try:
-        with open_store(arguments) as store:
-            runs = store.runs()
-    except StoreError:  # there is no database yet
-        return 1
-    return max((run.number for run in runs), default=0) + 1
+    yield f"fraexp plot {name} -o {name}.pdf{here}"
 
 
 def _print_steps(steps: list[str]) -> None:

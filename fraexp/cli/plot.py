@@ -4,7 +4,7 @@ from argparse import Namespace
 from collections.abc import Sequence
 
 from fraexp.cli.exits import ExitCode
-from fraexp.cli.selection import chosen, database, is_run, open_store
+from fraexp.cli.selection import chosen, database, open_store, run_of
 from fraexp.cli.terminal import print_path, say
 from fraexp.cli.words import plural
 from fraexp.errors import FraexpError
@@ -20,7 +20,7 @@ def execute(arguments: Namespace) -> ExitCode:
     with open_store(arguments) as store:
         sweeps = chosen(store, arguments.ids)
         title = arguments.title or _study(store, arguments.ids)
-        drawn = workspace.draw(store, sweeps, arguments.output, title)
+        drawn = workspace.draw(store, sweeps, arguments.output, title, tell=say)
     if not drawn:
         raise FraexpError(
             f"plot: found nothing to draw in {plural(len(sweeps), 'sweep')}; see their outcomes with show"
@@ -36,5 +36,6 @@ def execute(arguments: Namespace) -> ExitCode:
 
 
 def _study(store: Store, identifiers: Sequence[str]) -> str:
-    studies = {store.run(int(identifier)).study for identifier in identifiers if is_run(identifier)}
-    return studies.pop() if len(studies) == 1 and all(map(is_run, identifiers)) else ""
+    numbers = [run_of(store, identifier) for identifier in identifiers]
+    studies = {store.run(number).study if number is not None else "" for number in numbers}
+    return studies.pop() if len(studies) == 1 else ""

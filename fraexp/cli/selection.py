@@ -20,14 +20,17 @@ def open_store(arguments: Namespace) -> Store:
     return Store.open(database(arguments), read_only=True)
 
 
-def is_run(identifier: str) -> bool:
-    """Say whether an identifier is a run's number, and not the beginning of a key."""
-    return identifier.isascii() and identifier.isdigit() and len(identifier) < KEY_DIGITS
+def run_of(store: Store, identifier: str) -> int | None:
+    """Return the number of the run that is named by it, or by its study: the newest; None for a sweep's key."""
+    if identifier.isascii() and identifier.isdigit() and len(identifier) < KEY_DIGITS:
+        return int(identifier)
+    return next((run.number for run in store.runs() if run.study == identifier), None)
 
 
 def sweeps_of(store: Store, identifier: str) -> list[StoredSweep]:
     """Return the sweeps of a run, in grid order, or the one of a key."""
-    return store.sweeps(int(identifier)) if is_run(identifier) else [store.find(identifier)]
+    number = run_of(store, identifier)
+    return [store.find(identifier)] if number is None else store.sweeps(number)
 
 
 def chosen(store: Store, identifiers: Iterable[str]) -> list[StoredSweep]:

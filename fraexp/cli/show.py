@@ -7,7 +7,7 @@ from pathlib import Path
 from fraexp.cli.documents import run_document, sweep_document
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.list import took
-from fraexp.cli.selection import is_run, open_store
+from fraexp.cli.selection import open_store, run_of
 from fraexp.cli.tables import outcome_text, response_table, sweep_table
 from fraexp.cli.terminal import print_fields, print_json, print_table, say
 from fraexp.cli.words import duration, flat, moment, number, plural, short, value_text, without_segments
@@ -23,10 +23,11 @@ ROWS = 12
 def execute(arguments: Namespace) -> ExitCode:
     """Print a run or a sweep."""
     with open_store(arguments) as store:
-        if is_run(arguments.id):
-            _show_run(store, int(arguments.id), arguments)
-        else:
+        number_ = run_of(store, arguments.id)
+        if number_ is None:
             _show_sweep(store, arguments)
+        else:
+            _show_run(store, number_, arguments)
     return ExitCode.OK
 
 

@@ -1,59 +1,151 @@
-"""Friction force along a prescribed displacement."""
+"""Friction force along prescribed displacements: as many side by side as there are lanes."""
 
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
+from numba import njit
 
+from fraexp.kernels.lanes import WIDTH
 from fraexp.kernels.law import Law, cached, call
+from fraexp.kernels.loop import bound, bound_argument, get_number, put_number
+from fraexp.kernels.storage import stored, zeros
 
 PASSES = 500
 """Times that a periodic record is run through at most."""
 CLOSED = 1e-10
 """Change of the force from one pass to the next, relative to the greatest force, that counts as periodic."""
+FOREVER = 1 << 62
+LEAD, PASS, IDLE = range(3)
+JOB, STAGE, AT, LEFT, DONE = range(5)
 
 
-def drive(
-    law: Law,
-    arguments: tuple[Any, ...],
-    states: int,
-    displacement: np.ndarray,
-    time_step: float,
-    periodic: bool,
-    lead_in: tuple[np.ndarray, float],
-) -> np.ndarray:
-    """Return the force [N], shape (n,), along a displacement [m], shape (n,), from the state at rest.
+class Records(NamedTuple):
+    """Displacements, one after another: of each a lead-in from rest, then the record, then its first value again."""
 
-    A periodic record is run through again until its force repeats itself; from its end to its beginning the
-    displacement moves by their difference. `lead_in` is the displacement before, from rest, and its time step.
+    displacement: np.ndarray
+    """All samples [m]."""
+    begin: np.ndarray
+    """First sample of each lead-in, shape (records,)."""
+    lead_in: np.ndarray
+    """Samples of each lead-in."""
+    size: np.ndarray
+    """Samples of each record."""
+    passes: np.ndarray
+    """Times that each record is run through at most: once, or until its force repeats itself."""
+    lead_in_step: np.ndarray
+    """Time step of each lead-in [s]."""
+    step: np.ndarray
+    """Time step of each record [s]."""
+
+
+def drive(law: Law, arguments: Any, states: int, motions: Sequence[Any], wide: bool) -> list[np.ndarray]:
+    """Return the force [N] along each motion (displacement, time step, periodic, lead-in, its time step).
+
+    It starts from the state at rest, or from where the lead-in left it; a periodic one is run through again until its
+    force repeats itself, from its end to its beginning the displacement moves by their difference.
     """
-    force = np.empty_like(displacement)
-    z = np.zeros((2, max(states, 1)))
-    passes = PASSES if periodic else 1
-    call(_make_drive, law, displacement, time_step, passes, *lead_in, z, force, arguments)
-    return force
+    width = WIDTH if wide else 1
+    records = _records(motions)
+    force = np.empty_like(records.displacement)
+    counters = np.zeros((width, 5), dtype=np.int64)
+    counters[:, STAGE] = IDLE
+    z, motion = zeros(2 * states, wide), zeros(4, wide)
+    call(_make_drive, law, tuple(records), stored(arguments, wide), states, z, motion, counters, force)
+    first = records.begin + records.lead_in
+    return [force[begin : begin + size] for begin, size in zip(first, records.size, strict=True)]
+
+
+def _records(motions: Sequence[Any]) -> Records:
+    parts, begin, used = [], [], 0
+    for displacement, _, _, lead_in, _ in motions:
+        parts += [lead_in, displacement, displacement[:1]]
+        begin.append(used)
+        used += lead_in.size + displacement.size + 1
+    columns = list(zip(*motions, strict=True))
+    return Records(
+        np.concatenate(parts, dtype=float),
+        np.array(begin),
+        np.array([lead_in.size for lead_in in columns[3]]),
+        np.array([displacement.size for displacement in columns[0]]),
+        np.where(columns[2], PASSES, 1),
+        np.array(columns[4], dtype=float),
+        np.array(columns[1], dtype=float),
+    )
 
 
 def _make_drive(law: Law, fingerprint: str) -> Any:
-    @cached
-    def run(displacement, time_step, passes, lead_in, lead_in_step, z, force, arguments):  # type: ignore[no-untyped-def]
+    def drive(records, arguments_of, states, z_of, motion_of, counters, force):  # type: ignore[no-untyped-def]
         _ = fingerprint  # a cell of the closure: an edited law is compiled again
-        now = 0
-        last = displacement[0]
-        if lead_in.size:
-            last = lead_in[0]
-            for k in range(1, lead_in.size):
-                law(z[now], lead_in[k] - last, lead_in_step, z[1 - now], *arguments)
-                last = lead_in[k]
+        displacement = records[0]
+        width, now, following = counters.shape[0], 0, 0
+        z, motion = bound(z_of), bound(motion_of)  # motion: now, before, time step, force
+        arguments = bound_argument(arguments_of, motion)
+        while True:
+            rows, busy = FOREVER, False
+            for lane in range(width):
+                while counters[lane, LEFT] == 0:
+                    following = _turn(lane, following, records, counters, z_of, motion_of, force)
+                rows = min(rows, counters[lane, LEFT])
+                busy = busy or counters[lane, STAGE] != IDLE
+            if not busy:
+                return
+            for row in range(rows):
+                for lane in range(width):
+                    put_number(motion_of, 0, lane, displacement[counters[lane, AT] + row])
+                z_now, z_next = z[now * states : (now + 1) * states], z[(1 - now) * states : (2 - now) * states]
+                motion[3] = law(z_now, motion[0] - motion[1], motion[2], z_next, *arguments)
+                motion[1] = motion[0]
                 now = 1 - now
-        for done in range(passes):
-            greatest = 0.0
-            for k in range(displacement.size):
-                force[k] = law(z[now], displacement[k] - last, time_step, z[1 - now], *arguments)
-                greatest = max(greatest, abs(force[k]))
-                last = displacement[k]
-                now = 1 - now
-            again = law(z[now], displacement[0] - last, time_step, z[1 - now], *arguments)
-            if done > 0 and abs(again - force[0]) <= CLOSED * greatest:
-                break
+                for lane in range(width):
+                    if counters[lane, STAGE] != IDLE:
+                        force[counters[lane, AT] + row] = get_number(motion_of, 3, lane)
+            for lane in range(width):
+                counters[lane, LEFT] -= rows
+                counters[lane, AT] += rows if counters[lane, STAGE] != IDLE else 0
 
-    return run
+    return cached(drive, error_model="numpy")
+
+
+@njit
+def _turn(lane, following, records, counters, z, motion, force):  # type: ignore[no-untyped-def]
+    """Take a lane from its lead-in to its record, to another pass of it, or to the next one; return the one after."""
+    displacement, begin, lead_in, size, passes, lead_in_step, step = records
+    job, stage = counters[lane, JOB], counters[lane, STAGE]
+    if stage == LEAD:
+        first = begin[job] + lead_in[job]
+        if lead_in[job] == 0:
+            put_number(motion, 1, lane, displacement[first])
+        put_number(motion, 2, lane, step[job])
+        counters[lane, STAGE], counters[lane, AT], counters[lane, LEFT] = PASS, first, size[job]
+        if passes[job] > 1:
+            counters[lane, LEFT] += 1
+        return following
+    if stage == PASS:
+        counters[lane, DONE] += 1
+        first = begin[job] + lead_in[job]
+        if counters[lane, DONE] < passes[job] and not _closed(force, first, size[job], counters[lane, DONE]):
+            force[first] = force[first + size[job]]
+            counters[lane, AT], counters[lane, LEFT] = first + 1, size[job]
+            return following
+    for row in range(z.shape[0]):
+        put_number(z, row, lane, 0.0)
+    if following == begin.size:
+        counters[lane, STAGE], counters[lane, AT], counters[lane, LEFT] = IDLE, 0, FOREVER
+        return following
+    counters[lane, JOB], counters[lane, STAGE], counters[lane, DONE] = following, LEAD, 0
+    counters[lane, AT], counters[lane, LEFT] = begin[following], lead_in[following]
+    put_number(motion, 1, lane, displacement[begin[following]])
+    put_number(motion, 2, lane, lead_in_step[following])
+    return following + 1
+
+
+@njit
+def _closed(force, first, size, done):  # type: ignore[no-untyped-def]
+    """Return whether the force at the end of a pass is that at its beginning."""
+    if done < 2:
+        return False
+    greatest = 0.0
+    for k in range(first, first + size):
+        greatest = max(greatest, abs(force[k]))
+    return abs(force[first + size] - force[first]) <= CLOSED * greatest

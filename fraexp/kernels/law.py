@@ -42,12 +42,12 @@ def fingerprint(law: Law) -> str:
     return parts[0] if len(parts) == 1 else hashlib.blake2b("".join(parts).encode(), digest_size=16).hexdigest()
 
 
-def cached(function: Callable[..., Any]) -> Any:
+def cached(function: Callable[..., Any], **options: Any) -> Any:
     """Compile a function when it is first called, and keep the machine code on disk where there is a place for it."""
     try:
-        return njit(cache=True)(function)
+        return njit(cache=True, **options)(function)
     except RuntimeError:  # no folder can be written, as in a container: compile again in each process
-        return njit(function)
+        return njit(**options)(function)
 
 
 class LawError(Exception):

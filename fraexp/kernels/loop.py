@@ -1,144 +1,173 @@
-"""The sampled control loop around a continuous plant with friction, step by step.
+"""The sampled control loop around a continuous plant with friction: one sample of it, for one job or for eight.
 
-The linear part is discretised exactly; friction is linear in time within a step and found implicitly: with
-y₊ = a − g·f(y₊) and f nondecreasing, the root is unique (holding the force instead would be anti-damping).
+The linear part is discretised exactly; friction is linear in time within a step (holding it would be anti-damping).
+Within a step the displacement is y₊ = a − g·f(y₊) with f nondecreasing: a float is solved for implicitly, lanes take
+the law at the displacement that the extrapolated force predicts, which is as good where g·df/dy ≪ 1.
+
+Compiled code is told by the types of its arguments which of both it is: arrays of shape (k,) hold the numbers of one
+job, arrays of shape (k, 8) those of eight.
 """
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from numba import njit
+from numba import njit, types
+from numba.extending import overload
 
-from fraexp.kernels.law import Law, cached, call
+from fraexp.kernels.lanes import LanesType, RowsType, rounded, rows_of
 
-
-class Sample(NamedTuple):
-    """The linear part over one sample of m steps: n states, two input values, m + 1 friction forces."""
-
-    displacement: np.ndarray
-    """Rows that give the displacement at each step's end from state and inputs, shape (m, n + 2)."""
-    compliance: np.ndarray
-    """Displacement at each step's end that the forces at the steps' bounds take away, shape (m, m + 1)."""
-    measured: np.ndarray
-    """Row that gives the next measured position from state, inputs and forces, shape (n + m + 3,)."""
-    transition: np.ndarray
-    """Columns that give the next state from state, inputs and forces, shape (n + m + 3, n)."""
-    step: float
-    """Length of a step [s]."""
+FORCE, PLACE, STIFFNESS, BEFORE = range(4)
+"""Contact: friction force [N], displacement there [m], local stiffness [N/m], force a step before [N]."""
+CONTACT = 4
+FAST = {"fastmath": {"contract"}, "error_model": "numpy"}
+"""A product may be added without being rounded first: the same bits on every run; no division by 0 is looked for."""
 
 
-class Feedback(NamedTuple):
-    """C(z) and the scale."""
-
-    numerator: np.ndarray
-    """Ascending powers of z⁻¹ [N/m], shape (p,)."""
-    denominator: np.ndarray
-    """Ascending powers of z⁻¹, starting with 1, shape (p,)."""
-    resolution: float
-    """Resolution of the scale [m]; 0 for an ideal one."""
-    limit: float
-    """Displacement beyond which the loop counts as diverged [m]."""
+def bound(array: Any) -> Any:
+    """Return an array as the numbers of one job, or as rows of lanes."""
+    raise NotImplementedError
 
 
-class State(NamedTuple):
-    """All that the loop remembers; changed in place."""
-
-    x: np.ndarray
-    """Linear part, shape (n,)."""
-    z: np.ndarray
-    """Friction: valid and scratch memory, shape (2, states)."""
-    w: np.ndarray
-    """Controller, shape (p,)."""
-    inputs: np.ndarray
-    """Control inputs, the newest first [N], shape (whole samples of dead time + 2,)."""
-    outputs: np.ndarray
-    """Measured positions, the newest first [m], shape (whole samples of output dead time + 1,)."""
-    contact: np.ndarray
-    """Friction force [N], displacement there [m], local stiffness [N/m], valid row of z, force a step before [N]."""
+@overload(bound)
+def _bound(array):  # type: ignore[no-untyped-def]
+    if array.ndim == 1:
+        return lambda array: array
+    return lambda array: rows_of(array)
 
 
-def run(
-    law: Law,
-    arguments: tuple[Any, ...],
-    sample: Sample,
-    feedback: Feedback,
-    state: State,
-    excitation: np.ndarray,
-    reference: np.ndarray,
-    noise: np.ndarray,
-) -> tuple[bool, np.ndarray]:
-    """Run the loop over the samples of `excitation` [N], `reference` [m] and scale `noise` [m], each of shape (k,).
+def bound_argument(argument: Any, like: Any) -> Any:
+    """Return a law's argument, stored with shape (lanes,), (n, lanes) or as an integer, as the law takes it."""
+    raise NotImplementedError
 
-    Returns whether the loop stayed within its limit, and the channels, shape (4, k): control input [N], measured
-    position [m], displacement [m] and friction force [N] at the sampling instants.
+
+@overload(bound_argument)
+def _bound_argument(argument, like):  # type: ignore[no-untyped-def]
+    if isinstance(argument, types.Integer):
+        return lambda argument, like: argument
+    if isinstance(argument, types.BaseTuple):
+        if not len(argument):
+            return lambda argument, like: ()
+        return lambda argument, like: (bound_argument(argument[0], like),) + bound_argument(argument[1:], like)
+    if isinstance(like, RowsType):
+        if argument.ndim == 1:
+            return lambda argument, like: rows_of(argument.reshape(1, argument.size))[0]
+        return lambda argument, like: rows_of(argument)
+    if argument.ndim == 1:
+        return lambda argument, like: argument[0]
+    return lambda argument, like: argument.reshape(argument.size)
+
+
+def put_number(array: Any, row: int, lane: int, value: float) -> None:
+    """Set one number of one lane."""
+    raise NotImplementedError
+
+
+@overload(put_number)
+def _put_number(array, row, lane, value):  # type: ignore[no-untyped-def]
+    return _put_alone if array.ndim == 1 else _put_beside
+
+
+def _put_alone(array, row, lane, value):  # type: ignore[no-untyped-def]
+    array[row] = value
+
+
+def _put_beside(array, row, lane, value):  # type: ignore[no-untyped-def]
+    array[row, lane] = value
+
+
+def get_number(array: Any, row: int, lane: int) -> float:
+    """Return one number of one lane."""
+    raise NotImplementedError
+
+
+@overload(get_number)
+def _get_number(array, row, lane):  # type: ignore[no-untyped-def]
+    if array.ndim == 1:
+        return lambda array, row, lane: array[row]
+    return lambda array, row, lane: array[row, lane]
+
+
+@njit(forceinline=True, **FAST)
+def sample(  # type: ignore[no-untyped-def]
+    law, arguments, constants, memory, sizes, step, resolution, now, excitation, reference, noise
+):
+    """Run the loop over one sample; return control input, measured, true displacement, force, and what comes next.
+
+    `constants` and `memory` are laid out as `Layout` says. The next measured position is returned last.
     """
-    channels = np.empty((4, excitation.size))
-    # plain tuples: looking up the type of a named one takes as long as running 200 samples
-    constants = (tuple(sample), tuple(feedback), tuple(state))
-    return bool(call(_make_loop, law, *constants, excitation, reference, noise, channels, arguments)), channels
+    n, m, states, order, late, held = sizes
+    displacement, compliance, measured, transition, numerator, denominator = constants
+    known, z, w, inputs, outputs, contact = memory
+    position = outputs[held] + noise
+    if resolution > 0.0:
+        position = rounded(position / resolution) * resolution
+    for i in range(late + 1, 0, -1):
+        inputs[i] = inputs[i - 1]
+    error = reference - position
+    control = numerator[0] * error + w[0]
+    for i in range(1, order):
+        w[i - 1] = numerator[i] * error - denominator[i] * control + w[i]
+    control = control + excitation
+    inputs[0] = control
+    place, force, before, stiffness = contact[PLACE], contact[FORCE], contact[BEFORE], contact[STIFFNESS]
+    place_now, force_now = place, force
+    known[n], known[n + 1], known[n + 2] = inputs[late + 1], inputs[late], force
+    for j in range(m):
+        a = displacement[j * (n + 2)] * known[0]
+        for i in range(1, n + 2):
+            a += displacement[j * (n + 2) + i] * known[i]
+        for i in range(j + 1):
+            a -= compliance[j * (m + 1) + i] * known[n + 2 + i]
+        gain = compliance[j * (m + 1) + j + 1]
+        z_now, z_next = z[now * states : (now + 1) * states], z[(1 - now) * states : (2 - now) * states]
+        after, place, stiffness = solve(law, a, gain, step, z_now, z_next, arguments, force, before, place, stiffness)
+        before, force = force, after
+        known[n + 3 + j] = force
+        now = 1 - now
+    contact[PLACE], contact[FORCE], contact[BEFORE], contact[STIFFNESS] = place, force, before, stiffness
+    for i in range(held, 0, -1):
+        outputs[i] = outputs[i - 1]
+    count = n + m + 3
+    newest = measured[0] * known[0]
+    for j in range(1, count):
+        newest += measured[j] * known[j]
+    outputs[0] = newest
+    for i in range(n):
+        next_state = transition[i * count] * known[0]
+        for j in range(1, count):
+            next_state += transition[i * count + j] * known[j]
+        known[count + i] = next_state
+    for i in range(n):
+        known[i] = known[count + i]
+    return control, position, place_now, force_now, newest
 
 
-def _make_loop(law: Law, fingerprint: str) -> Any:
-    @cached
-    def loop(sample, feedback, state, excitation, reference, noise, channels, arguments):  # type: ignore[no-untyped-def]
-        _ = fingerprint  # a cell of the closure: an edited law is compiled again
-        displacement, compliance, measured, transition, step = sample
-        numerator, denominator, resolution, limit = feedback
-        x, z, w, inputs, outputs, contact = state
-        n, m, late = x.size, displacement.shape[0], inputs.size - 1
-        known = np.empty(n + 2 + m + 1)  # state, input before and after its switch, friction forces
-        for k in range(excitation.size):
-            position = outputs[outputs.size - 1] + noise[k]
-            if resolution > 0.0:
-                position = np.round(position / resolution) * resolution
-            for i in range(late, 0, -1):
-                inputs[i] = inputs[i - 1]
-            inputs[0] = control(numerator, denominator, w, reference[k] - position) + excitation[k]
-            channels[0, k], channels[1, k], channels[2, k], channels[3, k] = inputs[0], position, contact[1], contact[0]
-            known[:n] = x
-            known[n], known[n + 1], known[n + 2] = inputs[late], inputs[late - 1], contact[0]
-            for j in range(m):
-                a = 0.0
-                for i in range(n + 2):
-                    a += displacement[j, i] * known[i]
-                for i in range(j + 1):
-                    a -= compliance[j, i] * known[n + 2 + i]
-                known[n + 3 + j] = solve(law, a, compliance[j, j + 1], step, z, contact, arguments)
-            for i in range(outputs.size - 1, 0, -1):
-                outputs[i] = outputs[i - 1]
-            outputs[0] = 0.0
-            x[:] = 0.0
-            for j in range(known.size):
-                outputs[0] += measured[j] * known[j]
-                for i in range(n):  # a column at a time: independent sums fill the vector registers
-                    x[i] += transition[j, i] * known[j]
-            if not abs(outputs[0]) < limit:
-                return False
-        return True
-
-    return loop
+def solve(  # type: ignore[no-untyped-def]
+    law, a, gain, step, z, z_next, arguments, force, before, place, stiffness
+):
+    """Return force [N], displacement [m] and local stiffness [N/m] at a step's end."""
+    raise NotImplementedError
 
 
-@cached
-def control(numerator, denominator, w, error):  # type: ignore[no-untyped-def]
-    """One sample of C(z) in transposed direct form II."""
-    value = numerator[0] * error + w[0]
-    for i in range(1, w.size):
-        w[i - 1] = numerator[i] * error - denominator[i] * value + w[i]
-    return value
+@overload(solve, jit_options={"forceinline": True, **FAST})
+def _solve(law, a, gain, step, z, z_next, arguments, force, before, place, stiffness):  # type: ignore[no-untyped-def]
+    return _predicted if isinstance(a, LanesType) else _root
 
 
-@njit  # cached as part of the loop
-def solve(law, a, gain, step, z, contact, arguments):  # type: ignore[no-untyped-def]
-    """Find the force at the step's end: the root of r(y) = y - a + gain*f(y), whose slope is 1 at least."""
-    now = int(contact[3])
-    y = a - gain * (2.0 * contact[0] - contact[4])
-    force = law(z[now], y - contact[1], step, z[1 - now], *arguments)
-    residual = y - a + gain * force
-    slope = 1.0 + gain * contact[2]
+def _predicted(law, a, gain, step, z, z_next, arguments, force, before, place, stiffness):  # type: ignore[no-untyped-def]
+    y = a - gain * (2.0 * force - before)
+    return law(z, y - place, step, z_next, *arguments), y, stiffness
+
+
+def _root(law, a, gain, step, z, z_next, arguments, force, before, place, stiffness):  # type: ignore[no-untyped-def]
+    """Find the root of r(y) = y - a + gain*f(y), whose slope is 1 at least."""
+    y = a - gain * (2.0 * force - before)
+    after = law(z, y - place, step, z_next, *arguments)
+    residual = y - a + gain * after
+    slope = 1.0 + gain * stiffness
     low, high = -np.inf, np.inf
     for _ in range(60):
-        if abs(residual) <= 1e-7 * abs(y - contact[1]) + 1e-17:
+        if abs(residual) <= 1e-7 * abs(y - place) + 1e-17:
             break
         if residual > 0.0:
             high = y
@@ -149,11 +178,10 @@ def solve(law, a, gain, step, z, contact, arguments):  # type: ignore[no-untyped
             trial = 0.5 * (low + high)
         if trial == y:
             break
-        force = law(z[now], trial - contact[1], step, z[1 - now], *arguments)
-        fresh = trial - a + gain * force
+        after = law(z, trial - place, step, z_next, *arguments)
+        fresh = trial - a + gain * after
         slope = max((fresh - residual) / (trial - y), 1.0)
         y, residual = trial, fresh
-    if y != contact[1]:
-        contact[2] = max((force - contact[0]) / (y - contact[1]), 0.0)
-    contact[4], contact[0], contact[1], contact[3] = contact[0], force, y, 1 - now
-    return force
+    if y != place:
+        stiffness = max((after - force) / (y - place), 0.0)
+    return after, y, stiffness

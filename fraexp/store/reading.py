@@ -71,7 +71,8 @@ def find(connection: Connection, prefix: str) -> StoredSweep:
     query = select(sweep.c.key).where(sweep.c.key >= head, sweep.c.key < f"{head}g").order_by(sweep.c.key).limit(4)
     keys = list(connection.scalars(query))
     if not keys:
-        raise StoreError(f"no sweep's key starts with '{prefix}'; 'fraexp show RUN' lists those of a run")
+        remedy = "'fraexp list' shows the runs and their studies, 'fraexp show RUN' its sweeps"
+        raise StoreError(f"no sweep's key starts with '{prefix}'; {remedy}")
     if len(keys) > 1:
         some = ", ".join(keys[:3]) + (", ..." if len(keys) > 3 else "")
         raise StoreError(f"several sweeps' keys start with '{prefix}': {some}; give more characters")

@@ -13,7 +13,7 @@ from fraexp.cli.words import short
 from fraexp.results import Outcome, Result
 from fraexp.store import Store, StoredSweep
 from fraexp.sweep import Sweep
-from tests.cli.conftest import response_of
+from tests.cli.conftest import fill, response_of
 
 Printed = Callable[..., tuple[str, str]]
 SEGMENTS = [
@@ -132,6 +132,40 @@ def test_a_plot_is_drawn_once(printed: Printed, sweeps: list[Sweep], tmp_path: P
     assert target.stat().st_mtime_ns == drawn
     printed(*line, "--title", "Another")
     assert target.stat().st_mtime_ns != drawn
+
+
+def test_a_study_stands_for_its_newest_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    sweeps = fill(tmp_path / "results.db")
+    with Store.open(str(tmp_path / "results.db")) as store:
+        for study in ("bench", "other"):
+            run = store.begin_run(study, f"{study}.toml", f"fraexp run {study}", {}, sweeps[:1])
+            store.end_run(run, "complete")
+
+    def shown(*line: str) -> str:
+        assert main([*line, "--workspace", str(tmp_path)]) == ExitCode.OK
+        return capsys.readouterr().out
+
+    assert shown("show", "bench") == shown("show", "2") != shown("show", "1")
+    assert shown("show", "other") == shown("show", "3")
+    assert shown("compare", "1") == shown("compare", "1", "bench")
+
+
+def test_a_stored_run_is_drawn_without_the_plugin_of_its_plant(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    experiment = {"source": "loop", "plant": {"name": "gone", "version": 1}, "friction": {"name": "rolling"}}
+    sweep, target = Sweep(experiment, {"name": "conventional", "version": 1}, {}), tmp_path / "figure.png"
+    with Store.open(str(tmp_path / "results.db"), create=True) as store:
+        run = store.begin_run("mine", "mine.toml", "fraexp run mine", {}, [sweep])
+        store.save(run, [(sweep, Result(Outcome.OK, "", response_of(0.1)), {})])
+        store.end_run(run, "complete")
+    (tmp_path / "plugins").mkdir()
+    (tmp_path / "plugins/gone.py").write_text("1/0\n")
+    assert main(["plot", "mine", "-o", str(target), "--workspace", str(tmp_path)]) == ExitCode.OK
+    left_out = capsys.readouterr().err
+    assert left_out.startswith("the plant's own response is left out: no plant is called 'gone'; ")
+    assert left_out.endswith("ZeroDivisionError: division by zero (gone.py, line 1)\n")
+    assert target.is_file()
 
 
 def test_a_driven_friction_model_is_plotted_as_a_loop(printed: Printed, sweeps: list[Sweep], tmp_path: Path) -> None:

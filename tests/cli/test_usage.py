@@ -76,6 +76,8 @@ def test_common_options_may_stand_before_or_after_the_command(
     [
         (["show", "9"], 3, "there is no run 9; the newest is run 1"),
         (["show", "abcdefabcdef"], 3, "no sweep's key starts with 'abcdefabcdef'"),
+        (["show", "bnech"], 3, "no sweep's key starts with 'bnech'; 'fraexp list' shows the runs and their studies"),
+        (["export", "bench", "-o", "r.csv"], 2, "export: run 1 has 5 sweeps; name one of them: "),
         (["list", "--db", "elsewhere.db"], 3, "elsewhere.db"),
         (["plot", "1", "-o", "figure.bmp"], 2, "choose one of .png, .svg, .pdf"),
         (["export", "1", "-o", "r.csv"], 2, "export: run 1 has 5 sweeps; name one of them: "),

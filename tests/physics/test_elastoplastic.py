@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from fraexp_plugins.friction.elastoplastic import Elastoplastic
+from fraexp_plugins.friction.elastoplastic import Elastoplastic, _relaxed
 from fraexp_plugins.friction.lugre import LuGre
 from scipy.integrate import solve_ivp
 
@@ -72,3 +72,15 @@ def test_without_elastic_range_it_is_nearly_lugre():
 def test_bristles_stay_within_static_friction_at_any_step(step):
     walk = np.cumsum(np.random.default_rng(1).normal(0, 1e-3, 3000) * step)
     assert np.max(np.abs(UNDAMPED.force(walk, step))) <= 1.5 * (1 + 1e-12)
+
+
+def test_no_plastic_flow_is_lost_in_the_smallest_steps():
+    steady, alpha, steps = 15e-6, 0.3, 20_000
+    path, z = 1e-10 * steady, 0.8 * steady  # alpha*path/steady is 3e-11
+    for _ in range(steps):
+        z = _relaxed(z, path, steady, alpha)
+    whole = _relaxed(0.8 * steady, steps * path, steady, alpha)
+    elastic = _relaxed(0.8 * steady, steps * path, steady, 0.0)
+    assert elastic == 0.8 * steady + steps * path
+    assert elastic - whole == pytest.approx(steps * path * alpha * 0.8, rel=1e-5)
+    assert z == pytest.approx(whole, rel=steps * 1.2e-16, abs=0)  # one rounding a step

@@ -73,7 +73,7 @@ def test_the_estimated_friction_is_the_delayed_true_one(values):
     for segment in signals.segments:
         omega = 2 * np.pi * segment.frequency
         delayed = phasors(segment, "friction") * estimator.output_path(omega)
-        estimated = estimator._friction_phasors(segment)
+        estimated = estimator._friction_phasors([segment])[0]
         scale = np.max(np.abs(phasors(segment, "u")))
         assert np.all(np.abs(estimated - delayed) < 2e-3 * scale)  # the true force is only known at the samples
 

@@ -57,6 +57,15 @@ def test_a_new_friction_law_goes_to_a_checked_and_plotted_result_as_printed(tmp_
     assert made_files - {"results.db-shm", "results.db-wal"} == expected
 
 
+def test_the_next_steps_are_true_whatever_was_run_and_written_before(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for kind, name in (("plant", "first"), ("controller", "second")):
+        assert main(["new", kind, name]) == ExitCode.OK
+        assert steps(capsys.readouterr().out)[-1] == f"fraexp plot {name} -o {name}.pdf"
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "friction"])
 def test_a_new_plugin_of_any_kind_works_as_printed(kind: str, tmp_path: Path) -> None:

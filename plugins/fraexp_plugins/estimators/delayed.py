@@ -21,7 +21,7 @@ class DelayedEstimator(Estimator, ABC):
         "1", "relative degree of the plant, for the images of sampling; 0 to leave them", 2, at_least=0
     )
 
-    def input_path(self, omega: np.ndarray, sample_time: float) -> np.ndarray:
+    def input_path(self, omega: np.ndarray, sample_time: float | np.ndarray) -> np.ndarray:
         """Return G_di(jω) with hold and images, shape (n,), at ω [rad/s], shape (n,)."""
         path = path_response(omega, self.input_dead_time, self.input_lags)
         if not self.hold:

@@ -1,8 +1,10 @@
 """The paper's FRA method: measured position over the effective control input that a friction model leaves."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from fraexp.api import FrictionModel, Result, Segment, Signals, param, path_response, phasors, response_result
+from fraexp.api import FrictionModel, Motion, Result, Segment, Signals, param, path_response, phasors, response_result
 from fraexp_plugins.estimators.delayed import DelayedEstimator
 
 CLEAR = 3.0
@@ -27,46 +29,62 @@ class Proposed(DelayedEstimator, name="proposed", version=1):
     resolution: float = param("m", "resolution of the scale", 0.0, at_least=0, inherit="loop.resolution")
     noise: float = param("m", "standard deviation of the scale's noise", 0.0, at_least=0, inherit="loop.noise")
     interpolation: int = param(
-        "1", "points per sample at which the friction model is driven", 8, at_least=1, at_most=64
+        "1", "points per sample at which the friction model is driven", 4, at_least=1, at_most=64
     )
 
     def estimate(self, signals: Signals) -> Result:
         """Return y'/û_e, frequency by frequency."""
         units = (signals.unit(self.input), signals.unit(self.output))
-        inputs = [self._effective_input(segment) for segment in signals.segments]
         outputs = [phasors(segment, self.output) for segment in signals.segments]
+        inputs = self._effective_inputs(signals.segments, outputs)
         return response_result(signals, inputs, outputs, names=("u_e", self.output), units=units)
 
-    def _effective_input(self, segment: Segment) -> np.ndarray:
-        """Return the phasors of û_e [N] per period, eq (2)."""
-        omega = 2 * np.pi * segment.frequency
-        delayed = self.input_path(omega, segment.sample_time) * self.output_path(omega) * phasors(segment, self.input)
-        viscous = 1j * omega * self.friction.viscous * phasors(segment, self.output)
-        return delayed - viscous - self._friction_phasors(segment)
+    def _effective_inputs(self, segments: Sequence[Segment], outputs: list[np.ndarray]) -> list[np.ndarray]:
+        """Return the phasors of û_e [N] per segment and period, eq (2)."""
+        counts = [segment.lines.size for segment in segments]
+        omega = 2 * np.pi * np.concatenate([segment.frequency for segment in segments])
+        sample_time = np.repeat([segment.sample_time for segment in segments], counts)
+        path = self.input_path(omega, sample_time) * self.output_path(omega)
+        viscous = 1j * omega * self.friction.viscous
+        factors = zip(*(np.split(factor, np.cumsum(counts)[:-1]) for factor in (path, viscous)), strict=True)
+        forces = self._friction_phasors(segments)
+        return [
+            delayed * phasors(segment, self.input) - damping * output - force
+            for segment, (delayed, damping), output, force in zip(segments, factors, outputs, forces, strict=True)
+        ]
 
-    def _friction_phasors(self, segment: Segment) -> np.ndarray:
-        """Return the phasors of the friction model's force [N] per period, shape (periods, lines)."""
-        record = segment.channels[self.output]
-        fine = self._interpolated(record, segment.sample_time) / self.width_scale
-        before = segment.lead_in.get(self.output, np.empty(0)) / self.width_scale
-        force = self.friction.force(
-            fine, segment.sample_time / self.interpolation, periodic=True, lead_in=(before, segment.sample_time)
-        )
-        periods = (self.force_scale * force).reshape(record.shape[0], -1)
-        lagged = path_response(2 * np.pi * segment.frequency, 0.0, self.output_lags)
-        return lagged * np.fft.rfft(periods, axis=1)[:, segment.lines] * (2 / periods.shape[1])
+    def _friction_phasors(self, segments: Sequence[Segment]) -> list[np.ndarray]:
+        """Return the phasors of the friction model's force [N] per segment, each of shape (periods, lines)."""
+        found = []
+        forces = self.friction.forces([self._motion(segment) for segment in segments])
+        for segment, force in zip(segments, forces, strict=True):
+            periods = (self.force_scale * force).reshape(-1, segment.samples * self.interpolation)
+            lagged = path_response(2 * np.pi * segment.frequency, 0.0, self.output_lags)
+            found.append(np.fft.rfft(periods, axis=1)[:, segment.lines] * (lagged * (2 / periods.shape[1])))
+        return found
 
-    def _interpolated(self, record: np.ndarray, sample_time: float) -> np.ndarray:
-        """Return all periods of a record, shape (periods, n), at `interpolation` times as many points, as one row.
+    def _motion(self, segment: Segment) -> Motion:
+        """Return what the friction model sees of a segment: all its periods, after what came before."""
+        fine = self._interpolated(segment)
+        before = segment.lead_in.get(self.output, np.empty(0))
+        time_step = segment.sample_time / self.interpolation
+        return Motion(fine / self.width_scale, time_step, True, before / self.width_scale, segment.sample_time)
+
+    def _interpolated(self, segment: Segment) -> np.ndarray:
+        """Return all periods of a record, one after another, at `interpolation` times as many points.
 
         First-order lags in G_do are undone: they would change the shape of the motion that friction sees.
         """
+        record = segment.channels[self.output]
         periods, samples = record.shape
-        bins = np.fft.rfft(record.ravel())
+        bins = segment.spectrum(self.output)[0].copy() if periods == 1 else np.fft.rfft(record.ravel())
         # rounding repeats itself from period to period and adds up, noise does not
         scatter = self.noise**2 * periods + self.resolution**2 / 12 * periods**2
-        bins[np.abs(bins) < CLEAR * np.sqrt(scatter * samples)] = 0
-        bins /= path_response(2 * np.pi * np.fft.rfftfreq(record.size, sample_time), 0.0, self.output_lags)
+        if scatter:
+            bins[np.abs(bins) < CLEAR * np.sqrt(scatter * samples)] = 0
+        if self.output_lags:
+            omega = 2 * np.pi * np.fft.rfftfreq(record.size, segment.sample_time)
+            bins /= path_response(omega, 0.0, self.output_lags)
         if record.size % 2 == 0:
             bins[-1] /= 2  # the Nyquist line stands for two
         return np.fft.irfft(bins, record.size * self.interpolation) * self.interpolation

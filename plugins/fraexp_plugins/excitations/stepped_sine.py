@@ -1,6 +1,6 @@
 """Stepped sine: one frequency after another, each in its periodic state."""
 
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 
@@ -12,6 +12,8 @@ LEAST, MOST = 400, 1 << 16
 """Samples of a block of whole periods, at least and at most."""
 LONGEST = 2_000_000
 """Samples of a period, at most: half a gigabyte of channels."""
+LITTLE_LONGER = 1.2
+"""How much longer a block may be, if its number of samples has small prime factors only."""
 PHASES = 20
 """Different phases at which a sine is sampled, at least."""
 
@@ -79,6 +81,7 @@ class SteppedSine(Excitation, name="stepped_sine", version=1):
         return Schedule(self.ramp, self.tolerance, self.settle_limit, self.whole_periods, self.record_time)
 
 
+@cache
 def coherent(cycles_per_sample: float) -> tuple[int, int]:
     """Return whole cycles and whole samples whose ratio is near `cycles_per_sample`.
 
@@ -89,6 +92,18 @@ def coherent(cycles_per_sample: float) -> tuple[int, int]:
     samples = np.rint(cycles / cycles_per_sample).astype(int)
     samples += samples < PHASES * np.gcd(cycles, samples)
     error = np.abs(cycles / samples / cycles_per_sample - 1)
-    fits = (error <= NEAR) & (samples >= LEAST) & (samples >= PHASES * np.gcd(cycles, samples))
-    best = int(np.argmax(fits)) if fits.any() else int(np.argmin(error))
+    fits = np.flatnonzero((error <= NEAR) & (samples >= LEAST) & (samples >= PHASES * np.gcd(cycles, samples)))
+    if not fits.size:
+        best = int(np.argmin(error))
+    else:  # little longer, if its Fourier transform is fast then
+        near = fits[samples[fits] <= LITTLE_LONGER * samples[fits[0]]]
+        best = int(min(near, key=lambda k: (_rough_part(int(samples[k])), k)))
     return int(cycles[best]), int(samples[best])
+
+
+def _rough_part(number: int) -> int:
+    """Return what is left of a number without its factors 2, 3, 5 and 7."""
+    for factor in (2, 3, 5, 7):
+        while number % factor == 0:
+            number //= factor
+    return number

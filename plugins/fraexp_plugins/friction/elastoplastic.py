@@ -77,9 +77,9 @@ def _slid(start: float, path: float, steady: float, elastic: float) -> float:
 
 def _relaxed(start: float, path: float, steady: float, alpha: float) -> float:
     """Deflection [m] after a path [m] with dz/dx = 1 - α z/z_ss."""
-    if alpha * path < 1e-9 * steady:
+    if alpha == 0.0:
         return start + path
-    return steady / alpha + (start - steady / alpha) * math.exp(-alpha * path / steady)
+    return start - (steady / alpha - start) * math.expm1(-alpha * path / steady)
 
 
 def _alpha(deflection: float, steady: float, elastic: float) -> float:

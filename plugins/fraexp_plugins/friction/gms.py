@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from fraexp.api import FrictionModel, ParameterError, param
+from fraexp.api import FrictionModel, ParameterError, param, where
 
 
 class GeneralizedMaxwellSlip(FrictionModel, name="gms", version=1):
@@ -92,8 +92,9 @@ class GeneralizedMaxwellSlip(FrictionModel, name="gms", version=1):
     ):
         """Friction force [N] without σ2 v after the displacement moved by dy [m] in dt [s]."""
         n = stiffness.size
-        sign = math.copysign(1.0, dy) if dy != 0.0 else z[2 * n]
-        turned = sign != z[2 * n]
+        moving = dy != 0.0
+        sign = where(moving, math.copysign(1.0, dy), z[2 * n])
+        onward = moving & (sign == z[2 * n])
         z_next[2 * n] = sign
         speed = (abs(dy) / dt / stribeck_velocity) ** stribeck_shape
         steady = coulomb + (breakaway - coulomb) * math.exp(-speed)
@@ -101,16 +102,13 @@ class GeneralizedMaxwellSlip(FrictionModel, name="gms", version=1):
         force = 0.0
         for i in range(n):
             limit = sign * normal_shares[i] * steady
-            slips = z[n + i] > 0.0 and not turned and dy != 0.0
-            if slips:
-                element = limit + (z[i] - limit) * kept
-            else:
-                element = z[i] + stiffness[i] * dy
-                if dy != 0.0 and sign * (element - limit) >= 0.0:
-                    beyond = max(sign * (z[i] - limit), 0.0)  # a limit that has sunk below the force lets it relax
-                    element = limit + sign * beyond * kept
-                    slips = True
-            z_next[i] = element
-            z_next[n + i] = 1.0 if slips else 0.0
-            force += element
+            slipping = limit + (z[i] - limit) * kept
+            sticking = z[i] + stiffness[i] * dy
+            beyond = max(sign * (z[i] - limit), 0.0)  # a limit that has sunk below the force lets it relax
+            broken = limit + sign * beyond * kept
+            slips = onward & (z[n + i] > 0.0)
+            breaks = moving & (sign * (sticking - limit) >= 0.0)
+            z_next[i] = where(slips, slipping, where(breaks, broken, sticking))
+            z_next[n + i] = where(slips | breaks, 1.0, 0.0)
+            force += z_next[i]
         return force

@@ -1,0 +1,47 @@
+"""fraexp itself, by its public way: the loop from rest, its whole record kept, no waiting for a periodic state."""
+
+from typing import Any
+
+import numpy as np
+from accuracy import FRICTION, PLANT, REGISTRY, SECTIONS
+
+from fraexp.components import Controller, Excitation, Period, Schedule
+from fraexp.plugins import create
+from fraexp.simulation import Loop, Machine, Numerics, simulate_loop
+from peers.problem import Peer, Problem, Run
+
+
+def peers() -> list[Peer]:
+    """Return fraexp at several numbers of steps per sample."""
+    return [
+        Peer("fraexp", f"{steps} steps per sample", error, lambda p, steps=steps: prepare(p, steps), batch=True)
+        for steps, error in ((1, 3e-3), (2, 1e-3), (5, 2e-4), (10, 5e-5))
+    ]
+
+
+class Given(Excitation):
+    """Excitations that are given as they are, each recorded from rest."""
+
+    waveforms: Any
+
+    def periods(self, sample_time: float) -> tuple[Period, ...]:
+        return tuple(Period(row, np.array([1])) for row in self.waveforms)
+
+    @property
+    def schedule(self) -> Schedule:
+        return Schedule(settle_limit=0.0)
+
+
+def prepare(problem: Problem, steps: int) -> Run:
+    """Return the simulation; discretising the machine is part of each run."""
+    controller = create(REGISTRY, Controller, SECTIONS["controller"])  # type: ignore[type-abstract]
+    loop = Loop.parse({**SECTIONS["loop"], "resolution": 0.0}, "loop")
+    machine = Machine(PLANT, FRICTION, controller, loop, Numerics(steps_per_sample=steps))
+    excitation = Given(waveforms=problem.excitation)
+
+    def run() -> tuple[np.ndarray, np.ndarray]:
+        segments = simulate_loop(machine, excitation, lambda _: None).segments
+        u, y = (np.array([segment.channels[name][0] for segment in segments]) for name in ("u", "y"))
+        return u, y
+
+    return run
