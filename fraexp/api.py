@@ -17,7 +17,7 @@ from fraexp.delays import hold_response, image_factor, path_response
 from fraexp.errors import FraexpError, ParameterError, RecordError, did_you_mean
 from fraexp.kernels.choice import where
 from fraexp.parameters import Parameters, param
-from fraexp.periodic import phasors
+from fraexp.periodic import fourier_sums, phasors
 from fraexp.plugins import hookimpl
 from fraexp.response import response_result
 from fraexp.results import HARMONICS, Curve, FrequencyResponse, Metric, Outcome, Result
@@ -49,6 +49,7 @@ __all__ = [
     "StateSpace",
     "Table",
     "did_you_mean",
+    "fourier_sums",
     "hold_response",
     "hookimpl",
     "image_factor",

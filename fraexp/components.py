@@ -1,7 +1,6 @@
 """What plugins supply: the kinds of component and their contracts."""
 
 import inspect
-import traceback
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -10,11 +9,11 @@ from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, cast, get_args
 
 import numpy as np
-from pydantic import PrivateAttr
 from pydantic.fields import FieldInfo
 
 from fraexp.errors import PluginError, did_you_mean
 from fraexp.parameters import Parameters
+from fraexp.rehearsal import rehearse
 from fraexp.results import Result
 from fraexp.signals import Signals
 
@@ -113,7 +112,6 @@ class FrictionModel(Component, ABC):
     """Name and unit of each element of z, such as ``("force [N]",)``."""
 
     advance: ClassVar[Any]
-    _rehearsed: bool = PrivateAttr(default=False)
 
     @classmethod
     def check_definition(cls) -> None:
@@ -140,6 +138,11 @@ class FrictionModel(Component, ABC):
     def viscous(self) -> float:
         """Linear viscous coefficient [N s/m] on top of the law; loop and observer treat it exactly."""
         return 0.0
+
+    @property
+    def forgets(self) -> bool:
+        """Whether a periodic motion has one periodic force, but for a constant, whatever came before."""
+        return False
 
     @property
     def force_bound(self) -> float | None:
@@ -182,38 +185,7 @@ class FrictionModel(Component, ABC):
         Indices beyond `state_size`, writes to `z` or to a parameter, and a force that is no number are found here,
         also where the law goes only after it has slipped, turned, or moved fast or slowly for long.
         """
-        if self._rehearsed:
-            return
-        arguments = tuple(_read_only(value) for value in self.law_arguments())
-        z = np.zeros(self.state_size)
-        for dy, dt in REHEARSAL:
-            z_next = self._rehearsed_step(z, dy, dt, arguments)
-            z = z_next if np.all(np.isfinite(z_next)) else np.zeros(self.state_size)
-        self._rehearsed = True
-
-    def _rehearsed_step(self, z: np.ndarray, dy: float, dt: float, arguments: tuple[Any, ...]) -> np.ndarray:
-        force: Any = np.nan
-        z_next = np.full(self.state_size, np.nan)
-        plausible = abs(dy) <= PLAUSIBLE * dt
-        try:
-            force = self.law(_read_only(z), dy, dt, z_next, *arguments)
-        except Exception as error:
-            if plausible or not isinstance(error, ArithmeticError):  # which compiled code answers with inf
-                raise PluginError(self._complaint(error, dy, dt)) from error
-        sound = isinstance(force, float | int) and np.isfinite(force) and np.all(np.isfinite(z_next))
-        if plausible and not sound:
-            found = f"a force of {force!r} and a next state of {z_next.tolist()}"
-            raise PluginError(f"the law of {self.name} gives {found} on dy = {dy:g} m; expected finite numbers")
-        return z_next
-
-    def _complaint(self, error: Exception, dy: float, dt: float) -> str:
-        line = traceback.extract_tb(error.__traceback__)[-1]
-        place = f"({Path(line.filename).name}, line {line.lineno})"
-        if "read-only" in str(error):
-            return f"the law of {self.name} writes z or a parameter; it may write z_next, as steps are tried {place}"
-        size = f"z has {self.state_size} elements (states, or state_size)"
-        reason = f"{type(error).__name__}: {error} {place}"
-        return f"the law of {self.name} fails on dy = {dy:g} m in {dt:g} s: {reason}; {size}"
+        rehearse(self.name, self.law, self.law_arguments(), self.state_size)
 
     def force(self, displacement: np.ndarray, time_step: float, periodic: bool = False) -> np.ndarray:
         """Return the law's force [N], shape (n,), along a displacement record [m], shape (n,), without `viscous`.
@@ -249,23 +221,6 @@ class Motion(NamedTuple):
     """Its time step [s]."""
 
 
-def _read_only(value: Any) -> Any:
-    if not isinstance(value, np.ndarray):
-        return value
-    view = value.view()
-    view.flags.writeable = False
-    return view
-
-
-REHEARSAL = [
-    (share * size, dt)
-    for dt, sizes in ((1e-4, (1e-9, 1e-6)), (1.0, (1e-6, 1e-4)), (1e-4, (1e-8, 1e-5, 1e-3, 1e-1)))
-    for size in sizes
-    for share in (1.0, 0.0, 1.0, -0.3, -2.0, -2.0, 0.0)
-]
-"""Steps [m] and their times [s] with which a law is tried: small and long, slow and fast, there and back."""
-PLAUSIBLE = 1.0
-"""Speed [m/s] up to which a law must give numbers in its rehearsal."""
 PROBE, SLOW = 1e-9, 1e-9
 """A displacement [m] that lets no friction slip, and a velocity [m/s] without rate effects."""
 

@@ -1,5 +1,6 @@
 """The loop's linear part over one sample, exactly: any dead time, first-order lags, friction linear in the step."""
 
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -7,6 +8,8 @@ import numpy as np
 from fraexp.components import FrictionModel, StateSpace
 from fraexp.errors import ParameterError
 
+TIME_DIGITS = 15
+"""Decimals [s] to which two instants of a sample are the same."""
 Path = tuple[float, tuple[float, ...]]
 """Dead time [s] and time constants of first-order lags [s]."""
 
@@ -26,6 +29,19 @@ class Discrete(NamedTuple):
     """C(z) in ascending powers of z⁻¹ [N/m], shape (p,)."""
     denominator: np.ndarray
     """Ascending powers of z⁻¹, starting with 1, shape (p,)."""
+
+    @property
+    def constants(self) -> tuple[np.ndarray, ...]:
+        """What the kernel multiplies with: for each step's displacement, the next measurement and the next state.
+
+        Known before the sample is run are state, inputs and the first force: their rows; then what the forces in the
+        sample add to displacements, shape (m, m), and to measurement and state, shape (n + 1, m); then C(z).
+        """
+        known = self.displacement.shape[1] + 1
+        after = np.vstack([self.measured, self.transition])
+        before = np.hstack([self.displacement, -self.compliance[:, :1]])
+        matrix = np.vstack([before, after[:, :known]])
+        return matrix, -self.compliance[:, 1:], after[:, known:], self.numerator, self.denominator
 
     @property
     def gain(self) -> float:
@@ -48,19 +64,25 @@ def discretise(
     n, step = a.shape[0], sample_time / steps
     late_in, late_out = split(input_path[0], sample_time)[1], split(output_path[0], sample_time)[1]
 
+    @cache
+    def responses(time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return _integrals(a, np.column_stack([drive, force]), time)
+
+    def after(time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return responses(max(round(time, TIME_DIGITS), 0.0))  # the same few times again and again, but for rounding
+
     def columns(time: float) -> np.ndarray:
         """State after `time` in the sample, from its begin's state, two inputs and all forces, (n, n + 3 + steps)."""
         effect = np.zeros((n, n + 3 + steps))
-        transition, held, _ = _integrals(a, drive, time)
-        later = _integrals(a, drive, max(time - late_in, 0.0))[1]
-        effect[:, :n], effect[:, n], effect[:, n + 1] = transition, held - later, later
+        transition, held, _ = after(time)
+        later = after(time - late_in)[1]
+        effect[:, :n], effect[:, n], effect[:, n + 1] = transition, held[:, 0] - later[:, 0], later[:, 0]
         for j in range(steps):  # the force goes from one bound's value to the next one's, then has no effect of its own
-            begin, end = (max(time - bound * step, 0.0) for bound in (j, j + 1))
-            _, held_begin, ramp_begin = _integrals(a, force, begin)
-            _, held_end, ramp_end = _integrals(a, force, end)
+            _, held_begin, ramp_begin = after(time - j * step)
+            _, held_end, ramp_end = after(time - (j + 1) * step)
             rising = (ramp_begin - ramp_end) / step - held_end
-            effect[:, n + 2 + j] -= held_begin - held_end - rising
-            effect[:, n + 3 + j] -= rising
+            effect[:, n + 2 + j] -= (held_begin - held_end - rising)[:, 1]
+            effect[:, n + 3 + j] -= rising[:, 1]
         return effect
 
     ends = np.array([displacement @ columns((j + 1) * step) for j in range(steps)])
@@ -119,11 +141,11 @@ def _with_lags(
 
 
 def _integrals(a: np.ndarray, b: np.ndarray, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return e^(at), and the responses at `time` [s] to a unit step and a unit ramp of the input (Van Loan, 1978)."""
+    """Return e^(at), and the responses at `time` [s] to a unit step and a unit ramp of each input (Van Loan, 1978)."""
     from scipy.linalg import expm  # slow to import, needed only where a loop is run
 
-    n = b.size
-    block = np.zeros((n + 2, n + 2))
-    block[:n, :n], block[:n, n], block[n, n + 1] = a, b, 1.0
+    n, inputs = b.shape
+    block = np.zeros((n + 2 * inputs, n + 2 * inputs))
+    block[:n, :n], block[:n, n : n + inputs], block[n : n + inputs, n + inputs :] = a, b, np.eye(inputs)
     result = expm(block * time)
-    return result[:n, :n], result[:n, n], result[:n, n + 1]
+    return result[:n, :n], result[:n, n : n + inputs], result[:n, n + inputs :]

@@ -19,6 +19,8 @@ AT_ONCE = 1_000_000
 """Steps after which a long experiment shows that it is alive, and can be stopped."""
 REMEMBERED = 4_000_000
 """Measured positions that a lane remembers at most, but for the stretches that it compares and records."""
+MOST_POOLED = 1 << 24
+"""Numbers of results that are kept together, at most."""
 CHANNELS = 4
 Progress = Callable[[float], None]
 
@@ -111,7 +113,7 @@ class _Plan:
         count = max(schedule.periods, int(np.ceil(schedule.record_time / (block * sample_time))), 1)
         if schedule.settle_limit == 0:  # the transient itself is asked for
             return cls(experiment, 0, 0, 0, count, 1.0, 0.0)
-        ramp = block * int(np.ceil((schedule.ramp + setup.delay) / (block * sample_time)))
+        ramp = int(np.ceil((schedule.ramp + setup.delay) / sample_time))
         stretch = block * max(1, int(np.ceil(LEAST_COMPARED / (block * sample_time))))
         limit = int(np.ceil(schedule.settle_limit / sample_time))
         rising = (0.0, sample_time / schedule.ramp) if schedule.ramp else (1.0, 0.0)
@@ -129,7 +131,7 @@ class _Plan:
     @property
     def expected(self) -> int:
         """Samples that a machine takes which settles soon."""
-        return self.ramp + 3 * self.stretch + self.record
+        return self.ramp + 4 * self.stretch + (self.record if self.record > self.stretch else 0)
 
     @property
     def floor(self) -> float:
@@ -144,7 +146,8 @@ class _Plan:
 
         sample_time, period = self.experiment.setup.sample_time, self.experiment.period
         begin, before, record = results.place[number], results.lead_in[number], self.record
-        lead_in, numbers = np.split(pool[begin : begin + before + CHANNELS * record], [before])
+        lead_in, first = pool[begin : begin + before], begin + before
+        numbers = pool[first : first + CHANNELS * record]
         y, u, displacement, friction = numbers.reshape(CHANNELS, self.count, period.waveform.size)
         time = float(results.settling[number] * sample_time)
         settling = Settling(bool(results.status[number] == SETTLED), time, float(results.residual[number]))
@@ -169,7 +172,7 @@ def _jobs(plans: list[_Plan]) -> "Jobs":
         rate=np.array([plan.rate for plan in plans]),
         tolerance=np.array([plan.experiment.schedule.tolerance for plan in plans]),
         floor=np.array([plan.floor for plan in plans]),
-        seed=np.array([_seed(plan.experiment.setup.seed, plan.experiment.number) for plan in plans], dtype=np.uint64),
+        seed=np.array([_seed(plan.experiment) for plan in plans], dtype=np.uint64),
     )
 
 
@@ -181,8 +184,11 @@ def _setups(plans: list[_Plan]) -> dict[int, int]:
     return found
 
 
-def _seed(seed: int, number: int) -> int:
-    return int(np.random.SeedSequence([seed, number]).generate_state(1, np.uint64)[0])
+def _seed(experiment: Experiment) -> int:
+    if not experiment.setup.noise:
+        return 0
+    sequence = np.random.SeedSequence([experiment.setup.seed, experiment.number])
+    return int(sequence.generate_state(1, np.uint64)[0])
 
 
 def _table(plans: list[_Plan], setup: Setup) -> "Table":
@@ -190,14 +196,14 @@ def _table(plans: list[_Plan], setup: Setup) -> "Table":
 
     different = {id(plan.experiment.setup): plan.experiment.setup for plan in plans}
     machines = np.array([_numbers(each) for each in different.values()])
-    goals = [np.full(plan.experiment.period.waveform.size, plan.experiment.setup.reference) for plan in plans]
     waves = [plan.experiment.period.waveform for plan in plans]
+    silence = np.zeros(max(wave.size for wave in waves))
     steps = setup.discrete.compliance.shape[0]
     states = setup.discrete.transition.shape[0]
     return Table(
         machines=machines,
-        waves=np.concatenate([*waves, np.zeros(1)]),
-        goals=np.concatenate([*goals, np.zeros(1)]),
+        waves=np.concatenate([*waves, silence]),
+        goals=np.array([plan.experiment.setup.reference for plan in plans]),
         settings=(setup.sample_time / steps, setup.resolution, setup.noise, setup.stroke),
         sizes=(
             states, steps, setup.friction.state_size, setup.discrete.numerator.size, *setup.dead_samples,
@@ -209,7 +215,7 @@ def _numbers(setup: Setup) -> np.ndarray:
     """Return constants and parameters of a machine, one after another."""
     from fraexp.kernels.storage import numbers
 
-    parts = [part.ravel() for part in setup.discrete]
+    parts = [part.ravel() for part in setup.discrete.constants]
     return np.concatenate([*parts, *numbers(setup.friction.law_arguments())])
 
 
@@ -224,11 +230,11 @@ def _lanes(plans: list[_Plan], setup: Setup, table: "Table") -> "Lanes":
     n, m, states, order, late, held = table.sizes
     store = zeros(table.machines.shape[1], setup.wide)
     parts, used = [], 0
-    for part in setup.discrete:
+    for part in setup.discrete.constants:
         parts.append(store[used : used + part.size])
         used += part.size
     arguments, _ = views(setup.friction.law_arguments(), store, used)
-    memory = (2 * n + m + 3, 2 * states, order, late + 2, held + 1, CONTACT)
+    memory = (n + 3, m + 1 + n, 2 * states, order, late + 2, held + 1, CONTACT)
     counters = np.zeros((width, 7), dtype=np.int64)
     counters[:, STAGE] = IDLE
     compared = max(2 * plan.stretch + plan.record for plan in plans)
@@ -239,7 +245,7 @@ def _lanes(plans: list[_Plan], setup: Setup, table: "Table") -> "Lanes":
         arguments=arguments,
         store=store,
         memory=tuple(zeros(size, setup.wide) for size in memory),
-        drive=zeros(6, setup.wide),
+        drive=zeros(5, setup.wide),
         trace=zeros(5, setup.wide),
         counters=counters,
         agreement=np.zeros((width, 2)),
@@ -264,9 +270,8 @@ def _results(jobs: int) -> "Results":
 def _room(plans: list[_Plan], status: np.ndarray, lanes: "Lanes", pools: list[np.ndarray]) -> int:
     """Return the numbers that the next results need, as far as can be guessed: one of them at least."""
     greatest = lanes.history.shape[1] + lanes.others[0].size
-    if pools:
-        return max(greatest, pools[-1].size)
-    return max(greatest if len(plans) == 1 else 0, min(sum(plan.expected + 3 * plan.record for plan in plans), 1 << 24))
+    guess = sum(plan.expected + 3 * plan.record for plan in plans)
+    return max(greatest, min(guess, MOST_POOLED)) if pools or len(plans) == 1 else min(guess, MOST_POOLED)
 
 
 def _share(weights: np.ndarray, plans: list[_Plan], results: "Results", lanes: "Lanes") -> float:

@@ -1,10 +1,14 @@
 """Spectra averaged over periods, with the scatter of the periods carried to the covariance of a response."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from fraexp.signals import Segment
+
+FEW = 1 << 14
+"""Samples times lines up to which sums over tabulated waves are faster than a Fourier transform."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +35,22 @@ class PeriodicSpectrum:
 
 def phasors(segment: Segment, channel: str) -> np.ndarray:
     """Return 2/N Σ x e^{-jωt} of each period at the excited lines [unit], complex, shape (periods, lines)."""
-    return segment.spectrum(channel)[:, segment.lines] * (2 / segment.samples)
+    return fourier_sums(segment.channels[channel], segment.lines)
+
+
+def fourier_sums(periods: np.ndarray, lines: np.ndarray) -> np.ndarray:
+    """Return 2/N Σ x e^{-j2πkn/N} at lines k of periods of N samples, shape (periods, N), as shape (periods, lines)."""
+    samples = periods.shape[1]
+    if lines.size * samples > FEW:
+        return np.fft.rfft(periods, axis=1)[:, lines] * (2 / samples)
+    return (periods @ _waves(lines.tobytes(), samples)).view(complex)
+
+
+@lru_cache(1024)
+def _waves(lines: bytes, samples: int) -> np.ndarray:
+    """Return 2/N cos and -2/N sin of each line, side by side, shape (samples, 2 lines): many sweeps have the same."""
+    turns = np.arange(samples)[:, None] * np.frombuffer(lines, dtype=np.int64) % samples / samples
+    return (2 / samples) * np.exp(-2j * np.pi * turns).view(float)
 
 
 def periodic_spectrum(segment: Segment, input_channel: str, output_channel: str) -> PeriodicSpectrum:

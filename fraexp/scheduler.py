@@ -3,7 +3,7 @@
 import time
 import traceback
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
@@ -22,10 +22,16 @@ BEAT = 5.0
 """Seconds between two signs of life in the database."""
 POLL = 0.1
 """Seconds between two looks at the workers."""
+GATHER = 0.2
+"""Seconds for which results are gathered, to be stored together: a transaction takes as long as a short sweep."""
+AHEAD = 16
+"""Jobs that are sent ahead to each worker: short ones must not wait for the next while others are stored."""
 FRUITLESS = (Outcome.NO_SIGNAL, Outcome.DIVERGED, Outcome.FAILED)
 """Outcomes that ``rerun = "failed"`` computes again."""
-GUESS = 0.5
+GUESS = 0.1
 """Seconds assumed for a sweep when nothing like it has been computed yet."""
+SHORT = 1.0
+"""Seconds of work that one process does itself: to start others takes as long."""
 
 
 @dataclass(frozen=True)
@@ -138,15 +144,19 @@ def run(
     store: Store,
     registry: Registry,
     *,
-    executor: str,
+    executor: str | None,
     rerun: str | None,
     command: str,
     provenance: Plain,
     plugins: str,
 ) -> Iterator[Event]:
-    """Compute what is missing of a study and yield events; closing the iterator interrupts the run."""
+    """Compute what is missing of a study and yield events; closing the iterator interrupts the run.
+
+    Without an `executor` all cores are used, unless the work is done before other processes would be there.
+    """
     missing, planned = plan(study, store, registry, rerun)
     yield planned
+    executor = executor or ("processes" if (planned.seconds or 0.0) > SHORT else "serial")
     number = store.begin_run(study.name, str(study.file), command, provenance, study.sweeps)
     computed = {sweep.key for sweep in missing}
     reused = [sweep for sweep in study.sweeps if sweep.key not in computed]
@@ -174,11 +184,12 @@ def _compute(
     waiting, running = deque(groups.values()), dict[Future[Answer], _Group]()
     sizes = {group.number: len(group.sweeps) for group in waiting}
     fractions: dict[int, float] = {}
-    beaten = time.monotonic()
+    beaten = stored = time.monotonic()
+    answered: list[tuple[_Group, Answer]] = []
     with Workers(executor, len(waiting)) as workers:
         yield Preparing(f"{workers.count} at once; a friction law that is new to this machine is compiled first")
         while waiting or running:
-            while waiting and len(running) < 2 * workers.count:
+            while waiting and len(running) < _most_at_once(waiting[0], running.values(), workers.count):
                 group = waiting.popleft()
                 running[workers.submit(group.number, group.job(plugins))] = group
             done, _ = wait(running, POLL, FIRST_COMPLETED)
@@ -188,10 +199,13 @@ def _compute(
                 if isinstance(future.exception(), BrokenProcessPool) and not group.attempts:
                     group.attempts += 1  # a worker died: it may have been another group's
                     workers.renew()
-                    waiting.append(group)
+                    waiting.appendleft(group)
                     continue
                 fractions[group.number] = 1.0
-                yield from _stored(_answers(future, group), group, store, registry, run)
+                answered.append((group, _answers(future, group)))
+            if answered and (time.monotonic() - stored > GATHER or not (waiting or running)):
+                yield from _stored(answered, store, registry, run)
+                answered, stored = [], time.monotonic()
             if time.monotonic() - beaten > BEAT:
                 store.beat(run)
                 beaten = time.monotonic()
@@ -207,11 +221,20 @@ def _answers(future: "Future[Answer]", group: _Group) -> Answer:
     return [Failure(message, "".join(traceback.format_exception(error)))] * len(group.sweeps)
 
 
-def _stored(answers: Answer, group: _Group, store: Store, registry: Registry, run: int) -> Iterator[Finished]:
-    """Store what a job has answered, all of it in one transaction, then tell."""
-    pairs = list(zip(group.sweeps, answers, strict=True))
+def _most_at_once(following: _Group, running: Iterable[_Group], workers: int) -> int:
+    """Return how many jobs may be under way; what was there when a worker died is tried again alone."""
+    suspected = following.attempts or any(group.attempts for group in running)
+    return 1 if suspected else AHEAD * workers
+
+
+def _stored(
+    answered: Sequence[tuple[_Group, Answer]], store: Store, registry: Registry, run: int
+) -> Iterator[Finished]:
+    """Store what jobs have answered, all of it in one transaction, then tell."""
+    pairs = [pair for group, answers in answered for pair in zip(group.sweeps, answers, strict=True)]
     good = [(sweep, answer, components_of(sweep, registry)) for sweep, answer in pairs if isinstance(answer, Result)]
-    store.save(run, good)
+    if good:
+        store.save(run, good)
     for sweep, answer in pairs:
         if isinstance(answer, Failure):
             store.fail(run, sweep.key, answer.message, answer.log)

@@ -15,7 +15,7 @@ from fraexp import perform, provenance, scheduler
 from fraexp.errors import FraexpError, PluginError, StudyError
 from fraexp.executors import workers_of
 from fraexp.figures.label_units import label_units
-from fraexp.figures.labels import curve_names
+from fraexp.figures.labels import curve_names, group_names
 from fraexp.figures.stamp import digest, is_current
 from fraexp.plugins import Registry, discover
 from fraexp.results import Result
@@ -64,7 +64,7 @@ class Workspace:
 
         All studies are resolved before the first one starts, and nothing is written if one of them is wrong.
         """
-        workers_of(executor := executor or "processes")
+        workers_of(executor or "processes")
         resolved = self.studies(names := list(studies), overrides)
         if dry_run:
             yield from self._plans(resolved, rerun)
@@ -172,9 +172,10 @@ class Workspace:
 
         sections = ((s.labels, {**s.experiment, "estimator": s.estimator}) for s in sweeps)
         units = label_units(sections, self.registry)
-        names = curve_names([sweep.labels for sweep in sweeps], [sweep.key[4:12] for sweep in sweeps], units)
+        labels = [sweep.labels for sweep in sweeps]
+        names, groups = curve_names(labels, [sweep.key[4:12] for sweep in sweeps], units), group_names(labels, units)
         labelled = [(name, results[sweep.key]) for name, sweep in zip(names, sweeps, strict=True)]
-        save(figure_for(labelled, reference, title), path, shown)
+        save(figure_for(labelled, reference, title, groups), path, shown)
         return True
 
     def reference(

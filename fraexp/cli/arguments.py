@@ -117,7 +117,11 @@ def _json(parser: Parser) -> None:
 
 def _run(parser: Parser) -> None:
     parser.add_argument("study", metavar="STUDY", nargs="+", help="study file (TOML)")
-    parser.add_argument("--executor", metavar="NAME", help="serial, or processes[:N] (default: processes on all cores)")
+    parser.add_argument(
+        "--executor",
+        metavar="NAME",
+        help="serial, or processes[:N] (default: all cores, or one for what takes a second)",
+    )
     parser.add_argument(
         "--set", metavar="PATH=VALUE", dest="overrides", action="append", default=[], help="override a study's value"
     )

@@ -8,7 +8,7 @@ from numba import njit
 
 from fraexp.kernels.lanes import WIDTH
 from fraexp.kernels.law import Law, cached, call
-from fraexp.kernels.loop import bound, bound_argument, get_number, put_number
+from fraexp.kernels.loop import bound, bound_argument, get_number, put_number, taken_from
 from fraexp.kernels.storage import stored, zeros
 
 PASSES = 500
@@ -24,7 +24,7 @@ class Records(NamedTuple):
     """Displacements, one after another: of each a lead-in from rest, then the record, then its first value again."""
 
     displacement: np.ndarray
-    """All samples [m]."""
+    """All samples [m], and a place for lanes that have nothing to do."""
     begin: np.ndarray
     """First sample of each lead-in, shape (records,)."""
     lead_in: np.ndarray
@@ -50,7 +50,7 @@ def drive(law: Law, arguments: Any, states: int, motions: Sequence[Any], wide: b
     force = np.empty_like(records.displacement)
     counters = np.zeros((width, 5), dtype=np.int64)
     counters[:, STAGE] = IDLE
-    z, motion = zeros(2 * states, wide), zeros(4, wide)
+    z, motion = zeros(2 * states, wide), zeros(3, wide)
     call(_make_drive, law, tuple(records), stored(arguments, wide), states, z, motion, counters, force)
     first = records.begin + records.lead_in
     return [force[begin : begin + size] for begin, size in zip(first, records.size, strict=True)]
@@ -63,6 +63,7 @@ def _records(motions: Sequence[Any]) -> Records:
         begin.append(used)
         used += lead_in.size + displacement.size + 1
     columns = list(zip(*motions, strict=True))
+    parts.append(np.zeros(max(part.size for part in parts) + 1))
     return Records(
         np.concatenate(parts, dtype=float),
         np.array(begin),
@@ -79,7 +80,8 @@ def _make_drive(law: Law, fingerprint: str) -> Any:
         _ = fingerprint  # a cell of the closure: an edited law is compiled again
         displacement = records[0]
         width, now, following = counters.shape[0], 0, 0
-        z, motion = bound(z_of), bound(motion_of)  # motion: now, before, time step, force
+        place = np.zeros(width, np.int64)
+        z, motion = bound(z_of), bound(motion_of)  # motion: displacement, time step, force
         arguments = bound_argument(arguments_of, motion)
         while True:
             rows, busy = FOREVER, False
@@ -87,19 +89,18 @@ def _make_drive(law: Law, fingerprint: str) -> Any:
                 while counters[lane, LEFT] == 0:
                     following = _turn(lane, following, records, counters, z_of, motion_of, force)
                 rows = min(rows, counters[lane, LEFT])
+                place[lane] = counters[lane, AT]
                 busy = busy or counters[lane, STAGE] != IDLE
             if not busy:
                 return
             for row in range(rows):
-                for lane in range(width):
-                    put_number(motion_of, 0, lane, displacement[counters[lane, AT] + row])
+                reached = taken_from(displacement, place, row, motion)
                 z_now, z_next = z[now * states : (now + 1) * states], z[(1 - now) * states : (2 - now) * states]
-                motion[3] = law(z_now, motion[0] - motion[1], motion[2], z_next, *arguments)
-                motion[1] = motion[0]
+                motion[2] = law(z_now, reached - motion[0], motion[1], z_next, *arguments)
+                motion[0] = reached
                 now = 1 - now
                 for lane in range(width):
-                    if counters[lane, STAGE] != IDLE:
-                        force[counters[lane, AT] + row] = get_number(motion_of, 3, lane)
+                    force[place[lane] + row] = get_number(motion_of, 2, lane)
             for lane in range(width):
                 counters[lane, LEFT] -= rows
                 counters[lane, AT] += rows if counters[lane, STAGE] != IDLE else 0
@@ -115,8 +116,8 @@ def _turn(lane, following, records, counters, z, motion, force):  # type: ignore
     if stage == LEAD:
         first = begin[job] + lead_in[job]
         if lead_in[job] == 0:
-            put_number(motion, 1, lane, displacement[first])
-        put_number(motion, 2, lane, step[job])
+            put_number(motion, 0, lane, displacement[first])
+        put_number(motion, 1, lane, step[job])
         counters[lane, STAGE], counters[lane, AT], counters[lane, LEFT] = PASS, first, size[job]
         if passes[job] > 1:
             counters[lane, LEFT] += 1
@@ -124,27 +125,27 @@ def _turn(lane, following, records, counters, z, motion, force):  # type: ignore
     if stage == PASS:
         counters[lane, DONE] += 1
         first = begin[job] + lead_in[job]
-        if counters[lane, DONE] < passes[job] and not _closed(force, first, size[job], counters[lane, DONE]):
+        begun = counters[lane, DONE] > 1 or lead_in[job] > 0  # before, the force came from rest
+        if counters[lane, DONE] < passes[job] and not (begun and _closed(force, first, size[job])):
             force[first] = force[first + size[job]]
             counters[lane, AT], counters[lane, LEFT] = first + 1, size[job]
             return following
     for row in range(z.shape[0]):
         put_number(z, row, lane, 0.0)
     if following == begin.size:
-        counters[lane, STAGE], counters[lane, AT], counters[lane, LEFT] = IDLE, 0, FOREVER
+        counters[lane, STAGE], counters[lane, LEFT] = IDLE, FOREVER
+        counters[lane, AT] = begin[-1] + lead_in[-1] + size[-1] + 1
         return following
     counters[lane, JOB], counters[lane, STAGE], counters[lane, DONE] = following, LEAD, 0
     counters[lane, AT], counters[lane, LEFT] = begin[following], lead_in[following]
-    put_number(motion, 1, lane, displacement[begin[following]])
-    put_number(motion, 2, lane, lead_in_step[following])
+    put_number(motion, 0, lane, displacement[begin[following]])
+    put_number(motion, 1, lane, lead_in_step[following])
     return following + 1
 
 
 @njit
-def _closed(force, first, size, done):  # type: ignore[no-untyped-def]
+def _closed(force, first, size):  # type: ignore[no-untyped-def]
     """Return whether the force at the end of a pass is that at its beginning."""
-    if done < 2:
-        return False
     greatest = 0.0
     for k in range(first, first + size):
         greatest = max(greatest, abs(force[k]))

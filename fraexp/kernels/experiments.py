@@ -12,7 +12,7 @@ from numba.extending import overload
 
 from fraexp.kernels.lanes import LanesType, all_within
 from fraexp.kernels.law import Law, cached, call
-from fraexp.kernels.loop import FAST, bound, bound_argument, get_number, put_number, sample
+from fraexp.kernels.loop import FAST, bound, bound_argument, get_number, put_number, sample, taken_from
 
 SLOWEST = 0.98
 """Greatest ratio of successive differences that is believed: slower ones look like noise."""
@@ -59,9 +59,9 @@ class Table(NamedTuple):
     machines: np.ndarray
     """Constants of the loop and parameters of the law, one machine a row."""
     waves: np.ndarray
-    """All periods of the excitation [N], one after another, and a zero."""
+    """All periods of the excitation [N], one after another, and as many zeros as the longest has samples."""
     goals: np.ndarray
-    """The reference [m] along with them."""
+    """The reference [m] along with them; one number per job where none moves."""
     settings: tuple[float, float, float, float]
     """Step [s], resolution of the scale [m], its noise [m], displacement that counts as diverged [m]."""
     sizes: tuple[int, ...]
@@ -80,7 +80,7 @@ class Lanes(NamedTuple):
     memory: tuple[np.ndarray, ...]
     """The loop's."""
     drive: np.ndarray
-    """Excitation, reference, noise; then amplitude at the start, its rise, samples since; shape (6, lanes)."""
+    """Noise [m]; relative amplitude at the start, its rise, samples since; reference at rest [m]; shape (5, lanes)."""
     trace: np.ndarray
     """Control input, measured and true displacement, friction force, next position; shape (5, lanes)."""
     counters: np.ndarray
@@ -131,54 +131,59 @@ def _make_advance(law: Law, fingerprint: str) -> Any:
         constants_of, arguments_of, _store, memory_of, drive_of, trace_of = lanes[:6]
         counters, _agreement, history, others, queue = lanes[6:]
         begins, periods, seeds, records = jobs[1], jobs[2], jobs[11], jobs[6]
-        width = counters.shape[0]
-        begin, period = np.zeros(width, np.int64), np.ones(width, np.int64)
+        width, moving = counters.shape[0], goals.size == waves.size
+        source, idle = np.zeros(width, np.int64), begins[-1] + periods[-1]
+        start = np.zeros(width, np.int64)
         while True:
             rows, busy, recording = budget, False, False
             for lane in range(width):
                 while counters[lane, LEFT] == 0:
                     if not _turn(lane, jobs, table, lanes, results, pool):
                         return FULL
-                rows = min(rows, counters[lane, LEFT])
                 busy = busy or counters[lane, STAGE] != IDLE
-                recording = recording or counters[lane, STAGE] == RECORD
-                begin[lane], period[lane] = waves.size - 1, 1
+                start[lane] = FOREVER
+                if counters[lane, STAGE] == RECORD or (
+                    counters[lane, STAGE] == SETTLE and _suffices(lane, jobs, counters)
+                ):
+                    start[lane] = counters[lane, LEFT] - records[counters[lane, JOB]]
+                    recording = True
+                rows = min(rows, counters[lane, LEFT])
+                source[lane] = idle
                 if counters[lane, STAGE] != IDLE:
-                    begin[lane], period[lane] = begins[counters[lane, JOB]], periods[counters[lane, JOB]]
+                    job, phase = counters[lane, JOB], counters[lane, PHASE]
+                    source[lane], rows = begins[job] + phase, min(rows, periods[job] - phase)
             if not busy:
                 return DONE
             if rows == 0:
                 return MORE
             drive, trace = bound(drive_of), bound(trace_of)
             c, k = constants_of, memory_of
-            constants = (bound(c[0]), bound(c[1]), bound(c[2]), bound(c[3]), bound(c[4]), bound(c[5]))
-            memory = (bound(k[0]), bound(k[1]), bound(k[2]), bound(k[3]), bound(k[4]), bound(k[5]))
+            constants = (bound(c[0]), bound(c[1]), bound(c[2]), bound(c[3]), bound(c[4]))
+            memory = (bound(k[0]), bound(k[1]), bound(k[2]), bound(k[3]), bound(k[4]), bound(k[5]), bound(k[6]))
             arguments = bound_argument(arguments_of, trace)
             now = queue[NOW]
             done = 0
             while done < rows:
-                for lane in range(width):
-                    phase = counters[lane, PHASE]
-                    put_number(drive_of, 0, lane, waves[begin[lane] + phase])
-                    put_number(drive_of, 1, lane, goals[begin[lane] + phase])
-                    counters[lane, PHASE] = phase + 1 if phase + 1 < period[lane] else 0
                 if sigma > 0.0:
                     for lane in range(width):
                         drawn = counters[lane, ELAPSED] + done
-                        put_number(drive_of, 2, lane, sigma * _normal(seeds[counters[lane, JOB]], drawn))
-                amplitude = min(drive[3] + drive[4] * drive[5], 1.0)
-                drive[5] = drive[5] + 1.0
+                        put_number(drive_of, 0, lane, sigma * _normal(seeds[counters[lane, JOB]], drawn))
+                reference = drive[4]
+                if moving:
+                    reference = taken_from(goals, source, done, drive)
+                amplitude = min(drive[1] + drive[2] * drive[3], 1.0)
+                drive[3] = drive[3] + 1.0
                 u, y, place, force, newest = sample(
                     law, arguments, constants, memory, sizes, step, resolution, now,
-                    drive[0] * amplitude, drive[1], drive[2],
+                    taken_from(waves, source, done, drive) * amplitude, reference, drive[0],
                 )  # fmt: skip
                 trace[0], trace[1], trace[2], trace[3], trace[4] = u, y, place, force, newest
                 for lane in range(width):
                     history[lane, counters[lane, FILLED] + done] = get_number(trace_of, 1, lane)
                 if recording:
                     for lane in range(width):
-                        if counters[lane, STAGE] == RECORD:
-                            at = records[counters[lane, JOB]] - counters[lane, LEFT] + done
+                        at = done - start[lane]
+                        if at >= 0:
                             others[lane, 0, at] = get_number(trace_of, 0, lane)
                             others[lane, 1, at] = get_number(trace_of, 2, lane)
                             others[lane, 2, at] = get_number(trace_of, 3, lane)
@@ -192,6 +197,7 @@ def _make_advance(law: Law, fingerprint: str) -> Any:
                 counters[lane, LEFT] -= done
                 counters[lane, FILLED] += done
                 counters[lane, ELAPSED] += done
+                counters[lane, PHASE] = (counters[lane, PHASE] + done) % periods[counters[lane, JOB]]
                 if counters[lane, STAGE] == IDLE:
                     counters[lane, FILLED] = 0
                 elif not abs(get_number(trace_of, 4, lane)) < limit:
@@ -221,14 +227,26 @@ def _turn(lane, jobs, table, lanes, results, pool):  # type: ignore[no-untyped-d
         enough = counters[lane, ELAPSED] >= ramp[job] + 2 * stretch[job]
         agreed = stretch[job] == 0 or (enough and _agree(lane, job, jobs, counters, agreement, history))
         if agreed or counters[lane, ELAPSED] >= limit[job]:
-            counters[lane, STAGE], counters[lane, LEFT] = RECORD, record[job]
             status[job] = SETTLED if agreed else NOT_SETTLED
-            settling[job], residual[job] = counters[lane, ELAPSED], agreement[lane, DIFFERENCE]
+            residual[job] = agreement[lane, DIFFERENCE]
+            if _suffices(lane, jobs, counters):
+                settling[job] = counters[lane, ELAPSED] - record[job]
+                counters[lane, STAGE], counters[lane, LEFT] = RECORD, 0
+                return True
+            settling[job] = counters[lane, ELAPSED]
+            counters[lane, STAGE], counters[lane, LEFT] = RECORD, record[job]
             _make_room(lane, stretch[job], record[job], counters, history)
             return True
     counters[lane, STAGE], counters[lane, LEFT] = SETTLE, stretch[job]
     _make_room(lane, stretch[job], stretch[job], counters, history)
     return True
+
+
+@njit(**FAST)
+def _suffices(lane, jobs, counters):  # type: ignore[no-untyped-def]
+    """Return whether the last stretch that was compared is record enough."""
+    job = counters[lane, JOB]
+    return 0 < jobs[6][job] <= jobs[4][job]
 
 
 @njit(**FAST)
@@ -248,8 +266,9 @@ def _begin_next(lane, jobs, table, lanes):  # type: ignore[no-untyped-def]
     if job < jobs[0].size:
         queue[NEXT] += 1
         machine = jobs[0][job]
-        put_number(drive, 3, lane, jobs[7][job])
-        put_number(drive, 4, lane, jobs[8][job])
+        put_number(drive, 1, lane, jobs[7][job])
+        put_number(drive, 2, lane, jobs[8][job])
+        put_number(drive, 4, lane, table[2][job if table[2].size == jobs[0].size else 0])
         counters[lane, JOB], counters[lane, STAGE], counters[lane, LEFT] = job, RAMP, jobs[3][job]
     else:
         counters[lane, JOB], counters[lane, STAGE], counters[lane, LEFT] = 0, IDLE, FOREVER

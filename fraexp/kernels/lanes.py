@@ -42,12 +42,16 @@ class MaskType(types.Type):
 
 
 class RowsType(types.Type):
-    """A float64 array of shape (n, 8), seen as n lanes."""
+    """A float64 array of shape (n, 8), seen as n lanes; an index below 0 counts from the end, if it may."""
+
+    def __init__(self, name: str, wraps: bool) -> None:
+        super().__init__(name)
+        self.wraps = wraps
 
 
 lanes = LanesType("lanes")
 mask = MaskType("mask")
-rows = RowsType("rows")
+rows, bare = RowsType("rows", wraps=True), RowsType("bare", wraps=False)
 
 
 @register_model(LanesType)
@@ -224,23 +228,45 @@ def all_within(typingctx: Any, value: Any, limit: Any) -> Any:
     return types.boolean(lanes, types.float64), emit
 
 
+@intrinsic
+def taken(typingctx: Any, array: Any, places: Any, offset: Any) -> Any:
+    """Return array[places[lane] + offset] for each lane, in registers: numbers written one by one are waited for."""
+
+    def emit(context: Any, builder: Any, sig: Any, values: Any) -> Any:
+        source = context.make_array(array)(context, builder, values[0]).data
+        index = context.make_array(places)(context, builder, values[1]).data
+        result = ir.Constant(VECTOR, ir.Undefined)
+        for lane in range(WIDTH):
+            at = ir.Constant(ir.IntType(32), lane)
+            place = builder.add(builder.load(builder.gep(index, [at])), values[2])
+            result = builder.insert_element(result, builder.load(builder.gep(source, [place])), at)
+        return result
+
+    return lanes(array, places, types.intp), emit
+
+
 # rows of arrays
 
 
-@intrinsic
-def rows_of(typingctx: Any, array: Any) -> Any:
-    """Return a contiguous float64 array of shape (n, 8) as n lanes; the array must live on."""
-    if not isinstance(array, types.Array) or array.ndim != 2 or array.layout != "C" or array.dtype != types.float64:
-        return None
+def _seen_as(kind: RowsType) -> Callable[..., Any]:
+    def seen(typingctx: Any, array: Any) -> Any:
+        """Return a contiguous float64 array of shape (n, 8) as n lanes; the array must live on."""
+        if not isinstance(array, types.Array) or array.ndim != 2 or array.layout != "C" or array.dtype != types.float64:
+            return None
 
-    def emit(context: Any, builder: Any, sig: Any, values: Any) -> Any:
-        source = context.make_array(array)(context, builder, values[0])
-        made = cgutils.create_struct_proxy(rows)(context, builder)
-        made.data = source.data
-        made.size = builder.extract_value(source.shape, 0)
-        return made._getvalue()
+        def emit(context: Any, builder: Any, sig: Any, values: Any) -> Any:
+            source = context.make_array(array)(context, builder, values[0])
+            made = cgutils.create_struct_proxy(kind)(context, builder)
+            made.data = source.data
+            made.size = builder.extract_value(source.shape, 0)
+            return made._getvalue()
 
-    return rows(array), emit
+        return kind(array), emit
+
+    return seen
+
+
+rows_of, bare_rows_of = intrinsic(_seen_as(rows)), intrinsic(_seen_as(bare))
 
 
 @infer_getattr
@@ -258,7 +284,7 @@ def _size(context: Any, builder: Any, typ: Any, value: Any) -> Any:
 
 @infer_global(len)
 class _Length(ConcreteTemplate):
-    cases = (signature(types.intp, rows),)
+    cases = (signature(types.intp, rows), signature(types.intp, bare))
 
 
 @lower_builtin(len, RowsType)
@@ -266,31 +292,36 @@ def _length(context: Any, builder: Any, sig: Any, values: Any) -> Any:
     return _size(context, builder, sig.args[0], values[0])
 
 
-def _address(context: Any, builder: Any, value: Any, index: Any) -> Any:
-    """Return where a row lies; an index below 0 counts from the end."""
-    view = cgutils.create_struct_proxy(rows)(context, builder, value=value)
-    negative = builder.icmp_signed("<", index, ir.Constant(index.type, 0))
-    index = builder.select(negative, builder.add(index, view.size), index)
+def _address(context: Any, builder: Any, kind: RowsType, value: Any, index: Any) -> Any:
+    """Return where a row lies."""
+    view = cgutils.create_struct_proxy(kind)(context, builder, value=value)
+    if kind.wraps:
+        negative = builder.icmp_signed("<", index, ir.Constant(index.type, 0))
+        index = builder.select(negative, builder.add(index, view.size), index)
     place = builder.gep(view.data, [builder.mul(index, ir.Constant(index.type, WIDTH))])
     return builder.bitcast(place, VECTOR.as_pointer())
 
 
 @infer_global(operator.getitem)
 class _GetItem(ConcreteTemplate):
-    cases = (signature(lanes, rows, types.intp), signature(rows, rows, types.slice2_type))
+    cases = (
+        signature(lanes, rows, types.intp),
+        signature(lanes, bare, types.intp),
+        signature(rows, rows, types.slice2_type),
+        signature(rows, bare, types.slice2_type),
+    )
 
 
 @infer_global(operator.setitem)
 class _SetItem(ConcreteTemplate):
-    cases = (
-        signature(types.none, rows, types.intp, lanes),
-        signature(types.none, rows, types.intp, types.float64),
+    cases = tuple(
+        signature(types.none, kind, types.intp, value) for kind in (rows, bare) for value in (lanes, types.float64)
     )
 
 
 @lower_builtin(operator.getitem, RowsType, types.intp)
 def _get(context: Any, builder: Any, sig: Any, values: Any) -> Any:
-    return builder.load(_address(context, builder, *values), align=ALIGNED)
+    return builder.load(_address(context, builder, sig.args[0], *values), align=ALIGNED)
 
 
 @lower_builtin(operator.setitem, RowsType, types.intp, LanesType)
@@ -298,14 +329,14 @@ def _get(context: Any, builder: Any, sig: Any, values: Any) -> Any:
 def _set(context: Any, builder: Any, sig: Any, values: Any) -> Any:
     array, index, value = values
     vector = value if sig.args[2] == lanes else _fill(builder, value)
-    builder.store(vector, _address(context, builder, array, index), align=ALIGNED)
+    builder.store(vector, _address(context, builder, sig.args[0], array, index), align=ALIGNED)
     return context.get_dummy_value()
 
 
 @lower_builtin(operator.getitem, RowsType, types.slice2_type)
 def _slice(context: Any, builder: Any, sig: Any, values: Any) -> Any:
     part = context.make_helper(builder, types.slice2_type, values[1])
-    view = cgutils.create_struct_proxy(rows)(context, builder, value=values[0])
+    view = cgutils.create_struct_proxy(sig.args[0])(context, builder, value=values[0])
     zero = ir.Constant(part.start.type, 0)
 
     def clipped(bound: Any) -> Any:

@@ -85,4 +85,11 @@ def specialised(factory: Callable[[Law, str], Any], law: Law) -> Any:
 
 @cache
 def _made(factory: Callable[[Law, str], Any], law: Law) -> Any:
-    return factory(compilable(law), fingerprint(law))
+    return factory(compilable(law), fingerprint(law) + _kernels())
+
+
+@cache
+def _kernels() -> str:
+    """Return a hash of all kernels' sources: the compiler looks at the file of the one that it keeps alone."""
+    sources = [path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py"))]
+    return hashlib.blake2b(b"".join(sources), digest_size=16).hexdigest()

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit, types
 from numba.extending import overload
 
-from fraexp.kernels.lanes import LanesType, RowsType, rounded, rows_of
+from fraexp.kernels.lanes import LanesType, RowsType, bare_rows_of, rounded, rows_of, taken
 
 FORCE, PLACE, STIFFNESS, BEFORE = range(4)
 """Contact: friction force [N], displacement there [m], local stiffness [N/m], force a step before [N]."""
@@ -32,7 +32,7 @@ def bound(array: Any) -> Any:
 def _bound(array):  # type: ignore[no-untyped-def]
     if array.ndim == 1:
         return lambda array: array
-    return lambda array: rows_of(array)
+    return lambda array: bare_rows_of(array)
 
 
 def bound_argument(argument: Any, like: Any) -> Any:
@@ -55,6 +55,18 @@ def _bound_argument(argument, like):  # type: ignore[no-untyped-def]
     if argument.ndim == 1:
         return lambda argument, like: argument[0]
     return lambda argument, like: argument.reshape(argument.size)
+
+
+def taken_from(array: Any, places: Any, offset: int, like: Any) -> Any:
+    """Return array[places[lane] + offset] of the one lane, or of each."""
+    raise NotImplementedError
+
+
+@overload(taken_from, jit_options={"forceinline": True})
+def _taken_from(array, places, offset, like):  # type: ignore[no-untyped-def]
+    if isinstance(like, RowsType):
+        return lambda array, places, offset, like: taken(array, places, offset)
+    return lambda array, places, offset, like: array[places[0] + offset]
 
 
 def put_number(array: Any, row: int, lane: int, value: float) -> None:
@@ -96,8 +108,8 @@ def sample(  # type: ignore[no-untyped-def]
     `constants` and `memory` are laid out as `Layout` says. The next measured position is returned last.
     """
     n, m, states, order, late, held = sizes
-    displacement, compliance, measured, transition, numerator, denominator = constants
-    known, z, w, inputs, outputs, contact = memory
+    matrix, compliance, responses, numerator, denominator = constants
+    known, linear, z, w, inputs, outputs, contact = memory
     position = outputs[held] + noise
     if resolution > 0.0:
         position = rounded(position / resolution) * resolution
@@ -112,34 +124,55 @@ def sample(  # type: ignore[no-untyped-def]
     place, force, before, stiffness = contact[PLACE], contact[FORCE], contact[BEFORE], contact[STIFFNESS]
     place_now, force_now = place, force
     known[n], known[n + 1], known[n + 2] = inputs[late + 1], inputs[late], force
+    multiply(matrix, known, linear, m + 1 + n, n + 3)
     for j in range(m):
-        a = displacement[j * (n + 2)] * known[0]
-        for i in range(1, n + 2):
-            a += displacement[j * (n + 2) + i] * known[i]
-        for i in range(j + 1):
-            a -= compliance[j * (m + 1) + i] * known[n + 2 + i]
-        gain = compliance[j * (m + 1) + j + 1]
+        a = linear[j]
+        for i in range(j):
+            a += compliance[j * m + i] * linear[i]  # which by now holds the force
+        gain = -compliance[j * m + j]
         z_now, z_next = z[now * states : (now + 1) * states], z[(1 - now) * states : (2 - now) * states]
         after, place, stiffness = solve(law, a, gain, step, z_now, z_next, arguments, force, before, place, stiffness)
         before, force = force, after
-        known[n + 3 + j] = force
+        linear[j] = force
         now = 1 - now
     contact[PLACE], contact[FORCE], contact[BEFORE], contact[STIFFNESS] = place, force, before, stiffness
     for i in range(held, 0, -1):
         outputs[i] = outputs[i - 1]
-    count = n + m + 3
-    newest = measured[0] * known[0]
-    for j in range(1, count):
-        newest += measured[j] * known[j]
+    newest = linear[m]
+    for j in range(m):
+        newest += responses[j] * linear[j]
     outputs[0] = newest
-    for i in range(n):
-        next_state = transition[i * count] * known[0]
-        for j in range(1, count):
-            next_state += transition[i * count + j] * known[j]
-        known[count + i] = next_state
-    for i in range(n):
-        known[i] = known[count + i]
+    for i in range(1, n + 1):
+        state = linear[m + i]
+        for j in range(m):
+            state += responses[i * m + j] * linear[j]
+        known[i - 1] = state
     return control, position, place_now, force_now, newest
+
+
+@njit(forceinline=True, **FAST)
+def multiply(matrix, vector, result, rows, columns):  # type: ignore[no-untyped-def]
+    """Multiply a matrix with a vector, four rows at a time: a number of the vector is loaded once for all four."""
+    row = 0
+    while row + 4 <= rows:
+        at = row * columns
+        value = vector[0]
+        first, second = matrix[at] * value, matrix[at + columns] * value
+        third, fourth = matrix[at + 2 * columns] * value, matrix[at + 3 * columns] * value
+        for i in range(1, columns):
+            value = vector[i]
+            first += matrix[at + i] * value
+            second += matrix[at + columns + i] * value
+            third += matrix[at + 2 * columns + i] * value
+            fourth += matrix[at + 3 * columns + i] * value
+        result[row], result[row + 1], result[row + 2], result[row + 3] = first, second, third, fourth
+        row += 4
+    while row < rows:
+        first = matrix[row * columns] * vector[0]
+        for i in range(1, columns):
+            first += matrix[row * columns + i] * vector[i]
+        result[row] = first
+        row += 1
 
 
 def solve(  # type: ignore[no-untyped-def]

@@ -4,7 +4,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fraexp.api import FrictionModel, Motion, Result, Segment, Signals, param, path_response, phasors, response_result
+from fraexp.api import (
+    FrictionModel,
+    Motion,
+    Result,
+    Segment,
+    Signals,
+    fourier_sums,
+    param,
+    path_response,
+    phasors,
+    response_result,
+)
 from fraexp_plugins.estimators.delayed import DelayedEstimator
 
 CLEAR = 3.0
@@ -58,17 +69,19 @@ class Proposed(DelayedEstimator, name="proposed", version=1):
         found = []
         forces = self.friction.forces([self._motion(segment) for segment in segments])
         for segment, force in zip(segments, forces, strict=True):
-            periods = (self.force_scale * force).reshape(-1, segment.samples * self.interpolation)
+            periods = force.reshape(-1, segment.samples * self.interpolation)
             lagged = path_response(2 * np.pi * segment.frequency, 0.0, self.output_lags)
-            found.append(np.fft.rfft(periods, axis=1)[:, segment.lines] * (lagged * (2 / periods.shape[1])))
+            found.append(fourier_sums(periods, segment.lines) * (self.force_scale * lagged))
         return found
 
     def _motion(self, segment: Segment) -> Motion:
         """Return what the friction model sees of a segment: all its periods, after what came before."""
         fine = self._interpolated(segment)
-        before = segment.lead_in.get(self.output, np.empty(0))
+        before = np.empty(0) if self.friction.forgets else segment.lead_in.get(self.output, np.empty(0))
         time_step = segment.sample_time / self.interpolation
-        return Motion(fine / self.width_scale, time_step, True, before / self.width_scale, segment.sample_time)
+        if self.width_scale != 1.0:
+            fine, before = fine / self.width_scale, before / self.width_scale
+        return Motion(fine, time_step, True, before, segment.sample_time)
 
     def _interpolated(self, segment: Segment) -> np.ndarray:
         """Return all periods of a record, one after another, at `interpolation` times as many points.

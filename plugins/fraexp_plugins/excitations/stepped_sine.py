@@ -1,6 +1,7 @@
 """Stepped sine: one frequency after another, each in its periodic state."""
 
-from functools import cache, cached_property
+from functools import cache, cached_property, lru_cache
+from math import gcd
 
 import numpy as np
 
@@ -12,6 +13,8 @@ LEAST, MOST = 400, 1 << 16
 """Samples of a block of whole periods, at least and at most."""
 LONGEST = 2_000_000
 """Samples of a period, at most: half a gigabyte of channels."""
+EXACT = 1e-9
+"""Relative distance at which a frequency is the one asked for."""
 LITTLE_LONGER = 1.2
 """How much longer a block may be, if its number of samples has small prime factors only."""
 PHASES = 20
@@ -72,8 +75,7 @@ class SteppedSine(Excitation, name="stepped_sine", version=1):
 
     def _period(self, frequency: float, sample_time: float) -> Period:
         cycles, samples = coherent(frequency * sample_time)
-        phase = 2 * np.pi * (cycles * np.arange(samples) % samples) / samples
-        return Period(self.amplitude * np.sin(phase), np.array([cycles]))
+        return Period(self.amplitude * _sine(cycles, samples), np.array([cycles]))
 
     @property
     def schedule(self) -> Schedule:
@@ -86,24 +88,34 @@ def coherent(cycles_per_sample: float) -> tuple[int, int]:
     """Return whole cycles and whole samples whose ratio is near `cycles_per_sample`.
 
     The samples meet the sine at `PHASES` different phases at least: what the resolution of a scale hides from one
-    of them the others show.
+    of them the others show. Of numbers of samples that are alike one is taken whose Fourier transform is fast.
     """
-    cycles = np.arange(1, max(2, int(cycles_per_sample * MOST)))
-    samples = np.rint(cycles / cycles_per_sample).astype(int)
-    samples += samples < PHASES * np.gcd(cycles, samples)
-    error = np.abs(cycles / samples / cycles_per_sample - 1)
-    fits = np.flatnonzero((error <= NEAR) & (samples >= LEAST) & (samples >= PHASES * np.gcd(cycles, samples)))
-    if not fits.size:
-        best = int(np.argmin(error))
-    else:  # little longer, if its Fourier transform is fast then
-        near = fits[samples[fits] <= LITTLE_LONGER * samples[fits[0]]]
-        best = int(min(near, key=lambda k: (_rough_part(int(samples[k])), k)))
-    return int(cycles[best]), int(samples[best])
+    fitting: list[tuple[int, int]] = []
+    for cycles in range(1, max(2, int(cycles_per_sample * MOST))):
+        least = max(int(np.ceil(cycles / cycles_per_sample / (1 + NEAR))), LEAST)
+        if fitting and least > LITTLE_LONGER * fitting[0][1]:
+            break
+        most = int(np.floor(cycles / cycles_per_sample / (1 - NEAR)))
+        fitting += [(cycles, samples) for samples in range(least, most + 1) if samples >= PHASES * gcd(cycles, samples)]
+    if fitting:
+        exact = [pair for pair in fitting if abs(pair[0] / (pair[1] * cycles_per_sample) - 1) < EXACT]
+        return min(exact or fitting, key=lambda pair: (_transform_cost(pair[1]), pair[1]))
+    samples = max(round(1 / cycles_per_sample), PHASES)
+    return 1, samples
 
 
-def _rough_part(number: int) -> int:
-    """Return what is left of a number without its factors 2, 3, 5 and 7."""
-    for factor in (2, 3, 5, 7):
-        while number % factor == 0:
-            number //= factor
-    return number
+@cache
+def _transform_cost(samples: int) -> int:
+    """Return the sum of the prime factors: a Fourier transform takes about so many operations per sample."""
+    total, factor = 0, 2
+    while samples > 1:
+        while samples % factor == 0:
+            total, samples = total + factor, samples // factor
+        factor += 1 if factor * factor <= samples else samples - factor
+    return total
+
+
+@lru_cache(1024)
+def _sine(cycles: int, samples: int) -> np.ndarray:
+    """Return whole cycles of a sine; many sweeps have the same frequencies."""
+    return np.sin(2 * np.pi * (cycles * np.arange(samples) % samples) / samples)

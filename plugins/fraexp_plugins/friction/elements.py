@@ -55,6 +55,11 @@ class ElementModel(FrictionModel, ABC):
         return self.viscous_coefficient
 
     @property
+    def forgets(self) -> bool:
+        """True: what an element that slips once in a period did before does not matter; the others are springs."""
+        return True
+
+    @property
     def force_bound(self) -> float:
         """ΣF_mi [N]."""
         return float(sum(self.elements[1]))

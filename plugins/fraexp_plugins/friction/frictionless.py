@@ -10,6 +10,8 @@ class Frictionless(FrictionModel, name="none", version=1):
     force_bound = property(lambda self: 0.0, doc="0 N: all of it is viscous.")
     greatest_stiffness = property(lambda self: 0.0, doc="0 N/m: there is no presliding stiffness.")
 
+    forgets = property(lambda self: True, doc="True: there is nothing to remember.")
+
     @property
     def viscous(self) -> float:
         """D_v of eq (12) [N s/m]."""
