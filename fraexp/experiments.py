@@ -48,6 +48,17 @@ class Setup:
     wide: bool
     """Whether experiments are run in lanes."""
 
+    @property
+    def steps(self) -> int:
+        """Steps per sample."""
+        return int(self.discrete.compliance.shape[0])
+
+    @property
+    def numerics(self) -> str:
+        """How it is computed, in words."""
+        way = "force at the predicted displacement, in lanes" if self.wide else "force solved for implicitly"
+        return f"{self.steps} step{'s' if self.steps > 1 else ''} per sample, {way}"
+
 
 @dataclass(frozen=True)
 class Experiment:
@@ -74,7 +85,7 @@ def run(experiments: Sequence[Experiment], progress: Progress) -> list[Segment |
     jobs, table = _jobs(plans), _table(plans, setup)
     lanes = _lanes(plans, setup, table)
     results = _results(len(plans))
-    law, budget = setup.friction.law, max(AT_ONCE // setup.discrete.compliance.shape[0], 1)
+    law, budget = setup.friction.law, max(AT_ONCE // setup.steps, 1)
     weights = np.array([plan.expected for plan in plans]) / sum(plan.expected for plan in plans)
     pools: list[np.ndarray] = []
     owner = np.full(len(plans), -1)
@@ -198,15 +209,14 @@ def _table(plans: list[_Plan], setup: Setup) -> "Table":
     machines = np.array([_numbers(each) for each in different.values()])
     waves = [plan.experiment.period.waveform for plan in plans]
     silence = np.zeros(max(wave.size for wave in waves))
-    steps = setup.discrete.compliance.shape[0]
     states = setup.discrete.transition.shape[0]
     return Table(
         machines=machines,
         waves=np.concatenate([*waves, silence]),
         goals=np.array([plan.experiment.setup.reference for plan in plans]),
-        settings=(setup.sample_time / steps, setup.resolution, setup.noise, setup.stroke),
+        settings=(setup.sample_time / setup.steps, setup.resolution, setup.noise, setup.stroke),
         sizes=(
-            states, steps, setup.friction.state_size, setup.discrete.numerator.size, *setup.dead_samples,
+            states, setup.steps, setup.friction.state_size, setup.discrete.numerator.size, *setup.dead_samples,
         ),
     )  # fmt: skip
 

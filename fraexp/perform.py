@@ -83,7 +83,7 @@ def _estimate(registry: Registry, spec: Plain, signals: Signals, shared: float) 
         result = estimator.estimate(signals)
     except Exception as error:  # as above: one estimator's failure is its own
         return _failure(error)
-    return replace(result, elapsed=shared + time.perf_counter() - began)
+    return replace(result, numerics=signals.numerics, elapsed=shared + time.perf_counter() - began)
 
 
 def _failure(error: Exception) -> Failure:

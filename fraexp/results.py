@@ -91,5 +91,7 @@ class Result:
     response: FrequencyResponse | None = None
     metrics: tuple[Metric, ...] = ()
     curves: tuple[Curve, ...] = ()
+    numerics: str = ""
+    """How the signals were simulated, such as ``5 steps per sample, 8 lanes``; empty for measured ones."""
     elapsed: float = field(default=0.0, compare=False)
     """Computing time [s] of this sweep (its share, where sweeps share an experiment)."""

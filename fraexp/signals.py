@@ -63,6 +63,8 @@ class Signals:
     """Unit of each channel."""
     outcome: Outcome = Outcome.OK
     message: str = field(default="")
+    numerics: str = ""
+    """How they were simulated; empty for measured ones."""
 
     def unit(self, channel: str) -> str:
         """Return the unit of a channel; RecordError names the nearest one if it does not exist."""

@@ -94,12 +94,12 @@ def simulate_loop(machine: Machine, excitation: Excitation, progress: Callable[[
         period = periods[len(segments)]
         frequency = period.lines[0] / (period.waveform.size * loop.sample_time)
         message = f"at {frequency:.4g} Hz the displacement left ±{loop.stroke:g} m"
-        return Signals(segments, UNITS, Outcome.DIVERGED, message)
+        return Signals(segments, UNITS, Outcome.DIVERGED, message, setup.numerics)
     waiting = sum(not segment.settling.settled for segment in segments if segment.settling)
     if waiting:
         message = f"{waiting} of {len(segments)} responses were not yet periodic after {schedule.settle_limit:g} s"
-        return Signals(segments, UNITS, Outcome.NOT_SETTLED, message)
-    return Signals(segments, UNITS)
+        return Signals(segments, UNITS, Outcome.NOT_SETTLED, message, setup.numerics)
+    return Signals(segments, UNITS, numerics=setup.numerics)
 
 
 def drive_friction(friction: FrictionModel, excitation: Excitation, sample_time: float) -> Signals:

@@ -8,6 +8,7 @@ from fraexp.cli.documents import run_document, sweep_document
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.list import took
 from fraexp.cli.selection import open_store, run_of
+from fraexp.cli.summary import print_summary, to_summarise
 from fraexp.cli.tables import outcome_text, response_table, sweep_table
 from fraexp.cli.terminal import print_fields, print_json, print_table, say
 from fraexp.cli.words import duration, flat, moment, number, plural, short, value_text, without_segments
@@ -41,7 +42,12 @@ def _show_run(store: Store, number_: int, arguments: Namespace) -> None:
         return
     print_fields(_run_fields(run))
     print()
-    print_table(*sweep_table(sweeps, results, discover(Path(arguments.workspace) / "plugins")))
+    registry = discover(Path(arguments.workspace) / "plugins")
+    if to_summarise(len(sweeps)) and not arguments.all:
+        print_summary(sweeps, results, registry)
+        say("--all shows each sweep")
+    else:
+        print_table(*sweep_table(sweeps, results, registry))
     for remedy in remedies(sweeps):
         say(remedy)
 
@@ -115,6 +121,8 @@ def _sweep_fields(sweep: StoredSweep) -> list[tuple[str, str]]:
 
 
 def _show_result(result: Result, rows: int | None) -> None:
+    if result.numerics:
+        print_fields([("numerics", result.numerics)])
     if result.metrics:
         print("\nmetrics")
         print_fields([(metric.name, f"{number(metric.value)} {metric.unit}") for metric in result.metrics], indent=2)

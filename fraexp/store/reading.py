@@ -98,11 +98,12 @@ def results(connection: Connection, keys: Iterable[str]) -> dict[str, Result]:
         for row in connection.execute(_of(metric, chunk).order_by(metric.c.position)).mappings():
             metrics[row["key"]].append(codec.metric_of(row))
         curves = _curves(connection, chunk)
-        query = select(sweep.c.key, sweep.c.outcome, sweep.c.message, sweep.c.elapsed)
+        query = select(sweep.c.key, sweep.c.outcome, sweep.c.message, sweep.c.elapsed, sweep.c.numerics)
         for row in connection.execute(query.where(sweep.c.key.in_(chunk), sweep.c.outcome.is_not(None))).mappings():
             key = row["key"]
             parts = (responses.get(key), tuple(metrics[key]), tuple(curves[key]))
-            found[key] = Result(Outcome[row["outcome"]], row["message"], *parts, elapsed=row["elapsed"])
+            state = {"numerics": row["numerics"], "elapsed": row["elapsed"]}
+            found[key] = Result(Outcome[row["outcome"]], row["message"], *parts, **state)
     return found
 
 

@@ -125,6 +125,7 @@ sweep = Table(
     Column("outcome", String(16)),  # name of the Outcome; NULL while there is no result
     _text("message", ""),
     Column("elapsed", Float(precision=53), nullable=False, default=0.0),
+    Column("numerics", Words, nullable=False, default="", server_default=""),  # how it was computed
     Column("created", Utc),
     Column("source", Words),
     Column("plant_name", Words),

@@ -124,7 +124,7 @@ def _text(value: Any) -> str | None:
 
 
 def _outcome_row(key: str, result: Result) -> dict[str, Any]:
-    row = {"of": key, "outcome": result.outcome.name, "message": result.message}
+    row = {"of": key, "outcome": result.outcome.name, "message": result.message, "numerics": result.numerics}
     return row | {"elapsed": float(result.elapsed), "created": datetime.now(UTC)}
 
 

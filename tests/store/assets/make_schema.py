@@ -1,4 +1,4 @@
-"""Makes schema-0001.db, a database as the first schema wrote it. Run with the code of that time."""
+"""Makes schema-NNNN.db, a database as the current schema writes it: run once, when a revision is new."""
 
 import sqlite3
 from contextlib import closing
@@ -8,9 +8,10 @@ import numpy as np
 
 from fraexp.results import Curve, FrequencyResponse, Metric, Outcome, Result
 from fraexp.store import Store, Supplied
+from fraexp.store.migrations import HISTORY
 from fraexp.sweep import Sweep
 
-FILE = Path(__file__).with_name("schema-0001.db")
+FILE = Path(__file__).with_name(f"schema-{HISTORY[-1]}.db")
 
 
 def main() -> None:
