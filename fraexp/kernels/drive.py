@@ -8,7 +8,7 @@ from numba import njit
 
 from fraexp.kernels.lanes import WIDTH
 from fraexp.kernels.law import Law, cached, call
-from fraexp.kernels.loop import bound, bound_argument, get_number, put_number, taken_from
+from fraexp.kernels.loop import bound, bound_argument, bound_state, get_number, part, put_number, taken_from
 from fraexp.kernels.storage import stored, zeros
 
 PASSES = 500
@@ -81,7 +81,7 @@ def _make_drive(law: Law, fingerprint: str) -> Any:
         displacement = records[0]
         width, now, following = counters.shape[0], 0, 0
         place = np.zeros(width, np.int64)
-        z, motion = bound(z_of), bound(motion_of)  # motion: displacement, time step, force
+        z, motion = bound_state(z_of), bound(motion_of)  # motion: displacement, time step, force
         arguments = bound_argument(arguments_of, motion)
         while True:
             rows, busy = FOREVER, False
@@ -95,7 +95,7 @@ def _make_drive(law: Law, fingerprint: str) -> Any:
                 return
             for row in range(rows):
                 reached = taken_from(displacement, place, row, motion)
-                z_now, z_next = z[now * states : (now + 1) * states], z[(1 - now) * states : (2 - now) * states]
+                z_now, z_next = part(z, now * states, states), part(z, (1 - now) * states, states)
                 motion[2] = law(z_now, reached - motion[0], motion[1], z_next, *arguments)
                 motion[0] = reached
                 now = 1 - now

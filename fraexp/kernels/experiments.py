@@ -12,7 +12,7 @@ from numba.extending import overload
 
 from fraexp.kernels.lanes import LanesType, all_within
 from fraexp.kernels.law import Law, cached, call
-from fraexp.kernels.loop import FAST, bound, bound_argument, get_number, put_number, sample, taken_from
+from fraexp.kernels.loop import FAST, bound, bound_argument, bound_state, get_number, put_number, sample, taken_from
 
 SLOWEST = 0.98
 """Greatest ratio of successive differences that is believed: slower ones look like noise."""
@@ -159,7 +159,7 @@ def _make_advance(law: Law, fingerprint: str) -> Any:
             drive, trace = bound(drive_of), bound(trace_of)
             c, k = constants_of, memory_of
             constants = (bound(c[0]), bound(c[1]), bound(c[2]), bound(c[3]), bound(c[4]))
-            memory = (bound(k[0]), bound(k[1]), bound(k[2]), bound(k[3]), bound(k[4]), bound(k[5]), bound(k[6]))
+            memory = (bound(k[0]), bound(k[1]), bound_state(k[2]), bound(k[3]), bound(k[4]), bound(k[5]), bound(k[6]))
             arguments = bound_argument(arguments_of, trace)
             now = queue[NOW]
             done = 0
@@ -286,7 +286,7 @@ def _make_room(lane, keep, samples, counters, history):  # type: ignore[no-untyp
         counters[lane, FILLED], counters[lane, LOST] = keep, 1
 
 
-@njit(**FAST)
+@njit(error_model="numpy", fastmath={"contract", "reassoc"})  # sums in vector registers
 def _agree(lane, job, jobs, counters, agreement, history):  # type: ignore[no-untyped-def]
     """Compare the last stretch [m] with the one before.
 

@@ -42,16 +42,21 @@ class MaskType(types.Type):
 
 
 class RowsType(types.Type):
-    """A float64 array of shape (n, 8), seen as n lanes; an index below 0 counts from the end, if it may."""
+    """A float64 array of shape (n, 8), seen as n lanes; an index below 0 counts from the end, if it may.
 
-    def __init__(self, name: str, wraps: bool) -> None:
+    Of width 1 it is an array of shape (n,), seen as numbers without a look at the index.
+    """
+
+    def __init__(self, name: str, wraps: bool, width: int = WIDTH) -> None:
         super().__init__(name)
+        self.width = width
         self.wraps = wraps
 
 
 lanes = LanesType("lanes")
 mask = MaskType("mask")
 rows, bare = RowsType("rows", wraps=True), RowsType("bare", wraps=False)
+column = RowsType("column", wraps=False, width=1)
 
 
 @register_model(LanesType)
@@ -251,7 +256,7 @@ def taken(typingctx: Any, array: Any, places: Any, offset: Any) -> Any:
 def _seen_as(kind: RowsType) -> Callable[..., Any]:
     def seen(typingctx: Any, array: Any) -> Any:
         """Return a contiguous float64 array of shape (n, 8) as n lanes; the array must live on."""
-        if not isinstance(array, types.Array) or array.ndim != 2 or array.layout != "C" or array.dtype != types.float64:
+        if array != types.Array(types.float64, 2 if kind.width > 1 else 1, "C"):
             return None
 
         def emit(context: Any, builder: Any, sig: Any, values: Any) -> Any:
@@ -267,6 +272,7 @@ def _seen_as(kind: RowsType) -> Callable[..., Any]:
 
 
 rows_of, bare_rows_of = intrinsic(_seen_as(rows)), intrinsic(_seen_as(bare))
+column_of = intrinsic(_seen_as(column))
 
 
 @infer_getattr
@@ -284,7 +290,7 @@ def _size(context: Any, builder: Any, typ: Any, value: Any) -> Any:
 
 @infer_global(len)
 class _Length(ConcreteTemplate):
-    cases = (signature(types.intp, rows), signature(types.intp, bare))
+    cases = tuple(signature(types.intp, kind) for kind in (rows, bare, column))
 
 
 @lower_builtin(len, RowsType)
@@ -298,7 +304,9 @@ def _address(context: Any, builder: Any, kind: RowsType, value: Any, index: Any)
     if kind.wraps:
         negative = builder.icmp_signed("<", index, ir.Constant(index.type, 0))
         index = builder.select(negative, builder.add(index, view.size), index)
-    place = builder.gep(view.data, [builder.mul(index, ir.Constant(index.type, WIDTH))])
+    place = builder.gep(view.data, [builder.mul(index, ir.Constant(index.type, kind.width))])
+    if kind.width == 1:
+        return place
     return builder.bitcast(place, VECTOR.as_pointer())
 
 
@@ -309,13 +317,21 @@ class _GetItem(ConcreteTemplate):
         signature(lanes, bare, types.intp),
         signature(rows, rows, types.slice2_type),
         signature(rows, bare, types.slice2_type),
+        signature(types.float64, column, types.intp),
     )
 
 
 @infer_global(operator.setitem)
 class _SetItem(ConcreteTemplate):
     cases = tuple(
-        signature(types.none, kind, types.intp, value) for kind in (rows, bare) for value in (lanes, types.float64)
+        signature(types.none, kind, types.intp, value)
+        for kind, value in (
+            (rows, lanes),
+            (rows, types.float64),
+            (bare, lanes),
+            (bare, types.float64),
+            (column, types.float64),
+        )
     )
 
 
@@ -328,7 +344,7 @@ def _get(context: Any, builder: Any, sig: Any, values: Any) -> Any:
 @lower_builtin(operator.setitem, RowsType, types.intp, types.float64)
 def _set(context: Any, builder: Any, sig: Any, values: Any) -> Any:
     array, index, value = values
-    vector = value if sig.args[2] == lanes else _fill(builder, value)
+    vector = value if sig.args[2] == lanes or sig.args[0].width == 1 else _fill(builder, value)
     builder.store(vector, _address(context, builder, sig.args[0], array, index), align=ALIGNED)
     return context.get_dummy_value()
 

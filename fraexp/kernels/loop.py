@@ -12,9 +12,10 @@ from typing import Any
 
 import numpy as np
 from numba import njit, types
-from numba.extending import overload
+from numba.extending import intrinsic, overload
+from numba.np.arrayobj import populate_array
 
-from fraexp.kernels.lanes import LanesType, RowsType, bare_rows_of, rounded, rows_of, taken
+from fraexp.kernels.lanes import LanesType, RowsType, bare_rows_of, column_of, rounded, rows_of, taken
 
 FORCE, PLACE, STIFFNESS, BEFORE = range(4)
 """Contact: friction force [N], displacement there [m], local stiffness [N/m], force a step before [N]."""
@@ -30,6 +31,49 @@ def bound(array: Any) -> Any:
 
 @overload(bound)
 def _bound(array):  # type: ignore[no-untyped-def]
+    if array.ndim == 1:
+        return lambda array: column_of(array)
+    return lambda array: bare_rows_of(array)
+
+
+@intrinsic
+def _view(typingctx: Any, array: Any, start: Any, size: Any) -> Any:
+    def emit(context: Any, builder: Any, sig: Any, values: Any) -> Any:
+        source = context.make_array(array)(context, builder, values[0])
+        made = context.make_array(array)(context, builder)
+        eight = context.get_constant(types.intp, 8)
+        populate_array(
+            made,
+            data=builder.gep(source.data, [values[1]]),
+            shape=[values[2]],
+            strides=[eight],
+            itemsize=eight,
+            meminfo=None,
+        )
+        return made._getvalue()
+
+    return array(array, types.intp, types.intp), emit
+
+
+def part(array: Any, start: int, size: int) -> Any:
+    """Return a part of an array, which must live on, without looking whether it is there."""
+    raise NotImplementedError
+
+
+@overload(part, jit_options={"forceinline": True})
+def _part(array, start, size):  # type: ignore[no-untyped-def]
+    if isinstance(array, RowsType):
+        return lambda array, start, size: array[start : start + size]
+    return lambda array, start, size: _view(array, start, size)
+
+
+def bound_state(array: Any) -> Any:
+    """Return the law's memory: a law may do with an array of one job whatever numba knows."""
+    raise NotImplementedError
+
+
+@overload(bound_state)
+def _bound_state(array):  # type: ignore[no-untyped-def]
     if array.ndim == 1:
         return lambda array: array
     return lambda array: bare_rows_of(array)
@@ -48,7 +92,7 @@ def _bound_argument(argument, like):  # type: ignore[no-untyped-def]
         if not len(argument):
             return lambda argument, like: ()
         return lambda argument, like: (bound_argument(argument[0], like),) + bound_argument(argument[1:], like)
-    if isinstance(like, RowsType):
+    if like.width > 1:
         if argument.ndim == 1:
             return lambda argument, like: rows_of(argument.reshape(1, argument.size))[0]
         return lambda argument, like: rows_of(argument)
@@ -64,7 +108,7 @@ def taken_from(array: Any, places: Any, offset: int, like: Any) -> Any:
 
 @overload(taken_from, jit_options={"forceinline": True})
 def _taken_from(array, places, offset, like):  # type: ignore[no-untyped-def]
-    if isinstance(like, RowsType):
+    if like.width > 1:
         return lambda array, places, offset, like: taken(array, places, offset)
     return lambda array, places, offset, like: array[places[0] + offset]
 
@@ -130,7 +174,7 @@ def sample(  # type: ignore[no-untyped-def]
         for i in range(j):
             a += compliance[j * m + i] * linear[i]  # which by now holds the force
         gain = -compliance[j * m + j]
-        z_now, z_next = z[now * states : (now + 1) * states], z[(1 - now) * states : (2 - now) * states]
+        z_now, z_next = part(z, now * states, states), part(z, (1 - now) * states, states)
         after, place, stiffness = solve(law, a, gain, step, z_now, z_next, arguments, force, before, place, stiffness)
         before, force = force, after
         linear[j] = force
