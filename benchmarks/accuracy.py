@@ -223,6 +223,7 @@ def main() -> int:
     """Print all rows; return 1 if a bound is missed."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--points", type=int, default=100, help="frequencies of a sweep, 1 to 200 Hz")
+    options.add_argument("--reduced", action="store_const", dest="points", const=30, help="the same as --points 30")
     points = options.parse_args().points
     print(f"{'what':<78s} {'measured':>10s} {'bound':>10s}")
     missed = 0

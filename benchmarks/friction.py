@@ -93,6 +93,7 @@ def main() -> int:
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("models", nargs="*", metavar="MODEL", help=", ".join(MODELS))
     options.add_argument("--points", type=int, default=100, help="frequencies of a sweep, 1 to 200 Hz")
+    options.add_argument("--reduced", action="store_const", dest="points", const=30, help="the same as --points 30")
     chosen = options.parse_args()
     if unknown := set(chosen.models) - set(MODELS):
         options.error(f"no such row: {', '.join(sorted(unknown))}; known: {', '.join(MODELS)}")

@@ -14,6 +14,7 @@ import numpy as np
 from fraexp import perform, provenance, scheduler
 from fraexp.errors import FraexpError, PluginError, StudyError
 from fraexp.executors import workers_of
+from fraexp.figures.bundles import MANY
 from fraexp.figures.label_units import label_units
 from fraexp.figures.labels import curve_names, group_names
 from fraexp.figures.stamp import digest, is_current
@@ -115,16 +116,16 @@ class Workspace:
 
     def _illustrated(self, ended: Ended, study: Study, store: Store) -> Ended:
         try:
-            return replace(ended, figures=tuple(self._figures(study, store)))
+            return replace(ended, figures=tuple(self._figures(study, store, ended.run)))
         except FraexpError as error:
             return replace(ended, note=str(error))
         except Exception as error:  # whatever drawing runs into, the numbers are there and are worth more
             return replace(ended, note=f"{type(error).__name__}: {error}")
 
-    def _figures(self, study: Study, store: Store) -> Iterable[Path]:
+    def _figures(self, study: Study, store: Store, run: int | None) -> Iterable[Path]:
         path = self.folder / "figures" / f"{study.name}.png"
-        sweeps = [store.find(sweep.key) for sweep in study.sweeps]
-        sweeps = [replace(s, labels=dict(sweep.labels)) for s, sweep in zip(sweeps, study.sweeps, strict=True)]
+        stored = {sweep.key: sweep for sweep in store.sweeps(run)} if run is not None else {}
+        sweeps = [replace(stored[sweep.key], labels=dict(sweep.labels)) for sweep in study.sweeps]
         return self.draw(store, sweeps, path, study.title)
 
     def draw(
@@ -161,6 +162,8 @@ class Workspace:
         tell: Callable[[str], object],
     ) -> bool:
         shown = [f"{sweep.key} {sweep.created} {sorted(sweep.labels.items())}" for sweep in sweeps] + [title]
+        labels = [sweep.labels for sweep in sweeps]
+        shown += group_names(labels) if len(sweeps) > MANY else []
         if is_current(path, digest(shown)):
             return False
         try:
@@ -172,7 +175,6 @@ class Workspace:
 
         sections = ((s.labels, {**s.experiment, "estimator": s.estimator}) for s in sweeps)
         units = label_units(sections, self.registry)
-        labels = [sweep.labels for sweep in sweeps]
         names, groups = curve_names(labels, [sweep.key[4:12] for sweep in sweeps], units), group_names(labels, units)
         labelled = [(name, results[sweep.key]) for name, sweep in zip(names, sweeps, strict=True)]
         save(figure_for(labelled, reference, title, groups), path, shown)

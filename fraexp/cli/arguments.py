@@ -30,6 +30,8 @@ KINDS = ("friction", "plant", "controller", "excitation", "estimator", "reader")
 EPILOG = "exit codes:\n" + "\n".join(f"  {code.value:<4} {code.sentence}" for code in ExitCode)
 IDENTIFIER = "a run's number, a study's name for its newest run, or the beginning of a sweep's key"
 
+ALL = "show each of many sweeps on a terminal too, not quantiles over them"
+
 
 class UsageError(Exception):
     """The command line asks for something that does not exist; its text is one line."""
@@ -135,11 +137,13 @@ def _run(parser: Parser) -> None:
 def _show(parser: Parser) -> None:
     parser.add_argument("id", metavar="ID", help=IDENTIFIER)
     parser.add_argument("--points", action="store_true", help="show every frequency of the response")
+    parser.add_argument("--all", action="store_true", help=ALL)
     _json(parser)
 
 
 def _compare(parser: Parser) -> None:
     parser.add_argument("ids", metavar="ID", nargs="+", help=IDENTIFIER + "; the first is compared with the others")
+    parser.add_argument("--all", action="store_true", help=ALL)
     _json(parser)
 
 

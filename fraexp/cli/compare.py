@@ -7,10 +7,13 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from fraexp.cli.documents import plain
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.selection import chosen, open_store, run_of
-from fraexp.cli.terminal import print_json, print_table
+from fraexp.cli.summary import TITLES, Quantity, parameter_rows, quantile_rows, to_summarise
+from fraexp.cli.terminal import print_fields, print_json, print_table, say
 from fraexp.cli.words import fixed, flat, number, short, value_text
 from fraexp.errors import FraexpError
 from fraexp.figures.difference import Difference, response_difference
@@ -38,6 +41,8 @@ def execute(arguments: Namespace) -> ExitCode:
     differences = _differences(sweeps, results)
     if arguments.json:
         print_json(_document(sweeps, parameters, metrics, differences))
+    elif to_summarise(len(sweeps)) and not arguments.all:
+        _print_summary(sweeps, parameters | metrics, differences)
     else:
         _print(sweeps, parameters, metrics, differences, discover(Path(arguments.workspace) / "plugins"))
     return ExitCode.OK
@@ -108,6 +113,27 @@ def _document(
             for sweep, found in differences
         ],
     }
+
+
+def _print_summary(
+    sweeps: Sequence[StoredSweep],
+    values: dict[str, list[Any]],
+    differences: list[tuple[StoredSweep, Difference | None]],
+) -> None:
+    """Print quantiles over the sweeps of what differs, and of the responses' differences from the first one."""
+    counted, rows = parameter_rows(values)
+    print_fields([("sweeps", str(len(sweeps))), *counted])
+    print()
+    print_table(TITLES, rows, "what differs")
+    print()
+    found = [difference for _, difference in differences if difference is not None]
+    measures = {
+        "max [dB]": [abs(of.magnitude_max) for of in found], "rms [dB]": [of.magnitude_rms for of in found],
+        "max [deg]": [abs(of.phase_max) for of in found], "rms [deg]": [of.phase_rms for of in found],
+    }  # fmt: skip
+    quantities = [Quantity(title, np.array(column, dtype=float)) for title, column in measures.items()]
+    print_table(TITLES, quantile_rows(quantities, [""] * len(found)), f"responses against {short(sweeps[0].key)}")
+    say("--all shows each sweep")
 
 
 def _print(

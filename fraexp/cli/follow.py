@@ -11,6 +11,7 @@ from fraexp.cli.exits import ExitCode
 from fraexp.cli.progress import Meter
 from fraexp.cli.selection import open_store
 from fraexp.cli.show import remedies
+from fraexp.cli.summary import print_summary, to_summarise
 from fraexp.cli.tables import sweep_table
 from fraexp.cli.terminal import print_json, print_path, print_table, say
 from fraexp.cli.words import duration, plural, short
@@ -21,7 +22,9 @@ from fraexp.scheduler import Ended, Event, Finished, Planned, Preparing, Progres
 from fraexp.store import RunSummary, StoredSweep
 
 SHOWN = 50
-"""Sweeps in the table at the end; `show` has all."""
+"""Sweeps in the table at the end where no terminal is; `show` has all."""
+ERRORS = 20
+"""Failed sweeps that are told one by one; `show` has all."""
 FRUITLESS = (Outcome.NO_SIGNAL, Outcome.DIVERGED, Outcome.FAILED)
 """Outcomes without a result to use."""
 
@@ -33,6 +36,7 @@ class Story:
     planned: list[Planned] = field(default_factory=list)
     ended: list[Ended] = field(default_factory=list)
     computed: int = 0
+    failed: int = 0
     interrupted: bool = False
 
 
@@ -52,6 +56,7 @@ def _take(event: Event, story: Story, meter: Meter) -> None:
     match event:
         case Planned():
             story.planned.append(event)
+            meter.begin()
             say(_plan(event))
         case Preparing():
             meter.note(event.what)
@@ -59,10 +64,20 @@ def _take(event: Event, story: Story, meter: Meter) -> None:
             meter.move(event.done, event.total)
         case Finished():
             story.computed += event.state == "computed"
+            if event.state != "reused":
+                meter.finish()
             if event.error:
-                say(f"{short(event.sweep.key)} failed: {event.error}")
+                story.failed += 1
+                _tell_failure(event, story.failed)
         case Ended():
             story.ended.append(event)
+
+
+def _tell_failure(event: Finished, count: int) -> None:
+    if count <= ERRORS:
+        say(f"{short(event.sweep.key)} failed: {event.error}")
+    elif count == ERRORS + 1:
+        say("further sweeps that fail are only counted; fraexp show has them all")
 
 
 def _plan(planned: Planned) -> str:
@@ -133,9 +148,13 @@ def _document(story: Story, runs: list[tuple[Ended, RunSummary, list[StoredSweep
 def _print(
     ended: Ended, run: RunSummary, sweeps: list[StoredSweep], results: dict[str, Result], registry: Registry
 ) -> None:
-    print_table(*sweep_table(sweeps[:SHOWN], results, registry))
-    if len(sweeps) > SHOWN:
-        say(f"{plural(len(sweeps) - SHOWN, 'more sweep')}; see fraexp show {run.number}")
+    if to_summarise(len(sweeps)):
+        print_summary(sweeps, results, registry)
+        say(f"fraexp show {run.number} --all shows each sweep")
+    else:
+        print_table(*sweep_table(sweeps[:SHOWN], results, registry))
+        if len(sweeps) > SHOWN:
+            say(f"{plural(len(sweeps) - SHOWN, 'more sweep')}; see fraexp show {run.number}")
     for remedy in remedies(sweeps):
         say(remedy)
     print(f"\nrun {run.number} {run.state}: {_counts(run)}")

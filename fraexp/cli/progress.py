@@ -2,6 +2,7 @@
 
 import sys
 import time
+from collections import deque
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
@@ -14,14 +15,41 @@ if TYPE_CHECKING:
 
 PAUSE = 5.0
 """Least time between two lines [s]."""
+WINDOW = 30.0
+"""Time over which the speed is measured [s]: long against a sweep, short against a change of speed."""
+SURE = 1.0
+"""Time after which a measured speed is told [s]."""
+ALMOST = 0.99
+"""Greatest share that is shown while a sweep has not come to its end."""
+
+
+class Speed:
+    """The speed of the work, measured over the last seconds."""
+
+    def __init__(self) -> None:
+        self._seen: deque[tuple[float, float]] = deque()
+
+    def see(self, now: float, done: float) -> None:
+        """Take note of how much is done at a time [s]; what passes before anything is done does not count."""
+        if self._seen and (done <= 0 or done < self._seen[-1][1]):
+            self._seen.clear()
+        while len(self._seen) > 1 and now - self._seen[1][0] >= WINDOW:
+            self._seen.popleft()
+        self._seen.append((now, done))
+
+    @property
+    def rate(self) -> float | None:
+        """Sweeps per second; None while it is not known."""
+        (start, before), (end, after) = self._seen[0], self._seen[-1]
+        return (after - before) / (end - start) if end - start >= SURE and after > before else None
 
 
 class Meter:
     """A progress display in sweeps; a context manager."""
 
     def __init__(self) -> None:
-        self.total = 0.0
-        self._started = self._said = time.monotonic()
+        self.begin()
+        self._said = self._started
         self._bar: Bar | None = _bar() if sys.stderr.isatty() else None
         self._task = self._bar.add_task("", total=None, count="", visible=False) if self._bar else None
 
@@ -36,6 +64,14 @@ class Meter:
         if self._bar:
             self._bar.stop()
 
+    def begin(self) -> None:
+        """Start anew: another study begins."""
+        self._started, self._finished, self._speed = time.monotonic(), 0, Speed()
+
+    def finish(self) -> None:
+        """Take note of a sweep that has come to its end."""
+        self._finished += 1
+
     def note(self, text: str) -> None:
         """Tell what is being prepared."""
         if self._bar and self._task is not None:
@@ -44,32 +80,46 @@ class Meter:
             say(text)
 
     def move(self, done: float, total: float) -> None:
-        """Show that `done` of `total` sweeps are done; parts of sweeps count."""
-        self.total = total
+        """Show that the work of `done` of `total` sweeps is done; parts of sweeps count."""
+        now = time.monotonic()
+        self._speed.see(now, done)
+        share = done / total if total > 0 else 1.0
+        share = share if self._finished >= total else min(share, ALMOST)
         if self._bar and self._task is not None:
-            count = f"{int(done)}/{int(total)} sweeps"
-            self._bar.update(self._task, description="", completed=done, total=total, count=count, visible=True)
-        elif time.monotonic() - self._said >= PAUSE:
-            self._said = time.monotonic()
-            say(self._line(done, total))
+            text = f"{self._finished}/{int(total)} sweeps{self._pace(done, total)}"
+            self._bar.update(self._task, description="", completed=share, total=1.0, count=text, visible=True)
+        elif now - self._said >= PAUSE:
+            self._said = now
+            percent, elapsed = int(100 * share), duration(now - self._started)
+            counted = f"{self._finished} of {plural(int(total), 'sweep')}"
+            say(f"{counted}, {percent} %, {elapsed}{self._pace(done, total)}")
 
-    def _line(self, done: float, total: float) -> str:
-        elapsed = time.monotonic() - self._started
-        left = f", about {duration(elapsed * (total - done) / done)} left" if done > 0 else ""
-        return f"{int(done)} of {plural(int(total), 'sweep')}, {100 * done / total:.0f} %, {duration(elapsed)}{left}"
+    def _pace(self, done: float, total: float) -> str:
+        """Return the measured speed and the time left at this speed; what is left to do if that is no simulation."""
+        if done >= total > self._finished:
+            return ", estimating"
+        rate = self._speed.rate
+        if rate is None or done >= total:
+            return ""
+        return f", {rate_text(rate)}, about {duration((total - done) / rate)} left"
+
+
+def rate_text(rate: float) -> str:
+    """Return a rate [1/s] per second, minute or hour, so that it is a number above one."""
+    factor, unit = next((pair for pair in ((1, "s"), (60, "min")) if rate * pair[0] >= 1), (3600, "h"))
+    shown = rate * factor
+    return f"{shown:.0f}/{unit}" if shown >= 10 else f"{shown:.1f}/{unit}"
 
 
 def _bar() -> "Bar":
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     return Progress(
         TextColumn("{task.description}", markup=False),
-        BarColumn(bar_width=40),
-        TextColumn("{task.fields[count]}", markup=False),
+        BarColumn(bar_width=30),
         TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
+        TextColumn("{task.fields[count]}", markup=False),
         console=Console(stderr=True),
         transient=True,
     )

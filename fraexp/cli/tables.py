@@ -31,7 +31,7 @@ def sweep_table(sweeps: Sequence[StoredSweep], results: Mapping[str, Result], re
     titles = [f"{title} [{units[path]}]" if path in units else title for path, title in labels.items()]
     found = [results[sweep.key].response for sweep in sweeps if sweep.key in results]
     responses = [response for response in found if response is not None and len(response.frequency)]
-    spots, unit = _spots(responses)
+    spots, unit = spots_of(responses)
     metrics = list(
         dict.fromkeys((metric.name, metric.unit) for result in results.values() for metric in result.metrics)
     )
@@ -59,7 +59,7 @@ def outcome_text(sweep: StoredSweep) -> str:
     return sweep.outcome.name.lower().replace("_", " ") if sweep.outcome else ""
 
 
-def _spots(responses: Sequence[FrequencyResponse]) -> tuple[dict[str, float], str]:
+def spots_of(responses: Sequence[FrequencyResponse]) -> tuple[dict[str, float], str]:
     """Return frequencies [Hz] of the first response by the titles of their columns, and the unit of 0 dB."""
     if len({response.unit for response in responses}) != 1:
         return {}, ""
@@ -76,16 +76,20 @@ def _response_cells(response: FrequencyResponse | None, spots: Iterable[float]) 
         return ["", *("" for _ in spots)]
     return [
         f"{int(response.settled.sum())}/{len(response.settled)}",
-        *(_level_near(response, spot) for spot in spots),
+        *(_level_text(level_near(response, spot)) for spot in spots),
     ]
 
 
-def _level_near(response: FrequencyResponse, spot: float) -> str:
-    """Return the magnitude [dB] at the response's point nearest to `spot` [Hz]; empty if there is none to trust."""
+def level_near(response: FrequencyResponse, spot: float) -> float:
+    """Return the magnitude [dB] at the response's point nearest to `spot` [Hz]; NaN if there is none to trust."""
     index = int(np.argmin(np.abs(np.log(response.frequency / spot))))
     near = spot / NEAR <= response.frequency[index] <= spot * NEAR
     level = decibel(readable_unit(response.unit)[0] * response.response[[index]])[0]
-    return fixed(float(level), 2) if near and response.settled[index] and np.isfinite(level) else ""
+    return float(level) if near and response.settled[index] else np.nan
+
+
+def _level_text(level: float) -> str:
+    return fixed(level, 2) if np.isfinite(level) else ""
 
 
 def response_table(response: FrequencyResponse, rows: int | None) -> Table:

@@ -2,11 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from fraexp.errors import FraexpError
+from fraexp.figures.branches import continuous_phases
+from fraexp.figures.bundles import MANY, Bundle, draw_bundles, split, stacked
 from fraexp.figures.labels import drawable
 from fraexp.figures.scales import continuous_phase, decibel, degrees, readable_unit
 from fraexp.results import FrequencyResponse
@@ -54,10 +56,34 @@ class BodeCurve:
 
 
 @dataclass(frozen=True)
+class BodeGroup:
+    """Many responses in the numbers of their Bode plot, a row each in ascending frequency, all of shape (m, n).
+
+    The rows of responses with fewer points than others end in NaN.
+    """
+
+    label: str
+    """What they have in common; empty if there is one group."""
+    frequency: np.ndarray
+    """Frequency [Hz]."""
+    magnitude: np.ndarray
+    """Magnitude [dB]."""
+    phase: np.ndarray
+    """Continuous phase [deg]."""
+    settled: np.ndarray
+    """Whether the point had become periodic, of bool; only such points are joined."""
+
+    def bundle(self, values: np.ndarray) -> Bundle:
+        """Return values of shape (m, n) as a bundle with gaps where the responses were not settled."""
+        return Bundle(self.label, self.frequency, np.where(self.settled, values, np.nan))
+
+
+@dataclass(frozen=True)
 class BodeInfo:
-    """What a Bode plot shows."""
+    """What a Bode plot shows: curves, or groups of curves if they are many."""
 
     curves: tuple[BodeCurve, ...]
+    groups: tuple[BodeGroup, ...]
     reference: BodeCurve | None
     unit: str
     """Unit that is 0 dB, such as ``mm/N``."""
@@ -65,20 +91,27 @@ class BodeInfo:
 
 
 def bode_info(
-    curves: Sequence[tuple[str, FrequencyResponse]], reference: Reference | None = None, title: str = ""
+    curves: Sequence[tuple[str, FrequencyResponse]],
+    reference: Reference | None = None,
+    title: str = "",
+    groups: Sequence[str] = (),
 ) -> BodeInfo:
     """Return the numbers of a Bode plot of labelled responses; FraexpError if their units differ.
 
-    The phases lie on the branch nearest to the reference, or to the first curve if there is none.
+    The phases lie on the branch nearest to the reference, or to the first curve if there is none. More than `MANY`
+    responses are told apart by the names of their `groups` alone; without names they are one group.
     """
     unit = _common_unit(curves)
     factor, shown = readable_unit(unit)
     drawn_reference = _reference_curve(reference, factor) if reference else None
+    heading = title or _title(curves)
+    if len(curves) > MANY:
+        return BodeInfo((), _groups(curves, groups, factor, drawn_reference), drawn_reference, shown, heading)
     anchor, drawn = drawn_reference, []
     for label, response in curves:
         drawn.append(_curve(label, response, factor, anchor))
         anchor = anchor or drawn[0]
-    return BodeInfo(tuple(drawn), drawn_reference, shown, title or _title(curves))
+    return BodeInfo(tuple(drawn), (), drawn_reference, shown, heading)
 
 
 def _common_unit(curves: Sequence[tuple[str, FrequencyResponse]]) -> str:
@@ -118,6 +151,32 @@ def _curve(label: str, source: FrequencyResponse, factor: float, anchor: BodeCur
     )  # fmt: skip
 
 
+def _groups(
+    curves: Sequence[tuple[str, FrequencyResponse]],
+    groups: Sequence[str],
+    factor: float,
+    reference: BodeCurve | None,
+) -> tuple[BodeGroup, ...]:
+    responses = [response for _, response in curves if len(response.frequency)]
+    names = [name for name, (_, of) in zip(groups or [""] * len(curves), curves, strict=True) if len(of.frequency)]
+    first = next((response for response in responses if response.settled.any()), None)
+    anchor = reference or (_curve("", first, factor, None) if first else None)
+    return tuple(
+        _group(name, [responses[index] for index in indices], factor, anchor) for name, indices in split(names).items()
+    )
+
+
+def _group(label: str, responses: Sequence[FrequencyResponse], factor: float, anchor: BodeCurve | None) -> BodeGroup:
+    orders = [np.argsort(of.frequency, kind="stable") for of in responses]
+    pairs = list(zip(responses, orders, strict=True))
+    frequency = stacked([of.frequency[order] for of, order in pairs])
+    response = stacked([of.response[order] for of, order in pairs])
+    settled = stacked([of.settled[order] for of, order in pairs], missing=False)
+    target = _at(anchor, frequency) if anchor else None
+    phase = continuous_phases(degrees(response), settled, target)
+    return BodeGroup(label, frequency, decibel(factor * response), phase, settled)
+
+
 def _at(anchor: BodeCurve, frequency: np.ndarray) -> np.ndarray | None:
     usable = anchor.settled & np.isfinite(anchor.phase)
     if not usable.any():
@@ -141,7 +200,10 @@ def relative_deviations(response: np.ndarray, covariance: np.ndarray) -> tuple[n
 
 
 def draw_bode(info: BodeInfo) -> "Figure":
-    """Draw a Bode plot; unsettled points are hollow and not joined, the reference is dashed and dark."""
+    """Draw a Bode plot; unsettled points are hollow and not joined, the reference is dashed and dark.
+
+    Groups of curves are drawn as bundles.
+    """
     from fraexp.figures import canvas  # matplotlib: imported only when something is drawn
 
     with canvas.styled():
@@ -150,6 +212,8 @@ def draw_bode(info: BodeInfo) -> "Figure":
         for curve, style in zip(info.curves, canvas.line_styles(len(info.curves)), strict=True):
             _draw_curve(upper, curve, curve.magnitude, curve.magnitude_band, style)
             _draw_curve(lower, curve, curve.phase, curve.phase_band, style)
+        if info.groups:
+            _draw_groups(upper, lower, info.groups)
         if info.reference is not None:
             _draw_curve(upper, info.reference, info.reference.magnitude, None, canvas.REFERENCE)
             _draw_curve(lower, info.reference, info.reference.phase, None, canvas.REFERENCE)
@@ -176,6 +240,25 @@ def _draw_curve(
         axes.fill_between(curve.frequency, low, high, color=str(style["color"]), alpha=0.22, linewidth=0)
 
 
+def _draw_groups(upper: "Axes", lower: "Axes", groups: Sequence[BodeGroup]) -> None:
+    draw_bundles(upper, [group.bundle(group.magnitude) for group in groups], named=True)
+    draw_bundles(lower, [group.bundle(group.phase) for group in groups], named=False)
+    frequency = np.concatenate([group.frequency[~group.settled] for group in groups])
+    if np.isfinite(frequency).any():
+        style: dict[str, Any] = {
+            "color": "0.3",
+            "fillstyle": "none",
+            "markersize": 2.5,
+            "mew": 0.4,
+            "zorder": 1.9,
+            "rasterized": True,
+        }
+        for axes, values in ((upper, "magnitude"), (lower, "phase")):
+            points = np.concatenate([getattr(group, values)[~group.settled] for group in groups])
+            axes.plot(frequency, points, "o", alpha=0.3, **style)
+        upper.plot([], [], "o", label="not settled", **style)
+
+
 def _draw_points(
     axes: "Axes", frequency: np.ndarray, values: np.ndarray, chosen: np.ndarray, colour: str, fill: Fill
 ) -> None:
@@ -184,5 +267,6 @@ def _draw_points(
 
 
 def _span(info: BodeInfo) -> tuple[float, float]:
-    everything = np.concatenate([curve.frequency for curve in info.curves])
-    return float(everything.min()), float(everything.max())
+    curves, groups = (of.frequency for of in info.curves), (of.frequency.ravel() for of in info.groups)
+    everything = np.concatenate([*curves, *groups])
+    return float(np.nanmin(everything)), float(np.nanmax(everything))

@@ -2,14 +2,16 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fraexp.figures.bundles import MANY, Bundle, draw_bundles, split, stacked
 from fraexp.figures.labels import drawable
 from fraexp.results import Curve
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
@@ -18,6 +20,8 @@ class CurvesInfo:
     """What a figure of curves shows."""
 
     labels: tuple[str, ...]
+    groups: tuple[str, ...]
+    """For each label the name of the group that it is drawn in if there are many; empty if there is one group."""
     abscissa: str
     """Name and unit of the common abscissa."""
     ordinates: tuple[str, ...]
@@ -27,15 +31,21 @@ class CurvesInfo:
     title: str
 
 
-def curves_info(curves: Sequence[tuple[str, Curve]], title: str = "") -> CurvesInfo:
-    """Return the numbers of labelled curves that have the same columns as the first one."""
+def curves_info(curves: Sequence[tuple[str, Curve]], title: str = "", groups: Sequence[str] = ()) -> CurvesInfo:
+    """Return the numbers of labelled curves that have the same columns as the first one.
+
+    More than `MANY` curves are told apart by the names of their `groups` alone; without names they are one group.
+    """
     name, first = curves[0][1].name, curves[0][1]
-    alike = [(label, curve) for label, curve in curves if list(curve.columns) == list(first.columns)]
+    alike = [
+        (label, curve, group)
+        for (label, curve), group in zip(curves, groups or [""] * len(curves), strict=True)
+        if list(curve.columns) == list(first.columns)
+    ]
     abscissa, *ordinates = (f"{column.capitalize()} [{first.units[column]}]" for column in first.columns)
-    values = tuple(tuple(curve.columns.values()) for _, curve in alike)
-    return CurvesInfo(
-        tuple(label for label, _ in alike), abscissa, tuple(ordinates), values, title or name.capitalize()
-    )
+    values = tuple(tuple(curve.columns.values()) for _, curve, _ in alike)
+    labels, names = tuple(label for label, _, _ in alike), tuple(group for _, _, group in alike)
+    return CurvesInfo(labels, names, abscissa, tuple(ordinates), values, title or name.capitalize())
 
 
 def draw_curves(info: CurvesInfo) -> "Figure":
@@ -48,12 +58,25 @@ def draw_curves(info: CurvesInfo) -> "Figure":
         panels = figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0]
         styles = canvas.line_styles(len(info.labels))
         for row, (axes, ordinate) in enumerate(zip(panels, info.ordinates, strict=True), start=1):
-            for label, values, style in zip(info.labels, info.values, styles, strict=True):
-                named = drawable(label) if row == 1 else None
-                axes.plot(values[0], values[row], label=named, **style)
+            if len(info.labels) > MANY:
+                draw_bundles(axes, _bundles(info, row), named=row == 1)
+            else:
+                _draw_lines(axes, info, row, styles)
             axes.set_ylabel(ordinate)
         panels[-1].set_xlabel(info.abscissa)
         panels[0].set_title(drawable(info.title))
         canvas.grid(*panels)
         canvas.legend_below(figure, *panels)
     return figure
+
+
+def _draw_lines(axes: "Axes", info: CurvesInfo, row: int, styles: Sequence[dict[str, Any]]) -> None:
+    for label, values, style in zip(info.labels, info.values, styles, strict=True):
+        axes.plot(values[0], values[row], label=drawable(label) if row == 1 else None, **style)
+
+
+def _bundles(info: CurvesInfo, row: int) -> list[Bundle]:
+    return [
+        Bundle(name, *(stacked([info.values[index][column] for index in indices]) for column in (0, row)))
+        for name, indices in split(info.groups).items()
+    ]

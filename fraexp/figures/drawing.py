@@ -17,16 +17,28 @@ from fraexp.figures.stamp import check_suffix, digest
 from fraexp.results import Result
 
 
-def figure_for(results: Sequence[tuple[str, Result]], reference: Reference | None = None, title: str = "") -> Figure:
-    """Return the figure that fits labelled results: a Bode plot, else hysteresis loops, else curves."""
-    responses = [(label, result.response) for label, result in results if result.response is not None]
+def figure_for(
+    results: Sequence[tuple[str, Result]],
+    reference: Reference | None = None,
+    title: str = "",
+    groups: Sequence[str] = (),
+) -> Figure:
+    """Return the figure that fits labelled results: a Bode plot, else hysteresis loops, else curves.
+
+    Where the curves are too many to be told apart, their `groups` are, by these names: one for each result.
+    """
+    named = list(zip(results, groups or [""] * len(results), strict=True))
+    responses = [(label, of.response, group) for (label, of), group in named if of.response is not None]
     if responses:
-        return draw_bode(bode_info(responses, reference, title))
-    curves = [(label, curve) for label, result in results for curve in result.curves]
-    if not curves:
+        curves = [(label, response) for label, response, _ in responses]
+        return draw_bode(bode_info(curves, reference, title, [group for *_, group in responses]))
+    found = [(label, curve, group) for (label, of), group in named for curve in of.curves]
+    if not found:
         raise FraexpError("figure: no result has a frequency response or a curve to draw")
-    loops = [(label, curve) for label, curve in curves if is_hysteresis(curve)]
-    return draw_hysteresis(hysteresis_info(loops, title)) if loops else draw_curves(curves_info(curves, title))
+    loops = [(label, curve) for label, curve, _ in found if is_hysteresis(curve)]
+    if loops:
+        return draw_hysteresis(hysteresis_info(loops, title))
+    return draw_curves(curves_info([(label, curve) for label, curve, _ in found], title, [of for *_, of in found]))
 
 
 def save(figure: Figure, path: Path, keys: Sequence[str]) -> None:

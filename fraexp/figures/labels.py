@@ -10,6 +10,8 @@ COMMANDING = ("Cc", "Cf", "Cs", "Zl", "Zp")
 
 LONG = 4
 """Lists with more values are shown by their ends."""
+GROUPS = 6
+"""Most groups into which many sweeps are told apart: as many as there are colours that are."""
 
 
 def printable(text: str) -> str:
@@ -50,6 +52,19 @@ def curve_names(
     ]
 
 
+def group_names(labels: Sequence[Mapping[str, Any]], units: Mapping[str, str] | None = None) -> list[str]:
+    """Return for each sweep the name of its group: its value of the label that has the fewest values, 2 to `GROUPS`.
+
+    The names are empty if there is no such label: the sweeps are one group.
+    """
+    counts = {path: len(set(label_texts([of.get(path) for of in labels]))) for path in label_columns(labels)}
+    telling = [path for path, count in counts.items() if 1 < count <= GROUPS]
+    if not telling:
+        return [""] * len(labels)
+    chosen = min(telling, key=lambda path: counts[path])
+    return curve_names([{chosen: of[chosen]} if chosen in of else {} for of in labels], [""] * len(labels), units)
+
+
 def label_columns(labels: Sequence[Mapping[str, Any]]) -> dict[str, str]:
     """Return the title of each label: the last part of its dotted path (for ``estimator.name`` the part before).
 
@@ -70,28 +85,33 @@ def label_texts(values: Sequence[Any]) -> list[str]:
     """Return values of one label as people read them; components of one name get the parameters that differ."""
     if any(isinstance(value, Mapping) for value in values):
         values = [{"name": value} if isinstance(value, str) else value for value in values]
-    return [
-        _component_text(value, [other for other in values if _named_like(other, value)])
-        if isinstance(value, Mapping)
-        else _plain_text(value)
-        for value in values
-    ]
+    texts = ["" if isinstance(value, Mapping) else _plain_text(value) for value in values]
+    alike: dict[str, list[int]] = {}
+    for index, value in enumerate(values):
+        if isinstance(value, Mapping):
+            alike.setdefault(repr(value.get("name")), []).append(index)
+    for indices in alike.values():
+        for index, text in zip(indices, _component_texts([values[index] for index in indices]), strict=True):
+            texts[index] = text
+    return texts
 
 
-def _named_like(other: Any, value: Mapping[str, Any]) -> bool:
-    return isinstance(other, Mapping) and other.get("name") == value.get("name")
+def _component_texts(alike: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return the name of components that share it, each with those of its parameters that tell it from the others."""
+    parts: list[list[str]] = [[] for _ in alike]
+    for key in dict.fromkeys(key for of in alike for key in of if key != "name"):
+        column = [of.get(key) for of in alike]
+        differs = any(item != column[0] for item in column)
+        for of, told, text in zip(alike, parts, label_texts(column), strict=True):
+            if key in of and (differs or "name" not in of):
+                told.append(f"{key} {text}")
+    return [_named(of, ", ".join(told)) for of, told in zip(alike, parts, strict=True)]
 
 
-def _component_text(value: Mapping[str, Any], alike: Sequence[Mapping[str, Any]]) -> str:
-    """Return a component's name, with those of its parameters that tell it from the others in `alike`."""
-    index = next(index for index, other in enumerate(alike) if other is value)
-    parts = []
-    for key in dict.fromkeys(key for other in alike for key in other if key != "name"):
-        column = [other.get(key) for other in alike]
-        if key in value and ("name" not in value or any(item != column[0] for item in column)):
-            parts.append(f"{key} {label_texts(column)[index]}")
-    told = ", ".join(parts)
-    return told if "name" not in value else f"{value['name']} ({told})" if told else str(value["name"])
+def _named(component: Mapping[str, Any], told: str) -> str:
+    if "name" not in component:
+        return told
+    return f"{component['name']} ({told})" if told else str(component["name"])
 
 
 def _plain_text(value: Any) -> str:

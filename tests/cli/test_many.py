@@ -1,0 +1,143 @@
+"""Many sweeps: quantiles on a terminal, every row elsewhere."""
+
+import sys
+from argparse import Namespace
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fraexp.cli.compare import execute as compare
+from fraexp.cli.follow import ERRORS, SHOWN, Story, follow, report
+from fraexp.cli.show import execute as show
+from fraexp.cli.summary import Quantity, counts, measured, parameter_rows, quantile_rows
+from fraexp.cli.words import short
+from fraexp.plugins import Registry
+from fraexp.results import Metric, Outcome, Result
+from fraexp.scheduler import Ended, Event, Finished
+from fraexp.store import Store
+from fraexp.sweep import Sweep
+from tests.cli.conftest import response_of
+
+COUNT = 60
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Run 1: two methods with 30 gains each, the last of which has diverged."""
+    gains = np.linspace(1, 30, 30).tolist()
+    sweeps = [
+        Sweep({"source": "record", "gain": gain}, {"name": name}, {"estimator": name, "record.gain": gain})
+        for name in ("h1", "h2")
+        for gain in gains
+    ]
+    results = []
+    for sweep in sweeps:
+        gain = sweep.labels["record.gain"] * (10 if sweep.labels["estimator"] == "h2" else 1)
+        results.append(Result(Outcome.OK, "", response_of(1e-3 * gain), (Metric("gain", gain, "m/N"),)))
+    results[-1] = Result(Outcome.DIVERGED, "after 0.2 s")
+    with Store.open(str(tmp_path / "results.db"), create=True) as store:
+        run = store.begin_run("many", "many.toml", "fraexp run many", {}, sweeps)
+        store.save(run, [(sweep, result, {}) for sweep, result in zip(sweeps, results, strict=True)])
+        store.end_run(run, "complete")
+    return tmp_path
+
+
+@pytest.fixture
+def terminal(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """Let the captured stdout say that it is a terminal."""
+    monkeypatch.setenv("COLUMNS", "120")
+    monkeypatch.setattr(type(sys.stdout), "isatty", lambda _: True)
+
+
+def arguments(folder: Path, **options: bool) -> Namespace:
+    common = {"db": None, "workspace": folder, "json": False, "points": False, "all": False}
+    return Namespace(**common | options, id="1", ids=["1"])
+
+
+def row(text: str, *beginning: str) -> list[str]:
+    (found,) = [line.split() for line in text.splitlines() if " ".join(line.split()).startswith(" ".join(beginning))]
+    return found[len(" ".join(beginning).split()) :]
+
+
+@pytest.mark.usefixtures("terminal")
+def test_a_terminal_gets_quantiles_by_group(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    show(arguments(folder))
+    printed = capsys.readouterr()
+    assert "outcomes   59 ok, 1 diverged\nestimator  30 h1, 30 h2\n" in printed.out
+    assert row(printed.out, "gain", "1") == ["2", "15.5", "29", "30"], "the label, of all sweeps"
+    assert row(printed.out, "gain [m/N] h1") == ["1", "2.45", "15.5", "28.55", "30"]
+    assert row(printed.out, "gain [m/N] h2") == ["10", "24", "150", "276", "290", "29"], "without the diverged one"
+    assert "1 sweep not ok:" in printed.out
+    assert len(printed.out.splitlines()) < 40
+    assert printed.err.startswith("--all shows each sweep\n1 diverged")
+
+
+@pytest.mark.usefixtures("terminal")
+def test_all_shows_each_sweep_on_a_terminal(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    show(arguments(folder, all=True))
+    printed = capsys.readouterr()
+    assert printed.out.count(" ok ") == COUNT - 1
+    assert "--all" not in printed.err
+
+
+def test_elsewhere_every_sweep_is_a_row(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    show(arguments(folder))
+    printed = capsys.readouterr()
+    assert printed.out.count(" ok ") == COUNT - 1
+    assert "--all" not in printed.err
+
+
+@pytest.mark.usefixtures("terminal")
+def test_a_run_ends_with_the_summary(folder: Path, registry: Registry, capsys: pytest.CaptureFixture[str]) -> None:
+    report(Story(ended=[Ended(1, "complete")]), arguments(folder), registry)
+    printed = capsys.readouterr()
+    assert "outcomes   59 ok, 1 diverged" in printed.out
+    assert "fraexp show 1 --all shows each sweep" in printed.err
+    assert "run 1 complete: 60 sweeps" in printed.out
+
+
+def test_a_run_elsewhere_ends_with_rows(folder: Path, registry: Registry, capsys: pytest.CaptureFixture[str]) -> None:
+    report(Story(ended=[Ended(1, "complete")]), arguments(folder), registry)
+    printed = capsys.readouterr()
+    assert printed.out.count(" ok ") == SHOWN
+    assert "10 more sweeps; see fraexp show 1" in printed.err
+
+
+@pytest.mark.usefixtures("terminal")
+def test_a_comparison_has_quantiles_of_what_differs(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    compare(arguments(folder))
+    printed = capsys.readouterr()
+    assert "estimator.name  30 h1, 30 h2" in printed.out
+    assert row(printed.out, "gain", "1") == ["2", "15.5", "29", "30"]
+    assert row(printed.out, "max [dB]")[-1] == "49.25", "20 lg 290"
+    assert "--all shows each sweep" in printed.err
+    compare(arguments(folder, all=True))
+    assert len(capsys.readouterr().out.splitlines()) > COUNT
+
+
+def test_few_values_and_texts_are_counted_and_numbers_are_measured() -> None:
+    assert measured([float(index) for index in range(7)])
+    assert not measured([1.0, 2.0] * 20)
+    assert not measured([*range(20), "x"])
+    assert counts(["a", "b", "a", ""]) == "2 a, 1 b, 1 (none)"
+    assert counts(["ok", "ok"]) == "ok"
+    assert counts([str(index) for index in range(30)]) == "30 values"
+    counted, rows = parameter_rows({"a": list(range(11)), "b": [True] * 5 + [False] * 6, "c": [None, *range(10)]})
+    assert counted == [("b", "5 true, 6 false"), ("c", "11 values")]
+    assert rows == [["a", "", "0", "0.5", "5", "9.5", "10", ""]]
+
+
+def test_unknown_numbers_are_in_no_quantile() -> None:
+    quantity = Quantity("x", np.array([1.0, np.nan, 3.0, np.nan]), decimals=1)
+    assert quantile_rows([quantity], ["a", "a", "a", "b"]) == [["x", "a", "1.0", "1.1", "2.0", "2.9", "3.0", "2"]]
+
+
+def test_many_failures_are_told_by_the_first_ones(capsys: pytest.CaptureFixture[str]) -> None:
+    sweep = Sweep({"source": "drive"}, {"name": "hysteresis"}, {})
+    events: list[Event] = [Finished(replace(sweep), None, "failed", "broken")] * 500
+    follow(event for event in events)
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[:ERRORS] == [f"{short(sweep.key)} failed: broken"] * ERRORS
+    assert lines[ERRORS:] == ["further sweeps that fail are only counted; fraexp show has them all"]

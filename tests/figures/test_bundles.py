@@ -1,0 +1,146 @@
+"""Many curves in one figure: what is drawn of them, in what groups, and how long that takes."""
+
+import time
+
+import numpy as np
+import pytest
+
+from fraexp.figures.bode import BodeInfo, bode_info, draw_bode
+from fraexp.figures.branches import continuous_phases
+from fraexp.figures.bundles import FEW, MANY, Bundle, split, stacked
+from fraexp.figures.curves import curves_info, draw_curves
+from fraexp.figures.labels import group_names, label_texts
+from fraexp.figures.scales import continuous_phase
+from fraexp.results import Curve, FrequencyResponse
+from tests.figures.conftest import ResponseMaker
+
+FREQUENCY = np.geomspace(1, 200, 30)
+
+
+def many(make_response: ResponseMaker, count: int) -> list[tuple[str, FrequencyResponse]]:
+    gains = np.linspace(1, 2, count)
+    return [(f"gain {gain}", make_response(FREQUENCY, -1e-3 * gain / FREQUENCY)) for gain in gains]
+
+
+def legend(info: BodeInfo) -> list[str]:
+    return [text.get_text() for text in draw_bode(info).legends[0].get_texts()]
+
+
+def test_many_curves_are_one_bundle_with_median_and_band(make_response: ResponseMaker) -> None:
+    plant = ("P(s)", FREQUENCY, -1e-3 / FREQUENCY)
+    info = bode_info(many(make_response, 101), plant)
+    assert legend(info) == ["101 sweeps", "median", "5…95 %", "P(s)"]
+    (group,) = info.groups
+    np.testing.assert_allclose(group.phase, -180)
+    quantiles = group.bundle(group.magnitude).quantiles
+    assert quantiles is not None
+    np.testing.assert_allclose(quantiles[:, 0], 20 * np.log10([1.05, 1.5, 1.95]))
+    upper = draw_bode(info).axes[0]
+    assert len(upper.lines) + len(upper.collections) < 10, "one artist for all the lines"
+    low, high = upper.get_ylim()
+    assert low < 20 * np.log10(1 / 200) < 20 * np.log10(2) < high
+
+
+def test_groups_keep_apart_and_a_small_one_has_no_quantiles(make_response: ResponseMaker) -> None:
+    curves = many(make_response, 30)
+    assert legend(bode_info(curves, groups=["H1"] * 25 + ["H2"] * 5)) == [
+        "H1, 25 sweeps", "H2, 5 sweeps", "median", "5…95 %",
+    ]  # fmt: skip
+    assert legend(bode_info(curves, groups=[str(index // FEW) for index in range(30)]))[:3] == [
+        "0, 10 sweeps", "1, 10 sweeps", "2, 10 sweeps",
+    ]  # fmt: skip
+    assert legend(bode_info(curves, groups=[str(index) for index in range(30)]))[0] == "30 sweeps"
+
+
+def test_up_to_the_limit_each_curve_has_its_name(make_response: ResponseMaker) -> None:
+    assert len(legend(bode_info(many(make_response, MANY)))) == MANY
+
+
+def test_unsettled_points_are_hollow_and_in_no_quantile(make_response: ResponseMaker) -> None:
+    settled = np.ones(30, dtype=bool)
+    settled[[3, 7]] = False
+    wild = np.where(settled, -1e-3 / FREQUENCY, 1e3)
+    curves = [("bad", make_response(FREQUENCY, wild, settled=settled)), *many(make_response, 30)]
+    info = bode_info(curves)
+    group = info.groups[0]
+    bundle = group.bundle(group.magnitude)
+    assert np.isnan(bundle.y[0, [3, 7]]).all()
+    assert bundle.quantiles is not None
+    assert bundle.quantiles.max() < 10
+    assert "not settled" in legend(info)
+    drawn = [line for line in draw_bode(info).axes[0].lines if line.get_fillstyle() == "none" and len(line.get_xdata())]
+    np.testing.assert_allclose(drawn[0].get_xdata(), FREQUENCY[[3, 7]])
+
+
+def test_there_is_no_median_where_most_have_no_value() -> None:
+    values = np.ones((20, 2))
+    values[:10, 1] = np.nan
+    found = Bundle("", np.tile([1.0, 2.0], (20, 1)), values).quantiles
+    assert found is not None
+    np.testing.assert_array_equal(found, [[1, np.nan]] * 3)
+
+
+def test_other_frequencies_are_lines_without_a_band(make_response: ResponseMaker) -> None:
+    curves = many(make_response, 30)
+    curves[4] = ("shorter", make_response(FREQUENCY[:9], -1e-3 / FREQUENCY[:9]))
+    curves[5] = ("empty", make_response([], []))
+    assert legend(bode_info(curves)) == ["29 sweeps"]
+
+
+def test_nothing_settled_can_be_drawn(make_response: ResponseMaker) -> None:
+    never = make_response([1.0, 2.0], [1e-3, 1e-3], settled=[False, False])
+    assert legend(bode_info([("a", never)] * 30)) == ["30 sweeps", "median", "5…95 %", "not settled"]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_phases_lie_on_the_branches_of_single_curves(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    anchor = np.tile(np.cumsum(rng.normal(0, 60, 20)), (50, 1))
+    phase = (anchor + rng.normal(0, 80, anchor.shape) + 180) % 360 - 180
+    phase[rng.random(phase.shape) < 0.05] = np.nan
+    trusted = rng.random(phase.shape) < 0.8
+    trusted[0] = False
+    expected = [continuous_phase(*row) for row in zip(phase, trusted, anchor, strict=True)]
+    np.testing.assert_allclose(continuous_phases(phase, trusted, anchor), expected)
+    expected = [continuous_phase(*row) for row in zip(phase, trusted, strict=True)]
+    np.testing.assert_allclose(continuous_phases(phase, trusted), expected)
+
+
+def test_other_curves_are_bundled_too() -> None:
+    time_ = np.linspace(0, 1, 50)
+    curves = [("", Curve("step", {"time": time_, "x": k * time_}, {"time": "s", "x": "m"})) for k in range(40)]
+    figure = draw_curves(curves_info(curves, groups=["a", "b"] * 20))
+    texts = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert texts == ["a, 20 sweeps", "b, 20 sweeps", "median", "5…95 %"]
+    assert figure.axes[0].get_ylim()[1] > 39
+
+
+def test_rows_are_filled_up() -> None:
+    np.testing.assert_array_equal(stacked([np.array([1.0]), np.array([1.0, 2.0])]), [[1, np.nan], [1, 2]])
+    flags = stacked([np.array([True]), np.array([True, True])], missing=False)
+    assert flags.dtype == bool
+    assert split(["a", "b", "a"]) == {"a": [0, 2], "b": [1]}
+
+
+def test_groups_are_those_of_the_label_with_the_fewest_values() -> None:
+    labels = [
+        {"estimator.name": name, "friction.coulomb": force, "loop.amplitude": amplitude, "loop.noise": 0.0}
+        for name in ("conventional", "proposed")
+        for force in np.linspace(15, 20, 10).tolist()
+        for amplitude in (1.0, 2.0, 3.0)
+    ]
+    assert group_names(labels) == ["conventional"] * 30 + ["proposed"] * 30
+    for of in labels:
+        del of["estimator.name"]
+    assert group_names(labels, {"loop.amplitude": "N"})[:3] == ["1 N", "2 N", "3 N"]
+    assert set(group_names([{"a": index} for index in range(9)])) == {""}
+    assert group_names([]) == []
+
+
+def test_ten_thousand_sweeps_are_drawn_within_seconds(make_response: ResponseMaker) -> None:
+    curves = many(make_response, 10_000)
+    began = time.process_time()
+    draw_bode(bode_info(curves, ("P(s)", FREQUENCY, -1e-3 / FREQUENCY)))
+    components = [{"name": "dahl", "stiffness": float(index)} for index in range(10_000)]
+    assert label_texts(components)[7] == "dahl (stiffness 7)"
+    assert time.process_time() - began < 10, "about 1 s; minutes if a step grows with the square of the number"
