@@ -17,7 +17,7 @@ from fraexp.delays import hold_response, image_factor, path_response
 from fraexp.errors import FraexpError, ParameterError, RecordError, did_you_mean
 from fraexp.kernels.choice import where
 from fraexp.parameters import Parameters, param
-from fraexp.periodic import fourier_sums, phasors
+from fraexp.periodic import fourier_sums, phasors, spectrum_of
 from fraexp.plugins import hookimpl
 from fraexp.response import response_result
 from fraexp.results import HARMONICS, Curve, FrequencyResponse, Metric, Outcome, Result
@@ -57,5 +57,6 @@ __all__ = [
     "path_response",
     "phasors",
     "response_result",
+    "spectrum_of",
     "where",
 ]

@@ -33,7 +33,10 @@ def image_factor(
     the factor is exact.
     """
     k = np.concatenate([np.arange(-IMAGES, 0), np.arange(1, IMAGES + 1)])
-    image = omega[..., None] + k * (2 * np.pi / np.asarray(sample_time)[..., None])
+    spacing = k * (2 * np.pi / np.asarray(sample_time)[..., None])
+    image = omega[..., None] + spacing
     ratio = (omega[..., None] / image) ** (roll_off + 1)  # the hold's numerator is the same at every image
-    path = path_response(image, dead_time, lags) / path_response(omega, dead_time, lags)[..., None]
+    path = path_response(spacing, dead_time, ())
+    if lags:
+        path = path * path_response(image, 0.0, lags) / path_response(omega, 0.0, lags)[..., None]
     return 1 + np.sum(ratio * path, axis=-1)

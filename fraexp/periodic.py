@@ -5,6 +5,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from fraexp.results import HARMONICS
 from fraexp.signals import Segment
 
 FEW = 1 << 14
@@ -35,7 +36,29 @@ class PeriodicSpectrum:
 
 def phasors(segment: Segment, channel: str) -> np.ndarray:
     """Return 2/N Σ x e^{-jωt} of each period at the excited lines [unit], complex, shape (periods, lines)."""
-    return fourier_sums(segment.channels[channel], segment.lines)
+    return _kept_sums(segment, channel, "phasors", segment.lines)
+
+
+def harmonic_phasors(segment: Segment, channel: str) -> np.ndarray:
+    """Return the phasors of each period at a single line and its harmonics 2… below Nyquist [unit], complex."""
+    highest = max((segment.samples - 1) // (2 * int(segment.lines[0])), 1)
+    orders = np.arange(1, min(HARMONICS, highest) + 1)
+    return _kept_sums(segment, channel, "harmonics", segment.lines[0] * orders)
+
+
+def _kept_sums(segment: Segment, channel: str, what: str, lines: np.ndarray) -> np.ndarray:
+    found = segment.cache.get((channel, what))
+    if found is None:
+        found = segment.cache[channel, what] = fourier_sums(segment.channels[channel], lines)
+    return found
+
+
+def spectrum_of(segment: Segment, channel: str) -> np.ndarray:
+    """Return Σ x e^{-jωt} over all periods as one record of n samples, complex, shape (n // 2 + 1,)."""
+    found = segment.cache.get((channel, "spectrum"))
+    if found is None:
+        found = segment.cache[channel, "spectrum"] = np.fft.rfft(segment.channels[channel].ravel())
+    return found
 
 
 def fourier_sums(periods: np.ndarray, lines: np.ndarray) -> np.ndarray:

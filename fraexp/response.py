@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fraexp.periodic import PeriodicSpectrum, fourier_sums, response_covariance, spectrum
+from fraexp.periodic import PeriodicSpectrum, harmonic_phasors, response_covariance, spectrum
 from fraexp.results import HARMONICS, FrequencyResponse, Outcome, Result
 from fraexp.signals import Segment, Signals
 
@@ -69,9 +69,7 @@ def _harmonics(segment: Segment, channel: str) -> np.ndarray:
     """Harmonics 2… of a single sine relative to its fundamental; NaN beyond Nyquist and for several lines."""
     result = np.full((segment.lines.size, HARMONICS - 1), np.nan, dtype=complex)
     if segment.lines.size == 1 and channel in segment.channels:
-        orders = np.arange(1, HARMONICS + 1)
-        lines = segment.lines[0] * orders[2 * segment.lines[0] * orders < segment.samples]
-        sums = fourier_sums(segment.channels[channel], lines).sum(axis=0)
-        if sums.size and sums[0] != 0:
+        sums = harmonic_phasors(segment, channel).sum(axis=0)
+        if sums[0] != 0:
             result[0, : sums.size - 1] = sums[1:] / sums[0]
     return result

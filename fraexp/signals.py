@@ -35,13 +35,8 @@ class Segment:
     lead_in: Mapping[str, np.ndarray] = field(default_factory=dict)
     """Samples from rest up to the first period, each of shape (n,), of the channels of which they are known."""
 
-    _spectra: dict[str, np.ndarray] = field(default_factory=dict, init=False, repr=False, compare=False)
-
-    def spectrum(self, channel: str) -> np.ndarray:
-        """Return Σ x e^{-jωt} of each period, complex, shape (periods, samples // 2 + 1): computed once."""
-        if channel not in self._spectra:
-            self._spectra[channel] = np.fft.rfft(self.channels[channel], axis=1)
-        return self._spectra[channel]
+    cache: dict[tuple[str, str], np.ndarray] = field(default_factory=dict, init=False, repr=False, compare=False)
+    """What has been computed of a channel, by what it is: several estimators look at the same record."""
 
     @property
     def samples(self) -> int:

@@ -1,6 +1,7 @@
 """The paper's FRA method: measured position over the effective control input that a friction model leaves."""
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 
@@ -15,9 +16,12 @@ from fraexp.api import (
     path_response,
     phasors,
     response_result,
+    spectrum_of,
 )
 from fraexp_plugins.estimators.delayed import DelayedEstimator
 
+TABULATED = 4096
+"""Samples of a record up to which the shifts of its Fourier series are kept: many sweeps have the same ones."""
 CLEAR = 3.0
 """How many standard deviations of its scatter a term of the Fourier series must have to be kept."""
 
@@ -54,7 +58,8 @@ class Proposed(DelayedEstimator, name="proposed", version=1):
         """Return the phasors of û_e [N] per segment and period, eq (2)."""
         counts = [segment.lines.size for segment in segments]
         omega = 2 * np.pi * np.concatenate([segment.frequency for segment in segments])
-        sample_time = np.repeat([segment.sample_time for segment in segments], counts)
+        times = {segment.sample_time for segment in segments}
+        sample_time = times.pop() if len(times) == 1 else np.repeat([s.sample_time for s in segments], counts)
         path = self.input_path(omega, sample_time) * self.output_path(omega)
         viscous = 1j * omega * self.friction.viscous
         factors = zip(*(np.split(factor, np.cumsum(counts)[:-1]) for factor in (path, viscous)), strict=True)
@@ -88,16 +93,32 @@ class Proposed(DelayedEstimator, name="proposed", version=1):
 
         First-order lags in G_do are undone: they would change the shape of the motion that friction sees.
         """
-        record = segment.channels[self.output]
-        periods, samples = record.shape
-        bins = segment.spectrum(self.output)[0].copy() if periods == 1 else np.fft.rfft(record.ravel())
+        periods, samples = segment.channels[self.output].shape
+        size = periods * samples
+        bins = spectrum_of(segment, self.output)
         # rounding repeats itself from period to period and adds up, noise does not
         scatter = self.noise**2 * periods + self.resolution**2 / 12 * periods**2
         if scatter:
-            bins[np.abs(bins) < CLEAR * np.sqrt(scatter * samples)] = 0
+            bins = np.where(np.abs(bins) < CLEAR * np.sqrt(scatter * samples), 0, bins)
         if self.output_lags:
-            omega = 2 * np.pi * np.fft.rfftfreq(record.size, segment.sample_time)
-            bins /= path_response(omega, 0.0, self.output_lags)
-        if record.size % 2 == 0:
-            bins[-1] /= 2  # the Nyquist line stands for two
-        return np.fft.irfft(bins, record.size * self.interpolation) * self.interpolation
+            omega = 2 * np.pi * np.fft.rfftfreq(size, segment.sample_time)
+            bins = bins / path_response(omega, 0.0, self.output_lags)
+        return _between(bins, size, self.interpolation)
+
+
+def _between(bins: np.ndarray, samples: int, points: int) -> np.ndarray:
+    """Return a Fourier series at `points` points per sample, shape (samples points,)."""
+    if samples <= TABULATED:  # as many transforms of a record's own length, whose factors are known to be small
+        found: np.ndarray = np.fft.irfft(bins * _shifts(samples, points), samples, axis=1).T.ravel()
+        return found
+    if samples % 2 == 0:
+        bins = np.append(bins[:-1], bins[-1] / 2)  # the Nyquist line stands for two
+    return np.fft.irfft(bins, samples * points) * points
+
+
+@lru_cache(512)
+def _shifts(samples: int, points: int) -> np.ndarray:
+    """Return what moves a Fourier series by 0, 1… of `points` parts of a sample, shape (points, samples // 2 + 1)."""
+    parts = np.arange(points)[:, None] / points
+    shifts: np.ndarray = np.exp(2j * np.pi * parts * np.arange(samples // 2 + 1) / samples)
+    return shifts
