@@ -16,6 +16,13 @@ SLOW = {"lowest": 1e-3, "points": 3, "tolerance": 1e-15, "settle_limit": 10_000}
 LONG = ["run", "quick", *(f"--set=excitation.{name}={value}" for name, value in SLOW.items())]
 
 
+@pytest.fixture(scope="module", autouse=True)
+def compiled(tmp_path_factory):
+    """Have the law compiled: the compiler listens to nobody for some seconds, once on a machine."""
+    command = [sys.executable, "-m", "fraexp", "run", "quick", "--set=excitation.points=2"]
+    subprocess.run(command, cwd=tmp_path_factory.mktemp("compiled"), capture_output=True, check=True)
+
+
 def started(folder: Path, *more: str) -> subprocess.Popen[str]:
     """Return a run that has begun to compute something long."""
     command = [sys.executable, "-m", "fraexp", *LONG, *more]
