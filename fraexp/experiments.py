@@ -125,7 +125,8 @@ class _Plan:
         if schedule.settle_limit == 0:  # the transient itself is asked for
             return cls(experiment, 0, 0, 0, count, 1.0, 0.0)
         ramp = int(np.ceil((schedule.ramp + setup.delay) / sample_time))
-        stretch = block * max(1, int(np.ceil(LEAST_COMPARED / (block * sample_time))))
+        # what the loop has not yet heard of cannot show: a stretch lasts a turn of it at least
+        stretch = block * max(1, int(np.ceil(max(LEAST_COMPARED, setup.delay) / (block * sample_time))))
         limit = int(np.ceil(schedule.settle_limit / sample_time))
         rising = (0.0, sample_time / schedule.ramp) if schedule.ramp else (1.0, 0.0)
         return cls(experiment, ramp, stretch, limit, count, *rising)

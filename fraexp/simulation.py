@@ -44,7 +44,9 @@ class Loop(Parameters):
 class Numerics(Parameters):
     """How finely the loop is computed."""
 
-    tolerance: float = param("1", "relative error of a response that the steps may cause", 1e-4, above=0, at_most=0.1)
+    tolerance: float = param(
+        "1", "relative error of a response that the steps may cause", 1e-4, at_least=1e-5, at_most=0.1
+    )
     steps_per_sample: int = param(
         "1",
         "steps of the plant and its friction per sample; 0 for what the tolerance needs",

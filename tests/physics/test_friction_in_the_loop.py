@@ -8,6 +8,7 @@ from fraexp_plugins.estimators.conventional import Conventional
 from fraexp_plugins.estimators.proposed import Proposed
 from fraexp_plugins.excitations.stepped_sine import SteppedSine
 
+from fraexp import simulation
 from fraexp.simulation import Loop, Machine, Numerics, simulate_loop
 from tests.machines import LEAD, TABLE, decibel, degrees, table_models
 
@@ -109,3 +110,29 @@ def test_halving_the_step_changes_no_printed_digit(models, name, amplitude):
         ratio = estimator.estimate(fine).response.response / estimator.estimate(coarse).response.response
         assert np.max(np.abs(decibel(ratio))) < 0.01
         assert np.max(np.abs(degrees(ratio))) < 0.1
+
+
+@pytest.mark.parametrize("name", ["rolling", "gms", "lugre"])
+def test_eight_at_a_time_and_one_by_one_agree(models, name, monkeypatch):
+    """The predicted displacement is as good as the root where friction is soft; both are within the step's error."""
+    frequencies, responses = (2.0, 10.0, 40.0, 150.0), []
+    for soft in (1.0, 0.0):
+        monkeypatch.setattr(simulation, "SOFT", soft)
+        found = signals(models[name], frequencies, 75.0)
+        assert ("lanes" in found.numerics) == bool(soft)
+        responses.append(Conventional().estimate(found).response.response)
+    assert np.max(np.abs(responses[0] / responses[1] - 1)) < Numerics().tolerance
+
+
+def test_an_experiment_does_not_depend_on_what_runs_beside_it(models):
+    together, alone = (signals(models["rolling"], chosen, 12.0) for chosen in ((3.0, 20.0, 77.0), (20.0,)))
+    assert np.array_equal(together.segments[1].channels["y"], alone.segments[0].channels["y"])
+
+
+def test_steps_follow_the_tolerance(models):
+    loop = Loop(sample_time=500e-6, input_dead_time=DEAD_TIME)
+    steps = [
+        simulation.chosen_steps(Machine(TABLE, models["rolling"], LEAD, loop, Numerics(tolerance=tolerance)))
+        for tolerance in (1e-2, 1e-3, 1e-4)
+    ]
+    assert steps == sorted(set(steps))

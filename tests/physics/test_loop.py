@@ -231,3 +231,10 @@ def test_a_scale_that_shows_nothing_is_no_result():
     assert result.outcome is Outcome.NO_SIGNAL
     assert np.isnan(result.response.response).all()
     assert not result.response.settled.any()
+
+
+@pytest.mark.parametrize("dead_time", [0.1, 3.0, 10.0])
+def test_an_unstable_loop_is_not_taken_for_settled_before_it_has_heard_of_itself(dead_time):
+    signals = simulated(guide(), (10.0,), 75.0, input_dead_time=dead_time)
+    assert signals.outcome is Outcome.DIVERGED
+    assert Proposed(friction=guide()).estimate(signals).outcome is Outcome.DIVERGED

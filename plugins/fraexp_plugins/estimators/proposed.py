@@ -49,6 +49,8 @@ class Proposed(DelayedEstimator, name="proposed", version=1):
 
     def estimate(self, signals: Signals) -> Result:
         """Return y'/û_e, frequency by frequency."""
+        if not signals.segments:
+            return Result(signals.outcome, signals.message)
         units = (signals.unit(self.input), signals.unit(self.output))
         outputs = [phasors(segment, self.output) for segment in signals.segments]
         inputs = self._effective_inputs(signals.segments, outputs)
