@@ -275,6 +275,8 @@ class Period:
     """Samples [N or m], shape (n,)."""
     lines: np.ndarray
     """Excited harmonics of the period, ascending, shape (lines,) of int."""
+    reference: np.ndarray | None = None
+    """How the position reference moves around that of the loop meanwhile [m], shape (n,); None if it rests."""
 
 
 class Excitation(Component, ABC):

@@ -214,12 +214,22 @@ def _table(plans: list[_Plan], setup: Setup) -> "Table":
     return Table(
         machines=machines,
         waves=np.concatenate([*waves, silence]),
-        goals=np.array([plan.experiment.setup.reference for plan in plans]),
+        goals=_goals(plans, silence),
         settings=(setup.sample_time / setup.steps, setup.resolution, setup.noise, setup.stroke),
         sizes=(
             states, setup.steps, setup.friction.state_size, setup.discrete.numerator.size, *setup.dead_samples,
         ),
     )  # fmt: skip
+
+
+def _goals(plans: list[_Plan], silence: np.ndarray) -> np.ndarray:
+    """Return one reference per job [m], or all their samples where one of them moves."""
+    rest = [plan.experiment.setup.reference for plan in plans]
+    periods = [plan.experiment.period for plan in plans]
+    if all(period.reference is None for period in periods):
+        return np.array(rest)
+    moving = [np.zeros(p.waveform.size) if p.reference is None else p.reference for p in periods]
+    return np.concatenate([*(place + goal for place, goal in zip(rest, moving, strict=True)), silence])
 
 
 def _numbers(setup: Setup) -> np.ndarray:

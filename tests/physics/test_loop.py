@@ -1,5 +1,7 @@
 """The simulated loop against exact sampled-data results and an independent library."""
 
+from dataclasses import replace
+
 import control
 import numpy as np
 import pytest
@@ -7,11 +9,14 @@ from fraexp_plugins.controllers.pid import Pid
 from fraexp_plugins.controllers.transfer import ZTransfer
 from fraexp_plugins.estimators.conventional import Conventional
 from fraexp_plugins.estimators.proposed import Proposed
+from fraexp_plugins.excitations.stepped_sine import SteppedSine
 from scipy.integrate import solve_ivp
 
 from fraexp.components import StateSpace
 from fraexp.delays import hold_response, image_factor, path_response
+from fraexp.periodic import phasors
 from fraexp.results import Outcome
+from fraexp.simulation import Loop, Machine, Numerics, simulate_loop
 from tests.machines import FRICTIONLESS, LEAD, TABLE, decibel, degrees, guide, simulated
 
 SAMPLE = 500e-6
@@ -238,3 +243,26 @@ def test_an_unstable_loop_is_not_taken_for_settled_before_it_has_heard_of_itself
     signals = simulated(guide(), (10.0,), 75.0, input_dead_time=dead_time)
     assert signals.outcome is Outcome.DIVERGED
     assert Proposed(friction=guide()).estimate(signals).outcome is Outcome.DIVERGED
+
+
+class MovingReference(SteppedSine, name="moving_reference", version=1):
+    """A sine in the position reference, and none in the force."""
+
+    def periods(self, sample_time):
+        return tuple(
+            replace(period, waveform=0.0 * period.waveform, reference=1e-6 * period.waveform)
+            for period in super().periods(sample_time)
+        )
+
+
+def test_a_moving_reference_is_followed_as_the_closed_loop_says():
+    loop = Loop(sample_time=SAMPLE, input_dead_time=1e-3, reference=2e-3)
+    excitation = MovingReference(amplitude=1.0, frequencies=FREQUENCIES, tolerance=1e-8)
+    machine = Machine(TABLE, FRICTIONLESS, LEAD, loop, Numerics())
+    signals = simulate_loop(machine, excitation, lambda _: None)
+    omega = 2 * np.pi * np.array([segment.frequency[0] for segment in signals.segments])
+    open_loop = sampled(omega, 1e-3) * LEAD.response(omega, SAMPLE)
+    found = np.array([phasors(segment, "y")[0, 0] for segment in signals.segments])
+    sent = np.array([phasors(segment, "u")[0, 0] for segment in signals.segments]) / LEAD.response(omega, SAMPLE)
+    assert np.max(np.abs(found / (found + sent) / (open_loop / (1 + open_loop)) - 1)) < 1e-6  # r = y + e
+    assert np.max(np.abs(np.abs(found + sent) / 1e-6 - 1)) < 1e-6
