@@ -92,7 +92,7 @@ def run(experiments: Sequence[Experiment], progress: Progress) -> list[Segment |
     status = kernel.FULL
     while status != kernel.DONE:
         if status == kernel.FULL:
-            pools.append(np.empty(_room(plans, results.status, lanes, pools)))
+            pools.append(np.empty(_room(plans, lanes, pools)))
             lanes.queue[kernel.USED] = 0
         status = kernel.advance(law, jobs, table, lanes, results, pools[-1], budget)
         owner[(results.place >= 0) & (owner < 0)] = len(pools) - 1
@@ -288,7 +288,7 @@ def _results(jobs: int) -> "Results":
     )
 
 
-def _room(plans: list[_Plan], status: np.ndarray, lanes: "Lanes", pools: list[np.ndarray]) -> int:
+def _room(plans: list[_Plan], lanes: "Lanes", pools: list[np.ndarray]) -> int:
     """Return the numbers that the next results need, as far as can be guessed: one of them at least."""
     greatest = lanes.history.shape[1] + lanes.others[0].size
     guess = sum(plan.expected + 3 * plan.record for plan in plans)

@@ -52,7 +52,7 @@ def _step(
             raise PluginError(_complaint(name, error, z.size, dy, dt)) from error
     sound = isinstance(force, float | int) and np.isfinite(force) and np.all(np.isfinite(z_next))
     if plausible and not sound:
-        found = f"a force of {force!r} and a next state of {z_next.tolist()}"
+        found = f"a force of {force} and a next state of {z_next.tolist()}"
         raise PluginError(f"the law of {name} gives {found} on dy = {dy:g} m; expected finite numbers")
     return z_next
 

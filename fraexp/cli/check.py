@@ -37,11 +37,11 @@ def execute(arguments: Namespace) -> ExitCode:
 def _report(component: type[Component], quiet: bool) -> Report:
     if not quiet:
         print(printable(f"{component.kind} {component.name}: {plural(len(checks_for(component)), 'check')}"))
-    found = []
+    found: list[Finding] = []
     for finding in findings(component):
-        found.append(finding)
         if not quiet:
-            _print(finding)
+            _print(finding, [earlier for earlier in found if earlier.wrong and earlier.reason == finding.reason])
+        found.append(finding)
     report = Report(component, tuple(found))
     if not quiet:
         print()
@@ -49,11 +49,15 @@ def _report(component: type[Component], quiet: bool) -> Report:
     return report
 
 
-def _print(finding: Finding) -> None:
+def _print(finding: Finding, same: list[Finding]) -> None:
+    """Print a finding; a reason that an earlier one has told already is told by its name."""
     head = HEADS.get(finding.verdict, "FAIL")
     print(printable(f"  {head:<{WORD}}  {finding.check.name:<{NAME}} {finding.check.meaning}"), flush=True)
     indent = " " * (WORD + NAME + 5)
     what = "passes, though declared to fail; " if finding.verdict is Verdict.UNEXPECTED else ""
+    if finding.wrong and same:
+        print(printable(f"{indent}{what}for the same reason as {same[0].check.name}"))
+        return
     if finding.reason:
         print(printable(f"{indent}{what}{finding.reason}"))
     if finding.example and finding.wrong:
