@@ -8,6 +8,7 @@ import numpy as np
 
 from fraexp.components import FrictionModel, Period, Schedule
 from fraexp.discretisation import Discrete
+from fraexp.errors import ParameterError
 from fraexp.signals import Segment, Settling
 
 if TYPE_CHECKING:
@@ -228,6 +229,10 @@ def _goals(plans: list[_Plan], silence: np.ndarray) -> np.ndarray:
     periods = [plan.experiment.period for plan in plans]
     if all(period.reference is None for period in periods):
         return np.array(rest)
+    for period in periods:
+        if period.reference is not None and period.reference.shape != period.waveform.shape:
+            found = f"a reference of shape {period.reference.shape} beside a waveform of {period.waveform.shape}"
+            raise ParameterError(f"the excitation gives {found}; expected equal shapes")
     moving = [np.zeros(p.waveform.size) if p.reference is None else p.reference for p in periods]
     return np.concatenate([*(place + goal for place, goal in zip(rest, moving, strict=True)), silence])
 

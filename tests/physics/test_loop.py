@@ -14,6 +14,7 @@ from scipy.integrate import solve_ivp
 
 from fraexp.components import StateSpace
 from fraexp.delays import hold_response, image_factor, path_response
+from fraexp.errors import ParameterError
 from fraexp.periodic import phasors
 from fraexp.results import Outcome
 from fraexp.simulation import Loop, Machine, Numerics, simulate_loop
@@ -266,3 +267,13 @@ def test_a_moving_reference_is_followed_as_the_closed_loop_says():
     sent = np.array([phasors(segment, "u")[0, 0] for segment in signals.segments]) / LEAD.response(omega, SAMPLE)
     assert np.max(np.abs(found / (found + sent) / (open_loop / (1 + open_loop)) - 1)) < 1e-6  # r = y + e
     assert np.max(np.abs(np.abs(found + sent) / 1e-6 - 1)) < 1e-6
+
+
+def test_a_reference_that_does_not_fit_its_waveform_is_refused():
+    class Short(SteppedSine, name="short_reference", version=1):
+        def periods(self, sample_time):
+            return tuple(replace(period, reference=np.zeros(3)) for period in super().periods(sample_time))
+
+    machine = Machine(TABLE, FRICTIONLESS, LEAD, Loop(sample_time=SAMPLE), Numerics())
+    with pytest.raises(ParameterError, match="expected equal shapes"):
+        simulate_loop(machine, Short(amplitude=1.0, frequencies=(20.0,)), lambda _: None)
