@@ -33,7 +33,7 @@ format: $(STAMP)
 	@$(BIN)/ruff check --quiet --fix .
 
 # Each prints a table and fails where a bound is missed; all are run. The peers are those that are installed.
-BENCHMARKS := accuracy friction kernel plugin_cost peer_table scaling monte_carlo timing
+BENCHMARKS := accuracy friction band_coverage friction_band kernel plugin_cost peer_table scaling monte_carlo timing
 
 bench: $(STAMP)
 	@failed=; for name in $(BENCHMARKS); do echo; echo "== benchmarks/$$name.py"; \

@@ -55,8 +55,8 @@ class Loops:
         self.lanes.counters[:] = 0
         self.lanes.queue[:] = 0
         self.results.place[:] = -1
-        law = self.setup.friction.law
-        return kernel.advance(law, self.jobs, self.table, self.lanes, self.results, self.pool, 1 << 60)
+        laws = (self.setup.friction.law,) * 2
+        return kernel.advance(laws, self.jobs, self.table, self.lanes, self.results, self.pool, 1 << 60)
 
     @property
     def steps(self) -> int:
@@ -71,7 +71,7 @@ class Loops:
     @property
     def sizes(self) -> dict[str, int]:
         """What C calls the loop's sizes."""
-        n, m, _, order, late, held = self.table.sizes
+        n, m, _, order, late, held, _ = self.table.sizes
         return {"STATES": n, "STEPS": m, "ORDER": order, "LATE": late, "HELD": held}
 
     def channels(self, pool: np.ndarray | None = None) -> np.ndarray:

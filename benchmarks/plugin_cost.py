@@ -59,7 +59,7 @@ def child(folder: str, names: list[str]) -> None:
         began = time.perf_counter()
         loops.run()
         taken = time.perf_counter() - began
-        stats = specialised(_make_advance, friction.law).stats
+        stats = specialised(_make_advance, friction.law, friction.law).stats
         report[name] = (taken, sum(stats.cache_hits.values()), sum(stats.cache_misses.values()))
     print(json.dumps(report))
 

@@ -7,7 +7,7 @@ import argparse
 import inspect
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, get_args, get_origin
+from typing import Any, Literal, get_args, get_origin
 
 from pydantic.fields import FieldInfo
 
@@ -15,6 +15,8 @@ from fraexp.cli import arguments
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.plugins import BOUNDS
 from fraexp.components import KINDS, Component, nested_kind
+from fraexp.experiments import Compensation
+from fraexp.limits import Limits
 from fraexp.parameters import Parameters, inherited_from, unit_of
 from fraexp.plugins import Registry, discover
 from fraexp.records.settings import Channel, RecordSettings, Step
@@ -24,6 +26,8 @@ DOCS = Path(__file__).parent
 SECTIONS: Mapping[str, type[Parameters]] = {
     "loop": Loop,
     "numerics": Numerics,
+    "compensation": Compensation,
+    "limits": Limits,
     "record": RecordSettings,
     "a channel of record": Channel,
     "a step of record": Step,
@@ -107,13 +111,19 @@ def _kind(info: FieldInfo) -> str:
 
 def _word(annotation: Any) -> str:
     origin, parts = get_origin(annotation), [part for part in get_args(annotation) if part not in (type(None), ...)]
+    if origin is Literal:
+        return " or ".join(f'`"{choice}"`' for choice in parts)
     if origin is tuple:
-        return f"list of {_word(parts[0])}s"
+        return f"list of {_plural(_word(parts[0]))}"
     if origin is dict:
         return f"table of {_word(parts[1])}s"
     if parts:  # optional
         return _word(parts[0])
     return WORDS.get(annotation) or annotation.__name__.lower()
+
+
+def _plural(word: str) -> str:
+    return f"lists{word.removeprefix('list')}" if word.startswith("list") else f"{word}s"
 
 
 def _default(info: FieldInfo) -> str:

@@ -20,7 +20,7 @@ from fraexp.parameters import Parameters, param
 from fraexp.periodic import fourier_sums, phasors, spectrum_of
 from fraexp.plugins import hookimpl
 from fraexp.response import response_result
-from fraexp.results import HARMONICS, Curve, FrequencyResponse, Metric, Outcome, Result
+from fraexp.results import HARMONICS, Curve, Fit, FrequencyResponse, Metric, Outcome, Result
 from fraexp.signals import Segment, Settling, Signals
 
 __all__ = [
@@ -29,6 +29,7 @@ __all__ = [
     "Curve",
     "Estimator",
     "Excitation",
+    "Fit",
     "FraexpError",
     "FrequencyResponse",
     "FrictionModel",

@@ -15,7 +15,7 @@ from fraexp.errors import PluginError, did_you_mean
 from fraexp.parameters import Parameters
 from fraexp.rehearsal import rehearse
 from fraexp.results import Result
-from fraexp.signals import Signals
+from fraexp.signals import Segment, Signals
 
 
 def nested_kind(info: FieldInfo) -> "type[Component] | None":
@@ -285,6 +285,8 @@ class Excitation(Component, ABC):
     kind: ClassVar[str] = "excitation"
     quantity: ClassVar[str] = "force"
     """What is excited: ``force`` at the control input of the loop, or ``displacement`` of a friction model."""
+    rounds: ClassVar[int] = 1
+    """How often a period is run, about: more than once where `revise` asks for it."""
 
     def check(self, sample_time: float) -> None:
         """Raise ParameterError if it cannot be sampled at `sample_time` [s]: asked before anything is run."""
@@ -292,6 +294,13 @@ class Excitation(Component, ABC):
     @abstractmethod
     def periods(self, sample_time: float) -> tuple[Period, ...]:
         """Return one period of each experiment, sampled at `sample_time` [s]."""
+
+    def revise(self, period: Period, segment: Segment) -> Period | None:
+        """Return the period to be run in place of one that was recorded, or None if its record will do.
+
+        For excitations that aim at something, such as an amplitude of the displacement.
+        """
+        return None
 
     @property
     @abstractmethod

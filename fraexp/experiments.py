@@ -2,13 +2,14 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fraexp.components import FrictionModel, Period, Schedule
 from fraexp.discretisation import Discrete
 from fraexp.errors import ParameterError
+from fraexp.parameters import Parameters, param
 from fraexp.signals import Segment, Settling
 
 if TYPE_CHECKING:
@@ -22,8 +23,18 @@ REMEMBERED = 4_000_000
 """Measured positions that a lane remembers at most, but for the stretches that it compares and records."""
 MOST_POOLED = 1 << 24
 """Numbers of results that are kept together, at most."""
-CHANNELS = 4
 Progress = Callable[[float], None]
+
+
+class Compensation(Parameters):
+    """Friction compensation by feedback: a share of a friction model's force, driven by y', is added to the input."""
+
+    gain: float = param("1", "share α of the friction model's force that is fed back", 1.0, at_least=0, at_most=100)
+    friction: FrictionModel = param("", "friction model of the compensation", inherit="friction")
+
+    def law_arguments(self, sample_time: float) -> tuple[Any, ...]:
+        """Return gain, viscous coefficient, sample time and the arguments of the model's law."""
+        return float(self.gain), float(self.friction.viscous), float(sample_time), self.friction.law_arguments()
 
 
 @dataclass(frozen=True)
@@ -48,6 +59,17 @@ class Setup:
     """Displacement that counts as diverged [m]."""
     wide: bool
     """Whether experiments are run in lanes."""
+    compensation: Compensation | None = None
+
+    @property
+    def channels(self) -> int:
+        """Number of channels that are recorded."""
+        return 5 if self.compensation else 4
+
+    @property
+    def feedback_arguments(self) -> tuple[Any, ...]:
+        """What the kernel takes for the compensation; nothing without one."""
+        return self.compensation.law_arguments(self.sample_time) if self.compensation else ()
 
     @property
     def steps(self) -> int:
@@ -86,7 +108,8 @@ def run(experiments: Sequence[Experiment], progress: Progress) -> list[Segment |
     jobs, table = _jobs(plans), _table(plans, setup)
     lanes = _lanes(plans, setup, table)
     results = _results(len(plans))
-    law, budget = setup.friction.law, max(AT_ONCE // setup.steps, 1)
+    friction, fed_back = setup.friction, setup.compensation
+    laws, budget = (friction.law, (fed_back or setup).friction.law), max(AT_ONCE // setup.steps, 1)
     weights = np.array([plan.expected for plan in plans]) / sum(plan.expected for plan in plans)
     pools: list[np.ndarray] = []
     owner = np.full(len(plans), -1)
@@ -95,7 +118,7 @@ def run(experiments: Sequence[Experiment], progress: Progress) -> list[Segment |
         if status == kernel.FULL:
             pools.append(np.empty(_room(plans, lanes, pools)))
             lanes.queue[kernel.USED] = 0
-        status = kernel.advance(law, jobs, table, lanes, results, pools[-1], budget)
+        status = kernel.advance(laws, jobs, table, lanes, results, pools[-1], budget)
         owner[(results.place >= 0) & (owner < 0)] = len(pools) - 1
         progress(_share(weights, plans, results, lanes))
     segments: list[Segment | None] = [None] * len(plans)
@@ -115,6 +138,8 @@ class _Plan:
     limit: int
     count: int
     """Periods that are recorded."""
+    record: int
+    """Samples that are recorded."""
     base: float
     rate: float
 
@@ -124,17 +149,13 @@ class _Plan:
         block, sample_time = experiment.period.waveform.size, setup.sample_time
         count = max(schedule.periods, int(np.ceil(schedule.record_time / (block * sample_time))), 1)
         if schedule.settle_limit == 0:  # the transient itself is asked for
-            return cls(experiment, 0, 0, 0, count, 1.0, 0.0)
+            return cls(experiment, 0, 0, 0, count, count * block, 1.0, 0.0)
         ramp = int(np.ceil((schedule.ramp + setup.delay) / sample_time))
         # what the loop has not yet heard of cannot show: a stretch lasts a turn of it at least
         stretch = block * max(1, int(np.ceil(max(LEAST_COMPARED, setup.delay) / (block * sample_time))))
         limit = int(np.ceil(schedule.settle_limit / sample_time))
         rising = (0.0, sample_time / schedule.ramp) if schedule.ramp else (1.0, 0.0)
-        return cls(experiment, ramp, stretch, limit, count, *rising)
-
-    @property
-    def record(self) -> int:
-        return self.count * self.experiment.period.waveform.size
+        return cls(experiment, ramp, stretch, limit, count, count * block, *rising)
 
     @property
     def longest(self) -> int:
@@ -160,12 +181,24 @@ class _Plan:
         sample_time, period = self.experiment.setup.sample_time, self.experiment.period
         begin, before, record = results.place[number], results.lead_in[number], self.record
         lead_in, first = pool[begin : begin + before], begin + before
-        numbers = pool[first : first + CHANNELS * record]
-        y, u, displacement, friction = numbers.reshape(CHANNELS, self.count, period.waveform.size)
-        time = float(results.settling[number] * sample_time)
-        settling = Settling(bool(results.status[number] == SETTLED), time, float(results.residual[number]))
-        channels = {"u": u, "y": y, "displacement": displacement, "friction": friction}
+        count = self.experiment.setup.channels
+        numbers = pool[first : first + count * record].reshape(count, self.count, period.waveform.size)
+        waited = int(results.settling[number])
+        settling = Settling(
+            bool(results.status[number] == SETTLED), waited * sample_time, float(results.residual[number])
+        )
+        channels = dict(zip(("y", "u", "displacement", "friction", "compensation"), numbers, strict=False))
+        channels["excitation"] = _repeated(period.waveform, waited, self.count)
+        if period.reference is not None:
+            channels["reference"] = self.experiment.setup.reference + _repeated(period.reference, waited, self.count)
         return Segment(sample_time, channels, period.lines, settling, {"y": lead_in} if before else {})
+
+
+def _repeated(period: np.ndarray, waited: int, count: int) -> np.ndarray:
+    """Return a period as often as it is recorded, from where it stood when the record began."""
+    begin = waited % period.size
+    shifted = np.concatenate([period[begin:], period[:begin]]) if begin else period
+    return np.broadcast_to(shifted, (count, period.size)) if count > 1 else shifted.reshape(1, -1)
 
 
 def _jobs(plans: list[_Plan]) -> "Jobs":
@@ -219,6 +252,7 @@ def _table(plans: list[_Plan], setup: Setup) -> "Table":
         settings=(setup.sample_time / setup.steps, setup.resolution, setup.noise, setup.stroke),
         sizes=(
             states, setup.steps, setup.friction.state_size, setup.discrete.numerator.size, *setup.dead_samples,
+            setup.compensation.friction.state_size if setup.compensation else 0,
         ),
     )  # fmt: skip
 
@@ -242,25 +276,26 @@ def _numbers(setup: Setup) -> np.ndarray:
     from fraexp.kernels.storage import numbers
 
     parts = [part.ravel() for part in setup.discrete.constants]
-    return np.concatenate([*parts, *numbers(setup.friction.law_arguments())])
+    return np.concatenate([*parts, *numbers((setup.friction.law_arguments(), setup.feedback_arguments))])
 
 
 def _lanes(plans: list[_Plan], setup: Setup, table: "Table") -> "Lanes":
     """Return lanes at rest with nothing to do."""
     from fraexp.kernels.experiments import IDLE, LEFT, STAGE, Lanes
     from fraexp.kernels.lanes import WIDTH
-    from fraexp.kernels.loop import CONTACT
+    from fraexp.kernels.loop import CONTACT, TRACED
     from fraexp.kernels.storage import views, zeros
 
     width = WIDTH if setup.wide else 1
-    n, m, states, order, late, held = table.sizes
+    n, m, states, order, late, held, observed = table.sizes
     store = zeros(table.machines.shape[1], setup.wide)
     parts, used = [], 0
     for part in setup.discrete.constants:
         parts.append(store[used : used + part.size])
         used += part.size
-    arguments, _ = views(setup.friction.law_arguments(), store, used)
-    memory = (n + 3, m + 1 + n, 2 * states, order, late + 2, held + 1, CONTACT)
+    arguments, used = views(setup.friction.law_arguments(), store, used)
+    compensation, _ = views(setup.feedback_arguments, store, used)
+    memory = (n + 3, m + 1 + n, 2 * states, order, late + 2, held + 1, CONTACT, 2 * observed + 1)
     counters = np.zeros((width, 7), dtype=np.int64)
     counters[:, STAGE] = IDLE
     compared = max(2 * plan.stretch + plan.record for plan in plans)
@@ -269,14 +304,15 @@ def _lanes(plans: list[_Plan], setup: Setup, table: "Table") -> "Lanes":
     return Lanes(
         constants=tuple(parts),
         arguments=arguments,
+        compensation=compensation,
         store=store,
         memory=tuple(zeros(size, setup.wide) for size in memory),
         drive=zeros(5, setup.wide),
-        trace=zeros(5, setup.wide),
+        trace=zeros(TRACED, setup.wide),
         counters=counters,
         agreement=np.zeros((width, 2)),
         history=np.empty((width, room)),
-        others=np.empty((width, CHANNELS - 1, max(plan.record for plan in plans))),
+        others=np.empty((width, setup.channels - 1, max(plan.record for plan in plans))),
         queue=np.zeros(3, dtype=np.int64),
     )
 
@@ -296,7 +332,7 @@ def _results(jobs: int) -> "Results":
 def _room(plans: list[_Plan], lanes: "Lanes", pools: list[np.ndarray]) -> int:
     """Return the numbers that the next results need, as far as can be guessed: one of them at least."""
     greatest = lanes.history.shape[1] + lanes.others[0].size
-    guess = sum(plan.expected + 3 * plan.record for plan in plans)
+    guess = sum(plan.expected + lanes.others.shape[1] * plan.record for plan in plans)
     return max(greatest, min(guess, MOST_POOLED)) if pools or len(plans) == 1 else min(guess, MOST_POOLED)
 
 

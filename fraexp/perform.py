@@ -11,6 +11,7 @@ from typing import Any
 from fraexp import records, simulation
 from fraexp.components import Controller, Estimator, Excitation, FrictionModel, Plant
 from fraexp.errors import FraexpError
+from fraexp.experiments import Compensation
 from fraexp.plugins import Registry, create, discover
 from fraexp.results import Result
 from fraexp.signals import Signals
@@ -62,18 +63,29 @@ def source(job: Job, registry: Registry, progress: Progress) -> Signals:
     experiment = job.experiment
     if experiment["source"] == "record":
         return records.load(experiment, job.files, registry)
-    friction = create(registry, FrictionModel, experiment["friction"])
     excitation = create(registry, Excitation, experiment["excitation"])  # type: ignore[type-abstract]
     if experiment["source"] == "drive":
+        friction = create(registry, FrictionModel, experiment["friction"])
         return simulation.drive_friction(friction, excitation, experiment["loop"]["sample_time"])
-    machine = Machine(
+    return simulation.simulate_loop(machine(experiment, registry), excitation, progress)
+
+
+def machine(experiment: Plain, registry: Registry) -> Machine:
+    """Return the machine of an experiment on a loop."""
+    return Machine(
         plant=create(registry, Plant, experiment["plant"]),  # type: ignore[type-abstract]
-        friction=friction,
+        friction=create(registry, FrictionModel, experiment["friction"]),
         controller=create(registry, Controller, experiment["controller"]),  # type: ignore[type-abstract]
         loop=Loop.parse(experiment["loop"], "loop"),
         numerics=Numerics.parse(experiment["numerics"], "numerics"),
+        compensation=_compensation(experiment.get("compensation"), registry),
     )
-    return simulation.simulate_loop(machine, excitation, progress)
+
+
+def _compensation(section: Plain | None, registry: Registry) -> Compensation | None:
+    if section is None:
+        return None
+    return Compensation.parse(registry.filled(Compensation, section, {}), "compensation")
 
 
 def _estimate(registry: Registry, spec: Plain, signals: Signals, shared: float) -> Result | Failure:
@@ -83,7 +95,12 @@ def _estimate(registry: Registry, spec: Plain, signals: Signals, shared: float) 
         result = estimator.estimate(signals)
     except Exception as error:  # as above: one estimator's failure is its own
         return _failure(error)
-    return replace(result, numerics=signals.numerics, elapsed=shared + time.perf_counter() - began)
+    return replace(
+        result,
+        metrics=result.metrics + signals.metrics,
+        numerics=signals.numerics,
+        elapsed=shared + time.perf_counter() - began,
+    )
 
 
 def _failure(error: Exception) -> Failure:

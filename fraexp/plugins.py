@@ -20,7 +20,7 @@ import pydantic
 from fraexp.components import KINDS, Component, nested_kind
 from fraexp.errors import FraexpError, ParameterError, PluginError, did_you_mean
 from fraexp.identity import file_hash
-from fraexp.parameters import inherited_from
+from fraexp.parameters import Parameters, inherited_from
 
 hookspec = pluggy.HookspecMarker("fraexp")
 hookimpl = pluggy.HookimplMarker("fraexp")
@@ -143,6 +143,11 @@ class Registry:
         values = {key: value for key, value in spec.items() if key not in ("name", "version", "preset")}
         if "preset" in spec:
             values = {**_preset(cls, spec["preset"]), **values}
+        return cls.parse(self.filled(cls, values, environment), name)
+
+    def filled(self, cls: type[Parameters], given: Mapping[str, Any], environment: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the values that are given with those that are inherited, components among them built."""
+        values = dict(given)
         for key, info in cls.model_fields.items():
             origin = inherited_from(info)
             if key not in values and origin is not None:
@@ -154,7 +159,7 @@ class Registry:
                 values[key] = self._create(nested.kind, values[key], environment)
             elif nested is not None and isinstance(values.get(key), list | tuple):
                 values[key] = tuple(self._create(nested.kind, part, environment) for part in values[key])
-        return cls.parse(values, name)
+        return values
 
 
 def _preset(cls: type[Component], name: Any) -> Mapping[str, Any]:

@@ -44,6 +44,7 @@ def response_result(
         settling_time=_per_line(signals, [s.settling.time if s.settling else np.nan for s in signals.segments]),
         residual=_per_line(signals, [s.settling.residual if s.settling else np.nan for s in signals.segments]),
         harmonics=np.concatenate([_harmonics(s, names[1]) for s in signals.segments]),
+        freedom=np.concatenate([np.full(of.shape[1], 2.0 * (len(of) - 1)) for of in outputs]),
     )
     if silent.any() and signals.outcome is Outcome.OK:
         message = f"at {silent.sum()} of {silent.size} frequencies input or output does not move"

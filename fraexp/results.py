@@ -1,12 +1,17 @@
 """What is learnt from signals: frequency responses with covariance, metrics, curves, and the outcome."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
+from typing import Any
 
 import numpy as np
 
 HARMONICS = 7
 """Highest harmonic of the output that is kept with each frequency."""
+
+EFFORT = ("stroke", "peak force", "measuring time")
+"""Names of the metrics that tell what an experiment takes on a machine: every simulated one has them."""
 
 
 class Outcome(Enum):
@@ -49,6 +54,16 @@ class FrequencyResponse:
     """Relative difference of the last two periods compared, shape (n,); NaN where unknown."""
     harmonics: np.ndarray
     """Harmonics 2…7 of the output relative to its fundamental, complex, shape (n, 6)."""
+    freedom: np.ndarray | None = None
+    """Degrees of freedom of the covariance, such as 2(P - 1) for P periods, shape (n,); None for a known one."""
+    noise_variance: np.ndarray | None = None
+    """Variance E|dG|² of the response by noise alone [unit²], shape (n,); None where it is not told apart."""
+    nonlinear_variance: np.ndarray | None = None
+    """Variance of one realisation by stochastic nonlinear distortions [unit²], shape (n,); None if not told apart."""
+    coherence: np.ndarray | None = None
+    """Squared coherence of input and output, shape (n,); None where it is not known."""
+    model_covariance: np.ndarray | None = None
+    """Covariance of (real, imaginary) part of 1/response by the friction model's errors [1/unit²], (n, 2, 2)."""
 
     @property
     def standard_deviation(self) -> np.ndarray:
@@ -82,6 +97,29 @@ class Curve:
 
 
 @dataclass(frozen=True)
+class Fit:
+    """A component identified from signals: ready to be used, with the covariance of what was identified."""
+
+    kind: str
+    """Kind of the component, such as ``plant`` or ``friction``."""
+    component: Mapping[str, Any]
+    """The component as a study names it: name, version and parameters."""
+    parameters: tuple[str, ...]
+    """Names of the p parameters that were identified, such as ``gain`` or ``frequencies.0``."""
+    units: tuple[str, ...]
+    """Their units."""
+    values: np.ndarray
+    """Their values [their units], shape (p,)."""
+    covariance: np.ndarray
+    """Covariance of the values [products of their units], shape (p, p); NaN where unknown, 0 where held."""
+
+    @property
+    def standard_deviation(self) -> np.ndarray:
+        """Standard deviation of each value [its unit], shape (p,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+@dataclass(frozen=True)
 class Result:
     """All that one sweep has taught."""
 
@@ -91,6 +129,7 @@ class Result:
     response: FrequencyResponse | None = None
     metrics: tuple[Metric, ...] = ()
     curves: tuple[Curve, ...] = ()
+    fits: tuple[Fit, ...] = ()
     numerics: str = ""
     """How the signals were simulated, such as ``5 steps per sample, 8 lanes``; empty for measured ones."""
     elapsed: float = field(default=0.0, compare=False)

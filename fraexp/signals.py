@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fraexp.errors import RecordError, did_you_mean
-from fraexp.results import Outcome
+from fraexp.results import Metric, Outcome
 
 
 @dataclass(frozen=True)
@@ -60,6 +60,8 @@ class Signals:
     message: str = field(default="")
     numerics: str = ""
     """How they were simulated; empty for measured ones."""
+    metrics: tuple[Metric, ...] = ()
+    """What the experiment took: stroke, force and time."""
 
     def unit(self, channel: str) -> str:
         """Return the unit of a channel; RecordError names the nearest one if it does not exist."""

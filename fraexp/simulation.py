@@ -1,17 +1,17 @@
 """The simulated source of signals: the control loop of the machine, or a friction model driven by a displacement."""
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from fraexp.components import Controller, Excitation, FrictionModel, Plant
+from fraexp.components import Controller, Excitation, FrictionModel, Period, Plant, Schedule
 from fraexp.discretisation import discretise, split
 from fraexp.errors import ParameterError
-from fraexp.experiments import Experiment, Setup, run
+from fraexp.experiments import Compensation, Experiment, Setup, run
 from fraexp.parameters import Parameters, param
-from fraexp.results import Outcome
+from fraexp.results import EFFORT, Metric, Outcome
 from fraexp.signals import Segment, Signals
 
 
@@ -65,10 +65,22 @@ class Machine:
     controller: Controller
     loop: Loop
     numerics: Numerics
+    compensation: Compensation | None = None
 
 
-UNITS = {"u": "N", "y": "m", "displacement": "m", "friction": "N"}
-"""Channels of a simulated loop: control input, measured position, true displacement, true friction force."""
+UNITS = {
+    "u": "N",
+    "y": "m",
+    "displacement": "m",
+    "friction": "N",
+    "compensation": "N",
+    "excitation": "N",
+    "reference": "m",
+}
+"""Channels of a simulated loop: control input, measured position, true displacement and friction force; what friction
+compensation and the excitation add to the control input; the position reference where it moves."""
+MOST_ROUNDS = 12
+"""Times that an experiment is run at most, for an excitation that revises it."""
 LONGEST_STEP = 1.0
 """Longest step, in radians of the stuck table's resonance."""
 GOOD_STEP, GOOD = 0.08, 1e-3
@@ -86,22 +98,66 @@ def simulate_loop(machine: Machine, excitation: Excitation, progress: Callable[[
     `progress` is told the fraction done. A loop that leaves the stroke ends the experiment as diverged.
     """
     setup = prepared(machine)
-    loop, schedule = machine.loop, excitation.schedule
-    periods = excitation.periods(loop.sample_time)
-    experiments = [Experiment(setup, period, schedule, number) for number, period in enumerate(periods)]
-    found = run(experiments, progress)
+    periods = list(excitation.periods(machine.loop.sample_time))
+    found = _recorded(setup, excitation, periods, progress)
     inside = itertools.takewhile(lambda segment: segment is not None, found)
     segments = tuple(segment for segment in inside if segment)
+    outcome, message = _outcome(machine.loop, excitation.schedule, periods, segments)
+    units = {name: unit for name, unit in UNITS.items() if all(name in segment.channels for segment in segments)}
+    return Signals(segments, units, outcome, message, setup.numerics, _taken(segments))
+
+
+def _recorded(
+    setup: Setup, excitation: Excitation, periods: list[Period], progress: Callable[[float], None]
+) -> list[Segment | None]:
+    """Run the periods, and those that the excitation revises again; `periods` are then those that were run last."""
+    found: list[Segment | None] = [None] * len(periods)
+    waiting = list(range(len(periods)))
+    for turn in range(MOST_ROUNDS):
+
+        def tell(done: float, before: int = turn) -> None:
+            progress((before + done) / max(excitation.rounds, before + 1))
+
+        again = []
+        experiments = [Experiment(setup, periods[number], excitation.schedule, number) for number in waiting]
+        for number, segment in zip(waiting, run(experiments, tell), strict=True):
+            found[number] = segment
+            revised = excitation.revise(periods[number], segment) if segment else None
+            if revised:
+                periods[number] = revised
+                again.append(number)
+        if not again:
+            break
+        waiting = again
+    progress(1.0)
+    return found
+
+
+def _outcome(
+    loop: Loop, schedule: Schedule, periods: Sequence[Period], segments: Sequence[Segment]
+) -> tuple[Outcome, str]:
     if len(segments) < len(periods):
         period = periods[len(segments)]
         frequency = period.lines[0] / (period.waveform.size * loop.sample_time)
-        message = f"at {frequency:.4g} Hz the displacement left ±{loop.stroke:g} m"
-        return Signals(segments, UNITS, Outcome.DIVERGED, message, setup.numerics)
+        return Outcome.DIVERGED, f"at {frequency:.4g} Hz the displacement left ±{loop.stroke:g} m"
     waiting = sum(not segment.settling.settled for segment in segments if segment.settling)
     if waiting:
         message = f"{waiting} of {len(segments)} responses were not yet periodic after {schedule.settle_limit:g} s"
-        return Signals(segments, UNITS, Outcome.NOT_SETTLED, message, setup.numerics)
-    return Signals(segments, UNITS, numerics=setup.numerics)
+        return Outcome.NOT_SETTLED, message
+    return Outcome.OK, ""
+
+
+def _taken(segments: Sequence[Segment]) -> tuple[Metric, ...]:
+    """Return the stroke, the greatest control input and the time that an experiment takes on a machine."""
+    if not segments:
+        return ()
+    places, inputs = (
+        np.concatenate([segment.channels[name].ravel() for segment in segments]) for name in ("displacement", "u")
+    )
+    recorded = sum(segment.channels["u"].size * segment.sample_time for segment in segments)
+    waited = sum(segment.settling.time for segment in segments if segment.settling)
+    values = (float(np.ptp(places)), float(np.abs(inputs).max()), recorded + waited)
+    return tuple(Metric(*metric) for metric in zip(EFFORT, values, ("m", "N", "s"), strict=True))
 
 
 def drive_friction(friction: FrictionModel, excitation: Excitation, sample_time: float) -> Signals:
@@ -120,7 +176,9 @@ def drive_friction(friction: FrictionModel, excitation: Excitation, sample_time:
 def prepared(machine: Machine) -> Setup:
     """Return a machine's loop in numbers, with the steps and the way of computing that its stiffness asks for."""
     loop, friction = machine.loop, machine.friction
-    friction.rehearse()
+    models = [friction, machine.compensation.friction] if machine.compensation else [friction]
+    for model in models:
+        model.rehearse()
     steps = chosen_steps(machine)
     discrete = discretise(
         machine.plant.state_space(),
@@ -145,7 +203,8 @@ def prepared(machine: Machine) -> Setup:
         noise=loop.noise,
         seed=loop.seed,
         stroke=loop.stroke,
-        wide=friction.greatest_stiffness * discrete.gain <= SOFT and friction.vectorises,
+        wide=friction.greatest_stiffness * discrete.gain <= SOFT and all(model.vectorises for model in models),
+        compensation=machine.compensation,
     )
 
 

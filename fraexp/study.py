@@ -1,26 +1,38 @@
-"""A study file: what shall be known, as TOML; its grid multiplies into sweeps."""
+"""A study file: what shall be known, as TOML; its cases and its grid multiply into sweeps."""
 
 import itertools
+import math
 import os
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from fraexp import records
+from fraexp import limits, perform, records
 from fraexp.components import Controller, Estimator, Excitation, FrictionModel, Plant
 from fraexp.errors import FraexpError, StudyError, did_you_mean
+from fraexp.experiments import Compensation
+from fraexp.figures.kinds import check_kind
+from fraexp.limits import Limits
 from fraexp.parameters import Parameters
 from fraexp.plugins import Registry, create
 from fraexp.simulation import Loop, Numerics
 from fraexp.sweep import Plain, Sweep
 
 COMPONENTS = {kind.kind: kind for kind in (Plant, FrictionModel, Controller, Excitation, Estimator)}
-SETTINGS: dict[str, type[Parameters]] = {"loop": Loop, "numerics": Numerics}
+SETTINGS: dict[str, type[Parameters]] = {
+    "loop": Loop,
+    "numerics": Numerics,
+    "compensation": Compensation,
+    "limits": Limits,
+}
+SECTIONS = (*COMPONENTS, *SETTINGS, "record")
 MACHINE = ("plant", "friction", "controller", "loop")
-WORDS = ("title", "question", "machine")
-KEYS = (*WORDS, *COMPONENTS, *SETTINGS, "record", "grid")
+OPTIONAL = ("compensation",)
+"""Sections of SETTINGS that decide the signals of a loop where they are given; without them its key is what it was."""
+WORDS = ("title", "question", "machine", "figure")
+KEYS = (*WORDS, *SECTIONS, "case", "grid")
 MOST_SWEEPS = 1_000_000
 
 
@@ -34,6 +46,18 @@ class Study:
     title: str
     question: str
     sweeps: tuple[Sweep, ...]
+    figure: str = ""
+    """Kind of its figure; empty for the one that fits the results."""
+
+
+@dataclass(frozen=True)
+class _Case:
+    """A case of a study, or all of a study that has none: what is laid over its sections, then the whole of them."""
+
+    place: str
+    """Where it stands, for what is said of it."""
+    labels: Mapping[str, str]
+    sections: Mapping[str, Any]
 
 
 def packaged_studies() -> Path:
@@ -78,24 +102,30 @@ def resolve(
     name: str, file: Path, data: Mapping[str, Any], folder: Path, registry: Registry, overrides: Sequence[str] = ()
 ) -> Study:
     """Return the study that the data of a file describe, without reading the file itself."""
+    _check_keys(data, file)
+    base = {key: value for key, value in data.items() if key in SECTIONS}
+    if "machine" in data:
+        base = _merge(_machine(data["machine"], file, folder), base, str(file))
+    cases = _cases(data["case"], file) if "case" in data else [_Case(str(file), {}, {})]
+    grid, changes = _grid(data.get("grid", {}), file), [_override(text) for text in overrides]
+    for path, _ in changes:
+        grid = {axis: values for axis, values in grid.items() if axis != path and not axis.startswith(f"{path}.")}
+    _check_count(file, len(cases), grid)
+    whole = [replace(case, sections=_of_case(base, case, changes)) for case in cases]
+    sweeps = [_sweep(file, case, point, registry) for case in whole for point in _points(grid)]
+    different = {sweep.key: sweep for sweep in reversed(sweeps)}  # points may say the same in two ways
+    kept = tuple(sweep for sweep in sweeps if different[sweep.key] is sweep)
+    return Study(name, file, data.get("title", name), data.get("question", ""), kept, data.get("figure", ""))
+
+
+def _check_keys(data: Mapping[str, Any], file: Path) -> None:
     unknown = sorted(set(data) - set(KEYS))
     if unknown:
         raise StudyError(f"{file}: there is no section or key '{unknown[0]}'{did_you_mean(unknown[0], KEYS)}")
     for word in WORDS:
         if not isinstance(data.get(word, ""), str):
             raise StudyError(f"{file}: {word} is {data[word]!r}; expected a text")
-    sections = {key: value for key, value in data.items() if key not in ("title", "question", "machine", "grid")}
-    if "machine" in data:
-        sections = _merge(_machine(data["machine"], file, folder), sections, str(file))
-    grid = _grid(data.get("grid", {}), file)
-    for text in overrides:
-        path, value = _override(text)
-        sections = _merge(sections, _nested(path, value), "--set")
-        grid = {axis: values for axis, values in grid.items() if axis != path and not axis.startswith(f"{path}.")}
-    sweeps = tuple(_sweep(file, sections, point, registry) for point in _points(grid))
-    different = {sweep.key: sweep for sweep in reversed(sweeps)}  # points may say the same in two ways
-    sweeps = tuple(sweep for sweep in sweeps if different[sweep.key] is sweep)
-    return Study(name, file, data.get("title", name), data.get("question", ""), sweeps)
+    check_kind(data.get("figure", ""), f"{file}: figure")
 
 
 def _read(file: Path) -> dict[str, Any]:
@@ -129,8 +159,8 @@ def _merge(base: Mapping[str, Any], change: Mapping[str, Any], place: str) -> di
     """Return `base` with the sections of `change` laid over it; one with another name replaces the whole section."""
     result = dict(base)
     for key, value in change.items():
-        if key not in KEYS:
-            raise StudyError(f"{place}: there is no section '{key}'{did_you_mean(key, KEYS)}")
+        if key not in SECTIONS:
+            raise StudyError(f"{place}: there is no section '{key}'{did_you_mean(key, SECTIONS)}")
         if not isinstance(value, Mapping):
             raise StudyError(f"{place}: {key} is {value!r}; expected a table such as [{key}]")
         result[key] = _overlay(result.get(key, {}), value)
@@ -147,7 +177,7 @@ def _overlay(old: Any, new: Any) -> Any:
 
 def _override(text: str) -> tuple[str, Any]:
     path, equals, value = text.partition("=")
-    if path.strip().partition(".")[0] in ("grid", *WORDS):
+    if path.strip().partition(".")[0] in ("grid", "case", *WORDS):
         raise StudyError(f"--set {text}: only a section's parameters can be set; write another study for the rest")
     if not equals or not path.strip():
         raise StudyError(f"--set {text}: expected PATH=VALUE, such as excitation.amplitude=20")
@@ -162,20 +192,59 @@ def _nested(path: str, value: Any) -> dict[str, Any]:
     return {head: _nested(rest, value) if rest else value}
 
 
+def _cases(tables: Any, file: Path) -> list[_Case]:
+    if not isinstance(tables, list) or not tables or not all(isinstance(table, Mapping) for table in tables):
+        raise StudyError(f"{file}: case is {_shortened(tables)}; expected tables, each under [[case]]")
+    cases: dict[str, _Case] = {}
+    for number, table in enumerate(tables, start=1):
+        label = _label(table, f"{file}, [[case]] number {number}")
+        if label in cases:
+            raise StudyError(
+                f"{file}, [[case]] number {number}: there is a case '{label}' already; expected a new label"
+            )
+        sections = {key: value for key, value in table.items() if key != "label"}
+        cases[label] = _Case(f"{file}, case '{label}'", {"case": label}, sections)
+    return list(cases.values())
+
+
+def _label(table: Mapping[str, Any], place: str) -> str:
+    if "label" not in table:
+        raise StudyError(f"{place}: lacks 'label', the name by which tables and figures tell it from the others")
+    label = table["label"]
+    if not isinstance(label, str) or not label.strip():
+        raise StudyError(f"{place}: label is {label!r}; expected a text")
+    return label
+
+
+def _shortened(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def _of_case(base: Mapping[str, Any], case: _Case, changes: Sequence[tuple[str, Any]]) -> dict[str, Any]:
+    """Return the study's sections with the case laid over them, and over both what the command line sets."""
+    sections = _merge(base, case.sections, case.place)
+    for path, value in changes:
+        sections = _merge(sections, _nested(path, value), "--set")
+    return sections
+
+
 def _grid(grid: Any, file: Path) -> dict[str, list[Any]]:
     if not isinstance(grid, Mapping):
         raise StudyError(f"{file}: grid is {grid!r}; expected a table [grid]")
     for path, values in grid.items():
         if not isinstance(values, list) or not values:
             raise StudyError(f"{file}, [grid]: '{path}' is {values!r}; expected a list such as [12, 75]")
-        if path.partition(".")[0] not in KEYS:
-            raise StudyError(f"{file}, [grid]: '{path}' leads nowhere{did_you_mean(path.partition('.')[0], KEYS)}")
-    count = 1
-    for values in grid.values():
-        count *= len(values)
+        section = path.partition(".")[0]
+        if section not in SECTIONS:
+            raise StudyError(f"{file}, [grid]: '{path}' leads nowhere{did_you_mean(section, SECTIONS)}")
+    return dict(grid)
+
+
+def _check_count(file: Path, cases: int, grid: Mapping[str, Sequence[Any]]) -> None:
+    count = cases * math.prod(len(values) for values in grid.values())
     if count > MOST_SWEEPS:
         raise StudyError(f"{file}, [grid]: it has {count:,} points; expected {MOST_SWEEPS:,} at most")
-    return dict(grid)
 
 
 def _points(grid: Mapping[str, list[Any]]) -> Iterator[dict[str, Any]]:
@@ -183,23 +252,28 @@ def _points(grid: Mapping[str, list[Any]]) -> Iterator[dict[str, Any]]:
         yield dict(zip(grid, values, strict=True))
 
 
-def _sweep(file: Path, base: Mapping[str, Any], point: Mapping[str, Any], registry: Registry) -> Sweep:
-    sections = dict(base)
+def _sweep(file: Path, case: _Case, point: Mapping[str, Any], registry: Registry) -> Sweep:
+    sections = dict(case.sections)
     for path, value in point.items():
-        sections = _merge(sections, _nested(path, value), f"{file}, [grid]")
-    resolved, files = _resolve(file, sections, registry)
+        sections = _merge(sections, _nested(path, value), f"{case.place}, [grid]")
+    resolved, files = _resolve(file, case.place, sections, registry)
     if "estimator" not in sections:
-        raise StudyError(f"{file}: lacks the section [estimator]; known: {', '.join(registry.names('estimator'))}")
-    estimator = registry.create("estimator", sections["estimator"], resolved, f"{file}, [estimator]").spec()
-    return Sweep(_experiment(file, resolved, registry), estimator, dict(point), files)
+        raise StudyError(
+            f"{case.place}: lacks the section [estimator]; known: {', '.join(registry.names('estimator'))}"
+        )
+    place = f"{case.place}, [estimator]"
+    estimator = registry.create("estimator", sections["estimator"], resolved, place).spec()
+    return Sweep(_experiment(case.place, resolved, registry), estimator, {**case.labels, **point}, files)
 
 
-def _resolve(file: Path, sections: Mapping[str, Any], registry: Registry) -> tuple[dict[str, Any], dict[str, str]]:
+def _resolve(
+    file: Path, where: str, sections: Mapping[str, Any], registry: Registry
+) -> tuple[dict[str, Any], dict[str, str]]:
     """Return every section but the estimator as full plain data, and the files that it names."""
     resolved: dict[str, Any] = {}
     files: dict[str, str] = {}
     for key, value in sections.items():
-        place = f"{file}, [{key}]"
+        place = f"{where}, [{key}]"
         if key == "record":
             try:
                 settings = records.RecordSettings.parse(value, "record")
@@ -208,38 +282,49 @@ def _resolve(file: Path, sections: Mapping[str, Any], registry: Registry) -> tup
             except FraexpError as error:
                 raise type(error)(f"{place}: {error}") from None
         elif key in SETTINGS:
-            resolved[key] = _settings(SETTINGS[key], key, value, place)
+            resolved[key] = _settings(registry, key, value, sections, place)
         elif key != "estimator":
             resolved[key] = registry.create(key, value, place=place).spec()
     resolved.setdefault("numerics", Numerics().plain())
     return resolved, files
 
 
-def _settings(cls: type[Parameters], key: str, value: Plain, place: str) -> dict[str, Any]:
+def _settings(registry: Registry, key: str, value: Plain, sections: Plain, place: str) -> dict[str, Any]:
     try:
-        return cls.parse(value, key).plain()
+        return SETTINGS[key].parse(registry.filled(SETTINGS[key], value, sections), key).plain()
     except FraexpError as error:
         raise type(error)(f"{place}: {error}") from None
 
 
-def _experiment(file: Path, resolved: Mapping[str, Any], registry: Registry) -> dict[str, Any]:
+def _experiment(place: str, resolved: Mapping[str, Any], registry: Registry) -> dict[str, Any]:
     """Return the sections that decide the signals, by their source."""
     if "record" in resolved:
         return {"source": "record", "record": resolved["record"]}
     if "excitation" not in resolved:
-        raise StudyError(f"{file}: lacks the section [excitation] (for a simulation) or [record] (for measured data)")
+        raise StudyError(f"{place}: lacks the section [excitation] (for a simulation) or [record] (for measured data)")
     excitation = create(registry, Excitation, resolved["excitation"])  # type: ignore[type-abstract]
     drives = excitation.quantity == "displacement"
     needed = ("friction", "excitation", "loop") if drives else (*MACHINE, "excitation", "numerics")
     for key in needed:
         if key not in resolved:
-            raise StudyError(f"{file}: lacks the section [{key}]; name a machine, or write the section")
-    parts = {key: resolved[key] for key in needed}
+            raise StudyError(f"{place}: lacks the section [{key}]; name a machine, or write the section")
+    given = () if drives else tuple(key for key in OPTIONAL if key in resolved)
+    parts = {key: resolved[key] for key in (*needed, *given)}
     sample_time = resolved["loop"]["sample_time"]
     try:
         excitation.check(sample_time)
     except FraexpError as error:
-        raise type(error)(f"{file}, [excitation]: {error}") from None
+        raise type(error)(f"{place}, [excitation]: {error}") from None
     if drives:
         parts["loop"] = {"sample_time": sample_time}
+    elif "limits" in resolved:
+        _check_limits(place, resolved["limits"], parts, excitation, registry)
     return {"source": "drive" if drives else "loop", **parts}
+
+
+def _check_limits(place: str, section: Plain, parts: Plain, excitation: Excitation, registry: Registry) -> None:
+    """Refuse what the machine does not allow; the limits themselves do not decide what the signals are."""
+    try:
+        limits.check(Limits.parse(section, "limits"), perform.machine(parts, registry), excitation)
+    except FraexpError as error:
+        raise type(error)(f"{place}, [excitation]: {error}") from None

@@ -15,8 +15,10 @@ from fraexp import perform, provenance, scheduler
 from fraexp.errors import FraexpError, PluginError, StudyError
 from fraexp.executors import workers_of
 from fraexp.figures.bundles import MANY
+from fraexp.figures.kinds import AGAINST_PLANT
 from fraexp.figures.label_units import label_units
 from fraexp.figures.labels import curve_names, group_names
+from fraexp.figures.shown import Shown
 from fraexp.figures.stamp import digest, is_current
 from fraexp.plugins import Registry, discover
 from fraexp.results import Result
@@ -24,6 +26,8 @@ from fraexp.scheduler import Ended, Event
 from fraexp.store import Store, StoredSweep
 from fraexp.study import Study, find_studies, load, resolve
 
+AMPLITUDE = "excitation.amplitude"
+"""Where a study says how strongly is excited."""
 REFERENCE_POINTS = 800
 """Frequencies at which P(jω) is drawn: enough for a resonance with 1 % damping."""
 
@@ -126,7 +130,7 @@ class Workspace:
         path = self.folder / "figures" / f"{study.name}.png"
         stored = {sweep.key: sweep for sweep in store.sweeps(run)} if run is not None else {}
         sweeps = [replace(stored[sweep.key], labels=dict(sweep.labels)) for sweep in study.sweeps]
-        return self.draw(store, sweeps, path, study.title)
+        return self.draw(store, sweeps, path, study.title, study.figure)
 
     def draw(
         self,
@@ -134,12 +138,14 @@ class Workspace:
         sweeps: Sequence[StoredSweep],
         path: Path,
         title: str,
+        kind: str = "",
         tell: Callable[[str], object] = lambda _: None,
     ) -> dict[Path, bool]:
         """Draw sweeps into a file for each unit of their responses: the first is `path`, then ``<name>-2`` and so on.
 
-        Returns for each file whether it was drawn now or showed them already; nothing if there is nothing to draw.
-        `tell` is called with what had to be left out: the plant's own response if its plugin is no longer there.
+        `kind` is that of the figure, by default what fits the results. `tell` is called with what had to be left
+        out: the plant's own response if its plugin is no longer there. Returns for each file whether it was drawn
+        now or showed them already; nothing if there is nothing to draw.
         """
         results = store.results(sweep.key for sweep in sweeps)
         groups: dict[str | None, list[StoredSweep]] = {}
@@ -149,7 +155,7 @@ class Workspace:
                 groups.setdefault(result.response.unit if result.response else None, []).append(sweep)
         paths = [path, *(path.with_stem(f"{path.stem}-{number}") for number in range(2, len(groups) + 1))]
         return {
-            target: self._draw_group(group, results, target, title, tell)
+            target: self._draw_group(group, results, target, title, kind, tell)
             for target, group in zip(paths, groups.values(), strict=False)
         }
 
@@ -159,26 +165,60 @@ class Workspace:
         results: Mapping[str, Result],
         path: Path,
         title: str,
+        kind: str,
         tell: Callable[[str], object],
     ) -> bool:
-        shown = [f"{sweep.key} {sweep.created} {sorted(sweep.labels.items())}" for sweep in sweeps] + [title]
-        labels = [sweep.labels for sweep in sweeps]
-        shown += group_names(labels) if len(sweeps) > MANY else []
-        if is_current(path, digest(shown)):
+        stamp = [f"{sweep.key} {sweep.created} {sorted(sweep.labels.items())}" for sweep in sweeps] + [title]
+        stamp += group_names([sweep.labels for sweep in sweeps]) if len(sweeps) > MANY else []
+        stamp += [f"as {kind}"] if kind else []
+        if is_current(path, digest(stamp)):
             return False
         try:
             reference = self.reference(sweeps, results)
         except PluginError as error:  # what is stored can be drawn without the plugins that computed it
             tell(f"the plant's own response is left out: {error}")
-            reference, shown = None, [*shown, "without the plant"]
+            reference, stamp = None, [*stamp, "without the plant"]
         from fraexp.figures.drawing import figure_for, save  # matplotlib: only when something is drawn
 
-        sections = ((s.labels, {**s.experiment, "estimator": s.estimator}) for s in sweeps)
-        units = label_units(sections, self.registry)
-        names, groups = curve_names(labels, [sweep.key[4:12] for sweep in sweeps], units), group_names(labels, units)
-        labelled = [(name, results[sweep.key]) for name, sweep in zip(names, sweeps, strict=True)]
-        save(figure_for(labelled, reference, title, groups), path, shown)
+        shown = self.shown(sweeps, results, kind in AGAINST_PLANT)
+        save(figure_for(shown, reference, title, kind), path, stamp)
         return True
+
+    def shown(self, sweeps: Sequence[StoredSweep], results: Mapping[str, Result], fully: bool = True) -> list[Shown]:
+        """Return the results of sweeps with their names; `fully`, with P(jω) and the amplitude where they are known."""
+        units = label_units(((s.labels, {**s.experiment, "estimator": s.estimator}) for s in sweeps), self.registry)
+        labels, keys = [sweep.labels for sweep in sweeps], [sweep.key[4:12] for sweep in sweeps]
+        names, groups = curve_names(labels, keys, units), group_names(labels, units)
+        found = [
+            (sweep, Shown(name, results[sweep.key], group, key=sweep.key))
+            for sweep, name, group in zip(sweeps, names, groups, strict=True)
+            if sweep.key in results
+        ]
+        if not fully:
+            return [shown for _, shown in found]
+        others = [{path: value for path, value in of.labels.items() if path != AMPLITUDE} for of, _ in found]
+        series = curve_names(others, [""] * len(found), units)
+        return [
+            replace(of, truth=self._truth(sweep, of.result), series=name, **self._amplitude(sweep))
+            for (sweep, of), name in zip(found, series, strict=True)
+        ]
+
+    def _truth(self, sweep: StoredSweep, result: Result) -> np.ndarray | None:
+        """Return P(jω) at a result's frequencies if its response is that of a plant that can be made."""
+        response = result.response
+        if response is None or response.unit != "m/N" or "plant" not in sweep.experiment:
+            return None
+        try:
+            return self.reference_response(sweep.experiment, response.frequency)
+        except PluginError:  # no longer there
+            return None
+
+    def _amplitude(self, sweep: StoredSweep) -> dict[str, Any]:
+        value = sweep.experiment.get("excitation", {}).get("amplitude")
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            return {}
+        unit = label_units([({AMPLITUDE: value}, sweep.experiment)], self.registry).get(AMPLITUDE, "")
+        return {"amplitude": float(value), "amplitude_unit": unit}
 
     def reference(
         self, sweeps: Sequence[StoredSweep], results: Mapping[str, Result]

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from fraexp.errors import FraexpError, StudyError
-from fraexp.study import find_studies, load
+from fraexp.study import find_studies, load, packaged_studies
 
 HEAD = """
 machine = "linear_motor_table"
@@ -42,6 +42,49 @@ def test_an_override_replaces_the_axis_of_the_grid(registry, tmp_path):
     assert [sweep.experiment["excitation"]["amplitude"] for sweep in sweeps] == [7.0]
 
 
+CASES = (
+    HEAD
+    + """
+[[case]]
+label = "plain"
+estimator = { name = "conventional" }
+[[case]]
+label = "twice, wrong model"
+[case.excitation]
+amplitude = 24
+[case.estimator]
+force_scale = 1.1
+"""
+)
+
+
+def test_cases_are_laid_over_the_study_as_a_machine_is_under_it(registry, tmp_path):
+    plain, twice = study(registry, tmp_path, CASES).sweeps
+    assert (plain.labels, twice.labels) == ({"case": "plain"}, {"case": "twice, wrong model"})
+    assert plain.estimator["name"] == "conventional"
+    assert twice.estimator["name"] == "proposed"
+    assert (twice.estimator["force_scale"], twice.experiment["excitation"]["amplitude"]) == (1.1, 24.0)
+    assert plain.experiment["excitation"] == {**twice.experiment["excitation"], "amplitude": 12.0}
+
+
+def test_cases_come_before_the_grid_which_has_the_last_word(registry, tmp_path):
+    text = CASES + '[grid]\n"excitation.amplitude" = [1, 2]\n'
+    sweeps = study(registry, tmp_path, text).sweeps
+    found = [(sweep.labels["case"], sweep.experiment["excitation"]["amplitude"]) for sweep in sweeps]
+    assert found == [("plain", 1), ("plain", 2), ("twice, wrong model", 1), ("twice, wrong model", 2)]
+
+
+def test_an_override_replaces_what_the_cases_say(registry, tmp_path):
+    sweeps = study(registry, tmp_path, CASES, "excitation.amplitude=7").sweeps
+    assert [sweep.experiment["excitation"]["amplitude"] for sweep in sweeps] == [7.0, 7.0]
+    assert [sweep.estimator["name"] for sweep in sweeps] == ["conventional", "proposed"]
+
+
+def test_a_study_names_the_kind_of_its_figure(registry, tmp_path):
+    assert study(registry, tmp_path, 'figure = "errors"' + HEAD).figure == "errors"
+    assert study(registry, tmp_path, HEAD).figure == ""
+
+
 def test_the_key_depends_on_numbers_and_not_on_how_they_are_written(registry, tmp_path):
     plain = study(registry, tmp_path, HEAD).sweeps[0]
     other = study(registry, tmp_path, HEAD.replace("amplitude = 12", 'amplitude = "12000 mN"\ntitle = 1'[:22])).sweeps[
@@ -74,6 +117,15 @@ def test_the_observer_knows_the_machine_unless_told_otherwise(registry, tmp_path
         (HEAD + '[grid]\n"excitation.amplitude" = []', "expected a list"),
         (HEAD + '[grid]\n"excitatio.amplitude" = [1]', "leads nowhere; did you mean 'excitation'?"),
         (HEAD + f'[grid]\n"loop.seed" = {[1] * 2000}\n"excitation.amplitude" = {[1] * 2000}', "4,000,000"),
+        (HEAD + "[[case]]\nestimator = {}", "[[case]] number 1: lacks 'label'"),
+        (HEAD + '[[case]]\nlabel = " "', "label is ' '; expected a text"),
+        (HEAD + '[[case]]\nlabel = "a"\n' * 2, "number 2: there is a case 'a' already"),
+        (HEAD + '[case]\nlabel = "a"', "expected tables, each under [[case]]"),
+        (HEAD + '[[case]]\nlabel = "a"\nloops = {}', "case 'a': there is no section 'loops'; did you mean 'loop'?"),
+        (HEAD + '[[case]]\nlabel = "a"\nloop = 1', "case 'a': loop is 1; expected a table such as [loop]"),
+        (HEAD + '[[case]]\nlabel = "a"\nloop.noise = -1', "case 'a', [loop]: loop.noise is -1"),
+        (HEAD + '[grid]\n"case.label" = [1]', "'case.label' leads nowhere"),
+        ('figure = "bod"' + HEAD, "figure 'bod' is no kind of figure; did you mean 'bode'?"),
         (HEAD.replace("amplitude = 12", "amplitude = 12\nhighest = 1e6"), "the Nyquist frequency is 1000 Hz"),
         (HEAD.replace("amplitude = 12", "amplitude = 12\nlowest = 1e-9"), "samples per period"),
         ("x = " + "[" * 3000 + "]" * 3000, "TOML"),
@@ -88,6 +140,22 @@ def test_what_is_wrong_is_one_sentence_with_its_place(registry, tmp_path, text, 
     assert sentence in said
     assert "s.toml" in said
     assert "\n" not in said
+
+
+COMING_ALONG = sorted(
+    path.relative_to(packaged_studies()).with_suffix("").as_posix()
+    for path in packaged_studies().rglob("*.toml")
+    if path.parent.name != "machines"
+)
+
+
+@pytest.mark.parametrize("name", COMING_ALONG)
+def test_every_study_that_comes_along_is_sound_and_says_what_it_asks(registry, tmp_path, name):
+    ((found, file),) = find_studies(name, tmp_path)
+    loaded = load(found, file, tmp_path, registry)
+    assert loaded.sweeps
+    assert loaded.title != name
+    assert "?" in loaded.question
 
 
 def test_a_byte_order_mark_is_no_error_and_another_coding_is(registry, tmp_path):

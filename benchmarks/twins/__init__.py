@@ -44,7 +44,7 @@ def prepared(function: Any, loops: Loops, pool: np.ndarray, shared: bool) -> Cal
     `shared`: the constants are not given once per lane.
     """
     jobs, table, memory = loops.jobs, loops.table, loops.lanes
-    n, m, _, order, late, held = table.sizes
+    n, m, _, order, late, held, _ = table.sizes
     width = memory.counters.shape[0]
     store = aligned(np.repeat(table.machines[0], 1 if shared else width))
     ramp, record = int(jobs.ramp[0]), int(jobs.record[0])

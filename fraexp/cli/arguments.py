@@ -9,6 +9,7 @@ from typing import Any, NoReturn
 
 from fraexp.cli.exits import ExitCode
 from fraexp.errors import did_you_mean
+from fraexp.figures.kinds import FIGURES
 
 COMMANDS = {
     "run": ("run", "compute what studies ask for and the database lacks"),
@@ -143,14 +144,35 @@ def _show(parser: Parser) -> None:
 
 def _compare(parser: Parser) -> None:
     parser.add_argument("ids", metavar="ID", nargs="+", help=IDENTIFIER + "; the first is compared with the others")
+    parser.add_argument(
+        "--against", metavar="WHAT", choices=("first", "plant"), default="first",
+        help="first: the others with the first sweep; plant: each simulated response with its plant P(jω)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--at", metavar="HZ,...", type=_frequencies, help="frequencies of the errors against the plant, such as 5,39,80"
+    )
     parser.add_argument("--all", action="store_true", help=ALL)
     _json(parser)
+
+
+def _frequencies(text: str) -> tuple[float, ...]:
+    try:
+        found = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        found = ()
+    if not found or not all(0 < frequency < float("inf") for frequency in found):
+        raise argparse.ArgumentTypeError(f"'{text}' are no frequencies; expected such as 5,39,80")
+    return found
 
 
 def _plot(parser: Parser) -> None:
     parser.add_argument("ids", metavar="ID", nargs="+", help=IDENTIFIER)
     parser.add_argument("-o", "--output", metavar="FILE", type=Path, required=True, help="figure: .png, .svg or .pdf")
     parser.add_argument("--title", default="", help="title of the figure")
+    parser.add_argument(
+        "--kind", metavar="KIND", choices=FIGURES, default="",
+        help=f"kind of figure: {', '.join(FIGURES)} (default: what fits the results)",
+    )  # fmt: skip
 
 
 def _export(parser: Parser) -> None:

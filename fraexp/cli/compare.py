@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from fraexp.cli import against_plant
 from fraexp.cli.documents import plain
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.selection import chosen, open_store, run_of
@@ -28,7 +29,14 @@ ABSENT = "-"
 
 
 def execute(arguments: Namespace) -> ExitCode:
-    """Print parameters and metrics that differ, and the differences of the responses from the first one."""
+    """Print parameters and metrics that differ, and the differences of the responses from the first one.
+
+    Against the plant, print each response's error at some frequencies instead.
+    """
+    if arguments.against == "plant":
+        return against_plant.execute(arguments)
+    if arguments.at:
+        raise FraexpError("compare: --at is for --against plant; what differs from a sweep is told for all frequencies")
     with open_store(arguments) as store:
         sweeps = chosen(store, arguments.ids)
         if all(run_of(store, identifier) is None for identifier in arguments.ids):

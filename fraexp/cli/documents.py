@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from fraexp.export.content import optional
 from fraexp.results import FrequencyResponse, Outcome, Result
 from fraexp.store import RunSummary, StoredSweep
 
@@ -60,5 +61,6 @@ def response_document(response: FrequencyResponse) -> dict[str, Any]:
         "residual": response.residual,
         "harmonics_real": response.harmonics.real,
         "harmonics_imaginary": response.harmonics.imag,
+        **optional(response),
     }
     return {"unit": response.unit, "input": response.input, "output": response.output, **plain(columns)}

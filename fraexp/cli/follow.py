@@ -6,6 +6,7 @@ from contextlib import closing
 from dataclasses import dataclass, field
 from typing import Any
 
+from fraexp.cli.against_plant import print_errors
 from fraexp.cli.documents import run_document, sweep_document
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.progress import Meter
@@ -15,11 +16,12 @@ from fraexp.cli.summary import print_summary, to_summarise
 from fraexp.cli.tables import sweep_table
 from fraexp.cli.terminal import print_json, print_path, print_table, say
 from fraexp.cli.words import duration, plural, short
+from fraexp.figures.errors import errors_info
 from fraexp.figures.labels import printable
-from fraexp.plugins import Registry
 from fraexp.results import Outcome, Result
 from fraexp.scheduler import Ended, Event, Finished, Planned, Preparing, Progress
 from fraexp.store import RunSummary, StoredSweep
+from fraexp.workspace import Workspace
 
 SHOWN = 50
 """Sweeps in the table at the end where no terminal is; `show` has all."""
@@ -87,7 +89,7 @@ def _plan(planned: Planned) -> str:
     return f"{planned.study}: {sweeps}, {planned.reused} reused{stale}, {planned.missing} to compute{time}"
 
 
-def report(story: Story, arguments: Namespace, registry: Registry) -> ExitCode:
+def report(story: Story, arguments: Namespace, workspace: Workspace) -> ExitCode:
     """Print what the runs gave, and return how it went."""
     runs = [(ended, *_stored(ended.run, arguments)) for ended in story.ended if ended.run is not None]
     for ended, run, _, _ in runs:
@@ -102,7 +104,7 @@ def report(story: Story, arguments: Namespace, registry: Registry) -> ExitCode:
                 print()
             if len(runs) > 1:
                 print(printable(_heading(run.study, titles)))
-            _print(ended, run, sweeps, results, registry)
+            _print(ended, run, sweeps, results, workspace)
     if story.interrupted:
         say(f"interrupted: {plural(story.computed, 'sweep')} computed and kept; the same command goes on from there")
         return ExitCode.INTERRUPTED
@@ -146,13 +148,14 @@ def _document(story: Story, runs: list[tuple[Ended, RunSummary, list[StoredSweep
 
 
 def _print(
-    ended: Ended, run: RunSummary, sweeps: list[StoredSweep], results: dict[str, Result], registry: Registry
+    ended: Ended, run: RunSummary, sweeps: list[StoredSweep], results: dict[str, Result], workspace: Workspace
 ) -> None:
     if to_summarise(len(sweeps)):
-        print_summary(sweeps, results, registry)
+        print_summary(sweeps, results, workspace.registry)
         say(f"fraexp show {run.number} --all shows each sweep")
     else:
-        print_table(*sweep_table(sweeps[:SHOWN], results, registry))
+        print_table(*sweep_table(sweeps[:SHOWN], results, workspace.registry))
+        _print_errors(sweeps[:SHOWN], results, workspace)
         if len(sweeps) > SHOWN:
             say(f"{plural(len(sweeps) - SHOWN, 'more sweep')}; see fraexp show {run.number}")
     for remedy in remedies(sweeps):
@@ -161,6 +164,17 @@ def _print(
     for path in ended.figures:
         print_path(path, "figure ")
     say(_next(run, sweeps, results))
+
+
+def _print_errors(sweeps: list[StoredSweep], results: dict[str, Result], workspace: Workspace) -> None:
+    """Print the errors of cases against their plant, if there are any."""
+    labels = [sweep.labels for sweep in sweeps]
+    if not any("case" in of for of in labels):
+        return
+    comparable = [of for of in workspace.shown(sweeps, results) if of.truth is not None]
+    if len(comparable) > 1:
+        print()
+        print_errors(errors_info(comparable))
 
 
 def _next(run: RunSummary, sweeps: list[StoredSweep], results: dict[str, Result]) -> str:

@@ -18,7 +18,7 @@ def execute(arguments: Namespace) -> ExitCode:
     workspace = Workspace.open(arguments.workspace, database(arguments))
     options = {key: getattr(arguments, key) for key in OPTIONS if getattr(arguments, key) is not None}
     events = workspace.import_record(arguments.file, channels, options, arguments.study)
-    return report(follow(events), arguments, workspace.registry)
+    return report(follow(events), arguments, workspace)
 
 
 def _channel(text: str) -> tuple[str, str]:

@@ -20,7 +20,7 @@ def execute(arguments: Namespace) -> ExitCode:
     with open_store(arguments) as store:
         sweeps = chosen(store, arguments.ids)
         title = arguments.title or _study(store, arguments.ids)
-        drawn = workspace.draw(store, sweeps, arguments.output, title, tell=say)
+        drawn = workspace.draw(store, sweeps, arguments.output, title, arguments.kind, tell=say)
     if not drawn:
         raise FraexpError(
             f"plot: found nothing to draw in {plural(len(sweeps), 'sweep')}; see their outcomes with show"

@@ -12,4 +12,4 @@ def execute(arguments: Namespace) -> ExitCode:
     """Run the studies and print their sweeps."""
     workspace = Workspace.open(arguments.workspace, database(arguments))
     events = workspace.run(arguments.study, arguments.executor, arguments.overrides, arguments.dry_run, arguments.rerun)
-    return report(follow(events), arguments, workspace.registry)
+    return report(follow(events), arguments, workspace)

@@ -5,13 +5,13 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from fraexp.cli.words import fixed, number, short
+from fraexp.confidence import limits
 from fraexp.export.content import channel_units
-from fraexp.figures.bode import COVERAGE, relative_deviations
 from fraexp.figures.label_units import label_units
 from fraexp.figures.labels import label_columns, label_texts
-from fraexp.figures.scales import continuous_phase, decibel, degrees, readable_unit
+from fraexp.figures.scales import continuous_phase, decibel, decibel_limits, degrees, readable_unit
 from fraexp.plugins import Registry
-from fraexp.results import FrequencyResponse, Result
+from fraexp.results import EFFORT, FrequencyResponse, Result
 from fraexp.store import StoredSweep
 
 SPOTS = (1.0, 10.0, 40.0, 80.0)
@@ -32,9 +32,7 @@ def sweep_table(sweeps: Sequence[StoredSweep], results: Mapping[str, Result], re
     found = [results[sweep.key].response for sweep in sweeps if sweep.key in results]
     responses = [response for response in found if response is not None and len(response.frequency)]
     spots, unit = spots_of(responses)
-    metrics = list(
-        dict.fromkeys((metric.name, metric.unit) for result in results.values() for metric in result.metrics)
-    )
+    metrics = list(dict.fromkeys(name for result in results.values() for name in _telling(result)))
     mixed = len({sweep.state for sweep in sweeps}) > 1
     columns = [
         "sweep", *titles, *(["state"] if mixed else []), "outcome", "settled", *spots,
@@ -52,6 +50,12 @@ def sweep_table(sweeps: Sequence[StoredSweep], results: Mapping[str, Result], re
             *(number(values[metric]) if metric in values else "" for metric in metrics), sweep.message,
         ])  # fmt: skip
     return columns, rows, f"magnitudes in dB re 1 {unit}" if spots else ""
+
+
+def _telling(result: Result) -> list[tuple[str, str]]:
+    """Return names and units of the metrics that a row has room for: beside a response not what it took."""
+    beside = EFFORT if result.response is not None else ()
+    return [(metric.name, metric.unit) for metric in result.metrics if metric.name not in beside]
 
 
 def outcome_text(sweep: StoredSweep) -> str:
@@ -76,7 +80,7 @@ def _response_cells(response: FrequencyResponse | None, spots: Iterable[float]) 
         return ["", *("" for _ in spots)]
     return [
         f"{int(response.settled.sum())}/{len(response.settled)}",
-        *(_level_text(level_near(response, spot)) for spot in spots),
+        *(_fixed(level_near(response, spot), 2) for spot in spots),
     ]
 
 
@@ -88,18 +92,22 @@ def level_near(response: FrequencyResponse, spot: float) -> float:
     return float(level) if near and response.settled[index] else np.nan
 
 
-def _level_text(level: float) -> str:
-    return fixed(level, 2) if np.isfinite(level) else ""
-
-
 def response_table(response: FrequencyResponse, rows: int | None) -> Table:
-    """Return the points of a response, about `rows` of them spread evenly, or all."""
+    """Return the points of a response, about `rows` of them spread evenly, or all.
+
+    Noise is the standard deviation of the response by noise alone, nonlinear that of one realisation by stochastic
+    nonlinear distortions, both relative to the response.
+    """
     factor, shown = readable_unit(response.unit)
     output_unit, input_unit = (f" [{unit}]" if unit else "" for unit in channel_units(response))
     level, phase = decibel(factor * response.response), continuous_phase(degrees(response.response), response.settled)
-    along, across = relative_deviations(response.response, response.covariance)
+    magnitude, turn = limits(response)
+    spread = decibel_limits(magnitude)
+    noise, nonlinear = (_relative(part, response) for part in (response.noise_variance, response.nonlinear_variance))
+    coherence = np.full(len(level), np.nan) if response.coherence is None else response.coherence
     columns = [
         "frequency [Hz]", f"magnitude [dB re 1 {shown}]", "phase [deg]", "± 95 % [dB]", "± 95 % [deg]",
+"noise [dB]", "nonlinear [dB]", "coherence",
         f"input{input_unit}", f"output{output_unit}", "distortion [%]", "settled", "after [s]",
     ]  # fmt: skip
     count = len(response.frequency)
@@ -107,7 +115,8 @@ def response_table(response: FrequencyResponse, rows: int | None) -> Table:
     cells = [
         [
             number(response.frequency[index]), fixed(level[index], 3), fixed(phase[index], 2),
-            _known(20 / np.log(10) * COVERAGE * along[index]), _known(np.degrees(COVERAGE * across[index])),
+            _known(np.max(np.abs(spread[:, index]))), _known(np.degrees(np.max(np.abs(turn[:, index])))),
+            *(_fixed(part[index], 1) for part in (noise, nonlinear)), _fixed(coherence[index], 4),
             number(response.input_amplitude[index], 4), number(response.output_amplitude[index], 4),
             number(100 * response.distortion[index], 3), "yes" if response.settled[index] else "no",
             _known(response.settling_time[index]),
@@ -117,5 +126,16 @@ def response_table(response: FrequencyResponse, rows: int | None) -> Table:
     return columns, cells, ""
 
 
+def _relative(variance: np.ndarray | None, response: FrequencyResponse) -> np.ndarray:
+    """Return a standard deviation relative to the response [dB], shape (n,); NaN where it is not known."""
+    if variance is None:
+        return np.full(len(response.frequency), np.nan)
+    return decibel(np.sqrt(np.maximum(variance, 0))) - decibel(response.response)
+
+
+def _fixed(value: float, decimals: int) -> str:
+    return fixed(value, decimals) if np.isfinite(value) else ""
+
+
 def _known(value: float) -> str:
-    return number(value, 3) if np.isfinite(value) else ""
+    return "" if np.isnan(value) else "∞" if np.isinf(value) else number(value, 3)

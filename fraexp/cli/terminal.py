@@ -51,7 +51,7 @@ def print_table(columns: Sequence[str], rows: Sequence[Sequence[str]], title: st
 
 
 def _numeric(cell: str) -> bool:
-    return cell in ("", "-") or NUMBER.match(cell) is not None
+    return cell in ("", "-", "∞") or NUMBER.match(cell) is not None
 
 
 def _align(titles: list[str], cells: list[list[str]], right: list[bool], title: str) -> None:

@@ -46,7 +46,15 @@ def arrays(response: FrequencyResponse) -> dict[str, Any]:
         "residual": response.residual,
         "harmonics": response.harmonics,
         "distortion": response.distortion,
+        **optional(response),
     }
+
+
+def optional(response: FrequencyResponse) -> dict[str, np.ndarray]:
+    """Return what only some estimators tell of a response."""
+    names = ("freedom", "noise_variance", "nonlinear_variance", "coherence", "model_covariance")
+    found = {name: getattr(response, name) for name in names}
+    return {name: values for name, values in found.items() if values is not None}
 
 
 def channel_units(response: FrequencyResponse) -> tuple[str, str]:
@@ -69,6 +77,11 @@ def units_of(response: FrequencyResponse) -> dict[str, str]:
         "residual": "1",
         "harmonics": "1",
         "distortion": "1",
+        "freedom": "1",
+        "noise_variance": f"({response.unit})^2",
+        "nonlinear_variance": f"({response.unit})^2",
+        "coherence": "1",
+        "model_covariance": f"1/({response.unit})^2",
     }
 
 

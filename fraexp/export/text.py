@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fraexp.export.content import Header, channel_units, document, one_line, outcome_name, plain
+from fraexp.export.content import Header, channel_units, document, one_line, optional, outcome_name, plain
 from fraexp.results import FrequencyResponse, Result
 
 
@@ -51,6 +51,7 @@ def _csv_columns(response: FrequencyResponse) -> dict[str, np.ndarray]:
         "settling_time_s": response.settling_time,
         "residual": response.residual,
         "thd": response.distortion,
+        **{name: values for name, values in optional(response).items() if values.ndim == 1},
     }
 
 

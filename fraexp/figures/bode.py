@@ -2,24 +2,22 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fraexp.confidence import limits
 from fraexp.errors import FraexpError
 from fraexp.figures.branches import continuous_phases
 from fraexp.figures.bundles import MANY, Bundle, draw_bundles, split, stacked
 from fraexp.figures.labels import drawable
-from fraexp.figures.scales import continuous_phase, decibel, degrees, readable_unit
+from fraexp.figures.lines import draw_bands, draw_line, joined
+from fraexp.figures.scales import continuous_phase, decibel, decibel_limits, degrees, readable_unit
 from fraexp.results import FrequencyResponse
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-Fill = Literal["full", "none"]
-COVERAGE = 1.959964
-"""Standard deviations on either side that hold 95 % of a normal distribution."""
 
 Reference = tuple[str, np.ndarray, np.ndarray]
 """Label, frequency [Hz] and complex response, both of shape (n,), in the unit of the curves."""
@@ -39,20 +37,13 @@ class BodeCurve:
     settled: np.ndarray
     """Whether the point had become periodic, shape (n,) of bool; only such points are joined."""
     magnitude_band: np.ndarray
-    """Lower and upper 95 % limit of the magnitude [dB], shape (2, n); NaN where unknown."""
+    """Lower and upper 95 % limit of the magnitude [dB], shape (2, n); NaN where unknown, or infinite."""
     phase_band: np.ndarray
     """Lower and upper 95 % limit of the phase [deg], shape (2, n); NaN where unknown."""
 
     def joined(self, values: np.ndarray) -> np.ndarray:
-        """Return values of shape (n,) with NaN, a gap in the line, where the response was not settled."""
-        return np.where(self.settled, values, np.nan)
-
-    @property
-    def alone(self) -> np.ndarray:
-        """Settled points that no line reaches, shape (n,) of bool: these too are drawn as points."""
-        neighbours = np.zeros(len(self.settled) + 2, dtype=bool)
-        neighbours[1:-1] = self.settled
-        return self.settled & ~neighbours[:-2] & ~neighbours[2:]
+        """Return values of shape (..., n) with NaN, a gap in the line, where the response was not settled."""
+        return joined(values, self.settled)
 
 
 @dataclass(frozen=True)
@@ -140,14 +131,11 @@ def _curve(label: str, source: FrequencyResponse, factor: float, anchor: BodeCur
     frequency, response, settled = source.frequency[order], source.response[order], source.settled[order]
     target = _at(anchor, frequency) if anchor else None
     phase = continuous_phase(degrees(response), settled, target)
-    along, across = relative_deviations(response, source.covariance[order])
-    spread = np.clip(np.degrees(COVERAGE * across), None, 180)
-    band = np.stack([1 - COVERAGE * along, 1 + COVERAGE * along])
+    band, turn = (each[:, order] for each in limits(source))
+    spread = np.clip(np.degrees(turn), -180, 180)
     magnitude = decibel(factor * response)
-    # The lower limit is below every dB scale where the deviation exceeds the magnitude: no band is drawn there.
     return BodeCurve(
-        label, frequency, magnitude, phase, settled,
-        magnitude + decibel(np.where(band > 0, band, np.nan)), np.stack([phase - spread, phase + spread]),
+        label, frequency, magnitude, phase, settled, magnitude + decibel_limits(band), phase + spread
     )  # fmt: skip
 
 
@@ -185,20 +173,6 @@ def _at(anchor: BodeCurve, frequency: np.ndarray) -> np.ndarray | None:
     return phase
 
 
-def relative_deviations(response: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the standard deviations along and across a complex response, relative to it, each of shape (n,).
-
-    To first order these are the deviations of ln|G| [1] and of the phase [rad]; `covariance` has shape (n, 2, 2).
-    """
-    size = np.abs(response)
-    size = np.where(size > 0, size, np.nan)
-    real, imaginary = response.real / size, response.imag / size
-    rr, ri, ii = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]
-    along = real**2 * rr + 2 * real * imaginary * ri + imaginary**2 * ii
-    across = imaginary**2 * rr - 2 * real * imaginary * ri + real**2 * ii
-    return np.sqrt(np.maximum(along, 0)) / size, np.sqrt(np.maximum(across, 0)) / size
-
-
 def draw_bode(info: BodeInfo) -> "Figure":
     """Draw a Bode plot; unsettled points are hollow and not joined, the reference is dashed and dark.
 
@@ -209,14 +183,10 @@ def draw_bode(info: BodeInfo) -> "Figure":
     with canvas.styled():
         figure = canvas.new_figure(width=9.0, height=6.2)
         upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(1.25, 1))
-        for curve, style in zip(info.curves, canvas.line_styles(len(info.curves)), strict=True):
-            _draw_curve(upper, curve, curve.magnitude, curve.magnitude_band, style)
-            _draw_curve(lower, curve, curve.phase, curve.phase_band, style)
         if info.groups:
             _draw_groups(upper, lower, info.groups)
-        if info.reference is not None:
-            _draw_curve(upper, info.reference, info.reference.magnitude, None, canvas.REFERENCE)
-            _draw_curve(lower, info.reference, info.reference.phase, None, canvas.REFERENCE)
+        _draw_curves(upper, info, "magnitude")
+        _draw_curves(lower, info, "phase")
         upper.set_title(drawable(info.title))
         upper.set_ylabel(f"Magnitude [dB re 1 {info.unit}]")
         lower.set_ylabel("Phase [deg]")
@@ -229,15 +199,18 @@ def draw_bode(info: BodeInfo) -> "Figure":
     return figure
 
 
-def _draw_curve(
-    axes: "Axes", curve: BodeCurve, values: np.ndarray, band: np.ndarray | None, style: dict[str, object]
-) -> None:
-    axes.plot(curve.frequency, curve.joined(values), label=drawable(curve.label), **style)  # type: ignore[arg-type]
-    _draw_points(axes, curve.frequency, values, curve.alone, str(style["color"]), "full")
-    _draw_points(axes, curve.frequency, values, ~curve.settled, str(style["color"]), "none")
-    if band is not None and np.isfinite(band[:, curve.settled]).all(axis=0).any():
-        low, high = curve.joined(band[0]), curve.joined(band[1])
-        axes.fill_between(curve.frequency, low, high, color=str(style["color"]), alpha=0.22, linewidth=0)
+def _draw_curves(axes: "Axes", info: BodeInfo, part: str) -> None:
+    """Draw one part of all curves, ``magnitude`` or ``phase``, with their bands."""
+    from fraexp.figures import canvas
+
+    bands = []
+    for curve, style in zip(info.curves, canvas.line_styles(len(info.curves)), strict=True):
+        draw_line(axes, curve.frequency, getattr(curve, part), curve.settled, curve.label, style)
+        bands.append((curve.frequency, curve.joined(getattr(curve, f"{part}_band")), str(style["color"])))
+    if info.reference is not None:
+        of = info.reference
+        draw_line(axes, of.frequency, getattr(of, part), of.settled, of.label, canvas.REFERENCE)
+    draw_bands(axes, bands)
 
 
 def _draw_groups(upper: "Axes", lower: "Axes", groups: Sequence[BodeGroup]) -> None:
@@ -257,13 +230,6 @@ def _draw_groups(upper: "Axes", lower: "Axes", groups: Sequence[BodeGroup]) -> N
             points = np.concatenate([getattr(group, values)[~group.settled] for group in groups])
             axes.plot(frequency, points, "o", alpha=0.3, **style)
         upper.plot([], [], "o", label="not settled", **style)
-
-
-def _draw_points(
-    axes: "Axes", frequency: np.ndarray, values: np.ndarray, chosen: np.ndarray, colour: str, fill: Fill
-) -> None:
-    if chosen.any():
-        axes.plot(frequency[chosen], values[chosen], "o", color=colour, fillstyle=fill, markersize=5, mew=1.2)
 
 
 def _span(info: BodeInfo) -> tuple[float, float]:

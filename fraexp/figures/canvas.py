@@ -6,10 +6,11 @@ from itertools import cycle, islice
 from typing import Any
 
 import matplotlib
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, MultipleLocator, NullFormatter
+from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, MultipleLocator, NullFormatter
 
 OKABE_ITO = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 """Okabe and Ito's palette (2008), without its yellow, which is too light for a line."""
@@ -70,6 +71,15 @@ def line_styles(count: int) -> list[dict[str, object]]:
     ]
 
 
+def named_styles(count: int) -> list[dict[str, object]]:
+    """Return a style for each of `count` curves that are no ordered grid: colours that repeat with another dash."""
+    rounds = [(colour, dash) for dash in DASHES for colour in OKABE_ITO]
+    return [
+        {"color": colour, "linestyle": dash, "linewidth": max(2.4 - 0.1 * index, 1.5), "zorder": 3}
+        for index, (colour, dash) in zip(range(count), cycle(rounds), strict=False)
+    ]
+
+
 def frequency_axis(axes: Axes, span: tuple[float, float]) -> None:
     """Make x a logarithmic frequency axis over `span` [Hz], labelled in plain numbers."""
     axes.set_xscale("log")
@@ -89,6 +99,26 @@ def phase_axis(axes: Axes) -> None:
     step = next((step for step in (5, 15, 45, 90, 180) if (high - low) / step <= 7), 360)
     axes.yaxis.set_major_locator(MultipleLocator(step))
     axes.yaxis.set_minor_locator(MultipleLocator(step / 3 if step in (15, 45, 90) else step / 5))
+
+
+def decade_axis(axes: Axes) -> None:
+    """Label a logarithmic y axis in plain numbers."""
+    low, high = axes.get_ylim()
+    axes.yaxis.set_major_locator(LogLocator(base=10, subs=(1, 2, 5) if high / low < 1500 else (1,), numticks=50))
+    axes.yaxis.set_minor_locator(LogLocator(base=10, subs=range(1, 10), numticks=50))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.yaxis.set_minor_formatter(NullFormatter())
+
+
+def error_axis(axes: Axes, fine: float) -> None:
+    """Make y an axis of errors: linear up to ±`fine`, logarithmic in sign and size beyond, in plain numbers."""
+    axes.set_yscale("symlog", linthresh=fine, linscale=0.6)
+    decades = fine * 10.0 ** np.arange(6)
+    axes.yaxis.set_major_locator(FixedLocator([*-decades[::-1], 0.0, *decades]))
+    between = np.outer(decades, np.arange(2, 10)).ravel()
+    axes.yaxis.set_minor_locator(FixedLocator([*-between[::-1], *between]))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.yaxis.set_minor_formatter(NullFormatter())
 
 
 def grid(*panels: Axes) -> None:

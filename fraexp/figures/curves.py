@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fraexp.errors import FraexpError
 from fraexp.figures.bundles import MANY, Bundle, draw_bundles, split, stacked
 from fraexp.figures.labels import drawable
 from fraexp.results import Curve
@@ -36,6 +37,8 @@ def curves_info(curves: Sequence[tuple[str, Curve]], title: str = "", groups: Se
 
     More than `MANY` curves are told apart by the names of their `groups` alone; without names they are one group.
     """
+    if not curves:
+        raise FraexpError("curves figure: there is no curve to draw; choose sweeps that have one")
     name, first = curves[0][1].name, curves[0][1]
     alike = [
         (label, curve, group)

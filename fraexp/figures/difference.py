@@ -49,7 +49,7 @@ def response_difference(reference: FrequencyResponse, other: FrequencyResponse) 
     if not len(frequency):
         return None
     nearest = theirs[np.argmin(np.abs(theirs[None, :] - frequency[:, None]), axis=1)]
-    ratio = _interpolated(frequency, theirs, found) / expected
+    ratio = on_frequencies(frequency, theirs, found) / expected
     interpolated = bool(np.any(np.abs(nearest - frequency) > slack * frequency))
     return _summary(frequency, decibel(ratio), degrees(ratio), interpolated)
 
@@ -60,7 +60,8 @@ def _settled(response: FrequencyResponse) -> tuple[np.ndarray, np.ndarray]:
     return response.frequency[usable][order], response.response[usable][order]
 
 
-def _interpolated(frequency: np.ndarray, grid: np.ndarray, response: np.ndarray) -> np.ndarray:
+def on_frequencies(frequency: np.ndarray, grid: np.ndarray, response: np.ndarray) -> np.ndarray:
+    """Return a response given on an ascending `grid` at other frequencies: ln|G| and phase, linear in log frequency."""
     logarithm = np.log(np.abs(response)) + 1j * np.unwrap(np.angle(response))
     value: np.ndarray = np.exp(np.interp(np.log(frequency), np.log(grid), logarithm))
     return value

@@ -9,36 +9,52 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from fraexp.errors import FraexpError
+from fraexp.figures.amplitude_map import amplitude_map_info, draw_amplitude_map
 from fraexp.figures.bode import Reference, bode_info, draw_bode
 from fraexp.figures.canvas import styled
 from fraexp.figures.curves import curves_info, draw_curves
+from fraexp.figures.errors import draw_errors, errors_info
 from fraexp.figures.hysteresis import draw_hysteresis, hysteresis_info, is_hysteresis
+from fraexp.figures.levels import draw_levels, levels_info
+from fraexp.figures.shown import Shown
 from fraexp.figures.stamp import check_suffix, digest
-from fraexp.results import Result
+from fraexp.results import Curve
 
 
-def figure_for(
-    results: Sequence[tuple[str, Result]],
-    reference: Reference | None = None,
-    title: str = "",
-    groups: Sequence[str] = (),
-) -> Figure:
-    """Return the figure that fits labelled results: a Bode plot, else hysteresis loops, else curves.
+def figure_for(shown: Sequence[Shown], reference: Reference | None = None, title: str = "", kind: str = "") -> Figure:
+    """Return a figure of results: of a kind (see `kinds`), or of the one that fits them.
 
-    Where the curves are too many to be told apart, their `groups` are, by these names: one for each result.
+    A Bode plot fits them if any has a response, else hysteresis loops, else curves.
     """
-    named = list(zip(results, groups or [""] * len(results), strict=True))
-    responses = [(label, of.response, group) for (label, of), group in named if of.response is not None]
-    if responses:
-        curves = [(label, response) for label, response, _ in responses]
-        return draw_bode(bode_info(curves, reference, title, [group for *_, group in responses]))
-    found = [(label, curve, group) for (label, of), group in named for curve in of.curves]
+    match kind or _fitting(shown):
+        case "bode":
+            responses = [(of, of.response) for of in shown if of.response is not None]
+            curves = [(of.label, response) for of, response in responses]
+            return draw_bode(bode_info(curves, reference, title, [of.group for of, _ in responses]))
+        case "errors":
+            return draw_errors(errors_info(shown, title))
+        case "amplitude_map":
+            return draw_amplitude_map(amplitude_map_info(shown, title))
+        case "levels":
+            return draw_levels(levels_info(shown, title))
+        case "hysteresis":
+            loops = [(label, curve) for label, curve, _ in _curves(shown) if is_hysteresis(curve)]
+            return draw_hysteresis(hysteresis_info(loops, title))
+    found = _curves(shown)
+    return draw_curves(curves_info([(label, curve) for label, curve, _ in found], title, [of for *_, of in found]))
+
+
+def _fitting(shown: Sequence[Shown]) -> str:
+    if any(of.response is not None for of in shown):
+        return "bode"
+    found = _curves(shown)
     if not found:
         raise FraexpError("figure: no result has a frequency response or a curve to draw")
-    loops = [(label, curve) for label, curve, _ in found if is_hysteresis(curve)]
-    if loops:
-        return draw_hysteresis(hysteresis_info(loops, title))
-    return draw_curves(curves_info([(label, curve) for label, curve, _ in found], title, [of for *_, of in found]))
+    return "hysteresis" if any(is_hysteresis(curve) for _, curve, _ in found) else "curves"
+
+
+def _curves(shown: Sequence[Shown]) -> list[tuple[str, Curve, str]]:
+    return [(of.label, curve, of.group) for of in shown for curve in of.result.curves]
 
 
 def save(figure: Figure, path: Path, keys: Sequence[str]) -> None:

@@ -19,6 +19,13 @@ def decibel(response: np.ndarray) -> np.ndarray:
     return levels
 
 
+def decibel_limits(limits: np.ndarray) -> np.ndarray:
+    """Return limits of a magnitude, relative to it, in dB: -inf for one of 0 or less, inf for none, NaN if unknown."""
+    with np.errstate(divide="ignore"):
+        levels: np.ndarray = 20 * np.log10(np.where(limits < 0, 0.0, limits))
+    return levels
+
+
 def degrees(response: np.ndarray) -> np.ndarray:
     """Return the phase [deg] of a complex response, shape (n,), within ±180°; NaN where it is not finite."""
     finite = np.isfinite(response)

@@ -65,7 +65,8 @@ class Table(NamedTuple):
     settings: tuple[float, float, float, float]
     """Step [s], resolution of the scale [m], its noise [m], displacement that counts as diverged [m]."""
     sizes: tuple[int, ...]
-    """States n, steps a sample m, friction states, controller order, whole samples of both dead times."""
+    """States n, steps a sample m, friction states, controller order, whole samples of both dead times; states of the
+    compensation's friction model."""
 
 
 class Lanes(NamedTuple):
@@ -75,6 +76,8 @@ class Lanes(NamedTuple):
     """The machine's, by part; views of `store`."""
     arguments: Any
     """The law's; views of `store`."""
+    compensation: Any
+    """Gain, viscous coefficient, sample time and the arguments of its law; views of `store`, or empty."""
     store: np.ndarray
     """Constants and parameters of each lane, shape (numbers, lanes)."""
     memory: tuple[np.ndarray, ...]
@@ -82,7 +85,7 @@ class Lanes(NamedTuple):
     drive: np.ndarray
     """Noise [m]; relative amplitude at the start, its rise, samples since; reference at rest [m]; shape (5, lanes)."""
     trace: np.ndarray
-    """Control input, measured and true displacement, friction force, next position; shape (5, lanes)."""
+    """What is known of a sample, shape (TRACED, lanes)."""
     counters: np.ndarray
     """Job, stage, samples left of it, phase, samples in `history`, samples since rest, lost; shape (lanes, 7)."""
     agreement: np.ndarray
@@ -90,7 +93,7 @@ class Lanes(NamedTuple):
     history: np.ndarray
     """Measured positions from rest, shape (lanes, n)."""
     others: np.ndarray
-    """Control input, displacement and friction force of the record, shape (lanes, 3, n)."""
+    """Control input, displacement, friction force and its compensation, if any, of the record, (lanes, 3 or 4, n)."""
     queue: np.ndarray
     """Next job, numbers in the pool, valid half of the friction memory."""
 
@@ -116,20 +119,25 @@ EXCESS, DIFFERENCE = range(2)
 FOREVER = 1 << 62
 
 
-def advance(law: Law, jobs: Jobs, table: Table, lanes: Lanes, results: Results, pool: np.ndarray, budget: int) -> int:
-    """Go on with the experiments for at most `budget` samples; return DONE, MORE or FULL."""
+def advance(
+    laws: tuple[Law, Law], jobs: Jobs, table: Table, lanes: Lanes, results: Results, pool: np.ndarray, budget: int
+) -> int:
+    """Go on with the experiments for at most `budget` samples; return DONE, MORE or FULL.
+
+    The laws are that of friction and that of its compensation: the same one where there is none.
+    """
     # plain tuples: looking up the type of a named one takes long
     parts = tuple(jobs), tuple(table), tuple(lanes), tuple(results)
-    return int(call(_make_advance, law, *parts, pool, budget))
+    return int(call(_make_advance, laws, *parts, pool, budget))
 
 
-def _make_advance(law: Law, fingerprint: str) -> Any:
+def _make_advance(law: Law, observer_law: Law, fingerprint: str) -> Any:
     def advance(jobs, table, lanes, results, pool, budget):  # type: ignore[no-untyped-def]
         _ = fingerprint  # a cell of the closure: an edited law is compiled again
         waves, goals, settings, sizes = table[1], table[2], table[3], table[4]
         step, resolution, sigma, limit = settings
-        constants_of, arguments_of, _store, memory_of, drive_of, trace_of = lanes[:6]
-        counters, _agreement, history, others, queue = lanes[6:]
+        constants_of, arguments_of, compensation_of, _store, memory_of, drive_of, trace_of = lanes[:7]
+        counters, _agreement, history, others, queue = lanes[7:]
         begins, periods, seeds, records = jobs[1], jobs[2], jobs[11], jobs[6]
         width, moving = counters.shape[0], goals.size == waves.size
         source, idle = np.zeros(width, np.int64), begins[-1] + periods[-1]
@@ -159,8 +167,12 @@ def _make_advance(law: Law, fingerprint: str) -> Any:
             drive, trace = bound(drive_of), bound(trace_of)
             c, k = constants_of, memory_of
             constants = (bound(c[0]), bound(c[1]), bound(c[2]), bound(c[3]), bound(c[4]))
-            memory = (bound(k[0]), bound(k[1]), bound_state(k[2]), bound(k[3]), bound(k[4]), bound(k[5]), bound(k[6]))
+            memory = (
+                bound(k[0]), bound(k[1]), bound_state(k[2]), bound(k[3]), bound(k[4]), bound(k[5]), bound(k[6]),
+                bound_state(k[7]),
+            )  # fmt: skip
             arguments = bound_argument(arguments_of, trace)
+            compensation = bound_argument(compensation_of, trace)
             now = queue[NOW]
             done = 0
             while done < rows:
@@ -173,11 +185,12 @@ def _make_advance(law: Law, fingerprint: str) -> Any:
                     reference = taken_from(goals, source, done, drive)
                 amplitude = min(drive[1] + drive[2] * drive[3], 1.0)
                 drive[3] = drive[3] + 1.0
-                u, y, place, force, newest = sample(
-                    law, arguments, constants, memory, sizes, step, resolution, now,
+                u, y, place, force, compensated, newest = sample(
+                    (law, observer_law), arguments, compensation, constants, memory, sizes, step, resolution, now,
                     taken_from(waves, source, done, drive) * amplitude, reference, drive[0],
                 )  # fmt: skip
-                trace[0], trace[1], trace[2], trace[3], trace[4] = u, y, place, force, newest
+                trace[0], trace[1], trace[2], trace[3], trace[4] = u, y, place, force, compensated
+                trace[5] = newest
                 for lane in range(width):
                     history[lane, counters[lane, FILLED] + done] = get_number(trace_of, 1, lane)
                 if recording:
@@ -187,6 +200,8 @@ def _make_advance(law: Law, fingerprint: str) -> Any:
                             others[lane, 0, at] = get_number(trace_of, 0, lane)
                             others[lane, 1, at] = get_number(trace_of, 2, lane)
                             others[lane, 2, at] = get_number(trace_of, 3, lane)
+                            if others.shape[1] > 3:
+                                others[lane, 3, at] = get_number(trace_of, 4, lane)
                 now = (now + sizes[1]) % 2
                 done += 1
                 if not _within(newest, limit):
@@ -200,7 +215,7 @@ def _make_advance(law: Law, fingerprint: str) -> Any:
                 counters[lane, PHASE] = (counters[lane, PHASE] + done) % periods[counters[lane, JOB]]
                 if counters[lane, STAGE] == IDLE:
                     counters[lane, FILLED] = 0
-                elif not abs(get_number(trace_of, 4, lane)) < limit:
+                elif not abs(get_number(trace_of, 5, lane)) < limit:
                     counters[lane, STAGE], counters[lane, LEFT] = LEFT_STROKE, 0
 
     return cached(advance, **FAST)
@@ -209,7 +224,7 @@ def _make_advance(law: Law, fingerprint: str) -> Any:
 @njit(**FAST)
 def _turn(lane, jobs, table, lanes, results, pool):  # type: ignore[no-untyped-def]
     """Take a lane from one stage to the next; return whether the pool had room."""
-    counters, agreement, history = lanes[6], lanes[7], lanes[8]
+    counters, agreement, history = lanes[7], lanes[8], lanes[9]
     status, _place, _lead_in, settling, residual = results
     job, stage = counters[lane, JOB], counters[lane, STAGE]
     ramp, stretch, limit, record = jobs[3], jobs[4], jobs[5], jobs[6]
@@ -253,7 +268,7 @@ def _suffices(lane, jobs, counters):  # type: ignore[no-untyped-def]
 def _begin_next(lane, jobs, table, lanes):  # type: ignore[no-untyped-def]
     """Put the next job on a lane, at rest; where there is none the lane idles at rest."""
     machines = table[0]
-    store, memory, drive, counters, agreement, queue = lanes[2], lanes[3], lanes[4], lanes[6], lanes[7], lanes[10]
+    store, memory, drive, counters, agreement, queue = lanes[3], lanes[4], lanes[5], lanes[7], lanes[8], lanes[11]
     for array in memory:
         for row in range(array.shape[0]):
             put_number(array, row, lane, 0.0)
@@ -317,16 +332,16 @@ def _agree(lane, job, jobs, counters, agreement, history):  # type: ignore[no-un
 @njit(**FAST)
 def _deliver(lane, record, lanes, results, pool):  # type: ignore[no-untyped-def]
     """Copy a finished record to the pool, if it has room."""
-    counters, history, others, queue = lanes[6], lanes[8], lanes[9], lanes[10]
+    counters, history, others, queue = lanes[7], lanes[9], lanes[10], lanes[11]
     _status, place, lead_in, _settling, _residual = results
     job, filled, used = counters[lane, JOB], counters[lane, FILLED], queue[USED]
     first = filled - record if counters[lane, LOST] else 0
-    if used + filled - first + 3 * record > pool.size:
+    if used + filled - first + others.shape[1] * record > pool.size:
         return False
     place[job], lead_in[job] = used, filled - first - record
     pool[used : used + filled - first] = history[lane, first:filled]
     used += filled - first
-    for channel in range(3):
+    for channel in range(others.shape[1]):
         pool[used : used + record] = others[lane, channel, :record]
         used += record
     queue[USED] = used

@@ -54,16 +54,18 @@ class LawError(Exception):
     """A law is not written in the part of Python that can be compiled."""
 
 
-def call(factory: Callable[[Law, str], Any], law: Law, *arguments: Any) -> Any:
-    """Call the kernel that a factory makes for a law; LawError tells in one line why it cannot be compiled."""
+def call(factory: Callable[..., Any], laws: Law | tuple[Law, ...], *arguments: Any) -> Any:
+    """Call the kernel that a factory makes for laws; LawError tells in one line why one cannot be compiled."""
+    laws = laws if isinstance(laws, tuple) else (laws,)
     try:
-        return specialised(factory, law)(*arguments)
+        return specialised(factory, *laws)(*arguments)
     except NumbaError as error:
         lines = [line.strip() for line in str(error).splitlines()]
         said = [line for line in lines if line.startswith(TELLING)] or [line for line in lines if line][-1:]
         where = [line.removeprefix("File ").replace('"', "") for line in lines if line.startswith('File "')]
-        place = where[-1].rstrip(":") if where else inspect.getfile(law)
-        raise LawError(f"{law.__qualname__} cannot be compiled: {said[0]} ({place})") from None
+        place = where[-1].rstrip(":") if where else inspect.getfile(laws[0])
+        names = " or ".join(dict.fromkeys(law.__qualname__ for law in laws))
+        raise LawError(f"{names} cannot be compiled: {said[0]} ({place})") from None
 
 
 TELLING = (
@@ -78,14 +80,11 @@ TELLING = (
 """How the line of the compiler's message begins that says what is wrong."""
 
 
-def specialised(factory: Callable[[Law, str], Any], law: Law) -> Any:
-    """Return the kernel that a factory makes for a law, the same one for the same law."""
-    return _made(factory, law)
-
-
 @cache
-def _made(factory: Callable[[Law, str], Any], law: Law) -> Any:
-    return factory(compilable(law), fingerprint(law) + _kernels())
+def specialised(factory: Callable[..., Any], *laws: Law) -> Any:
+    """Return the kernel that a factory makes for laws, the same one for the same laws."""
+    source = "".join(fingerprint(law) for law in laws)
+    return factory(*(compilable(law) for law in laws), source + _kernels())
 
 
 @cache

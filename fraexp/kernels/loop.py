@@ -20,6 +20,8 @@ from fraexp.kernels.lanes import LanesType, RowsType, bare_rows_of, column_of, r
 FORCE, PLACE, STIFFNESS, BEFORE = range(4)
 """Contact: friction force [N], displacement there [m], local stiffness [N/m], force a step before [N]."""
 CONTACT = 4
+TRACED = 6
+"""Control input, measured and true displacement, friction force, its compensation, and the next measured position."""
 FAST = {"fastmath": {"contract"}, "error_model": "numpy"}
 """A product may be added without being rounded first: the same bits on every run; no division by 0 is looked for."""
 
@@ -143,17 +145,42 @@ def _get_number(array, row, lane):  # type: ignore[no-untyped-def]
     return lambda array, row, lane: array[row, lane]
 
 
+def fed_back(law: Any, arguments: Any, observer: Any, sizes: Any, position: Any) -> Any:
+    """Return what friction compensation adds to the control input, from the measured position; nothing without it."""
+    raise NotImplementedError
+
+
+@overload(fed_back, jit_options={"forceinline": True, **FAST})
+def _fed_back(law, arguments, observer, sizes, position):  # type: ignore[no-untyped-def]
+    if not len(arguments):
+        return lambda law, arguments, observer, sizes, position: 0.0
+    return _observed
+
+
+def _observed(law, arguments, observer, sizes, position):  # type: ignore[no-untyped-def]
+    gain, viscous, time_step, parameters = arguments
+    states = sizes[6]
+    moved = position - observer[2 * states]
+    observer[2 * states] = position
+    force = law(part(observer, 0, states), moved, time_step, part(observer, states, states), *parameters)
+    for i in range(states):
+        observer[i] = observer[states + i]
+    return gain * (force + viscous * (moved / time_step))
+
+
 @njit(forceinline=True, **FAST)
 def sample(  # type: ignore[no-untyped-def]
-    law, arguments, constants, memory, sizes, step, resolution, now, excitation, reference, noise
+    laws, arguments, compensation, constants, memory, sizes, step, resolution, now, excitation, reference, noise
 ):
-    """Run the loop over one sample; return control input, measured, true displacement, force, and what comes next.
+    """Run the loop over one sample; return what is traced of it: `TRACED`.
 
-    `constants` and `memory` are laid out as `Layout` says. The next measured position is returned last.
+    The law of friction and that of its compensation come with their arguments; without any of the latter there is no
+    compensation.
     """
-    n, m, states, order, late, held = sizes
+    law, observer_law = laws
+    n, m, states, order, late, held, _ = sizes
     matrix, compliance, responses, numerator, denominator = constants
-    known, linear, z, w, inputs, outputs, contact = memory
+    known, linear, z, w, inputs, outputs, contact, observer = memory
     position = outputs[held] + noise
     if resolution > 0.0:
         position = rounded(position / resolution) * resolution
@@ -163,7 +190,8 @@ def sample(  # type: ignore[no-untyped-def]
     control = numerator[0] * error + w[0]
     for i in range(1, order):
         w[i - 1] = numerator[i] * error - denominator[i] * control + w[i]
-    control = control + excitation
+    compensated = fed_back(observer_law, compensation, observer, sizes, position)
+    control = control + excitation + compensated
     inputs[0] = control
     place, force, before, stiffness = contact[PLACE], contact[FORCE], contact[BEFORE], contact[STIFFNESS]
     place_now, force_now = place, force
@@ -191,7 +219,7 @@ def sample(  # type: ignore[no-untyped-def]
         for j in range(m):
             state += responses[i * m + j] * linear[j]
         known[i - 1] = state
-    return control, position, place_now, force_now, newest
+    return control, position, place_now, force_now, compensated, newest
 
 
 @njit(forceinline=True, **FAST)

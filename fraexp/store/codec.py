@@ -10,7 +10,7 @@ import numpy as np
 from sqlalchemy import RowMapping
 
 from fraexp.errors import StoreError
-from fraexp.results import Curve, FrequencyResponse, Metric, Result
+from fraexp.results import Curve, Fit, FrequencyResponse, Metric, Result
 
 DTYPES: dict[str, type] = {
     "frequency": np.float64,
@@ -24,6 +24,8 @@ DTYPES: dict[str, type] = {
     "harmonics": np.complex128,
 }
 """Type of each array of a frequency response."""
+OPTIONAL = ("freedom", "noise_variance", "nonlinear_variance", "coherence", "model_covariance")
+"""Arrays of floats that a response may lack."""
 
 
 HEADER = 10
@@ -74,7 +76,8 @@ def response_rows(key: str, response: FrequencyResponse | None) -> list[dict[str
     if response is None:
         return []
     row = {item.name: getattr(response, item.name) for item in fields(response)}
-    row |= {name: encode(row[name], f"the response's {name}", dtype) for name, dtype in DTYPES.items()}
+    types = DTYPES | {name: np.float64 for name in OPTIONAL if row[name] is not None}
+    row |= {name: encode(row[name], f"the response's {name}", dtype) for name, dtype in types.items()}
     return [{"key": key, "points": len(response.frequency), **row}]
 
 
@@ -82,6 +85,7 @@ def response_of(row: RowMapping) -> FrequencyResponse:
     """Return the frequency response in a row."""
     values: dict[str, Any] = {name: row[name] for name in ("unit", "input", "output")}
     values |= {name: decode(row[name]) for name in DTYPES}
+    values |= {name: decode(row[name]) for name in OPTIONAL if row[name] is not None}
     return FrequencyResponse(**values)
 
 
@@ -126,6 +130,29 @@ def curve_of(name: str, columns: Iterable[RowMapping]) -> Curve:
     return Curve(name, {row["name"]: decode(row["samples"]) for row in rows}, units)
 
 
+def fit_rows(key: str, fits: Iterable[Fit]) -> list[dict[str, Any]]:
+    """Return a row for each fit."""
+    return [
+        {
+            "key": key,
+            "position": position,
+            "kind": item.kind,
+            "component": dict(item.component),
+            "parameters": list(item.parameters),
+            "units": list(item.units),
+            "values": encode(item.values, "the fit's values", np.float64),
+            "covariance": encode(item.covariance, "the fit's covariance", np.float64),
+        }
+        for position, item in enumerate(fits)
+    ]
+
+
+def fit_of(row: RowMapping) -> Fit:
+    """Return the fit in a row."""
+    texts = (tuple(row["parameters"]), tuple(row["units"]))
+    return Fit(row["kind"], row["component"], *texts, decode(row["values"]), decode(row["covariance"]))
+
+
 def result_rows(key: str, result: Result) -> dict[str, list[dict[str, Any]]]:
     """Return the rows of a result by table name, parents first."""
     return {
@@ -133,4 +160,5 @@ def result_rows(key: str, result: Result) -> dict[str, list[dict[str, Any]]]:
         "metric": metric_rows(key, result.metrics),
         "curve": curve_rows(key, result.curves),
         "curve_column": column_rows(key, result.curves),
+        "fit": fit_rows(key, result.fits),
     }

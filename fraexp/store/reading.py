@@ -12,7 +12,7 @@ from fraexp.results import Outcome, Result
 from fraexp.store import codec
 from fraexp.store.liveness import Process, alive, since
 from fraexp.store.records import RunSummary, StoredState, StoredSweep, Supplied
-from fraexp.store.tables import chunks, curve, curve_column, frequency_response, metric, run, run_sweep, sweep
+from fraexp.store.tables import chunks, curve, curve_column, fit, frequency_response, metric, run, run_sweep, sweep
 from fraexp.store.tables import supplied_component as supplied
 
 LARGEST = 2**63 - 1
@@ -98,10 +98,13 @@ def results(connection: Connection, keys: Iterable[str]) -> dict[str, Result]:
         for row in connection.execute(_of(metric, chunk).order_by(metric.c.position)).mappings():
             metrics[row["key"]].append(codec.metric_of(row))
         curves = _curves(connection, chunk)
+        fits = defaultdict(list)
+        for row in connection.execute(_of(fit, chunk).order_by(fit.c.position)).mappings():
+            fits[row["key"]].append(codec.fit_of(row))
         query = select(sweep.c.key, sweep.c.outcome, sweep.c.message, sweep.c.elapsed, sweep.c.numerics)
         for row in connection.execute(query.where(sweep.c.key.in_(chunk), sweep.c.outcome.is_not(None))).mappings():
             key = row["key"]
-            parts = (responses.get(key), tuple(metrics[key]), tuple(curves[key]))
+            parts = (responses.get(key), tuple(metrics[key]), tuple(curves[key]), tuple(fits[key]))
             state = {"numerics": row["numerics"], "elapsed": row["elapsed"]}
             found[key] = Result(Outcome[row["outcome"]], row["message"], *parts, **state)
     return found

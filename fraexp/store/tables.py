@@ -82,8 +82,8 @@ class Words(TypeDecorator[str]):
         return None if value is None else value.encode("utf-8", "backslashreplace").decode().replace("\0", "\\x00")
 
 
-def _array(name: str) -> Column[bytes]:
-    return Column(name, LargeBinary, nullable=False)
+def _array(name: str, nullable: bool = False) -> Column[bytes]:
+    return Column(name, LargeBinary, nullable=nullable)
 
 
 def _text(name: str, default: str | None = None) -> Column[str]:
@@ -165,6 +165,11 @@ frequency_response = Table(
     _array("settling_time"),  # s, float (n,)
     _array("residual"),  # float (n,)
     _array("harmonics"),  # relative to the fundamental, complex (n, 6)
+    _array("freedom", nullable=True),  # of the covariance, float (n,)
+    _array("noise_variance", nullable=True),  # unit², float (n,)
+    _array("nonlinear_variance", nullable=True),  # unit², float (n,)
+    _array("coherence", nullable=True),  # squared, float (n,)
+    _array("model_covariance", nullable=True),  # of 1/response, 1/unit², float (n, 2, 2)
 )
 
 metric = Table(
@@ -198,6 +203,19 @@ curve_column = Table(
     ForeignKeyConstraint(["key", "curve"], ["curve.key", "curve.position"], ondelete="CASCADE"),
 )
 
+fit = Table(
+    "fit",
+    metadata,
+    _sweep_key(primary_key=True),
+    Column("position", Integer, primary_key=True),
+    Column("kind", String(32), nullable=False),
+    Column("component", JSON, nullable=False),
+    Column("parameters", JSON, nullable=False),  # names
+    Column("units", JSON, nullable=False),
+    _array("values"),  # float (p,)
+    _array("covariance"),  # products of the units, float (p, p)
+)
+
 supplied_component = Table(
     "supplied_component",
     metadata,
@@ -209,7 +227,7 @@ supplied_component = Table(
     _text("distribution"),
 )
 
-RESULT_TABLES = (curve_column, curve, metric, frequency_response, supplied_component)
+RESULT_TABLES = (curve_column, curve, metric, fit, frequency_response, supplied_component)
 """What belongs to a result and goes with it, children first."""
 
 

@@ -81,7 +81,7 @@ def save(connection: Connection, number: int, results: Sequence[tuple[Sweep, Res
     if outcomes:
         connection.execute(update(sweep).where(sweep.c.key == bindparam("of")), outcomes)
     rows = [result_rows(key, result) for key, (_, result, _) in latest.items()]
-    for name in ("frequency_response", "metric", "curve", "curve_column"):
+    for name in ("frequency_response", "metric", "curve", "curve_column", "fit"):
         _insert(connection, metadata.tables[name], [row for tables in rows for row in tables[name]])
     origins = [row for item, _, supplied in latest.values() for row in _origin_rows(item, supplied)]
     _insert(connection, metadata.tables["supplied_component"], origins)

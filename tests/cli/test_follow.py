@@ -8,11 +8,11 @@ import pytest
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.follow import Story, follow, report
 from fraexp.cli.words import short
-from fraexp.plugins import Registry
 from fraexp.results import Outcome, Result
 from fraexp.scheduler import Ended, Event, Finished, Planned, Preparing, Progress
 from fraexp.store import Store
 from fraexp.sweep import Sweep
+from fraexp.workspace import Workspace
 
 PLANNED = Planned("bench", "Two sensors", 5, 3, 2, 1, 65.0)
 
@@ -43,8 +43,12 @@ def test_events_become_talk_on_stderr(sweeps: list[Sweep], capsys: pytest.Captur
     assert (story.ended, story.computed, story.interrupted) == ([Ended(1, "partial")], 0, False)
 
 
+def told(story: Story, arguments: Namespace) -> ExitCode:
+    return report(story, arguments, Workspace.open(arguments.workspace))
+
+
 def test_ctrl_c_closes_the_events_and_tells_what_is_kept(
-    registry: Registry, arguments: Namespace, sweeps: list[Sweep], capsys: pytest.CaptureFixture[str]
+    arguments: Namespace, sweeps: list[Sweep], capsys: pytest.CaptureFixture[str]
 ) -> None:
     closed = []
 
@@ -56,16 +60,16 @@ def test_ctrl_c_closes_the_events_and_tells_what_is_kept(
         finally:
             closed.append(True)
 
-    assert report(follow(events()), arguments, registry) == ExitCode.INTERRUPTED
+    assert told(follow(events()), arguments) == ExitCode.INTERRUPTED
     assert closed == [True]
     assert "interrupted: 1 sweep computed and kept; the same command goes on" in capsys.readouterr().err
 
 
 def test_the_end_is_a_table_the_run_and_its_figure(
-    registry: Registry, arguments: Namespace, sweeps: list[Sweep], capsys: pytest.CaptureFixture[str]
+    arguments: Namespace, sweeps: list[Sweep], capsys: pytest.CaptureFixture[str]
 ) -> None:
     story = Story(ended=[Ended(1, "partial", (Path("figures/bench.png"), Path("figures/bench-2.png")))])
-    assert report(story, arguments, registry) == ExitCode.INCOMPLETE
+    assert told(story, arguments) == ExitCode.INCOMPLETE
     printed = capsys.readouterr()
     lines = printed.out.splitlines()
     assert lines[0] == "magnitudes in dB re 1 mm/N"
@@ -77,21 +81,17 @@ def test_the_end_is_a_table_the_run_and_its_figure(
     assert "fraexp plot 1" in printed.err
 
 
-def test_a_run_as_json_is_one_document(
-    registry: Registry, arguments: Namespace, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_run_as_json_is_one_document(arguments: Namespace, capsys: pytest.CaptureFixture[str]) -> None:
     arguments.json = True
-    assert report(Story(planned=[PLANNED], ended=[Ended(1, "partial")]), arguments, registry) == ExitCode.INCOMPLETE
+    assert told(Story(planned=[PLANNED], ended=[Ended(1, "partial")]), arguments) == ExitCode.INCOMPLETE
     document = json.loads(capsys.readouterr().out)
     assert document["planned"][0]["reused"] == 3
     assert document["runs"][0]["number"] == 1
     assert [sweep["state"] for sweep in document["runs"][0]["sweeps"]] == ["computed"] * 4 + ["failed"]
 
 
-def test_a_dry_run_prints_no_table(
-    registry: Registry, arguments: Namespace, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert report(Story(planned=[PLANNED], ended=[Ended(None, "dry")]), arguments, registry) == ExitCode.OK
+def test_a_dry_run_prints_no_table(arguments: Namespace, capsys: pytest.CaptureFixture[str]) -> None:
+    assert told(Story(planned=[PLANNED], ended=[Ended(None, "dry")]), arguments) == ExitCode.OK
     assert capsys.readouterr().out == ""
 
 
@@ -105,7 +105,7 @@ def test_a_dry_run_prints_no_table(
     ],
 )
 def test_outcomes_decide_the_exit_code_and_nothing_is_plotted_where_nothing_is(
-    outcome: Outcome, code: ExitCode, registry: Registry, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    outcome: Outcome, code: ExitCode, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     sweep = Sweep({"source": "drive"}, {"name": "hysteresis"}, {"x": 1})
     with Store.open(str(tmp_path / "results.db"), create=True) as store:
@@ -113,7 +113,7 @@ def test_outcomes_decide_the_exit_code_and_nothing_is_plotted_where_nothing_is(
         store.save(run, [(sweep, Result(outcome, "why"), {})])
         store.end_run(run, "complete")
     arguments = Namespace(db=None, workspace=tmp_path, json=False)
-    assert report(Story(ended=[Ended(run, "complete", note="two\nlines")]), arguments, registry) == code
+    assert told(Story(ended=[Ended(run, "complete", note="two\nlines")]), arguments) == code
     printed = capsys.readouterr()
     assert outcome.name.lower().replace("_", " ") in printed.out
     assert "run 1 has no figure: two lines\n" in printed.err

@@ -13,11 +13,11 @@ from fraexp.cli.follow import ERRORS, SHOWN, Story, follow, report
 from fraexp.cli.show import execute as show
 from fraexp.cli.summary import Quantity, counts, measured, parameter_rows, quantile_rows
 from fraexp.cli.words import short
-from fraexp.plugins import Registry
 from fraexp.results import Metric, Outcome, Result
 from fraexp.scheduler import Ended, Event, Finished
 from fraexp.store import Store
 from fraexp.sweep import Sweep
+from fraexp.workspace import Workspace
 from tests.cli.conftest import response_of
 
 COUNT = 60
@@ -52,7 +52,15 @@ def terminal(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 
 
 def arguments(folder: Path, **options: bool) -> Namespace:
-    common = {"db": None, "workspace": folder, "json": False, "points": False, "all": False}
+    common = {
+        "db": None,
+        "workspace": folder,
+        "json": False,
+        "points": False,
+        "all": False,
+        "against": "first",
+        "at": None,
+    }
     return Namespace(**common | options, id="1", ids=["1"])
 
 
@@ -90,16 +98,16 @@ def test_elsewhere_every_sweep_is_a_row(folder: Path, capsys: pytest.CaptureFixt
 
 
 @pytest.mark.usefixtures("terminal")
-def test_a_run_ends_with_the_summary(folder: Path, registry: Registry, capsys: pytest.CaptureFixture[str]) -> None:
-    report(Story(ended=[Ended(1, "complete")]), arguments(folder), registry)
+def test_a_run_ends_with_the_summary(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    report(Story(ended=[Ended(1, "complete")]), arguments(folder), Workspace.open(folder))
     printed = capsys.readouterr()
     assert "outcomes   59 ok, 1 diverged" in printed.out
     assert "fraexp show 1 --all shows each sweep" in printed.err
     assert "run 1 complete: 60 sweeps" in printed.out
 
 
-def test_a_run_elsewhere_ends_with_rows(folder: Path, registry: Registry, capsys: pytest.CaptureFixture[str]) -> None:
-    report(Story(ended=[Ended(1, "complete")]), arguments(folder), registry)
+def test_a_run_elsewhere_ends_with_rows(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    report(Story(ended=[Ended(1, "complete")]), arguments(folder), Workspace.open(folder))
     printed = capsys.readouterr()
     assert printed.out.count(" ok ") == SHOWN
     assert "10 more sweeps; see fraexp show 1" in printed.err

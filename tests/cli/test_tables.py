@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fraexp.cli.tables import sweep_table
+from fraexp.cli.tables import response_table, sweep_table
 from fraexp.plugins import Registry
 from fraexp.results import FrequencyResponse, Outcome, Result
 from fraexp.store import StoredSweep
@@ -58,6 +58,23 @@ def test_elsewhere_the_columns_are_spread_and_told_apart(
     grid: list[float], titles: list[str], registry: Registry
 ) -> None:
     assert table([at(grid)], registry)[0][3:-1] == titles
+
+
+def test_what_an_estimator_knows_of_noise_and_distortion_is_shown() -> None:
+    response = replace(
+        at([1, 10]),
+        covariance=np.stack([np.eye(2) * 1e-10, np.eye(2) * 1e-2]),
+        noise_variance=np.array([1e-6, 0.0]),
+        nonlinear_variance=np.array([1e-4, np.nan]),
+        coherence=np.array([0.99994, 0.5]),
+    )
+    titles, rows, _ = response_table(response, None)
+    first, second = (dict(zip(titles, row, strict=True)) for row in rows)
+    assert (first["noise [dB]"], first["nonlinear [dB]"], first["coherence"]) == ("-40.0", "-20.0", "0.9999")
+    assert (second["noise [dB]"], second["nonlinear [dB]"], second["coherence"]) == ("", "", "0.5000")
+    assert second["± 95 % [dB]"] == "∞", "the deviation exceeds the magnitude: it has no lower limit in dB"
+    plain = dict(zip(titles, response_table(at([1.0]), None)[1][0], strict=True))
+    assert (plain["noise [dB]"], plain["coherence"]) == ("", "")
 
 
 def test_a_response_without_points_is_no_error(registry: Registry) -> None:

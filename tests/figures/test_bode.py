@@ -1,8 +1,10 @@
 import numpy as np
 import pytest
 
+from fraexp.confidence import relative_deviations
 from fraexp.errors import FraexpError
-from fraexp.figures.bode import bode_info, draw_bode, relative_deviations
+from fraexp.figures.bode import bode_info, draw_bode
+from fraexp.figures.lines import alone
 from tests.figures.conftest import ResponseMaker
 
 
@@ -30,7 +32,19 @@ def test_the_band_is_that_of_95_percent(make_response: ResponseMaker) -> None:
     expected = 20 * np.log10(1 + 1.959964e-2 * np.array([-1, 1]))
     np.testing.assert_allclose(curve.magnitude_band[:, 0], expected, rtol=1e-6)
     np.testing.assert_allclose(curve.phase_band[:, 0], np.degrees([-1.959964e-2, 1.959964e-2]), rtol=1e-6)
-    assert np.isnan(curve.magnitude_band[0, 1]), "a deviation above the magnitude has no lower limit in dB"
+    assert curve.magnitude_band[0, 1] == -np.inf, "a deviation above the magnitude has no lower limit in dB"
+
+
+def test_a_band_without_a_limit_ends_at_the_edge_of_the_axis(make_response: ResponseMaker) -> None:
+    frequency = np.geomspace(1, 100, 20)
+    plant = -1e-3 / frequency**2
+    deviation = np.abs(plant) * np.where(frequency < 5, 3.0, 1e-3)
+    axes = draw_bode(bode_info([("P", make_response(frequency, plant, deviation=deviation))])).axes[0]
+    span = np.ptp(axes.get_ylim())
+    assert span < 2 * np.ptp(20 * np.log10(np.abs(plant))), "the lines keep most of the axis"
+    edges = axes.collections[0].get_paths()[0].vertices[:, 1]
+    assert edges.min() == pytest.approx(axes.get_ylim()[0])
+    assert np.isfinite(edges).all()
 
 
 def test_the_band_covers_95_percent_of_noisy_responses() -> None:
@@ -48,7 +62,7 @@ def test_unsettled_points_are_gaps_in_the_line(make_response: ResponseMaker) -> 
     info = bode_info([("P", make_response(np.arange(1, 7), np.full(6, 1e-3), settled=settled))])
     curve = info.curves[0]
     np.testing.assert_array_equal(np.isnan(curve.joined(curve.magnitude)), ~np.array(settled))
-    np.testing.assert_array_equal(curve.alone, [True, False, True, False, False, False])
+    np.testing.assert_array_equal(alone(curve.settled), [True, False, True, False, False, False])
     np.testing.assert_allclose(curve.magnitude, 0, atol=1e-9)  # still there to be drawn hollow
     hollow = [line for line in draw_bode(info).axes[0].lines if line.get_fillstyle() == "none"]
     assert [list(line.get_xdata()) for line in hollow] == [[2, 4]]

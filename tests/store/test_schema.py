@@ -135,7 +135,7 @@ def test_a_migration_that_leaves_rows_without_what_they_refer_to_changes_nothing
 def test_a_reader_does_not_migrate(store, path, next_schema):
     store.close()
     before = path.read_bytes()
-    with pytest.raises(StoreError, match="its schema 0002 is older than next; any 'fraexp run' brings it up to date"):
+    with pytest.raises(StoreError, match="its schema 0003 is older than next; any 'fraexp run' brings it up to date"):
         check_readable(Database(path, 1.0), next_schema())
     assert path.read_bytes() == before
 

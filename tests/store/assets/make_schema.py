@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fraexp.results import Curve, FrequencyResponse, Metric, Outcome, Result
+from fraexp.results import Curve, Fit, FrequencyResponse, Metric, Outcome, Result
 from fraexp.store import Store, Supplied
 from fraexp.store.migrations import HISTORY
 from fraexp.sweep import Sweep
@@ -49,7 +49,9 @@ def result() -> Result:
         harmonics=np.zeros((2, 6), dtype=complex),
     )
     curve = Curve("hysteresis", {"displacement": np.zeros(2), "force": np.ones(2)}, {"displacement": "m", "force": "N"})
-    return Result(Outcome.OK, "", response, (Metric("stroke", 0.01, "m"),), (curve,), elapsed=0.25)
+    component = {"name": "modal", "version": 1, "gain": 0.132}
+    fit = Fit("plant", component, ("gain",), ("m/(N s²)",), np.array([0.132]), np.array([[1e-8]]))
+    return Result(Outcome.OK, "", response, (Metric("stroke", 0.01, "m"),), (curve,), (fit,), elapsed=0.25)
 
 
 if __name__ == "__main__":

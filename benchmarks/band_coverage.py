@@ -1,0 +1,297 @@
+"""Measure how often the published 95 % bands hold the truth: Monte-Carlo on a linear plant with known noise.
+
+    python benchmarks/band_coverage.py                 1000 experiments for each estimator
+    python benchmarks/band_coverage.py --reduced       150 experiments
+    python benchmarks/band_coverage.py --only joint    those whose name contains a word
+
+A circle around the response, the limits of its magnitude and those of its phase must each hold the truth in 95 ± 2 %
+of all frequencies and experiments: the exit code is 1 if one does not. The loop is discrete: what the estimators are
+compared with is exact, and the noise is coloured, runs on from period to period and is fed back. Rows with a cubic
+input nonlinearity are compared with its best linear approximation. The last rows are without noise: median errors.
+"""
+
+import argparse
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+from scipy.signal import cont2discrete, lfilter
+
+from fraexp.components import Estimator
+from fraexp.confidence import circle_factor, freedom_of, limits
+from fraexp.plugins import Registry, create, discover
+from fraexp.results import FrequencyResponse
+from fraexp.signals import Segment, Signals
+
+SAMPLE_TIME = 1e-3
+PERIOD = 512
+"""Samples per period."""
+UNITS = {"u": "N", "y": "m", "excitation": "N"}
+CONTROLLER = np.array([1.5, -1.2])
+"""Of position, in ascending powers of z⁻¹ [N/m]."""
+COLOUR = np.array([1.0, -0.6])
+"""Poles of the noise."""
+CUBIC = 0.05
+"""Coefficient of the cubic input nonlinearity [1/N²]."""
+LEVEL, TOLERANCE = 0.95, 0.02
+WARM_UP = 1024
+"""Samples after which noise in the loop is stationary."""
+
+LOWEST, HIGHEST = 5, 151
+GRID = np.arange(LOWEST, HIGHEST + 1, 2)
+Recorded = Iterator[Signals]
+
+
+def plant() -> tuple[np.ndarray, np.ndarray]:
+    """Return numerator and denominator, in powers of z⁻¹, of a held resonance of 100 Hz with a damping ratio of 0.3."""
+    omega = 2 * np.pi * 100.0
+    continuous = ([omega**2], [1, 0.6 * omega, omega**2])
+    numerator, denominator, _ = cont2discrete(continuous, SAMPLE_TIME, method="zoh")
+    return numerator.ravel(), denominator
+
+
+NUMERATOR, DENOMINATOR = plant()
+CLOSED = np.polyadd(np.append(DENOMINATOR, 0.0), np.convolve(CONTROLLER, NUMERATOR))
+"""Characteristic polynomial of the loop."""
+
+
+def of_unit_circle(polynomial: np.ndarray, cycles: np.ndarray) -> np.ndarray:
+    """Return a polynomial in z⁻¹ at frequencies in cycles per sample."""
+    return np.polynomial.polynomial.polyval(np.exp(-2j * np.pi * cycles), polynomial)
+
+
+def gain(cycles: np.ndarray) -> np.ndarray:
+    """Return the plant's response at frequencies in cycles per sample."""
+    return of_unit_circle(NUMERATOR, cycles) / of_unit_circle(DENOMINATOR, cycles)
+
+
+def multisine(generator: np.random.Generator, shape: tuple[int, ...], lines: np.ndarray) -> np.ndarray:
+    """Return periods of random-phase multisines with a root mean square of 1 N, shape (..., samples)."""
+    bins = np.zeros((*shape, PERIOD // 2 + 1), dtype=complex)
+    bins[..., lines] = np.exp(2j * np.pi * generator.random((*shape, lines.size)))
+    return np.fft.irfft(bins * PERIOD / np.sqrt(2 * lines.size))
+
+
+def coloured(generator: np.random.Generator, shape: tuple[int, ...], deviation: float) -> np.ndarray:
+    """Return stationary noise."""
+    white = generator.standard_normal((*shape[:-1], shape[-1] + WARM_UP)) * deviation
+    return lfilter([1.0], COLOUR, white)[..., WARM_UP:]
+
+
+def closed_loop(r: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return control input u = r - C y and output y = G u + v from rest, filtered along the last axis."""
+    # (1 + GC)⁻¹ = DENOMINATOR/CLOSED, G (1 + GC)⁻¹ = NUMERATOR/CLOSED
+    y = lfilter(NUMERATOR, CLOSED, r) + lfilter(DENOMINATOR, CLOSED, v)
+    return r - lfilter(CONTROLLER, [1.0], y), y
+
+
+@dataclass(frozen=True)
+class Periodic:
+    """Multisines in closed loop: realisations of periods, recorded from rest or once settled."""
+
+    realisations: int = 1
+    periods: int = 6
+    omitted: int = 0
+    """One of so many lines is left out."""
+    from_rest: bool = False
+    cubic: float = 0.0
+    """Where it is not 0 the loop is open and the plant's input is u + cubic u³."""
+    noise: float = 0.02
+
+    def lines(self, generator: np.random.Generator) -> np.ndarray:
+        """Return the excited lines."""
+        if not self.omitted:
+            return GRID
+        groups = GRID.size // self.omitted
+        return np.delete(GRID, self.omitted * np.arange(groups) + generator.integers(self.omitted, size=groups))
+
+    def __call__(self, generator: np.random.Generator, count: int) -> Recorded:
+        """Yield the signals of so many experiments."""
+        lines = self.lines(generator)
+        shape = (count, self.realisations)
+        r = multisine(generator, shape, lines)
+        before = 0 if self.from_rest else 4
+        whole = np.tile(r, self.periods + before)
+        v = coloured(generator, whole.shape, self.noise)
+        if self.cubic:
+            u, y = whole, lfilter(NUMERATOR, DENOMINATOR, whole + self.cubic * whole**3) + v
+        else:
+            u, y = closed_loop(whole, v)
+        folded = (*shape, self.periods, PERIOD)
+        cut = {name: x[..., before * PERIOD :].reshape(folded) for name, x in (("u", u), ("y", y))}
+        cut["excitation"] = np.broadcast_to(r[:, :, None], folded)
+        for number in range(count):
+            yield Signals(
+                tuple(
+                    Segment(SAMPLE_TIME, {name: x[number, m] for name, x in cut.items()}, lines)
+                    for m in range(self.realisations)
+                ),
+                UNITS,
+            )
+
+    def truth(self, frequency: np.ndarray) -> np.ndarray:
+        """Return the plant, or its best linear approximation: 1 + α(3σ² - ¾A²) for random phases and equal lines."""
+        excited = self.lines(np.random.default_rng()).size
+        best = 1 + self.cubic * (3 - 0.75 * 2 / excited)
+        return gain(frequency * SAMPLE_TIME) * best
+
+
+@dataclass(frozen=True)
+class Random:
+    """One long record with random excitation, its noise at output, input or both, in open or closed loop."""
+
+    noisy: str = "y"
+    closed: bool = False
+    windows: int = 32
+    noise: float = 0.3
+
+    def __call__(self, generator: np.random.Generator, count: int) -> Recorded:
+        """Yield the signals of so many experiments."""
+        length = self.windows * PERIOD
+        lines = np.arange(LOWEST, HIGHEST + 1)
+        for _ in range(count):
+            r = generator.standard_normal(length + WARM_UP)
+            if self.closed:
+                u, y = closed_loop(r, coloured(generator, r.shape, self.noise))
+            else:
+                u, y = r, lfilter(NUMERATOR, DENOMINATOR, r)
+                if self.noisy in ("u", "both"):
+                    u = u + self.noise * generator.standard_normal(r.size)
+                if self.noisy in ("y", "both"):  # as noisy for its size as the input, at each frequency
+                    y = y + self.noise * lfilter(NUMERATOR, DENOMINATOR, generator.standard_normal(r.size))
+            channels = {"u": u, "y": y, "excitation": r}
+            cut = {name: x[WARM_UP:].reshape(self.windows, PERIOD) for name, x in channels.items()}
+            yield Signals((Segment(SAMPLE_TIME, cut, lines),), UNITS)
+
+    def truth(self, frequency: np.ndarray) -> np.ndarray:
+        """Return the plant."""
+        return gain(frequency * SAMPLE_TIME)
+
+
+@dataclass(frozen=True)
+class Case:
+    """An estimator and what it is given."""
+
+    what: str
+    source: Periodic | Random
+    spec: dict[str, Any] = field(default_factory=dict)
+
+
+WINDOW = PERIOD * SAMPLE_TIME
+FRICTIONLESS: dict[str, Any] = {"name": "proposed", "friction": {"name": "none"}, "hold": False}
+BEST, FAST = {"name": "best_linear_approximation"}, {"name": "fast_best_linear"}
+JOINT = {"name": "joint_input_output"}
+CASES = (
+    Case("conventional, 2 periods", Periodic(periods=2, noise=0.01), {"name": "conventional"}),
+    Case("conventional, 6 periods", Periodic(), {"name": "conventional"}),
+    Case("proposed, frictionless, 6 periods", Periodic(), FRICTIONLESS),
+    Case("best_linear_approximation, 1 x 6 periods", Periodic(), BEST),
+    Case("best_linear_approximation, 6 x 2 periods", Periodic(6, 2), BEST),
+    Case("best_linear_approximation, 7 x 2, cubic", Periodic(7, 2, cubic=CUBIC), BEST),
+    Case("best_linear_approximation in proposed", Periodic(6, 2), {**FRICTIONLESS, "method": BEST}),
+    Case("fast_best_linear, 6 periods", Periodic(omitted=4), FAST),
+    Case("fast_best_linear, cubic", Periodic(omitted=4, cubic=CUBIC), FAST),
+    Case("fast_best_linear, 4 realisations, cubic", Periodic(4, 2, omitted=4, cubic=CUBIC), FAST),
+    Case("joint_input_output, 6 periods", Periodic(), JOINT),
+    Case("joint_input_output, 6 x 2 periods", Periodic(6, 2), JOINT),
+    Case("joint_input_output, windows", Random(closed=True, noise=0.2), {**JOINT, "window": WINDOW}),
+    Case("spectral h1, noisy output", Random("y"), {"name": "spectral"}),
+    Case("spectral h1, few windows", Random("y", windows=8), {"name": "spectral"}),
+    Case("spectral h2, noisy input", Random("u"), {"name": "spectral", "form": "h2"}),
+    Case("spectral hv, both noisy", Random("both"), {"name": "spectral", "form": "hv"}),
+    Case("local_polynomial, from rest", Periodic(from_rest=True), {"name": "local_polynomial"}),
+    Case("local_polynomial, 6 x 2, from rest", Periodic(6, 2, from_rest=True), {"name": "local_polynomial"}),
+    Case(
+        "local_polynomial, random, closed",
+        Random(closed=True, noise=0.04),
+        {"name": "local_polynomial", "variant": "arbitrary"},
+    ),
+    Case("local_rational, from rest", Periodic(from_rest=True), {"name": "local_rational"}),
+    Case(
+        "local_rational, random, closed",
+        Random(closed=True, noise=0.04),
+        {"name": "local_rational", "variant": "arbitrary"},
+    ),
+)
+
+EXACT = (
+    (Case("conventional, settled", Periodic(noise=0.0), {"name": "conventional"}), 1e-8),
+    (Case("best_linear_approximation, settled", Periodic(4, 2, noise=0.0), BEST), 1e-8),
+    (Case("joint_input_output, settled", Periodic(4, 2, noise=0.0), JOINT), 1e-8),
+    (Case("local_polynomial, from rest", Periodic(from_rest=True, noise=0.0), {"name": "local_polynomial"}), 1e-9),
+    (Case("local_rational, from rest", Periodic(from_rest=True, noise=0.0), {"name": "local_rational"}), 1e-9),
+)
+"""Without noise: a case and the greatest median error."""
+
+
+def hits(response: FrequencyResponse, truth: np.ndarray) -> np.ndarray:
+    """Return whether circle, magnitude limits and phase limits hold the truth, shape (3, n) of bool."""
+    ratio = truth / response.response
+    radius = response.standard_deviation * circle_factor(freedom_of(response))
+    magnitude, phase = limits(response)
+    return np.array([
+        np.abs(response.response - truth) <= radius,
+        (magnitude[0] <= np.abs(ratio)) & (np.abs(ratio) <= magnitude[1]),
+        (phase[0] <= np.angle(ratio)) & (np.angle(ratio) <= phase[1]),
+    ])  # fmt: skip
+
+
+def coverage(case: Case, registry: Registry, experiments: int) -> tuple[np.ndarray, float]:
+    """Return how often the three bands hold the truth, and the median error relative to it."""
+    estimator = create(registry, Estimator, case.spec)  # type: ignore[type-abstract]
+    generator = np.random.default_rng(5)
+    held, errors = [], []
+    for begin in range(0, experiments, 50):
+        for signals in case.source(generator, min(50, experiments - begin)):
+            response = estimator.estimate(signals).response
+            if response is None:
+                raise SystemExit(f"{case.what}: no response")
+            truth = case.source.truth(response.frequency)
+            held.append(hits(response, truth))
+            errors.append(np.abs(response.response / truth - 1))
+    return np.mean(np.stack(held), axis=(0, 2)), float(np.median(errors))
+
+
+def main() -> int:
+    """Print the coverage of every estimator's bands; return 1 if one is not 95 ± 2 %."""
+    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    options.add_argument("--reduced", action="store_true", help="150 experiments each")
+    options.add_argument("--experiments", type=int, default=1000, help="experiments each")
+    options.add_argument("--only", default="", help="a word in the names of those that are wanted")
+    chosen = options.parse_args()
+    experiments = 150 if chosen.reduced else chosen.experiments
+    registry = discover()
+    known = tuple(registry.names(Estimator.kind))
+    measure: Callable[[Case], tuple[np.ndarray, float]] = partial(coverage, registry=registry, experiments=experiments)
+    print(f"{experiments} experiments each; coverage [%] of    circle  magnitude     phase   median error    time")
+    short = 0
+    for case in CASES:
+        if case.spec["name"] not in known or chosen.only not in case.what:
+            continue
+        began = time.perf_counter()
+        found, error = measure(case)
+        bad = bool(np.any(np.abs(found - LEVEL) > TOLERANCE))
+        short += bad
+        numbers = "  ".join(f"{100 * value:8.2f}" for value in found)
+        taken = time.perf_counter() - began
+        print(f"{case.what:<42s} {numbers}   {error:11.2%}  {taken:6.1f} s{'  short' if bad else ''}", flush=True)
+    print("without noise: median error, and its bound")
+    for case, bound in EXACT:
+        if case.spec["name"] not in known or chosen.only not in case.what:
+            continue
+        _, error = coverage(case, registry, 3)
+        short += error > bound
+        print(f"{case.what:<42s} {error:8.1e}  {bound:8.0e}{'  short' if error > bound else ''}", flush=True)
+    print(f"{short} missed")
+    return min(short, 1)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

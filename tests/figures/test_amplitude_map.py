@@ -1,0 +1,79 @@
+import numpy as np
+import pytest
+
+from fraexp.errors import FraexpError
+from fraexp.figures.amplitude_map import amplitude_map_info, draw_amplitude_map
+from fraexp.figures.shown import Shown
+from fraexp.results import Outcome, Result
+from tests.figures.conftest import ResponseMaker
+
+FREQUENCY = np.geomspace(1, 100, 30)
+PLANT = -0.1 / FREQUENCY**2
+
+
+def shown(make_response: ResponseMaker, amplitude: float, series: str = "", **options) -> Shown:
+    """A response that is off by the amplitude [dB] and by as many degrees."""
+    factor = 10 ** (amplitude / 20) * np.exp(1j * np.radians(amplitude))
+    frequency = options.pop("frequency", FREQUENCY)
+    plant = -0.1 / frequency**2
+    result = Result(Outcome.OK, response=make_response(frequency, plant * factor, **options))
+    truth = None if series == "unknown" else plant
+    return Shown(f"{amplitude} N", result, truth=truth, amplitude=amplitude, amplitude_unit="N", series=series)
+
+
+def test_rows_are_amplitudes_and_values_are_relative_to_the_plant(make_response: ResponseMaker) -> None:
+    info = amplitude_map_info([shown(make_response, amplitude) for amplitude in (12.0, 3.0, 75.0)])
+    (found,) = info.maps
+    assert info.relative
+    np.testing.assert_array_equal(found.amplitude, [3, 12, 75])
+    np.testing.assert_allclose(found.magnitude, np.repeat([[3.0], [12.0], [75.0]], 30, axis=1))
+    np.testing.assert_allclose(found.phase, found.magnitude)
+
+
+def test_without_the_plant_values_are_absolute(make_response: ResponseMaker) -> None:
+    info = amplitude_map_info([shown(make_response, amplitude, "unknown") for amplitude in (1.0, 2.0)])
+    assert (info.relative, info.unit) == (False, "mm/N")
+    np.testing.assert_allclose(info.maps[0].magnitude[0], 20 * np.log10(-1e3 * PLANT) + 1)
+    labels = [axes.get_ylabel() for axes in draw_amplitude_map(info).axes]
+    assert labels == ["Excitation amplitude [N]"] * 2 + ["Magnitude [dB re 1 mm/N]", "Phase [deg]"]
+
+
+def test_other_frequencies_are_interpolated_and_nothing_is_guessed_beyond(make_response: ResponseMaker) -> None:
+    narrow = np.geomspace(3, 30, 17)
+    (found,) = amplitude_map_info([shown(make_response, 1.0), shown(make_response, 2.0, frequency=narrow)]).maps
+    inside = (FREQUENCY >= 3) & (FREQUENCY <= 30)
+    np.testing.assert_allclose(found.magnitude[1, inside], 2)
+    assert np.isnan(found.magnitude[1, ~inside]).all()
+    np.testing.assert_array_equal(found.settled[1], inside)
+
+
+def test_what_has_not_settled_is_hatched_and_has_no_colour(make_response: ResponseMaker) -> None:
+    settled = FREQUENCY > 2
+    info = amplitude_map_info([shown(make_response, 1.0, settled=settled), shown(make_response, 5.0)])
+    figure = draw_amplitude_map(info)
+    upper = figure.axes[0]
+    mesh = upper.collections[0]
+    assert np.ma.getmaskarray(mesh.get_array()).sum() == (~settled).sum()
+    hatched = [collection for collection in upper.collections if collection.get_hatch()]
+    assert len(hatched[0].get_paths()) == (~settled).sum()
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["not settled"]
+
+
+def test_each_series_has_a_map_and_all_share_their_colours(make_response: ResponseMaker) -> None:
+    curves = [
+        shown(make_response, amplitude, name) for name in ("conventional", "proposed") for amplitude in (3.0, 30.0)
+    ]
+    figure = draw_amplitude_map(amplitude_map_info(curves, "Both"))
+    assert [axes.get_title() for axes in figure.axes[:2]] == ["conventional", "proposed"]
+    assert figure.get_suptitle() == "Both"
+    assert len(figure.axes) == 4 + 2
+
+
+@pytest.mark.parametrize(
+    ("count", "series", "sentence"),
+    [(1, 1, 'vary "excitation.amplitude" in'), (0, 1, "found no two amplitudes"), (2, 5, "found 5 series; 4 maps")],
+)
+def test_what_makes_no_map_is_refused(count: int, series: int, sentence: str, make_response: ResponseMaker) -> None:
+    curves = [shown(make_response, 1.0 + row, str(name)) for name in range(series) for row in range(count)]
+    with pytest.raises(FraexpError, match=sentence):
+        amplitude_map_info(curves)

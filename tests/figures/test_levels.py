@@ -1,0 +1,58 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fraexp.errors import FraexpError
+from fraexp.figures.levels import QUANTITIES, draw_levels, levels_info
+from fraexp.figures.shown import Shown
+from fraexp.results import Outcome, Result
+from tests.figures.conftest import ResponseMaker
+
+FREQUENCY = np.array([1.0, 3.0, 2.0])
+RESPONSE, TOTAL, NOISE, NONLINEAR = QUANTITIES
+
+
+def shown(make_response: ResponseMaker, name: str = "a", **known) -> Shown:
+    response = make_response(FREQUENCY, [1e-3, 1e-4, 1e-3], deviation=known.pop("deviation", None))
+    return Shown(name, Result(Outcome.OK, response=replace(response, **known)))
+
+
+def test_levels_are_standard_deviations_on_the_scale_of_the_response(make_response: ResponseMaker) -> None:
+    of = shown(
+        make_response,
+        deviation=np.full(3, 1e-5),
+        noise_variance=np.array([1e-12, 1e-14, 0.0]),
+        nonlinear_variance=np.full(3, 1e-8),
+    )
+    info = levels_info([of])
+    (panel,) = info.panels
+    assert info.unit == "mm/N"
+    np.testing.assert_allclose(panel.frequency, [1, 2, 3])
+    np.testing.assert_allclose(panel.quantities[RESPONSE], [0, 0, -20])
+    np.testing.assert_allclose(panel.quantities[TOTAL], -40 + 10 * np.log10(2))  # real and imaginary part
+    np.testing.assert_allclose(panel.quantities[NOISE], [-60, np.nan, -80])
+    np.testing.assert_allclose(panel.quantities[NONLINEAR], -20)
+
+
+def test_only_what_is_known_is_drawn(make_response: ResponseMaker) -> None:
+    known = shown(make_response, "known", deviation=np.full(3, 1e-5))
+    info = levels_info([known, shown(make_response, "nothing known")])
+    assert [panel.label for panel in info.panels] == ["known"]
+    assert list(info.panels[0].quantities) == [RESPONSE, TOTAL]
+    figure = draw_levels(info)
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == [RESPONSE, TOTAL]
+    with pytest.raises(FraexpError, match="no response tells noise"):
+        levels_info([shown(make_response)])
+
+
+@pytest.mark.parametrize("count", [1, 2, 4, 5, 12])
+def test_each_response_has_a_panel_on_shared_axes(count: int, make_response: ResponseMaker) -> None:
+    curves = [shown(make_response, f"case {index}", deviation=np.full(3, 1e-5)) for index in range(count)]
+    figure = draw_levels(levels_info(curves, "Title"))
+    drawn = [axes for axes in figure.axes if axes.get_visible()]
+    assert len(drawn) == count
+    assert len({axes.get_ylim() for axes in drawn}) == 1
+    assert (drawn[0].get_title() if count == 1 else figure.get_suptitle()) == "Title"
+    with pytest.raises(FraexpError, match="found 13 responses; 12 panels at most"):
+        levels_info(curves[:1] * 13)

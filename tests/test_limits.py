@@ -1,0 +1,104 @@
+"""What an experiment may ask of a machine."""
+
+import numpy as np
+import pytest
+from fraexp_plugins.excitations.stepped_sine import SteppedSine
+
+from fraexp.components import Period, Schedule
+from fraexp.errors import ParameterError
+from fraexp.limits import Limits, check, predicted
+from fraexp.signals import Segment
+from fraexp.simulation import Loop, Machine, Numerics, simulate_loop
+from tests.machines import FRICTIONLESS, LEAD, TABLE, guide
+
+
+def machine(friction=FRICTIONLESS) -> Machine:
+    return Machine(TABLE, friction, LEAD, Loop(sample_time=500e-6, input_dead_time=1e-3), Numerics())
+
+
+def test_the_prediction_is_what_the_loop_without_friction_does() -> None:
+    excitation = SteppedSine(amplitude=12.0, frequencies=(3.0, 38.8, 120.0), tolerance=1e-7)
+    signals = simulate_loop(machine(), excitation, lambda _: None)
+    for period, segment in zip(excitation.periods(500e-6), signals.segments, strict=True):
+        demand = predicted(machine(), period)
+        place = segment.channels["displacement"][0]
+        speed = np.gradient(np.concatenate([place, place, place]), 500e-6)[place.size : 2 * place.size]
+        assert demand.stroke == pytest.approx(np.ptp(place), rel=0.02)
+        assert demand.velocity == pytest.approx(np.abs(speed).max(), rel=0.03)
+        assert demand.force == pytest.approx(max(np.abs(segment.channels["u"]).max(), 12.0), rel=0.01)
+
+
+def test_a_moving_reference_counts() -> None:
+    samples = 4000
+    wave = np.zeros(samples)
+    slow = 5e-3 * np.sin(2 * np.pi * np.arange(samples) / samples)
+    demand = predicted(machine(), Period(wave, np.array([1]), slow))
+    assert demand.stroke == pytest.approx(10e-3, rel=0.05)
+
+
+@pytest.mark.parametrize("name", ["stroke", "velocity", "force"])
+def test_what_exceeds_a_limit_is_refused_with_both_numbers(name: str) -> None:
+    excitation = SteppedSine(amplitude=12.0, frequencies=(3.0,))
+    least = getattr(predicted(machine(guide()), excitation.periods(500e-6)[0]), name)
+    check(Limits(**{name: 1.01 * least}), machine(guide()), excitation)
+    with pytest.raises(ParameterError, match=rf"need a {name} of .* limits.{name} is"):
+        check(Limits(**{name: 0.5 * least}), machine(guide()), excitation)
+
+
+class Growing(SteppedSine):
+    """Doubles the force until the displacement is large enough."""
+
+    def revise(self, period: Period, segment: Segment) -> Period | None:
+        if np.ptp(segment.channels["y"]) > 100e-6:
+            return None
+        return Period(2 * period.waveform, period.lines)
+
+
+def test_an_excitation_may_ask_for_another_period_until_the_record_will_do() -> None:
+    excitation = Growing(amplitude=1.0, frequencies=(20.0, 40.0))
+    told: list[float] = []
+    signals = simulate_loop(machine(guide()), excitation, told.append)
+    for segment in signals.segments:
+        force = np.abs(segment.channels["excitation"]).max()
+        assert np.ptp(segment.channels["y"]) > 100e-6
+        assert np.log2(force) == pytest.approx(round(np.log2(force)), abs=0.02)
+    assert told[-1] == 1.0
+
+
+def test_the_excitation_is_a_channel_in_step_with_the_record() -> None:
+    signals = simulate_loop(
+        machine(), SteppedSine(amplitude=12.0, frequencies=(7.3, 33.0), ramp=0.0333), lambda _: None
+    )
+    for segment in signals.segments:
+        # u = u_c + u_sin, and u_c is C(z) driven by -y: what is left is the excitation
+        u, y, sine = (segment.channels[name][0] for name in ("u", "y", "excitation"))
+        numerator, denominator = LEAD.transfer_function(500e-6)
+        line, size = int(segment.lines[0]), u.size
+        delay = np.exp(-2j * np.pi * line / size)
+        controller = np.polynomial.polynomial.polyval(delay, numerator)
+        controller /= np.polynomial.polynomial.polyval(delay, denominator)
+        bins = np.fft.rfft(u)[line] + controller * np.fft.rfft(y)[line]
+        assert bins == pytest.approx(np.fft.rfft(sine)[line], rel=1e-4)
+
+
+def test_stroke_force_and_time_are_told() -> None:
+    excitation = SteppedSine(amplitude=12.0, frequencies=(10.0, 40.0))
+    signals = simulate_loop(machine(guide()), excitation, lambda _: None)
+    found = {metric.name: metric for metric in signals.metrics}
+    y = np.concatenate([segment.channels["displacement"].ravel() for segment in signals.segments])
+    assert found["stroke"].value == pytest.approx(np.ptp(y), rel=1e-12)
+    assert found["peak force"].value == max(np.abs(segment.channels["u"]).max() for segment in signals.segments)
+    times = [segment.settling.time + segment.channels["y"].size * 500e-6 for segment in signals.segments]
+    assert found["measuring time"].value == pytest.approx(sum(times), rel=1e-12)
+
+
+def test_the_transient_is_recorded_where_nothing_is_settled() -> None:
+    class FromRest(SteppedSine):
+        @property
+        def schedule(self) -> Schedule:
+            return Schedule(settle_limit=0.0, periods=3)
+
+    signals = simulate_loop(machine(), FromRest(amplitude=12.0, frequencies=(20.0,)), lambda _: None)
+    segment = signals.segments[0]
+    assert segment.channels["y"].shape[0] == 3 and segment.channels["y"][0, 0] == 0.0
+    assert np.array_equal(segment.channels["excitation"][0], segment.channels["excitation"][2])
