@@ -6,7 +6,7 @@ from typing import ClassVar
 from fraexp.api import FrictionModel, ParameterError, param
 
 
-class Coulomb(FrictionModel, name="coulomb", version=1):
+class Coulomb(FrictionModel, name="coulomb", version=2):
     """Coulomb, Stribeck and viscous friction, sgn(v)(Fc + (Fs - Fc) exp(-|v/vs|^δ)) + σ2 v, set-valued at rest.
 
     B. Armstrong-Hélouvry, P. Dupont and C. Canudas de Wit, Automatica 30(7), 1994, doi:10.1016/0005-1098(94)90209-7.
@@ -16,7 +16,7 @@ class Coulomb(FrictionModel, name="coulomb", version=1):
     `asymmetry` times as large.
     """
 
-    states: ClassVar[tuple[str, ...]] = ("share of the limit force",)
+    states: ClassVar[tuple[str, ...]] = ("force [N]",)
 
     coulomb: float = param("N", "Coulomb friction force Fc", above=0)
     breakaway: float | None = param("N", "static friction force Fs; Fc if not given", None, above=0)
@@ -62,11 +62,11 @@ class Coulomb(FrictionModel, name="coulomb", version=1):
 
     @staticmethod
     def advance(  # type: ignore[no-untyped-def]
-        z, dy, dt, z_next, coulomb, static, stribeck_velocity, stribeck_shape, asymmetry, sticking
+        z, dy, dt, z_next, coulomb, static, stribeck_velocity, stribeck_shape, asymmetry, greatest_stiffness
     ):
         """Friction force [N] without σ2 v after the displacement moved by dy [m] in dt [s]."""
         speed = (abs(dy) / dt / stribeck_velocity) ** stribeck_shape
         limit = coulomb + (static - coulomb) * math.exp(-speed)
-        z_next[0] = min(max(z[0] + dy / sticking, -1.0), 1.0)
-        force = limit * z_next[0]
-        return force if z_next[0] > 0.0 else force * asymmetry
+        # at rest the stiffness does not depend on the velocity: a loop there would give energy
+        z_next[0] = min(max(z[0] + greatest_stiffness * dy, -limit * asymmetry), limit)
+        return z_next[0]
