@@ -23,6 +23,11 @@ MACHINE = packaged_studies() / "machines" / "linear_motor_table.toml"
 CROSSOVER, LEAD = 8.0, 10.0
 PRINTED = {"conventional": (0.177, 41.9), "proposed": (0.132, 38.8)}
 BAND = (20.0, 150.0)
+FIT = {
+    "name": "modal_fit", "modes": 2, "quantity": "magnitude", "weighting": "relative",
+    "lowest": BAND[0], "highest": BAND[1],
+}  # fmt: skip
+"""Eq (1) with two modes by least squares of log magnitude over BAND, all points alike."""
 
 
 def controller(gain: float) -> dict[str, float]:
@@ -62,35 +67,20 @@ def fitted(sections: dict[str, Any], amplitude: float, points: int) -> dict[str,
         "numerics": {},
     }
     path = {"input_dead_time": loop["input_dead_time"]}
-    estimators = (
+    methods = (
         {"name": "conventional", "remove_delay": True, **path},
         {"name": "proposed", "friction": sections["friction"], "resolution": loop["resolution"], **path},
     )
-    answers = perform(Job(experiment, estimators), lambda _: None)
-    return {spec["name"]: modal_fit(answer) for spec, answer in zip(estimators, answers, strict=True)}
+    answers = perform(Job(experiment, tuple({**FIT, "method": method} for method in methods)), lambda _: None)
+    return {spec["name"]: gain_and_frequency(answer) for spec, answer in zip(methods, answers, strict=True)}
 
 
-def modal_fit(answer: Any) -> tuple[float, float]:
-    """Return k0 and f1 of eq (1) with two modes, by least squares of log magnitude over BAND, all points alike."""
-    if isinstance(answer, Failure) or answer.response is None:
-        raise SystemExit(f"no response to fit: {answer.message}")
-    frequency, response = answer.response.frequency, answer.response.response
-    inside = (frequency >= BAND[0]) & (frequency <= BAND[1])
-    s = 2j * np.pi * frequency[inside]
-    wanted = np.log(np.abs(response[inside]))
-
-    def residual(p: np.ndarray) -> np.ndarray:
-        gain, f1, f2, z1, z2, r1, r2 = p
-        model = 1 / s**2
-        for f, z, r in ((f1, z1, r1), (f2, z2, r2)):
-            w = 2 * np.pi * f
-            model = model + r / (s**2 + 2 * z * w * s + w**2)
-        return np.asarray(np.log(np.abs(model)) + np.log(gain) - wanted)
-
-    start = [0.15, 40.0, 80.0, 0.05, 0.03, 0.3, 0.3]
-    limits = ([0.01, 30, 60, 1e-3, 1e-3, 0.01, 0.01], [1.0, 60, 110, 0.5, 0.5, 3.0, 3.0])
-    best = least_squares(residual, start, bounds=limits, x_scale=np.abs(start), xtol=1e-14, ftol=1e-14, gtol=1e-14)
-    return float(best.x[0]), float(best.x[1])
+def gain_and_frequency(answer: Any) -> tuple[float, float]:
+    """Return k0 [m/(N s²)] and f1 [Hz] of a fitted plant."""
+    if isinstance(answer, Failure) or not answer.fits:
+        raise SystemExit(f"no plant fitted: {answer.message}")
+    plant = answer.fits[0].component
+    return plant["gain"], plant["frequencies"][0]
 
 
 def search(points: int) -> tuple[float, float]:

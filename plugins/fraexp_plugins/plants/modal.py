@@ -6,12 +6,17 @@ from fraexp.api import ParameterError, Plant, StateSpace, param
 
 
 class Modal(Plant, name="modal", version=1):
-    """P(s) = k0 (1/s² + Σ r_i / (s² + 2 ζ_i ω_i s + ω_i²)): eq (1) with k0 = Kt·Kt0 and r_i = k_ti/Kt0."""
+    """P(s) = k0 (1/s² + Σ r_i / (s² + 2 ζ_i ω_i s + ω_i²)): eq (1) with k0 = Kt·Kt0 and r_i = k_ti/Kt0.
+
+    With a viscous coefficient D the rigid body is 1/(s² + k0 D s): for what is identified together with the guide's
+    viscous friction. In a simulation that friction belongs to the friction model.
+    """
 
     gain: float = param("m/(N s**2)", "rigid-body gain k0, the reciprocal of the moving mass", above=0)
     frequencies: tuple[float, ...] = param("Hz", "natural frequencies f_i of the modes", ())
     damping_ratios: tuple[float, ...] = param("1", "damping ratios ζ_i of the modes", ())
     residues: tuple[float, ...] = param("1", "modal gains r_i relative to the rigid body", ())
+    viscous_coefficient: float = param("N s/m", "viscous coefficient D of the rigid body", 0.0, at_least=0)
 
     def model_post_init(self, context: object) -> None:
         """Check that the modes belong together."""
@@ -31,6 +36,7 @@ class Modal(Plant, name="modal", version=1):
         a[0::2, 1::2] = np.eye(omega.size)
         a[1::2, 0::2] = np.diag(-(omega**2))
         a[1::2, 1::2] = np.diag(-2 * damping * omega)
+        a[1, 1] = -self.gain * self.viscous_coefficient
         b[1::2] = 1.0
         c[0::2] = self.gain * residue
         return StateSpace(a, b, c)
@@ -38,7 +44,7 @@ class Modal(Plant, name="modal", version=1):
     def response(self, omega: np.ndarray) -> np.ndarray:
         """Return P(jω) [m/N] by eq (1)."""
         s = 1j * np.asarray(omega, dtype=float)
-        total = 1 / s**2
+        total = 1 / (s**2 + self.gain * self.viscous_coefficient * s)
         for frequency, damping, residue in zip(self.frequencies, self.damping_ratios, self.residues, strict=True):
             natural = 2 * np.pi * frequency
             total = total + residue / (s**2 + 2 * damping * natural * s + natural**2)

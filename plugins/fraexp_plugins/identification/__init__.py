@@ -1,0 +1,1 @@
+"""Estimators that identify: plant, friction, or both."""

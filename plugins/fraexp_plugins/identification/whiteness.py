@@ -1,0 +1,29 @@
+"""Whether residuals along the frequencies are uncorrelated."""
+
+import numpy as np
+
+LAGS = 10
+
+
+def whiteness(residuals: np.ndarray, parts: int) -> float:
+    """Return the probability of residuals at least as correlated as these, if they are white: small if a model errs.
+
+    `residuals` holds n real parts, and n imaginary ones if there are two parts. The portmanteau statistic
+    n(n + 2) Σ |ρ_k|²/(n - k) over the first lags, doubled for circular complex residuals, is χ² distributed with one
+    degree of freedom for each lag and part: G. M. Ljung and G. E. P. Box, Biometrika 65(2), 1978,
+    doi 10.1093/biomet/65.2.297.
+    """
+    from scipy.special import chdtrc  # scipy: imported only when something is estimated
+
+    rows = residuals.reshape(parts, -1)
+    values = rows[0] + 1j * rows[1] if parts == 2 else rows[0]
+    n = values.size
+    power = float(np.sum(np.abs(values) ** 2))
+    lags = min(LAGS, n // 4)
+    if power == 0 or lags == 0:
+        return float("nan")
+    statistic = 0.0
+    for lag in range(1, lags + 1):
+        correlation = np.sum(values[lag:] * np.conj(values[:-lag])) / power
+        statistic += abs(correlation) ** 2 / (n - lag)
+    return float(chdtrc(parts * lags, parts * n * (n + 2) * statistic))

@@ -1,0 +1,176 @@
+"""What became of a positioning motion: overshoot, settling, residual vibration, thrust."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from fraexp.api import Curve, Estimator, Metric, RecordError, Result, Segment, Signals, param
+
+STILL = 1e-9
+"""Change of the reference per sample, relative to its range, up to which it rests."""
+STEADY = 10
+"""The last part of the rest, one in so many, tells the steady-state error."""
+
+
+class Positioning(Estimator, name="positioning", version=1):
+    """Overshoot, settling time into ± `band` and residual vibration of each move (paper, Fig 8); the worst of all.
+
+    A move begins where the reference begins to move, and lasts until the next one; its target is where the reference
+    then rests. Settling time is the time until the position stays within the band, which is more than the time to the
+    first entry where it is left again. Residual vibration is what goes up and down once the reference is at rest: half
+    of the greatest swing from one extreme to the next one, and the frequency of those swings that are at least half as
+    great; what the scale's resolution and noise explain does not count (N. C. Singer and W. P. Seering, J. Dynamic
+    Systems, Measurement, and Control 112(1), 1990, doi:10.1115/1.2894142, on residual vibration).
+
+    Where the position is outside the band when the next move begins, or the record ends, there is no settling time
+    (NaN) and the message says so. Not to be used with a reference that never rests.
+    """
+
+    output: str = param("", "channel of the position", "y")
+    reference: str = param("", "channel of the position reference, as it is to be measured", "reference")
+    input: str = param("", "channel of the thrust; not needed", "u")
+    band: float = param("m", "half width of the band around the target", 4e-6, above=0)
+    resolution: float = param("m", "resolution of the scale", 0.0, at_least=0, inherit="loop.resolution")
+    noise: float = param("m", "standard deviation of the scale's noise", 0.0, at_least=0, inherit="loop.noise")
+    rest: float = param("s", "time for which the reference rests at a target at least", 0.02, above=0)
+
+    expected_failures: ClassVar[dict[str, str]] = dict.fromkeys(
+        ("linear-plant", "result-units", "covariance", "outcome"),
+        "It refuses signals without a moving reference, with which it is tried here.",
+    )
+
+    def estimate(self, signals: Signals) -> Result:
+        """Return the metrics of the worst move, and time, position, reference, error and thrust."""
+        units = {"position": signals.unit(self.output), "reference": signals.unit(self.reference)}
+        if not signals.segments:
+            return Result(signals.outcome, signals.message)
+        moves = [move for segment in signals.segments for move in self._moves(segment)]
+        curves = tuple(self._curve(segment, signals.units, units) for segment in signals.segments)
+        away = sum(np.isnan(move.settling_time) for move in moves)
+        message = signals.message
+        if away and not message:
+            message = (
+                f"after {away} of {len(moves)} moves the position is not within ±{self.band:g} {units['position']}: "
+                "improve the design model, or allow a longer hold or a wider band"
+            )
+        return Result(signals.outcome, message, metrics=tuple(_worst(moves, signals, self)), curves=curves)
+
+    def _moves(self, segment: Segment) -> list["_Move"]:
+        y, r = (segment.channels[name].ravel() for name in (self.output, self.reference))
+        u = segment.channels[self.input].ravel() if self.input in segment.channels else np.full(y.size, np.nan)
+        bounds = self._bounds(r, segment.sample_time)
+        least = 2 * self.resolution + 6 * self.noise
+        nexts = [begin for begin, _ in bounds[1:]] + [y.size]
+        return [
+            _Move.of(y[begin:last] - r[end], end - begin, r[end] - r[begin], u[begin:last], self.band, least, segment)
+            for (begin, end), last in zip(bounds, nexts, strict=True)
+        ]
+
+    def _bounds(self, r: np.ndarray, sample_time: float) -> list[tuple[int, int]]:
+        """Return the last sample before and the first sample after each move of the reference."""
+        changes = np.flatnonzero(np.abs(np.diff(r)) > STILL * np.ptp(r))
+        if not changes.size:
+            raise RecordError(f"{self.reference} does not move: positioning needs a motion, such as point_to_point")
+        rest = max(round(self.rest / sample_time), 1)
+        gaps = np.flatnonzero(np.diff(changes) > rest)
+        begins, ends = changes[np.append(0, gaps + 1)], changes[np.append(gaps, changes.size - 1)] + 1
+        if r.size - ends[-1] < rest:
+            raise RecordError(
+                f"{self.reference} moves until the record ends: positioning needs {self.rest:g} s of rest after each "
+                "move; record for longer, or lower 'rest'"
+            )
+        return list(zip(begins.tolist(), ends.tolist(), strict=True))
+
+    def _curve(self, segment: Segment, known: Mapping[str, str], units: dict[str, str]) -> Curve:
+        y, r = (segment.channels[name].ravel() for name in (self.output, self.reference))
+        columns = {"time": np.arange(y.size) * segment.sample_time, "position": y, "reference": r, "error": r - y}
+        all_units = {"time": "s", **units, "error": units["position"]}
+        if self.input in segment.channels:
+            columns["thrust"], all_units["thrust"] = segment.channels[self.input].ravel(), known[self.input]
+        return Curve("positioning", columns, all_units)
+
+
+@dataclass(frozen=True)
+class _Move:
+    """What became of one move; in the units of the channels and seconds."""
+
+    overshoot: float
+    first_entry: float
+    """Time until the band is entered; NaN if it never is."""
+    settling_time: float
+    """Time until it is not left again; NaN if it is left at the end."""
+    departures: int
+    """How often the band is left again."""
+    vibration: float
+    frequency: float
+    steady_state_error: float
+    peak_thrust: float
+
+    @classmethod
+    def of(
+        cls,
+        deviation: np.ndarray,
+        moving: int,
+        distance: float,
+        u: np.ndarray,
+        band: float,
+        least: float,
+        segment: Segment,
+    ) -> "_Move":
+        """Return it for a deviation from the target, of which the reference moves for the first samples."""
+        outside = np.abs(deviation) > band
+        inside, left = np.flatnonzero(~outside), np.flatnonzero(outside)
+        settled = inside.size and not outside[-1]
+        vibration, frequency = _vibration(deviation[moving:], segment.sample_time, least)
+        return cls(
+            overshoot=max(float(np.max(np.sign(distance) * deviation)), 0.0),
+            first_entry=float(inside[0]) * segment.sample_time if inside.size else np.nan,
+            settling_time=float(left[-1] + 1 if left.size else 0) * segment.sample_time if settled else np.nan,
+            departures=int(np.count_nonzero(np.diff(outside.astype(int)) == 1)),
+            vibration=vibration,
+            frequency=frequency,
+            steady_state_error=float(np.mean(deviation[-max(deviation.size - moving, STEADY) // STEADY :])),
+            peak_thrust=float(np.abs(u).max()),
+        )
+
+
+def _turning_points(values: np.ndarray, least: float) -> np.ndarray:
+    """Return the extremes between which the values go up and down by more than `least`: their indices, ascending."""
+    found: list[int] = []
+    low = high = 0
+    rising = 0
+    for i, value in enumerate(values.tolist()):
+        low, high = (i if value < values[low] else low), (i if value > values[high] else high)
+        if rising >= 0 and values[high] - value > least:
+            found += [high] if rising else []
+            rising, low = -1, i
+        elif rising <= 0 and value - values[low] > least:
+            found += [low] if rising else []
+            rising, high = 1, i
+    return np.array(found, dtype=int)
+
+
+def _vibration(deviation: np.ndarray, sample_time: float, least: float) -> tuple[float, float]:
+    """Return half of the greatest swing between two extremes and the frequency [Hz]; 0 and NaN without swings."""
+    at = _turning_points(deviation, least)
+    if at.size < 2:
+        return 0.0, np.nan
+    swings, times = np.abs(np.diff(deviation[at])), np.diff(at) * sample_time
+    great = swings >= swings.max() / 2
+    return float(swings.max() / 2), float(1 / (2 * np.mean(times[great])))
+
+
+def _worst(moves: Sequence[_Move], signals: Signals, names: Positioning) -> Iterator[Metric]:
+    length = signals.unit(names.output)
+    ringing = max(moves, key=lambda move: move.vibration)
+    yield Metric("overshoot", max(move.overshoot for move in moves), length)
+    yield Metric("first entry", float(np.max([move.first_entry for move in moves])), "s")
+    yield Metric("settling time", float(np.max([move.settling_time for move in moves])), "s")
+    yield Metric("departures", float(max(move.departures for move in moves)), "1")
+    yield Metric("residual vibration", ringing.vibration, length)
+    yield Metric("vibration frequency", ringing.frequency, "Hz")
+    yield Metric("steady-state error", max((move.steady_state_error for move in moves), key=abs), length)
+    if names.input in signals.units:
+        yield Metric("peak thrust", max(move.peak_thrust for move in moves), signals.unit(names.input))

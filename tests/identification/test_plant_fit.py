@@ -1,0 +1,344 @@
+"""Eq (1) with its dead time from frequency responses: accuracy, number of modes, uncertainty, and refusals."""
+
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fraexp_plugins.estimators.conventional import Conventional
+from fraexp_plugins.estimators.proposed import Proposed
+from fraexp_plugins.estimators.self_diagnosis import SelfDiagnosis
+from fraexp_plugins.friction.frictionless import Frictionless
+from fraexp_plugins.identification.modal_fit import ModalFit
+from fraexp_plugins.identification.modal_model import ModalModel
+from fraexp_plugins.identification.whiteness import whiteness
+from fraexp_plugins.plants.modal import Modal
+
+from fraexp.errors import ParameterError, RecordError
+from fraexp.plugins import create, discover
+from fraexp.results import FrequencyResponse, Outcome
+from tests.machines import TABLE, guide, simulated
+
+TWO = Modal(gain=0.132, frequencies=(38.8, 81.2), damping_ratios=(0.03, 0.012), residues=(0.342, 0.3))
+DEAD_TIME = 1.25e-3
+FREQUENCY = np.geomspace(1.0, 200.0, 200)
+
+
+def measured(plant=TWO, *, noise=0.01, known=False, dead_time=DEAD_TIME, frequency=FREQUENCY, seed=1):
+    """Return a response with complex noise whose root mean square is `noise` of it."""
+    omega = 2 * np.pi * frequency
+    n = frequency.size
+    truth = plant.response(omega) * np.exp(-1j * omega * dead_time)
+    generator = np.random.default_rng(seed)
+    error = (generator.standard_normal(n) + 1j * generator.standard_normal(n)) / np.sqrt(2)
+    covariance = np.full((n, 2, 2), np.nan)
+    if known:
+        covariance = (noise * np.abs(truth))[:, None, None] ** 2 / 2 * np.eye(2)
+    return FrequencyResponse(
+        frequency=frequency,
+        response=truth * (1 + noise * error),
+        covariance=covariance,
+        unit="m/N",
+        input="u",
+        output="y",
+        input_amplitude=np.ones(n),
+        output_amplitude=np.abs(truth),
+        settled=np.ones(n, dtype=bool),
+        settling_time=np.full(n, np.nan),
+        residual=np.full(n, np.nan),
+        harmonics=np.full((n, 6), np.nan),
+    )
+
+
+def fitted(response, **given):
+    return ModalFit(method=Conventional(), **given).fit_of(response)
+
+
+def values(result):
+    """Return the values of the fit by name, and their standard deviations."""
+    (fit,) = result.fits
+    return dict(zip(fit.parameters, fit.values, strict=True)), dict(
+        zip(fit.parameters, fit.standard_deviation, strict=True)
+    )
+
+
+def metric(result, name):
+    return next(each.value for each in result.metrics if each.name == name)
+
+
+def worst(result, plant, dead_time=DEAD_TIME):
+    """Return the greatest relative error of the fitted plant with its dead time against the true one."""
+    omega = 2 * np.pi * FREQUENCY
+    found = Modal.parse({k: v for k, v in result.fits[0].component.items() if k not in ("name", "version")}, "modal")
+    late = values(result)[0]["dead_time"] - dead_time
+    return float(np.max(np.abs(found.response(omega) / plant.response(omega) * np.exp(-1j * omega * late) - 1)))
+
+
+def test_the_logarithm_and_its_derivatives_agree():
+    model = ModalModel(2, 1.0, 200.0, viscous=True)
+    p = np.array([np.log(0.13), np.log(38), np.log(0.03), 0.3, np.log(80), np.log(0.02), -0.2, 0.4, 1.5])
+    s = 2j * np.pi * FREQUENCY
+    step = 1e-6 * np.eye(p.size)
+    by_difference = [(model.log_response(p + h, s) - model.log_response(p - h, s)) / 2e-6 for h in step]
+    assert model.jacobian(p, s) == pytest.approx(np.stack(by_difference, axis=1), rel=1e-6, abs=1e-7)
+    slopes = np.stack([(model.values(p + h) - model.values(p - h)) / 2e-6 for h in step], axis=1)
+    assert model.slopes(p) == pytest.approx(slopes, rel=1e-6, abs=1e-7)
+    exact = model.plant(p).response(2 * np.pi * FREQUENCY) * np.exp(-s * model.values(p)[-1])
+    assert np.exp(model.log_response(p, s)) == pytest.approx(exact, rel=1e-12)
+
+
+def test_a_viscous_rigid_body_is_the_same_in_both_forms():
+    plant = TABLE.model_copy(update={"viscous_coefficient": 500.0})
+    system, omega = plant.state_space(), 2 * np.pi * np.array([0.5, 5.0, 38.8, 150.0])
+    realised = [system.c @ np.linalg.solve(1j * w * np.eye(len(system.a)) - system.a, system.b) for w in omega]
+    assert plant.response(omega) == pytest.approx(np.array(realised), rel=1e-12)
+    mass = Modal(gain=1 / 7.6, viscous_coefficient=500.0)
+    assert mass.response(omega) == pytest.approx(1 / (7.6 * (1j * omega) ** 2 + 500.0 * 1j * omega), rel=1e-12)
+
+
+PLANTS = {
+    "rigid body": Modal(gain=2.0),
+    "one mode": Modal(gain=0.132, frequencies=(38.8,), damping_ratios=(0.04,), residues=(0.342,)),
+    "two modes": TWO,
+    "modes that overlap": Modal(
+        gain=1.1, frequencies=(25.2, 60.5, 69.6), damping_ratios=(0.011, 0.056, 0.056), residues=(0.39, 0.35, 0.29)
+    ),
+    "a mode out of phase": Modal(
+        gain=0.02,
+        frequencies=(11.3, 22.3, 45.0, 110.0),
+        damping_ratios=(0.01, 0.02, 0.03, 0.02),
+        residues=(0.5, -0.3, 0.4, 0.3),
+    ),
+    "six modes": Modal(
+        gain=0.5,
+        frequencies=(8.0, 15.0, 27.0, 48.0, 85.0, 150.0),
+        damping_ratios=(0.02, 0.01, 0.03, 0.02, 0.01, 0.02),
+        residues=(0.4, 0.3, 0.5, -0.3, 0.4, 0.6),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", PLANTS)
+def test_no_guess_is_needed(name):
+    """Number of modes and all parameters are found without a start value; a noise-free response is met exactly."""
+    plant = PLANTS[name]
+    result = fitted(measured(plant, noise=0.0))
+    assert metric(result, "modes") == len(plant.frequencies)
+    assert worst(result, plant) < 1e-8
+    assert result.fits[0].component["frequencies"] == pytest.approx(plant.frequencies, rel=1e-8)
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_one_percent_of_noise(known):
+    """The stated accuracy, and errors that the stated standard deviations explain."""
+    result = fitted(measured(known=known))
+    found, deviation = values(result)
+    truth = {"gain": 0.132, "dead_time": DEAD_TIME}
+    for i in range(2):
+        truth |= {f"frequencies.{i}": TWO.frequencies[i], f"damping_ratios.{i}": TWO.damping_ratios[i]}
+        truth |= {f"residues.{i}": TWO.residues[i]}
+    assert set(found) == set(truth)
+    assert found["gain"] == pytest.approx(0.132, rel=1e-3)
+    assert found["dead_time"] == pytest.approx(DEAD_TIME, abs=1e-5)
+    for i in range(2):
+        assert found[f"frequencies.{i}"] == pytest.approx(TWO.frequencies[i], abs=0.02)
+        assert found[f"damping_ratios.{i}"] == pytest.approx(TWO.damping_ratios[i], rel=0.01)
+    assert all(abs(found[name] - value) < 4 * deviation[name] for name, value in truth.items())
+    assert deviation["gain"] / 0.132 == pytest.approx(5.1e-4, rel=0.15)  # that of 500 runs
+    assert result.message == ""
+    assert metric(result, "residual") == pytest.approx(0.01, rel=0.15)
+    assert metric(result, "beyond") == pytest.approx(0.05, abs=0.045)  # of 200 points, three standard deviations
+    assert metric(result, "whiteness") > 1e-3
+    assert not known or metric(result, "cost") == pytest.approx(1, abs=0.25)
+
+
+@pytest.mark.parametrize("criterion", ["information", "hold_out"])
+@pytest.mark.parametrize(("name", "noise"), [("rigid body", 0.05), ("one mode", 0.05), ("two modes", 0.01)])
+def test_noise_makes_no_modes(criterion, name, noise):
+    result = fitted(measured(PLANTS[name], noise=noise), criterion=criterion, greatest=4)
+    assert metric(result, "modes") == len(PLANTS[name].frequencies)
+
+
+def test_a_dead_time_that_is_given_is_held():
+    result = fitted(measured(), modes=2, dead_time=DEAD_TIME)
+    found, deviation = values(result)
+    assert found["dead_time"] == DEAD_TIME
+    assert deviation["dead_time"] == 0
+    assert found["gain"] == pytest.approx(0.132, rel=1e-3)
+
+
+def test_a_negative_dead_time_is_told():
+    result = fitted(measured(dead_time=-0.4e-3), modes=2)
+    assert values(result)[0]["dead_time"] == pytest.approx(-0.4e-3, abs=1e-5)
+    assert "takes off more delay than there is" in result.message
+
+
+def test_the_magnitude_alone_knows_no_dead_time():
+    result = fitted(measured(), modes=2, quantity="magnitude")
+    found, _ = values(result)
+    assert "dead_time" not in found
+    assert found["frequencies.1"] == pytest.approx(81.2, abs=0.03)
+    assert "phase" not in result.curves[0].columns
+
+
+def test_a_viscous_coefficient():
+    plant = TWO.model_copy(update={"viscous_coefficient": 40.0})
+    found, deviation = values(fitted(measured(plant), modes=2, viscous=True))
+    assert abs(found["viscous_coefficient"] - 40.0) < 4 * deviation["viscous_coefficient"] < 2.0
+    none = fitted(measured(seed=1), modes=2, viscous=True)
+    assert none.fits[0].component["viscous_coefficient"] == 0
+    assert "viscous coefficient comes out negative" in none.message
+
+
+def test_what_is_noisy_counts_little():
+    """A decade in which the noise is a hundred times as large does no harm where its covariance says so."""
+    loud = np.where((FREQUENCY > 2) & (FREQUENCY < 10), 100.0, 1.0)
+    clean, noisy = measured(known=True, noise=1e-12), measured(known=True, noise=1e-3)
+    response = clean.response + loud * (noisy.response - clean.response)
+    covariance = noisy.covariance * loud[:, None, None] ** 2
+    known = fitted(replace(noisy, response=response, covariance=covariance), modes=2)
+    alike = fitted(replace(noisy, response=response, covariance=covariance), modes=2, weighting="relative")
+    errors = [abs(values(result)[0]["gain"] / 0.132 - 1) for result in (known, alike)]
+    assert errors[0] < 3e-4
+    assert errors[1] > 1e-3
+
+
+def test_weights_of_two_periods_do_not_feign_accuracy():
+    """With a variance of two degrees of freedom at each point, the stated deviation is still that of the errors."""
+    generator, found = np.random.default_rng(3), []
+    plant = PLANTS["one mode"]
+    for seed in range(12):
+        clean = measured(plant, noise=0.0, seed=seed)
+        shape = (2, FREQUENCY.size)
+        error = (generator.standard_normal(shape) + 1j * generator.standard_normal(shape)) / np.sqrt(2)
+        periods = clean.response * (1 + 0.01 * np.sqrt(2) * error)
+        parts = np.stack([(periods[0] - periods[1]).real, (periods[0] - periods[1]).imag]) / 2
+        covariance = np.einsum("ik,jk->kij", parts, parts)
+        response = replace(
+            clean, response=periods.mean(axis=0), covariance=covariance, freedom=np.full(FREQUENCY.size, 2.0)
+        )
+        fit = fitted(response, modes=1).fits[0]
+        found.append((fit.values - [0.132, 38.8, 0.04, 0.342, DEAD_TIME]) / fit.standard_deviation)
+    assert np.std(found) == pytest.approx(1.0, abs=0.35)  # of 60 correlated numbers
+
+
+def test_a_model_that_errs_says_so():
+    """One mode for two: more is left than noise explains, and the standard deviations grow with it."""
+    result = fitted(measured(known=True), modes=1)
+    assert "where noise and 'floor' explain" in result.message
+    assert metric(result, "cost") > 100
+    assert values(result)[1]["gain"] > 20 * values(fitted(measured(known=True), modes=2))[1]["gain"]
+    assert "not white" in fitted(measured(), modes=1).message
+
+
+def test_unsettled_points_are_left_out():
+    good = measured()
+    at = (FREQUENCY > 30) & (FREQUENCY < 32)
+    spoilt = replace(good, response=np.where(at, 5 * good.response, good.response), settled=~at)
+    result = fitted(spoilt, modes=2)
+    assert metric(result, "points") == 200 - at.sum()
+    assert values(result)[0]["gain"] == pytest.approx(0.132, rel=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("given", "what"),
+    [
+        ({"lowest": 195.0}, "too few even for a rigid body"),
+        ({"lowest": 170.0, "modes": 3}, "tell 2 modes at most"),
+        ({"lowest": 300.0}, "no settled point"),
+        ({"modes": 3}, r"does not tell 3 modes.*ask for 2"),
+        ({"highest": 5.0, "modes": 1}, "does not tell"),
+        ({"weighting": "noise"}, "record two periods"),
+    ],
+)
+def test_what_the_data_do_not_tell_is_refused(given, what):
+    with pytest.raises(RecordError, match=what):
+        fitted(measured(), **given)
+
+
+def test_parameters_that_are_not_told_are_named():
+    """Below 10 Hz the mode at 38.8 Hz is a stiffness: its frequency and its gain cannot be told apart."""
+    with pytest.raises(RecordError, match=r"does not tell .*\.0"):
+        fitted(measured(PLANTS["one mode"], noise=1e-4, dead_time=0.0), highest=10.0, modes=1, dead_time=0.0)
+
+
+def test_another_response_is_no_plant():
+    upside_down = measured()
+    with pytest.raises(RecordError, match="turn the sign"):
+        fitted(replace(upside_down, response=-upside_down.response), modes=2)
+    with pytest.raises(RecordError, match="position over force"):
+        fitted(replace(upside_down, response=1 / upside_down.response))
+
+
+def test_limits_of_the_band_are_checked():
+    with pytest.raises(ParameterError, match="more than lowest"):
+        ModalFit(method=Conventional(), lowest=20.0, highest=10.0)
+
+
+def test_another_unit_is_kept():
+    fit = fitted(replace(measured(), unit="rad/A"), modes=2).fits[0]
+    assert fit.units[0] == "(rad/A)/s**2"
+
+
+@pytest.fixture(scope="module")
+def signals():
+    return simulated(guide(), tuple(np.geomspace(18, 160, 40)))
+
+
+def test_the_response_of_another_method_is_fitted(signals):
+    """The proposed response gives the plant behind the friction, the conventional one a stiffer machine."""
+    path = {"input_dead_time": 1e-3}
+    given = {"modes": 2, "quantity": "magnitude", "lowest": 20.0, "highest": 150.0}
+    true = ModalFit(method=Proposed(friction=guide(), **path), **given).estimate(signals)
+    assert true.outcome is Outcome.OK
+    assert true.response is not None
+    assert true.fits[0].component["gain"] == pytest.approx(TABLE.gain, rel=1e-3)
+    assert true.fits[0].component["frequencies"] == pytest.approx(TABLE.frequencies, abs=0.02)
+    apparent = ModalFit(method=Conventional(remove_delay=True, **path), **given).estimate(signals).fits[0].component
+    assert apparent["gain"] > 1.2 * TABLE.gain
+    assert apparent["frequencies"][0] > 40.5
+
+
+def test_the_fit_is_a_plant_of_a_study(signals):
+    method = Proposed(friction=guide(), input_dead_time=1e-3)
+    fit = ModalFit(method=method, modes=2, dead_time=0.0).estimate(signals).fits[0]
+    assert fit.kind == "plant"
+    plant = create(discover(), Modal, dict(fit.component))
+    assert [eval_name(plant, name) for name in fit.parameters if name != "dead_time"] == list(fit.values[:-1])
+
+
+def eval_name(plant, name):
+    head, _, number = name.partition(".")
+    return getattr(plant, head)[int(number)] if number else getattr(plant, head)
+
+
+def test_what_the_signals_say_is_passed_on(signals):
+    few = replace(signals, segments=signals.segments[:2], outcome=Outcome.NOT_SETTLED, message="as a test")
+    result = ModalFit(method=Conventional()).estimate(few)
+    assert result.outcome is Outcome.NOT_SETTLED
+    assert "as a test" in result.message
+    assert "too few" in result.message
+    assert result.fits == ()
+    assert result.response is not None
+
+
+def test_a_method_without_realisations_speaks_for_itself(signals):
+    with pytest.raises(RecordError, match="self_diagnosis"):
+        ModalFit(method=SelfDiagnosis(friction=Frictionless())).estimate(signals)
+
+
+def test_whiteness():
+    generator = np.random.default_rng(4)
+    white = [whiteness(generator.standard_normal(400), 2) for _ in range(400)]
+    assert np.mean(np.array(white) < 0.05) == pytest.approx(0.05, abs=0.035)
+    assert whiteness(np.sin(np.arange(200) / 10), 1) < 1e-6
+
+
+@pytest.mark.slow
+def test_the_stated_intervals_hold_the_truth(checkout: Path) -> None:
+    command = [sys.executable, str(checkout / "benchmarks" / "plant_fit.py"), "--reduced"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.rstrip().endswith("0 missed")

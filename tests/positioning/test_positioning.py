@@ -1,0 +1,152 @@
+"""What the estimator makes of motions whose course is known."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fraexp_plugins.positioning.positioning import Positioning
+
+from fraexp.errors import RecordError
+from fraexp.perform import Job, perform
+from fraexp.plugins import discover
+from fraexp.results import Outcome
+from fraexp.signals import Segment, Signals
+from fraexp.study import load, packaged_studies
+
+SAMPLE_TIME = 1e-3
+BAND = 4e-6
+
+
+def signals(deviation, target=1e-3, start=0.0, before=50, u=None):
+    """Return a step from `start` to `target` [m], after which the position deviates so from the target."""
+    reference = np.concatenate([np.full(before, start), np.full(deviation.size, target)])
+    y = np.concatenate([np.full(before, start), target + deviation])
+    channels = {"y": y[None, :], "reference": reference[None, :]}
+    units = {"y": "m", "reference": "m"}
+    if u is not None:
+        channels["u"], units["u"] = np.full((1, y.size), u), "N"
+    return Signals((Segment(SAMPLE_TIME, channels, np.array([1])),), units)
+
+
+def metrics(of, **given):
+    result = Positioning(band=BAND, **given).estimate(of)
+    return {metric.name: metric.value for metric in result.metrics}
+
+
+def ringing(amplitude, frequency=40.0, decay=20.0, samples=400):
+    time = np.arange(samples) * SAMPLE_TIME
+    return -amplitude * np.exp(-decay * time) * np.cos(2 * np.pi * frequency * time)
+
+
+def test_a_decaying_vibration():
+    deviation = ringing(20e-6, frequency=25.0, decay=10.0)  # its extremes are samples, nearly
+    found = metrics(signals(deviation, u=-30.0))
+    assert found["overshoot"] == pytest.approx(20e-6 * np.exp(-0.2), rel=0.01)
+    assert found["vibration frequency"] == pytest.approx(25.0, rel=0.02)
+    extremes = 20e-6 * np.exp(-10 * np.array([0.02, 0.04]))
+    assert found["residual vibration"] == pytest.approx(extremes.sum() / 2, rel=0.01)
+    last = np.flatnonzero(np.abs(deviation) > BAND)[-1]
+    # the reference moves from sample 49 to sample 50, where the deviation begins
+    assert found["settling time"] == pytest.approx((last + 2) * SAMPLE_TIME)
+    assert found["first entry"] == pytest.approx((np.flatnonzero(np.abs(deviation) <= BAND)[0] + 1) * SAMPLE_TIME)
+    assert found["steady-state error"] == pytest.approx(0, abs=0.5e-6)
+    assert found["peak thrust"] == 30.0
+
+
+@pytest.mark.parametrize(("target", "start"), [(1e-3, 0.0), (-1e-3, 0.0), (2e-3, 1e-3)])
+def test_overshoot_is_what_goes_beyond_the_target_in_the_direction_of_the_move(target, start):
+    direction = np.sign(target - start)
+    beyond, short = direction * np.linspace(9e-6, 0, 200), -direction * np.linspace(9e-6, 0, 200)
+    assert metrics(signals(beyond, target, start))["overshoot"] == pytest.approx(9e-6)
+    assert metrics(signals(short, target, start))["overshoot"] == pytest.approx(0.0, abs=1e-15)
+
+
+def test_how_often_the_band_is_left_again():
+    deviation = np.concatenate([np.full(20, -9e-6), np.zeros(20), np.full(20, 9e-6), np.zeros(20), np.full(5, -5e-6)])
+    found = metrics(signals(np.concatenate([deviation, np.zeros(100)])))
+    assert found["departures"] == 2
+    assert found["first entry"] == pytest.approx(21e-3)
+    assert found["settling time"] == pytest.approx(86e-3)
+
+
+def test_what_stays_outside_has_no_settling_time_and_says_so():
+    of = signals(np.full(200, 5e-6))
+    result = Positioning(band=BAND).estimate(of)
+    found = metrics(of)
+    assert np.isnan(found["settling time"]) and np.isnan(found["first entry"])
+    assert found["steady-state error"] == pytest.approx(5e-6)
+    assert result.outcome is Outcome.OK
+    assert result.message.startswith("after 1 of 1 moves the position is not within ±4e-06 m: improve")
+
+
+def test_the_scale_is_no_vibration():
+    generator = np.random.default_rng(0)
+    deviation = np.round(3e-6 * np.exp(-np.arange(2000) / 200) / 1e-7 + generator.normal(0, 0.5, 2000)) * 1e-7
+    found = metrics(signals(deviation), resolution=1e-7, noise=0.05e-6)
+    assert found["residual vibration"] == 0.0
+    assert np.isnan(found["vibration frequency"])
+    assert metrics(signals(deviation))["residual vibration"] > 0
+
+
+def test_of_several_moves_the_worst_one_counts():
+    first, second = ringing(30e-6), ringing(10e-6)
+    reference = np.concatenate([np.zeros(50), np.full(400, 1e-3), np.full(400, -1e-3)])
+    y = np.concatenate([np.zeros(50), 1e-3 + first, -1e-3 - second])
+    of = Signals(
+        (Segment(SAMPLE_TIME, {"y": y[None], "reference": reference[None]}, np.array([1])),),
+        {"y": "m", "reference": "m"},
+    )
+    found, alone = metrics(of), metrics(signals(first))
+    for name in ("overshoot", "settling time", "residual vibration", "vibration frequency"):
+        assert found[name] == pytest.approx(alone[name]), name
+
+
+def test_the_curve_holds_what_is_to_be_drawn():
+    (curve,) = Positioning().estimate(signals(ringing(20e-6), u=1.0)).curves
+    assert curve.name == "positioning"
+    assert list(curve.columns) == ["time", "position", "reference", "error", "thrust"]
+    assert curve.units == {"time": "s", "position": "m", "reference": "m", "error": "m", "thrust": "N"}
+    assert np.array_equal(curve.columns["error"], curve.columns["reference"] - curve.columns["position"])
+    assert list(Positioning().estimate(signals(ringing(20e-6))).curves[0].columns)[-1] == "error"
+
+
+def test_what_cannot_be_judged_is_refused():
+    resting = signals(np.zeros(100), target=0.0)
+    with pytest.raises(RecordError, match="reference does not move: positioning needs a motion"):
+        Positioning().estimate(resting)
+    ramp = np.linspace(0, 1e-3, 500)
+    going = Signals(
+        (Segment(SAMPLE_TIME, {"y": ramp[None], "reference": ramp[None]}, np.array([1])),), {"y": "m", "reference": "m"}
+    )
+    with pytest.raises(RecordError, match="moves until the record ends"):
+        Positioning().estimate(going)
+    with pytest.raises(RecordError, match="no channel 'r'"):
+        Positioning(reference="r").estimate(resting)
+
+
+def test_a_loop_that_diverged_has_no_metrics_but_its_outcome():
+    found = Positioning().estimate(Signals((), {"y": "m", "reference": "m"}, Outcome.DIVERGED, "it left"))
+    assert (found.outcome, found.message, found.metrics) == (Outcome.DIVERGED, "it left", ())
+
+
+@pytest.fixture(scope="module")
+def figure_8(tmp_path_factory):
+    """Metrics of the paper's Fig 8, by case."""
+    folder: Path = tmp_path_factory.mktemp("workspace")
+    study = load("paper/fig08", packaged_studies() / "paper" / "fig08.toml", folder, discover())
+    answers = {
+        sweep.labels["case"]: perform(Job(sweep.experiment, (sweep.estimator,)), lambda _: None)[0]
+        for sweep in study.sweeps
+    }
+    return {label: {metric.name: metric.value for metric in answer.metrics} for label, answer in answers.items()}
+
+
+def test_figure_8(figure_8):
+    nominal, wrong, proposed = figure_8.values()
+    for found in (nominal, proposed):
+        assert found["departures"] == 0
+        assert found["overshoot"] < 1e-6
+        assert found["settling time"] < 0.041
+    assert wrong["departures"] >= 1
+    assert wrong["overshoot"] > 4e-6
+    assert np.isnan(wrong["settling time"])
