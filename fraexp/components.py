@@ -328,6 +328,8 @@ class Estimator(Component, ABC):
     """A frequency response (or another result) from signals."""
 
     kind: ClassVar[str] = "estimator"
+    fits: ClassVar[str] = ""
+    """Kind of component that it identifies from the response of another estimator, its `method`; empty for none."""
 
     @abstractmethod
     def estimate(self, signals: Signals) -> Result:

@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from fraexp import perform, provenance, scheduler
+from fraexp import fitted, perform, provenance, scheduler
+from fraexp.components import Plant
 from fraexp.errors import FraexpError, PluginError, StudyError
 from fraexp.executors import workers_of
 from fraexp.figures.bundles import MANY
@@ -20,6 +21,7 @@ from fraexp.figures.label_units import label_units
 from fraexp.figures.labels import curve_names, group_names
 from fraexp.figures.shown import Shown
 from fraexp.figures.stamp import digest, is_current
+from fraexp.identity import key_of
 from fraexp.plugins import Registry, discover
 from fraexp.results import Result
 from fraexp.scheduler import Ended, Event
@@ -77,18 +79,55 @@ class Workspace:
         command = shlex.join(["fraexp", "run", *names, *(f"--set={text}" for text in overrides)])
         with Store.open(self.database, create=True) as store:
             for study in resolved:
-                events = scheduler.run(
-                    study,
-                    store,
-                    self.registry,
-                    executor=executor,
-                    rerun=rerun,
-                    command=command,
-                    provenance=provenance.gather(),
-                    plugins=str(self.folder / "plugins"),
-                )
-                for event in events:
-                    yield self._illustrated(event, study, store) if isinstance(event, Ended) else event
+                yield from self._run_one(study, store, command, executor, rerun)
+
+    def _run_one(
+        self, study: Study, store: Store, command: str, executor: str | None = None, rerun: str | None = None
+    ) -> Generator[Event, None, None]:
+        events = scheduler.run(
+            study,
+            store,
+            self.registry,
+            executor=executor,
+            rerun=rerun,
+            command=command,
+            provenance=provenance.gather(),
+            plugins=str(self.folder / "plugins"),
+        )
+        for event in events:
+            yield self._illustrated(event, study, store) if isinstance(event, Ended) else event
+
+    def fit(
+        self, sweeps: Sequence[StoredSweep], name: str, settings: Sequence[str] = (), using: str = ""
+    ) -> Generator[Event, None, None]:
+        """Fit a model to the responses of stored sweeps, as sweeps of their own, and draw them.
+
+        `settings` are texts such as ``modes=2`` for the estimator that fits: the one called `using`, or the one that
+        there is.
+        """
+        fitting = fitted.estimator(self.registry, using)
+        wrapped = fitted.wrapped(sweeps, fitting, settings, self.registry, self._files)
+        study = Study(name, Path(name), f"Fit of {name.removesuffix('-fit')}", "", wrapped)
+        with Store.open(self.database, create=True) as store:
+            yield from self._run_one(study, store, shlex.join(["fraexp", "fit", *(s.key[4:12] for s in sweeps)]))
+
+    def _files(self, sweep: StoredSweep) -> Mapping[str, str]:
+        """Return where the files are that a sweep names: its studies know."""
+        if "record" not in sweep.experiment:
+            return {}
+        with Store.open(self.database, read_only=True) as store:
+            runs = [run for run in store.runs() if any(of.key == sweep.key for of in store.sweeps(run.number))]
+        for run in runs:
+            if Path(run.study_file).is_file():
+                study = load(run.study, Path(run.study_file), self.folder, self.registry)
+                for found in study.sweeps:
+                    if found.experiment_key == key_of(sweep.experiment):
+                        return found.files
+        raise StudyError(f"sweep {sweep.key[4:12]}: the study that knows where its record is has gone or has changed")
+
+    def models(self, result: Result) -> dict[str, dict[str, Any]]:
+        """Return state space and transfer function of the plants that were fitted, by kind."""
+        return {fit.kind: fitted.matrices(fit, self.registry) for fit in result.fits if fit.kind == Plant.kind}
 
     def import_record(
         self, file: Path, channels: Mapping[str, str], options: Mapping[str, Any], target: Path | None = None

@@ -17,6 +17,7 @@ COMMANDS = {
     "show": ("show", "show a run, or a sweep with its parameters and numbers"),
     "compare": ("compare", "show in what sweeps differ: parameters, metrics, responses"),
     "plot": ("plot", "draw a run or sweeps"),
+    "fit": ("fit", "fit a plant model to stored responses"),
     "export": ("export", "write a sweep's result to a file for other programs"),
     "import": ("import_record", "analyse a measured record"),
     "plugins": ("plugins", "list the components that plugins supply, and the broken plugins"),
@@ -175,6 +176,16 @@ def _plot(parser: Parser) -> None:
     )  # fmt: skip
 
 
+def _fit(parser: Parser) -> None:
+    parser.add_argument("ids", metavar="ID", nargs="+", help=IDENTIFIER)
+    parser.add_argument(
+        "--set", metavar="PARAMETER=VALUE", dest="overrides", action="append", default=[],
+        help="a parameter of the fit, such as modes=2 or highest=150",
+    )  # fmt: skip
+    parser.add_argument("--using", metavar="NAME", default="", help="estimator that fits (default: the one there is)")
+    _json(parser)
+
+
 def _export(parser: Parser) -> None:
     parser.add_argument("id", metavar="ID", help=IDENTIFIER)
     parser.add_argument(
@@ -218,6 +229,7 @@ DECLARE = {
     "show": _show,
     "compare": _compare,
     "plot": _plot,
+    "fit": _fit,
     "export": _export,
     "import": _import,
     "plugins": _json,

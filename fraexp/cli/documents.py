@@ -44,6 +44,7 @@ def sweep_document(sweep: StoredSweep, result: Result | None, points: bool = Tru
     if result is not None and points:
         document["response"] = response_document(result.response) if result.response else None
         document["curves"] = plain([asdict(curve) for curve in result.curves])
+        document["fits"] = plain([asdict(fit) for fit in result.fits])
     return document
 
 

@@ -4,11 +4,12 @@ from argparse import Namespace
 
 from fraexp.cli.documents import plain
 from fraexp.cli.exits import ExitCode
-from fraexp.cli.selection import open_store, run_of, sweeps_of
+from fraexp.cli.selection import database, open_store, run_of, sweeps_of
 from fraexp.cli.terminal import print_path
 from fraexp.cli.words import short
 from fraexp.errors import FraexpError
 from fraexp.export import export
+from fraexp.workspace import Workspace
 
 
 def execute(arguments: Namespace) -> ExitCode:
@@ -26,6 +27,7 @@ def execute(arguments: Namespace) -> ExitCode:
         "created": plain(sweeps[0].created),
         "experiment": plain(sweeps[0].experiment),
         "estimator": plain(sweeps[0].estimator),
+        "models": Workspace.open(arguments.workspace, database(arguments)).models(result),
     }
     export(result, header, arguments.output, force=arguments.force)
     print_path(arguments.output)

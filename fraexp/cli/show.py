@@ -1,8 +1,12 @@
 """``fraexp show``: a run with its sweeps, or a sweep with its parameters and numbers."""
 
+import json
 from argparse import Namespace
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from fraexp.cli.documents import run_document, sweep_document
 from fraexp.cli.exits import ExitCode
@@ -12,9 +16,10 @@ from fraexp.cli.summary import print_summary, to_summarise
 from fraexp.cli.tables import outcome_text, response_table, sweep_table
 from fraexp.cli.terminal import print_fields, print_json, print_table, say
 from fraexp.cli.words import duration, flat, moment, number, plural, short, value_text, without_segments
+from fraexp.confidence import interval_factor
 from fraexp.figures.labels import label_text, printable
 from fraexp.plugins import discover
-from fraexp.results import Result
+from fraexp.results import Fit, Result
 from fraexp.store import RunSummary, Store, StoredSweep
 
 ROWS = 12
@@ -132,6 +137,33 @@ def _show_result(result: Result, rows: int | None) -> None:
         left_out = len(result.response.frequency) - (rows or len(result.response.frequency))
         if left_out > 0:
             say(f"{plural(left_out, 'more frequency', 'more frequencies')}; --points shows all")
+    for fit in result.fits:
+        _show_fit(fit)
     for curve in result.curves:
         columns = ", ".join(f"{name} [{curve.units.get(name, '')}]" for name in curve.columns)
         print(f"\ncurve {curve.name}: {columns}, {len(next(iter(curve.columns.values())))} points")
+
+
+def _show_fit(fit: Fit) -> None:
+    """Print what was identified, and the section of a study that uses it."""
+    print(f"\nfit of the {fit.kind}")
+    spread = interval_factor(np.inf) * fit.standard_deviation
+    rows = [
+        [name, number(value, 6), number(band, 3) if np.isfinite(band) else "", unit]
+        for name, value, band, unit in zip(fit.parameters, fit.values, spread, fit.units, strict=True)
+    ]
+    print_table(["parameter", "value", "± 95 %", "unit"], rows)
+    print(f"\n[{fit.kind}]")
+    for name, value in fit.component.items():
+        if name != "version" and value is not None:
+            print(f"{name} = {_toml_value(value)}")
+
+
+def _toml_value(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return (
+            "{ " + ", ".join(f"{key} = {_toml_value(item)}" for key, item in value.items() if item is not None) + " }"
+        )
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(_toml_value(item) for item in value) + "]"
+    return json.dumps(value, ensure_ascii=False)

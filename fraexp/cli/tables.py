@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from fraexp.cli.words import fixed, number, short
+from fraexp.cli.words import fixed, number, plural, short
 from fraexp.confidence import limits
 from fraexp.export.content import channel_units
 from fraexp.figures.label_units import label_units
@@ -16,6 +16,8 @@ from fraexp.store import StoredSweep
 
 SPOTS = (1.0, 10.0, 40.0, 80.0)
 """Frequencies [Hz] near which a table of sweeps shows measured magnitudes."""
+MOST_METRICS = 6
+"""Metrics for which a table of sweeps has columns."""
 NEAR = 1.005
 """Frequencies within this factor share a column."""
 Table = tuple[list[str], list[list[str]], str]
@@ -32,7 +34,8 @@ def sweep_table(sweeps: Sequence[StoredSweep], results: Mapping[str, Result], re
     found = [results[sweep.key].response for sweep in sweeps if sweep.key in results]
     responses = [response for response in found if response is not None and len(response.frequency)]
     spots, unit = spots_of(responses)
-    metrics = list(dict.fromkeys(name for result in results.values() for name in _telling(result)))
+    telling = list(dict.fromkeys(name for result in results.values() for name in _telling(result)))
+    metrics = telling[:MOST_METRICS]
     mixed = len({sweep.state for sweep in sweeps}) > 1
     columns = [
         "sweep", *titles, *(["state"] if mixed else []), "outcome", "settled", *spots,
@@ -49,7 +52,10 @@ def sweep_table(sweeps: Sequence[StoredSweep], results: Mapping[str, Result], re
             *_response_cells(result.response if result else None, spots.values()),
             *(number(values[metric]) if metric in values else "" for metric in metrics), sweep.message,
         ])  # fmt: skip
-    return columns, rows, f"magnitudes in dB re 1 {unit}" if spots else ""
+    notes = [f"magnitudes in dB re 1 {unit}"] if spots else []
+    left_out = len(telling) - len(metrics)
+    notes += [f"{plural(left_out, 'more metric')} of each sweep: fraexp show KEY"] if left_out else []
+    return columns, rows, "; ".join(notes)
 
 
 def _telling(result: Result) -> list[tuple[str, str]]:

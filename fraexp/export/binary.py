@@ -15,7 +15,7 @@ def write_mat(result: Result, header: Header, path: Path) -> None:
     from scipy.io import savemat
 
     content = document(result, header)
-    content["header"] = json.dumps(plain(header))
+    content["header"] = json.dumps(plain(content["header"]))
     with path.open("wb") as stream:
         savemat(stream, {"fraexp": _matlab(content)}, long_field_names=True, oned_as="column", do_compression=True)
 
@@ -37,7 +37,8 @@ def write_hdf5(result: Result, header: Header, path: Path) -> None:
     import h5py
 
     with h5py.File(path, "w") as file:
-        file["header"] = json.dumps(plain(header))  # no attribute: these are limited to 64 KiB
+        content = document(result, header)
+        file["header"] = json.dumps(plain(content["header"]))  # no attribute: these are limited to 64 KiB
         file.attrs["outcome"], file.attrs["message"] = outcome_name(result), result.message
         if result.response is not None:
             _add_group(file.create_group("response"), arrays(result.response), units_of(result.response))
@@ -47,6 +48,9 @@ def write_hdf5(result: Result, header: Header, path: Path) -> None:
         for curve in result.curves:
             group = curves.create_group(distinct(curve.name.replace("/", "_"), curves))
             _add_group(group, curve.columns, curve.units)
+        for what in ("fits", "models"):
+            for name, values in content.get(what, {}).items():
+                _add_group(file.create_group(f"{what}/{name}"), values, {})
 
 
 def _add_group(group: Any, values: Mapping[str, Any], units: Mapping[str, str]) -> None:

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from fraexp.results import FrequencyResponse, Result
+from fraexp.results import Fit, FrequencyResponse, Result
 
 Header = Mapping[str, Any]
-"""What describes a result: plain data, such as study, experiment and provenance."""
+"""What describes a result: plain data, such as study, experiment and provenance; `models` are matrices by name."""
 
 
 def outcome_name(result: Result) -> str:
@@ -20,13 +20,29 @@ def outcome_name(result: Result) -> str:
 
 def document(result: Result, header: Header) -> dict[str, Any]:
     """Return the whole result by name."""
-    content: dict[str, Any] = {"header": dict(header), "outcome": outcome_name(result), "message": result.message}
+    description = dict(header)
+    models = description.pop("models", None)
+    content: dict[str, Any] = {"header": description, "outcome": outcome_name(result), "message": result.message}
     if result.response is not None:
         content["response"] = arrays(result.response)
         content["units"] = units_of(result.response)
     content["metrics"] = {metric.name: {"value": metric.value, "unit": metric.unit} for metric in result.metrics}
     content["curves"] = {curve.name: {"columns": curve.columns, "units": curve.units} for curve in result.curves}
+    content["fits"] = {fit.kind: fit_content(fit) for fit in result.fits}
+    if models:
+        content["models"] = models
     return content
+
+
+def fit_content(fit: Fit) -> dict[str, Any]:
+    """Return a fit by name; its component is JSON, as a study has it."""
+    return {
+        "component": json.dumps(plain(fit.component)),
+        "parameters": list(fit.parameters),
+        "units": list(fit.units),
+        "values": fit.values,
+        "covariance": fit.covariance,
+    }
 
 
 def arrays(response: FrequencyResponse) -> dict[str, Any]:

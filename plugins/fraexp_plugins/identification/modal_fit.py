@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -61,6 +61,8 @@ class ModalFit(Estimator, name="modal_fit", version=1):
     Not to be used where friction has left its mark in the response, unless that is what shall be shown: the fit follows
     the response, not the plant.
     """
+
+    fits: ClassVar[str] = "plant"
 
     method: Estimator = param("", "estimator of the response that is fitted")
     modes: int | None = param("1", "number of modes; by `criterion` if none is given", None, at_least=0, at_most=12)

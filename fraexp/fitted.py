@@ -1,0 +1,82 @@
+"""Models that were identified: fitted to stored responses, and as matrices for other programs."""
+
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from fraexp.components import Estimator, Plant
+from fraexp.errors import StudyError, did_you_mean
+from fraexp.plugins import Registry, create
+from fraexp.results import Fit
+from fraexp.store import StoredSweep
+from fraexp.sweep import Sweep
+
+METHOD = "method"
+"""Parameter of an estimator that fits: the estimator of the response."""
+
+
+def estimator(registry: Registry, name: str = "") -> str:
+    """Return the name of the estimator that fits a plant: the one of this name, or the one that there is."""
+    fitting = [
+        known
+        for known in registry.names(Estimator.kind)
+        if registry.supply(Estimator.kind, known).component.fits  # type: ignore[attr-defined]
+    ]
+    if name:
+        if name not in fitting:
+            raise StudyError(f"fit: no estimator that fits is called '{name}'{did_you_mean(name, fitting)}")
+        return name
+    if len(fitting) != 1:
+        raise StudyError(
+            f"fit: found {len(fitting)} estimators that fit; choose by --using one of {', '.join(fitting)}"
+        )
+    return fitting[0]
+
+
+def wrapped(
+    sweeps: Sequence[StoredSweep],
+    fitting: str,
+    settings: Sequence[str],
+    registry: Registry,
+    files: Callable[[StoredSweep], Mapping[str, str]],
+) -> tuple[Sweep, ...]:
+    """Return the sweeps with their estimators inside of the one that fits."""
+    given = dict(_setting(text) for text in settings)
+    found = []
+    for sweep in sweeps:
+        inner = sweep.estimator[METHOD] if sweep.estimator["name"] == fitting else sweep.estimator
+        place = f"fit of {sweep.key[4:12]}"
+        environment = {key: value for key, value in sweep.experiment.items() if key != "source"}
+        spec = registry.create(Estimator.kind, {"name": fitting, METHOD: inner, **given}, environment, place).spec()
+        labels = sweep.labels or {"sweep": sweep.key[4:12]}
+        found.append(Sweep(sweep.experiment, spec, labels, files(sweep)))
+    return tuple({sweep.key: sweep for sweep in found}.values())
+
+
+def _setting(text: str) -> tuple[str, Any]:
+    path, equals, value = text.partition("=")
+    if not equals or not path.strip():
+        raise StudyError(f"--set {text}: expected PARAMETER=VALUE, such as modes=2")
+    try:
+        return path.strip(), tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        return path.strip(), value.strip()
+
+
+def matrices(fit: Fit, registry: Registry) -> dict[str, Any]:
+    """Return ẋ = A x + B u, y = C x, and P(s) in descending powers of s, of a fitted plant, and its dead time."""
+    plant = create(registry, Plant, fit.component).state_space()  # type: ignore[type-abstract]
+    denominator = np.poly(plant.a)
+    numerator = np.poly(plant.a - np.outer(plant.b, plant.c)) - denominator  # det(sI - A + BC) - det(sI - A)
+    known = dict(zip(fit.parameters, fit.values, strict=True))
+    return {
+        "a": plant.a,
+        "b": plant.b[:, None],
+        "c": plant.c[None, :],
+        "d": np.zeros((1, 1)),
+        "numerator": numerator,
+        "denominator": denominator,
+        "dead_time": float(known.get("dead_time", 0.0)),
+    }

@@ -1,0 +1,100 @@
+"""``fraexp fit``: from stored responses to a plant model, and out to other programs."""
+
+import json
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from scipy.io import loadmat
+from scipy.signal import freqs
+
+from fraexp.cli.exits import ExitCode
+from fraexp.cli.main import main
+from fraexp.plugins import Registry
+from fraexp.store import Store
+
+STUDY = """
+title = "As"
+machine = "linear_motor_table"
+
+[excitation]
+name = "stepped_sine"
+amplitude = 75.0
+points = 40
+
+[estimator]
+name = "proposed"
+"""
+
+
+@pytest.fixture
+def computed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "studies").mkdir()
+    (tmp_path / "studies" / "table.toml").write_text(STUDY, encoding="utf-8")
+    assert main(["run", "table"]) == 0
+    return tmp_path
+
+
+def test_a_stored_response_is_fitted_shown_and_exported(
+    computed: Path, capsys: pytest.CaptureFixture[str], registry: Registry
+) -> None:
+    assert main(["fit", "table", "--set", "modes=2"]) == 0
+    assert "k0 [m/(N s**2)]" in capsys.readouterr().out
+    with Store.open(str(computed / "results.db"), read_only=True) as store:
+        sweep = store.sweeps(2)[0]
+        fit = store.result(sweep.key).fits[0]
+    found = dict(zip(fit.parameters, fit.values, strict=True))
+    assert found["gain"] == pytest.approx(0.132, rel=1e-3)
+    assert found["frequencies.0"] == pytest.approx(38.8, abs=0.02)
+    assert main(["show", sweep.key]) == 0
+    shown = capsys.readouterr().out
+    assert "fit of the plant" in shown
+    assert '[plant]\nname = "modal"\ngain = 0.13' in shown
+    assert main(["show", sweep.key, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["fits"][0]["kind"] == "plant"
+
+    for suffix in ("mat", "h5", "json"):
+        assert main(["export", sweep.key, "-o", f"fit.{suffix}"]) == 0
+    model = loadmat("fit.mat", simplify_cells=True)["fraexp"]["models"]["plant"]
+    omega = 2 * np.pi * np.array([3.0, 38.8, 120.0])
+    truth = registry.create("plant", fit.component).response(omega)  # type: ignore[attr-defined]
+    _, response = freqs(model["numerator"], model["denominator"], omega)
+    assert response == pytest.approx(truth, rel=1e-6)
+    state = [model["c"] @ np.linalg.solve(1j * w * np.eye(len(model["a"])) - model["a"], model["b"]) for w in omega]
+    assert np.array(state).ravel() == pytest.approx(truth, rel=1e-9)
+    with h5py.File("fit.h5") as file:
+        assert file["models/plant/a"].shape == (6, 6)
+        assert file["fits/plant/values"][0] == pytest.approx(0.132, rel=1e-3)
+    assert json.loads(Path("fit.json").read_text())["models"]["plant"]["dead_time"] == pytest.approx(0, abs=1e-5)
+
+
+def test_a_fit_is_a_sweep_that_is_reused_and_fitted_anew_with_other_settings(
+    computed: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["fit", "1", "--set", "modes=2"]) == 0
+    assert main(["fit", "1", "--set", "modes=2"]) == 0
+    assert "1 reused, 0 to compute" in capsys.readouterr().err
+    assert main(["fit", "table-fit", "--set", "modes=1"]) == 0  # of the response itself, not of the fit
+    with Store.open(str(computed / "results.db"), read_only=True) as store:
+        last = store.sweeps(4)[0].estimator
+    assert last["modes"] == 1
+    assert last["method"]["name"] == "proposed"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (["1", "--set", "mode=2"], "has no parameter 'mode'; did you mean 'modes'?"),
+        (["1", "--set", "modes"], "expected PARAMETER=VALUE"),
+        (["1", "--using", "modal_fits"], "did you mean 'modal_fit'?"),
+        (["9"], "there is no run 9"),
+    ],
+)
+def test_a_wrong_wish_is_one_line(
+    computed: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], complaint: str
+) -> None:
+    assert main(["fit", *arguments]) in (ExitCode.USAGE, ExitCode.STORE)
+    said = capsys.readouterr().err.strip().splitlines()[-1]
+    assert complaint in said
