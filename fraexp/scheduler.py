@@ -3,13 +3,15 @@
 import time
 import traceback
 from collections import deque
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from statistics import median
 
+from fraexp import references
 from fraexp.executors import Answer, Workers
 from fraexp.perform import Failure, Job
 from fraexp.plugins import Registry
@@ -97,10 +99,11 @@ class _Group:
     sweeps: list[Sweep] = field(default_factory=list)
     attempts: int = 0
 
-    def job(self, plugins: str) -> Job:
-        """Return them as one job."""
+    def job(self, plugins: str, fits: Callable[[Plain], Plain]) -> Job:
+        """Return them as one job, with the fits that they refer to."""
         first = self.sweeps[0]
-        return Job(first.experiment, tuple(sweep.estimator for sweep in self.sweeps), first.files, plugins)
+        estimators = tuple(references.replaced(sweep.estimator, fits) for sweep in self.sweeps)
+        return Job(references.replaced(first.experiment, fits), estimators, first.files, plugins)
 
 
 def components_of(sweep: Sweep, registry: Registry) -> dict[str, Supplied]:
@@ -166,17 +169,60 @@ def run(
         for sweep in reused:
             yield Finished(sweep, None, "reused")
         failures = 0
-        for event in _compute(missing, store, registry, number, executor, plugins) if missing else ():
-            failures += isinstance(event, Finished) and event.state == "failed"
-            yield event
+        done = 0
+        for turn in references.in_turn(missing):
+            fits = _Fits(store)
+            ready, lacking = _with_fits(turn, fits)
+            for sweep, reason in lacking:
+                store.fail(number, sweep.key, reason, "")
+                yield Finished(sweep, None, "failed", reason)
+            failures += len(lacking)
+            for event in _compute(ready, store, registry, number, executor, plugins, fits) if ready else ():
+                failures += isinstance(event, Finished) and event.state == "failed"
+                yield Progress(done + event.done, len(missing)) if isinstance(event, Progress) else event
+            done += len(turn)
         state = "partial" if failures else "complete"
     finally:
         store.end_run(number, state)
     yield Ended(number, state)
 
 
+class _Fits:
+    """What earlier sweeps have identified, each looked up once."""
+
+    def __init__(self, store: Store) -> None:
+        self._result = cache(lambda key: store.results([key]).get(key))
+
+    def component(self, reference: Plain) -> Plain:
+        """Return the component that a reference stands for."""
+        result = self._result(str(reference[references.OF]))
+        return next(fit.component for fit in (result.fits if result else ()) if fit.kind == reference[references.WORD])
+
+    def lack(self, reference: Plain) -> str:
+        """Return why there is no such component; empty if there is."""
+        key, kind = str(reference[references.OF]), reference[references.WORD]
+        result = self._result(key)
+        if result is not None and any(fit.kind == kind for fit in result.fits):
+            return ""
+        why = "has no result" if result is None else result.message or "identifies none"
+        return f"it needs the {kind} that sweep {key[4:12]} identifies, which {why}"
+
+
+def _with_fits(sweeps: Sequence[Sweep], fits: _Fits) -> tuple[list[Sweep], list[tuple[Sweep, str]]]:
+    """Return the sweeps whose fits are there, and the others with what they lack."""
+    ready, lacking = [], []
+    for sweep in sweeps:
+        wanted = references.found_in([sweep.experiment, sweep.estimator])
+        reasons = [reason for reference in wanted if (reason := fits.lack(reference))]
+        if reasons:
+            lacking.append((sweep, reasons[0]))
+        else:
+            ready.append(sweep)
+    return ready, lacking
+
+
 def _compute(
-    missing: Sequence[Sweep], store: Store, registry: Registry, run: int, executor: str, plugins: str
+    missing: Sequence[Sweep], store: Store, registry: Registry, run: int, executor: str, plugins: str, fits: _Fits
 ) -> Iterator[Event]:
     groups: dict[str, _Group] = {}
     for sweep in missing:
@@ -191,7 +237,8 @@ def _compute(
         while waiting or running:
             while waiting and len(running) < _most_at_once(waiting[0], running.values(), workers.count):
                 group = waiting.popleft()
-                running[workers.submit(group.number, group.job(plugins))] = group
+                job = group.job(plugins, fits.component)
+                running[workers.submit(group.number, job)] = group
             done, _ = wait(running, POLL, FIRST_COMPLETED)
             fractions.update(workers.reports())
             for future in done:

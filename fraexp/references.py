@@ -1,0 +1,106 @@
+"""References to fits: a parameter that another sweep of the study identifies, such as the design model of a controller.
+
+In a study ``{ fit = "plant", case = "proposed" }`` stands for a component; in a sweep ``{"fit": "plant", "of": KEY}``.
+The key of the sweep that identifies it decides what it is, so that it can be part of another sweep's key before any
+of the two is computed.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+from fraexp.errors import StudyError, did_you_mean
+from fraexp.sweep import Plain, Sweep
+
+WORD, CASE, OF = "fit", "case", "of"
+
+
+def is_reference(value: Any) -> bool:
+    """Say whether a value of a study or of a sweep refers to a fit."""
+    return isinstance(value, Mapping) and WORD in value and "name" not in value
+
+
+def found_in(data: Any) -> Iterator[Plain]:
+    """Yield all references within plain data."""
+    if is_reference(data):
+        yield data
+    elif isinstance(data, Mapping):
+        for value in data.values():
+            yield from found_in(value)
+    elif isinstance(data, list | tuple):
+        for value in data:
+            yield from found_in(value)
+
+
+def replaced(data: Any, by: Callable[[Plain], Any]) -> Any:
+    """Return plain data in which each reference is replaced."""
+    if is_reference(data):
+        return by(data)
+    if isinstance(data, Mapping):
+        return {key: replaced(value, by) for key, value in data.items()}
+    if isinstance(data, list | tuple):
+        return [replaced(value, by) for value in data]
+    return data
+
+
+def put_back(spec: Any, written: Any) -> Any:
+    """Return a component's plain data with the references of what was `written` in the places of their stand-ins."""
+    if is_reference(written):
+        return dict(written)
+    if isinstance(written, Mapping) and isinstance(spec, Mapping):
+        return {key: put_back(value, written[key]) if key in written else value for key, value in spec.items()}
+    if isinstance(written, list | tuple) and isinstance(spec, list) and len(written) == len(spec):
+        return [put_back(value, part) for value, part in zip(spec, written, strict=True)]
+    return spec
+
+
+def stand_in(reference: Plain, sections: Plain, place: str) -> Any:
+    """Return what a reference is checked with in its place: the machine's own component of that kind."""
+    unknown = sorted(set(reference) - {WORD, CASE, OF})
+    if unknown:
+        raise StudyError(f"{place}: a fit has no '{unknown[0]}'{did_you_mean(unknown[0], (WORD, CASE))}")
+    kind = reference[WORD]
+    if not isinstance(kind, str) or not isinstance(sections.get(kind), Mapping):
+        kinds = [key for key in ("plant", "friction") if key in sections]
+        raise StudyError(f"{place}: fit is {kind!r}; expected a kind of component that the study has: {kinds}")
+    return sections[kind]
+
+
+def resolved(reference: Plain, case: Plain, earlier: Mapping[str, list[Sweep]], place: str) -> Plain:
+    """Return the reference with the key of the sweep that identifies it.
+
+    `earlier` are the sweeps of the cases that have none themselves; of several in a case it is the one whose other
+    labels are those of `case`.
+    """
+    name = reference.get(CASE)
+    if name not in earlier:
+        known = did_you_mean(str(name), earlier) if earlier else "; there is no case without a reference of its own"
+        raise StudyError(f"{place}: {WORD} needs the {CASE} that identifies it, and there is no '{name}'{known}")
+    candidates = earlier[name]
+    alike = [
+        sweep for sweep in candidates if all(case.get(key, value) == value for key, value in _others(sweep).items())
+    ]
+    if len(alike) != 1:
+        raise StudyError(
+            f"{place}: case '{name}' has {len(candidates)} sweeps, {len(alike)} of them at this point of the grid; "
+            "expected one"
+        )
+    return {WORD: reference[WORD], OF: alike[0].key}
+
+
+def _others(sweep: Sweep) -> Plain:
+    return {key: value for key, value in sweep.labels.items() if key != CASE}
+
+
+def sources(sweep: Sweep) -> set[str]:
+    """Return the keys of the sweeps whose fits a sweep needs."""
+    return {reference[OF] for reference in found_in([sweep.experiment, sweep.estimator])}
+
+
+def in_turn(sweeps: list[Sweep]) -> Iterator[list[Sweep]]:
+    """Yield sweeps in turns: those of a turn need fits of earlier turns only, or of sweeps that are not among them."""
+    left, keys = sweeps, {sweep.key for sweep in sweeps}
+    while left:
+        ready = [sweep for sweep in left if not sources(sweep) & keys]
+        yield ready
+        keys -= {sweep.key for sweep in ready}
+        left = [sweep for sweep in left if sweep.key in keys]

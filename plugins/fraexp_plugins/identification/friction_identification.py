@@ -1,0 +1,245 @@
+"""What the estimators that identify friction have in common: channels, thresholds, terms, cycles held out, doubts."""
+
+from abc import ABC
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fraexp.api import Estimator, ParameterError, RecordError, Signals, param
+from fraexp_plugins.identification.friction_record import Stretch, resolution_of, stretches_of
+from fraexp_plugins.identification.friction_regression import Observation, Rows, rows_of
+from fraexp_plugins.identification.friction_report import Errors
+from fraexp_plugins.identification.stop_operator import stop_operators, turning_points
+
+GROSS_SHARE = 0.35
+"""Widest threshold over the stroke: what hardly slips is a slow rise of the force, whatever its cause."""
+SPEED_RATIO = 1.5
+"""Fastest over slowest sliding from which viscous friction is told from Coulomb friction."""
+FINEST, SPAN = 0.5, 300.0
+"""Steps of the scale in the narrowest threshold at least: then an element turns with the next step, as Coulomb friction
+does; and widest over narrowest threshold."""
+FINE = 10.0
+"""Steps of the scale that the presliding deflection should have."""
+FEW_TURNS = 3
+"""Reversals that tell friction from other forces."""
+FEW_ROWS = 60
+"""Rows of a regression at least."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """Signals made ready for identification."""
+
+    stretches: tuple[Stretch, ...]
+    observation: Observation
+    terms: tuple[str, ...]
+    """What is fitted beside the elements, those of either sign first."""
+    thresholds: np.ndarray
+    """Y_i of the grid [m], ascending, shape (N,)."""
+    viscous: float | None
+    """Viscous coefficient that is known [N s/m], or None."""
+    resolution: float
+    """Of the scale [m]; 0 for an ideal one."""
+    held_out: np.ndarray
+    """Numbers of the cycles that only judge."""
+    cycles: np.ndarray
+    """Numbers of the cycles that are fitted."""
+    remarks: tuple[str, ...]
+
+    def rows(self, thresholds: np.ndarray) -> list[Rows]:
+        """Return the rows of all stretches for elements with these thresholds [m], shape (N,)."""
+        elements = [self.deflections(stretch, thresholds) for stretch in self.stretches]
+        return self.rows_with(elements)
+
+    def deflections(self, stretch: Stretch, thresholds: np.ndarray) -> np.ndarray:
+        """Return the elements' deflections [m] along a stretch, shape (n, N)."""
+        motion = np.concatenate([stretch.before, stretch.displacement])
+        return stop_operators(motion, thresholds)[stretch.before.size :]
+
+    def rows_with(self, elements: Sequence[np.ndarray]) -> list[Rows]:
+        """Return the rows of all stretches with these columns of elements, each (n, N)."""
+        widest = float(self.thresholds.max())
+        rows = [
+            rows_of(stretch, self.observation, self.terms, columns, stretch.known_from(widest))
+            for stretch, columns in zip(self.stretches, elements, strict=True)
+        ]
+        if self.viscous:
+            rows = [self._without_viscous(*pair) for pair in zip(rows, self.stretches, strict=True)]
+        rows = [each for each in rows if each.force.size]
+        if sum(each.force.size for each in rows) < FEW_ROWS:
+            raise RecordError(
+                f"nowhere does the motion span twice the widest threshold, {widest:.3g} m, for long enough; "
+                "record more cycles with gross slip, or lower widest"
+            )
+        return rows
+
+    def _without_viscous(self, rows: Rows, stretch: Stretch) -> Rows:
+        known = self.observation.friction(stretch, stretch.velocity()[:, None])
+        widest = float(self.thresholds.max())
+        known = self.observation.kept(stretch, known, stretch.known_from(widest))
+        return replace(rows, force=rows.force - (self.viscous or 0.0) * known[:, 0])
+
+    def errors(self, rows: Sequence[Rows], coefficients: np.ndarray) -> Errors:
+        """Return the errors of a linear model."""
+        return self.errors_of(rows, [each.force - each.columns @ coefficients for each in rows])
+
+    def errors_of(self, rows: Sequence[Rows], residuals: Sequence[np.ndarray]) -> Errors:
+        """Return the errors whose residuals [N] are given, stretch by stretch."""
+        labels = np.concatenate([each.cycle for each in rows])
+        squared = np.concatenate(residuals) ** 2
+        held = np.isin(labels, self.held_out)
+        parts = [squared[~held], squared[held]]
+        fitted, held_out = (float(np.sqrt(np.add.reduce(p) / p.size)) if p.size else np.nan for p in parts)
+        return Errors(fitted, held_out, residuals)
+
+
+class FrictionIdentification(Estimator, ABC):
+    """An estimator that identifies friction from a record of displacement and force, or of thrust and position.
+
+    With `thrust` the friction is what the thrust leaves for the moving mass, f = u - M a, and the mass is fitted in
+    the same regression (J. Swevers, F. Al-Bender, C. Ganseman and T. Prajogo, IEEE Trans. Automatic Control 45(4),
+    2000, doi:10.1109/9.847103). It is compared up to `highest`: a mode at f1 adds its share of (highest/f1)² to the
+    mass, so stay at a tenth of the first one. Where friction jumps at a reversal, between samples, the mass takes up to
+    a sample's delay of that jump: sample fast, or turn seldom. A constant offset is fitted too: besides a bias it is
+    half the difference of the Coulomb forces of the two directions, since an element with unequal limits is one with
+    equal limits and a bias.
+    """
+
+    displacement: str = param("", "channel of the displacement", "displacement")
+    force: str = param("", "channel of the friction force, where it is measured", "friction")
+    thrust: str = param("", "channel of the thrust that moves mass and friction, in place of `force`", "")
+    acceleration: str = param("", "channel of a measured acceleration; differences of the displacement if empty", "")
+    highest: float = param("Hz", "frequency up to which thrust and motion are compared", 5.0, above=0)
+    hold: bool = param("", "whether the thrust is held between samples", True)
+    input_dead_time: float = param("s", "dead time of the thrust", 0.0, at_least=0, inherit="loop.input_dead_time")
+    input_lags: tuple[float, ...] = param("s", "first-order lags of the thrust", (), inherit="loop.input_lags")
+    output_dead_time: float = param("s", "dead time of the position", 0.0, at_least=0, inherit="loop.output_dead_time")
+    output_lags: tuple[float, ...] = param("s", "first-order lags of the position", (), inherit="loop.output_lags")
+    resolution: float = param(
+        "m", "resolution of the scale; seen in the record if 0", 0.0, at_least=0, inherit="loop.resolution"
+    )
+    offset: bool = param("", "whether a constant force is fitted", True)
+    asymmetry: bool = param("", "whether viscous friction may differ by direction: a force D_a |v|", False)
+    viscous_coefficient: float | None = param(
+        "N s/m", "viscous coefficient D_v if it is known; else it is fitted if the velocity varies", None, at_least=0
+    )
+    thresholds: tuple[float, ...] = param("m", "thresholds Y_mi if they are known", ())
+    narrowest: float | None = param(
+        "m", "narrowest threshold of the grid; chosen from the motion if absent", None, above=0
+    )
+    widest: float | None = param("m", "widest threshold of the grid; 0.35 of the stroke if absent", None, above=0)
+    grid: int = param("1", "thresholds of the grid, evenly spaced in their logarithm", 100, at_least=1, at_most=400)
+    holdout: float = param(
+        "1", "share of the cycles that only judge, spread over the record", 0.25, at_least=0, at_most=0.5
+    )
+
+    def model_post_init(self, context: object) -> None:
+        """Check the thresholds."""
+        if self.thresholds and (min(self.thresholds) <= 0 or min(np.diff(self.thresholds), default=1.0) <= 0):
+            raise ParameterError(f"{self.name}.thresholds must be above 0 and ascending")
+        if self.narrowest and self.widest and self.narrowest >= self.widest:
+            raise ParameterError(
+                f"{self.name}.narrowest is {self.narrowest:g} m; it must be below widest, {self.widest:g} m"
+            )
+
+    def task(self, signals: Signals) -> Task:
+        """Return the signals made ready; RecordError where they cannot tell."""
+        stretches = tuple(stretches_of(signals, self.displacement, self.thrust or self.force, self.acceleration))
+        if not any(np.ptp(stretch.force) for stretch in stretches):
+            raise RecordError(f"'{self.thrust or self.force}' does not vary; expected the force of the friction")
+        resolution = self.resolution or resolution_of(list(stretches))
+        thresholds = self._grid(stretches, resolution)
+        terms, remarks = self._terms(stretches, float(thresholds.max()))
+        cycles = np.unique(np.concatenate([stretch.cycle for stretch in stretches]))
+        every = round(1 / self.holdout) if self.holdout else 0
+        held_out = cycles[every - 1 :: every] if every and cycles.size >= every else cycles[:0]
+        return Task(
+            stretches=stretches,
+            observation=self._observation(stretches[0].sample_time),
+            terms=terms,
+            thresholds=thresholds,
+            viscous=self.viscous_coefficient,
+            resolution=resolution,
+            held_out=held_out,
+            cycles=np.setdiff1d(cycles, held_out),
+            remarks=(*remarks, *_turns(stretches, float(thresholds.min()))),
+        )
+
+    def _observation(self, sample_time: float) -> Observation:
+        # far below 1/τ a lag is a delay; a thrust that is not held arrives half a sample before one that is
+        delay = self.input_dead_time + self.output_dead_time + sum(self.input_lags) + sum(self.output_lags)
+        return Observation(bool(self.thrust), delay - (0.0 if self.hold else sample_time / 2), self.highest)
+
+    def _grid(self, stretches: Sequence[Stretch], resolution: float, widest: float | None = None) -> np.ndarray:
+        """Return the thresholds [m]: those given, or a grid up to `widest` as far as the scale and the study allow."""
+        if self.thresholds:
+            return np.array(self.thresholds)
+        stroke = max(float(np.ptp(stretch.displacement)) for stretch in stretches)
+        widest = self.widest or widest or GROSS_SHARE * stroke
+        narrowest = self.narrowest or min(max(FINEST * resolution, widest / SPAN), widest / 2)
+        if narrowest >= widest:
+            raise RecordError(
+                f"the motion's stroke is {stroke:.3g} m; expected more than twice the narrowest threshold, "
+                f"{narrowest:.3g} m"
+            )
+        return np.geomspace(narrowest, widest, self.grid) if self.grid > 1 else np.array([widest])
+
+    def narrowed(self, task: Task, widest: float) -> Task:
+        """Return the task with a grid that ends at `widest` [m], where the study did not fix its range."""
+        if self.thresholds or self.widest or widest >= task.thresholds[-1]:
+            return task
+        return replace(task, thresholds=self._grid(task.stretches, task.resolution, widest))
+
+    def _terms(self, stretches: Sequence[Stretch], widest: float) -> tuple[tuple[str, ...], list[str]]:
+        terms = [name for name in ("offset", "asymmetry") if getattr(self, name)] + (["mass"] if self.thrust else [])
+        if self.viscous_coefficient is not None:
+            return tuple(terms), []
+        speeds = np.concatenate([_sliding_speeds(stretch, widest) for stretch in stretches])
+        slow, fast = _by_way(speeds, 0.1), _by_way(speeds, 0.9)
+        if fast > SPEED_RATIO * slow:
+            return (*terms, "viscous"), []
+        if "asymmetry" in terms:
+            terms.remove("asymmetry")
+        return tuple(terms), [
+            "all sliding is at one speed, so viscous friction is part of the Coulomb force: record several speeds, "
+            "or give viscous_coefficient"
+        ]
+
+
+def _sliding_speeds(stretch: Stretch, widest: float) -> np.ndarray:
+    """Return the speeds [m/s] at which even the widest element slips."""
+    motion = np.concatenate([stretch.before, stretch.displacement])
+    wide = stop_operators(motion, np.array([widest]))[stretch.before.size :, 0]
+    speeds = np.abs(stretch.velocity())[np.abs(wide) >= widest]
+    found: np.ndarray = speeds[speeds > 0]
+    return found
+
+
+def _by_way(speeds: np.ndarray, share: float) -> float:
+    """Return the speed [m/s] below which that share of the way is gone: dwells at the ends do not count."""
+    if not speeds.size:
+        return 1.0
+    ordered = np.sort(speeds)
+    way = np.cumsum(ordered)
+    return float(ordered[np.searchsorted(way, share * way[-1])])
+
+
+def _turns(stretches: Sequence[Stretch], narrowest: float) -> list[str]:
+    count = sum(
+        turning_points(np.concatenate([stretch.before, stretch.displacement]), 2 * narrowest).size
+        for stretch in stretches
+    )
+    if count >= FEW_TURNS:
+        return []
+    return [f"the motion turns {count} times: too seldom to tell friction from other forces; record several cycles"]
+
+
+def coarse(resolution: float, deflection: float) -> list[str]:
+    """Return the remark on a scale that is too coarse for a presliding deflection [m], if it is."""
+    if resolution * FINE <= deflection:
+        return []
+    return [
+        f"the scale's step of {resolution:.3g} m is more than a tenth of the presliding deflection of "
+        f"{deflection:.3g} m: the stiffness is uncertain; take a finer scale"
+    ]

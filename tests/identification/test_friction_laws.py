@@ -1,0 +1,67 @@
+"""Laws with a Stribeck effect are found again from records with many speeds."""
+
+import numpy as np
+import pytest
+from fraexp_plugins.friction.elastoplastic import Elastoplastic
+from fraexp_plugins.friction.gms import GeneralizedMaxwellSlip
+from fraexp_plugins.identification.elastoplastic_identification import ElastoplasticIdentification
+from fraexp_plugins.identification.gms_identification import GmsIdentification
+from fraexp_plugins.identification.rolling_identification import RollingIdentification
+
+from fraexp.components import FrictionModel
+from fraexp.errors import RecordError
+from fraexp.plugins import create
+from tests.identification.friction_records import driven, signals, values
+
+RATED = {"coulomb": 10.0, "breakaway": 14.0, "stribeck_velocity": 1e-3}
+GMS = GeneralizedMaxwellSlip(
+    stiffness=(2e5, 6e4), shares=(0.4, 0.6), attraction=500.0, viscous_coefficient=50.0, **RATED
+)
+BRISTLE = Elastoplastic(sigma0=3e5, sigma2=50.0, elastic_share=0.6, **RATED)
+STEP = 5e-4
+NOISE = 0.01
+
+
+def varied(model, noise=0.0):
+    """A record from rest at speeds from far below to above 1 mm/s."""
+    t = STEP * np.arange(12_000)
+    y = 300e-6 * np.sin(2 * np.pi * t) * (1 + 0.9 * np.sin(0.4 * np.pi * t)) + 40e-6 * np.sin(10.6 * np.pi * t)
+    return signals(y, driven(model, y, STEP, noise=noise), STEP, 1, from_rest=True)
+
+
+@pytest.mark.parametrize(
+    ("model", "estimator"),
+    [(GMS, GmsIdentification(elements=2)), (BRISTLE, ElastoplasticIdentification())],
+    ids=lambda one: one.name,
+)
+def test_the_law_is_found_and_held_out_parts_are_met_to_the_noise(model, estimator, registry):
+    result = estimator.estimate(varied(model, NOISE))
+    found = values(result)
+    clean = varied(model).segments[0].channels["friction"]
+    assert not result.message
+    assert found["rms error, held-out cycles"] == pytest.approx(NOISE * np.abs(clean).max(), rel=0.05)
+    for name, truth in RATED.items():
+        title = name.replace("_", " ")
+        assert found[title] == pytest.approx(truth, rel=0.02)
+        assert abs(found[title] - truth) < 2 * found[f"{title}, 95 %"]
+    component = dict(result.fits[0].component)
+    assert create(registry, FrictionModel, component).viscous == pytest.approx(50.0, rel=0.15)
+    assert set(result.fits[0].parameters) >= set(RATED)
+
+
+def test_the_elastoplastic_model_is_found_to_rounding_without_noise():
+    found = ElastoplasticIdentification().estimate(varied(BRISTLE)).fits[0].component
+    numbers = {key: value for key, value in BRISTLE.spec().items() if isinstance(value, float)}
+    assert {key: found[key] for key in numbers} == pytest.approx(numbers, rel=1e-8)
+
+
+def test_the_rolling_model_has_no_part_in_a_stribeck_effect_and_its_error_says_so():
+    wrong, right = (one.estimate(varied(GMS)) for one in (RollingIdentification(), GmsIdentification(elements=2)))
+    assert values(wrong)["rms error, held-out cycles"] > 10 * values(right)["rms error, held-out cycles"]
+
+
+def test_one_speed_alone_is_refused():
+    y = 400e-6 * np.interp(np.arange(8000) % 1000, [0, 250, 750, 1000], [0, 1, -1, 0])
+    once = signals(y, driven(GMS, y, STEP), STEP, 8)
+    with pytest.raises(RecordError, match="all sliding is at one speed: gms_identification cannot tell"):
+        GmsIdentification().estimate(once)
