@@ -302,6 +302,14 @@ class Excitation(Component, ABC):
         """
         return None
 
+    def greatest(self) -> tuple[float | None, float | None]:
+        """Return the greatest force [N] and stroke [m] that revised periods may ask for; None where `periods` tell."""
+        return None, None
+
+    def remark(self, segments: Sequence[Segment]) -> str:
+        """Return what there is to say of what was recorded, such as an aim that was missed; empty if nothing."""
+        return ""
+
     @property
     @abstractmethod
     def schedule(self) -> "Schedule":

@@ -31,30 +31,69 @@ class Demand(NamedTuple):
 
 
 UNITS = ("m", "m/s", "N")
+SHORTEST_SILENCE, LONGEST_SILENCE = 1.0, 64
+"""Time after a motion that starts from rest in which the loop comes to rest again: at least [s], and in motions."""
+REST = 1e-3
+"""Share of the motion that is rest."""
 
 
 def check(limits: Limits, machine: Machine, excitation: Excitation) -> None:
     """Raise ParameterError if a period of the excitation is predicted to exceed a limit: the message names the first.
 
-    The prediction is that of the linear loop in its periodic state; friction makes a motion smaller in general.
+    The prediction is that of the linear loop: in its periodic state, or on its way from rest where the schedule does
+    not wait for that state. Friction makes a motion smaller in general.
     """
-    sample_time = machine.loop.sample_time
+    sample_time, schedule = machine.loop.sample_time, excitation.schedule
+    settles = schedule.settle_limit > 0
     for period in excitation.periods(sample_time):
-        demand = predicted(machine, period)
+        demand = predicted(machine, period) if settles else predicted_from_rest(machine, period, schedule.periods)
         for name, found, unit in zip(Demand._fields, demand, UNITS, strict=True):
             allowed = getattr(limits, name)
             if allowed is not None and found > allowed:
                 frequency = period.lines[0] / (period.waveform.size * sample_time)
+                what = f"{excitation.name} from {frequency:.4g} Hz" if settles else excitation.name
+                remedy = "leave out the frequencies that need it" if settles else "take more time"
                 raise ParameterError(
-                    f"{excitation.name} from {frequency:.4g} Hz is predicted to need a {name} of {found:.4g} {unit} "
-                    f"without friction; limits.{name} is {allowed:g} {unit}: lower the amplitude, or leave out the "
-                    "frequencies that need it"
+                    f"{what} is predicted to need a {name} of {found:.4g} {unit} without friction; "
+                    f"limits.{name} is {allowed:g} {unit}: lower the amplitude, or {remedy}"
                 )
 
 
 def predicted(machine: Machine, period: Period) -> Demand:
-    """Return what a period needs on the machine without friction, but for its viscous part."""
-    loop, samples = machine.loop, period.waveform.size
+    """Return what a period needs on the machine without friction, but for its viscous part, once it repeats itself."""
+    rest = np.zeros(period.waveform.size) if period.reference is None else period.reference
+    return _demand(*_periodic(machine, period.waveform, rest), period.waveform)
+
+
+def predicted_from_rest(machine: Machine, period: Period, periods: int) -> Demand:
+    """Return what `periods` of a period need on that machine, which rests before.
+
+    The course from rest is that of a period that goes on with silence until the loop is at rest again.
+    """
+    waveform, rest = (
+        np.tile(np.zeros(period.waveform.size) if part is None else part, periods)
+        for part in (period.waveform, period.reference)
+    )
+    silence = np.zeros(_next_power(waveform.size + SHORTEST_SILENCE / machine.loop.sample_time) - waveform.size)
+    while True:
+        courses = _periodic(machine, np.append(waveform, silence), np.append(rest, silence))
+        motion, velocity, force = (course - course[-1] for course in courses)  # at rest, which tells the mean
+        still = np.abs(motion[-silence.size // 4 :]).max() < REST * np.abs(motion).max()
+        if still or silence.size > LONGEST_SILENCE * waveform.size:
+            n = waveform.size
+            return _demand(motion[:n], velocity[:n], force[:n], waveform)
+        silence = np.zeros(2 * (silence.size + waveform.size) - waveform.size)
+
+
+def _next_power(samples: float) -> int:
+    return 1 << int(np.ceil(np.log2(samples)))
+
+
+def _periodic(
+    machine: Machine, waveform: np.ndarray, reference: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return displacement [m], velocity [m/s] and control input [N] without their means, each of shape (n,)."""
+    loop, samples = machine.loop, waveform.size
     omega = 2 * np.pi * np.fft.rfftfreq(samples, loop.sample_time)[1:]
     path_in = path_response(omega, loop.input_dead_time, loop.input_lags) * hold_response(omega, loop.sample_time)
     path_out = path_response(omega, loop.output_dead_time, loop.output_lags)
@@ -62,13 +101,14 @@ def predicted(machine: Machine, period: Period) -> Demand:
     plant = free / (1 + 1j * omega * machine.friction.viscous * free)
     feedback = machine.controller.response(omega, loop.sample_time)
     sensitivity = 1 / (1 + feedback * path_in * plant * path_out)
-    rest = np.zeros(samples) if period.reference is None else period.reference
-    disturbance, reference = np.fft.rfft(period.waveform)[1:], np.fft.rfft(rest)[1:]
-    force = sensitivity * (disturbance + feedback * reference)
+    force = sensitivity * (np.fft.rfft(waveform)[1:] + feedback * np.fft.rfft(reference)[1:])
     motion = path_in * plant * force
-    wave, velocity, control = (_wave(bins, samples) for bins in (motion, 1j * omega * motion, force))
-    greatest = max(float(np.abs(control).max()), float(np.abs(period.waveform).max()))
-    return Demand(float(np.ptp(wave)), float(np.abs(velocity).max()), greatest)
+    return _wave(motion, samples), _wave(1j * omega * motion, samples), _wave(force, samples)
+
+
+def _demand(motion: np.ndarray, velocity: np.ndarray, force: np.ndarray, waveform: np.ndarray) -> Demand:
+    greatest = max(float(np.abs(force).max()), float(np.abs(waveform).max()))
+    return Demand(float(np.ptp(motion)), float(np.abs(velocity).max()), greatest)
 
 
 def _wave(bins: np.ndarray, samples: int) -> np.ndarray:

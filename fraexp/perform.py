@@ -10,7 +10,7 @@ from typing import Any
 
 from fraexp import records, simulation
 from fraexp.components import Controller, Estimator, Excitation, FrictionModel, Plant
-from fraexp.errors import FraexpError
+from fraexp.errors import FraexpError, PluginError
 from fraexp.experiments import Compensation
 from fraexp.plugins import Registry, create, discover
 from fraexp.results import Result
@@ -93,6 +93,8 @@ def _estimate(registry: Registry, spec: Plain, signals: Signals, shared: float) 
     try:
         estimator = create(registry, Estimator, spec)  # type: ignore[type-abstract]
         result = estimator.estimate(signals)
+        if not isinstance(result, Result):
+            raise PluginError(f"{estimator.name} returns {result!r:.60}; expected a Result")
     except Exception as error:  # as above: one estimator's failure is its own
         return _failure(error)
     return replace(

@@ -5,13 +5,16 @@ The key of the sweep that identifies it decides what it is, so that it can be pa
 of the two is computed.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from fraexp.errors import StudyError, did_you_mean
 from fraexp.sweep import Plain, Sweep
 
 WORD, CASE, OF = "fit", "case", "of"
+KINDS = ("plant", "friction")
+"""What can be identified."""
 
 
 def is_reference(value: Any) -> bool:
@@ -53,16 +56,44 @@ def put_back(spec: Any, written: Any) -> Any:
     return spec
 
 
-def stand_in(reference: Plain, sections: Plain, place: str) -> Any:
-    """Return what a reference is checked with in its place: the machine's own component of that kind."""
-    unknown = sorted(set(reference) - {WORD, CASE, OF})
-    if unknown:
-        raise StudyError(f"{place}: a fit has no '{unknown[0]}'{did_you_mean(unknown[0], (WORD, CASE))}")
-    kind = reference[WORD]
-    if not isinstance(kind, str) or not isinstance(sections.get(kind), Mapping):
-        kinds = [key for key in ("plant", "friction") if key in sections]
-        raise StudyError(f"{place}: fit is {kind!r}; expected a kind of component that the study has: {kinds}")
-    return sections[kind]
+def stood_in(sections: Plain, place: str) -> dict[str, Any]:
+    """Return sections in which the machine's own components stand in for fits, to be checked in their places."""
+
+    def by(reference: Plain) -> Any:
+        unknown = sorted(set(reference) - {WORD, CASE})
+        if unknown:
+            raise StudyError(f"{place}: a fit has no '{unknown[0]}'{did_you_mean(unknown[0], (WORD, CASE))}")
+        kind = reference[WORD]
+        if not isinstance(kind, str) or not isinstance(sections.get(kind), Mapping):
+            kinds = ", ".join(key for key in KINDS if key in sections)
+            raise StudyError(f"{place}: {WORD} is {kind!r}; expected a kind of component that the study has: {kinds}")
+        return sections[kind]
+
+    for key, section in sections.items():
+        if is_reference(section):
+            raise StudyError(
+                f"{place}, [{key}]: a fit can stand for a parameter, such as excitation.plant or estimator.friction, "
+                "not for the section: what it stands for would be unknown until it is computed"
+            )
+    return {key: replaced(section, by) if any(found_in(section)) else section for key, section in sections.items()}
+
+
+def laid_in(every: Sequence[tuple[str, Sweep, Plain]]) -> list[Sweep]:
+    """Return sweeps with their fits in place of what stood in for them: given place, sweep and what was written."""
+    earlier: dict[str, list[Sweep]] = {}
+    for _, sweep, written in every:
+        if not any(found_in(written)):
+            earlier.setdefault(str(sweep.labels.get(CASE)), []).append(sweep)
+    return [_with_keys(*each, earlier) if any(found_in(each[2])) else each[1] for each in every]
+
+
+def _with_keys(place: str, sweep: Sweep, written: Plain, earlier: Mapping[str, list[Sweep]]) -> Sweep:
+    known = {
+        key: replaced(section, lambda reference: resolved(reference, sweep.labels, earlier, place))
+        for key, section in written.items()
+    }
+    experiment = {key: put_back(section, known.get(key)) for key, section in sweep.experiment.items()}
+    return replace(sweep, experiment=experiment, estimator=put_back(sweep.estimator, known["estimator"]))
 
 
 def resolved(reference: Plain, case: Plain, earlier: Mapping[str, list[Sweep]], place: str) -> Plain:
@@ -71,9 +102,9 @@ def resolved(reference: Plain, case: Plain, earlier: Mapping[str, list[Sweep]], 
     `earlier` are the sweeps of the cases that have none themselves; of several in a case it is the one whose other
     labels are those of `case`.
     """
-    name = reference.get(CASE)
+    name = str(reference.get(CASE))
     if name not in earlier:
-        known = did_you_mean(str(name), earlier) if earlier else "; there is no case without a reference of its own"
+        known = did_you_mean(name, earlier) if earlier else "; there is no case without a reference of its own"
         raise StudyError(f"{place}: {WORD} needs the {CASE} that identifies it, and there is no '{name}'{known}")
     candidates = earlier[name]
     alike = [

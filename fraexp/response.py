@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from fraexp.errors import RecordError
 from fraexp.periodic import PeriodicSpectrum, harmonic_phasors, response_covariance, spectrum
 from fraexp.results import HARMONICS, FrequencyResponse, Outcome, Result
 from fraexp.signals import Segment, Signals
@@ -24,6 +25,7 @@ def response_result(
     """
     if not signals.segments:
         return Result(signals.outcome, signals.message)
+    _check_realisations(signals.segments)
     spectra = _spectra(signals.segments, inputs, outputs)
     u, y = np.concatenate([s.input for s in spectra]), np.concatenate([s.output for s in spectra])
     silent = (np.abs(u) == 0) | (np.abs(y) == 0)
@@ -49,7 +51,20 @@ def response_result(
     if silent.any() and signals.outcome is Outcome.OK:
         message = f"at {silent.sum()} of {silent.size} frequencies input or output does not move"
         return Result(Outcome.NO_SIGNAL, message, response)
-    return Result(signals.outcome, signals.message, response)
+    message = signals.message
+    if not message and any(s.settling and s.settling.time == 0 and s.settling.settled for s in signals.segments):
+        message = "recorded from rest: the transient is in the response, which a mean over periods does not take off"
+    return Result(signals.outcome, message, response)
+
+
+def _check_realisations(segments: Sequence[Segment]) -> None:
+    """Raise RecordError where segments have the same lines: their periods are not those of one experiment."""
+    seen = {(segment.lines.tobytes(), segment.samples, segment.sample_time) for segment in segments}
+    if len(seen) < len(segments):
+        raise RecordError(
+            f"{len(segments)} segments have {len(seen)} different sets of frequencies: of several realisations, or of "
+            "several amplitudes, one mean over periods says nothing; take an estimator that looks at them together"
+        )
 
 
 def _spectra(

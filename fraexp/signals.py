@@ -38,6 +38,11 @@ class Segment:
     cache: dict[tuple[str, str], np.ndarray] = field(default_factory=dict, init=False, repr=False, compare=False)
     """What has been computed of a channel, by what it is: several estimators look at the same record."""
 
+    def __post_init__(self) -> None:
+        """Protect the samples: several estimators look at the same record."""
+        for samples in (*self.channels.values(), *self.lead_in.values()):
+            samples.flags.writeable = False
+
     @property
     def samples(self) -> int:
         """Samples per period."""

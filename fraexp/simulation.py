@@ -103,6 +103,7 @@ def simulate_loop(machine: Machine, excitation: Excitation, progress: Callable[[
     inside = itertools.takewhile(lambda segment: segment is not None, found)
     segments = tuple(segment for segment in inside if segment)
     outcome, message = _outcome(machine.loop, excitation.schedule, periods, segments)
+    message = message or excitation.remark(segments)
     units = {name: unit for name, unit in UNITS.items() if all(name in segment.channels for segment in segments)}
     return Signals(segments, units, outcome, message, setup.numerics, _taken(segments))
 

@@ -9,30 +9,29 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from fraexp import limits, perform, records
-from fraexp.components import Controller, Estimator, Excitation, FrictionModel, Plant
+from fraexp import limits, perform, records, references
+from fraexp.components import Controller, Estimator, Excitation, FrictionModel, Plant, nested_kind
+from fraexp.draws import Draws, drawn
 from fraexp.errors import FraexpError, StudyError, did_you_mean
-from fraexp.experiments import Compensation
 from fraexp.figures.kinds import check_kind
 from fraexp.limits import Limits
-from fraexp.parameters import Parameters
+from fraexp.parameters import Parameters, inherited_from
+from fraexp.paths import SETTINGS as OF_A_LOOP
 from fraexp.plugins import Registry, create
-from fraexp.simulation import Loop, Numerics
+from fraexp.printed import Printed
+from fraexp.simulation import Numerics
 from fraexp.sweep import Plain, Sweep
 
 COMPONENTS = {kind.kind: kind for kind in (Plant, FrictionModel, Controller, Excitation, Estimator)}
-SETTINGS: dict[str, type[Parameters]] = {
-    "loop": Loop,
-    "numerics": Numerics,
-    "compensation": Compensation,
-    "limits": Limits,
-}
+SETTINGS: dict[str, type[Parameters]] = {**OF_A_LOOP, "limits": Limits}
 SECTIONS = (*COMPONENTS, *SETTINGS, "record")
 MACHINE = ("plant", "friction", "controller", "loop")
+LAST = ("excitation", "estimator")
+"""Components that may inherit from the other sections."""
 OPTIONAL = ("compensation",)
 """Sections of SETTINGS that decide the signals of a loop where they are given; without them its key is what it was."""
 WORDS = ("title", "question", "machine", "figure")
-KEYS = (*WORDS, *SECTIONS, "case", "grid")
+KEYS = (*WORDS, *SECTIONS, "case", "grid", "random", "printed")
 MOST_SWEEPS = 1_000_000
 
 
@@ -48,6 +47,8 @@ class Study:
     sweeps: tuple[Sweep, ...]
     figure: str = ""
     """Kind of its figure; empty for the one that fits the results."""
+    printed: tuple[Printed, ...] = ()
+    """Numbers of a publication to which its own are compared."""
 
 
 @dataclass(frozen=True)
@@ -102,20 +103,39 @@ def resolve(
     name: str, file: Path, data: Mapping[str, Any], folder: Path, registry: Registry, overrides: Sequence[str] = ()
 ) -> Study:
     """Return the study that the data of a file describe, without reading the file itself."""
-    _check_keys(data, file)
+    study = described(name, file, data)
     base = {key: value for key, value in data.items() if key in SECTIONS}
     if "machine" in data:
         base = _merge(_machine(data["machine"], file, folder), base, str(file))
     cases = _cases(data["case"], file) if "case" in data else [_Case(str(file), {}, {})]
     grid, changes = _grid(data.get("grid", {}), file), [_override(text) for text in overrides]
+    draws = _draws(data, [change for change in changes if change[0].startswith("random.")], file)
+    changes = [change for change in changes if not change[0].startswith("random.")]
     for path, _ in changes:
         grid = {axis: values for axis, values in grid.items() if axis != path and not axis.startswith(f"{path}.")}
-    _check_count(file, len(cases), grid)
+    _check_count(file, len(cases), grid, draws)
     whole = [replace(case, sections=_of_case(base, case, changes)) for case in cases]
-    sweeps = [_sweep(file, case, point, registry) for case in whole for point in _points(grid)]
+    points = [(case, *_sweep(file, case, point, registry)) for case in whole for point in _points(grid)]
+    every = [
+        (case.place, sweep, written)
+        for case, one, written in points
+        for sweep in (drawn(case.place, one, draws, registry) if draws else [one])
+    ]
+    sweeps = references.laid_in(every)
     different = {sweep.key: sweep for sweep in reversed(sweeps)}  # points may say the same in two ways
     kept = tuple(sweep for sweep in sweeps if different[sweep.key] is sweep)
-    return Study(name, file, data.get("title", name), data.get("question", ""), kept, data.get("figure", ""))
+    return replace(study, sweeps=kept)
+
+
+def described(name: str, file: Path, data: Mapping[str, Any] | None = None) -> Study:
+    """Return the words and printed numbers of a study's file, or of its data, without its sweeps."""
+    data = _read(file) if data is None else data
+    _check_keys(data, file)
+    try:
+        numbers = Printed.parse_all(data.get("printed", []))
+    except FraexpError as error:
+        raise type(error)(f"{file}, {error}") from None
+    return Study(name, file, data.get("title", name), data.get("question", ""), (), data.get("figure", ""), numbers)
 
 
 def _check_keys(data: Mapping[str, Any], file: Path) -> None:
@@ -241,10 +261,30 @@ def _grid(grid: Any, file: Path) -> dict[str, list[Any]]:
     return dict(grid)
 
 
-def _check_count(file: Path, cases: int, grid: Mapping[str, Sequence[Any]]) -> None:
-    count = cases * math.prod(len(values) for values in grid.values())
+def _draws(data: Mapping[str, Any], changes: Sequence[tuple[str, Any]], file: Path) -> Draws | None:
+    """Return what is drawn at random, with what the command line sets of it; None if the study draws nothing."""
+    if "random" not in data:
+        if changes:
+            raise StudyError(f"--set {changes[0][0]}: {file} has no section [random]")
+        return None
+    section = data["random"]
+    for path, value in changes:
+        section = _overlay(section, _nested(path, value)["random"])
+    try:
+        draws = Draws.parse(section)
+        clash = next((path for path in draws.paths if path in data.get("grid", {})), None)
+        if clash:
+            raise StudyError(f"[random]: '{clash}' stands in [grid] too; expected one of both, or cases for the grid's")
+    except FraexpError as error:
+        raise type(error)(f"{file}, {error}") from None
+    return draws
+
+
+def _check_count(file: Path, cases: int, grid: Mapping[str, Sequence[Any]], draws: Draws | None) -> None:
+    count = cases * math.prod(len(values) for values in grid.values()) * (draws.count if draws else 1)
     if count > MOST_SWEEPS:
-        raise StudyError(f"{file}, [grid]: it has {count:,} points; expected {MOST_SWEEPS:,} at most")
+        place, what = ("[random]", "sweeps") if draws else ("[grid]", "points")
+        raise StudyError(f"{file}, {place}: it has {count:,} {what}; expected {MOST_SWEEPS:,} at most")
 
 
 def _points(grid: Mapping[str, list[Any]]) -> Iterator[dict[str, Any]]:
@@ -252,18 +292,21 @@ def _points(grid: Mapping[str, list[Any]]) -> Iterator[dict[str, Any]]:
         yield dict(zip(grid, values, strict=True))
 
 
-def _sweep(file: Path, case: _Case, point: Mapping[str, Any], registry: Registry) -> Sweep:
-    sections = dict(case.sections)
+def _sweep(file: Path, case: _Case, point: Mapping[str, Any], registry: Registry) -> tuple[Sweep, Plain]:
+    """Return the sweep of a point, with the machine's own components in place of fits, and what was written."""
+    written = dict(case.sections)
     for path, value in point.items():
-        sections = _merge(sections, _nested(path, value), f"{case.place}, [grid]")
+        written = _merge(written, _nested(path, value), f"{case.place}, [grid]")
+    sections = references.stood_in(written, case.place)
     resolved, files = _resolve(file, case.place, sections, registry)
     if "estimator" not in sections:
         raise StudyError(
             f"{case.place}: lacks the section [estimator]; known: {', '.join(registry.names('estimator'))}"
         )
     place = f"{case.place}, [estimator]"
-    estimator = registry.create("estimator", sections["estimator"], resolved, place).spec()
-    return Sweep(_experiment(case.place, resolved, registry), estimator, {**case.labels, **point}, files)
+    given = _laid_over("estimator", sections["estimator"], resolved, registry)
+    estimator = registry.create("estimator", given, resolved, place).spec()
+    return Sweep(_experiment(case.place, resolved, registry), estimator, {**case.labels, **point}, files), written
 
 
 def _resolve(
@@ -283,10 +326,31 @@ def _resolve(
                 raise type(error)(f"{place}: {error}") from None
         elif key in SETTINGS:
             resolved[key] = _settings(registry, key, value, sections, place)
-        elif key != "estimator":
+        elif key not in LAST:
             resolved[key] = registry.create(key, value, place=place).spec()
     resolved.setdefault("numerics", Numerics().plain())
+    if "excitation" in sections:
+        given = _laid_over("excitation", sections["excitation"], resolved, registry)
+        place = f"{where}, [excitation]"
+        resolved["excitation"] = registry.create("excitation", given, resolved, place).spec()
     return resolved, files
+
+
+def _laid_over(kind: str, spec: Any, environment: Plain, registry: Registry) -> Any:
+    """Return a component whose own ones that have no name are laid over what they would inherit."""
+    supply = registry.supplies.get((kind, str(spec.get("name")))) if isinstance(spec, Mapping) else None
+    if supply is None:
+        return spec
+    result = dict(spec)
+    for key, info in supply.component.model_fields.items():
+        nested, origin, value = nested_kind(info), inherited_from(info), spec.get(key)
+        if nested is None or not isinstance(value, Mapping):
+            continue
+        # another component, or the reference to a fit, is no part of one
+        if not value.keys() & {"name", "preset", "fit"} and origin is not None and origin in environment:
+            value = _overlay(environment[origin], value)
+        result[key] = _laid_over(nested.kind, value, environment, registry)
+    return result
 
 
 def _settings(registry: Registry, key: str, value: Plain, sections: Plain, place: str) -> dict[str, Any]:

@@ -8,6 +8,8 @@ from typing import Any
 from fraexp.identity import key_of
 
 Plain = Mapping[str, Any]
+DRAW = "draw"
+"""Label of a sweep that was drawn at random: the number of its draw. The labels behind it are what was drawn."""
 
 
 @dataclass(frozen=True)

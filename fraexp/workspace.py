@@ -1,28 +1,29 @@
 """The folder that a user sees, as one object: the service that command line, terminal UI and notebooks call."""
 
-import json
-import os
 import shlex
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
-from fraexp import fitted, perform, provenance, scheduler
+from fraexp import fitted, perform, provenance, report, scheduler
 from fraexp.components import Plant
 from fraexp.errors import FraexpError, PluginError, StudyError
 from fraexp.executors import workers_of
 from fraexp.figures.bundles import MANY
-from fraexp.figures.kinds import AGAINST_PLANT
+from fraexp.figures.kinds import AGAINST_PLANT, OF_METRICS
 from fraexp.figures.label_units import label_units
-from fraexp.figures.labels import curve_names, group_names
+from fraexp.figures.labels import curve_names, drawn_names, group_names
 from fraexp.figures.shown import Shown
 from fraexp.figures.stamp import digest, is_current
 from fraexp.identity import key_of
 from fraexp.plugins import Registry, discover
+from fraexp.printed import Compared
+from fraexp.records.written import Request, same_study, study_of, toml
 from fraexp.results import Result
 from fraexp.scheduler import Ended, Event
 from fraexp.store import Store, StoredSweep
@@ -129,23 +130,19 @@ class Workspace:
         """Return state space and transfer function of the plants that were fitted, by kind."""
         return {fit.kind: fitted.matrices(fit, self.registry) for fit in result.fits if fit.kind == Plant.kind}
 
-    def import_record(
-        self, file: Path, channels: Mapping[str, str], options: Mapping[str, Any], target: Path | None = None
-    ) -> Generator[Event, None, None]:
-        """Write a study that analyses a measured record, and run it.
+    def import_record(self, request: Request, target: Path | None = None) -> Generator[Event, None, None]:
+        """Write a study that analyses measured records, and run it.
 
-        The first of `channels` is the input, the others are outputs; `options` are keys of the section [record].
-        The study is ``studies/<name of the file>.toml`` unless told otherwise; nothing is written if the record
+        The study is ``studies/<name of the first file>.toml`` unless told otherwise; nothing is written if a record
         does not fit.
         """
-        path = target or self.folder / "studies" / f"{file.stem}.toml"
-        data = _record_study(os.path.relpath(file.resolve(), path.parent.resolve()), channels, options)
+        path = target or self.folder / "studies" / f"{request.stem}.toml"
+        data = study_of(request, path.parent, self.registry)
         resolve(path.stem, path, data, self.folder, self.registry)
-        text = _toml(data)
-        if path.exists() and path.read_text(encoding="utf-8") != text:
+        if path.exists() and not same_study(path, data):
             raise StudyError(f"{path}: there is another study already; choose a file with --study")
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8")
+        path.write_text(toml(data), encoding="utf-8")
         yield from self.run([str(path.resolve())])
 
     def _plans(self, studies: Sequence[Study], rerun: str | None) -> Generator[Event, None, None]:
@@ -190,7 +187,7 @@ class Workspace:
         groups: dict[str | None, list[StoredSweep]] = {}
         for sweep in sweeps:
             result = results.get(sweep.key)
-            if result and (result.response or result.curves):
+            if result and (result.response or result.curves or kind in OF_METRICS):
                 groups.setdefault(result.response.unit if result.response else None, []).append(sweep)
         paths = [path, *(path.with_stem(f"{path.stem}-{number}") for number in range(2, len(groups) + 1))]
         return {
@@ -223,14 +220,33 @@ class Workspace:
         save(figure_for(shown, reference, title, kind), path, stamp)
         return True
 
+    def report(self, store: Store, runs: Sequence[int], path: Path, title: str) -> list[Compared]:
+        """Write an HTML report of runs, and return the printed numbers of their studies beside ours.
+
+        Their figures are those of the workspace; a run that is not its study's newest one leaves them as they are.
+        """
+        newest = {run.study: run.number for run in reversed(store.runs())}
+        with TemporaryDirectory() as spare:
+            chapters = []
+            for number in runs:
+                current = number == newest[store.run(number).study]
+                folder = self.folder / "figures" if current else Path(spare) / str(number)
+                chapters.append(report.chapter(store, number, self.folder, self.registry, self._drawer(store, folder)))
+            report.write(path, title, chapters)
+        return [one for chapter in chapters for one in chapter.compared]
+
+    def _drawer(self, store: Store, folder: Path) -> Callable[[Study, Sequence[StoredSweep]], Iterable[Path]]:
+        """Return what draws the sweeps of a study into a folder."""
+        return lambda study, sweeps: self.draw(store, sweeps, folder / f"{study.name}.png", study.title, study.figure)
+
     def shown(self, sweeps: Sequence[StoredSweep], results: Mapping[str, Result], fully: bool = True) -> list[Shown]:
         """Return the results of sweeps with their names; `fully`, with P(jω) and the amplitude where they are known."""
         units = label_units(((s.labels, {**s.experiment, "estimator": s.estimator}) for s in sweeps), self.registry)
         labels, keys = [sweep.labels for sweep in sweeps], [sweep.key[4:12] for sweep in sweeps]
         names, groups = curve_names(labels, keys, units), group_names(labels, units)
         found = [
-            (sweep, Shown(name, results[sweep.key], group, key=sweep.key))
-            for sweep, name, group in zip(sweeps, names, groups, strict=True)
+            (sweep, Shown(name, results[sweep.key], group, key=sweep.key, drawn=drawn))
+            for sweep, name, group, drawn in zip(sweeps, names, groups, drawn_names(labels, units), strict=True)
             if sweep.key in results
         ]
         if not fully:
@@ -275,35 +291,3 @@ class Workspace:
     def reference_response(self, experiment: Mapping[str, Any], frequency: np.ndarray) -> np.ndarray:
         """Return P(jω) [m/N] of a simulated experiment's plant at `frequency` [Hz], shape (n,)."""
         return perform.reference_response(experiment, frequency, self.registry)
-
-
-def _record_study(file: str, channels: Mapping[str, str], options: Mapping[str, Any]) -> dict[str, Any]:
-    if len(channels) < 2:
-        raise StudyError(
-            f"{file}: {len(channels)} channel given; expected an input and an output, such as u=... and y=..."
-        )
-    first, *outputs = channels
-    return {
-        "title": f"Frequency response of {Path(file).name}",
-        "record": {"file": Path(file).as_posix(), **options, "channels": dict(channels)},
-        "estimator": {"name": "conventional", "input": first, "output": outputs[0]},
-        **({"grid": {"estimator.output": outputs}} if len(outputs) > 1 else {}),
-    }
-
-
-def _toml(data: Mapping[str, Any]) -> str:
-    """Return a study as TOML text; a JSON text, number or list is one of TOML too."""
-    lines = [f"{key} = {json.dumps(value)}" for key, value in data.items() if not isinstance(value, Mapping)]
-    for section, values in data.items():
-        if isinstance(values, Mapping):
-            lines += ["", f"[{section}]"]
-            nested = {f"{section}.{key}": value for key, value in values.items() if isinstance(value, Mapping)}
-            plain = {key: value for key, value in values.items() if not isinstance(value, Mapping)}
-            lines += [f"{json.dumps(key)} = {json.dumps(value)}" for key, value in plain.items()]
-            for key, table in nested.items():
-                lines += [
-                    "",
-                    f"[{key}]",
-                    *(f"{json.dumps(name)} = {json.dumps(value)}" for name, value in table.items()),
-                ]
-    return "\n".join(lines) + "\n"

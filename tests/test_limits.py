@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 from fraexp_plugins.excitations.stepped_sine import SteppedSine
+from fraexp_plugins.positioning.point_to_point import PointToPoint
 
-from fraexp.components import Period, Schedule
+from fraexp.components import Excitation, Period, Schedule
 from fraexp.errors import ParameterError
-from fraexp.limits import Limits, check, predicted
+from fraexp.limits import Limits, check, predicted, predicted_from_rest
 from fraexp.signals import Segment
 from fraexp.simulation import Loop, Machine, Numerics, simulate_loop
 from tests.machines import FRICTIONLESS, LEAD, TABLE, guide
@@ -43,6 +44,47 @@ def test_what_exceeds_a_limit_is_refused_with_both_numbers(name: str) -> None:
     check(Limits(**{name: 1.01 * least}), machine(guide()), excitation)
     with pytest.raises(ParameterError, match=rf"need a {name} of .* limits.{name} is"):
         check(Limits(**{name: 0.5 * least}), machine(guide()), excitation)
+
+
+class FromRest(SteppedSine):
+    """Is recorded from rest."""
+
+    @property
+    def schedule(self) -> Schedule:
+        return Schedule(settle_limit=0.0, periods=3)
+
+
+WRONG = TABLE.model_copy(update={"gain": 0.177, "frequencies": (41.9, 80.0)})
+THERE_AND_BACK = (1.5e-3, 0.5e-3, 3e-3, 0.0)
+
+
+@pytest.mark.parametrize(
+    "excitation",
+    [
+        PointToPoint(plant=TABLE, input_dead_time=1e-3),
+        PointToPoint(plant=WRONG, input_dead_time=1e-3, targets=THERE_AND_BACK, hold=0.05),
+        FromRest(amplitude=12.0, frequencies=(20.0,)),
+        FromRest(amplitude=12.0, frequencies=(3.0,)),
+    ],
+)
+def test_the_prediction_from_rest_is_what_the_loop_without_friction_does(excitation: Excitation) -> None:
+    signals = simulate_loop(machine(), excitation, lambda _: None)
+    (period,) = excitation.periods(500e-6)
+    demand = predicted_from_rest(machine(), period, excitation.schedule.periods)
+    place, control = (signals.segments[0].channels[name].ravel() for name in ("displacement", "u"))
+    assert demand.stroke == pytest.approx(np.ptp(place), rel=2e-4)
+    assert demand.velocity == pytest.approx(np.abs(np.diff(place)).max() / 500e-6, rel=2e-3)
+    added = np.abs(period.waveform).max()
+    assert demand.force == pytest.approx(max(np.abs(control).max(), added), rel=1e-5)
+
+
+def test_a_move_that_exceeds_a_limit_is_refused() -> None:
+    move = PointToPoint(plant=TABLE, input_dead_time=1e-3)
+    check(Limits(stroke=1.51e-3, velocity=0.06, force=46.0), machine(), move)
+    with pytest.raises(ParameterError, match=r"point_to_point is predicted to need a force of 45.75 N .* more time"):
+        check(Limits(stroke=1.51e-3, force=45.0), machine(), move)
+    with pytest.raises(ParameterError, match=r"a stroke of 0.0015 m .* limits.stroke is 0.0014 m"):
+        check(Limits(stroke=1.4e-3), machine(), move)
 
 
 class Growing(SteppedSine):
@@ -93,11 +135,6 @@ def test_stroke_force_and_time_are_told() -> None:
 
 
 def test_the_transient_is_recorded_where_nothing_is_settled() -> None:
-    class FromRest(SteppedSine):
-        @property
-        def schedule(self) -> Schedule:
-            return Schedule(settle_limit=0.0, periods=3)
-
     signals = simulate_loop(machine(), FromRest(amplitude=12.0, frequencies=(20.0,)), lambda _: None)
     segment = signals.segments[0]
     assert segment.channels["y"].shape[0] == 3 and segment.channels["y"][0, 0] == 0.0

@@ -100,6 +100,45 @@ def test_the_observer_knows_the_machine_unless_told_otherwise(registry, tmp_path
     assert sweep.estimator["resolution"] == 1e-7
 
 
+MOTION = """
+machine = "linear_motor_table"
+[excitation]
+name = "point_to_point"
+[estimator]
+name = "positioning"
+"""
+
+
+def test_an_excitation_inherits_what_it_is_not_given(registry, tmp_path):
+    motion = study(registry, tmp_path, MOTION).sweeps[0].experiment
+    assert motion["excitation"]["plant"] == motion["plant"]
+    assert motion["excitation"]["friction"] == motion["friction"]
+    assert motion["excitation"]["input_dead_time"] == motion["loop"]["input_dead_time"] == 1e-3
+    other = study(registry, tmp_path, MOTION, "plant.gain=0.1", "excitation.input_dead_time=0.0").sweeps[0].experiment
+    assert (other["excitation"]["plant"]["gain"], other["excitation"]["input_dead_time"]) == (0.1, 0.0)
+
+
+def test_a_component_without_a_name_is_laid_over_what_would_be_inherited(registry, tmp_path):
+    found = study(registry, tmp_path, MOTION, "excitation.plant.gain=0.177").sweeps[0].experiment
+    assert found["excitation"]["plant"] == {**found["plant"], "gain": 0.177}
+    assert found["plant"]["gain"] == 0.132
+    narrow = "estimator.friction.curve.width=40e-6"
+    sweep = study(registry, tmp_path, HEAD, narrow).sweeps[0]
+    friction = sweep.experiment["friction"]
+    assert sweep.estimator["friction"] == {**friction, "curve": {**friction["curve"], "width": 40e-6}}
+    method = 'method = { name = "proposed", friction = { curve = { width = 40e-6 } } }'
+    nested = study(registry, tmp_path, HEAD.replace('name = "proposed"', f'name = "modal_fit"\n{method}')).sweeps[0]
+    assert nested.estimator["method"]["friction"]["curve"] == {**friction["curve"], "width": 40e-6}
+
+
+def test_another_component_is_laid_over_nothing(registry, tmp_path):
+    without = study(registry, tmp_path, MOTION, 'excitation.friction={name = "none"}').sweeps[0].experiment
+    assert without["excitation"]["friction"]["name"] == "none"
+    assert without["friction"]["name"] == "rolling"
+    preset = study(registry, tmp_path, HEAD, 'estimator.friction={name = "rolling", preset = "linear_motor_table"}')
+    assert preset.sweeps[0].estimator["friction"]["curve"]["coulomb"] == 17.9
+
+
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [

@@ -3,6 +3,7 @@
 import argparse
 import sys
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from itertools import takewhile
 from pathlib import Path
 from typing import Any, NoReturn
@@ -18,6 +19,7 @@ COMMANDS = {
     "compare": ("compare", "show in what sweeps differ: parameters, metrics, responses"),
     "plot": ("plot", "draw a run or sweeps"),
     "fit": ("fit", "fit a plant model to stored responses"),
+    "report": ("report", "write a report of runs as HTML"),
     "export": ("export", "write a sweep's result to a file for other programs"),
     "import": ("import_record", "analyse a measured record"),
     "plugins": ("plugins", "list the components that plugins supply, and the broken plugins"),
@@ -186,6 +188,15 @@ def _fit(parser: Parser) -> None:
     _json(parser)
 
 
+def _report(parser: Parser) -> None:
+    parser.add_argument(
+        "ids", metavar="ID", nargs="+",
+        help="a run's number, a study's name for its newest run, or a folder's for those of its studies",
+    )  # fmt: skip
+    parser.add_argument("-o", "--output", metavar="FILE", type=Path, required=True, help="report: .html")
+    parser.add_argument("--title", default="", help="title of the report")
+
+
 def _export(parser: Parser) -> None:
     parser.add_argument("id", metavar="ID", help=IDENTIFIER)
     parser.add_argument(
@@ -195,20 +206,91 @@ def _export(parser: Parser) -> None:
 
 
 def _import(parser: Parser) -> None:
-    parser.add_argument("file", metavar="FILE", type=Path, help="measured record: .csv or .mat")
     parser.add_argument(
-        "--channel", metavar="NAME=COLUMN", dest="channels", action="append", required=True,
-        help="a channel, such as u=force or 'y=position [mm]'; the first is the input, the second the output",
+        "files", metavar="FILE", type=Path, nargs="+",
+        help="measured record: .csv or .mat; several are realisations of one experiment",
     )  # fmt: skip
+    parser.add_argument(
+        "--channel", metavar="NAME=COLUMN", dest="channels", action="append", default=[],
+        help="a channel, such as u=force, 'y=position [mm]' or 'u=(volts - 2.5) * 31.5 [N]'; the first is the input, "
+        "the second the output; without any, what is in the file is listed",
+    )  # fmt: skip
+    _import_clock(parser)
+    _import_segments(parser)
+    _import_lines(parser)
+    parser.add_argument(
+        "--integrate", metavar="NAME[=TIMES]", action="append", default=[],
+        help="integrate a channel over time, such as y=2 from acceleration to displacement; below 0: differentiate",
+    )  # fmt: skip
+    parser.add_argument(
+        "--estimator", metavar="NAME", dest="estimators", action="append", default=[],
+        help="what is estimated (default: conventional); several are compared; see fraexp plugins",
+    )  # fmt: skip
+    parser.add_argument(
+        "--set", metavar="PATH=VALUE", dest="settings", action="append", default=[],
+        help="set a parameter of the estimator, such as estimator.order=2",
+    )  # fmt: skip
+    parser.add_argument("--study", metavar="FILE", type=Path, help="study to write, by default studies/FILE.toml")
+    _json(parser)
+
+
+def _import_clock(parser: Parser) -> None:
     parser.add_argument("--sample-rate", metavar="HZ", type=float, help="sample rate, if the file has no time column")
     parser.add_argument("--time", metavar="COLUMN", help="column with the time, such as 'time [ms]'")
     parser.add_argument("--period", metavar="SAMPLES", type=int, help="samples per period of the excitation")
+    parser.add_argument("--period-time", metavar="SECONDS", type=float, help="the same as a time")
     parser.add_argument("--frequency", metavar="COLUMN", help="column with the frequency of a stepped sine")
+    parser.add_argument(
+        "--not-periodic", action="store_const", const=False, dest="periodic", help="the record does not repeat itself"
+    )
     parser.add_argument("--skip", metavar="PERIODS", type=int, help="periods to drop at the start")
+    parser.add_argument("--skip-time", metavar="SECONDS", type=float, help="time to drop at the start")
+
+
+def _import_segments(parser: Parser) -> None:
+    parser.add_argument(
+        "--level", metavar="NAME", dest="levels", action="append", type=_name, default=[],
+        help="what {level} stands for in columns, files or --where; several are compared",
+    )  # fmt: skip
+    parser.add_argument(
+        "--realisation", metavar="NAME", dest="realisations", action="append", type=_name,
+        help="what {realisation} stands for in columns or files; several are averaged",
+    )  # fmt: skip
+    parser.add_argument(
+        "--periods", metavar="COUNT", type=int, help="periods of each realisation, where several follow one another"
+    )
+    parser.add_argument("--where", metavar="COLUMN=NUMBER", help="take those samples alone, such as amplitude=12")
+    parser.add_argument("--segment", metavar="COLUMN", help="column that numbers the realisations; 0 between them")
+    parser.add_argument("--each-file", action="store_true", help="each FILE is an experiment of its own")
+
+
+def _import_lines(parser: Parser) -> None:
     parser.add_argument("--lowest", metavar="HZ", type=float, help="lowest excited frequency")
     parser.add_argument("--highest", metavar="HZ", type=float, help="highest excited frequency")
-    parser.add_argument("--study", metavar="FILE", type=Path, help="study to write, by default studies/FILE.toml")
-    _json(parser)
+    parser.add_argument(
+        "--every", metavar="COUNT", type=int, help="every how many harmonics one is excited, from lowest to highest"
+    )
+    parser.add_argument("--lines", metavar="N,...", type=_harmonics, help="excited harmonics, such as 1,3,7-15")
+
+
+def _name(text: str) -> int | float | str:
+    for number in (int, float):
+        with suppress(ValueError):
+            return number(text)
+    return text
+
+
+def _harmonics(text: str) -> list[int]:
+    found: list[int] = []
+    try:
+        for part in text.split(","):
+            first, _, last = part.partition("-")
+            found += range(int(first), int(last or first) + 1)
+    except ValueError:
+        found = []
+    if not found or min(found) < 1:
+        raise argparse.ArgumentTypeError(f"'{text}' are no harmonics; expected such as 1,3,7-15")
+    return found
 
 
 def _new(parser: Parser) -> None:
@@ -230,6 +312,7 @@ DECLARE = {
     "compare": _compare,
     "plot": _plot,
     "fit": _fit,
+    "report": _report,
     "export": _export,
     "import": _import,
     "plugins": _json,

@@ -4,6 +4,7 @@ from argparse import Namespace
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.follow import follow, report
+from fraexp.cli.report import report_folders
 from fraexp.cli.selection import database
 from fraexp.workspace import Workspace
 
@@ -12,4 +13,9 @@ def execute(arguments: Namespace) -> ExitCode:
     """Run the studies and print their sweeps."""
     workspace = Workspace.open(arguments.workspace, database(arguments))
     events = workspace.run(arguments.study, arguments.executor, arguments.overrides, arguments.dry_run, arguments.rerun)
-    return report(follow(events), arguments, workspace)
+    story = follow(events)
+    code = report(story, arguments, workspace)
+    runs = [ended.run for ended in story.ended if ended.run is not None]
+    if runs and not story.interrupted:
+        report_folders(arguments, runs, workspace)
+    return code

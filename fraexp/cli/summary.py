@@ -9,19 +9,21 @@ from typing import Any
 import numpy as np
 
 from fraexp.cli.tables import level_near, outcome_text, spots_of, sweep_table
-from fraexp.cli.terminal import print_fields, print_table
-from fraexp.cli.words import fixed, number, plural, value_text
+from fraexp.cli.terminal import print_fields, print_table, say
+from fraexp.cli.words import fixed, number, plural, short, value_text
 from fraexp.figures.label_units import label_units
 from fraexp.figures.labels import GROUPS, group_names, label_columns, label_texts
 from fraexp.plugins import Registry
 from fraexp.results import Metric, Outcome, Result
 from fraexp.store import StoredSweep
+from fraexp.sweep import DRAW
 
 MOST = 40
 """More sweeps than this are summarised on a terminal."""
 EXAMPLES = 5
 """Sweeps without a good outcome that are shown below a summary."""
 LEVELS = (0.0, 0.05, 0.5, 0.95, 1.0)
+WORST = ["worst draw", "group", "value", "draw", "sweep"]
 TITLES = ["over the sweeps", "group", "least", "5 %", "median", "95 %", "greatest", "sweeps"]
 
 
@@ -53,15 +55,21 @@ def print_summary(sweeps: Sequence[StoredSweep], results: Mapping[str, Result], 
     columns = label_columns([sweep.labels for sweep in sweeps])
     titles = {path: _with_unit(title, units.get(path, "")) for path, title in columns.items()}
     values = {path: [sweep.labels.get(path) for sweep in sweeps] for path in titles}
-    varied = [path for path, column in values.items() if measured(column)]
+    varied = [path for path, column in values.items() if measured(column) and path != DRAW]
     counted = [(titles[path], counts(label_texts(column))) for path, column in values.items() if path not in varied]
     print_fields([("sweeps", str(len(sweeps))), ("outcomes", counts(outcomes)), *counted])
     print()
     groups = group_names([sweep.labels for sweep in sweeps], units)
     labels = [Quantity(titles[path], np.array(values[path], dtype=float)) for path in varied]
-    quantities = _quantities([results.get(sweep.key) for sweep in sweeps])
-    rows = quantile_rows(labels, [""] * len(sweeps)) + quantile_rows(quantities, groups)
+    found = [results.get(sweep.key) for sweep in sweeps]
+    metrics = _metrics(found)
+    rows = quantile_rows(labels, [""] * len(sweeps)) + quantile_rows([*_levels(found), *metrics], groups)
     print_table(TITLES, rows)
+    worst = worst_rows(metrics, groups, sweeps)
+    if worst:
+        print()
+        print_table(WORST, worst)
+        say("fraexp show KEY tells what was drawn of a sweep")
     odd = [sweep for sweep in sweeps if sweep.outcome != Outcome.OK]
     if odd:
         print(f"\n{plural(len(odd), 'sweep')} not ok" + (f", the first {EXAMPLES}:" if len(odd) > EXAMPLES else ":"))
@@ -95,6 +103,23 @@ def quantile_rows(quantities: Sequence[Quantity], groups: Sequence[str]) -> list
     return rows
 
 
+def worst_rows(metrics: Sequence[Quantity], groups: Sequence[str], sweeps: Sequence[StoredSweep]) -> list[list[str]]:
+    """Return a row under `WORST` for each metric and group that was drawn at random: its greatest magnitude."""
+    rows = []
+    for metric in metrics:
+        for name in dict.fromkeys(groups):
+            chosen = [
+                index
+                for index, group in enumerate(groups)
+                if group == name and DRAW in sweeps[index].labels and np.isfinite(metric.values[index])
+            ]
+            if len({float(metric.values[index]) for index in chosen}) > 1:
+                at = max(chosen, key=lambda index: abs(metric.values[index]))
+                value, number_ = metric.text(float(metric.values[at])), label_texts([sweeps[at].labels[DRAW]])
+                rows.append([metric.title, name, value, *number_, short(sweeps[at].key)])
+    return rows
+
+
 def parameter_rows(parameters: Mapping[str, Sequence[Any]]) -> tuple[list[tuple[str, str]], list[list[str]]]:
     """Return counts of those parameters, by path, that have few values or no numbers, and quantiles of the others."""
     varied = [Quantity(path, np.array(row, dtype=float)) for path, row in parameters.items() if measured(row)]
@@ -106,16 +131,21 @@ def parameter_rows(parameters: Mapping[str, Sequence[Any]]) -> tuple[list[tuple[
     return counted, quantile_rows(varied, [""] * max((len(row) for row in parameters.values()), default=0))
 
 
-def _quantities(results: Sequence[Result | None]) -> list[Quantity]:
+def _levels(results: Sequence[Result | None]) -> list[Quantity]:
     responses = [result.response if result and result.response else None for result in results]
     known = [response for response in responses if response and len(response.frequency)]
     spots, unit = spots_of(known)
-    metrics = [{(of.name, of.unit): of for of in result.metrics} if result else {} for result in results]
     share = [100 * of.settled.mean() if of and len(of.frequency) else np.nan for of in responses]
     found = [Quantity("settled [%]", np.array(share, dtype=float))]
     for title, spot in spots.items():
         levels = [level_near(of, spot) if of and len(of.frequency) else np.nan for of in responses]
         found.append(Quantity(f"{title} [dB re 1 {unit}]", np.array(levels), decimals=2))
+    return found
+
+
+def _metrics(results: Sequence[Result | None]) -> list[Quantity]:
+    metrics = [{(of.name, of.unit): of for of in result.metrics} if result else {} for result in results]
+    found = []
     for name, metric_unit in dict.fromkeys(key for of in metrics for key in of):
         values = [_value(of.get((name, metric_unit))) for of in metrics]
         found.append(Quantity(_with_unit(name, metric_unit), np.array(values)))

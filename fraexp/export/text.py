@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fraexp.confidence import limits
 from fraexp.export.content import Header, channel_units, document, one_line, optional, outcome_name, plain
 from fraexp.results import FrequencyResponse, Result
 
@@ -19,6 +20,9 @@ def write_csv(result: Result, header: Header, path: Path) -> None:
         response = result.response
         lines.append(f"# response: {response.output}/{response.input} [{response.unit}]")
         lines.append("# columns: real, imag and std [unit]; cov_rr, cov_ri and cov_ii [unit²]; std² = cov_rr + cov_ii")
+        lines.append(
+            "# std and cov are by noise, low95 and high95 by all that is known; model_cov: of 1/response [1/unit²]"
+        )
         units = zip(("output", "input"), channel_units(response), strict=True)
         lines += [f"# {name}_amplitude: [{unit}]" for name, unit in units if unit]
         lines += _rows(_csv_columns(response))
@@ -51,8 +55,32 @@ def _csv_columns(response: FrequencyResponse) -> dict[str, np.ndarray]:
         "settling_time_s": response.settling_time,
         "residual": response.residual,
         "thd": response.distortion,
+        **_limits(response),
         **{name: values for name, values in optional(response).items() if values.ndim == 1},
+        **_model(response),
     }
+
+
+def _limits(response: FrequencyResponse) -> dict[str, np.ndarray]:
+    """Return the 95 % limits, of noise and of the friction model's uncertainty where that is stated."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        magnitude, phase = limits(response)
+        level = 20 * np.log10(np.abs(response.response) * np.where(magnitude > 0, magnitude, 0.0))
+    angle = np.degrees(np.angle(response.response) + phase)
+    return {
+        "magnitude_dB_low95": level[0],
+        "magnitude_dB_high95": level[1],
+        "phase_deg_low95": angle[0],
+        "phase_deg_high95": angle[1],
+    }
+
+
+def _model(response: FrequencyResponse) -> dict[str, np.ndarray]:
+    covariance = response.model_covariance
+    if covariance is None:
+        return {}
+    places = {"rr": (0, 0), "ri": (0, 1), "ii": (1, 1)}
+    return {f"model_cov_{name}": covariance[:, row, column] for name, (row, column) in places.items()}
 
 
 def _rows(columns: Mapping[str, np.ndarray]) -> list[str]:

@@ -13,34 +13,48 @@ from fraexp.figures.amplitude_map import amplitude_map_info, draw_amplitude_map
 from fraexp.figures.bode import Reference, bode_info, draw_bode
 from fraexp.figures.canvas import styled
 from fraexp.figures.curves import curves_info, draw_curves
+from fraexp.figures.distribution import distribution_info, draw_distribution
 from fraexp.figures.errors import draw_errors, errors_info
 from fraexp.figures.hysteresis import draw_hysteresis, hysteresis_info, is_hysteresis
 from fraexp.figures.levels import draw_levels, levels_info
+from fraexp.figures.positioning import draw_positioning, is_positioning, positioning_info
 from fraexp.figures.shown import Shown
 from fraexp.figures.stamp import check_suffix, digest
 from fraexp.results import Curve
+
+OF_CURVES = ("hysteresis", "positioning", "curves")
+"""Kinds of figure that show the curves of results."""
 
 
 def figure_for(shown: Sequence[Shown], reference: Reference | None = None, title: str = "", kind: str = "") -> Figure:
     """Return a figure of results: of a kind (see `kinds`), or of the one that fits them.
 
-    A Bode plot fits them if any has a response, else hysteresis loops, else curves.
+    A Bode plot fits them if any has a response, else hysteresis loops, else positioning motions, else curves.
     """
-    match kind or _fitting(shown):
-        case "bode":
-            responses = [(of, of.response) for of in shown if of.response is not None]
-            curves = [(of.label, response) for of, response in responses]
-            return draw_bode(bode_info(curves, reference, title, [of.group for of, _ in responses]))
+    chosen = kind or _fitting(shown)
+    if chosen in OF_CURVES:
+        return _of_curves(_curves(shown), title, chosen)
+    match chosen:
         case "errors":
             return draw_errors(errors_info(shown, title))
         case "amplitude_map":
             return draw_amplitude_map(amplitude_map_info(shown, title))
         case "levels":
             return draw_levels(levels_info(shown, title))
+        case "distribution":
+            return draw_distribution(distribution_info(shown, title))
+    responses = [(of, of.response) for of in shown if of.response is not None]
+    curves = [(of.label, response) for of, response in responses]
+    return draw_bode(bode_info(curves, reference, title, [of.group for of, _ in responses]))
+
+
+def _of_curves(found: Sequence[tuple[str, Curve, str]], title: str, kind: str) -> Figure:
+    match kind:
         case "hysteresis":
-            loops = [(label, curve) for label, curve, _ in _curves(shown) if is_hysteresis(curve)]
+            loops = [(label, curve) for label, curve, _ in found if is_hysteresis(curve)]
             return draw_hysteresis(hysteresis_info(loops, title))
-    found = _curves(shown)
+        case "positioning":
+            return draw_positioning(positioning_info(found, title))
     return draw_curves(curves_info([(label, curve) for label, curve, _ in found], title, [of for *_, of in found]))
 
 
@@ -50,7 +64,9 @@ def _fitting(shown: Sequence[Shown]) -> str:
     found = _curves(shown)
     if not found:
         raise FraexpError("figure: no result has a frequency response or a curve to draw")
-    return "hysteresis" if any(is_hysteresis(curve) for _, curve, _ in found) else "curves"
+    if any(is_hysteresis(curve) for _, curve, _ in found):
+        return "hysteresis"
+    return "positioning" if any(is_positioning(curve) for _, curve, _ in found) else "curves"
 
 
 def _curves(shown: Sequence[Shown]) -> list[tuple[str, Curve, str]]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from fraexp.figures.labels import drawable
 from fraexp.figures.lines import draw_bands, draw_line, joined
 from fraexp.figures.scales import decibel, decibel_limits, degrees, readable_unit
 from fraexp.figures.shown import Shown
+from fraexp.figures.table import Table
 from fraexp.results import EFFORT, Metric, Result
 
 if TYPE_CHECKING:
@@ -136,10 +137,9 @@ def draw_errors(info: ErrorsInfo) -> "Figure":
         raise FraexpError(f"errors: found {len(info.curves)} responses; {MANY} at most can be told apart, choose fewer")
     with canvas.styled():
         styles = canvas.named_styles(len(info.curves))
-        widths = _widths(info)
-        table = 0.24 * (len(info.curves) + 2.5)
-        figure = canvas.new_figure(width=max(9.0, 0.083 * sum(widths)), height=6.4 + table)
-        upper, lower, below = figure.subplots(3, 1, height_ratios=(3.2, 3.2, table))
+        table = Table(*_cells(info))
+        figure = canvas.new_figure(width=max(9.0, table.width), height=6.4 + table.height)
+        upper, lower, below = figure.subplots(3, 1, height_ratios=(3.2, 3.2, table.height))
         lower.sharex(upper)
         _draw_part(upper, info, "magnitude", styles, FINE_DB)
         _draw_part(lower, info, "phase", styles, FINE_DEGREES)
@@ -152,7 +152,7 @@ def draw_errors(info: ErrorsInfo) -> "Figure":
         upper.tick_params(labelbottom=False)
         canvas.grid(upper, lower)
         figure.align_ylabels((upper, lower))
-        _draw_table(below, info, styles, widths)
+        table.draw(below, styles)
     return figure
 
 
@@ -197,28 +197,3 @@ def _text(value: float) -> str:
         return "-"
     decimals = 2 if abs(value) < 9.995 else 1 if abs(value) < 99.95 else 0
     return f"{round(value, decimals) + 0.0:.{decimals}f}"
-
-
-def _widths(info: ErrorsInfo) -> list[int]:
-    titles, rows = _cells(info)
-    columns = [[*title.splitlines(), *column] for title, column in zip(titles, zip(*rows, strict=True), strict=True)]
-    return [max(map(len, column)) + 3 for column in columns]
-
-
-def _draw_table(axes: "Axes", info: ErrorsInfo, styles: Sequence[dict[str, Any]], widths: Sequence[int]) -> None:
-    """Draw the table; the names in it are the legend, each beside a piece of its line."""
-    titles, rows = _cells(info)
-    axes.set_axis_off()
-    line, total = 3, sum(widths) + 6  # characters for a piece of the line
-    axes.set_xlim(0, total)
-    axes.set_ylim(len(rows) + 0.7, -1.2)
-    edges = np.cumsum([2 * line, *widths])
-    for row, cells in enumerate([titles, *rows]):
-        style: dict[str, Any] = {"fontsize": 9.5, "fontweight": "normal" if row else "bold"}
-        place, vertical = (row, "center") if row else (0.4, "bottom")
-        axes.text(edges[0], place, cells[0], ha="left", va=vertical, **style)
-        for right, cell in zip(edges[2:], cells[1:], strict=True):
-            axes.text(right, place, cell, ha="right", va=vertical, **style)
-    for row, drawn in enumerate(styles, start=1):
-        axes.plot([0.5, 2 * line - 1], [row, row], **drawn)
-    axes.axhline(0.5, color="0.6", linewidth=0.8)

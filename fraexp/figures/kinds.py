@@ -8,11 +8,15 @@ FIGURES = {
     "amplitude_map": "error against P(jω), or the response, in colours over frequency and excitation amplitude",
     "levels": "magnitude over the standard deviations by noise and by nonlinear distortions",
     "hysteresis": "friction force over displacement",
+    "positioning": "position less target over time within a few bands, and the thrust",
+    "distribution": "metrics over random draws: share of the draws, median, 95 % and the worst, with its number",
     "curves": "other curves, a panel for each column",
 }
 """What each kind shows."""
 AGAINST_PLANT = ("errors", "amplitude_map")
 """Kinds that compare with P(jω) at the frequencies of each response."""
+OF_METRICS = ("distribution",)
+"""Kinds for which neither response nor curve is needed."""
 
 
 def check_kind(name: str, place: str) -> str:

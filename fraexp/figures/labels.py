@@ -3,7 +3,9 @@
 import unicodedata
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
+
+from fraexp.sweep import DRAW
 
 COMMANDING = ("Cc", "Cf", "Cs", "Zl", "Zp")
 """Unicode categories that move the cursor, turn the writing direction or break lines."""
@@ -32,8 +34,10 @@ def curve_names(
 ) -> list[str]:
     """Return a name for each sweep from its labels, without those that all share; `fallback` where none is left.
 
-    `units` are the units of labels, by path: a number with a unit needs no title if it is the only one in it.
+    `units` are the units of labels, by path: a number with a unit needs no title if it is the only one in it. A sweep
+    that was drawn at random has the number of its draw in its name, not what was drawn.
     """
+    labels = [{**_nominal(of), **({DRAW: of[DRAW]} if DRAW in of else {})} for of in labels]
     columns = label_columns(labels)
     texts = {path: label_texts([of.get(path) for of in labels]) for path in columns}
     varying = [path for path in columns if len(set(texts[path])) > 1] or list(columns)
@@ -55,8 +59,9 @@ def curve_names(
 def group_names(labels: Sequence[Mapping[str, Any]], units: Mapping[str, str] | None = None) -> list[str]:
     """Return for each sweep the name of its group: its value of the label that has the fewest values, 2 to `GROUPS`.
 
-    The names are empty if there is no such label: the sweeps are one group.
+    The names are empty if there is no such label: the sweeps are one group. Random draws make no groups.
     """
+    labels = [_nominal(of) for of in labels]
     counts = {path: len(set(label_texts([of.get(path) for of in labels]))) for path in label_columns(labels)}
     telling = [path for path, count in counts.items() if 1 < count <= GROUPS]
     if not telling:
@@ -65,15 +70,56 @@ def group_names(labels: Sequence[Mapping[str, Any]], units: Mapping[str, str] | 
     return curve_names([{chosen: of[chosen]} if chosen in of else {} for of in labels], [""] * len(labels), units)
 
 
+class Drawn(NamedTuple):
+    """What is to be told of a sweep that was drawn at random."""
+
+    number: int
+    """Of its draw."""
+    family: str
+    """Name of what it was drawn around; empty if there is one."""
+    values: str
+    """What was drawn."""
+
+
+def drawn_names(labels: Sequence[Mapping[str, Any]], units: Mapping[str, str]) -> list[Drawn | None]:
+    """Return for each sweep what was drawn; None for one that was not drawn at random."""
+    families = curve_names([_nominal(of) for of in labels], [""] * len(labels), units)
+    drawn = [{path: of[path] for path in list(of)[len(_nominal(of)) + 1 :]} for of in labels]
+    titles = label_columns(drawn)
+    texts = [
+        ", ".join(
+            _part(titles[path], rounded := float(f"{value:.5g}"), f"{rounded:g}", units.get(path, ""), False)
+            for path, value in of.items()
+        )
+        for of in drawn
+    ]
+    return [
+        Drawn(int(of[DRAW]), family, text) if DRAW in of else None
+        for of, family, text in zip(labels, families, texts, strict=True)
+    ]
+
+
+def _nominal(labels: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the labels of what a sweep was drawn around: those before its draw."""
+    paths = list(labels)
+    return {path: labels[path] for path in paths[: paths.index(DRAW) if DRAW in labels else None]}
+
+
 def label_columns(labels: Sequence[Mapping[str, Any]]) -> dict[str, str]:
     """Return the title of each label: the last part of its dotted path (for ``estimator.name`` the part before).
 
     Where that is ambiguous, the title is the whole path.
     """
     paths = list(dict.fromkeys(path for of in labels for path in of))
-    short = {path: path.removesuffix(".name").rpartition(".")[2] for path in paths}
+    short = {path: _last_part(path.removesuffix(".name")) for path in paths}
     count = Counter(short.values())
     return {path: title if count[title] == 1 else path for path, title in short.items()}
+
+
+def _last_part(path: str) -> str:
+    """Return the last part of a path, with the name of the list where it is a place in one."""
+    *_, before, last = ["", *path.split(".")]
+    return f"{before}.{last}" if last.isdecimal() and before else last
 
 
 def label_text(value: Any) -> str:
@@ -134,4 +180,4 @@ def _part(title: str, value: Any, text: str, unit: str, alone: bool) -> str:
     factor, shown = (
         (1.0, unit) if unit != "m" or abs(value) >= 1 else (1e3, "mm") if abs(value) >= 1e-3 else (1e6, "µm")
     )
-    return f"{'' if alone else f'{title} '}{value * factor:.6g} {shown}"
+    return f"{'' if alone else f'{title} '}{value * factor:.6g} {shown.replace('**2', '²')}"

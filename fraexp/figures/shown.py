@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fraexp.figures.labels import Drawn
 from fraexp.results import FrequencyResponse, Result
 
 
@@ -24,6 +25,8 @@ class Shown:
     """Key of its sweep."""
     series: str = ""
     """Name without the amplitude: the sweeps of one series differ in nothing else."""
+    drawn: Drawn | None = None
+    """What was drawn; None where it was not drawn at random."""
 
     @property
     def response(self) -> FrequencyResponse | None:

@@ -8,12 +8,16 @@ from typing import Any
 import numpy as np
 
 from fraexp.errors import RecordError
-from fraexp.records.settings import RecordSettings, Step
+from fraexp.records.settings import BLOCKS, RecordSettings, Step
 
 ROUNDING = 1e-9
 """Relative difference of samples and periods that is rounding of what the study says."""
-BLOCKS = 2
-"""Least number of blocks: their scatter is the variance."""
+SPARE = 0.01
+"""Part of a realisation that may be left over at the end of a record."""
+FEWEST = 100
+"""Samples of a stretch that does not repeat itself at least."""
+MOST_LINES = 200
+"""Frequencies of such a stretch, where the study does not say which."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +35,8 @@ class Cut:
     """Sample time [s] at which the block is exactly of whole periods: the record's, within the slip."""
     lines: tuple[int, ...] = ()
     """Excited harmonics of the block."""
+    periodic: bool = True
+    """False for a stretch that does not repeat itself: its one block is all of it."""
 
     def blocks_of(self, channel: np.ndarray) -> np.ndarray:
         """Return the blocks of a channel, shape (blocks, samples)."""
@@ -44,30 +50,80 @@ class Cut:
             "samples": self.samples,
             "sample_time": self.sample_time,
             "lines": list(self.lines),
+            **({} if self.periodic else {"periodic": False}),
         }
 
     @classmethod
     def of(cls, data: Any) -> "Cut":
         """Return the cut that `plain` described."""
-        return cls(data["start"], data["periods"], data["samples"], 1, data["sample_time"], tuple(data["lines"]))
+        lines, periodic = tuple(data["lines"]), data.get("periodic", True)
+        return cls(data["start"], data["periods"], data["samples"], 1, data["sample_time"], lines, periodic)
 
 
-def coherent(period: float, available: float, slip: float) -> tuple[int, int] | None:
+def coherent(period: float, available: float, slip: float, least: int = BLOCKS) -> tuple[int, int] | None:
     """Return the fewest samples that hold whole periods, and how many, so that two blocks fit into `available` samples.
 
-    `period` is in samples; `slip` is the greatest difference of the two, in periods. None if there are none.
+    `least` is another number of blocks than two. `period` is in samples; `slip` is the greatest difference of the
+    two, in periods. None if there are none.
     """
-    periods = np.arange(1, int(available / BLOCKS / period + slip) + 1)
+    periods = np.arange(1, int(available / least / period + slip) + 1)
     samples = np.rint(periods * period)
-    fitting = np.flatnonzero((np.abs(samples - periods * period) <= slip * period) & (BLOCKS * samples <= available))
+    fitting = np.flatnonzero((np.abs(samples - periods * period) <= slip * period) & (least * samples <= available))
     return (int(samples[fitting[0]]), int(periods[fitting[0]])) if fitting.size else None
 
 
-def periodic_cut(settings: RecordSettings, rate: float, length: int, place: str) -> Cut:
-    """Return the blocks of a periodic record, without its lines."""
-    period = float(settings.period) if settings.period else (settings.period_time or 0.0) * rate
-    start = round(settings.skip_time * rate) + round(settings.skip * period)
-    return _cut(start, length, period, settings.coherence, rate, place)
+def periodic_cut(settings: RecordSettings, rate: float, run: tuple[int, int], place: str) -> Cut:
+    """Return the blocks of a periodic record from the first sample of a run to before its last, without its lines."""
+    period = period_of(settings, rate)
+    start = run[0] + round(settings.skip_time * rate) + round(settings.skip * period)
+    return _cut(start, run[1], period, settings.coherence, rate, place, settings.least_blocks)
+
+
+def period_of(settings: RecordSettings, rate: float) -> float:
+    """Return the period that the study states [samples]."""
+    return float(settings.period) if settings.period else (settings.period_time or 0.0) * rate
+
+
+def realisations_of(settings: RecordSettings, rate: float, run: tuple[int, int], place: str) -> list[tuple[int, int]]:
+    """Return the runs of the realisations that follow one another in a run, or the run itself."""
+    if not settings.periods:
+        return [run]
+    length = settings.periods * period_of(settings, rate)
+    count = int((run[1] - run[0]) / length + ROUNDING)
+    if settings.periods * period_of(settings, rate) * max(count, 1) < run[1] - run[0] - length * SPARE or not count:
+        raise RecordError(
+            f"{place}: {run[1] - run[0]} samples are {(run[1] - run[0]) / length:.2f} realisations of "
+            f"{settings.periods} periods; expected a whole number: correct periods or period"
+        )
+    edges = [run[0] + round(number * length) for number in range(count + 1)]
+    return list(pairwise(edges))
+
+
+def whole_cut(settings: RecordSettings, rate: float, run: tuple[int, int], place: str) -> Cut:
+    """Return a run that does not repeat itself as one block.
+
+    Its lines are where a response is asked for: from `lowest`, or ten periods in the run, to `highest`, or a fifth of
+    the sample rate, each or some of them, evenly over the logarithm of the frequency; `every` takes every so many.
+    """
+    start = run[0] + round(settings.skip_time * rate)
+    samples = run[1] - start
+    if settings.skip or settings.lines:
+        key = "skip" if settings.skip else "lines"
+        raise RecordError(f"{place}: {key} counts periods, and the record has none; give skip_time, lowest and highest")
+    if samples < FEWEST:
+        raise RecordError(f"{place}: {max(samples, 0)} samples are left; expected at least {FEWEST}")
+    first = max(round((settings.lowest or 10 * rate / samples) * samples / rate), 1)
+    last = min(round((settings.highest or rate / 5) * samples / rate), (samples - 1) // 2)
+    if last < first:
+        raise RecordError(
+            f"{place}: no frequency between {first * rate / samples:.4g} and {last * rate / samples:.4g} Hz can be "
+            f"told; expected lowest below highest, and that below {rate / 2:g} Hz"
+        )
+    if settings.every:
+        lines = np.arange(first, last + 1, settings.every)
+    else:
+        lines = np.unique(np.rint(np.geomspace(first, last, MOST_LINES)).astype(int))
+    return Cut(start, 1, samples, 1, 1 / rate, tuple(lines.tolist()), periodic=False)
 
 
 def step_cuts(settings: RecordSettings, steps: Iterable[Step], rate: float, length: int, place: str) -> list[Cut]:
@@ -88,21 +144,28 @@ def step_cuts(settings: RecordSettings, steps: Iterable[Step], rate: float, leng
     return cuts
 
 
+def runs_of(values: np.ndarray) -> list[tuple[int, int]]:
+    """Return first sample and the one after the last of each run of equal values above 0, shape (n,)."""
+    edges = [0, *(np.flatnonzero(np.diff(values)) + 1).tolist(), values.size]
+    return [(start, stop) for start, stop in pairwise(edges) if values[start] > 0]
+
+
 def steps_of(frequency: np.ndarray, rate: float) -> list[Step]:
     """Return the stretches of constant frequency above 0 of a frequency channel [Hz], shape (n,)."""
-    edges = [0, *(np.flatnonzero(np.diff(frequency)) + 1).tolist(), frequency.size]
-    runs = [(start, stop, float(frequency[start])) for start, stop in pairwise(edges)]
-    return [Step(start=start / rate, stop=stop / rate, frequency=value) for start, stop, value in runs if value > 0]
+    runs = runs_of(frequency)
+    return [Step(start=start / rate, stop=stop / rate, frequency=float(frequency[start])) for start, stop in runs]
 
 
-def _cut(start: int, stop: int, period: float, slip: float, rate: float, place: str) -> Cut:
+def _cut(  # the numbers of one cut
+    start: int, stop: int, period: float, slip: float, rate: float, place: str, least: int = BLOCKS
+) -> Cut:
     available = stop - start
-    if available < BLOCKS * period * (1 - slip):
+    if available < least * period * (1 - slip):
         raise RecordError(
             f"{place}: {max(available, 0)} samples are left, {max(available, 0) / period:.2f} periods; "
-            f"expected at least {BLOCKS} periods of {period:.6g} samples"
+            f"expected at least {least} periods of {period:.6g} samples"
         )
-    found = coherent(period, available, slip)
+    found = coherent(period, available, slip, least)
     if found is None:
         raise RecordError(
             f"{place}: no whole number of periods of {period:.6g} samples is a whole number of samples within "

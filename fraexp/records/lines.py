@@ -1,6 +1,9 @@
 """Which harmonics are excited, and whether the input is where the study says."""
 
 import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,6 +17,8 @@ NEGLIGIBLE = 1e-3
 """Amplitude relative to the greatest line below which a line counts as not excited."""
 STEP = 3.0
 """Least ratio of amplitudes that separates excited lines from distortion."""
+FEW = 0.2
+"""Share of lines by which realisations of one multisine may seem to differ."""
 NOTHING = 1e-9
 """Amplitude relative to the greatest line that is rounding."""
 
@@ -49,6 +54,22 @@ def excited_lines(settings: RecordSettings, cut: Cut, channel: np.ndarray, place
     if stated:
         _check_excited(lines, blocks, base / cut.periods, cut.periods, place)
     return tuple(lines)
+
+
+def common_lines(cuts: Sequence[Cut]) -> list[Cut]:
+    """Return cuts whose lines are those that most of them have, where noise alone makes them differ.
+
+    Realisations are told to be such by equal lines. Where more than a few differ, as with random grids, all is left.
+    """
+    found = list(cuts)
+    for shape in {(cut.samples, cut.sample_time) for cut in cuts}:
+        places = [place for place, cut in enumerate(cuts) if (cut.samples, cut.sample_time) == shape]
+        counts = Counter(line for place in places for line in cuts[place].lines)
+        most = {line for line, count in counts.items() if count > len(places) / 2}
+        if all(len(most.symmetric_difference(cuts[place].lines)) <= FEW * len(most) for place in places):
+            for place in places:
+                found[place] = replace(cuts[place], lines=tuple(sorted(most)))
+    return found
 
 
 def _check_statement(settings: RecordSettings, cut: Cut, place: str) -> None:
@@ -106,7 +127,8 @@ def _spectrum(blocks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the amplitude of the mean spectrum from line 1, not scaled, and the variance of that mean."""
     spectra = np.fft.rfft(blocks, axis=1)[:, 1 : (blocks.shape[1] - 1) // 2 + 1]
     mean = np.add.reduce(spectra, axis=0) / len(spectra)
-    scatter = np.add.reduce(np.abs(spectra - mean) ** 2, axis=0) / (len(spectra) * (len(spectra) - 1))
+    pairs = max(len(spectra) * (len(spectra) - 1), 1)  # one block alone has no scatter
+    scatter = np.add.reduce(np.abs(spectra - mean) ** 2, axis=0) / pairs
     return np.abs(mean), scatter
 
 

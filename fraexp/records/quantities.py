@@ -11,7 +11,7 @@ import numpy as np
 from fraexp import units
 from fraexp.components import RecordReader, Table
 from fraexp.errors import ParameterError, RecordError
-from fraexp.records.settings import Channel
+from fraexp.records.channels import Channel
 from fraexp.records.timebase import JITTER, rate_of
 
 Plain = dict[str, Any]
@@ -23,10 +23,14 @@ CLOCKS = ("time", "t", "zeit")
 
 def in_si(name: str, channel: Channel, table: Table, path: Path, default: str = "") -> Plain:
     """Return column, SI unit and factor to it of a channel, as plain data; `default` is for a column without unit."""
-    stated = table.units.get(channel.column, "")
-    if channel.unit and stated and abs(channel.scale) == 1:  # another scale turns one quantity into another
-        _check_unit(name, channel, stated, path)
-    unit = channel.unit or table.units.get(channel.column, "") or default
+    stated = {column: table.units[column] for column in channel.columns if table.units.get(column)}
+    for column, unit in stated.items() if channel.unit and abs(channel.scale) == 1 else ():
+        _check_unit(name, channel, column, unit, path)  # another scale turns one quantity into another
+    unit = channel.unit or next(iter(stated.values()), default)
+    if len({text.strip() for text in stated.values()}) > 1 and not channel.unit:
+        raise RecordError(
+            f"{path.name}, channel '{name}': its columns are in {' and '.join(stated.values())}; expected one unit"
+        )
     if not unit:
         raise ParameterError(
             f"{path.name}: channel '{name}' has no unit; give unit = such as mm, or 1 for a pure number"
@@ -34,10 +38,20 @@ def in_si(name: str, channel: Channel, table: Table, path: Path, default: str = 
     factor, short = _si(unit, f"{path.name}, channel '{name}'")
     if channel.scale == 0:
         raise ParameterError(f"{path.name}, channel '{name}': scale is 0; expected another number")
-    return {"column": channel.column, "unit": short, "scale": factor * channel.scale}
+    more: Plain = {key: getattr(channel, key) for key in ("plus", "minus", "integrate") if getattr(channel, key)}
+    if channel.offset:
+        more["offset"] = factor * channel.offset
+    if channel.integrate:
+        _, short = _si(f"({short})*s**{channel.integrate}", path.name)
+    return {"column": channel.column, "unit": short, "scale": factor * channel.scale, **more}
 
 
-def _check_unit(name: str, channel: Channel, stated: str, path: Path) -> None:
+def columns_of(channel: Mapping[str, Any]) -> set[str]:
+    """Return the columns that a channel in plain data is made of."""
+    return {channel[key] for key in ("column", "plus", "minus") if key in channel}
+
+
+def _check_unit(name: str, channel: Channel, column: str, stated: str, path: Path) -> None:
     if stated.strip() in PURE:
         return
     try:
@@ -49,7 +63,7 @@ def _check_unit(name: str, channel: Channel, stated: str, path: Path) -> None:
     if ours[1] != theirs[1]:
         raise RecordError(
             f"{place}: the unit is given as {channel.unit}, but the file says {stated} for column "
-            f"'{channel.column}'; choose the other column, or correct the unit"
+            f"'{column}'; choose the other column, or correct the unit"
         )
     if not math.isclose(ours[0], theirs[0], rel_tol=1e-9):
         raise RecordError(
@@ -59,6 +73,8 @@ def _check_unit(name: str, channel: Channel, stated: str, path: Path) -> None:
 
 
 def _si(unit: str, place: str) -> tuple[float, str]:
+    if unit.strip() == "g":
+        raise ParameterError(f"{place}: 'g' is the gram; write g_0 for an acceleration in standard gravities")
     try:
         return units.si("1" if unit.strip() in PURE else unit.strip())
     except ParameterError as error:
@@ -72,12 +88,16 @@ def _si(unit: str, place: str) -> tuple[float, str]:
 def values_of(table: Table, channel: Mapping[str, Any], name: str, path: Path) -> np.ndarray:
     """Return the samples of a channel in SI units, shape (n,); RecordError if they do not vary."""
     samples = table.columns[channel["column"]]
+    if "plus" in channel:
+        samples = samples + table.columns[channel["plus"]]
+    if "minus" in channel:
+        samples = samples - table.columns[channel["minus"]]
     if samples.size and samples.min() == samples.max():
         raise RecordError(
             f"{path.name}: channel '{name}' (column '{channel['column']}') is constant, {samples[0]:g}; "
             "expected a signal: choose another column"
         )
-    return np.ascontiguousarray(samples * channel["scale"])
+    return np.ascontiguousarray(samples * channel["scale"] + channel.get("offset", 0.0))
 
 
 def auxiliary_values(name: str, channel: Channel, table: Table, default: str, path: Path) -> np.ndarray:

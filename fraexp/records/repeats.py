@@ -3,7 +3,8 @@
 import numpy as np
 
 from fraexp.errors import RecordError
-from fraexp.records.cutting import BLOCKS, Cut
+from fraexp.records.cutting import Cut
+from fraexp.records.settings import BLOCKS
 
 SIMILAR = 0.5
 """Correlation of successive periods below which a record does not repeat itself."""
@@ -31,7 +32,10 @@ def check_repeats(cut: Cut, channel: np.ndarray, rate: float, name: str, place: 
     `rate` is the sample rate [Hz]: with it the cut tells how many samples its blocks would have exactly.
     """
     blocks = cut.blocks_of(channel)
+    if len(blocks) < BLOCKS:
+        return
     swing = blocks - blocks.mean()
+    _check_changes(swing, name, place)
     power = float(np.sum(swing**2)) / len(swing)
     alike = float(np.sum(swing[1:] * swing[:-1])) / (len(swing) - 1) / power if power else 1.0
     found = detected_period(channel[cut.start :])
@@ -49,6 +53,22 @@ def check_repeats(cut: Cut, channel: np.ndarray, rate: float, name: str, place: 
             f"{place}: '{name}' repeats worse after {cut.samples} samples than after {better}; "
             f"{seems_to_repeat(better, rate)}"
         )
+
+
+def _check_changes(swing: np.ndarray, name: str, place: str) -> None:
+    """Raise RecordError if most successive blocks are alike and some are not: realisations that follow one another."""
+    power = np.sqrt(np.sum(swing[1:] ** 2, axis=1) * np.sum(swing[:-1] ** 2, axis=1))
+    alike = np.sum(swing[1:] * swing[:-1], axis=1) / np.where(power, power, 1.0)
+    changes = np.flatnonzero((alike < SIMILAR) & (power > 0)) + 1
+    if not changes.size or np.median(alike) < WELL:
+        return
+    lengths = np.diff([0, *changes, len(swing)])
+    even = len(set(lengths.tolist())) == 1
+    remedy = f"give periods = {lengths[0]} (--periods {lengths[0]})" if even else "cut the record there, or use segment"
+    raise RecordError(
+        f"{place}: '{name}' is another signal from period {changes[0] + 1} on, as several realisations are that "
+        f"follow one another; {remedy}"
+    )
 
 
 def seems_to_repeat(period: int, rate: float) -> str:

@@ -9,6 +9,7 @@ import pytest
 import scipy.io
 
 from tests.docs.conftest import MAKE_RUN, ROOT, Follow, blocks, commands
+from tests.records.strangers_files import check_strangers, write_strangers
 
 NEAR = {"1 Hz": 3.0}
 """How far the README's numbers may be off [dB] where the scale hides the motion; elsewhere half of what they show."""
@@ -62,7 +63,11 @@ def test_the_page_on_records(follow: Follow, tmp_path: Path) -> None:
     u = multisine(4, 2500)
     columns = {"iq_adx": u, "theta_mx": 0.5 * np.roll(u, 3), "theta_my": -0.1 * np.roll(u, 5)}
     scipy.io.savemat(tmp_path / "bench.mat", columns)
+    write_strangers(tmp_path)
     printed = follow("docs/records.md")
+    listed = next(block.text for block in blocks("docs/records.md") if block.language == "console")
+    assert printed["fraexp import drive.mat"] == listed
+    check_strangers(tmp_path)
     assert "run 1 complete: 2 sweeps, 2 computed" in next(iter(printed.values()))
     assert "run 2 complete: 2 sweeps, 2 computed" in printed["fraexp run bench"]
     assert "proposed" in printed["fraexp run record"]

@@ -104,10 +104,22 @@ def test_of_several_moves_the_worst_one_counts():
 def test_the_curve_holds_what_is_to_be_drawn():
     (curve,) = Positioning().estimate(signals(ringing(20e-6), u=1.0)).curves
     assert curve.name == "positioning"
-    assert list(curve.columns) == ["time", "position", "reference", "error", "thrust"]
-    assert curve.units == {"time": "s", "position": "m", "reference": "m", "error": "m", "thrust": "N"}
+    assert list(curve.columns) == ["time", "position", "reference", "error", "target", "band", "thrust"]
+    lengths = ("position", "reference", "error", "target", "band")
+    assert curve.units == {"time": "s", **dict.fromkeys(lengths, "m"), "thrust": "N"}
     assert np.array_equal(curve.columns["error"], curve.columns["reference"] - curve.columns["position"])
-    assert list(Positioning().estimate(signals(ringing(20e-6))).curves[0].columns)[-1] == "error"
+    assert list(Positioning().estimate(signals(ringing(20e-6))).curves[0].columns)[-1] == "band"
+
+
+def test_each_sample_has_the_target_of_its_move():
+    steps = [(100, 0.0), (150, 1e-3), (200, 3e-3), (80, 1e-3)]
+    reference = np.concatenate([np.full(count, place) for count, place in steps])
+    channels = {"y": reference[None], "reference": reference[None]}
+    of = Signals((Segment(SAMPLE_TIME, channels, np.array([1])),), {"y": "m", "reference": "m"})
+    (curve,) = Positioning(band=2e-6).estimate(of).curves
+    expected = np.repeat([1e-3, 3e-3, 1e-3], [100 + 150 - 1, 200, 80 + 1])  # a move begins at the sample before
+    assert np.array_equal(curve.columns["target"], expected)
+    assert np.array_equal(curve.columns["band"], np.full(reference.size, 2e-6))
 
 
 def test_what_cannot_be_judged_is_refused():

@@ -50,7 +50,9 @@ class Proposed(EffectiveInputEstimator, name="proposed", version=1):
 
     def model_post_init(self, context: object) -> None:
         """Check that the method can be given û_e, and that what deviates is there."""
-        if isinstance(self.method, EffectiveInputEstimator):
+        if self.method is not None and getattr(
+            self.method, "takes_friction_off", isinstance(self.method, EffectiveInputEstimator)
+        ):
             raise ParameterError(
                 f"proposed.method is {self.method.name}, which takes friction off itself: use it alone"
             )

@@ -42,7 +42,7 @@ class Positioning(Estimator, name="positioning", version=1):
     )
 
     def estimate(self, signals: Signals) -> Result:
-        """Return the metrics of the worst move, and time, position, reference, error and thrust."""
+        """Return the metrics of the worst move, and time, position, reference, error, target, band and thrust."""
         units = {"position": signals.unit(self.output), "reference": signals.unit(self.reference)}
         if not signals.segments:
             return Result(signals.outcome, signals.message)
@@ -86,10 +86,17 @@ class Positioning(Estimator, name="positioning", version=1):
     def _curve(self, segment: Segment, known: Mapping[str, str], units: dict[str, str]) -> Curve:
         y, r = (segment.channels[name].ravel() for name in (self.output, self.reference))
         columns = {"time": np.arange(y.size) * segment.sample_time, "position": y, "reference": r, "error": r - y}
-        all_units = {"time": "s", **units, "error": units["position"]}
+        columns |= {"target": self._targets(r, segment.sample_time), "band": np.full(y.size, self.band)}
+        all_units = {"time": "s", **units} | dict.fromkeys(("error", "target", "band"), units["position"])
         if self.input in segment.channels:
             columns["thrust"], all_units["thrust"] = segment.channels[self.input].ravel(), known[self.input]
         return Curve("positioning", columns, all_units)
+
+    def _targets(self, r: np.ndarray, sample_time: float) -> np.ndarray:
+        """Return the target of the move that each sample belongs to, shape (n,)."""
+        bounds = self._bounds(r, sample_time)
+        lengths = np.diff([0, *(begin for begin, _ in bounds[1:]), r.size])
+        return np.repeat([r[end] for _, end in bounds], lengths)
 
 
 @dataclass(frozen=True)

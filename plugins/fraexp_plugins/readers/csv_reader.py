@@ -34,10 +34,7 @@ class CsvReader(RecordReader, name="csv", version=1):
     suffixes = (".csv", ".txt", ".tsv", ".dat")
 
     def read(self, path: Path, columns: Sequence[str]) -> Table:
-        check_size(path, "the file", path.stat().st_size)
-        encoding = _encoding(path)
-        with path.open(encoding=encoding, errors="replace") as stream:
-            layout = _layout(path, list(itertools.islice(stream, HEAD)))
+        encoding, layout = _opened(path)
         places = [layout.place(path, column) for column in columns]
         values = _numbers(path, encoding, layout, places)
         names = [_split(heading)[0] for heading in layout.headings]
@@ -47,6 +44,13 @@ class CsvReader(RecordReader, name="csv", version=1):
             columns=dict(zip(columns, values, strict=True)),
             units={column: unit for column, unit in units.items() if unit},
         )
+
+    def contents(self, path: Path) -> dict[str, tuple[tuple[int, ...], str]]:
+        """Return length and unit of every column by its name."""
+        encoding, layout = _opened(path)
+        rows = sum(1 for _ in _rows(path, encoding, layout))
+        names = [_split(heading)[0] for heading in layout.headings]
+        return {name: ((rows,), unit or "") for name, unit in zip(names, layout.units, strict=False) if name}
 
 
 @dataclass(frozen=True)
@@ -76,6 +80,14 @@ class _Layout:
     def number(self, cell: str) -> float:
         """Return the number in a cell; ValueError if there is none."""
         return float(cell.replace(",", ".") if self.decimal_comma else cell)
+
+
+def _opened(path: Path) -> tuple[str, _Layout]:
+    """Return encoding and layout of a file."""
+    check_size(path, "the file", path.stat().st_size)
+    encoding = _encoding(path)
+    with path.open(encoding=encoding, errors="replace") as stream:
+        return encoding, _layout(path, list(itertools.islice(stream, HEAD)))
 
 
 def _encoding(path: Path) -> str:

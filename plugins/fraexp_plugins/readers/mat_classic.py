@@ -24,20 +24,32 @@ DEEPEST = 6
 
 def read_columns(path: Path, columns: Sequence[str]) -> dict[str, np.ndarray]:
     """Return the named columns as they stand in the file; RecordError names what exists if one is missing."""
+    content, sizes = _loaded(path, {column.split(".")[0] for column in columns})
+    return {column: _follow(path, column, content, sizes) for column in columns}
+
+
+def shapes(path: Path) -> dict[str, tuple[int, ...]]:
+    """Return the sides of every array of numbers in the file."""
+    content, sizes = _loaded(path, None)
+    leaves = [leaf for top in sizes if top in content for leaf in _leaves(content[top], top)]
+    return {leaf: _follow(path, leaf, content, sizes).shape for leaf in leaves}
+
+
+def _loaded(path: Path, tops: set[str] | None) -> tuple[Mapping[str, Any], dict[str, int]]:
+    """Return the variables of these names, or all, and the decoded sizes of all [bytes]."""
     import scipy.io
 
     try:
         sizes = _variables(path)
-        tops = {column.split(".")[0] for column in columns}
-        for top in tops & sizes.keys():
+        wanted = sizes.keys() if tops is None else tops
+        for top in wanted & sizes.keys():
             check_size(path, f"variable '{top}'", sizes[top])
-        content = scipy.io.loadmat(path, variable_names=list(tops), verify_compressed_data_integrity=True)
+        return scipy.io.loadmat(path, variable_names=list(wanted), verify_compressed_data_integrity=True), sizes
     except RecordError:
         raise
     except Exception as error:  # a damaged file makes scipy raise almost anything
         text = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise RecordError(f"{path.name}: this cannot be read as a MATLAB file: {text}; save it again") from None
-    return {column: _follow(path, column, content, sizes) for column in columns}
 
 
 def _variables(path: Path) -> dict[str, int]:

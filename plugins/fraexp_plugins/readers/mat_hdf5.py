@@ -3,26 +3,42 @@
 h5py is imported when a file is read, so groups and datasets are told apart by what they have.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from fraexp.api import RecordError
 from fraexp_plugins.readers.measured import check_size, missing_column
 
+Found = TypeVar("Found")
 DEEPEST = 6
 """Levels of structs and cells that are looked through for names."""
 
 
 def read_columns(path: Path, columns: Sequence[str]) -> dict[str, np.ndarray]:
     """Return the named columns as they stand in the file; RecordError names what exists if one is missing."""
+    return _opened(path, lambda file: {name: _read(path, name, *_follow(path, name, file)) for name in columns})
+
+
+def shapes(path: Path) -> dict[str, tuple[int, ...]]:
+    """Return the sides of every array of numbers in the file, as MATLAB has them."""
+
+    def of_all(file: Any) -> dict[str, tuple[int, ...]]:
+        nodes = {leaf: _follow(path, leaf, file)[0] for leaf in _leaves(file, "")}
+        return {leaf: tuple(node.shape[::-1]) for leaf, node in nodes.items() if _is_array(node)}
+
+    return _opened(path, of_all)
+
+
+def _opened(path: Path, action: Callable[[Any], Found]) -> Found:
+    """Return what an action finds in the file."""
     import h5py
 
     try:
         with h5py.File(path, "r") as file:
-            return {column: _read(path, column, *_follow(path, column, file)) for column in columns}
+            return action(file)
     except RecordError:
         raise
     except Exception as error:  # a damaged file makes h5py raise almost anything

@@ -1,0 +1,71 @@
+"""``fraexp report``: stored runs as one HTML file; and the report that running a folder ends with."""
+
+import os
+from argparse import Namespace
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from fraexp.cli.exits import ExitCode
+from fraexp.cli.selection import database, open_store, run_of
+from fraexp.cli.terminal import print_path, say
+from fraexp.errors import FraexpError
+from fraexp.report import verdict
+from fraexp.store import Store
+from fraexp.study import find_studies, packaged_studies
+from fraexp.workspace import Workspace
+
+
+def execute(arguments: Namespace) -> ExitCode:
+    """Write the report of runs, and print its path."""
+    workspace = Workspace.open(arguments.workspace, database(arguments))
+    with open_store(arguments) as store:
+        runs = list(dict.fromkeys(number for text in arguments.ids for number in _runs(store, text)))
+        title = arguments.title or f"Report: {', '.join(arguments.ids)}"
+        _write(workspace, store, runs, arguments.output, title)
+    return ExitCode.OK
+
+
+def _runs(store: Store, identifier: str) -> list[int]:
+    """Return the run of a number or a study's name, or for a folder's name the newest run of each study in it."""
+    number = run_of(store, identifier)
+    if number is not None:
+        return [store.run(number).number]
+    inside = f"{identifier.rstrip('/')}/"
+    newest = {run.study: run.number for run in reversed(store.runs()) if run.study.startswith(inside)}
+    if not newest:
+        raise FraexpError(f"report: there is no run of '{identifier}'; name runs or studies as fraexp list shows them")
+    return [newest[study] for study in sorted(newest)]
+
+
+def report_folders(arguments: Namespace, runs: Sequence[int], workspace: Workspace) -> None:
+    """Write ``figures/FOLDER.html`` for each folder of studies that was run."""
+    with open_store(arguments) as store:
+        numbers = {store.run(number).study: number for number in runs}
+        for name, studies in _folders(arguments.study, workspace.folder):
+            found = [numbers[study] for study in studies if study in numbers]
+            if found:
+                path = workspace.folder / "figures" / f"{name}.html"
+                _write(workspace, store, found, path, f"Report: {name}", as_talk=arguments.json)
+
+
+def _folders(names: Sequence[str], folder: Path) -> Iterator[tuple[str, list[str]]]:
+    """Yield name and studies of those that are folders of studies."""
+    bases = (folder, folder / "studies", packaged_studies())
+    for name in names:
+        found = find_studies(name, folder)
+        direct = {os.path.realpath(base / text) for base in bases for text in (name, f"{name}.toml")}
+        if os.path.realpath(found[0][1]) not in direct:
+            inside = Path(found[0][0]).parent.as_posix()
+            yield inside if inside != "." else Path(os.path.realpath(found[0][1])).parent.name, [of for of, _ in found]
+
+
+def _write(
+    workspace: Workspace, store: Store, runs: Sequence[int], path: Path, title: str, as_talk: bool = False
+) -> None:
+    compared = workspace.report(store, runs, path, title)
+    if as_talk:
+        say(f"report {path}")
+    else:
+        print_path(path, "report ")
+    if compared:
+        say(verdict(compared))

@@ -1,0 +1,113 @@
+"""The figure of distributions: quantiles, the worst draw and those without a value."""
+
+import numpy as np
+import pytest
+
+from fraexp.errors import FraexpError
+from fraexp.figures.distribution import MOST, distribution_info
+from fraexp.figures.drawing import figure_for
+from fraexp.figures.labels import Drawn, curve_names, drawn_names, group_names
+from fraexp.figures.shown import Shown
+from fraexp.results import Metric, Outcome, Result
+
+
+def shown(family, *columns, unit="s", extra=()):
+    """Return a sweep for each row of metrics, drawn around a family."""
+    found = []
+    for number, values in enumerate(zip(*columns, strict=True), start=1):
+        metrics = tuple(Metric(f"metric {n}", value, unit) for n, value in enumerate(values))
+        result = Result(Outcome.OK, metrics=(*metrics, *extra))
+        drawn = Drawn(number, family, f"gain {number}")
+        found.append(Shown(f"{family}, draw {number}", result, key=f"fx1-{number:08d}", drawn=drawn))
+    return found
+
+
+TIMES = [0.012, 0.011, 0.019, 0.013, 0.015, 0.014, 0.016, 0.017, 0.018, 0.010]
+
+
+def test_quantiles_and_the_worst_are_those_of_the_draws():
+    info = distribution_info(shown("nominal", TIMES), "T")
+    (panel,) = info.panels
+    (sample,) = panel.samples
+    assert (panel.metric, panel.unit, sample.count) == ("metric 0", "ms", 10)
+    assert sample.quantile(0.5) == pytest.approx(14.0)
+    assert sample.quantile(0.95) == pytest.approx(19.0)
+    assert sample.worst.drawn == Drawn(3, "nominal", "gain 3")
+    assert sample.missing is None
+
+
+def test_a_draw_without_a_value_counts_as_worse_than_all():
+    times = [*TIMES[:9], np.nan]
+    (panel,) = distribution_info(shown("nominal", times)).panels
+    (sample,) = panel.samples
+    assert sample.quantile(0.5) == pytest.approx(15.0), "the fifth of ten"
+    assert sample.quantile(0.95) == np.inf
+    assert sample.missing is not None
+    assert sample.missing.drawn.number == 10
+    texts = [
+        text.get_text() for axes in figure_for(shown("nominal", times), kind="distribution").axes for text in axes.texts
+    ]
+    assert {"none", "1, first draw 10"} <= set(texts)
+
+
+def test_a_case_that_never_has_a_value_has_its_row():
+    found = shown("nominal", TIMES) + shown("wrong", [np.nan] * 10)
+    (panel,) = distribution_info(found).panels
+    assert [sample.worst is None for sample in panel.samples] == [False, True]
+    (axes, table, _) = figure_for(found, kind="distribution").axes
+    assert [text.get_text() for text in axes.texts] == ["draw 3"]
+    assert "10, first draw 1" in [text.get_text() for text in table.texts]
+
+
+def test_the_worst_is_the_greatest_magnitude():
+    (panel,) = distribution_info(shown("", [-0.5, *TIMES])).panels
+    assert panel.samples[0].worst.drawn.number == 1
+
+
+def test_cases_lie_over_each_other_and_the_worst_draws_are_told():
+    both = shown("nominal", TIMES) + shown("wrong", [2 * time for time in reversed(TIMES)])
+    figure = figure_for(both, title="Robustness", kind="distribution")
+    panel, table, notes = figure.axes
+    assert panel.get_xlabel() == "Metric 0 [ms]"
+    assert [text.get_text() for text in panel.texts] == ["draw 3", "draw 8"]
+    cells = [text.get_text() for text in table.texts]
+    assert {"nominal", "wrong", "38", "00000008"} <= set(cells)
+    assert notes.texts[0].get_text() == "draw 3: gain 3\ndraw 8: gain 8"
+
+
+def test_only_metrics_that_differ_are_drawn_in_their_order_and_not_what_an_experiment_takes():
+    constant, wide = [1.0] * 10, [1e3 * time for time in TIMES]
+    columns = [constant, [np.nan, *TIMES[1:]], wide, TIMES, TIMES, TIMES]
+    found = shown("", *columns)
+    taken = [
+        Shown(
+            of.label, Result(Outcome.OK, metrics=(Metric("stroke", 1.0 + n, "m"), *of.result.metrics)), drawn=of.drawn
+        )
+        for n, of in enumerate(found)
+    ]
+    names = [panel.metric for panel in distribution_info(taken).panels]
+    assert names == ["metric 1", "metric 2", "metric 3", "metric 4"]
+    assert len(names) == MOST
+
+
+def test_too_little_or_too_much_is_refused():
+    with pytest.raises(FraexpError, match=r"no metric has enough different values; draw numbers at random"):
+        distribution_info(shown("", [1.0] * 20))
+    with pytest.raises(FraexpError, match="found 7 cases; 6 at most"):
+        distribution_info([of for n in range(7) for of in shown(f"case {n}", TIMES)])
+
+
+LABELS = [
+    {"case": case, "draw": draw, "plant.gain": 0.13 + 0.01 * draw, "plant.frequencies.0": 38.0 + draw}
+    for case in ("a", "b")
+    for draw in (1, 2, 3)
+]
+UNITS = {"plant.gain": "m/(N s**2)", "plant.frequencies.0": "Hz"}
+
+
+def test_a_draw_is_named_by_its_number_and_grouped_by_what_it_was_drawn_around():
+    assert curve_names(LABELS, [""] * 6, UNITS)[:2] == ["a, draw 1", "a, draw 2"]
+    assert group_names(LABELS, UNITS) == ["a", "a", "a", "b", "b", "b"]
+    found = drawn_names(LABELS, UNITS)
+    assert found[3] == Drawn(1, "b", "gain 0.14 m/(N s²), frequencies.0 39 Hz")
+    assert drawn_names([{"case": "a"}], {}) == [None]

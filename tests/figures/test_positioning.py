@@ -1,0 +1,78 @@
+"""The figure of positioning: deviation from the target around its band, and the thrust."""
+
+import numpy as np
+import pytest
+
+from fraexp.errors import FraexpError
+from fraexp.figures.drawing import figure_for
+from fraexp.figures.positioning import LEAST, is_positioning, positioning_info
+from fraexp.figures.shown import Shown
+from fraexp.results import Curve, Outcome, Result
+
+BAND = 4e-6
+
+
+def motion(overshoot=0.0, thrust=True, wait=0):
+    """Return a move of 1 mm in 40 samples, which then overshoots and comes back slowly."""
+    moving, after = np.linspace(0, 1e-3, 41), np.arange(100)
+    reference = np.concatenate([np.zeros(wait), moving, np.full(after.size, 1e-3)])
+    position = np.concatenate([np.zeros(wait), moving, 1e-3 + overshoot * np.exp(-after / 30)])
+    columns = {"time": 1e-3 * np.arange(reference.size), "position": position, "reference": reference}
+    columns |= {"target": np.full(reference.size, 1e-3), "band": np.full(reference.size, BAND)}
+    units = {"time": "s", **dict.fromkeys(("position", "reference", "target", "band"), "m")}
+    if thrust:
+        columns["thrust"], units["thrust"] = 10 * np.sin(np.arange(reference.size)), "N"
+    return Curve("positioning", columns, units)
+
+
+def shown(*curves, groups=None):
+    return [
+        Shown(f"case {n}", Result(Outcome.OK, curves=(curve,)), groups[n] if groups else "")
+        for n, curve in enumerate(curves)
+    ]
+
+
+def test_it_is_drawn_by_itself_where_there_are_such_curves():
+    figure = figure_for(shown(motion(), motion(20e-6)), title="Fig 8")
+    upper, lower = figure.axes
+    assert upper.get_title() == "Fig 8"
+    assert (upper.get_ylabel(), lower.get_ylabel()) == ("Position − target [µm]", "Thrust [N]")
+    assert lower.get_xlabel() == "Time since the move began [ms]"
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["case 0", "case 1", "±4 µm"]
+    levels = {float(line.get_ydata()[0]) for line in upper.lines if len(set(map(float, line.get_ydata()))) == 1}
+    assert levels >= {-4.0, 4.0}
+
+
+def test_deviation_and_time_count_from_the_move_on():
+    (course,) = positioning_info([("a", motion(20e-6, wait=30), "")]).courses
+    assert course.time[30] == pytest.approx(0)
+    assert course.deviation[30] == pytest.approx(-1000)
+    assert course.deviation[71] == pytest.approx(20)
+    assert course.after == pytest.approx(20)
+
+
+def test_the_axis_shows_a_few_bands_and_is_logarithmic_where_that_is_not_enough():
+    quiet, far = (figure_for(shown(motion(overshoot))).axes[0] for overshoot in (1e-6, 200e-6))
+    assert quiet.get_yscale() == "linear"
+    assert quiet.get_ylim() == pytest.approx((-4 * LEAST, 4 * LEAST))
+    assert far.get_yscale() == "symlog"
+    assert far.get_ylim()[1] > 200
+
+
+def test_without_thrust_there_is_one_panel():
+    assert len(figure_for(shown(motion(thrust=False))).axes) == 1
+
+
+def test_many_draws_are_bundles_by_their_case():
+    curves = [motion(1e-6 * n) for n in range(40)]
+    figure = figure_for(shown(*curves, groups=["nominal"] * 20 + ["wrong"] * 20))
+    texts = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert texts == ["nominal, 20 sweeps", "wrong, 20 sweeps", "median", "5…95 %", "±4 µm"]
+
+
+def test_other_curves_are_none():
+    other = motion()
+    del other.columns["band"]
+    assert not is_positioning(other)
+    with pytest.raises(FraexpError, match="there is no positioning motion; take the estimator"):
+        figure_for(shown(other), kind="positioning")

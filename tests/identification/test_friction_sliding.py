@@ -1,0 +1,73 @@
+"""Mass and friction from sliding: dead time, asymmetry, honest doubts and what cannot tell."""
+
+import numpy as np
+import pytest
+from fraexp_plugins.identification.sliding_identification import SlidingIdentification
+
+from fraexp.errors import RecordError
+from fraexp.signals import Segment, Settling, Signals
+from tests.identification.friction_records import values
+
+RATE, MASS = 1000.0, 3.0
+
+
+def record(*, asymmetry: float = 0.0, late: int = 0, noise: float = 0.0, stribeck: float = 0.0) -> Signals:
+    """A motion that slides at many speeds, and the thrust that it takes; the thrust is held, and so is exact."""
+    time = np.arange(20000) / RATE
+    phase = 2 * np.pi * time
+    y = 0.03 * np.sin(0.5 * phase) + 2e-3 * np.sin(2.3 * phase)
+    fine = np.gradient(y, time)
+    force = (
+        8 * np.sign(fine) * (1 + stribeck * np.exp(-np.abs(fine) / 0.02)) + 25 * fine + 1.3 + asymmetry * np.abs(fine)
+    )
+    u = MASS * np.gradient(fine, time) + force
+    u = np.roll((u + np.roll(u, -1)) / 2, -late)  # held over the sample that follows
+    u += noise * np.random.default_rng(1).normal(size=u.size)
+    segment = Segment(1 / RATE, {"u": u[None], "y": y[None]}, np.array([1]), Settling(True, 0.0, 0.0))
+    return Signals((segment,), {"u": "N", "y": "m"})
+
+
+TRUTH = {"mass": MASS, "Coulomb force": 8.0, "viscous coefficient": 25.0, "offset": 1.3}
+
+
+@pytest.mark.parametrize(("late", "asymmetry", "noise"), [(0, 0.0, 0.0), (2, 0.0, 0.3), (0, 6.0, 0.1)])
+def test_what_the_motion_took_is_found(late: int, asymmetry: float, noise: float) -> None:
+    estimator = SlidingIdentification(input_dead_time=late / RATE, asymmetry=asymmetry > 0)
+    result = estimator.estimate(record(late=late, asymmetry=asymmetry, noise=noise))
+    found = values(result)
+    for name, value in TRUTH.items():
+        assert found[name] == pytest.approx(value, rel=0.01), name
+    if asymmetry:
+        assert found["viscous asymmetry"] == pytest.approx(asymmetry, rel=0.1)
+    assert not result.message
+    assert result.fits[0].component["coulomb"] == pytest.approx(8, rel=0.01)
+
+
+def test_the_intervals_hold_the_truth_in_noise() -> None:
+    covered = []
+    for seed in range(40):
+        clean = record()
+        (segment,) = clean.segments
+        u = segment.channels["u"] + np.random.default_rng(seed).normal(size=segment.channels["u"].shape)
+        noisy = Segment(1 / RATE, {**segment.channels, "u": u}, segment.lines, segment.settling)
+        found = values(SlidingIdentification().estimate(Signals((noisy,), clean.units)))
+        covered += [abs(found[name] - value) < found[f"{name}, 95 %"] for name, value in TRUTH.items()]
+    assert 0.88 < np.mean(covered) <= 1.0
+
+
+def test_what_the_model_does_not_know_is_told() -> None:
+    assert "Stribeck" in SlidingIdentification().estimate(record(stribeck=2.0)).message
+
+
+def test_a_motion_that_cannot_tell_is_refused() -> None:
+    time = np.arange(4000) / RATE
+    one_way = Segment(1 / RATE, {"u": time[None] + 1, "y": 0.1 * time[None]}, np.array([1]), Settling(True, 0.0, 0.0))
+    with pytest.raises(RecordError, match=r"slides faster than .* in one direction; expected"):
+        SlidingIdentification().estimate(Signals((one_way,), {"u": "N", "y": "m"}))
+    turned = record()
+    (segment,) = turned.segments
+    wrong = Segment(
+        1 / RATE, {"u": -segment.channels["u"], "y": segment.channels["y"]}, segment.lines, segment.settling
+    )
+    with pytest.raises(RecordError, match="check the signs and gains"):
+        SlidingIdentification().estimate(Signals((wrong,), turned.units))

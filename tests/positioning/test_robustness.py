@@ -1,0 +1,83 @@
+"""Machines drawn at random, from the study to the figure: the worst one is found again."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fraexp.cli.summary import print_summary
+from fraexp.store import Store
+from fraexp.workspace import Workspace
+
+RIGHT = "nominal P_d"
+
+
+@pytest.fixture(scope="module")
+def workspace(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("robustness")
+    found = Workspace.open(folder)
+    *_, ended = found.run(["positioning/robustness"], executor="serial", overrides=["random.count=25"])
+    assert ended.state == "complete"
+    assert [path.name for path in ended.figures] == ["robustness.png"]
+    return found
+
+
+@pytest.fixture(scope="module")
+def stored(workspace):
+    with Store.open(workspace.database, read_only=True) as store:
+        sweeps = store.sweeps(1)
+        return sweeps, store.results(sweep.key for sweep in sweeps)
+
+
+def column(stored, case, name):
+    sweeps, results = stored
+    chosen = [sweep for sweep in sweeps if sweep.labels["case"] == case]
+    values = [next(of.value for of in results[sweep.key].metrics if of.name == name) for sweep in chosen]
+    return chosen, np.array(values)
+
+
+def test_a_wrong_model_costs_more_than_the_tolerances(stored):
+    (wrong,) = {sweep.labels["case"] for sweep in stored[0]} - {RIGHT}
+    (_, nominal), (_, error) = (column(stored, case, "overshoot") for case in (RIGHT, wrong))
+    assert nominal.size == error.size == 25
+    assert (error > nominal).all(), "on each machine"
+    assert np.isnan(column(stored, wrong, "settling time")[1]).all()
+    assert np.isfinite(column(stored, RIGHT, "settling time")[1]).any()
+
+
+def test_the_worst_draw_is_found_again_by_its_number_and_its_parameters(workspace, stored):
+    sweeps, overshoot = column(stored, RIGHT, "overshoot")
+    worst = sweeps[int(np.argmax(overshoot))]
+    (study,) = workspace.studies(["positioning/robustness"], ["random.count=30"])
+    again = next(of for of in study.sweeps if of.labels == worst.labels)
+    assert again.key == worst.key, "though more are drawn"
+    drawn = {path: value for path, value in worst.labels.items() if "." in path}
+    overrides = ["random.count=1", *(f"{path}={value!r}" for path, value in drawn.items() if path[-1] not in "012")]
+    (alone,) = workspace.studies(["positioning/robustness"], overrides)
+    # what is set moves the nominal machine, around which is drawn
+    ratio = alone.sweeps[0].labels["plant.gain"] / study.sweeps[0].labels["plant.gain"]
+    assert ratio == pytest.approx(drawn["plant.gain"] / 0.132, rel=1e-12)
+
+
+def test_the_summary_names_the_worst_draws(workspace, stored, capsys):
+    sweeps, results = stored
+    print_summary(sweeps, results, workspace.registry)
+    printed = capsys.readouterr().out
+    chosen, overshoot = column(stored, RIGHT, "overshoot")
+    worst = chosen[int(np.argmax(overshoot))]
+    lines = [line.split() for line in printed.partition("worst draw")[2].splitlines() if RIGHT in line]
+    assert lines[0][:2] == ["overshoot", "[m]"]
+    assert lines[0][-2:] == [str(worst.labels["draw"]), worst.key[4:12]]
+    assert "25 values" in printed.partition("over the sweeps")[0], "draws are counted, not measured"
+
+
+def test_nothing_is_worst_of_what_was_not_drawn(workspace, stored, capsys):
+    sweeps, results = stored
+    print_summary([replace(of, labels={"case": of.labels["case"]}) for of in sweeps], results, workspace.registry)
+    assert "worst draw" not in capsys.readouterr().out
+
+
+def test_the_motions_are_drawn_as_bundles(workspace, stored, tmp_path):
+    with Store.open(workspace.database, read_only=True) as store:
+        drawn = workspace.draw(store, stored[0], tmp_path / "motions.png", "Motions", "positioning")
+    assert drawn == {tmp_path / "motions.png": True}

@@ -1,0 +1,238 @@
+"""Random draws: which numbers, around what, reproducible how, and what is said where they do not fit."""
+
+import time
+
+import numpy as np
+import pytest
+
+from fraexp.draws import Draw, Draws
+from fraexp.errors import FraexpError
+from fraexp.figures.label_units import label_units
+from fraexp.study import load
+
+HEAD = """
+machine = "linear_motor_table"
+[excitation]
+name = "point_to_point"
+[estimator]
+name = "positioning"
+"""
+WIDTHS = tuple(f"friction.curve.{name}" for name in ("width", "narrowest", "widest"))
+RANDOM = """
+[random]
+count = 5
+seed = 7
+draw = [
+    { paths = "plant.frequencies.0", deviation = "0.5 Hz" },
+    { paths = ["friction.curve.width", "friction.curve.narrowest", "friction.curve.widest"], relative = 0.05 },
+]
+"""
+CASES = """
+[[case]]
+label = "nominal"
+[[case]]
+label = "wrong"
+excitation = { plant = { gain = 0.177 } }
+"""
+
+
+@pytest.fixture
+def sweeps(registry, tmp_path):
+    def of(text, *overrides):
+        file = tmp_path / "s.toml"
+        file.write_text(text, encoding="utf-8")
+        return load("s", file, tmp_path, registry, overrides).sweeps
+
+    return of
+
+
+def drawn(sweep):
+    return {path: value for path, value in sweep.labels.items() if "." in path}
+
+
+def test_each_draw_is_a_sweep_with_its_number_and_what_was_drawn(sweeps):
+    found = sweeps(HEAD + RANDOM)
+    assert [sweep.labels["draw"] for sweep in found] == [1, 2, 3, 4, 5]
+    assert len({sweep.key for sweep in found}) == 5
+    for sweep in found:
+        plant, curve = sweep.experiment["plant"], sweep.experiment["friction"]["curve"]
+        assert plant["frequencies"] == [sweep.labels["plant.frequencies.0"], 80.0]
+        assert [curve[path.rpartition(".")[2]] for path in WIDTHS] == [sweep.labels[path] for path in WIDTHS]
+        assert curve["width"] / 45.36e-6 == pytest.approx(curve["narrowest"] / 0.5e-6) == curve["widest"] / 100e-6
+        assert curve["coulomb"] == 17.9
+
+
+def test_what_is_believed_of_the_machine_is_not_drawn(sweeps):
+    nominal = sweeps(HEAD)[0]
+    for sweep in sweeps(HEAD + RANDOM):
+        assert sweep.experiment["excitation"] == nominal.experiment["excitation"]
+        assert sweep.experiment["excitation"]["plant"]["frequencies"] == [38.8, 80.0]
+        assert sweep.experiment["friction"] != nominal.experiment["friction"]
+    proposed = HEAD.replace('"point_to_point"', '"stepped_sine"\namplitude = 12').replace('"positioning"', '"proposed"')
+    assert all(s.estimator["friction"]["curve"]["width"] == 45.36e-6 for s in sweeps(proposed + RANDOM))
+    believed = sweeps(
+        proposed + '[random]\ncount = 3\ndraw = [{ paths = "estimator.friction.curve.width", relative = 0.1 }]'
+    )
+    assert len({s.estimator["friction"]["curve"]["width"] for s in believed}) == 3
+    assert len({s.experiment_key for s in believed}) == 1, "one simulation for all that is believed of it"
+
+
+def test_cases_and_grid_share_each_draw(sweeps):
+    found = sweeps(HEAD + RANDOM + CASES + '[grid]\n"loop.resolution" = [0.0, 1e-7]\n')
+    assert len(found) == 2 * 2 * 5
+    for number in range(1, 6):
+        alike = [drawn(sweep) for sweep in found if sweep.labels["draw"] == number]
+        assert {path: alike[0][path] for path in (*WIDTHS, "plant.frequencies.0")}.items() <= alike[3].items()
+    assert [list(sweep.labels)[:3] for sweep in found] == [["case", "loop.resolution", "draw"]] * 20
+
+
+def test_a_share_is_one_of_each_nominal_value(sweeps):
+    text = HEAD + '[grid]\n"plant" = [{ gain = 0.1 }, { gain = 0.2 }]\n'
+    found = sweeps(text + '[random]\ncount = 3\ndraw = [{ paths = "plant.gain", relative = 0.1 }]')
+    first, second = ([s.labels["plant.gain"] for s in found[of : of + 3]] for of in (0, 3))
+    assert np.array(second) == pytest.approx(2 * np.array(first), rel=1e-12)
+
+
+def test_the_same_seed_gives_the_same_draws_whatever_else_is_drawn(sweeps):
+    three = [drawn(sweep) for sweep in sweeps(HEAD + RANDOM, "random.count=3")]
+    assert three == [drawn(sweep) for sweep in sweeps(HEAD + RANDOM)][:3], "more draws go on where fewer ended"
+    more = RANDOM.replace("draw = [", 'draw = [\n{ paths = "plant.gain", relative = 0.01 },')
+    with_gain = [drawn(sweep) for sweep in sweeps(HEAD + more)]
+    assert all(found.items() >= before.items() for found, before in zip(with_gain, three, strict=False))
+    other = [drawn(sweep) for sweep in sweeps(HEAD + RANDOM, "random.seed=8")]
+    assert not {str(of) for of in other} & {str(of) for of in with_gain + three}
+
+
+def test_the_key_holds_what_was_drawn_and_not_how(sweeps):
+    sweep = sweeps(HEAD + RANDOM)[2]
+    again = sweeps(HEAD, *(f"{path}={value!r}" for path, value in drawn(sweep).items() if path in WIDTHS))[0]
+    assert again.experiment["friction"] == sweep.experiment["friction"]
+    assert "seed" not in str(sweep.experiment).replace("'seed': 0", "")
+
+
+def test_the_numbers_have_the_distribution_that_is_asked_for():
+    count = 20_000
+    normal = Draw(paths=("plant.gain",), relative=0.1).variates(3, count)
+    uniform = Draw(paths=("plant.gain",), relative=0.1, distribution="uniform").variates(3, count)
+    # four standard errors of mean, deviation and third moment
+    assert abs(normal.mean()) < 4 / np.sqrt(count)
+    assert abs(normal.std() - 1) < 4 / np.sqrt(2 * count)
+    assert abs((normal**3).mean()) < 4 * np.sqrt(15 / count)
+    assert np.abs(uniform).max() < 1
+    assert uniform.std() == pytest.approx(1 / np.sqrt(3), abs=4 / np.sqrt(5 * count))
+    other = Draw(paths=("plant.damping",), relative=0.1).variates(3, count)
+    assert abs(np.corrcoef(normal, other)[0, 1]) < 4 / np.sqrt(count)
+
+
+def test_these_numbers_stay_what_they_are():
+    """A study that is run again in years names the same worst draw: pinned, as no version of numpy may change it."""
+    found = Draw(paths=("plant.gain",), relative=0.1).variates(1, 3)
+    assert found == pytest.approx(PINNED, rel=1e-12)
+
+
+PINNED = [-0.05728246290743476, -2.5612912321068904, -0.31890441118467455]
+
+
+def test_what_was_drawn_has_units(sweeps, registry):
+    sweep = sweeps(HEAD + RANDOM)[0]
+    units = label_units([(sweep.labels, {**sweep.experiment, "estimator": sweep.estimator})], registry)
+    assert units == {"plant.frequencies.0": "Hz", **dict.fromkeys(WIDTHS, "m")}
+
+
+def entry(text, rest=""):
+    return HEAD + f"{rest}\n[random]\ncount = 40\ndraw = [{{ {text} }}]\n"
+
+
+NONE = "around which no number can be drawn"
+GAIN = 'paths = "plant.gain", relative = 0.1'
+
+
+@pytest.mark.parametrize(
+    ("path", "sentence"),
+    [
+        ("plant.gian", "'plant.gian' leads nowhere: plant has no 'gian'; did you mean 'gain'?"),
+        ("plant.frequencies.2", "plant.frequencies has 2 values, which are counted from 0"),
+        ("plant.frequencies", f"is a list, {NONE}: name one of its 2 values, such as 'plant.frequencies.0'"),
+        ("friction.curve", f"is a table, {NONE}: name one of its numbers, such as 'friction.curve.coulomb'"),
+        ("friction.curve.elements", f"is 20, {NONE}: vary it in [grid]"),
+        ("friction.curve.shape", f"is 'exponential', {NONE}: vary it in [grid]"),
+        ("excitation.force_limit", f"is not given, {NONE}: give it a value in the study"),
+        ("plnt.gain", "there is no section 'plnt' to draw in; did you mean 'plant'?"),
+        ("limits.stroke", "there is no section 'limits' to draw in"),
+        ("loop.noise", "'loop.noise' is 0, of which a share is 0 too; expected 'deviation'"),
+    ],
+)
+def test_where_no_number_can_be_drawn_the_sentence_tells_why(sweeps, path, sentence):
+    wrong(sweeps, entry(f'paths = "{path}", relative = 0.1', "[limits]\nstroke = 1.0"), sentence)
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ('paths = "plant.gain", relative = 0.8', "the rigid-body gain"),
+        (
+            'paths = "plant.gain", relative = 0.1, deviation = 1.0',
+            "expected either 'relative', a share, or 'deviation'",
+        ),
+        ('paths = "plant.gain"', "expected either 'relative', a share, or 'deviation'"),
+        ("paths = [], relative = 0.1", "paths is empty"),
+        ('paths = "plant.gain", relative = -0.1', "must be above 0"),
+        ('paths = "plant.gain", deviation = -0.1', "deviation is -0.1; expected a number above 0"),
+        ('paths = "plant.gain", deviation = "1 Hz"', "'plant.gain': 'Hz' is not a unit of the same kind as"),
+        ('paths = "plant.gain", relative = 0.1, distribution = "gauss"', "distribution is 'gauss'"),
+        ('path = "plant.gain", relative = 0.1', "has no parameter 'path'; did you mean 'paths'?"),
+        ('paths = ["plant.gain", "plant.gain"], relative = 0.1', "'plant.gain' is drawn twice"),
+    ],
+)
+def test_what_an_entry_cannot_be_is_told(sweeps, text, sentence):
+    wrong(sweeps, entry(text), sentence)
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        (entry(GAIN, '[grid]\n"plant.gain" = [0.1, 0.2]'), "'plant.gain' stands in [grid] too"),
+        (entry(GAIN).replace("40", "0"), "count is 0; expected a whole number, 1 at least"),
+        (entry(GAIN).replace("40", "2_000_000"), "[random]: it has 2,000,000 sweeps; expected 1,000,000 at most"),
+        (entry(GAIN).replace("count", "cuont"), "[random] has no 'cuont'; did you mean 'count'?"),
+        (HEAD + "[random]\ncount = 3", "draw is None; expected tables such as draw = [{ paths"),
+        ("random = 1\n" + HEAD, "[random] is 1; expected a table"),
+    ],
+)
+def test_what_the_section_cannot_be_is_told(sweeps, text, sentence):
+    wrong(sweeps, text, sentence)
+
+
+def wrong(sweeps, text, sentence):
+    with pytest.raises(FraexpError) as caught:
+        sweeps(text)
+    said = str(caught.value)
+    assert sentence in said
+    assert "s.toml" in said
+    assert "\n" not in said
+
+
+def test_a_draw_beyond_the_bounds_is_named_with_its_numbers(sweeps):
+    text = HEAD + RANDOM.replace('deviation = "0.5 Hz"', "relative = 3.0")
+    with pytest.raises(
+        FraexpError, match=r"draw (\d) \(plant.frequencies.0 = -.*, friction.curve.width = .*lower the dev"
+    ):
+        sweeps(text)
+
+
+def test_what_is_not_drawn_cannot_be_set(sweeps):
+    with pytest.raises(FraexpError, match=r"--set random.count: .*s.toml has no section \[random\]"):
+        sweeps(HEAD, "random.count=3")
+
+
+@pytest.mark.slow
+def test_a_hundred_thousand_draws_take_seconds(sweeps):
+    began = time.perf_counter()
+    found = sweeps(HEAD + RANDOM + CASES, "random.count=50000")
+    assert len({sweep.key for sweep in found}) == 100_000
+    assert time.perf_counter() - began < 90  # 20 s on a slow core; a plan for each draw would take hours
+
+
+def test_a_section_is_read_without_a_study():
+    draws = Draws.parse({"count": 2, "draw": [{"paths": "plant.gain", "relative": 0.1}]})
+    assert (draws.count, draws.seed, draws.paths) == (2, 0, ("plant.gain",))

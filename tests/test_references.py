@@ -1,0 +1,119 @@
+"""A parameter that another sweep of the study identifies."""
+
+from pathlib import Path
+
+import pytest
+
+from fraexp import references
+from fraexp.cli.main import main
+from fraexp.errors import StudyError
+from fraexp.store import Store
+from fraexp.sweep import Sweep
+
+STUDY = """
+title = "Identified, then used"
+machine = "linear_motor_table"
+
+[excitation]
+name = "stepped_sine"
+amplitude = 75.0
+lowest = 5.0
+points = 60
+
+[[case]]
+label = "positioned"
+estimator = { name = "positioning" }
+[case.excitation]
+name = "point_to_point"
+targets = [1.5e-3]
+duration = 0.04
+plant = { fit = "plant", case = "identified" }
+
+[[case]]
+label = "identified"
+estimator = { name = "modal_fit", modes = MODES, method = { name = "proposed" } }
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def written(folder: Path, **changes: str) -> str:
+    text = STUDY.replace("MODES", changes.pop("modes", "2"))
+    for old, new in changes.items():
+        text = text.replace(old, new)
+    (folder / "chain.toml").write_text(text, encoding="utf-8")
+    return str(folder / "chain.toml")
+
+
+def test_a_fit_is_used_by_a_later_sweep_whatever_their_order_in_the_file(folder: Path) -> None:
+    assert main(["run", written(folder)]) == 0
+    with Store.open("results.db", read_only=True) as store:
+        positioned, identified = store.sweeps(1)
+        assert positioned.experiment["excitation"]["plant"] == {"fit": "plant", "of": identified.key}
+        moved = {metric.name: metric.value for metric in store.result(positioned.key).metrics}
+    assert moved["overshoot"] < 4e-6  # with P_d = P it stays within the band
+
+    assert main(["run", "chain.toml"]) == 0  # and both are reused
+    with Store.open("results.db", read_only=True) as store:
+        assert store.run(2).reused == 2
+
+
+def test_what_decides_the_fit_is_in_the_key_of_what_uses_it(folder: Path) -> None:
+    assert main(["run", written(folder)]) == 0
+    main(["run", written(folder, modes="1")])
+    with Store.open("results.db", read_only=True) as store:
+        assert store.sweeps(1)[0].key != store.sweeps(2)[0].key
+
+
+def test_a_fit_that_failed_fails_what_needs_it_with_the_reason(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # five points are too few for two modes
+    assert main(["run", written(folder, **{"points = 60": "points = 5"})]) == 1
+    said = capsys.readouterr().err
+    assert "it needs the plant that sweep" in said
+    with Store.open("results.db", read_only=True) as store:
+        assert [sweep.state for sweep in store.sweeps(1)] == ["failed", "failed"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "complaint"),
+    [
+        ('case = "identified" }', 'case = "identifed" }', "did you mean 'identified'?"),
+        ('fit = "plant"', 'fit = "plants"', "fit is 'plants'; expected a kind of component"),
+        ('case = "identified" }', 'cas = "identified" }', "a fit has no 'cas'; did you mean 'case'?"),
+        ('case = "identified" }', 'case = "positioned" }', "there is no 'positioned'"),
+    ],
+)
+def test_a_reference_that_leads_nowhere_is_one_line(
+    folder: Path, capsys: pytest.CaptureFixture[str], old: str, new: str, complaint: str
+) -> None:
+    assert main(["run", written(folder, **{old: new})]) == 2
+    said = capsys.readouterr().err.strip().splitlines()
+    assert len(said) == 1
+    assert complaint in said[0]
+    assert not (folder / "results.db").exists()
+
+
+def test_sweeps_take_turns_after_what_they_need() -> None:
+    first = Sweep({"source": "loop"}, {"name": "a"})
+    second = Sweep({"source": "loop", "excitation": {"plant": {"fit": "plant", "of": first.key}}}, {"name": "b"})
+    third = Sweep({"source": "loop"}, {"name": "c", "friction": {"fit": "friction", "of": second.key}})
+    assert list(references.in_turn([third, second, first])) == [[first], [second], [third]]
+    assert list(references.in_turn([third])) == [[third]]  # what it needs is stored already
+
+
+def test_of_several_sweeps_of_a_case_the_one_at_the_same_point_is_meant() -> None:
+    sweeps = [
+        Sweep({"source": "loop"}, {"name": "a", "x": x}, {"case": "identified", "excitation.amplitude": x})
+        for x in (12, 75)
+    ]
+    reference = {"fit": "plant", "case": "identified"}
+    found = references.resolved(reference, {"case": "used", "excitation.amplitude": 75}, {"identified": sweeps}, "here")
+    assert found == {"fit": "plant", "of": sweeps[1].key}
+    with pytest.raises(StudyError, match="2 sweeps, 2 of them at this point of the grid; expected one"):
+        references.resolved(reference, {"case": "used"}, {"identified": sweeps}, "here")

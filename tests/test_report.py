@@ -1,0 +1,295 @@
+"""Printed numbers beside ours, and reports as HTML."""
+
+import shutil
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from fraexp.cli.exits import ExitCode
+from fraexp.cli.main import main
+from fraexp.errors import FraexpError
+from fraexp.printed import Candidate, Compared, Printed
+from fraexp.results import Metric
+from fraexp.store import Store
+from fraexp.study import described
+from fraexp.workspace import Workspace
+
+EVIL = "<script>alert('&')</script>"
+STUDY = f"""
+title = "Loops of one element {EVIL}"
+question = "Does it take 4 F_m (A - Y) of energy per cycle?"
+
+[friction]
+name = "rolling"
+stiffness = [1e5]
+limit_force = [10]
+
+[loop]
+sample_time = "0.1 ms"
+
+[excitation]
+name = "displacement_sine"
+frequency = 1
+
+[estimator]
+name = "hysteresis"
+
+[grid]
+"excitation.amplitude" = ["0.5 mm", "1 mm"]
+
+[[printed]]
+what = "energy {EVIL}"
+source = "the paper's Table \\"1\\""
+value = 16
+unit = "mJ"
+tolerance = "0.1 %"
+metric = "energy per cycle"
+where = {{ "excitation.amplitude" = 0.5e-3 }}
+
+[[printed]]
+what = "energy at another amplitude"
+value = 16
+unit = "mJ"
+compare = "above"
+metric = "energy per cycle"
+where = {{ "excitation.amplitude" = "1 mm" }}
+
+[[printed]]
+what = "nobody's"
+value = 1
+compare = "below"
+metric = "energy per cycle"
+where = {{ "excitation.amplitude" = 7 }}
+"""
+WHERE = {"estimator.method": "proposed", "excitation.amplitude": 12}
+SWEEPS = [
+    Candidate(
+        {"excitation.amplitude": f"{amplitude} N"},
+        {"excitation": {"amplitude": float(amplitude)}, "estimator": {"method": {"name": "proposed", "version": 1}}},
+        [Metric("k0", k0, "m/(N s**2)"), Metric("f1", float("nan"), "Hz")],
+    )
+    for amplitude, k0 in ((12, 0.1321), (75, 0.132))
+]
+
+
+class Page(HTMLParser):
+    """What of a page could reach outside of it, and its tables, headings and anchors."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.sources: list[str] = []
+        self.links: list[str] = []
+        self.anchors: list[str] = []
+        self.rows: list[list[str]] = []
+        self.open: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        given = {name: value or "" for name, value in attrs}
+        self.tags.append(tag)
+        self.sources += [given["src"]] if "src" in given else []
+        self.links += [given["href"]] if "href" in given else []
+        self.anchors += [f"#{given['id']}"] if "id" in given else []
+        if tag == "tr":
+            self.rows.append([])
+        if tag in ("td", "th"):
+            self.rows[-1].append("")
+        if tag not in ("meta", "img"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if {"td", "th"} & set(self.open):
+            self.rows[-1][-1] += data
+
+
+def page(path: Path) -> Page:
+    found = Page(path.read_text("utf-8"))
+    assert found.open == []
+    return found
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "studies/loops").mkdir(parents=True)
+    (tmp_path / "studies/loops/a.toml").write_text(STUDY, "utf-8")
+    second = STUDY.partition("[[printed]]")[0].replace("1e5", "2e5")
+    (tmp_path / "studies/loops/b.toml").write_text(second, "utf-8")
+    return tmp_path
+
+
+def beside(**changes: Any) -> Compared:
+    given = {"what": "k0", "value": 132, "unit": "mm/(N s**2)", "tolerance": "0.1 %", "metric": "k0", "where": WHERE}
+    return Printed.parse({**given, **changes}, "[[printed]]").beside(SWEEPS)
+
+
+def test_a_printed_number_finds_ours_in_its_own_unit() -> None:
+    found = beside()
+    assert found.ours == pytest.approx(132.1)
+    assert found.difference == pytest.approx(0.1)
+    assert found.agrees
+    assert not beside(tolerance="0.05 %").agrees
+    assert beside(tolerance=0.11).agrees
+    assert not beside(tolerance=0.09).agrees
+    assert beside(tolerance="11e-5 m/(N s**2)").agrees
+    assert beside(compare="above", tolerance=None).agrees
+    assert not beside(compare="below", tolerance=None).agrees
+    assert beside(where={"excitation.amplitude": "75 N"}).ours == pytest.approx(132)  # as the label has it
+
+
+@pytest.mark.parametrize(
+    ("changes", "remark"),
+    [
+        ({"metric": "k"}, "no sweep with estimator.method = proposed, excitation.amplitude = 12 has a metric 'k'"),
+        ({"metric": "f1", "unit": "Hz"}, "metric 'f1' has no value with"),
+        ({"unit": "Hz"}, "metric 'k0': 'm/(N s**2)' is not a unit of the same kind as 'Hz'"),
+        ({"where": {}}, "2 sweeps have a metric 'k0': say which one"),
+        ({"where": {"case": "nominal"}}, "there is no sweep with case = nominal"),
+        ({"where": {"estimator.method": "conventional"}}, "there is no sweep with estimator.method = conventional"),
+        ({"where": {"estimator.method": {"version": 2}}}, "there is no sweep with estimator.method"),
+    ],
+)
+def test_a_printed_number_without_ours_says_why_and_does_not_agree(changes: dict[str, Any], remark: str) -> None:
+    found = beside(**changes)
+    assert remark in found.remark
+    assert found.ours != found.ours
+    assert not found.agrees
+
+
+@pytest.mark.parametrize(
+    ("table", "complaint"),
+    [
+        ('unit = "Hz"', "lacks 'tolerance', such as '1 %'"),
+        ('tolerance = "1 mm"\nunit = "Hz"', "'mm' is not a unit of the same kind as 'Hz'"),
+        ("tolerance = 0", "tolerance is 0.0; expected more than 0"),
+        ('compare = "above"\ntolerance = 1', "has a tolerance; leave it out"),
+        ('compare = "over"', "expected 'about', 'above' or 'below'"),
+        ('unit = "Herz"\ntolerance = 1', "'Herz' is no known unit"),
+        ("tolerance = 1\nlabel = 1", "has no parameter 'label'"),
+    ],
+)
+def test_a_wrong_printed_number_is_refused_in_one_line(tmp_path: Path, table: str, complaint: str) -> None:
+    file = tmp_path / "study.toml"
+    file.write_text(f'[[printed]]\nwhat = "f"\nvalue = 1.0\nmetric = "f"\n{table}\n', "utf-8")
+    with pytest.raises(FraexpError, match=r"study.toml, \[\[printed\]\] number 1") as error:
+        described("study", file)
+    assert complaint in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_a_folder_of_studies_ends_with_a_report_that_needs_nothing_else(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["run", "loops"]) == 0
+    said = capsys.readouterr()
+    assert said.out.splitlines()[-1] == "report figures/loops.html"
+    assert said.err.splitlines()[-1] == "2 of 3 printed numbers met"
+    found = page(folder / "figures/loops.html")
+    assert "script" not in found.tags
+    assert len(found.sources) == 2
+    assert all(source.startswith("data:image/png;base64,iVBOR") for source in found.sources)
+    assert set(found.links) == set(found.anchors) == {"#run-1", "#run-2"}
+    numbers = [row for row in found.rows if row[0] == f"energy {EVIL}"]
+    assert [row[1] for row in numbers] == ['the paper\'s Table "1"'] * 2  # at the top, and in its chapter
+    assert numbers[0][2:5] == ["loops/a", "mJ", "16"]
+    assert float(numbers[0][5]) == pytest.approx(16, rel=1e-3)
+    assert numbers[0][-2:] == ["± 0.1 %", "yes"]
+    assert [row[-2:] for row in found.rows if row[0] == "energy at another amplitude"] == [["above 16", "yes"]] * 2
+    missed = [row for row in found.rows if row[0] == "nobody's"]
+    assert missed[0][-1] == "there is no sweep with excitation.amplitude = 7"
+    energies = next(row for row in found.rows if row[0] == "energy per cycle [N m]")
+    assert [float(cell) for cell in energies[1:]] == pytest.approx([0.016, 0.036], rel=1e-3)
+    text = (folder / "figures/loops.html").read_text("utf-8")
+    assert "fraexp run loops/a" in text
+    assert "Does it take 4 F_m (A - Y)" in text
+    assert main(["run", "loops/a"]) == 0  # a single study has no report
+    assert "report" not in capsys.readouterr().out
+
+
+def test_stored_runs_make_the_same_report_again(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", "loops", "--json"]) == 0
+    assert "report figures/loops.html" in capsys.readouterr().err.replace("\\", "/")
+    first = (folder / "figures/loops.html").read_bytes()
+    for identifiers in (["loops"], ["loops/a", "loops/b"], ["1", "2", "1"]):
+        assert main(["report", *identifiers, "-o", "again/x.html", "--title", "Report: loops"]) == 0
+        assert (folder / "again/x.html").read_bytes() == first
+    assert not list((folder / "again").glob(".*"))
+
+
+def test_an_older_run_leaves_the_figures_of_the_newest(folder: Path) -> None:
+    assert main(["run", "loops/a", "--set", "friction.stiffness=[3e5]"]) == 0
+    assert main(["run", "loops/a"]) == 0
+    newest = (folder / "figures/loops/a.png").read_bytes()
+    assert main(["report", "1", "-o", "old.html"]) == 0
+    assert (folder / "figures/loops/a.png").read_bytes() == newest
+    text = (folder / "old.html").read_text("utf-8")
+    assert "fraexp run loops/a &#x27;--set=friction.stiffness=[3e5]&#x27;" in text
+    assert len(page(folder / "old.html").sources) == 1
+
+
+def test_a_report_does_without_the_study_and_without_a_figure(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert main(["run", "loops"]) == 0
+    shutil.rmtree(folder / "studies")
+    assert main(["report", "loops/a", "-o", "x.html"]) == 0
+    text = (folder / "x.html").read_text("utf-8")
+    assert "title, question and printed numbers are left out: there is no study" in text
+    assert len(page(folder / "x.html").sources) == 1
+
+    def refuse(*_: object) -> dict[Path, bool]:
+        raise FraexpError("nothing to draw")
+
+    monkeypatch.setattr(Workspace, "draw", refuse)
+    assert main(["report", "1", "-o", "x.html"]) == 0
+    assert "no figure: nothing to draw" in (folder / "x.html").read_text("utf-8")
+    assert page(folder / "x.html").sources == []
+
+
+def test_many_sweeps_are_shown_in_part(folder: Path) -> None:
+    values = ", ".join(f"{n}e-4" for n in range(2, 62))
+    text = STUDY.replace('["0.5 mm", "1 mm"]', f"[{values}]")
+    (folder / "studies/loops/a.toml").write_text(text, "utf-8")
+    assert main(["run", "loops/a"]) == 0
+    assert main(["report", "1", "-o", "x.html"]) == 0
+    rows = page(folder / "x.html").rows
+    assert rows[-51][0] == "amplitude [m]"
+    assert "10 more sweeps" in (folder / "x.html").read_text("utf-8")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "complaint"),
+    [
+        (["1", "-o", "x.pdf"], ExitCode.USAGE, "a report cannot be written as '.pdf'"),
+        (["9", "-o", "x.html"], ExitCode.STORE, "there is no run 9"),
+        (["loop", "-o", "x.html"], ExitCode.USAGE, "there is no run of 'loop'"),
+        (["1", "-o", "studies/loops/a.toml/x.html"], ExitCode.USAGE, "the report cannot be written"),
+    ],
+)
+def test_a_wrong_wish_is_one_line(
+    folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], code: int, complaint: str
+) -> None:
+    assert main(["run", "loops/a"]) == 0
+    capsys.readouterr()
+    assert main(["report", *arguments]) == code
+    said = capsys.readouterr().err.strip().splitlines()
+    assert len(said) == 1
+    assert complaint in said[0]
+
+
+@pytest.mark.slow
+def test_the_paper_comes_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", "paper"]) == 0
+    figures = {path.stem for path in Path("figures/paper").glob("*.png")}
+    assert figures >= {"fig02", "fig06", "fig08", "fig12", "fig13", "fig14", "fig15"}
+    with Store.open("results.db", read_only=True) as store:
+        runs = [run.number for run in store.runs()]
+        compared = Workspace.open(tmp_path).report(store, runs, tmp_path / "x.html", "paper")
+    assert len(compared) >= 8
+    assert [one for one in compared if not one.agrees] == []
+    assert len(page(Path("figures/paper.html")).sources) == len(figures)
