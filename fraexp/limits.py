@@ -41,12 +41,14 @@ def check(limits: Limits, machine: Machine, excitation: Excitation) -> None:
     """Raise ParameterError if a period of the excitation is predicted to exceed a limit: the message names the first.
 
     The prediction is that of the linear loop: in its periodic state, or on its way from rest where the schedule does
-    not wait for that state. Friction makes a motion smaller in general.
+    not wait for that state. Friction makes a motion smaller in general; the force that overcomes it on a moving axis,
+    and what compensation feeds back, are added. What an excitation revises its periods to is its own to know.
     """
     sample_time, schedule = machine.loop.sample_time, excitation.schedule
     settles = schedule.settle_limit > 0
     for period in excitation.periods(sample_time):
         demand = predicted(machine, period) if settles else predicted_from_rest(machine, period, schedule.periods)
+        demand = _with_friction(demand, machine, period, excitation)
         for name, found, unit in zip(Demand._fields, demand, UNITS, strict=True):
             allowed = getattr(limits, name)
             if allowed is not None and found > allowed:
@@ -54,9 +56,23 @@ def check(limits: Limits, machine: Machine, excitation: Excitation) -> None:
                 what = f"{excitation.name} from {frequency:.4g} Hz" if settles else excitation.name
                 remedy = "leave out the frequencies that need it" if settles else "take more time"
                 raise ParameterError(
-                    f"{what} is predicted to need a {name} of {found:.4g} {unit} without friction; "
+                    f"{what} is predicted to need a {name} of {found:.4g} {unit}; "
                     f"limits.{name} is {allowed:g} {unit}: lower the amplitude, or {remedy}"
                 )
+
+
+def _with_friction(demand: Demand, machine: Machine, period: Period, excitation: Excitation) -> Demand:
+    """Return the demand with what friction and its compensation add, or with what revised periods may ask for."""
+    force = demand.force
+    if period.reference is not None and excitation.schedule.settle_limit > 0:
+        force += machine.friction.force_bound or 0.0
+    if machine.compensation:
+        force += machine.compensation.gain * (machine.compensation.friction.force_bound or 0.0)
+    greatest, stroke = excitation.greatest()
+    if stroke is None:
+        return Demand(demand.stroke, demand.velocity, greatest or force)
+    omega = 2 * np.pi * period.lines[-1] / (period.waveform.size * machine.loop.sample_time)
+    return Demand(stroke, float(omega * stroke / 2), greatest or force)
 
 
 def predicted(machine: Machine, period: Period) -> Demand:

@@ -124,6 +124,12 @@ def resolve(
     sweeps = references.laid_in(every)
     different = {sweep.key: sweep for sweep in reversed(sweeps)}  # points may say the same in two ways
     kept = tuple(sweep for sweep in sweeps if different[sweep.key] is sweep)
+    hidden = next(
+        (sweep for sweep in sweeps if different[sweep.key].labels.get("case") != sweep.labels.get("case")), None
+    )
+    if hidden and not overrides:  # which may well make cases alike
+        names = (different[hidden.key].labels["case"], hidden.labels["case"])
+        raise StudyError(f"{file}: the cases '{names[0]}' and '{names[1]}' come to the same sweep; let them differ")
     return replace(study, sweeps=kept)
 
 

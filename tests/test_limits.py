@@ -1,12 +1,16 @@
 """What an experiment may ask of a machine."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from fraexp_plugins.excitations.moving_sine import MovingSine
 from fraexp_plugins.excitations.stepped_sine import SteppedSine
 from fraexp_plugins.positioning.point_to_point import PointToPoint
 
 from fraexp.components import Excitation, Period, Schedule
 from fraexp.errors import ParameterError
+from fraexp.experiments import Compensation
 from fraexp.limits import Limits, check, predicted, predicted_from_rest
 from fraexp.signals import Segment
 from fraexp.simulation import Loop, Machine, Numerics, simulate_loop
@@ -81,9 +85,9 @@ def test_the_prediction_from_rest_is_what_the_loop_without_friction_does(excitat
 def test_a_move_that_exceeds_a_limit_is_refused() -> None:
     move = PointToPoint(plant=TABLE, input_dead_time=1e-3)
     check(Limits(stroke=1.51e-3, velocity=0.06, force=46.0), machine(), move)
-    with pytest.raises(ParameterError, match=r"point_to_point is predicted to need a force of 45.75 N .* more time"):
+    with pytest.raises(ParameterError, match=r"point_to_point is predicted to need a force of 45.75 N; .* more time"):
         check(Limits(stroke=1.51e-3, force=45.0), machine(), move)
-    with pytest.raises(ParameterError, match=r"a stroke of 0.0015 m .* limits.stroke is 0.0014 m"):
+    with pytest.raises(ParameterError, match=r"a stroke of 0.0015 m; limits.stroke is 0.0014 m"):
         check(Limits(stroke=1.4e-3), machine(), move)
 
 
@@ -139,3 +143,34 @@ def test_the_transient_is_recorded_where_nothing_is_settled() -> None:
     segment = signals.segments[0]
     assert segment.channels["y"].shape[0] == 3 and segment.channels["y"][0, 0] == 0.0
     assert np.array_equal(segment.channels["excitation"][0], segment.channels["excitation"][2])
+
+
+class Aiming(SteppedSine):
+    """May ask for another force than its periods have."""
+
+    def greatest(self) -> tuple[float | None, float | None]:
+        return 200.0, 40e-6
+
+
+def test_what_revised_periods_may_ask_for_counts_instead_of_the_first_ones() -> None:
+    excitation = Aiming(amplitude=1.0, frequencies=(3.0, 50.0))
+    check(Limits(stroke=41e-6, force=201.0), machine(), excitation)
+    with pytest.raises(ParameterError, match=r"need a force of 200 N; limits.force is 199 N"):
+        check(Limits(force=199.0), machine(), excitation)
+    with pytest.raises(ParameterError, match=r"from 50 Hz is predicted to need a velocity of 0.00628"):
+        check(Limits(velocity=5e-3), machine(), excitation)
+
+
+def test_friction_counts_where_the_axis_moves_and_where_it_is_compensated() -> None:
+    moving = MovingSine(amplitude=2.0, frequencies=(40.0,), velocity=0.05)
+    without = max(predicted(machine(), period).force for period in moving.periods(500e-6))
+    with pytest.raises(ParameterError, match="need a force"):
+        check(Limits(force=without + 17), machine(guide()), moving)
+    check(Limits(force=without + 18), machine(guide()), moving)
+
+    still = SteppedSine(amplitude=12.0, frequencies=(40.0,))
+    compensated = replace(machine(guide()), compensation=Compensation(gain=0.5, friction=guide()))
+    least = predicted(machine(guide()), still.periods(500e-6)[0]).force
+    with pytest.raises(ParameterError, match="need a force"):
+        check(Limits(force=least + 8.9), compensated, still)
+    check(Limits(force=least + 9), compensated, still)

@@ -6,7 +6,7 @@ from fraexp_plugins.identification.sliding_identification import SlidingIdentifi
 
 from fraexp.errors import RecordError
 from fraexp.signals import Segment, Settling, Signals
-from tests.identification.friction_records import values
+from tests.identification.friction_records import THREE, driven, values
 
 RATE, MASS = 1000.0, 3.0
 
@@ -71,3 +71,16 @@ def test_a_motion_that_cannot_tell_is_refused() -> None:
     )
     with pytest.raises(RecordError, match="check the signs and gains"):
         SlidingIdentification().estimate(Signals((wrong,), turned.units))
+
+
+def test_friction_that_rises_after_each_reversal_is_left_out() -> None:
+    time = np.arange(20000) / RATE
+    y = 0.02 * np.sin(np.pi * time) + 1e-3 * np.sin(5 * np.pi * time)
+    velocity = np.gradient(y, time)
+    u = MASS * np.gradient(velocity, time) + driven(THREE, y, 1 / RATE)
+    u = (u + np.roll(u, -1)) / 2
+    segment = Segment(1 / RATE, {"u": u[None], "y": y[None]}, np.array([1]), Settling(True, 0.0, 0.0))
+    found = values(SlidingIdentification(presliding=3e-4).estimate(Signals((segment,), {"u": "N", "y": "m"})))
+    assert found["mass"] == pytest.approx(MASS, rel=0.01)
+    assert found["Coulomb force"] == pytest.approx(sum(THREE.limit_force), rel=0.01)
+    assert found["viscous coefficient"] == pytest.approx(THREE.viscous, rel=0.05)

@@ -68,6 +68,7 @@ class SlidingIdentification(Estimator, name="sliding_identification", version=1)
     slowest: float = param(
         "m/s", "speed below which the machine does not count as sliding; chosen from the motion if 0", 0.0, at_least=0
     )
+    presliding: float = param("m", "way after each reversal that is left out: there friction rises", 0.0, at_least=0)
     asymmetry: bool = param("", "whether viscous friction may differ by direction: a force D_a |v|", False)
     hold: bool = param("", "whether the thrust is held between samples", True)
     input_dead_time: float = param("s", "dead time of the thrust", 0.0, at_least=0, inherit="loop.input_dead_time")
@@ -122,7 +123,8 @@ class SlidingIdentification(Estimator, name="sliding_identification", version=1)
         delay = self.input_dead_time + self.output_dead_time - (0.0 if self.hold else stretch.sample_time / 2)
         seen = Observation(inertia=True, delay=delay, highest=self.highest)
         v = stretch.velocity()
-        standing = seen.friction(stretch, (np.abs(v) < slowest).astype(float)[:, None])[:, 0]
+        excluded = (np.abs(v) < slowest) | (_way_since_reversal(stretch.displacement, v) < self.presliding)
+        standing = seen.friction(stretch, excluded.astype(float)[:, None])[:, 0]
         plain = [np.sign(v), v, np.ones_like(v), *([np.abs(v)] if self.asymmetry else [])]
         columns = np.column_stack([seen.acceleration(stretch), seen.friction(stretch, np.column_stack(plain))])
         sliding = standing < STANDING
@@ -135,6 +137,15 @@ def _slowest(stretches: Sequence[Stretch]) -> float:
     speeds = np.abs(np.concatenate([stretch.velocity() for stretch in stretches]))
     step = resolution_of(list(stretches)) / stretches[0].sample_time
     return max(SHARE * float(np.percentile(speeds, 95)), STEPS * step)
+
+
+def _way_since_reversal(displacement: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+    """Return how far each sample is from where the motion has turned last [m], shape (n,)."""
+    turned = np.diff(np.sign(velocity), prepend=np.sign(velocity[0])) != 0
+    turned[0] = True  # what came before is not known
+    last = np.maximum.accumulate(np.where(turned, np.arange(velocity.size), 0))
+    way: np.ndarray = np.abs(displacement - displacement[last])
+    return way
 
 
 def _check(velocity: np.ndarray, slowest: float) -> None:
