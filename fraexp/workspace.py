@@ -189,11 +189,17 @@ class Workspace:
             result = results.get(sweep.key)
             if result and (result.response or result.curves or kind in OF_METRICS):
                 groups.setdefault(result.response.unit if result.response else None, []).append(sweep)
-        paths = [path, *(path.with_stem(f"{path.stem}-{number}") for number in range(2, len(groups) + 1))]
-        return {
-            target: self._draw_group(group, results, target, title, kind, tell)
-            for target, group in zip(paths, groups.values(), strict=False)
-        }
+        drawn: dict[Path, bool] = {}
+        unfit: list[FraexpError] = []
+        for group in groups.values():
+            target = path.with_stem(f"{path.stem}-{len(drawn) + 1}") if drawn else path
+            try:
+                drawn[target] = self._draw_group(group, results, target, title, kind, tell)
+            except FraexpError as error:  # a kind need not fit what other sweeps of the study have found
+                unfit.append(error)
+        if unfit and not (drawn and kind):
+            raise unfit[0]
+        return drawn
 
     def _draw_group(
         self,

@@ -1,5 +1,6 @@
 """Tables of sweeps and of responses."""
 
+import itertools
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
@@ -34,7 +35,10 @@ def sweep_table(sweeps: Sequence[StoredSweep], results: Mapping[str, Result], re
     found = [results[sweep.key].response for sweep in sweeps if sweep.key in results]
     responses = [response for response in found if response is not None and len(response.frequency)]
     spots, unit = spots_of(responses)
-    telling = list(dict.fromkeys(name for result in results.values() for name in _telling(result)))
+    each = itertools.zip_longest(
+        *(_telling(result) for result in results.values())
+    )  # the first ones of each come first
+    telling = list(dict.fromkeys(name for row in each for name in row if name))
     metrics = telling[:MOST_METRICS]
     mixed = len({sweep.state for sweep in sweeps}) > 1
     columns = [

@@ -64,11 +64,12 @@ def _check_changes(swing: np.ndarray, name: str, place: str) -> None:
         return
     lengths = np.diff([0, *changes, len(swing)])
     even = len(set(lengths.tolist())) == 1
-    remedy = f"give periods = {lengths[0]} (--periods {lengths[0]})" if even else "cut the record there, or use segment"
-    raise RecordError(
-        f"{place}: '{name}' is another signal from period {changes[0] + 1} on, as several realisations are that "
-        f"follow one another; {remedy}"
-    )
+    remedy = "cut the record there, or use segment"
+    if even:
+        remedy = f"if realisations follow one another, give periods = {lengths[0]} (--periods {lengths[0]})"
+    elif changes.size == 1:
+        remedy = f"if it was still settling, give skip = {changes[0]} (--skip {changes[0]})"
+    raise RecordError(f"{place}: '{name}' is another signal from period {changes[0] + 1} on; {remedy}")
 
 
 def seems_to_repeat(period: int, rate: float) -> str:

@@ -94,3 +94,19 @@ def test_a_column_that_is_not_evidently_the_time_is_no_clock(
         rows[:, 0] = np.random.default_rng(6).uniform(1, 2, len(rows))
     bench.write(tmp_path / "bench.csv", rows, f"{heading},iq (A),Position [mm]")
     assert signals_of(time=None, sample_rate=500).segments[0].sample_time == 1 / 500
+
+
+@pytest.mark.parametrize(
+    ("pattern", "remedy"),
+    [
+        ("aaaabbbb", r"from period 5 on; if realisations follow one another, give periods = 4 \(--periods 4\)"),
+        ("baaaaaaa", r"from period 2 on; if it was still settling, give skip = 1 \(--skip 1\)"),
+        ("aaaaabbbbbbcccc", r"from period 6 on; cut the record there, or use segment"),
+    ],
+)
+def test_another_signal_within_a_record_is_told(pattern: str, remedy: str) -> None:
+    rng = np.random.default_rng(7)
+    periods = {name: rng.normal(size=200) for name in "abc"}
+    channel = np.concatenate([periods[name] for name in pattern])
+    with pytest.raises(RecordError, match=remedy):
+        check_repeats(Cut(0, len(pattern), 200, 1, 1e-3), channel, 1e3, "u", "a.csv")
