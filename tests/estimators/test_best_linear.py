@@ -134,6 +134,24 @@ def test_omitted_odd_lines_show_the_level_of_a_cubic_and_even_lines_are_empty() 
     assert metrics["even level over output"] < 1e-13
 
 
+def test_one_period_does_not_tell_noise_from_distortions() -> None:
+    """Noise and distortions of one realisation are unknown then; the total, and the band by it, are known."""
+    lines, sigma = left_out(ODD), 0.05
+    u = multisines(1, lines, periods=2)
+    y = u + ALPHA * u**3 + sigma * np.random.default_rng(5).standard_normal(u.shape)
+    one, two = (FastBestLinear().estimate(signals(u[:, :n], y[:, :n], u[:, :n], lines)) for n in (1, 2))
+    response, told = response_of(one), response_of(two)
+    assert response.noise_variance is None
+    assert response.nonlinear_variance is None
+    assert told.noise_variance is not None
+    assert np.isnan(level(one, "noise")).all()
+    assert np.isfinite(level(two, "noise")).all()
+    assert np.isnan(next(metric.value for metric in one.metrics if metric.name == "noise level over output"))
+    # 200 lines of which eight neighbours tell each: the means of the totals differ by the noise of one period alone
+    expected = np.mean(told.standard_deviation**2) + np.mean(told.noise_variance)
+    assert np.mean(response.standard_deviation**2) == pytest.approx(expected, rel=0.2)
+
+
 def test_a_square_shows_at_even_lines_alone() -> None:
     lines = left_out(ODD)
     u = multisines(1, lines)

@@ -8,7 +8,7 @@ from fraexp_plugins.estimators.proposed import Proposed
 from fraexp_plugins.excitations.stepped_sine import SteppedSine
 
 from fraexp.delays import hold_response, path_response
-from fraexp.errors import RecordError
+from fraexp.errors import ParameterError, RecordError
 from fraexp.experiments import Compensation
 from fraexp.periodic import phasors
 from fraexp.results import Outcome
@@ -88,3 +88,8 @@ def test_the_compensating_force_is_told():
 def test_a_loop_without_compensation_is_refused():
     with pytest.raises(RecordError, match=r"section \[compensation\]"):
         FeedbackCompensated().estimate(simulated(guide(), (39.0,), 12.0))
+
+
+def test_the_observer_refuses_to_take_friction_off_once_more():
+    with pytest.raises(ParameterError, match="feedback_compensated, which takes friction off itself"):
+        Proposed.parse({"friction": guide(), "method": FeedbackCompensated()}, "proposed")

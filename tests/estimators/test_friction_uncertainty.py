@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from fraexp_plugins.estimators.best_linear import BestLinear
 from fraexp_plugins.estimators.conventional import Conventional
-from fraexp_plugins.estimators.friction_uncertainty import Deviation, moved, perturbed
+from fraexp_plugins.estimators.friction_uncertainty import Deviation, check_deviations, moved, perturbed
 from fraexp_plugins.estimators.proposed import Proposed
 from fraexp_plugins.friction.composite import Composite
 from fraexp_plugins.friction.dahl import Dahl
@@ -94,6 +94,37 @@ def test_the_covariance_is_that_of_drawn_parameters():
     assert np.allclose(total, [[0.25, -0.6e-6], [-0.6e-6, 4e-12]], rtol=1e-9, atol=0)
 
 
+@pytest.mark.parametrize(
+    ("parameter", "text", "number"),
+    [("viscous_coefficient", "0.5 N s/m", 0.5), ("curve.width", "2 um", 2e-6), ("curve.coulomb", "0.5", 0.5)],
+)
+def test_a_deviation_is_read_in_the_unit_of_its_parameter(signals, parameter, text, number):
+    friction = Rolling(curve=CURVE, viscous_coefficient=4.69)
+    covariances = []
+    for given in (text, number):
+        plain = {"friction": friction, "deviations": [{"parameter": parameter, "deviation": given}], **DELAYS}
+        estimator = Proposed.parse(plain, "proposed")
+        assert estimator.deviations[0].size(friction) == pytest.approx(number, rel=1e-12)
+        covariances.append(estimator.estimate(signals).response.model_covariance)
+    assert np.allclose(*covariances, rtol=1e-9, atol=0)
+
+
+def test_a_place_in_a_list_has_the_unit_of_the_list():
+    friction = Composite(parts=(Dahl(stiffness=3.9e5, coulomb=17.9), Rolling(stiffness=(1e5,), limit_force=(5.0,))))
+    assert Deviation(parameter="parts.0.stiffness", deviation="1 N/um").size(friction) == pytest.approx(1e6)
+    assert Deviation(parameter="parts.1.limit_force.0", deviation="2 mN").size(friction) == pytest.approx(2e-3)
+
+
+@pytest.mark.parametrize("names", [("curve.coulomb", "curve.coulomb"), ("stiffness.0", "stiffness.00")])
+def test_a_parameter_that_deviates_twice_is_refused(names):
+    friction = Rolling(curve=CURVE) if "curve" in names[0] else Rolling(stiffness=(1e5,), limit_force=(5.0,))
+    twice = [Deviation(parameter=name, deviation=0.5) for name in names]
+    with pytest.raises(ParameterError, match=f"'{names[1]}' is given twice; give each parameter once"):
+        check_deviations(friction, twice, ())
+    with pytest.raises(ParameterError, match="given twice"):
+        next(perturbed(friction, twice, (), 2.0))
+
+
 def test_a_number_in_a_list_deviates(signals):
     friction = Rolling(stiffness=(1e5, 2e5), limit_force=(5.0, 4.0))
     found = moved(friction, [Deviation(parameter="limit_force.1", deviation=0.5)], np.array([0.5]))
@@ -129,6 +160,13 @@ def test_without_a_stated_uncertainty_the_band_is_that_of_noise(signals):
         ({"deviations": ({"parameter": "curve.coulom", "deviation": 1.0},)}, "did you mean 'coulomb'"),
         ({"deviations": ({"parameter": "stiffness.3", "deviation": 1.0},)}, "no place '3'"),
         ({"deviations": ({"parameter": "curve", "deviation": 1.0},)}, "only numbers deviate"),
+        (
+            {"deviations": ({"parameter": "curve.width", "deviation": "2 N"},)},
+            "'N' is not a unit of the same kind as 'm'",
+        ),
+        ({"deviations": ({"parameter": "curve.width", "deviation": "-2 um"},)}, "must be above 0 m"),
+        ({"deviations": ({"parameter": "curve.width", "deviation": -2e-6},)}, "expected a number above 0"),
+        ({"deviations": ({"parameter": "curve.width", "deviation": True},)}, "expected a number above 0"),
         ({"correlation": ((1.0,),)}, "expected 0 rows"),
     ],
 )

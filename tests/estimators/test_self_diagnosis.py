@@ -30,7 +30,7 @@ def signals(request):
 
 
 def diagnosed(signals, **given):
-    result = SelfDiagnosis(friction=guide(), input_dead_time=1e-3, **{**SCALE, **given}).estimate(signals)
+    result = SelfDiagnosis(**{"friction": guide(), "input_dead_time": 1e-3, **SCALE, **given}).estimate(signals)
     return result, {metric.name: metric.value for metric in result.metrics}
 
 
@@ -62,7 +62,7 @@ def test_a_wrong_model_is_told_by_band(error):
 
 
 def test_the_scatter_tells_how_large_the_error_is(signals):
-    """The true error of P̂ is one to four times the scatter of one realisation."""
+    """Of the hysteresis: the true error of P̂ is one to four times the scatter of one realisation."""
     response = diagnosed(signals, force_scale=1.03)[0].response
     error = np.abs(response.response / TABLE.response(2 * np.pi * response.frequency) - 1)
     scatter = np.sqrt(response.nonlinear_variance) / np.abs(response.response)
@@ -93,7 +93,7 @@ def test_amplitudes_will_do_in_place_of_phases():
     signals = replace(several[0], segments=tuple(each.segments[0] for each in several))
     scatter = []
     for scale in (1.0, 1.01, 1.1):
-        estimator = SelfDiagnosis(friction=guide(), input_dead_time=1e-3, force_scale=scale)
+        estimator = SelfDiagnosis(friction=guide(), input_dead_time=1e-3, force_scale=scale, bands=(10, 30))
         scatter.append(float(estimator.estimate(signals).curves[0].columns["scatter"][0]))
     assert scatter[0] < 1e-3 < scatter[1] < scatter[2]
 
@@ -104,7 +104,28 @@ def test_one_realisation_is_refused():
         diagnosed(replace(signals, segments=signals.segments[:1]))
 
 
-def test_one_period_says_that_it_shows_no_noise():
-    result, metrics = diagnosed(recorded(12.0, periods=1), force_scale=1.1)
+@pytest.mark.parametrize("viscous", [0.0, 50.0])
+def test_a_linear_error_is_not_seen(signals, viscous):
+    """A wrong viscous coefficient, in place of 4.69 N s/m, is part of a linear y'/û_e: P̂ is wrong, no line scatters."""
+    result, metrics = diagnosed(signals, friction=guide(viscous=viscous))
+    response = result.response
+    error = np.abs(response.response / TABLE.response(2 * np.pi * response.frequency) - 1)
+    assert np.median(error[response.frequency < 5]) > 0.01
+    assert [metrics[f"verdict {band}"] for band in BANDS] == [1, 1, 1]
+
+
+@pytest.mark.parametrize("bands", [(200.0, 300.0), (1.0, 20.0, 100.0, 200.0)])
+def test_a_band_without_a_line_is_refused(signals, bands):
+    with pytest.raises(RecordError, match=r"no line lies from \d+ to below \d+ Hz; the lines go from 1.5 to 99.5 Hz"):
+        diagnosed(signals, bands=bands)
+
+
+def test_one_period_leaves_the_verdict_open():
+    signals = recorded(12.0, periods=1)
+    result, metrics = diagnosed(signals, force_scale=1.1)
     assert np.isnan(metrics["noise floor 1-5 Hz"])
+    assert np.isnan([metrics[f"verdict {band}"] for band in BANDS]).all()
     assert "two periods" in result.message
+    result, metrics = diagnosed(signals, tolerance=0.5)  # noise included, the scatter is little enough
+    assert [metrics[f"verdict {band}"] for band in BANDS] == [1, 1, 1]
+    assert result.message == ""

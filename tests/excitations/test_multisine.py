@@ -126,6 +126,13 @@ def test_the_transient_from_rest_is_recorded_where_it_is_asked_for():
     assert Multisine(rms=1).schedule.settle_limit > 0
 
 
+def test_detection_may_be_as_large_as_the_number_of_lines():
+    excitation = Multisine(rms=1, highest=5, detection=4)
+    excitation.check(TS)
+    assert excitation.grid().size == 4
+    assert excitation.lines().size == 3
+
+
 @pytest.mark.parametrize(
     ("parameters", "reason"),
     [
@@ -136,6 +143,10 @@ def test_the_transient_from_rest_is_recorded_where_it_is_asked_for():
         ({"realisations": 1000, "whole_periods": 100}, "records 400,000,000 samples in all"),
         ({"realisations": 2, "crest_iterations": 9}, "2 realisations, whose phases must stay random; give one of both"),
         ({"detection": 1}, "multisine.detection is 1, which leaves out all lines"),
+        (
+            {"detection": 5, "highest": 5},
+            "multisine.detection is 5, which leaves no line out of the 4 between 1 and 5 Hz",
+        ),
         ({"shape": ((10, 1), (5, 1))}, "expected them to ascend"),
         ({"shape": ((10, 0),)}, "multisine.shape has a number of 0 or less"),
     ],

@@ -1,5 +1,7 @@
 """Stepped excitations: shaped amplitude, held response, moving axis."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from fraexp_plugins.excitations.moving_sine import MovingSine
@@ -9,6 +11,7 @@ from fraexp_plugins.excitations.stepped_sine import SteppedSine
 from fraexp.components import Excitation
 from fraexp.delays import hold_response, image_factor, path_response
 from fraexp.errors import ParameterError
+from fraexp.results import Outcome
 from fraexp.signals import Segment, Signals
 from fraexp.simulation import Loop, Machine, Numerics, simulate_loop
 from tests.excitations.spectra import TS, amplitudes, others
@@ -100,10 +103,43 @@ def test_a_response_that_jumps_over_the_amplitude_ends_the_search_at_the_jump():
     assert tried[-1][0] == pytest.approx(40, rel=0.01)
 
 
-def test_a_channel_that_does_not_exist_is_named():
-    excitation = ResponseControlled(displacement=5e-6, highest_force=20, frequencies=(5,), channel="z")
-    with pytest.raises(ParameterError, match=r"response_controlled.channel is 'z'; expected one of .*displacement"):
-        signals_of(excitation)
+def test_a_channel_that_is_no_response_is_refused():
+    given = {"displacement": 5e-6, "highest_force": 20, "channel": "u"}
+    with pytest.raises(ParameterError, match=r"response_controlled.channel is 'u'.*expected 'y' or 'displacement'"):
+        ResponseControlled.parse(given, "response_controlled")
+
+
+def test_frequencies_that_miss_the_amplitude_are_told():
+    def remark(highest_force):
+        excitation = ResponseControlled(displacement=50e-6, highest_force=highest_force, frequencies=(5, 39, 150, 200))
+        signals = signals_of(excitation)
+        assert signals.outcome is Outcome.OK
+        reached = [amplitude(segment, "y") * 1e6 for segment in signals.segments]
+        return signals.message, [one for one in reached if abs(one / 50 - 1) > 0.01]
+
+    message, missed = remark(20)
+    assert 1 < len(missed) < 4
+    expected = f"{len(missed)} of 4 frequencies miss 50 µm: at highest_force, 20 N, they reach"
+    assert message == f"{expected} {min(missed):.4g} to {max(missed):.4g} µm"
+    assert remark(1000) == ("", [])
+
+
+def test_a_jump_over_the_amplitude_is_told_as_such():
+    excitation = ResponseControlled(displacement=50e-6, highest_force=1000, frequencies=(39,))
+    (segment,) = signals_of(excitation).segments
+    jumped = replace(segment, channels={**segment.channels, "y": 1.1 * segment.channels["y"]})
+    assert excitation.remark([segment]) == ""
+    assert excitation.remark([segment, jumped]).startswith("1 of 2 frequencies miss 50 µm: the response jumps over it")
+
+
+def test_limits_are_told_the_highest_force_and_the_stroke_of_the_amplitude():
+    assert ResponseControlled(displacement=50e-6, highest_force=20).greatest() == (20.0, 100e-6)
+
+
+@pytest.mark.parametrize("kind", [SteppedSine, MovingSine])
+def test_a_frequency_that_is_given_twice_is_refused(kind):
+    with pytest.raises(ParameterError, match=rf"{kind.name}.frequencies has 20 Hz 2 times; expected each once"):
+        kind.parse({"amplitude": 1, "frequencies": [10, 20, 30, "0.02 kHz"]}, kind.name)
 
 
 def velocity(period) -> np.ndarray:

@@ -20,6 +20,9 @@ class FeedbackCompensated(DelayedEstimator, name="feedback_compensated", version
     Not to be used without having looked at several gains and amplitudes: the response does not tell which α is right.
     """
 
+    takes_friction_off: ClassVar[bool] = True
+    """During the experiment; an observer would take off once more what is left."""
+
     compensation: str = param("", "channel of the compensating force α f̂ that is part of the input", "compensation")
     remove_delay: bool = param("", "whether to divide by G_di G_do and the hold, to compare with P(jω)", False)
 

@@ -1,6 +1,8 @@
 """How uncertain a friction model is: standard deviations of its parameters, and what they have in common."""
 
 from collections.abc import Iterator, Sequence
+from functools import cache
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -19,7 +21,47 @@ class Deviation(Parameters):
     parameter: str = param(
         "", "name of the parameter, with dots to parts and to places in a list: `coulomb`, `curve.width`, `stiffness.0`"
     )
-    deviation: float = param("1", "its standard deviation, in the parameter's own SI unit", above=0)
+    deviation: object = param("", "its standard deviation: a number in the parameter's SI unit, or such as `0.5 N s/m`")
+    """A text is read only when the friction model tells the parameter's unit."""
+
+    def model_post_init(self, context: object) -> None:
+        """Check a number."""
+        given = self.deviation
+        is_number = isinstance(given, float | int) and not isinstance(given, bool) and 0 < given < inf
+        if not is_number and not isinstance(given, str):
+            raise ParameterError(f"deviations: that of '{self.parameter}' is {given!r}; expected a number above 0")
+
+    def size(self, friction: FrictionModel) -> float:
+        """Return the standard deviation in the parameter's SI unit."""
+        _, unit = _number(friction, self.parameter)
+        return _in_unit(unit).parse({"deviation": self.deviation}, f"deviations: '{self.parameter}'").deviation
+
+
+class _Size(Parameters):
+    """A standard deviation in SI units."""
+
+    deviation: float = param("1", "standard deviation", above=0)
+
+
+@cache
+def _in_unit(unit: str) -> type[_Size]:
+    """Return one that reads texts of this unit."""
+
+    class InUnit(_Size):
+        deviation: float = param(unit, "standard deviation", above=0)
+
+    return InUnit
+
+
+def check_deviations(
+    friction: FrictionModel, deviations: Sequence[Deviation], correlation: Sequence[Sequence[float]]
+) -> None:
+    """Raise ParameterError unless each deviates a parameter of its own, by an amount that its bounds allow."""
+    correlation_matrix(correlation, len(deviations))
+    for number, each in enumerate(deviations):
+        moved(friction, [each], [each.size(friction)])
+        if any(_places(each.parameter) == _places(other.parameter) for other in deviations[:number]):
+            raise ParameterError(f"deviations: '{each.parameter}' is given twice; give each parameter once")
 
 
 def correlation_matrix(correlation: Sequence[Sequence[float]], count: int) -> np.ndarray:
@@ -44,8 +86,9 @@ def perturbed(
 
     With them comes how many columns they are away: `steps`, or less where the bounds of a parameter do not allow that.
     """
+    check_deviations(friction, deviations, correlation)
     values, vectors = np.linalg.eigh(correlation_matrix(correlation, len(deviations)))
-    sizes = np.array([each.deviation for each in deviations])
+    sizes = np.array([each.size(friction) for each in deviations])
     for value, vector in zip(values, vectors.T, strict=True):
         if value > ROUNDING:
             yield _either_side(friction, deviations, sizes * vector * np.sqrt(value), steps)
@@ -62,31 +105,59 @@ def _either_side(
     return moved(friction, deviations, steps * column), moved(friction, deviations, -steps * column), steps
 
 
-def moved(friction: FrictionModel, deviations: Sequence[Deviation], amounts: np.ndarray) -> FrictionModel:
-    """Return the friction model with its parameters moved by `amounts` [their SI units], shape (deviations,)."""
+def moved(
+    friction: FrictionModel, deviations: Sequence[Deviation], amounts: Sequence[float | str] | np.ndarray
+) -> FrictionModel:
+    """Return the friction model with its parameters moved by `amounts` [their SI units], shape (deviations,).
+
+    A text stands for one standard deviation.
+    """
     for each, amount in zip(deviations, amounts, strict=True):
-        if amount:
-            friction = _changed(friction, each.parameter.split("."), float(amount), each.parameter)
+        _number(friction, each.parameter)
+        step = each.size(friction) if isinstance(amount, str) else float(amount)
+        if step:
+            friction = _changed(friction, each.parameter.split("."), step)
     return friction
 
 
-def _changed(owner: Any, path: Sequence[str], amount: float, whole: str) -> Any:
+def _number(friction: FrictionModel, parameter: str) -> tuple[float, str]:
+    """Return the value and the unit of a parameter; ParameterError unless it is there and a number."""
+    found: Any = friction
+    unit = ""
+    for part in parameter.split("."):
+        if isinstance(found, tuple):
+            if not part.isdecimal() or int(part) >= len(found):
+                raise ParameterError(f"deviations: '{parameter}' has no place '{part}'; expected 0 to {len(found) - 1}")
+            found = found[int(part)]
+            continue
+        if not isinstance(found, Parameters):
+            raise ParameterError(f"deviations: '{parameter}' goes beyond a number at '{part}'")
+        fields = type(found).model_fields
+        if part not in fields:
+            raise ParameterError(f"deviations: there is no parameter '{parameter}'{did_you_mean(part, fields)}")
+        found, unit = getattr(found, part), _unit(fields[part].json_schema_extra)
+    if isinstance(found, bool) or not isinstance(found, float):
+        raise ParameterError(f"deviations: '{parameter}' is {found!r}; only numbers deviate")
+    return found, unit
+
+
+def _unit(declared: Any) -> str:
+    return str(declared["unit"]) if isinstance(declared, dict) else ""
+
+
+def _places(parameter: str) -> list[str | int]:
+    """Return the parts of a parameter's name, places in a list as numbers."""
+    return [int(part) if part.isdecimal() else part for part in parameter.split(".")]
+
+
+def _changed(owner: Any, path: Sequence[str], amount: float) -> Any:
     """Return a copy of a component, a group or a list in which the number at `path` is greater by `amount`."""
     if not path:
-        if isinstance(owner, bool) or not isinstance(owner, float):
-            raise ParameterError(f"deviations: '{whole}' is {owner!r}; only numbers deviate")
         return owner + amount
     first, *rest = path
     if isinstance(owner, tuple):
-        if not first.isdecimal() or int(first) >= len(owner):
-            raise ParameterError(f"deviations: '{whole}' has no place '{first}'; expected 0 to {len(owner) - 1}")
         index = int(first)
-        return (*owner[:index], _changed(owner[index], rest, amount, whole), *owner[index + 1 :])
-    if not isinstance(owner, Parameters):
-        raise ParameterError(f"deviations: '{whole}' goes beyond a number at '{first}'")
-    fields = type(owner).model_fields
-    if first not in fields:
-        raise ParameterError(f"deviations: there is no parameter '{whole}'{did_you_mean(first, fields)}")
-    values = {key: getattr(owner, key) for key in fields}
-    values[first] = _changed(values[first], rest, amount, whole)
+        return (*owner[:index], _changed(owner[index], rest, amount), *owner[index + 1 :])
+    values = {key: getattr(owner, key) for key in type(owner).model_fields}
+    values[first] = _changed(values[first], rest, amount)
     return type(owner).parse(values, f"deviations: {getattr(owner, 'name', '') or type(owner).__name__}")

@@ -18,7 +18,7 @@ SEED = 0
 """Of the rounding errors that are tried."""
 
 
-class SelfDiagnosis(EffectiveInputEstimator, name="self_diagnosis", version=1):
+class SelfDiagnosis(EffectiveInputEstimator, name="self_diagnosis", version=2):
     """The scatter of y'/û_e over random phases or amplitudes, against the noise floor, frequency band by band.
 
     With the right friction model û_e to y' is linear: every realisation gives the same ratio but for noise, whose part
@@ -31,8 +31,12 @@ class SelfDiagnosis(EffectiveInputEstimator, name="self_diagnosis", version=1):
 
     A band's scatter and noise floor are medians over its lines, its ratio is the root of the median of their squares'
     ratio. The verdict is 1 where the ratio is at most twice what noise alone exceeds in 5 of 100 experiments, or where
-    the scatter is within `tolerance`, and otherwise 0: there the friction model is to be identified again. The true
-    error of P̂ is one to four times the scatter.
+    the scatter is within `tolerance`, and otherwise 0: there the friction model is to be identified again. One period
+    does not tell the noise: a scatter above `tolerance` then has the verdict NaN, unknown.
+
+    It sees errors of the hysteresis alone: of those the true error of P̂ is one to four times the scatter. A wrong
+    viscous friction, a mass or a linear spring are linear from y' to û_e, as P is, and cannot be told from P: the
+    verdict is 1, however large that error of P̂ is.
 
     Not to be used with one realisation, nor at amplitudes so large that friction no longer matters: there every
     friction model is good enough, and P̂ as well.
@@ -54,6 +58,7 @@ class SelfDiagnosis(EffectiveInputEstimator, name="self_diagnosis", version=1):
 
     def estimate(self, signals: Signals) -> Result:
         """Return y'/û_e of all realisations, and scatter, noise floor, their ratio and a verdict for each band."""
+        self._check_bands(signals.segments)
         units = (signals.unit(self.input), signals.unit(self.output))
         observed = [self._observed(signals.segments)]
         if self.resolution:
@@ -65,9 +70,21 @@ class SelfDiagnosis(EffectiveInputEstimator, name="self_diagnosis", version=1):
                 return found
             seen = _seen(parts)
             verdicts = list(self._verdicts(seen, parts))
-        message = found.message or _remark([verdict for verdict in verdicts if not verdict.good])
+        message = found.message or _remark(verdicts)
         metrics = tuple(metric for verdict in verdicts for metric in verdict.metrics())
         return Result(found.outcome, message, found.response, metrics, (seen,))
+
+    def _check_bands(self, segments: Sequence[Segment]) -> None:
+        """Raise RecordError if a band has no line."""
+        if not segments:
+            return
+        lines = np.concatenate([segment.frequency for segment in segments])
+        for lowest, highest in itertools.pairwise(self.bands):
+            if not np.any((lines >= lowest) & (lines < highest)):
+                raise RecordError(
+                    f"self_diagnosis.bands: no line lies from {lowest:g} to below {highest:g} Hz; the lines go from "
+                    f"{lines.min():.4g} to {lines.max():.4g} Hz: give bands with lines in each"
+                )
 
     def _observed(self, segments: Sequence[Segment]) -> list[np.ndarray]:
         """Return the phasors of û_e and y' of each segment, shape (2, periods, lines)."""
@@ -124,8 +141,9 @@ class SelfDiagnosis(EffectiveInputEstimator, name="self_diagnosis", version=1):
                 middle, floor, ratio = (
                     float(np.median(values[inside])) for values in (scatter, noise, scatter / noise)
                 )
-                good = ratio <= MARGIN * _limit(int(inside.sum()), *freedoms) or middle <= self.tolerance
-                yield _Verdict(f"{lowest:g}-{highest:g} Hz", middle, floor, ratio, good)
+                good = float(ratio <= MARGIN * _limit(int(inside.sum()), *freedoms)) if floor >= 0 else np.nan
+                verdict = 1.0 if middle <= self.tolerance else good
+                yield _Verdict(f"{lowest:g}-{highest:g} Hz", middle, floor, ratio, verdict)
 
 
 @dataclass(frozen=True)
@@ -136,10 +154,11 @@ class _Verdict:
     scatter: float
     noise: float
     ratio: float
-    good: bool
+    verdict: float
+    """1 if the friction model will do, 0 if not, NaN if the noise floor is unknown."""
 
     def metrics(self) -> tuple[Metric, ...]:
-        numbers = {"scatter": self.scatter, "noise floor": self.noise, "ratio": self.ratio, "verdict": float(self.good)}
+        numbers = {"scatter": self.scatter, "noise floor": self.noise, "ratio": self.ratio, "verdict": self.verdict}
         return tuple(Metric(f"{name} {self.band}", number, "1") for name, number in numbers.items())
 
 
@@ -156,12 +175,13 @@ def _limit(lines: int, scatter: int, noise: int) -> float:
     return float(np.sqrt(fdtri(scatter, noise, quantile)))
 
 
-def _remark(bad: Sequence[_Verdict]) -> str:
+def _remark(verdicts: Sequence[_Verdict]) -> str:
+    if any(np.isnan(each.verdict) for each in verdicts):
+        return "one period tells no noise floor, and the scatter is above the tolerance: record two periods at least"
+    bad = [each for each in verdicts if not each.verdict]
     if not bad:
         return ""
-    worst = max(bad, key=lambda verdict: verdict.scatter)
-    if np.isnan(worst.noise):
-        return "one period tells no noise floor, and the scatter is above the tolerance: record two periods at least"
+    worst = max(bad, key=lambda each: each.scatter)
     bands = ", ".join(verdict.band for verdict in bad)
     much = f"{worst.scatter:.0%} from realisation to realisation"
     return f"the friction model does not explain {bands}: y'/û_e scatters by up to {much}"

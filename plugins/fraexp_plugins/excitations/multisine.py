@@ -62,18 +62,30 @@ class Multisine(BroadbandExcitation, name="multisine", version=1):
             )
 
     def check(self, sample_time: float) -> None:
-        """Refuse a band without lines, lines from the Nyquist frequency on, and what does not fit into memory."""
+        """Refuse a band without lines, or too few for detection, and what exceeds Nyquist frequency or memory."""
         self.check_size(1 / (self.resolution * sample_time), sample_time, self.realisations)
+        there = self.grid().size
+        if 0 < there < self.detection:
+            raise ParameterError(
+                f"multisine.detection is {self.detection}, which leaves no line out of the {there} between "
+                f"{self.lowest:g} and {self.highest:g} Hz: lower it, or take 0 for none; or take more lines, by "
+                "'resolution' or 'points'"
+            )
         self.check_lines(self.lines(), even_samples(1 / self.resolution, sample_time), sample_time)
 
-    def lines(self) -> np.ndarray:
-        """Return the excited harmonics, ascending, shape (lines,)."""
+    def grid(self) -> np.ndarray:
+        """Return the harmonics that are excited or, for detection, left out, ascending, shape (n,)."""
         first, step = FIRST_AND_STEP[self.harmonics]
         least, most = self.band(1 / self.resolution)
         grid = np.arange(first + step * max(-((first - least) // step), 0), most + 1, step)
         if self.points and grid.size:
             wanted = np.geomspace(self.lowest, self.highest, self.points) / self.resolution
             grid = grid[np.unique(np.clip(np.round((wanted - grid[0]) / step).astype(int), 0, grid.size - 1))]
+        return grid
+
+    def lines(self) -> np.ndarray:
+        """Return the excited harmonics, ascending, shape (lines,)."""
+        grid = self.grid()
         if not self.detection:
             return grid
         groups = grid.size // self.detection

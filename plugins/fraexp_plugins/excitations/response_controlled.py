@@ -1,11 +1,12 @@
 """Response-controlled stepped sine: the displacement amplitude is the same at all frequencies."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 
-from fraexp.api import ParameterError, Period, Segment, param
+from fraexp.api import Period, Segment, param
 from fraexp_plugins.excitations.sampling import coherent, sine
 from fraexp_plugins.excitations.stepped import SteppedExcitation
 
@@ -28,7 +29,7 @@ class Attempt(Period):
     earlier: Pairs = ()
 
 
-class ResponseControlled(SteppedExcitation, name="response_controlled", version=1):
+class ResponseControlled(SteppedExcitation, name="response_controlled", version=2):
     """u_sin = F(f) sin(2πft), with F such that the response has the amplitude Y at each frequency.
 
     T. Karaağaçlı and H. N. Özgüven, Mechanical Systems and Signal Processing 146, 2021, 107023,
@@ -38,16 +39,16 @@ class ResponseControlled(SteppedExcitation, name="response_controlled", version=
     position on logarithmic axes, until the amplitude is met within `accuracy`; 2 to 7 times on the paper's machine.
 
     F never exceeds `highest_force`; where that does not suffice, or where the response jumps over Y, what was reached
-    is taken. The controller's part of u comes on top of F. Not to be used for amplitudes near the scale's resolution,
-    nor at frequencies so low that the motion is far from a sine (below some 10 Hz at presliding amplitudes): N(Y) is a
-    describing function. While searching the response may exceed Y.
+    is taken, and the result's message says so. The controller's part of u comes on top of F. Not to be used for
+    amplitudes near the scale's resolution, nor at frequencies so low that the motion is far from a sine (below some
+    10 Hz at presliding amplitudes): N(Y) is a describing function. While searching the response may exceed Y.
     """
 
     rounds: ClassVar[int] = 5
 
     displacement: float = param("m", "amplitude Y of the response", above=0)
     highest_force: float = param("N", "highest amplitude of the force", above=0)
-    channel: str = param("", "channel whose amplitude is held", "y")
+    channel: Literal["y", "displacement"] = param("", "channel whose amplitude is held: y or displacement", "y")
     accuracy: float = param("1", "relative error of the amplitude that is accepted", 0.01, at_least=1e-4, at_most=0.5)
 
     def periods(self, sample_time: float) -> tuple[Period, ...]:
@@ -57,17 +58,41 @@ class ResponseControlled(SteppedExcitation, name="response_controlled", version=
 
     def revise(self, period: Period, segment: Segment) -> Period | None:
         """Return the period with a better force, or None if the amplitude is met or cannot be."""
-        if self.channel not in segment.channels:
-            raise ParameterError(
-                f"response_controlled.channel is '{self.channel}'; expected one of {', '.join(segment.channels)}"
-            )
         force = _amplitude(period.waveform, period.lines[0])
-        response = _amplitude(segment.channels[self.channel].mean(axis=0), period.lines[0])
+        response = self._reached(segment)
         tried = (*(period.earlier if isinstance(period, Attempt) else ()), (force, response))
         wanted = next_force(tried, self.displacement, self.highest_force, self.accuracy)
         if wanted is None:
             return None
         return Attempt(period.waveform * (wanted / force), period.lines, period.reference, tried)
+
+    def greatest(self) -> tuple[float | None, float | None]:
+        """Return the highest force [N], and the stroke [m] of the amplitude that is aimed at."""
+        return self.highest_force, 2 * self.displacement
+
+    def remark(self, segments: Sequence[Segment]) -> str:
+        """Say at how many frequencies the amplitude was missed, and why."""
+        missed = [(self._reached(segment), self._is_at_highest(segment)) for segment in segments]
+        missed = [pair for pair in missed if abs(pair[0] / self.displacement - 1) > self.accuracy]
+        reasons = {
+            True: f"at highest_force, {self.highest_force:g} N, they reach",
+            False: "the response jumps over it, or the search ended before; they reach",
+        }
+        remarks = []
+        for at_highest, reason in reasons.items():
+            reached = [response for response, highest in missed if highest == at_highest]
+            if reached:
+                aim = f"{len(reached)} of {len(segments)} frequencies miss {_micrometres(self.displacement)}"
+                remarks.append(f"{aim}: {reason} {_micrometres(min(reached), max(reached))}")
+        return "; ".join(remarks)
+
+    def _reached(self, segment: Segment) -> float:
+        """Return the amplitude of the response [m]."""
+        return _amplitude(segment.channels[self.channel].mean(axis=0), segment.lines[0])
+
+    def _is_at_highest(self, segment: Segment) -> bool:
+        force = _amplitude(segment.channels["excitation"].mean(axis=0), segment.lines[0])
+        return force >= self.highest_force * (1 - self.accuracy / 10)
 
 
 def next_force(tried: Pairs, target: float, highest: float, accuracy: float) -> float | None:
@@ -107,6 +132,11 @@ def _slope(tried: Pairs) -> float:
         return 1.0
     (force, response), (before, answer) = tried[-1], tried[-2]
     return float(np.log(response / answer) / np.log(force / before)) if force != before else 1.0
+
+
+def _micrometres(*lengths: float) -> str:
+    """Return a length [m], or a range of them, in words."""
+    return " to ".join(dict.fromkeys(f"{1e6 * length:.4g}" for length in lengths)) + " µm"
 
 
 def _amplitude(wave: np.ndarray, line: int) -> float:

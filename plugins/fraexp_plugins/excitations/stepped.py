@@ -1,7 +1,9 @@
 """What excitations have in common that go from one frequency to the next."""
 
 from abc import ABC
+from collections import Counter
 from functools import cached_property
+from operator import itemgetter
 
 import numpy as np
 
@@ -27,6 +29,12 @@ class SteppedExcitation(SettledExcitation, ABC):
             )
         if min(self.frequencies, default=1.0) <= 0:
             raise ParameterError(f"{self.name}.frequencies must be above 0 Hz")
+        frequency, count = max(Counter(self.frequencies).items(), key=itemgetter(1), default=(0.0, 0))
+        if count > 1:
+            raise ParameterError(
+                f"{self.name}.frequencies has {frequency:.10g} Hz {count} times; expected each once: "
+                "for more periods raise 'whole_periods'"
+            )
 
     @cached_property
     def grid(self) -> np.ndarray:
