@@ -13,6 +13,8 @@ from fraexp.results import Fit
 from fraexp.store import StoredSweep
 from fraexp.sweep import Sweep
 
+ROUNDING = 1e-12
+"""Coefficients below this share of the greatest one are those of rounding."""
 METHOD = "method"
 """Parameter of an estimator that fits: the estimator of the response."""
 
@@ -70,6 +72,7 @@ def matrices(fit: Fit, registry: Registry) -> dict[str, Any]:
     plant = create(registry, Plant, fit.component).state_space()  # type: ignore[type-abstract]
     denominator = np.poly(plant.a)
     numerator = np.poly(plant.a - np.outer(plant.b, plant.c)) - denominator  # det(sI - A + BC) - det(sI - A)
+    numerator[np.abs(numerator) < ROUNDING * np.abs(numerator).max()] = 0.0  # below the relative degree
     known = dict(zip(fit.parameters, fit.values, strict=True))
     return {
         "a": plant.a,

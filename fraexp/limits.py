@@ -47,18 +47,34 @@ def check(limits: Limits, machine: Machine, excitation: Excitation) -> None:
     sample_time, schedule = machine.loop.sample_time, excitation.schedule
     settles = schedule.settle_limit > 0
     for period in excitation.periods(sample_time):
-        demand = predicted(machine, period) if settles else predicted_from_rest(machine, period, schedule.periods)
+        if settles:
+            demand = predicted(machine, period)
+        elif period.reference is not None and machine.friction.force_bound:
+            demand = _planned(period, sample_time)
+        else:
+            demand = predicted_from_rest(machine, period, schedule.periods)
         demand = _with_friction(demand, machine, period, excitation)
         for name, found, unit in zip(Demand._fields, demand, UNITS, strict=True):
             allowed = getattr(limits, name)
             if allowed is not None and found > allowed:
                 frequency = period.lines[0] / (period.waveform.size * sample_time)
                 what = f"{excitation.name} from {frequency:.4g} Hz" if settles else excitation.name
-                remedy = "leave out the frequencies that need it" if settles else "take more time"
+                remedy = (
+                    "lower the amplitude, or leave out the frequencies that need it"
+                    if settles
+                    else "ask for less, or take more time"
+                )
                 raise ParameterError(
                     f"{what} is predicted to need a {name} of {found:.4g} {unit}; "
-                    f"limits.{name} is {allowed:g} {unit}: lower the amplitude, or {remedy}"
+                    f"limits.{name} is {allowed:g} {unit}: {remedy}"
                 )
+
+
+def _planned(period: Period, sample_time: float) -> Demand:
+    """Return what a move needs that goes as its reference says: what is fed forward against friction is spent on it."""
+    course = np.asarray(period.reference)
+    velocity = float(np.abs(np.diff(course)).max()) / sample_time
+    return Demand(float(np.ptp(course)), velocity, float(np.abs(period.waveform).max()))
 
 
 def _with_friction(demand: Demand, machine: Machine, period: Period, excitation: Excitation) -> Demand:

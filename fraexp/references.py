@@ -102,7 +102,11 @@ def resolved(reference: Plain, case: Plain, earlier: Mapping[str, list[Sweep]], 
     `earlier` are the sweeps of the cases that have none themselves; of several in a case it is the one whose other
     labels are those of `case`.
     """
-    name = str(reference.get(CASE))
+    if CASE not in reference:
+        raise StudyError(
+            f"{place}: {WORD} needs the {CASE} that identifies it, as in {{ fit = 'plant', case = 'LABEL' }}"
+        )
+    name = str(reference[CASE])
     if name not in earlier:
         known = did_you_mean(name, earlier) if earlier else "; there is no case without a reference of its own"
         raise StudyError(f"{place}: {WORD} needs the {CASE} that identifies it, and there is no '{name}'{known}")

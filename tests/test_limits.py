@@ -174,3 +174,10 @@ def test_friction_counts_where_the_axis_moves_and_where_it_is_compensated() -> N
     with pytest.raises(ParameterError, match="need a force"):
         check(Limits(force=least + 8.9), compensated, still)
     check(Limits(force=least + 9), compensated, still)
+
+
+def test_a_planned_move_with_friction_compensation_needs_its_own_stroke() -> None:
+    move = PointToPoint(plant=TABLE, friction=guide(), input_dead_time=1e-3)
+    check(Limits(stroke=1.51e-3), machine(guide()), move)
+    with pytest.raises(ParameterError, match="ask for less, or take more time"):
+        check(Limits(stroke=1.4e-3), machine(guide()), move)

@@ -112,7 +112,7 @@ def _estimator(name: str, settings: Mapping[str, Any], first: str, second: str, 
     """Return an estimator with its channels, and with those settings that it has."""
     known = _parameters(name, registry)
     roles = [role for role in ROLES if role in known and not (role == "force" and "thrust" in known)]
-    if "force" in settings and "thrust" in roles:
+    if "thrust" in roles and ("force" in settings or first == "friction"):  # measured, nothing is accelerated by it
         roles.remove("thrust")
     spec: dict[str, Any] = {"name": name, **{role: first if ROLES[role] == "first" else second for role in roles}}
     for path, value in settings.items():

@@ -12,6 +12,7 @@ from fraexp.components import FrictionModel
 from fraexp.errors import ParameterError, RecordError
 from fraexp.plugins import create
 from fraexp.results import Outcome
+from fraexp.signals import Segment, Signals
 from tests.identification.friction_records import THREE, driven, motion, record, signals, values
 from tests.machines import guide
 
@@ -188,3 +189,11 @@ def test_thresholds_that_do_not_ascend_are_refused():
         RollingIdentification.parse({"thresholds": [2e-6, 1e-6]}, "estimator")
     with pytest.raises(ParameterError, match=r"narrowest is 0.001 m; it must be below widest"):
         RollingIdentification.parse({"narrowest": 1e-3, "widest": 1e-4}, "estimator")
+
+
+def test_a_channel_without_its_gain_is_refused() -> None:
+    y = 1e-4 * np.sin(2 * np.pi * np.arange(4000) / 1000)
+    segment = Segment(1e-3, {"u": y.reshape(1, -1), "y": y.reshape(1, -1)}, np.array([4]))
+    volts = Signals((segment,), {"u": "V", "y": "m"})
+    with pytest.raises(RecordError, match=r"'u' is in V; expected N: give the channel its gain"):
+        RollingIdentification(thrust="u", displacement="y").estimate(volts)

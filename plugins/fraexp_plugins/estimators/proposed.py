@@ -8,7 +8,7 @@ import numpy as np
 
 from fraexp.api import Estimator, FrequencyResponse, ParameterError, Result, Signals, param, phasors, response_result
 from fraexp_plugins.estimators.effective_input import EFFECTIVE_INPUT, EffectiveInputEstimator
-from fraexp_plugins.estimators.friction_uncertainty import Deviation, correlation_matrix, moved, perturbed
+from fraexp_plugins.estimators.friction_uncertainty import Deviation, check_deviations, perturbed
 
 STEPS = 2.0
 """Standard deviations on either side over which differences are taken: about as far as the band's edge."""
@@ -61,9 +61,7 @@ class Proposed(EffectiveInputEstimator, name="proposed", version=1):
                 f"proposed.method is {self.method.name}, which has no parameter 'input' to take û_e by"
             )
         try:
-            correlation_matrix(self.correlation, len(self.deviations))
-            for each in self.deviations:
-                moved(self.friction, [each], np.array([each.deviation]))
+            check_deviations(self.friction, self.deviations, self.correlation)
         except ParameterError as error:
             raise ParameterError(f"proposed.{error}") from None
 

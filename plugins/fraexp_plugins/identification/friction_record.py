@@ -58,10 +58,19 @@ class Stretch:
         return found
 
 
+def check_units(signals: Signals, expected: dict[str, str]) -> None:
+    """Raise RecordError for a channel that is missing or of another unit: kilograms do not follow from volts."""
+    for name, unit in expected.items():
+        found = signals.unit(name)
+        if found != unit:
+            raise RecordError(
+                f"'{name}' is in {found}; expected {unit}: give the channel its gain, as in 'x * 31.5 [{unit}]'"
+            )
+
+
 def stretches_of(signals: Signals, displacement: str, force: str, acceleration: str) -> list[Stretch]:
     """Return the stretches of the signals; RecordError for channels that are missing or do not move."""
-    for name in (displacement, force, *([acceleration] if acceleration else [])):
-        signals.unit(name)
+    check_units(signals, {displacement: "m", force: "N", **({acceleration: "m/s**2"} if acceleration else {})})
     found: list[Stretch] = []
     begun = 0
     for segment in signals.segments:

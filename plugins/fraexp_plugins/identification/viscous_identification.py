@@ -6,7 +6,7 @@ import numpy as np
 
 from fraexp.api import Curve, Estimator, Fit, Metric, RecordError, Result, Segment, Signals, param
 from fraexp_plugins.friction.coulomb import Coulomb
-from fraexp_plugins.identification.friction_record import GROSS
+from fraexp_plugins.identification.friction_record import GROSS, check_units
 from fraexp_plugins.identification.stop_operator import turning_points
 
 LEVEL = 0.975
@@ -40,8 +40,7 @@ class ViscousIdentification(Estimator, name="viscous_identification", version=1)
 
     def estimate(self, signals: Signals) -> Result:
         """Return D_v, F_c and F_o with 95 % intervals, the runs as a curve, and a Coulomb model."""
-        for name in (self.displacement, self.force):
-            signals.unit(name)
+        check_units(signals, {self.displacement: "m", self.force: "N"})
         runs = np.array([run for segment in signals.segments for run in self._runs(segment)]).reshape(-1, 3)
         speeds = np.abs(runs[:, 0])
         if len(runs) < 4 or speeds.max() < DIFFERENT * speeds.min() or np.ptp(np.sign(runs[:, 0])) == 0:
