@@ -62,7 +62,7 @@ def check_units(signals: Signals, expected: dict[str, str]) -> None:
     """Raise RecordError for a channel that is missing or of another unit: kilograms do not follow from volts."""
     for name, unit in expected.items():
         found = signals.unit(name)
-        if found != unit:
+        if found.replace("^", "**") != unit:
             raise RecordError(
                 f"'{name}' is in {found}; expected {unit}: give the channel its gain, as in 'x * 31.5 [{unit}]'"
             )
