@@ -15,6 +15,7 @@ from fraexp_plugins.friction.rolling import Rolling
 from fraexp_plugins.identification.autonomous_elements import Elements, fitted, scatter_of
 from fraexp_plugins.identification.autonomous_lines import ElementObserver, Lines, lines_of, usable, variances
 from fraexp_plugins.identification.autonomous_plant import Inverse, PlantFound, plant_of
+from fraexp_plugins.identification.friction_report import virgin_curve
 from fraexp_plugins.identification.modal_fit import ModalFit
 
 NORMAL = 1.959963984540054
@@ -205,7 +206,11 @@ class Autonomous(DelayedEstimator, name="autonomous", version=1):
             message="; ".join(text for text in remarks if text),
             response=plant.fit.response if plant else found.response,
             metrics=(verdict, *plants[:2], *_friction_metrics(elements, viscous), *quality.metrics(), *plants[2:]),
-            curves=(_virgin(elements), quality.curve(), *(plant.fit.curves if plant else ())),
+            curves=(
+                virgin_curve(elements.thresholds, *elements.virgin_curve(elements.thresholds)),
+                quality.curve(),
+                *(plant.fit.curves if plant else ()),
+            ),
             fits=(*(plant.fit.fits if plant else ()), _fit(elements, viscous, spring)),
         )
 
@@ -287,18 +292,6 @@ def _width(elements: Elements) -> float:
     x = np.concatenate([[0.0], elements.thresholds])  # straight lines between them
     force = elements.virgin_curve(x)[0]
     return float(np.interp(MEAN_WIDTH * force[-1], force, x))
-
-
-def _virgin(elements: Elements) -> Curve:
-    x = elements.thresholds
-    force, deviation = elements.virgin_curve(x)
-    columns = {
-        "displacement": x,
-        "force": force,
-        "lower 95 %": force - NORMAL * deviation,
-        "upper 95 %": force + NORMAL * deviation,
-    }
-    return Curve("virgin curve", columns, dict(zip(columns, ("m", "N", "N", "N"), strict=True)))
 
 
 def _fit(elements: Elements, viscous: tuple[float, float], spring: tuple[float, float]) -> Fit:

@@ -86,7 +86,7 @@ def report(
     force along all of the motion.
     """
     metrics = [*_parameters(found), *_quality(found, rows, errors, whole), *_counts(cycles, found), *_deviations(found)]
-    curves = (_virgin(found), _forces(rows, errors))
+    curves = (virgin_curve(*found.virgin_curve), _forces(rows, errors))
     message = "; ".join(
         [*([signals.message] if signals.message else []), *remarks, *unexplained(found.coulomb[0], errors)]
     )
@@ -167,8 +167,8 @@ def _counts(cycles: tuple[int, int], found: Elements) -> list[Metric]:
     ]
 
 
-def _virgin(found: Elements) -> Curve:
-    x, force, deviation = found.virgin_curve
+def virgin_curve(x: np.ndarray, force: np.ndarray, deviation: np.ndarray) -> Curve:
+    """Return the virgin curve with its 95 % limits, from displacement [m], force and its deviation [N]."""
     columns = {
         "displacement": x,
         "force": force,
