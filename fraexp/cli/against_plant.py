@@ -11,10 +11,10 @@ from fraexp.cli.documents import plain
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.selection import chosen, database, open_store
 from fraexp.cli.summary import TITLES, Quantity, quantile_rows, to_summarise
-from fraexp.cli.tables import Table
 from fraexp.cli.terminal import print_json, print_table, say
-from fraexp.cli.words import fixed, number, plural, short
 from fraexp.figures.errors import NEAR, SPOTS, ErrorCurve, ErrorsInfo, errors_info
+from fraexp.views.tables import Table
+from fraexp.views.words import fixed, number, plural, short
 from fraexp.workspace import Workspace
 
 SHARE = "95 % limits that hold P [%]"

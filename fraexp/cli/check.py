@@ -8,12 +8,12 @@ from typing import Any
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.terminal import print_json, say
-from fraexp.cli.words import plural
 from fraexp.components import Component
 from fraexp.errors import PluginError
 from fraexp.figures.labels import printable
 from fraexp.plugins import Registry, components_in, discover, load_file, reason_of
 from fraexp.testing import Finding, Report, Verdict, checks_for, findings
+from fraexp.views.words import plural
 
 HEADS = {Verdict.PASSED: "pass", Verdict.SKIPPED: "skip", Verdict.EXPECTED: "expected"}
 """Words of a report's first column; all else is FAIL."""

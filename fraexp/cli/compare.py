@@ -1,9 +1,8 @@
 """``fraexp compare``: in what sweeps differ."""
 
 from argparse import Namespace
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
-from datetime import UTC, datetime
+from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -15,15 +14,15 @@ from fraexp.cli.exits import ExitCode
 from fraexp.cli.selection import chosen, open_store, run_of
 from fraexp.cli.summary import TITLES, Quantity, parameter_rows, quantile_rows, to_summarise
 from fraexp.cli.terminal import print_fields, print_json, print_table, say
-from fraexp.cli.words import fixed, flat, number, short, value_text
 from fraexp.errors import FraexpError
-from fraexp.figures.difference import Difference, response_difference
+from fraexp.figures.difference import Difference
 from fraexp.figures.label_units import label_units
 from fraexp.figures.labels import curve_names
 from fraexp.identity import key_of
 from fraexp.plugins import Registry, discover
-from fraexp.results import Result
-from fraexp.store import Store, StoredSweep
+from fraexp.store import StoredSweep
+from fraexp.views.comparison import completed, differences_from_first, differing, labelled_as_computed, metrics_of
+from fraexp.views.words import fixed, flat, number, short, value_text
 
 ABSENT = "-"
 
@@ -44,9 +43,9 @@ def execute(arguments: Namespace) -> ExitCode:
         results = store.results(sweep.key for sweep in sweeps)
     if len(sweeps) < 2:
         raise FraexpError("compare: found one sweep; name at least two sweeps, or a run that has several")
-    parameters = _differing([flat({**sweep.experiment, "estimator": sweep.estimator}) for sweep in sweeps])
-    metrics = _differing([_metrics(results.get(sweep.key)) for sweep in sweeps])
-    differences = _differences(sweeps, results)
+    parameters = differing([flat({**sweep.experiment, "estimator": sweep.estimator}) for sweep in sweeps])
+    metrics = differing([metrics_of(results.get(sweep.key)) for sweep in sweeps])
+    differences = differences_from_first(sweeps, results)
     if arguments.json:
         print_json(_document(sweeps, parameters, metrics, differences))
     elif to_summarise(len(sweeps)) and not arguments.all:
@@ -54,56 +53,6 @@ def execute(arguments: Namespace) -> ExitCode:
     else:
         _print(sweeps, parameters, metrics, differences, discover(Path(arguments.workspace) / "plugins"))
     return ExitCode.OK
-
-
-def labelled_as_computed(store: Store, sweeps: Sequence[StoredSweep]) -> list[StoredSweep]:
-    """Return sweeps with the labels that they have in the runs that computed them, not in those that reused them."""
-    labels: dict[str, dict[str, Any]] = {}
-    for run in store.runs():
-        end = run.ended or datetime.max.replace(tzinfo=UTC)
-        wanted = {sweep.key for sweep in sweeps if sweep.created and run.started <= sweep.created <= end}
-        if wanted:
-            labels |= {s.key: s.labels for s in store.sweeps(run.number) if s.key in wanted and s.state == "computed"}
-    return [replace(sweep, labels=labels.get(sweep.key, sweep.labels)) for sweep in sweeps]
-
-
-def completed(sweeps: Sequence[StoredSweep]) -> list[StoredSweep]:
-    """Return sweeps that all have the labels of each, so that names of sweeps from several studies say the same."""
-    paths = dict.fromkeys(path for sweep in sweeps for path in sweep.labels)
-    found = [{path: _looked_up(sweep, path) for path in paths} | sweep.labels for sweep in sweeps]
-    return [
-        replace(sweep, labels={path: value for path, value in labels.items() if value is not None})
-        for sweep, labels in zip(sweeps, found, strict=True)
-    ]
-
-
-def _looked_up(sweep: StoredSweep, path: str) -> Any:
-    """Return what a sweep has at a label's path: a plain value, or a component's name."""
-    value: Any = {**sweep.experiment, "estimator": sweep.estimator}
-    for part in path.split("."):
-        value = value.get(part) if isinstance(value, Mapping) else None
-    return value.get("name") if isinstance(value, Mapping) else value
-
-
-def _metrics(result: Result | None) -> dict[str, Any]:
-    return {f"{metric.name} [{metric.unit}]": metric.value for metric in result.metrics} if result else {}
-
-
-def _differing(values: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
-    paths = dict.fromkeys(path for of in values for path in of)
-    rows = {path: [of.get(path) for of in values] for path in paths}
-    return {path: row for path, row in rows.items() if any(value != row[0] for value in row)}
-
-
-def _differences(
-    sweeps: Sequence[StoredSweep], results: Mapping[str, Result]
-) -> list[tuple[StoredSweep, Difference | None]]:
-    responses = [results[sweep.key].response if sweep.key in results else None for sweep in sweeps]
-    first = responses[0]
-    return [
-        (sweep, response_difference(first, other) if first is not None and other is not None else None)
-        for sweep, other in zip(sweeps[1:], responses[1:], strict=True)
-    ]
 
 
 def _document(

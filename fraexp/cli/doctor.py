@@ -9,10 +9,10 @@ from typing import Any
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.selection import database, open_store
 from fraexp.cli.terminal import print_fields, print_json, say
-from fraexp.cli.words import plural
 from fraexp.errors import StoreError
 from fraexp.plugins import discover
 from fraexp.provenance import gather
+from fraexp.views.words import plural
 
 NETWORK = ("nfs", "cifs", "smb", "9p", "fuse.sshfs", "afs", "lustre", "ceph")
 """File systems on which SQLite's locks cannot be relied on."""

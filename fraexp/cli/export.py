@@ -6,9 +6,9 @@ from fraexp.cli.documents import plain
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.selection import database, open_store, run_of, sweeps_of
 from fraexp.cli.terminal import print_path
-from fraexp.cli.words import short
 from fraexp.errors import FraexpError
 from fraexp.export import export
+from fraexp.views.words import short
 from fraexp.workspace import Workspace
 
 

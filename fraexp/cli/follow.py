@@ -11,16 +11,16 @@ from fraexp.cli.documents import run_document, sweep_document
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.progress import Meter
 from fraexp.cli.selection import open_store
-from fraexp.cli.show import remedies
 from fraexp.cli.summary import print_summary, to_summarise
-from fraexp.cli.tables import sweep_table
 from fraexp.cli.terminal import print_json, print_path, print_table, say
-from fraexp.cli.words import duration, plural, short
 from fraexp.figures.errors import errors_info
 from fraexp.figures.labels import printable
 from fraexp.results import Outcome, Result
 from fraexp.scheduler import Ended, Event, Finished, Planned, Preparing, Progress
 from fraexp.store import RunSummary, StoredSweep
+from fraexp.views.fields import remedies
+from fraexp.views.tables import sweep_table
+from fraexp.views.words import duration, plural, short
 from fraexp.workspace import Workspace
 
 SHOWN = 50

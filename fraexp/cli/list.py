@@ -6,8 +6,9 @@ from fraexp.cli.documents import run_document
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.selection import open_store
 from fraexp.cli.terminal import print_json, print_table, say
-from fraexp.cli.words import duration, moment
 from fraexp.store import RunSummary
+from fraexp.views.fields import took
+from fraexp.views.words import moment
 
 COLUMNS = ["run", "study", "state", "sweeps", "computed", "reused", "failed", "started", "took"]
 
@@ -23,11 +24,6 @@ def execute(arguments: Namespace) -> ExitCode:
     else:
         say("there is no run yet; start one with: fraexp run STUDY")
     return ExitCode.OK
-
-
-def took(run: RunSummary) -> str:
-    """Return how long a run took; empty while it is not known."""
-    return duration((run.ended - run.started).total_seconds()) if run.ended else ""
 
 
 def _row(run: RunSummary) -> list[str]:

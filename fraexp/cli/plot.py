@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.selection import chosen, database, open_store, run_of
 from fraexp.cli.terminal import print_path, say
-from fraexp.cli.words import plural
 from fraexp.errors import FraexpError
 from fraexp.figures.stamp import check_suffix
 from fraexp.store import Store
+from fraexp.views.words import plural
 from fraexp.workspace import Workspace
 
 

@@ -2,46 +2,21 @@
 
 import sys
 import time
-from collections import deque
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from fraexp.cli.terminal import say
-from fraexp.cli.words import duration, plural
 from fraexp.figures.labels import printable
+from fraexp.views.pace import Speed, rate_text
+from fraexp.views.words import duration, plural
 
 if TYPE_CHECKING:
     from rich.progress import Progress as Bar
 
 PAUSE = 5.0
 """Least time between two lines [s]."""
-WINDOW = 30.0
-"""Time over which the speed is measured [s]: long against a sweep, short against a change of speed."""
-SURE = 1.0
-"""Time after which a measured speed is told [s]."""
 ALMOST = 0.99
 """Greatest share that is shown while a sweep has not come to its end."""
-
-
-class Speed:
-    """The speed of the work, measured over the last seconds."""
-
-    def __init__(self) -> None:
-        self._seen: deque[tuple[float, float]] = deque()
-
-    def see(self, now: float, done: float) -> None:
-        """Take note of how much is done at a time [s]; what passes before anything is done does not count."""
-        if self._seen and (done <= 0 or done < self._seen[-1][1]):
-            self._seen.clear()
-        while len(self._seen) > 1 and now - self._seen[1][0] >= WINDOW:
-            self._seen.popleft()
-        self._seen.append((now, done))
-
-    @property
-    def rate(self) -> float | None:
-        """Sweeps per second; None while it is not known."""
-        (start, before), (end, after) = self._seen[0], self._seen[-1]
-        return (after - before) / (end - start) if end - start >= SURE and after > before else None
 
 
 class Meter:
@@ -102,13 +77,6 @@ class Meter:
         if rate is None or done >= total:
             return ""
         return f", {rate_text(rate)}, about {duration((total - done) / rate)} left"
-
-
-def rate_text(rate: float) -> str:
-    """Return a rate [1/s] per second, minute or hour, so that it is a number above one."""
-    factor, unit = next((pair for pair in ((1, "s"), (60, "min")) if rate * pair[0] >= 1), (3600, "h"))
-    shown = rate * factor
-    return f"{shown:.0f}/{unit}" if shown >= 10 else f"{shown:.1f}/{unit}"
 
 
 def _bar() -> "Bar":

@@ -1,26 +1,24 @@
 """``fraexp show``: a run with its sweeps, or a sweep with its parameters and numbers."""
 
-import json
 from argparse import Namespace
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from fraexp.cli.documents import run_document, sweep_document
 from fraexp.cli.exits import ExitCode
-from fraexp.cli.list import took
 from fraexp.cli.selection import open_store, run_of
 from fraexp.cli.summary import print_summary, to_summarise
-from fraexp.cli.tables import outcome_text, response_table, sweep_table
 from fraexp.cli.terminal import print_fields, print_json, print_table, say
-from fraexp.cli.words import duration, flat, moment, number, plural, short, value_text, without_segments
 from fraexp.confidence import interval_factor
-from fraexp.figures.labels import label_text, printable
+from fraexp.figures.labels import printable
 from fraexp.plugins import discover
 from fraexp.results import Fit, Result
 from fraexp.store import RunSummary, Store, StoredSweep
+from fraexp.views.fields import remedies, run_fields, sweep_fields, toml_value
+from fraexp.views.tables import response_table, sweep_table
+from fraexp.views.words import flat, number, plural, value_text, without_segments
 
 ROWS = 12
 """Rows of a response that are shown unless all are asked for."""
@@ -45,7 +43,7 @@ def _show_run(store: Store, number_: int, arguments: Namespace) -> None:
         documents = [sweep_document(sweep, results.get(sweep.key), arguments.points) for sweep in sweeps]
         print_json({**run_document(run), "sweeps": documents})
         return
-    print_fields(_run_fields(run))
+    print_fields(run_fields(run))
     print()
     registry = discover(Path(arguments.workspace) / "plugins")
     if to_summarise(len(sweeps)) and not arguments.all:
@@ -65,39 +63,13 @@ def say_recomputed(run: RunSummary, sweeps: Sequence[StoredSweep]) -> None:
         say(f"{len(again)} of {plural(run.total, 'sweep')} {have} been computed again since; the new results are shown")
 
 
-def _run_fields(run: RunSummary) -> list[tuple[str, str]]:
-    git = run.provenance.get("git") or {}
-    changed = " with local changes" if git.get("dirty") else ""
-    commit = f" ({git['commit'][:12]}{changed})" if git.get("commit") else ""
-    return [
-        ("run", str(run.number)),
-        ("study", run.study),
-        ("file", run.study_file),
-        ("command", run.command),
-        ("state", run.state),
-        ("sweeps", f"{run.total}: {run.computed} computed, {run.reused} reused, {run.failed} failed"),
-        ("started", moment(run.started)),
-        ("took", took(run)),
-        ("code", f"fraexp {run.provenance.get('fraexp') or '(version unknown)'}{commit}"),
-    ]
-
-
-def remedies(sweeps: Sequence[StoredSweep]) -> list[str]:
-    """Return a line for each outcome that is not as wished, with the number of sweeps and the remedy."""
-    outcomes = [sweep.outcome for sweep in sweeps if sweep.outcome and sweep.outcome.value]
-    lines = []
-    for outcome in dict.fromkeys(outcomes):
-        lines.append(f"{outcomes.count(outcome)} {outcome.name.lower().replace('_', ' ')}: {outcome.value}")
-    return lines
-
-
 def _show_sweep(store: Store, arguments: Namespace) -> None:
     sweep = store.find(arguments.id)
     result, log = store.results([sweep.key]).get(sweep.key), store.log(sweep.key)
     if arguments.json:
         print_json(sweep_document(sweep, result))
         return
-    print_fields(_sweep_fields(sweep))
+    print_fields(sweep_fields(sweep))
     print("\nparameters")
     parameters = flat({**without_segments(sweep.experiment), "estimator": sweep.estimator})
     print_fields([(path, value_text(value)) for path, value in parameters.items()], indent=2)
@@ -109,20 +81,6 @@ def _show_sweep(store: Store, arguments: Namespace) -> None:
     if log:
         print("\nlog")
         print("\n".join(printable(line) for line in log.splitlines()))
-
-
-def _sweep_fields(sweep: StoredSweep) -> list[tuple[str, str]]:
-    return [
-        ("sweep", short(sweep.key)),
-        ("key", sweep.key),
-        ("labels", ", ".join(f"{path} = {label_text(value)}" for path, value in sweep.labels.items())),
-        ("state", sweep.state),
-        ("outcome", outcome_text(sweep)),
-        ("message", sweep.message),
-        ("remedy", sweep.outcome.value if sweep.outcome else ""),
-        ("computed", moment(sweep.created)),
-        ("took", duration(sweep.elapsed) if sweep.created else ""),
-    ]
 
 
 def _show_result(result: Result, rows: int | None) -> None:
@@ -156,14 +114,4 @@ def _show_fit(fit: Fit) -> None:
     print(f"\n[{fit.kind}]")
     for name, value in fit.component.items():
         if name != "version" and value is not None:
-            print(f"{name} = {_toml_value(value)}")
-
-
-def _toml_value(value: Any) -> str:
-    if isinstance(value, Mapping):
-        return (
-            "{ " + ", ".join(f"{key} = {_toml_value(item)}" for key, item in value.items() if item is not None) + " }"
-        )
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(_toml_value(item) for item in value) + "]"
-    return json.dumps(value, ensure_ascii=False)
+            print(f"{name} = {toml_value(value)}")

@@ -8,15 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from fraexp.cli.tables import level_near, outcome_text, spots_of, sweep_table
 from fraexp.cli.terminal import print_fields, print_table, say
-from fraexp.cli.words import fixed, number, plural, short, value_text
 from fraexp.figures.label_units import label_units
 from fraexp.figures.labels import GROUPS, group_names, label_columns, label_texts
 from fraexp.plugins import Registry
 from fraexp.results import Metric, Outcome, Result
 from fraexp.store import StoredSweep
 from fraexp.sweep import DRAW
+from fraexp.views.tables import level_near, outcome_text, spots_of, sweep_table
+from fraexp.views.words import fixed, number, plural, short, value_text
 
 MOST = 40
 """More sweeps than this are summarised on a terminal."""

@@ -7,11 +7,11 @@ import pytest
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.follow import Story, follow, report
-from fraexp.cli.words import short
 from fraexp.results import Outcome, Result
 from fraexp.scheduler import Ended, Event, Finished, Planned, Preparing, Progress
 from fraexp.store import Store
 from fraexp.sweep import Sweep
+from fraexp.views.words import short
 from fraexp.workspace import Workspace
 
 PLANNED = Planned("bench", "Two sensors", 5, 3, 2, 1, 65.0)

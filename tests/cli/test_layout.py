@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from fraexp.cli.layout import blocks
-from fraexp.cli.words import short
 from fraexp.sweep import Sweep
+from fraexp.views.words import short
 
 TITLES = ["sweep", "estimator", "gain [dB re 1 mm/N]", "message"]
 CELLS = [["710b13ab", "conventional", "-49.31", "a rather long sentence that says why"], ["63760706", "x", "7.89", ""]]

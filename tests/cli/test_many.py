@@ -12,11 +12,11 @@ from fraexp.cli.compare import execute as compare
 from fraexp.cli.follow import ERRORS, SHOWN, Story, follow, report
 from fraexp.cli.show import execute as show
 from fraexp.cli.summary import Quantity, counts, measured, parameter_rows, quantile_rows
-from fraexp.cli.words import short
 from fraexp.results import Metric, Outcome, Result
 from fraexp.scheduler import Ended, Event, Finished
 from fraexp.store import Store
 from fraexp.sweep import Sweep
+from fraexp.views.words import short
 from fraexp.workspace import Workspace
 from tests.cli.conftest import response_of
 

@@ -3,7 +3,8 @@
 import pytest
 
 from fraexp.cli import progress
-from fraexp.cli.progress import Meter, Speed, rate_text
+from fraexp.cli.progress import Meter
+from fraexp.views.pace import Speed, rate_text
 
 
 class Clock:

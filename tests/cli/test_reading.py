@@ -6,13 +6,13 @@ from typing import Any
 
 import pytest
 
-from fraexp.cli.compare import completed
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
-from fraexp.cli.words import short
 from fraexp.results import Outcome, Result
 from fraexp.store import Store, StoredSweep
 from fraexp.sweep import Sweep
+from fraexp.views.comparison import completed
+from fraexp.views.words import short
 from tests.cli.conftest import fill, response_of
 
 Printed = Callable[..., tuple[str, str]]

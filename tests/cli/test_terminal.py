@@ -1,8 +1,8 @@
 import pytest
 
 from fraexp.cli.terminal import print_table
-from fraexp.cli.words import duration, flat, value_text
 from fraexp.figures.labels import printable
+from fraexp.views.words import duration, flat, value_text
 
 
 @pytest.mark.parametrize(

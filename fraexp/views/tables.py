@@ -5,7 +5,6 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from fraexp.cli.words import fixed, number, plural, short
 from fraexp.confidence import limits
 from fraexp.export.content import channel_units
 from fraexp.figures.label_units import label_units
@@ -14,6 +13,7 @@ from fraexp.figures.scales import continuous_phase, decibel, decibel_limits, deg
 from fraexp.plugins import Registry
 from fraexp.results import EFFORT, FrequencyResponse, Result
 from fraexp.store import StoredSweep
+from fraexp.views.words import fixed, number, plural, short
 
 SPOTS = (1.0, 10.0, 40.0, 80.0)
 """Frequencies [Hz] near which a table of sweeps shows measured magnitudes."""
