@@ -33,7 +33,8 @@ format: $(STAMP)
 	@$(BIN)/ruff check --quiet --fix .
 
 # Each prints a table and fails where a bound is missed; all are run. The peers are those that are installed.
-BENCHMARKS := accuracy friction band_coverage friction_band kernel plugin_cost peer_table scaling monte_carlo timing
+BENCHMARKS := accuracy friction band_coverage friction_band plant_fit friction_identification positioning autonomous \
+              kernel plugin_cost peer_table scaling monte_carlo timing store tui terminal
 
 bench: $(STAMP)
 	@failed=; for name in $(BENCHMARKS); do echo; echo "== benchmarks/$$name.py"; \
@@ -43,6 +44,7 @@ bench: $(STAMP)
 docs-figures: $(STAMP)
 	@$(BIN)/python -m fraexp run paper/fig12 $(ARGS)
 	@cp figures/paper/fig12.png docs/figures/fig12.png
+	@$(BIN)/python docs/make_screens.py
 
 wheel: $(STAMP)
 	@$(BIN)/hatchling build --target wheel

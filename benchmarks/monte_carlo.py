@@ -19,9 +19,9 @@ from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+from fraexp.events import Finished
 from fraexp.executors import usable_cores
 from fraexp.perform import Job, perform
-from fraexp.scheduler import Finished
 from fraexp.workspace import Workspace
 
 STUDY = """

@@ -24,8 +24,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from calibrate_machine import MACHINE, sections_of
 
+from fraexp.events import Finished
 from fraexp.perform import Failure, Job, perform
-from fraexp.scheduler import Finished
 from fraexp.workspace import Workspace
 
 GROWTH, CORES, GROWN = 1.1, 1.7, 1.15

@@ -27,7 +27,7 @@ from fraexp.plugins import discover
 
 FRAEXP = ["-m", "fraexp"]
 FIRST = """
-from fraexp.scheduler import Finished
+from fraexp.events import Finished
 from fraexp.workspace import Workspace
 
 events = Workspace.open(".").run(["quick"], "serial", rerun="all")

@@ -1,4 +1,5 @@
-"""Write the generated pages: docs/reference.md, and the options and exit codes in docs/command-line.md.
+"""Write the generated pages: docs/reference.md, options and exit codes in docs/command-line.md, keys in
+docs/terminal-ui.md.
 
 python docs/make_reference.py
 """
@@ -13,7 +14,6 @@ from pydantic.fields import FieldInfo
 
 from fraexp.cli import arguments
 from fraexp.cli.exits import ExitCode
-from fraexp.cli.plugins import BOUNDS
 from fraexp.components import KINDS, Component, nested_kind
 from fraexp.experiments import Compensation
 from fraexp.limits import Limits
@@ -21,6 +21,8 @@ from fraexp.parameters import Parameters, inherited_from, unit_of
 from fraexp.plugins import Registry, discover
 from fraexp.records.settings import Channel, RecordSettings, Step
 from fraexp.simulation import Loop, Numerics
+from fraexp.tui import keys
+from fraexp.views.components import BOUNDS
 
 DOCS = Path(__file__).parent
 SECTIONS: Mapping[str, type[Parameters]] = {
@@ -49,7 +51,10 @@ def pages(registry: Registry) -> dict[Path, str]:
     command_line = DOCS / "command-line.md"
     head, _, rest = command_line.read_text("utf-8").partition(BEGIN)
     tail = rest.partition(END)[2]
+    guide = DOCS / "terminal-ui.md"
+    before, _, after = guide.read_text("utf-8").partition(BEGIN)
     return {
+        guide: before + "\n".join([BEGIN, "", *_keys(), "", END]) + after.partition(END)[2],
         DOCS / "reference.md": "\n".join(_reference(registry)) + "\n",
         command_line: head + "\n".join([BEGIN, "", *_commands(), END]) + tail,
     }
@@ -138,6 +143,30 @@ def _default(info: FieldInfo) -> str:
     return f"`{str(value).lower() if isinstance(value, bool) else list(value) if isinstance(value, tuple) else value}`"
 
 
+PLACES = {
+    "FraexpApp": "everywhere", "Page": "everywhere", "PagedTable": "lists", "SweepTable": "lists of sweeps",
+    "FilterLine": "filter", "SweepFilter": "filter", "CuratingPage": "sweeps", "Section": "sweep",
+    "PlotPage": "compare", "HelpPage": "help", "Ask": "questions", "Confirm": "yes or no", "NumberInput": "trial",
+}  # fmt: skip
+"""Where keys are found, by the class that has them; others by its name."""
+
+
+def _keys() -> list[str]:
+    rows = [
+        [
+            PLACES.get(of.owner, of.owner.removesuffix("Page").lower()),
+            " ".join(map(keys.shown, of.keys)),
+            of.meaning,
+            of.name,
+        ]
+        for of in keys.known().values()
+    ]
+    first = list(dict.fromkeys(PLACES.values()))
+    rows.sort(key=lambda row: (first.index(row[0]) if row[0] in first else len(first), row[0]))
+    cells = [[place, *(f"`{key}`" for key in (pressed, name)), meaning] for place, pressed, meaning, name in rows]
+    return _table(["where", "keys", "name", "what it does"], cells)
+
+
 def _commands() -> list[str]:
     lines = ["## Exit codes", "", *_table(["code", "meaning"], ([str(code.value), code.sentence] for code in ExitCode))]
     parser = arguments._parser()
@@ -159,6 +188,8 @@ def _usage(action: argparse.Action) -> str:
     if action.choices:
         value = "|".join(action.choices)
     text = " ".join([*action.option_strings[:1], str(value)]).strip()
+    if action.nargs == "*":
+        return f"[{text} ...]"
     return f"{text} [{text} ...]" if action.nargs == "+" else text
 
 

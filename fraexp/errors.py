@@ -3,6 +3,11 @@
 import difflib
 from collections.abc import Iterable
 
+CLOSE = 0.6
+"""Share of equal letters from which a name is taken for another one's misspelling."""
+BEGINNING = 3
+"""Letters from which the beginning of a name stands for it."""
+
 
 class FraexpError(Exception):
     """Base of all errors that a user can mend; its text is one line."""
@@ -31,7 +36,8 @@ class StoreError(FraexpError):
 def did_you_mean(name: str, options: Iterable[str]) -> str:
     """Return ``; did you mean 'x'?`` for the nearest option, else the list of what exists."""
     known = sorted(options)
-    near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+    near = difflib.get_close_matches(name, known, n=1, cutoff=CLOSE)
+    near = near or [option for option in known if len(name) >= BEGINNING and option.startswith(name)]
     if near:
         return f"; did you mean '{near[0]}'?"
     return f"; known: {', '.join(known)}" if known else ""

@@ -1,11 +1,11 @@
 """Models that were identified: fitted to stored responses, and as matrices for other programs."""
 
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from fraexp import toml
 from fraexp.components import Estimator, Plant
 from fraexp.errors import StudyError, did_you_mean
 from fraexp.plugins import Registry, create
@@ -44,26 +44,47 @@ def wrapped(
     registry: Registry,
     files: Callable[[StoredSweep], Mapping[str, str]],
 ) -> tuple[Sweep, ...]:
-    """Return the sweeps with their estimators inside of the one that fits."""
+    """Return the sweeps with their estimators inside of the one that fits, which keeps what a study's own fit had set.
+
+    A setting without a value, such as ``modes=``, is the default.
+    """
     given = dict(_setting(text) for text in settings)
     found = []
     for sweep in sweeps:
         inner = sweep.estimator[METHOD] if sweep.estimator["name"] == fitting else sweep.estimator
         place = f"fit of {sweep.key[4:12]}"
         environment = {key: value for key, value in sweep.experiment.items() if key != "source"}
-        spec = registry.create(Estimator.kind, {"name": fitting, METHOD: inner, **given}, environment, place).spec()
-        labels = sweep.labels or {"sweep": sweep.key[4:12]}
+        wanted = {"name": fitting, METHOD: inner, **taken_over(sweep, fitting, (), registry), **given}
+        wanted = {key: value for key, value in wanted.items() if value is not None}
+        spec = registry.create(Estimator.kind, wanted, environment, place).spec()
+        labels = sweep.labels or {"fit of": sweep.key[4:12]}
         found.append(Sweep(sweep.experiment, spec, labels, files(sweep)))
     return tuple({sweep.key: sweep for sweep in found}.values())
 
 
+def taken_over(sweep: StoredSweep, fitting: str, settings: Sequence[str], registry: Registry) -> dict[str, Any]:
+    """Return what a sweep's own fit had set other than the default, without what `settings` give anew."""
+    if sweep.estimator["name"] != fitting:
+        return {}
+    anew = {METHOD, *(_setting(text)[0] for text in settings)}
+    parameters = registry.supply(Estimator.kind, fitting).component.model_fields
+    return {
+        name: value
+        for name, value in sweep.estimator.items()
+        if name in parameters and name not in anew and value is not None and value != parameters[name].default
+    }
+
+
 def _setting(text: str) -> tuple[str, Any]:
+    """Return path and value of a setting; None, which stands for the default, if it has none."""
     path, equals, value = text.partition("=")
     if not equals or not path.strip():
         raise StudyError(f"--set {text}: expected PARAMETER=VALUE, such as modes=2")
+    if not value.strip():
+        return path.strip(), None
     try:
-        return path.strip(), tomllib.loads(f"value = {value}")["value"]
-    except tomllib.TOMLDecodeError:
+        return path.strip(), toml.value(value)
+    except ValueError:
         return path.strip(), value.strip()
 
 

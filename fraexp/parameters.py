@@ -1,6 +1,7 @@
 """Named values with unit, meaning and bounds: declared once, for TOML, help, forms, docs and tests."""
 
-from collections.abc import Mapping
+import json
+from collections.abc import Mapping, Sequence
 from typing import Any, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
@@ -10,6 +11,10 @@ from fraexp import units
 from fraexp.errors import ParameterError, did_you_mean
 
 REQUIRED: Any = ...
+TYPICAL = {
+    "N": 10.0, "N/m": 1e5, "N s/m": 10.0, "N/s": 100.0, "m": 1e-5, "m/s": 1e-3, "s": 1e-3, "Hz": 10.0, "kg": 5.0,
+}  # fmt: skip
+"""Magnitudes of the field by unit, for an example of a parameter of which nothing else tells one."""
 
 
 def param(
@@ -83,6 +88,19 @@ class Parameters(BaseModel):
         except ParameterError as error:
             raise ParameterError(f"{title}: {error}") from None
 
+    @classmethod
+    def fault(cls, data: Mapping[str, Any], key: str, title: str) -> str:
+        """Return what is wrong with one of the values in one line, whatever the others are; empty if nothing is."""
+        try:
+            cls.model_validate(dict(data))
+        except ValidationError as error:
+            found = [one for one in error.errors(include_url=False) if one["loc"][:1] == (key,)]
+            return _told(cls, title, data, found) if found else ""
+        except ParameterError as error:  # of a unit, or of values that do not go together
+            others = tuple(f"{other}{mark}" for other in data if other != key for mark in (":", " is "))
+            return "" if str(error).startswith(others) else f"{title}: {error}"
+        return ""
+
     def plain(self) -> dict[str, Any]:
         """Return plain data from which `parse` builds an equal object."""
         values = {key: getattr(self, key) for key in type(self).model_fields}
@@ -120,7 +138,10 @@ BOUNDS = {
 
 
 def _sentence(cls: type[Parameters], title: str, data: Mapping[str, Any], error: ValidationError) -> str:
-    all_found = error.errors(include_url=False)
+    return _told(cls, title, data, error.errors(include_url=False))
+
+
+def _told(cls: type[Parameters], title: str, data: Mapping[str, Any], all_found: Sequence[Any]) -> str:
     found = next(
         (one for one in all_found if one["type"] == "extra_forbidden"), all_found[0]
     )  # a slip of the pen first
@@ -130,6 +151,10 @@ def _sentence(cls: type[Parameters], title: str, data: Mapping[str, Any], error:
     match found["type"]:
         case "extra_forbidden":
             return f"{title} has no parameter '{name}'{did_you_mean(name, cls.model_fields)}"
+        case "tuple_type" if info is not None and len(found["loc"]) == 1:
+            given = json.dumps(data[name], default=str)
+            what = f"{info.description}, {unit_of(info) or 'text'}"
+            return f"{title}.{name} is {given} ({what}); expected a list, such as [{given}]"
         case "missing" if info is not None:
             return f"{title} lacks '{name}' ({info.description}, {unit_of(info) or 'text'})"
         case "greater_than" | "greater_than_equal" | "less_than" | "less_than_equal" if info is not None:

@@ -52,6 +52,12 @@ def replaced(data: Any, parts: Sequence[str], value: Any) -> Any:
 
 def unit_at(sections: Mapping[str, Any], path: str, registry: Registry) -> str:
     """Return the unit that is declared for what is at a path; empty where there is none, or nothing."""
+    info = declared_at(sections, path, registry)
+    return unit_of(info) if info else ""
+
+
+def declared_at(sections: Mapping[str, Any], path: str, registry: Registry) -> FieldInfo | None:
+    """Return how the parameter at a path is declared; None where that is not known."""
     section, *parts = path.split(".")
     value: Any = sections.get(section)
     owner = SETTINGS.get(section) or _component(section, value, registry)
@@ -63,7 +69,7 @@ def unit_at(sections: Mapping[str, Any], path: str, registry: Registry) -> str:
             info = owner.model_fields.get(part) if owner else None
             value = value.get(part) if isinstance(value, Mapping) else None
         owner = _owner(info, value, registry)
-    return unit_of(info) if info else ""
+    return info
 
 
 def _owner(info: FieldInfo | None, value: Any, registry: Registry) -> Owner:

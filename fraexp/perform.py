@@ -20,6 +20,8 @@ from fraexp.sweep import Plain
 
 Progress = Callable[[float], None]
 """Is told the fraction of the experiment that is done."""
+Begins = Callable[[int], None]
+"""Is told which estimator begins."""
 
 
 @dataclass(frozen=True)
@@ -41,16 +43,20 @@ class Failure:
     log: str
 
 
-def perform(job: Job, progress: Progress) -> list[Result | Failure]:
+def perform(job: Job, progress: Progress, begins: Begins = lambda _: None) -> list[Result | Failure]:
     """Return a result or a failure per estimator, in their order."""
     began = time.perf_counter()
     try:
         registry = _registry(job.plugins)
         signals = source(job, registry, progress)
     except Exception as error:  # whatever a plugin or a file does, the other experiments go on
-        return [_failure(error)] * len(job.estimators)
+        return [failure(error)] * len(job.estimators)
     shared = (time.perf_counter() - began) / len(job.estimators)
-    return [_estimate(registry, estimator, signals, shared) for estimator in job.estimators]
+    answers = []
+    for number, estimator in enumerate(job.estimators):
+        begins(number)
+        answers.append(_estimate(registry, estimator, signals, shared))
+    return answers
 
 
 @cache
@@ -96,7 +102,7 @@ def _estimate(registry: Registry, spec: Plain, signals: Signals, shared: float) 
         if not isinstance(result, Result):
             raise PluginError(f"{estimator.name} returns {result!r:.60}; expected a Result")
     except Exception as error:  # as above: one estimator's failure is its own
-        return _failure(error)
+        return failure(error)
     return replace(
         result,
         metrics=result.metrics + signals.metrics,
@@ -105,7 +111,8 @@ def _estimate(registry: Registry, spec: Plain, signals: Signals, shared: float) 
     )
 
 
-def _failure(error: Exception) -> Failure:
+def failure(error: BaseException) -> Failure:
+    """Return what an error is to people: its sentence, with the place if it is none of ours."""
     log = "".join(traceback.format_exception(error))
     text = str(error).splitlines()[0] if str(error) else ""
     if isinstance(error, FraexpError):

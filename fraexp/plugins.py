@@ -9,9 +9,10 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import redirect_stdout
 from dataclasses import dataclass, field
 from functools import cached_property
+from importlib.machinery import SourceFileLoader
 from importlib.metadata import entry_points
 from pathlib import Path
-from types import ModuleType
+from types import CodeType, ModuleType
 from typing import Any, TypeVar, cast
 
 import pluggy
@@ -284,10 +285,18 @@ def components_in(module: ModuleType) -> list[type[Component]]:
     return [cls for cls in members if cls.name and cls.__module__ == module.__name__]
 
 
+class _Fresh(SourceFileLoader):
+    """Reads the source each time: its cached bytecode would hide an edit within the second that keeps the size."""
+
+    def get_code(self, fullname: str) -> CodeType:
+        """Return the code of the source as it is now."""
+        return self.source_to_code(self.get_data(self.path), self.path)
+
+
 def load_file(file: Path) -> ModuleType:
-    """Import a dropped-in file as a module of its own."""
+    """Import a dropped-in file as a module of its own, as it is now."""
     name = DROP_IN + file.stem
-    spec = importlib.util.spec_from_file_location(name, file)
+    spec = importlib.util.spec_from_file_location(name, file, loader=_Fresh(name, str(file)))
     if spec is None or spec.loader is None:
         raise PluginError(f"{file} is no Python file")
     module = importlib.util.module_from_spec(spec)

@@ -32,6 +32,7 @@ def gather() -> dict[str, Any]:
             "cores": os.cpu_count(),
             "usable_cores": _usable_cores(),
         },
+        "log": os.environ.get("FRAEXP_LOG"),  # of a run that has no terminal
     }
 
 

@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import Any
 
 from fraexp.errors import StudyError, did_you_mean
-from fraexp.sweep import Plain, Sweep
+from fraexp.sweep import DRAW, Plain, Sweep
 
 WORD, CASE, OF = "fit", "case", "of"
 KINDS = ("plant", "friction")
@@ -80,20 +80,39 @@ def stood_in(sections: Plain, place: str) -> dict[str, Any]:
 
 def laid_in(every: Sequence[tuple[str, Sweep, Plain]]) -> list[Sweep]:
     """Return sweeps with their fits in place of what stood in for them: given place, sweep and what was written."""
+    refers = {id(written): any(found_in(written)) for written in {id(of): of for _, _, of in every}.values()}
     earlier: dict[str, list[Sweep]] = {}
     for _, sweep, written in every:
-        if not any(found_in(written)):
+        if not refers[id(written)]:
             earlier.setdefault(str(sweep.labels.get(CASE)), []).append(sweep)
-    return [_with_keys(*each, earlier) if any(found_in(each[2])) else each[1] for each in every]
+    return [_with_keys(*each, earlier) if refers[id(each[2])] else each[1] for each in every]  # draws share a text
 
 
 def _with_keys(place: str, sweep: Sweep, written: Plain, earlier: Mapping[str, list[Sweep]]) -> Sweep:
+    _check_drawn(place, sweep, written)
     known = {
         key: replaced(section, lambda reference: resolved(reference, sweep.labels, earlier, place))
         for key, section in written.items()
     }
     experiment = {key: put_back(section, known.get(key)) for key, section in sweep.experiment.items()}
     return replace(sweep, experiment=experiment, estimator=put_back(sweep.estimator, known["estimator"]))
+
+
+def _check_drawn(place: str, sweep: Sweep, written: Plain) -> None:
+    """Raise StudyError if a number was drawn at random within what stood in for a fit: the fit does not know of it."""
+    paths = list(sweep.labels)
+    for path in paths[paths.index(DRAW) + 1 :] if DRAW in paths else ():
+        value: Any = written
+        for part in path.split("."):
+            if is_reference(value):
+                raise StudyError(
+                    f"{place}, [random]: '{path}' lies in what {{ {WORD} = '{value[WORD]}' }} stands for, which is "
+                    "identified and cannot be drawn; draw it in the machine, or write the component out"
+                )
+            if isinstance(value, list):
+                value = value[int(part)]
+            else:
+                value = value.get(part) if isinstance(value, Mapping) else None
 
 
 def resolved(reference: Plain, case: Plain, earlier: Mapping[str, list[Sweep]], place: str) -> Plain:

@@ -6,7 +6,7 @@ from base64 import b64encode
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
-from math import isfinite
+from math import nan
 from pathlib import Path
 from string import Template
 from typing import Any
@@ -15,18 +15,25 @@ from fraexp.errors import FraexpError, StudyError
 from fraexp.figures.label_units import label_units
 from fraexp.figures.labels import label_columns, label_texts, printable
 from fraexp.plugins import Registry
-from fraexp.printed import Candidate, Compared
+from fraexp.printed import HALF_WIDTH, Candidate, Compared, half_widths, readable, rounded, written
 from fraexp.results import Result
 from fraexp.store import RunSummary, Store, StoredSweep
 from fraexp.study import Study, described, find_studies
+from fraexp.units import factor
 
 MOST = 50
 """Sweeps of a run that are shown one by one."""
 UPRIGHT = 6
 """Up to so many sweeps stand side by side, with a row for each number."""
+LEAST_SHARE = 0.001
+"""Differences from this share on [%] are told as a share too."""
 LONG = 28
 """Characters from which a table's cell breaks into lines."""
 SUFFIXES = (".html", ".htm")
+MARK = '<meta name="generator" content="fraexp report">'
+"""In the head of a report: by it one is told from other files."""
+HEAD = 1000
+"""Bytes within which the mark is looked for."""
 Row = Sequence[str]
 
 
@@ -63,7 +70,7 @@ def chapter(
     sections = [{**sweep.experiment, "estimator": sweep.estimator} for sweep in sweeps]
     units = label_units(((of.labels, parts) for of, parts in zip(sweeps, sections, strict=True)), registry)
     candidates = [
-        Candidate(sweep.labels, parts, results[sweep.key].metrics)
+        Candidate(sweep.labels, parts, results[sweep.key].metrics, half_widths(results[sweep.key]))
         for sweep, parts in zip(sweeps, sections, strict=True)
         if sweep.key in results
     ]
@@ -105,13 +112,25 @@ def _command(run: RunSummary, folder: Path) -> str:
     return shlex.join([*words[:2], name, *(word for word in words if word.startswith("--set="))])
 
 
-def write(path: Path, title: str, chapters: Sequence[Chapter]) -> None:
-    """Write a report; the file appears whole or not at all."""
+def check_target(path: Path, force: bool = False) -> None:
+    """Raise FraexpError if a report cannot be written there, or would replace a file that is no earlier report."""
     if path.suffix.lower() not in SUFFIXES:
         raise FraexpError(f"{path}: a report cannot be written as '{path.suffix}'; choose a name that ends in .html")
+    try:
+        if force or not path.exists():
+            return
+        with path.open("rb") as file:
+            ours = MARK.encode() in file.read(HEAD)
+    except OSError as error:
+        raise FraexpError(f"{path}: the report cannot be written: {error.strerror or error}") from None
+    if not ours:
+        raise FraexpError(f"{path}: the file exists and is no earlier report; give --force to replace it")
+
+
+def write(path: Path, title: str, chapters: Sequence[Chapter]) -> None:
+    """Write a report; the file appears whole or not at all."""
     part = path.with_name(f".{path.name}.part")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
         part.write_text(render(title, chapters), encoding="utf-8")
         part.replace(path)
     except OSError as error:
@@ -129,6 +148,7 @@ def render(title: str, chapters: Sequence[Chapter]) -> str:
     hrefs = dict(zip((of.run.number for of in chapters), anchors, strict=True))
     studies = [f'<a href="#{hrefs[of.run.number]}">{_text(of.run.study)}</a>' for of, _ in pairs]
     return PAGE.substitute(
+        mark=MARK,
         title=_text(title),
         about=_about([of.run for of in chapters]),
         contents="".join(entries),
@@ -165,20 +185,30 @@ def _compared(compared: Sequence[Compared], studies: Sequence[str] = ()) -> str:
             _text(_unit(of.unit)),
         ]
         if one.remark:
-            rows.append([*cells, _number(of.value), "–", "", _expected(one), f'<b class="no">{_text(one.remark)}</b>'])
+            rows.append([*cells, f"{of.value:g}", "–", "", _expected(one), f'<b class="no">{_text(one.remark)}</b>'])
             continue
-        share = f" ({100 * one.difference / of.value:+.2g} %)" if of.value and of.compare == "about" else ""
         met = "<b>yes</b>" if one.agrees else '<b class="no">no</b>'
-        ours, difference = _number(one.ours), f"{one.difference:+.3g}{share}"
-        rows.append([*cells, _number(of.value), ours, difference, _expected(one), met])
+        ours = written(one.ours, one.half, of.margin)
+        rows.append([*cells, f"{of.value:g}", ours, _difference(one), _expected(one), met])
     return _table([*titles, "met"], rows)
+
+
+def _difference(one: Compared) -> str:
+    """Return the difference in the digits of what is expected, with the share that it is of the printed number."""
+    of = one.printed
+    if of.compare != "about":
+        return f"{'' if one.difference < 0 else '+'}{written(one.difference)}"
+    share = 100 * one.difference / of.value if of.value else 0.0
+    difference = rounded(one.difference, of.margin / 10)
+    signed = difference if difference.startswith("-") else f"+{difference}"
+    return signed + (f" ({share:+.2g} %)" if abs(share) >= LEAST_SHARE else "")
 
 
 def _expected(one: Compared) -> str:
     of = one.printed
     if of.compare != "about":
-        return f"{of.compare} {_number(of.value)}"
-    return f"± {_text(of.tolerance if isinstance(of.tolerance, str) else _number(of.margin))}"
+        return f"{of.compare} {of.value:g}"
+    return f"± {_text(of.tolerance if isinstance(of.tolerance, str) else f'{of.margin:g}')}"
 
 
 def _section(anchor: str, of: Chapter) -> str:
@@ -208,15 +238,13 @@ def _sweeps(of: Chapter) -> str:
     """Return the table of sweeps: labels, outcome, settled points, metrics, message."""
     shown = of.sweeps[:MOST]
     names = label_columns([sweep.labels for sweep in shown])
-    columns = {_title(name, of.units.get(path, "")): label_texts([sweep.labels.get(path) for sweep in shown])
-               for path, name in names.items()}  # fmt: skip
+    columns = dict(_labels(name, of.units.get(path, ""), [sweep.labels.get(path) for sweep in shown])
+                   for path, name in names.items())  # fmt: skip
     columns["outcome"] = [sweep.outcome.name.lower().replace("_", " ") if sweep.outcome else sweep.state
                           for sweep in shown]  # fmt: skip
     columns["settled"] = [_settled(of.results.get(sweep.key)) for sweep in shown]
-    found = [{(metric.name, metric.unit): metric.value for metric in of.results[sweep.key].metrics}
-             if sweep.key in of.results else {} for sweep in shown]  # fmt: skip
-    for name, unit in dict.fromkeys(key for values in found for key in values):
-        columns[_title(name, unit)] = [_number(values.get((name, unit))) for values in found]
+    columns |= _metrics([of.results.get(sweep.key) for sweep in shown],
+                        {one.metric: one.unit for one in of.study.printed})  # fmt: skip
     columns["message"] = [sweep.message for sweep in shown]
     known = {title: [_text(cell) for cell in cells] for title, cells in columns.items() if any(cells)}
     rows = [[_text(title), *cells] for title, cells in known.items()]
@@ -226,6 +254,41 @@ def _sweeps(of: Chapter) -> str:
     if len(shown) <= UPRIGHT and len(rows) > len(shown):
         table = rows
     return _table(table[0], table[1:]) + more if shown else ""
+
+
+def _labels(name: str, unit: str, values: Sequence[Any]) -> tuple[str, list[str]]:
+    """Return title and cells of a column of labels."""
+    if not all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
+        return _title(name, unit), label_texts(values)
+    scale, shown = readable(unit, values)
+    return _title(name, shown), label_texts([float(f"{scale * value:.12g}") if scale != 1 else value
+                                             for value in values])  # fmt: skip
+
+
+def _metrics(results: Sequence[Result | None], stated: Mapping[str, str]) -> dict[str, list[str]]:
+    """Return a column of cells for each metric, by its title, in the unit that is stated for it or that people use."""
+    found = [{(metric.name, metric.unit): metric.value for metric in result.metrics} if result else {}
+             for result in results]  # fmt: skip
+    halves = [half_widths(result) if result else {} for result in results]
+    columns = {}
+    for name, unit in dict.fromkeys(key for values in found for key in values):
+        if name.endswith(HALF_WIDTH) and any(name.removesuffix(HALF_WIDTH) in half for half in halves):
+            continue
+        column = [values.get((name, unit)) for values in found]
+        scale, shown = _scale(unit, stated.get(name), [value for value in column if value is not None])
+        columns[_title(name, shown)] = [
+            "" if value is None else written(scale * value, scale * half.get(name, nan))
+            for value, half in zip(column, halves, strict=True)
+        ]
+    return columns
+
+
+def _scale(unit: str, stated: str | None, values: Sequence[float]) -> tuple[float, str]:
+    """Return the factor to, and the name of, the unit of a column."""
+    try:
+        return (factor(unit, stated), stated) if stated else readable(unit, values)
+    except FraexpError:  # the table of printed numbers says so
+        return readable(unit, values)
 
 
 def _settled(result: Result | None) -> str:
@@ -238,7 +301,8 @@ def _title(name: str, unit: str) -> str:
 
 
 def _unit(unit: str) -> str:
-    return "" if unit == "1" else unit.replace("**2", "²").replace("**3", "³")
+    shown = unit.replace("**2", "²").replace("**3", "³")
+    return "" if unit == "1" else f"µ{shown[1:]}" if shown.startswith("u") and len(shown) > 1 else shown
 
 
 def _table(titles: Row, rows: Iterable[Row]) -> str:
@@ -278,10 +342,6 @@ def _packages(runs: Sequence[RunSummary]) -> str:
     return _text(", ".join(f"{name} {version}" for name, version in sorted(pairs, key=str)))
 
 
-def _number(value: float | None) -> str:
-    return "" if value is None else f"{value:.6g}" if isfinite(value) else "–"
-
-
 def _text(value: object) -> str:
     """Return any text in one line, fit to stand in HTML: names come from strangers."""
     return escape(printable(" ".join(str(value).split())))
@@ -291,6 +351,7 @@ PAGE = Template("""<!DOCTYPE html>
 <html lang="en">
 <head>
 <meta charset="utf-8">
+$mark
 <meta name="viewport" content="width=device-width, initial-scale=1">
 <meta http-equiv="Content-Security-Policy" content="default-src 'none'; img-src data:; style-src 'unsafe-inline'">
 <title>$title</title>
@@ -317,7 +378,7 @@ code { overflow-wrap: anywhere; }
 </head>
 <body>
 <h1>$title</h1>
-<p>$about</p>
+<p>$about Behind a number of ours, ± is half the width of its 95 % interval.</p>
 <nav><ol>$contents</ol></nav>
 $summary
 $chapters

@@ -9,6 +9,11 @@ from fraexp.periodic import PeriodicSpectrum, harmonic_phasors, response_covaria
 from fraexp.results import HARMONICS, FrequencyResponse, Outcome, Result
 from fraexp.signals import Segment, Signals
 
+UNREPEATED = (
+    "the record does not repeat itself (periodic = false), and this estimator needs whole periods: take spectral or "
+    "local_polynomial, or give the record's period"
+)
+
 
 def response_result(
     signals: Signals,
@@ -25,6 +30,8 @@ def response_result(
     """
     if not signals.segments:
         return Result(signals.outcome, signals.message)
+    if not all(segment.periodic for segment in signals.segments):
+        raise RecordError(UNREPEATED)
     _check_realisations(signals.segments)
     spectra = _spectra(signals.segments, inputs, outputs)
     u, y = np.concatenate([s.input for s in spectra]), np.concatenate([s.output for s in spectra])

@@ -21,7 +21,8 @@ class Outcome(Enum):
     NOT_SETTLED = "raise excitation.settle_limit, or loosen excitation.tolerance"
     NO_SIGNAL = "raise excitation.amplitude, or take a finer scale: where nothing moves nothing is learnt"
     DIVERGED = (
-        "the loop is unstable, or excited beyond loop.stroke: lower the controller gain, the dead time or the amplitude"
+        "the loop is unstable, or driven beyond loop.stroke: lower the controller gain, the dead time, or the "
+        "amplitude or distance that is asked for"
     )
     FAILED = "see the message, and the log that fraexp show prints"
 

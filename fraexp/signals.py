@@ -22,7 +22,10 @@ class Settling:
 
 @dataclass(frozen=True)
 class Segment:
-    """Whole periods of one periodic experiment, sampled so that a period is a whole number of samples."""
+    """Whole periods of one periodic experiment, sampled so that a period is a whole number of samples.
+
+    A record that does not repeat itself is one period, and not `periodic`.
+    """
 
     sample_time: float
     """Sample time [s]."""
@@ -34,6 +37,8 @@ class Segment:
     """None for a record that does not tell."""
     lead_in: Mapping[str, np.ndarray] = field(default_factory=dict)
     """Samples from rest up to the first period, each of shape (n,), of the channels of which they are known."""
+    periodic: bool = True
+    """Whether the end goes on at the beginning; otherwise sums over a period are no phasors."""
 
     cache: dict[tuple[str, str], np.ndarray] = field(default_factory=dict, init=False, repr=False, compare=False)
     """What has been computed of a channel, by what it is: several estimators look at the same record."""

@@ -138,14 +138,29 @@ def _outcome(
     loop: Loop, schedule: Schedule, periods: Sequence[Period], segments: Sequence[Segment]
 ) -> tuple[Outcome, str]:
     if len(segments) < len(periods):
-        period = periods[len(segments)]
-        frequency = period.lines[0] / (period.waveform.size * loop.sample_time)
-        return Outcome.DIVERGED, f"at {frequency:.4g} Hz the displacement left ±{loop.stroke:g} m"
+        return Outcome.DIVERGED, _why_diverged(loop, schedule, periods[len(segments)])
     waiting = sum(not segment.settling.settled for segment in segments if segment.settling)
     if waiting:
         message = f"{waiting} of {len(segments)} responses were not yet periodic after {schedule.settle_limit:g} s"
         return Outcome.NOT_SETTLED, message
     return Outcome.OK, ""
+
+
+def _why_diverged(loop: Loop, schedule: Schedule, period: Period) -> str:
+    """Return where the displacement left the stroke: at a frequency, or on a move, which has none."""
+    if schedule.settle_limit > 0 or period.reference is None:
+        frequency = period.lines[0] / (period.waveform.size * loop.sample_time)
+        return f"at {frequency:.4g} Hz the displacement left ±{loop.stroke:g} m"
+    farthest = float(np.abs(loop.reference + period.reference).max())
+    if farthest > loop.stroke:
+        return (
+            f"the move leads to {farthest:g} m, beyond loop.stroke, which is ±{loop.stroke:g} m: move less far, or "
+            "raise loop.stroke"
+        )
+    return (
+        f"on a move of {float(np.ptp(period.reference)):g} m the displacement left ±{loop.stroke:g} m: mend the "
+        "design model, or take more time for the move"
+    )
 
 
 def _taken(segments: Sequence[Segment]) -> tuple[Metric, ...]:

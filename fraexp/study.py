@@ -3,36 +3,32 @@
 import itertools
 import math
 import os
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from fraexp import limits, perform, records, references
-from fraexp.components import Controller, Estimator, Excitation, FrictionModel, Plant, nested_kind
+from fraexp import limits, perform, printed, records, references, toml
+from fraexp.components import Excitation, nested_kind
 from fraexp.draws import Draws, drawn
 from fraexp.errors import FraexpError, StudyError, did_you_mean
 from fraexp.figures.kinds import check_kind
 from fraexp.limits import Limits
-from fraexp.parameters import Parameters, inherited_from
-from fraexp.paths import SETTINGS as OF_A_LOOP
+from fraexp.parameters import inherited_from
 from fraexp.plugins import Registry, create
 from fraexp.printed import Printed
+from fraexp.sections import GRID, MACHINE, SECTIONS, SETTINGS, WORDS, axes, merge, nested, overlay, override, varied
 from fraexp.simulation import Numerics
 from fraexp.sweep import Plain, Sweep
 
-COMPONENTS = {kind.kind: kind for kind in (Plant, FrictionModel, Controller, Excitation, Estimator)}
-SETTINGS: dict[str, type[Parameters]] = {**OF_A_LOOP, "limits": Limits}
-SECTIONS = (*COMPONENTS, *SETTINGS, "record")
-MACHINE = ("plant", "friction", "controller", "loop")
 LAST = ("excitation", "estimator")
 """Components that may inherit from the other sections."""
 OPTIONAL = ("compensation",)
 """Sections of SETTINGS that decide the signals of a loop where they are given; without them its key is what it was."""
-WORDS = ("title", "question", "machine", "figure")
 KEYS = (*WORDS, *SECTIONS, "case", "grid", "random", "printed")
 MOST_SWEEPS = 1_000_000
+LONGEST_NAME = 200
+"""Letters of a name that file systems take."""
 
 
 @dataclass(frozen=True)
@@ -73,17 +69,18 @@ def find_studies(name: str, folder: Path) -> list[tuple[str, Path]]:
     for base in (folder, *roots):
         for path in (base / name, base / f"{name}.toml"):
             if path.is_file():
-                return [(_study_name(path, roots), path)]
+                return [(study_name(path, roots), path)]
             files = sorted(path.glob("*.toml")) if path.is_dir() else []
             if files:
-                return [(_study_name(file, roots), file) for file in files]
+                return [(study_name(file, roots), file) for file in files]
     names = {
-        _study_name(path, roots) for root in roots for path in root.rglob("*.toml") if path.parent.name != "machines"
+        study_name(path, roots) for root in roots for path in root.rglob("*.toml") if path.parent.name != "machines"
     }
     raise StudyError(f"there is no study '{name}'{did_you_mean(name.removesuffix('.toml'), names)}")
 
 
-def _study_name(path: Path, roots: Sequence[Path]) -> str:
+def study_name(path: Path, roots: Sequence[Path]) -> str:
+    """Return the name of a study's file: where it is below one of the folders of studies."""
     for root in roots:
         inside, outside = Path(os.path.realpath(path)), os.path.realpath(root)  # which survive a loop of links
         if inside.is_relative_to(outside):
@@ -96,7 +93,7 @@ def load(name: str, file: Path, folder: Path, registry: Registry, overrides: Seq
 
     `overrides` are texts such as ``excitation.amplitude=20`` that replace what the file says, its grid included.
     """
-    return resolve(name, file, _read(file), folder, registry, overrides)
+    return resolve(name, file, read(file), folder, registry, overrides)
 
 
 def resolve(
@@ -104,17 +101,11 @@ def resolve(
 ) -> Study:
     """Return the study that the data of a file describe, without reading the file itself."""
     study = described(name, file, data)
-    base = {key: value for key, value in data.items() if key in SECTIONS}
-    if "machine" in data:
-        base = _merge(_machine(data["machine"], file, folder), base, str(file))
-    cases = _cases(data["case"], file) if "case" in data else [_Case(str(file), {}, {})]
-    grid, changes = _grid(data.get("grid", {}), file), [_override(text) for text in overrides]
-    draws = _draws(data, [change for change in changes if change[0].startswith("random.")], file)
-    changes = [change for change in changes if not change[0].startswith("random.")]
-    for path, _ in changes:
-        grid = {axis: values for axis, values in grid.items() if axis != path and not axis.startswith(f"{path}.")}
-    _check_count(file, len(cases), grid, draws)
-    whole = [replace(case, sections=_of_case(base, case, changes)) for case in cases]
+    changes = [override(text) for text in overrides]
+    grid = _grid(file, data, changes)
+    draws = _draws(data, grid, [change for change in changes if change[0].startswith("random.")], file)
+    whole = _whole(file, data, folder, changes)
+    _check_count(file, len(whole), grid, draws)
     points = [(case, *_sweep(file, case, point, registry)) for case in whole for point in _points(grid)]
     every = [
         (case.place, sweep, written)
@@ -130,12 +121,27 @@ def resolve(
     if hidden and not overrides:  # which may well make cases alike
         names = (different[hidden.key].labels["case"], hidden.labels["case"])
         raise StudyError(f"{file}: the cases '{names[0]}' and '{names[1]}' come to the same sweep; let them differ")
+    if not overrides:  # which may well leave out what is printed
+        printed.check(study.printed, kept, str(file))
     return replace(study, sweeps=kept)
+
+
+def outline(
+    file: Path, folder: Path, overrides: Sequence[str] = ()
+) -> tuple[list[dict[str, Any]], dict[str, list[Any]]]:
+    """Return the sections of each case as they are written, machine included, and the axes of the grid.
+
+    Nothing is resolved: what does not fit into a section shows when the study is loaded.
+    """
+    data = read(file)
+    _check_keys(data, file)
+    changes = [override(text) for text in overrides]
+    return [dict(case.sections) for case in _whole(file, data, folder, changes)], _grid(file, data, changes)
 
 
 def described(name: str, file: Path, data: Mapping[str, Any] | None = None) -> Study:
     """Return the words and printed numbers of a study's file, or of its data, without its sweeps."""
-    data = _read(file) if data is None else data
+    data = read(file) if data is None else data
     _check_keys(data, file)
     try:
         numbers = Printed.parse_all(data.get("printed", []))
@@ -154,68 +160,35 @@ def _check_keys(data: Mapping[str, Any], file: Path) -> None:
     check_kind(data.get("figure", ""), f"{file}: figure")
 
 
-def _read(file: Path) -> dict[str, Any]:
+def read(file: Path) -> dict[str, Any]:
+    """Return what a file says; StudyError if it is no TOML."""
     try:
-        return tomllib.loads(file.read_text(encoding="utf-8-sig"))
-    except tomllib.TOMLDecodeError as error:
-        raise StudyError(f"{file}: is no valid TOML: {error}") from None
+        size = file.stat().st_size
+        if size > 4 * toml.LONGEST:  # bytes of a character
+            raise StudyError(f"{file}: it takes {size:,} bytes; expected a study, {toml.LONGEST:,} characters at most")
+        return toml.loads(file.read_text(encoding="utf-8-sig"))
     except UnicodeDecodeError:
         raise StudyError(f"{file}: is no text in UTF-8") from None
-    except (RecursionError, ValueError) as error:
-        raise StudyError(f"{file}: cannot be read as TOML: {error}") from None
+    except ValueError as error:
+        raise StudyError(f"{file}: is no valid TOML: {error}") from None
     except OSError as error:
         raise StudyError(f"{file}: cannot be read: {error.strerror}") from None
 
 
 def _machine(name: str, study: Path, folder: Path) -> dict[str, Any]:
+    if not isinstance(name, str) or len(name) > LONGEST_NAME or "\0" in name:
+        raise StudyError(f"{study}: machine is {_shortened(name)}; expected the name of a file in studies/machines")
     places = (study.parent / "machines", folder / "studies" / "machines", packaged_studies() / "machines")
     for place in places:
         file = place / f"{name}.toml"
         if file.is_file():
-            data = _read(file)
+            data = read(file)
             unknown = sorted(set(data) - {"title", "source", *MACHINE})
             if unknown:
                 raise StudyError(f"{file}: a machine has no section '{unknown[0]}'{did_you_mean(unknown[0], MACHINE)}")
             return {key: value for key, value in data.items() if key in MACHINE}
     names = {file.stem for place in places for file in place.glob("*.toml")}
     raise StudyError(f"{study}: there is no machine '{name}'{did_you_mean(name, names)}")
-
-
-def _merge(base: Mapping[str, Any], change: Mapping[str, Any], place: str) -> dict[str, Any]:
-    """Return `base` with the sections of `change` laid over it; one with another name replaces the whole section."""
-    result = dict(base)
-    for key, value in change.items():
-        if key not in SECTIONS:
-            raise StudyError(f"{place}: there is no section '{key}'{did_you_mean(key, SECTIONS)}")
-        if not isinstance(value, Mapping):
-            raise StudyError(f"{place}: {key} is {value!r}; expected a table such as [{key}]")
-        result[key] = _overlay(result.get(key, {}), value)
-    return result
-
-
-def _overlay(old: Any, new: Any) -> Any:
-    if not isinstance(old, Mapping) or not isinstance(new, Mapping):
-        return new
-    if "name" in new and new["name"] != old.get("name", new["name"]):
-        return dict(new)
-    return {**old, **{key: _overlay(old.get(key), value) for key, value in new.items()}}
-
-
-def _override(text: str) -> tuple[str, Any]:
-    path, equals, value = text.partition("=")
-    if path.strip().partition(".")[0] in ("grid", "case", *WORDS):
-        raise StudyError(f"--set {text}: only a section's parameters can be set; write another study for the rest")
-    if not equals or not path.strip():
-        raise StudyError(f"--set {text}: expected PATH=VALUE, such as excitation.amplitude=20")
-    try:
-        return path.strip(), tomllib.loads(f"value = {value}")["value"]
-    except tomllib.TOMLDecodeError:
-        return path.strip(), value.strip()
-
-
-def _nested(path: str, value: Any) -> dict[str, Any]:
-    head, _, rest = path.partition(".")
-    return {head: _nested(rest, value) if rest else value}
 
 
 def _cases(tables: Any, file: Path) -> list[_Case]:
@@ -247,27 +220,31 @@ def _shortened(value: Any) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
+def _whole(file: Path, data: Mapping[str, Any], folder: Path, changes: Sequence[tuple[str, Any]]) -> list[_Case]:
+    """Return the cases with all of their sections: of the machine, the study, the case and the command line."""
+    base = {key: value for key, value in data.items() if key in SECTIONS}
+    if "machine" in data:
+        base = merge(_machine(data["machine"], file, folder), base, str(file))
+    cases = _cases(data["case"], file) if "case" in data else [_Case(str(file), {}, {})]
+    of_sections = [change for change in changes if not change[0].startswith(("random.", GRID))]
+    return [replace(case, sections=_of_case(base, case, of_sections)) for case in cases]
+
+
+def _grid(file: Path, data: Mapping[str, Any], changes: Sequence[tuple[str, Any]]) -> dict[str, list[Any]]:
+    return varied(axes(data.get("grid", {}), f"{file}, [grid]"), changes)
+
+
 def _of_case(base: Mapping[str, Any], case: _Case, changes: Sequence[tuple[str, Any]]) -> dict[str, Any]:
     """Return the study's sections with the case laid over them, and over both what the command line sets."""
-    sections = _merge(base, case.sections, case.place)
+    sections = merge(base, case.sections, case.place)
     for path, value in changes:
-        sections = _merge(sections, _nested(path, value), "--set")
+        sections = merge(sections, nested(path, value), "--set")
     return sections
 
 
-def _grid(grid: Any, file: Path) -> dict[str, list[Any]]:
-    if not isinstance(grid, Mapping):
-        raise StudyError(f"{file}: grid is {grid!r}; expected a table [grid]")
-    for path, values in grid.items():
-        if not isinstance(values, list) or not values:
-            raise StudyError(f"{file}, [grid]: '{path}' is {values!r}; expected a list such as [12, 75]")
-        section = path.partition(".")[0]
-        if section not in SECTIONS:
-            raise StudyError(f"{file}, [grid]: '{path}' leads nowhere{did_you_mean(section, SECTIONS)}")
-    return dict(grid)
-
-
-def _draws(data: Mapping[str, Any], changes: Sequence[tuple[str, Any]], file: Path) -> Draws | None:
+def _draws(
+    data: Mapping[str, Any], grid: Mapping[str, Any], changes: Sequence[tuple[str, Any]], file: Path
+) -> Draws | None:
     """Return what is drawn at random, with what the command line sets of it; None if the study draws nothing."""
     if "random" not in data:
         if changes:
@@ -275,10 +252,10 @@ def _draws(data: Mapping[str, Any], changes: Sequence[tuple[str, Any]], file: Pa
         return None
     section = data["random"]
     for path, value in changes:
-        section = _overlay(section, _nested(path, value)["random"])
+        section = overlay(section, nested(path, value)["random"])
     try:
         draws = Draws.parse(section)
-        clash = next((path for path in draws.paths if path in data.get("grid", {})), None)
+        clash = next((path for path in draws.paths if path in grid), None)
         if clash:
             raise StudyError(f"[random]: '{clash}' stands in [grid] too; expected one of both, or cases for the grid's")
     except FraexpError as error:
@@ -302,7 +279,7 @@ def _sweep(file: Path, case: _Case, point: Mapping[str, Any], registry: Registry
     """Return the sweep of a point, with the machine's own components in place of fits, and what was written."""
     written = dict(case.sections)
     for path, value in point.items():
-        written = _merge(written, _nested(path, value), f"{case.place}, [grid]")
+        written = merge(written, nested(path, value), f"{case.place}, [grid]")
     sections = references.stood_in(written, case.place)
     resolved, files = _resolve(file, case.place, sections, registry)
     if "estimator" not in sections:
@@ -354,7 +331,7 @@ def _laid_over(kind: str, spec: Any, environment: Plain, registry: Registry) -> 
             continue
         # another component, or the reference to a fit, is no part of one
         if not value.keys() & {"name", "preset", "fit"} and origin is not None and origin in environment:
-            value = _overlay(environment[origin], value)
+            value = overlay(environment[origin], value)
         result[key] = _laid_over(nested.kind, value, environment, registry)
     return result
 

@@ -1,5 +1,6 @@
 """Units as people write them, turned into the SI numbers that everything inside uses."""
 
+import re
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -28,12 +29,21 @@ def factor(unit: str, expected: str) -> float:
 
 def number(text: str, unit: str) -> float:
     """Return the SI number in a text such as ``"0.1 um"`` for a parameter in `unit`."""
+    if len(text) > LONGEST_NUMBER:
+        raise ParameterError(f"{_quoted(text)} is not a number with a unit")
     head, _, tail = text.strip().partition(" ")
     try:
         value = float(head)
     except ValueError:
-        raise ParameterError(f"'{text}' is not a number with a unit; expected one like '1.5 {unit}'") from None
+        like = (
+            "a number; expected one like 2" if unit == "1" else f"a number with a unit; expected one like '1.5 {unit}'"
+        )
+        raise ParameterError(f"'{text}' is not {like}") from None
     return value * factor(tail.strip(), unit) if tail.strip() else value
+
+
+def _quoted(text: str) -> str:
+    return f"'{text}'" if len(text) <= LONGEST else f"'{text[:LONGEST]}...'"
 
 
 def si(unit: str) -> tuple[float, str]:
@@ -56,13 +66,39 @@ SPELLINGS = {"": "dimensionless", "1": "dimensionless", "Nm": "N*m", "mNm": "mN*
 """What people write, and pint reads otherwise (its Nm is a measure of yarn)."""
 
 
+LONGEST, LONGEST_NUMBER = 80, 500
+"""Letters of a unit, and of a number with one."""
+EXPONENT = re.compile(r"\s*(?:[+-]?\d{1,2}(?:\.\d{1,4})?|\([+-]?\d{1,2}(?:[./]\d{1,2})?\))(?![\d(._])")
+SIGNS = re.compile(r"\*\*|\^")
+SUPERSCRIPTS = re.compile(r"[⁺⁻]?[⁰¹²³⁴⁵⁶⁷⁸⁹]+")
+WORDS_OF_POWERS = re.compile(r"\b(?:sq|square|squared|cubic|cubed)\b")
+
+
+def _modest(text: str) -> bool:
+    """Return whether a text is no longer than units are, with powers as they have them: 9**9**9**9 takes for ever."""
+    if len(text) > LONGEST:
+        return False
+    written = SUPERSCRIPTS.sub(lambda found: "**" + "9" * len(found[0]), text)  # whichever: their number counts
+    signs = list(SIGNS.finditer(written))
+    towers = len(re.findall(r"\)\s*(?:\*\*|\^)", written)) + len(WORDS_OF_POWERS.findall(written))
+    return towers < 2 and all(_ends_power(written, sign.end()) for sign in signs)
+
+
+def _ends_power(text: str, start: int) -> bool:
+    """Return whether a small exponent begins here, which is not raised to a power itself."""
+    found = EXPONENT.match(text, start)
+    return found is not None and not SIGNS.match(text[found.end() :].lstrip())
+
+
 def _quantity(unit: str) -> Any:
     written = SPELLINGS.get(unit, unit)
     try:
+        if not _modest(written):
+            raise ValueError("no unit is written so")
         if _registry().Quantity(0.0, written).to_base_units().magnitude:
             raise ValueError("a unit with an offset is no factor")
         return _registry().Quantity(1.0, written)
     except Exception:  # its parser raises whatever the text leads it into
         raise ParameterError(
-            f"'{unit}' is no known unit; expected one such as N, A, V, mm, um, rad, deg, mm/s or 1"
+            f"{_quoted(unit)} is no known unit; expected one such as N, A, V, mm, um, rad, deg, mm/s or 1"
         ) from None

@@ -1,5 +1,6 @@
 """The folder that a user sees, as one object: the service that command line, terminal UI and notebooks call."""
 
+import platform
 import shlex
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -10,10 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from fraexp import fitted, perform, provenance, report, scheduler
+from fraexp import detached, fitted, perform, provenance, report, scheduler
+from fraexp.catalogue import Entry, catalogue
 from fraexp.components import Plant
-from fraexp.errors import FraexpError, PluginError, StudyError
-from fraexp.executors import workers_of
+from fraexp.errors import FraexpError, PluginError, StoreError, StudyError
+from fraexp.events import Ended, Event, Planned
+from fraexp.executors import Limits, workers_of
 from fraexp.figures.bundles import MANY
 from fraexp.figures.kinds import AGAINST_PLANT, OF_METRICS
 from fraexp.figures.label_units import label_units
@@ -25,9 +28,8 @@ from fraexp.plugins import Registry, discover
 from fraexp.printed import Compared
 from fraexp.records.written import Request, same_study, study_of, toml
 from fraexp.results import Result
-from fraexp.scheduler import Ended, Event
-from fraexp.store import Store, StoredSweep
-from fraexp.study import Study, find_studies, load, resolve
+from fraexp.store import RunSummary, Store, StoredSweep
+from fraexp.study import Study, find_studies, load, outline, resolve
 
 AMPLITUDE = "excitation.amplitude"
 """Where a study says how strongly is excited."""
@@ -55,6 +57,23 @@ class Workspace:
         """All components: installed ones and those in the workspace's ``plugins/``."""
         return discover(self.folder / "plugins")
 
+    def reload(self) -> None:
+        """Look at the plugins again: one may have been added, mended or broken since."""
+        self.__dict__.pop("registry", None)
+
+    def has_database(self) -> bool:
+        """Return whether there is a database already; the first run makes it."""
+        if "://" not in self.database:
+            return Path(self.database).exists()
+        try:
+            return Store.exists(self.database)
+        except StoreError:  # whoever opens it is told
+            return True
+
+    def catalogue(self) -> list[Entry]:
+        """Return the studies that there are, read but not resolved."""
+        return catalogue(self.folder)
+
     def studies(self, names: Sequence[str], overrides: Sequence[str] = ()) -> list[Study]:
         """Return the studies of these names, files or folders, resolved; overrides apply to all."""
         found = [pair for name in names for pair in find_studies(name, self.folder)]
@@ -67,12 +86,15 @@ class Workspace:
         overrides: Sequence[str] = (),
         dry_run: bool = False,
         rerun: str | None = None,
+        limits: Limits | None = None,
     ) -> Generator[Event, None, None]:
         """Run studies one after another and yield events; closing the generator interrupts and keeps what is done.
 
         All studies are resolved before the first one starts, and nothing is written if one of them is wrong.
         """
         workers_of(executor or "processes")
+        limits = limits or Limits()
+        limits.check(executor)
         resolved = self.studies(names := list(studies), overrides)
         if dry_run:
             yield from self._plans(resolved, rerun)
@@ -80,16 +102,23 @@ class Workspace:
         command = shlex.join(["fraexp", "run", *names, *(f"--set={text}" for text in overrides)])
         with Store.open(self.database, create=True) as store:
             for study in resolved:
-                yield from self._run_one(study, store, command, executor, rerun)
+                yield from self._run_one(study, store, command, executor, rerun, limits)
 
     def _run_one(
-        self, study: Study, store: Store, command: str, executor: str | None = None, rerun: str | None = None
+        self,
+        study: Study,
+        store: Store,
+        command: str,
+        executor: str | None = None,
+        rerun: str | None = None,
+        limits: Limits | None = None,
     ) -> Generator[Event, None, None]:
         events = scheduler.run(
             study,
             store,
             self.registry,
             executor=executor,
+            limits=limits,
             rerun=rerun,
             command=command,
             provenance=provenance.gather(),
@@ -145,9 +174,68 @@ class Workspace:
         path.write_text(toml(data), encoding="utf-8")
         yield from self.run([str(path.resolve())])
 
+    def plan(
+        self, study: str, overrides: Sequence[str] = (), rerun: str | None = None
+    ) -> tuple[list[Study], list[Planned]]:
+        """Return studies by name, file or folder, resolved, and what running them would do; nothing is written."""
+        resolved = self.studies([study], overrides)
+        store = Store.open(self.database, read_only=True) if self.has_database() else None
+        try:
+            return resolved, [scheduler.plan(of, store, self.registry, rerun)[1] for of in resolved]
+        finally:
+            if store:
+                store.close()
+
+    def outline(self, study: str, overrides: Sequence[str] = ()) -> tuple[list[dict[str, Any]], dict[str, list[Any]]]:
+        """Return what a study's cases write into their sections, and the axes of its grid; nothing is resolved."""
+        ((_, file),) = find_studies(study, self.folder)[:1]
+        return outline(file, self.folder, overrides)
+
+    def launch(
+        self,
+        study: str | Sequence[str],
+        overrides: Sequence[str] = (),
+        executor: str | None = None,
+        rerun: str | None = None,
+        limits: Limits | None = None,
+    ) -> detached.Started:
+        """Start a run of one or several studies that outlives this process, as ``fraexp run --detach`` does."""
+        options = limits.options() if limits else []
+        return detached.start([*self._command(study, overrides, executor, rerun), *options, *self.place()], self.folder)
+
+    def command(
+        self,
+        study: str | Sequence[str],
+        overrides: Sequence[str] = (),
+        executor: str | None = None,
+        rerun: str | None = None,
+    ) -> str:
+        """Return the command line that runs studies."""
+        return shlex.join(["fraexp", *self._command(study, overrides, executor, rerun)])
+
+    def _command(
+        self, study: str | Sequence[str], overrides: Sequence[str], executor: str | None, rerun: str | None
+    ) -> list[str]:
+        options = [*(f"--set={text}" for text in overrides)]
+        options += [f"--executor={executor}"] if executor else []
+        options += [f"--rerun={rerun}"] if rerun else []
+        return ["run", *([study] if isinstance(study, str) else study), *options]
+
+    def place(self) -> list[str]:
+        """Return the options that name this workspace and its database from any folder."""
+        database = self.database if "://" in self.database else str(Path(self.database).absolute())
+        return [f"--workspace={self.folder.absolute()}", f"--db={database}"]
+
+    def stop(self, run: RunSummary, hard: bool = False) -> None:
+        """Ask a run to end and keep what is finished; `hard`, end its processes at once."""
+        if run.state != "running":
+            raise StudyError(f"run {run.number} is {run.state}; there is nothing to stop")
+        if run.process.host != platform.node():
+            raise StudyError(f"run {run.number} runs on {run.process.host}; stop it there")
+        detached.stop(run.process.pid, hard)
+
     def _plans(self, studies: Sequence[Study], rerun: str | None) -> Generator[Event, None, None]:
-        exists = "://" in self.database or Path(self.database).exists()
-        store = Store.open(self.database, read_only=True) if exists else None
+        store = Store.open(self.database, read_only=True) if self.has_database() else None
         for study in studies:
             yield scheduler.plan(study, store, self.registry, rerun)[1]
             yield Ended(None, "dry")

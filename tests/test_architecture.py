@@ -34,7 +34,7 @@ SOURCE = re.compile(
 OFFENCES = {
     "fraexp/errors.py": "import fraexp.workspace",
     "fraexp/kernels/law.py": "import fraexp.errors",
-    "fraexp/scheduler.py": "import sqlalchemy, matplotlib, numba, textual, fraexp_plugins",
+    "fraexp/scheduler.py": "import sqlalchemy, matplotlib, numba, textual, distributed, fraexp_plugins",
     "plugins/fraexp_plugins/plants/modal.py": "import fraexp.sweep",
     "fraexp/misplaced.py": '"""A module that has no layer."""',
 }

@@ -117,3 +117,29 @@ def test_of_several_sweeps_of_a_case_the_one_at_the_same_point_is_meant() -> Non
     assert found == {"fit": "plant", "of": sweeps[1].key}
     with pytest.raises(StudyError, match="2 sweeps, 2 of them at this point of the grid; expected one"):
         references.resolved(reference, {"case": "used"}, {"identified": sweeps}, "here")
+
+
+RANDOM = """
+machine = "linear_motor_table"
+excitation = { name = "point_to_point" }
+[[case]]
+label = "identified"
+estimator = { name = "rolling_identification" }
+[[case]]
+label = "moved"
+excitation = { friction = { fit = "friction", case = "identified" } }
+estimator = { name = "positioning" }
+[random]
+count = 2
+draw = [{ paths = "excitation.PATH", relative = 0.01 }]
+"""
+
+
+def test_within_what_is_identified_nothing_is_drawn(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("drawn.toml").write_text(RANDOM.replace("PATH", "friction.curve.coulomb"), encoding="utf-8")
+    assert main(["run", "drawn.toml", "--dry-run"]) == 2
+    said = capsys.readouterr().err.strip()
+    assert "case 'moved', [random]: 'excitation.friction.curve.coulomb' lies in what { fit = 'friction' }" in said
+    assert "\n" not in said
+    Path("drawn.toml").write_text(RANDOM.replace("PATH", "targets.0"), encoding="utf-8")
+    assert main(["run", "drawn.toml", "--dry-run"]) == 0

@@ -9,11 +9,12 @@ import pytest
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
-from fraexp.errors import FraexpError
-from fraexp.printed import Candidate, Compared, Printed
+from fraexp.errors import FraexpError, StudyError
+from fraexp.printed import Candidate, Compared, Printed, check, readable, written
 from fraexp.results import Metric
 from fraexp.store import Store
 from fraexp.study import described
+from fraexp.sweep import Sweep
 from fraexp.workspace import Workspace
 
 EVIL = "<script>alert('&')</script>"
@@ -60,8 +61,7 @@ where = {{ "excitation.amplitude" = "1 mm" }}
 what = "nobody's"
 value = 1
 compare = "below"
-metric = "energy per cycle"
-where = {{ "excitation.amplitude" = 7 }}
+metric = "energy per stroke"
 """
 WHERE = {"estimator.method": "proposed", "excitation.amplitude": 12}
 SWEEPS = [
@@ -189,7 +189,10 @@ def test_a_folder_of_studies_ends_with_a_report_that_needs_nothing_else(
     assert main(["run", "loops"]) == 0
     said = capsys.readouterr()
     assert said.out.splitlines()[-1] == "report figures/loops.html"
-    assert said.err.splitlines()[-1] == "2 of 3 printed numbers met"
+    assert said.err.splitlines()[-2:] == [
+        "printed number 'nobody's': no sweep has a metric 'energy per stroke'",
+        "2 of 3 printed numbers met",
+    ]
     found = page(folder / "figures/loops.html")
     assert "script" not in found.tags
     assert len(found.sources) == 2
@@ -202,9 +205,10 @@ def test_a_folder_of_studies_ends_with_a_report_that_needs_nothing_else(
     assert numbers[0][-2:] == ["± 0.1 %", "yes"]
     assert [row[-2:] for row in found.rows if row[0] == "energy at another amplitude"] == [["above 16", "yes"]] * 2
     missed = [row for row in found.rows if row[0] == "nobody's"]
-    assert missed[0][-1] == "there is no sweep with excitation.amplitude = 7"
-    energies = next(row for row in found.rows if row[0] == "energy per cycle [N m]")
-    assert [float(cell) for cell in energies[1:]] == pytest.approx([0.016, 0.036], rel=1e-3)
+    assert missed[0][-1] == "no sweep has a metric 'energy per stroke'"
+    energies = next(row for row in found.rows if row[0] == "energy per cycle [mJ]")  # as it is printed
+    assert [float(cell) for cell in energies[1:]] == pytest.approx([16, 36], rel=1e-3)
+    assert next(row for row in found.rows if row[0].startswith("displacement"))[1:] == ["0.5", "1"]  # mm
     text = (folder / "figures/loops.html").read_text("utf-8")
     assert "fraexp run loops/a" in text
     assert "Does it take 4 F_m (A - Y)" in text
@@ -217,16 +221,17 @@ def test_stored_runs_make_the_same_report_again(folder: Path, capsys: pytest.Cap
     assert "report figures/loops.html" in capsys.readouterr().err.replace("\\", "/")
     first = (folder / "figures/loops.html").read_bytes()
     for identifiers in (["loops"], ["loops/a", "loops/b"], ["1", "2", "1"]):
-        assert main(["report", *identifiers, "-o", "again/x.html", "--title", "Report: loops"]) == 0
-        assert (folder / "again/x.html").read_bytes() == first
-    assert not list((folder / "again").glob(".*"))
+        # a printed number has no counterpart
+        assert main(["report", *identifiers, "-o", "x.html", "--title", "Report: loops"]) == ExitCode.INCOMPLETE
+        assert (folder / "x.html").read_bytes() == first
+    assert not list(folder.glob(".*"))
 
 
 def test_an_older_run_leaves_the_figures_of_the_newest(folder: Path) -> None:
     assert main(["run", "loops/a", "--set", "friction.stiffness=[3e5]"]) == 0
     assert main(["run", "loops/a"]) == 0
     newest = (folder / "figures/loops/a.png").read_bytes()
-    assert main(["report", "1", "-o", "old.html"]) == 0
+    assert main(["report", "1", "-o", "old.html"]) == ExitCode.INCOMPLETE
     assert (folder / "figures/loops/a.png").read_bytes() == newest
     text = (folder / "old.html").read_text("utf-8")
     assert "fraexp run loops/a &#x27;--set=friction.stiffness=[3e5]&#x27;" in text
@@ -252,12 +257,13 @@ def test_a_report_does_without_the_study_and_without_a_figure(folder: Path, monk
 
 def test_many_sweeps_are_shown_in_part(folder: Path) -> None:
     values = ", ".join(f"{n}e-4" for n in range(2, 62))
-    text = STUDY.replace('["0.5 mm", "1 mm"]', f"[{values}]")
+    text = STUDY.partition("[[printed]]")[0].replace('["0.5 mm", "1 mm"]', f"[{values}]")
     (folder / "studies/loops/a.toml").write_text(text, "utf-8")
     assert main(["run", "loops/a"]) == 0
     assert main(["report", "1", "-o", "x.html"]) == 0
     rows = page(folder / "x.html").rows
-    assert rows[-51][0] == "amplitude [m]"
+    assert rows[-51][:2] == ["amplitude [mm]", "outcome"]
+    assert [row[0] for row in rows[-50:-47]] == ["0.2", "0.3", "0.4"]
     assert "10 more sweeps" in (folder / "x.html").read_text("utf-8")
 
 
@@ -279,6 +285,100 @@ def test_a_wrong_wish_is_one_line(
     said = capsys.readouterr().err.strip().splitlines()
     assert len(said) == 1
     assert complaint in said[0]
+
+
+def test_other_files_are_not_replaced_unless_asked(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", "loops/b"]) == 0
+    Path("x.html").write_text("<!DOCTYPE html><p>mine</p>", "utf-8")
+    assert main(["report", "1", "-o", "x.html"]) == ExitCode.USAGE
+    assert "x.html: the file exists and is no earlier report; give --force" in capsys.readouterr().err
+    assert "mine" in Path("x.html").read_text("utf-8")
+    assert main(["report", "1", "-o", "x.html", "--force"]) == 0
+    assert main(["report", "1", "-o", "x.html"]) == 0  # now it is one
+    assert main(["report", "1", "-o", "nowhere/x.html"]) == ExitCode.USAGE
+    assert not Path("nowhere").exists()
+
+
+def test_what_was_fitted_later_is_no_study_of_the_folder(folder: Path) -> None:
+    text = 'machine = "linear_motor_table"\nexcitation = { name = "stepped_sine", amplitude = 75.0, points = 30 }\n'
+    text += 'estimator = { name = "proposed" }\n'
+    (folder / "studies/loops/a.toml").write_text(text, "utf-8")
+    assert main(["run", "loops"]) == 0
+    assert main(["fit", "loops/a", "--set", "modes=2"]) == 0
+    assert main(["report", "loops", "-o", "x.html"]) == 0
+    assert page(folder / "x.html").anchors == ["#run-1", "#run-2"]
+    assert "loops/a-fit" not in (folder / "x.html").read_text("utf-8")
+    assert main(["report", "loops/a-fit", "-o", "fit.html"]) == 0
+    gain = next(row for row in page(folder / "fit.html").rows if row[0] == "k0 [mm/(N s²)]")
+    value, half = map(float, gain[1].split(" ± "))
+    assert value == pytest.approx(132, rel=1e-3)
+    assert 0 < half < 0.1
+
+
+def test_a_printed_number_of_no_sweep_is_refused_when_the_study_is_read() -> None:
+    numbers = [Printed.parse({"what": "k0", "value": 1, "compare": "above", "metric": "k0", "where": WHERE}, "one")]
+    method = {"name": "modal_fit", "method": {"name": "proposed"}}
+    sweeps = [Sweep({"excitation": {"amplitude": 12.0}}, method, {"case": "right"})]
+    wrong = {"case": "rihgt"}, {"excitation.amplitud": 12}, {"excitation.amplitude": 13}
+    assert check([replace_where(numbers[0], {"case": "right", "excitation.amplitude": 12})], sweeps, "a.toml") is None
+    for where, complaint in zip(
+        wrong,
+        ("no sweep has case = 'rihgt'; did you mean 'right'?", "has no 'amplitud'; did you mean", "first one has 12.0"),
+        strict=True,
+    ):
+        with pytest.raises(StudyError, match=r"a.toml, \[\[printed\]\] number 1: ") as error:
+            check([replace_where(numbers[0], where)], sweeps, "a.toml")
+        assert complaint in str(error.value)
+
+
+def test_a_study_with_a_printed_number_of_no_sweep_is_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = STUDY.replace('"excitation.amplitude" = "1 mm"', '"excitation.amplitude" = 7')
+    (folder / "studies/loops/a.toml").write_text(text, "utf-8")
+    assert main(["run", "loops", "--dry-run"]) == ExitCode.USAGE
+    assert "[[printed]] number 2: no sweep has excitation.amplitude = 7; known: 0.5 mm, 1 mm" in capsys.readouterr().err
+    assert main(["run", "loops/a", "--set", "excitation.amplitude=1e-3", "--dry-run"]) == 0  # asked for
+
+
+def replace_where(number: Printed, where: dict[str, Any]) -> Printed:
+    return number.model_copy(update={"where": where})
+
+
+@pytest.mark.parametrize(
+    ("given", "text"),
+    [
+        ((131.99542,), "132"),
+        ((131.99542, 0.0193), "131.995 ± 0.019"),
+        ((131.99542, 0.0996), "132.00 ± 0.10"),
+        ((397248.4, 1234.0), "397200 ± 1200"),
+        ((397248.4,), "397248"),
+        ((-1e-5, 0.2), "0.00 ± 0.20"),
+        ((2.0,), "2"),
+        ((2.0, 1e-12), "2"),
+        ((176.742, float("nan"), 1.77), "176.7"),
+        ((float("nan"), 1.0), "–"),
+        ((1.25e-153,), "1.25e-153"),
+    ],
+)
+def test_numbers_are_rounded_to_the_second_digit_of_their_interval(given: tuple[float, ...], text: str) -> None:
+    assert written(*given) == text
+
+
+@pytest.mark.parametrize(
+    ("unit", "values", "expected"),
+    [
+        ("m", [1e-7, 1.351e-4, float("nan")], (1e6, "µm")),
+        ("m", [1.5e-3, 1e-6], (1e3, "mm")),
+        ("m", [2.0], (1.0, "m")),
+        ("m", [0.0], (1.0, "m")),
+        ("s", [0.0385], (1e3, "ms")),
+        ("m/(N s**2)", [0.132], (1e3, "mm/(N s**2)")),
+        ("Hz", [0.01], (1.0, "Hz")),
+        ("N", [0.01], (1.0, "N")),
+    ],
+)
+def test_units_are_those_that_people_use(unit: str, values: list[float], expected: tuple[float, str]) -> None:
+    factor, name = readable(unit, values)
+    assert (factor, name) == (pytest.approx(expected[0]), expected[1])
 
 
 @pytest.mark.slow

@@ -1,5 +1,6 @@
 """Studies: what overrides and grids mean, and how what is wrong is said."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -72,6 +73,31 @@ def test_cases_come_before_the_grid_which_has_the_last_word(registry, tmp_path):
     sweeps = study(registry, tmp_path, text).sweeps
     found = [(sweep.labels["case"], sweep.experiment["excitation"]["amplitude"]) for sweep in sweeps]
     assert found == [("plain", 1), ("plain", 2), ("twice, wrong model", 1), ("twice, wrong model", 2)]
+
+
+def test_an_axis_of_the_grid_can_be_set(registry, tmp_path):
+    text = HEAD + '[grid]\n"excitation.amplitude" = [1, 2, 3]\n"estimator.force_scale" = [0.9, 1.1]\n'
+    found = study(registry, tmp_path, text, "grid.excitation.amplitude=[12, 24]", "grid.loop.seed = [1]")
+    labels = [sweep.labels for sweep in found.sweeps]
+    assert [label["excitation.amplitude"] for label in labels] == [12, 12, 24, 24]
+    assert {label["loop.seed"] for label in labels} == {1}
+    last = study(registry, tmp_path, text, "grid.excitation.amplitude=[12, 24]", "excitation.amplitude=5")
+    assert [sweep.experiment["excitation"]["amplitude"] for sweep in last.sweeps] == [5, 5]
+
+
+@pytest.mark.parametrize(
+    ("override", "says"),
+    [
+        ("grid.excitation.amplitude=12", "expected a list such as [12, 75]"),
+        ("grid.excitation.amplitude=[]", "expected a list such as [12, 75]"),
+        ("grid.excitatio.amplitude=[12]", "leads nowhere; did you mean 'excitation'?"),
+        ("grid=[12]", "only a section's parameters can be set"),
+        ("grid.=[12]", "leads nowhere"),
+    ],
+)
+def test_an_axis_that_cannot_be_one_is_refused(registry, tmp_path, override, says):
+    with pytest.raises(StudyError, match=re.escape(says)):
+        study(registry, tmp_path, HEAD, override)
 
 
 def test_an_override_replaces_what_the_cases_say(registry, tmp_path):

@@ -18,17 +18,22 @@ from fraexp.errors import FraexpError
 from fraexp.figures.difference import Difference
 from fraexp.figures.label_units import label_units
 from fraexp.figures.labels import curve_names
-from fraexp.identity import key_of
 from fraexp.plugins import Registry, discover
 from fraexp.store import StoredSweep
-from fraexp.views.comparison import completed, differences_from_first, differing, labelled_as_computed, metrics_of
-from fraexp.views.words import fixed, flat, number, short, value_text
-
-ABSENT = "-"
+from fraexp.views.comparison import (
+    differences_from_first,
+    differing,
+    fits_of,
+    metrics_of,
+    named_alike,
+    parameters_of,
+    rows_that_differ,
+)
+from fraexp.views.words import fixed, number, short
 
 
 def execute(arguments: Namespace) -> ExitCode:
-    """Print parameters and metrics that differ, and the differences of the responses from the first one.
+    """Print parameters, metrics and fits that differ, and the differences of the responses from the first one.
 
     Against the plant, print each response's error at some frequencies instead.
     """
@@ -39,19 +44,20 @@ def execute(arguments: Namespace) -> ExitCode:
     with open_store(arguments) as store:
         sweeps = chosen(store, arguments.ids)
         if all(run_of(store, identifier) is None for identifier in arguments.ids):
-            sweeps = completed(labelled_as_computed(store, sweeps))
+            sweeps = named_alike(store, sweeps)
         results = store.results(sweep.key for sweep in sweeps)
     if len(sweeps) < 2:
         raise FraexpError("compare: found one sweep; name at least two sweeps, or a run that has several")
-    parameters = differing([flat({**sweep.experiment, "estimator": sweep.estimator}) for sweep in sweeps])
-    metrics = differing([metrics_of(results.get(sweep.key)) for sweep in sweeps])
+    parameters = differing([parameters_of(sweep) for sweep in sweeps])
+    found = [results.get(sweep.key) for sweep in sweeps]
+    metrics, fits = differing([metrics_of(of) for of in found]), differing([fits_of(of) for of in found])
     differences = differences_from_first(sweeps, results)
     if arguments.json:
-        print_json(_document(sweeps, parameters, metrics, differences))
+        print_json(_document(sweeps, parameters, metrics, fits, differences))
     elif to_summarise(len(sweeps)) and not arguments.all:
         _print_summary(sweeps, parameters | metrics, differences)
     else:
-        _print(sweeps, parameters, metrics, differences, discover(Path(arguments.workspace) / "plugins"))
+        _print(sweeps, rows_that_differ(sweeps, results), differences, discover(Path(arguments.workspace) / "plugins"))
     return ExitCode.OK
 
 
@@ -59,12 +65,14 @@ def _document(
     sweeps: Sequence[StoredSweep],
     parameters: dict[str, list[Any]],
     metrics: dict[str, list[Any]],
+    fits: dict[str, list[Any]],
     differences: list[tuple[StoredSweep, Difference | None]],
 ) -> dict[str, Any]:
     return {
         "sweeps": [{"key": sweep.key, "labels": plain(sweep.labels)} for sweep in sweeps],
         "parameters": plain(parameters),
         "metrics": plain(metrics),
+        "fits": plain(fits),
         "responses": [
             {"key": sweep.key, "reference": sweeps[0].key, "difference": plain(asdict(found)) if found else None}
             for sweep, found in differences
@@ -95,8 +103,7 @@ def _print_summary(
 
 def _print(
     sweeps: Sequence[StoredSweep],
-    parameters: dict[str, list[Any]],
-    metrics: dict[str, list[Any]],
+    rows: list[list[str]],
     differences: list[tuple[StoredSweep, Difference | None]],
     registry: Registry,
 ) -> None:
@@ -105,23 +112,12 @@ def _print(
         ((sweep.labels, sweep.experiment | {"estimator": sweep.estimator}) for sweep in sweeps), registry
     )
     names = dict(zip(keys, curve_names([sweep.labels for sweep in sweeps], [""] * len(sweeps), units), strict=True))
-    rows = [[path, *_texts(row)] for path, row in parameters.items()]
-    rows += [[path, *(number(value) for value in row)] for path, row in metrics.items()]
     print_table(["what differs", *keys], rows or [["nothing", *("" for _ in keys)]])
     print()
     title = f"responses against {keys[0]}" + (f" ({names[keys[0]]})" if names[keys[0]] else "")
     columns = ["sweep", "name", "max [dB]", "at [Hz]", "rms [dB]", "max [deg]", "at [Hz]", "rms [deg]", "points"]
     cells = [[short(sweep.key), names[short(sweep.key)], *_difference_cells(found)] for sweep, found in differences]
     print_table([*columns, "note"], cells, title)
-
-
-def _texts(row: Sequence[Any]) -> list[str]:
-    """Return the values in short; long lists that look alike though they differ get a mark of their content."""
-    texts = [ABSENT if value is None else value_text(value) for value in row]
-    marked = len(set(texts)) < len({key_of(value) for value in row})
-    if not marked:
-        return texts
-    return [f"{text} #{short(key_of(value))[:4]}" for text, value in zip(texts, row, strict=True)]
 
 
 def _difference_cells(found: Difference | None) -> list[str]:

@@ -1,6 +1,5 @@
 """``fraexp doctor``: whether installation, database and plugins are sound."""
 
-import os
 import sqlite3
 from argparse import Namespace
 from pathlib import Path
@@ -12,10 +11,9 @@ from fraexp.cli.terminal import print_fields, print_json, say
 from fraexp.errors import StoreError
 from fraexp.plugins import discover
 from fraexp.provenance import gather
+from fraexp.store import Store, shown
+from fraexp.store.file_system import NETWORK, file_system
 from fraexp.views.words import plural
-
-NETWORK = ("nfs", "cifs", "smb", "9p", "fuse.sshfs", "afs", "lustre", "ceph")
-"""File systems on which SQLite's locks cannot be relied on."""
 
 
 def execute(arguments: Namespace) -> ExitCode:
@@ -45,32 +43,20 @@ def execute(arguments: Namespace) -> ExitCode:
 
 
 def _database(arguments: Namespace) -> dict[str, Any]:
-    document: dict[str, Any] = {"url": database(arguments), "exists": False, "runs": 0, "error": ""}
-    path = Path(document["url"].removeprefix("sqlite:///"))
-    document["file_system"] = file_system(path.parent)
-    if not path.exists():
-        return document
-    document["exists"] = True
+    url = database(arguments)
+    document: dict[str, Any] = {"url": shown(url), "exists": False, "runs": 0, "error": ""}
+    is_file = "://" not in url or url.startswith("sqlite:")
+    document["file_system"] = file_system(Path(url.removeprefix("sqlite:///")).parent) if is_file else ""
     try:
-        with open_store(arguments) as store:
-            document["runs"] = len(store.runs())
-            finding = store.health()
-            document["error"] = "" if finding == "sound" else f"{document['url']}: {finding}; restore a backup"
+        document["exists"] = Store.exists(url)
+        if document["exists"]:
+            with open_store(arguments) as store:
+                document["runs"] = len(store.runs())
+                finding = store.health()
+                document["error"] = "" if finding == "sound" else f"{store.name}: {finding}; restore a backup"
     except StoreError as error:
         document["error"] = str(error)
     return document
-
-
-def file_system(folder: Path) -> str:
-    """Return the type of the file system that holds a folder; ``unknown`` where the system does not tell."""
-    try:
-        lines = Path("/proc/mounts").read_text(encoding="utf-8", errors="replace").splitlines()
-    except OSError:
-        return "unknown"
-    real = os.path.realpath(folder)
-    mounts = [(parts[1].replace("\\040", " "), parts[2]) for parts in (line.split() for line in lines)]
-    holding = [mount for mount in mounts if os.path.commonpath([mount[0], real]) == mount[0]]
-    return max(holding, key=lambda mount: len(mount[0]))[1] if holding else "unknown"
 
 
 def _print(document: dict[str, Any]) -> None:

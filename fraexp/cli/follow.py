@@ -13,10 +13,10 @@ from fraexp.cli.progress import Meter
 from fraexp.cli.selection import open_store
 from fraexp.cli.summary import print_summary, to_summarise
 from fraexp.cli.terminal import print_json, print_path, print_table, say
+from fraexp.events import Ended, Event, Finished, Noticed, Planned, Preparing, Progress
 from fraexp.figures.errors import errors_info
 from fraexp.figures.labels import printable
 from fraexp.results import Outcome, Result
-from fraexp.scheduler import Ended, Event, Finished, Planned, Preparing, Progress
 from fraexp.store import RunSummary, StoredSweep
 from fraexp.views.fields import remedies
 from fraexp.views.tables import sweep_table
@@ -58,16 +58,17 @@ def _take(event: Event, story: Story, meter: Meter) -> None:
     match event:
         case Planned():
             story.planned.append(event)
-            meter.begin()
+            meter.begin(event.reused)
             say(_plan(event))
         case Preparing():
             meter.note(event.what)
+        case Noticed():
+            say(event.what)
         case Progress():
-            meter.move(event.done, event.total)
+            meter.move(event.done, event.total, event.running)
         case Finished():
             story.computed += event.state == "computed"
-            if event.state != "reused":
-                meter.finish()
+            meter.finish()
             if event.error:
                 story.failed += 1
                 _tell_failure(event, story.failed)

@@ -14,7 +14,7 @@ from fraexp.records.written import Request
 from fraexp.workspace import Workspace
 
 OPTIONS = (
-    "sample_rate", "time", "period", "period_time", "periods", "frequency", "periodic", "skip", "skip_time",
+    "input", "sample_rate", "time", "period", "period_time", "periods", "frequency", "periodic", "skip", "skip_time",
     "realisations", "where", "segment", "lowest", "highest", "every", "lines",
 )  # fmt: skip
 """Options that are keys of a study's section [record]."""

@@ -9,9 +9,11 @@ import threading
 import traceback
 from argparse import Namespace
 from collections.abc import Sequence
+from contextlib import suppress
 
-from fraexp.cli.arguments import COMMANDS, UsageError, parse
+from fraexp.cli.arguments import COMMANDS, parse
 from fraexp.cli.exits import ExitCode
+from fraexp.cli.parser import UsageError
 from fraexp.cli.terminal import say
 from fraexp.errors import FraexpError, StoreError
 
@@ -22,9 +24,10 @@ def console() -> None:
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.default_int_handler)
     code = main()
-    if code == ExitCode.INTERRUPTED and _threads_left(PATIENCE):  # which the interpreter would wait for
+    if code == ExitCode.INTERRUPTED:
+        _wait_for_threads(PATIENCE)
         sys.stderr.flush()
-        os._exit(code)
+        os._exit(code)  # an interpreter that ends waits for threads, and may make another code of the signal
     sys.exit(code)
 
 
@@ -32,11 +35,10 @@ PATIENCE = 0.5
 """Seconds that threads have to end after an interruption."""
 
 
-def _threads_left(patience: float) -> bool:
+def _wait_for_threads(patience: float) -> None:
     others = [thread for thread in threading.enumerate() if not (thread.daemon or thread is threading.main_thread())]
     for thread in others:
         thread.join(patience / len(others))
-    return any(thread.is_alive() for thread in others)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -47,6 +49,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         code = _parse_and_execute(arguments)
         sys.stdout.flush()
+    except KeyboardInterrupt:  # before or after the command itself
+        with suppress(OSError):
+            say("fraexp: interrupted")
+        return ExitCode.INTERRUPTED
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or the flush at exit complains
         return ExitCode.PIPE_CLOSED

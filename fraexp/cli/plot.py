@@ -9,6 +9,7 @@ from fraexp.cli.terminal import print_path, say
 from fraexp.errors import FraexpError
 from fraexp.figures.stamp import check_suffix
 from fraexp.store import Store
+from fraexp.views.comparison import named_alike
 from fraexp.views.words import plural
 from fraexp.workspace import Workspace
 
@@ -19,6 +20,8 @@ def execute(arguments: Namespace) -> ExitCode:
     workspace = Workspace.open(arguments.workspace, database(arguments))
     with open_store(arguments) as store:
         sweeps = chosen(store, arguments.ids)
+        if all(run_of(store, identifier) is None for identifier in arguments.ids):
+            sweeps = named_alike(store, sweeps)
         title = arguments.title or _study(store, arguments.ids)
         drawn = workspace.draw(store, sweeps, arguments.output, title, arguments.kind, tell=say)
     if not drawn:

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
 PAUSE = 5.0
 """Least time between two lines [s]."""
+ENDS = 300.0
+"""Time over which it is measured how fast sweeps come to their end [s]: longer than one takes."""
 ALMOST = 0.99
 """Greatest share that is shown while a sweep has not come to its end."""
 
@@ -39,13 +41,20 @@ class Meter:
         if self._bar:
             self._bar.stop()
 
-    def begin(self) -> None:
-        """Start anew: another study begins."""
-        self._started, self._finished, self._speed = time.monotonic(), 0, Speed()
+    def begin(self, reused: int = 0) -> None:
+        """Start anew: another study begins, of which some sweeps are there and come first; they do not count."""
+        self._started = self._last_end = time.monotonic()
+        self._finished, self._work, self._ends = -reused, Speed(), Speed(ENDS)
+        self._since: float | None = None
+        self._idle: float | None = None
 
     def finish(self) -> None:
         """Take note of a sweep that has come to its end."""
         self._finished += 1
+        self._last_end = time.monotonic()
+        if self._finished == 1:
+            self._ends.see(self._since or self._started, 0)
+        self._ends.see(self._last_end, max(self._finished, 0))
 
     def note(self, text: str) -> None:
         """Tell what is being prepared."""
@@ -54,29 +63,52 @@ class Meter:
         else:
             say(text)
 
-    def move(self, done: float, total: float) -> None:
-        """Show that the work of `done` of `total` sweeps is done; parts of sweeps count."""
-        now = time.monotonic()
-        self._speed.see(now, done)
+    def move(self, done: float, total: float, running: int | None = None) -> None:
+        """Show that the work of `done` of `total` sweeps is done, parts of those that are `running` included."""
+        now, finished = time.monotonic(), max(self._finished, 0)
+        self._work.see(now, done)
+        if done <= 0:
+            self._since, self._idle = self._since or now, now
+        elif not finished and self._idle:  # what passed before, such as compiling, does not come again
+            self._since, self._idle = self._idle, None
         share = done / total if total > 0 else 1.0
-        share = share if self._finished >= total else min(share, ALMOST)
+        share = share if finished >= total else min(share, ALMOST)
+        told = [_under_way(done - finished, int(total) - finished, running), *self._pace(now, done, total)]
         if self._bar and self._task is not None:
-            text = f"{self._finished}/{int(total)} sweeps{self._pace(done, total)}"
+            text = ", ".join(filter(None, [f"{finished}/{int(total)} sweeps", *told]))
             self._bar.update(self._task, description="", completed=share, total=1.0, count=text, visible=True)
         elif now - self._said >= PAUSE:
             self._said = now
-            percent, elapsed = int(100 * share), duration(now - self._started)
-            counted = f"{self._finished} of {plural(int(total), 'sweep')}"
-            say(f"{counted}, {percent} %, {elapsed}{self._pace(done, total)}")
+            counted = f"{finished} of {plural(int(total), 'sweep')}"
+            say(", ".join(filter(None, [counted, told[0], duration(now - self._started), *told[1:]])))
 
-    def _pace(self, done: float, total: float) -> str:
-        """Return the measured speed and the time left at this speed; what is left to do if that is no simulation."""
-        if done >= total > self._finished:
-            return ", estimating"
-        rate = self._speed.rate
-        if rate is None or done >= total:
-            return ""
-        return f", {rate_text(rate)}, about {duration((total - done) / rate)} left"
+    def _pace(self, now: float, done: float, total: float) -> list[str]:
+        """Return the measured speed and the time left at this speed, or what is left to do that is no simulation."""
+        finished = max(self._finished, 0)
+        if done >= total:
+            return ["estimating"] if total > finished else []
+        rate = self._ends.rate if finished else None
+        if rate:  # what estimators and fits take is in it
+            left = (total - finished) / rate - (now - self._last_end)
+            return [rate_text(rate), f"about {duration(left)} left"] if left > 0 else [rate_text(rate)]
+        rate = self._work.rate
+        return [rate_text(rate), f"at least {duration((total - done) / rate)} left"] if rate else []
+
+
+def _under_way(part: float, left: int, running: int | None) -> str:
+    """Return how many of the sweeps that are left are being computed; how far they came if no others are left.
+
+    `part` is the sum of what has been done of each.
+    """
+    if running is None and left == 1 and part > 0:
+        running = 1
+    if running is None:
+        return "more under way" if part > 0 and left > 0 else ""
+    running = min(running, left)
+    if running <= 0:
+        return ""
+    share = int(100 * part / running)
+    return f"{running} under way" + (f" at {share} %" if running == left and 0 < share < 100 else "")
 
 
 def _bar() -> "Bar":

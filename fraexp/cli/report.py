@@ -9,7 +9,8 @@ from fraexp.cli.exits import ExitCode
 from fraexp.cli.selection import database, open_store, run_of
 from fraexp.cli.terminal import print_path, say
 from fraexp.errors import FraexpError
-from fraexp.report import verdict
+from fraexp.printed import Compared
+from fraexp.report import check_target, verdict
 from fraexp.store import Store
 from fraexp.study import find_studies, packaged_studies
 from fraexp.workspace import Workspace
@@ -17,21 +18,26 @@ from fraexp.workspace import Workspace
 
 def execute(arguments: Namespace) -> ExitCode:
     """Write the report of runs, and print its path."""
+    check_target(arguments.output, arguments.force)
     workspace = Workspace.open(arguments.workspace, database(arguments))
     with open_store(arguments) as store:
         runs = list(dict.fromkeys(number for text in arguments.ids for number in _runs(store, text)))
         title = arguments.title or f"Report: {', '.join(arguments.ids)}"
-        _write(workspace, store, runs, arguments.output, title)
-    return ExitCode.OK
+        compared = _write(workspace, store, runs, arguments.output, title)
+    return ExitCode.INCOMPLETE if any(one.remark for one in compared) else ExitCode.OK
 
 
 def _runs(store: Store, identifier: str) -> list[int]:
-    """Return the run of a number or a study's name, or for a folder's name the newest run of each study in it."""
+    """Return the run of a number or a study's name, or for a folder's name the newest run of each study in it.
+
+    What was fitted to a study's responses has a name in its folder too, but is no study that has a file.
+    """
     number = run_of(store, identifier)
     if number is not None:
         return [store.run(number).number]
     inside = f"{identifier.rstrip('/')}/"
-    newest = {run.study: run.number for run in reversed(store.runs()) if run.study.startswith(inside)}
+    studies = [run for run in reversed(store.runs()) if run.study_file.endswith(".toml")]
+    newest = {run.study: run.number for run in studies if run.study.startswith(inside)}
     if not newest:
         raise FraexpError(f"report: there is no run of '{identifier}'; name runs or studies as fraexp list shows them")
     return [newest[study] for study in sorted(newest)]
@@ -45,6 +51,7 @@ def report_folders(arguments: Namespace, runs: Sequence[int], workspace: Workspa
             found = [numbers[study] for study in studies if study in numbers]
             if found:
                 path = workspace.folder / "figures" / f"{name}.html"
+                path.parent.mkdir(parents=True, exist_ok=True)
                 _write(workspace, store, found, path, f"Report: {name}", as_talk=arguments.json)
 
 
@@ -61,11 +68,15 @@ def _folders(names: Sequence[str], folder: Path) -> Iterator[tuple[str, list[str
 
 def _write(
     workspace: Workspace, store: Store, runs: Sequence[int], path: Path, title: str, as_talk: bool = False
-) -> None:
+) -> list[Compared]:
     compared = workspace.report(store, runs, path, title)
     if as_talk:
         say(f"report {path}")
     else:
         print_path(path, "report ")
+    for one in compared:
+        if one.remark:
+            say(f"printed number '{one.printed.what}': {one.remark}")
     if compared:
         say(verdict(compared))
+    return compared

@@ -6,16 +6,41 @@ from fraexp.cli.exits import ExitCode
 from fraexp.cli.follow import follow, report
 from fraexp.cli.report import report_folders
 from fraexp.cli.selection import database
+from fraexp.cli.terminal import print_json, print_path, say
+from fraexp.errors import StudyError
+from fraexp.executors import Limits, workers_of
 from fraexp.workspace import Workspace
 
 
 def execute(arguments: Namespace) -> ExitCode:
     """Run the studies and print their sweeps."""
     workspace = Workspace.open(arguments.workspace, database(arguments))
-    events = workspace.run(arguments.study, arguments.executor, arguments.overrides, arguments.dry_run, arguments.rerun)
+    if arguments.detach:
+        return _detach(arguments, workspace)
+    limits = Limits.parse(arguments.time_limit, arguments.memory)
+    events = workspace.run(
+        arguments.study, arguments.executor, arguments.overrides, arguments.dry_run, arguments.rerun, limits
+    )
     story = follow(events)
     code = report(story, arguments, workspace)
     runs = [ended.run for ended in story.ended if ended.run is not None]
     if runs and not story.interrupted:
         report_folders(arguments, runs, workspace)
     return code
+
+
+def _detach(arguments: Namespace, workspace: Workspace) -> ExitCode:
+    """Start the run in the background, and tell where its log is; what does not fit is told here, not in the log."""
+    if arguments.dry_run:
+        raise StudyError("--detach runs in the background, --dry-run runs nothing; give one of them")
+    workers_of(arguments.executor or "processes")
+    limits = Limits.parse(arguments.time_limit, arguments.memory)
+    limits.check(arguments.executor)
+    workspace.studies(arguments.study, arguments.overrides)
+    started = workspace.launch(arguments.study, arguments.overrides, arguments.executor, arguments.rerun, limits)
+    if arguments.json:
+        print_json({"started": {"pid": started.pid, "log": str(started.log)}})
+        return ExitCode.OK
+    say(f"started as process {started.pid}; fraexp list has its run, fraexp stop RUN ends it")
+    print_path(started.log, "log ")
+    return ExitCode.OK

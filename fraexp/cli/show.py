@@ -4,21 +4,19 @@ from argparse import Namespace
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
 from fraexp.cli.documents import run_document, sweep_document
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.selection import open_store, run_of
 from fraexp.cli.summary import print_summary, to_summarise
 from fraexp.cli.terminal import print_fields, print_json, print_table, say
-from fraexp.confidence import interval_factor
 from fraexp.figures.labels import printable
 from fraexp.plugins import discover
 from fraexp.results import Fit, Result
 from fraexp.store import RunSummary, Store, StoredSweep
-from fraexp.views.fields import remedies, run_fields, sweep_fields, toml_value
+from fraexp.views.fields import remedies, run_fields, sweep_fields
+from fraexp.views.results import FIT_COLUMNS, curve_text, fit_rows, fit_section, metric_fields
 from fraexp.views.tables import response_table, sweep_table
-from fraexp.views.words import flat, number, plural, value_text, without_segments
+from fraexp.views.words import flat, plural, value_text, without_segments
 
 ROWS = 12
 """Rows of a response that are shown unless all are asked for."""
@@ -88,7 +86,7 @@ def _show_result(result: Result, rows: int | None) -> None:
         print_fields([("numerics", result.numerics)])
     if result.metrics:
         print("\nmetrics")
-        print_fields([(metric.name, f"{number(metric.value)} {metric.unit}") for metric in result.metrics], indent=2)
+        print_fields(metric_fields(result), indent=2)
     if result.response is not None:
         print(f"\nresponse {result.response.output}/{result.response.input}")
         print_table(*response_table(result.response, rows))
@@ -98,20 +96,13 @@ def _show_result(result: Result, rows: int | None) -> None:
     for fit in result.fits:
         _show_fit(fit)
     for curve in result.curves:
-        columns = ", ".join(f"{name} [{curve.units.get(name, '')}]" for name in curve.columns)
-        print(f"\ncurve {curve.name}: {columns}, {len(next(iter(curve.columns.values())))} points")
+        print(f"\ncurve {printable(curve_text(curve))}")
 
 
 def _show_fit(fit: Fit) -> None:
     """Print what was identified, and the section of a study that uses it."""
     print(f"\nfit of the {fit.kind}")
-    spread = interval_factor(np.inf) * fit.standard_deviation
-    rows = [
-        [name, number(value, 6), number(band, 3) if np.isfinite(band) else "", unit]
-        for name, value, band, unit in zip(fit.parameters, fit.values, spread, fit.units, strict=True)
-    ]
-    print_table(["parameter", "value", "± 95 %", "unit"], rows)
-    print(f"\n[{fit.kind}]")
-    for name, value in fit.component.items():
-        if name != "version" and value is not None:
-            print(f"{name} = {toml_value(value)}")
+    print_table(FIT_COLUMNS, fit_rows(fit))
+    print()
+    for line in fit_section(fit):
+        print(printable(line))

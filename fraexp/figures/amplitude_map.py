@@ -130,9 +130,9 @@ def draw_amplitude_map(info: AmplitudeMapInfo) -> "Figure":
         for upper, lower, of in zip(*panels, info.maps, strict=True):
             canvas.frequency_axis(lower, (float(of.frequency[0]), float(of.frequency[-1])))
             lower.set_xlabel("Frequency [Hz]")
-            upper.set_title(drawable(of.label if count > 1 else info.title))
+            upper.set_title(drawable(of.label) if count > 1 else canvas.heading(figure, info.title))
         if count > 1:
-            figure.suptitle(drawable(info.title))
+            figure.suptitle(canvas.heading(figure, info.title))
         for axes in panels[:, 0]:
             axes.set_ylabel(f"Excitation amplitude [{info.amplitude_unit}]")
             canvas.decade_axis(axes)

@@ -1,7 +1,7 @@
 """The Bode plot: magnitude and phase of frequency responses over frequency, with 95 % bands."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,10 +10,9 @@ from fraexp.confidence import limits
 from fraexp.errors import FraexpError
 from fraexp.figures.branches import continuous_phases
 from fraexp.figures.bundles import MANY, Bundle, draw_bundles, split, stacked
-from fraexp.figures.labels import drawable
-from fraexp.figures.lines import draw_bands, draw_line, joined
+from fraexp.figures.lines import draw_bands, draw_fitted, draw_line, joined, name_fitted, name_model
 from fraexp.figures.scales import continuous_phase, decibel, decibel_limits, degrees, readable_unit
-from fraexp.results import FrequencyResponse
+from fraexp.results import Curve, FrequencyResponse
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -40,10 +39,29 @@ class BodeCurve:
     """Lower and upper 95 % limit of the magnitude [dB], shape (2, n); NaN where unknown, or infinite."""
     phase_band: np.ndarray
     """Lower and upper 95 % limit of the phase [deg], shape (2, n); NaN where unknown."""
+    model: "BodeModel | None" = None
+    """The plant that was fitted to it; None if none was."""
 
     def joined(self, values: np.ndarray) -> np.ndarray:
         """Return values of shape (..., n) with NaN, a gap in the line, where the response was not settled."""
         return joined(values, self.settled)
+
+
+@dataclass(frozen=True)
+class BodeModel:
+    """A fitted plant in the numbers of its Bode plot, over the band in which it was fitted."""
+
+    frequency: np.ndarray
+    """Frequency [Hz], shape (n,)."""
+    magnitude: np.ndarray
+    """Magnitude [dB], shape (n,)."""
+    phase: np.ndarray
+    """Phase [deg] on the branch of the response, shape (n,); NaN if the magnitude alone was fitted."""
+
+    @property
+    def has_phase(self) -> bool:
+        """Whether the phase was fitted too."""
+        return not np.isnan(self.phase).all()
 
 
 @dataclass(frozen=True)
@@ -86,11 +104,13 @@ def bode_info(
     reference: Reference | None = None,
     title: str = "",
     groups: Sequence[str] = (),
+    fitted: Sequence[Curve | None] = (),
 ) -> BodeInfo:
     """Return the numbers of a Bode plot of labelled responses; FraexpError if their units differ.
 
     The phases lie on the branch nearest to the reference, or to the first curve if there is none. More than `MANY`
-    responses are told apart by the names of their `groups` alone; without names they are one group.
+    responses are told apart by the names of their `groups` alone; without names they are one group. `fitted` are the
+    plants that were fitted to the responses (see `Shown.fitted`), which are drawn where the responses are few.
     """
     unit = _common_unit(curves)
     factor, shown = readable_unit(unit)
@@ -99,8 +119,9 @@ def bode_info(
     if len(curves) > MANY:
         return BodeInfo((), _groups(curves, groups, factor, drawn_reference), drawn_reference, shown, heading)
     anchor, drawn = drawn_reference, []
-    for label, response in curves:
-        drawn.append(_curve(label, response, factor, anchor))
+    for (label, response), model in zip(curves, fitted or [None] * len(curves), strict=True):
+        curve = _curve(label, response, factor, anchor)
+        drawn.append(replace(curve, model=_model(model, factor, curve)) if model else curve)
         anchor = anchor or drawn[0]
     return BodeInfo(tuple(drawn), (), drawn_reference, shown, heading)
 
@@ -137,6 +158,13 @@ def _curve(label: str, source: FrequencyResponse, factor: float, anchor: BodeCur
     return BodeCurve(
         label, frequency, magnitude, phase, settled, magnitude + decibel_limits(band), phase + spread
     )  # fmt: skip
+
+
+def _model(of: Curve, factor: float, anchor: BodeCurve) -> BodeModel:
+    frequency = of.columns["frequency"]
+    phase = of.columns.get("phase", np.full(len(frequency), np.nan))
+    phase = continuous_phase(phase, np.ones(len(frequency), dtype=bool), _at(anchor, frequency))
+    return BodeModel(frequency, decibel(factor * of.columns["magnitude"]), phase)
 
 
 def _groups(
@@ -176,7 +204,7 @@ def _at(anchor: BodeCurve, frequency: np.ndarray) -> np.ndarray | None:
 def draw_bode(info: BodeInfo) -> "Figure":
     """Draw a Bode plot; unsettled points are hollow and not joined, the reference is dashed and dark.
 
-    Groups of curves are drawn as bundles.
+    A response to which a plant was fitted is points, the plant a thin line. Groups of curves are drawn as bundles.
     """
     from fraexp.figures import canvas  # matplotlib: imported only when something is drawn
 
@@ -187,7 +215,7 @@ def draw_bode(info: BodeInfo) -> "Figure":
             _draw_groups(upper, lower, info.groups)
         _draw_curves(upper, info, "magnitude")
         _draw_curves(lower, info, "phase")
-        upper.set_title(drawable(info.title))
+        upper.set_title(canvas.heading(figure, info.title))
         upper.set_ylabel(f"Magnitude [dB re 1 {info.unit}]")
         lower.set_ylabel("Phase [deg]")
         lower.set_xlabel("Frequency [Hz]")
@@ -205,8 +233,15 @@ def _draw_curves(axes: "Axes", info: BodeInfo, part: str) -> None:
 
     bands = []
     for curve, style in zip(info.curves, canvas.line_styles(len(info.curves)), strict=True):
-        draw_line(axes, curve.frequency, getattr(curve, part), curve.settled, curve.label, style)
+        values, model = getattr(curve, part), curve.model
+        if model is None:
+            draw_line(axes, curve.frequency, values, curve.settled, curve.label, style)
+        else:
+            draw_fitted(axes, (curve.frequency, values), curve.settled, (model.frequency, getattr(model, part)), style)
+            name_fitted(axes, curve.label if model.has_phase else f"{curve.label} (fit of the magnitude)", style)
         bands.append((curve.frequency, curve.joined(getattr(curve, f"{part}_band")), str(style["color"])))
+    if any(curve.model for curve in info.curves):
+        name_model(axes, "fitted plant")
     if info.reference is not None:
         of = info.reference
         draw_line(axes, of.frequency, getattr(of, part), of.settled, of.label, canvas.REFERENCE)

@@ -79,7 +79,7 @@ def draw_bundles(axes: "Axes", bundles: Sequence[Bundle], named: bool) -> None:
 
     quantiles = [bundle.quantiles for bundle in bundles]
     for bundle, levels, colour in zip(bundles, quantiles, OKABE_ITO, strict=False):
-        _draw_lines(axes, bundle, _mixed(colour, 1.0, 0.0 if levels is None else TINT))
+        _draw_lines(axes, bundle, mixed(colour, 1.0, 0.0 if levels is None else TINT))
         if levels is not None:
             _draw_quantiles(axes, bundle.x[0], levels, colour)
     if named:
@@ -109,10 +109,10 @@ def _draw_lines(axes: "Axes", bundle: Bundle, colour: Colour) -> None:
 def _draw_quantiles(axes: "Axes", x: np.ndarray, levels: np.ndarray, colour: str) -> None:
     low, middle, high = levels
     axes.fill_between(x, low, high, color=colour, alpha=BAND, linewidth=0, zorder=2.5)
-    axes.plot(x, middle, color=_mixed(colour, 0.0, SHADE), linewidth=1.8, zorder=3)
+    axes.plot(x, middle, color=mixed(colour, 0.0, SHADE), linewidth=1.8, zorder=3)
 
 
-def _mixed(colour: str, grey: float, share: float) -> Colour:
+def mixed(colour: str, grey: float, share: float) -> Colour:
     """Return a colour with a share of a grey, 0 for black and 1 for white."""
     from matplotlib.colors import to_rgb
 
@@ -124,9 +124,9 @@ def _name(axes: "Axes", bundles: Sequence[Bundle], colours: Sequence[str], quant
     alone = len(bundles) == 1
     for bundle, colour in zip(bundles, colours, strict=False):
         label = f"{bundle.label}, {len(bundle.x)} sweeps".removeprefix(", ")
-        width, shown = (0.8, _mixed(colour, 1.0, TINT)) if alone else (1.8, _mixed(colour, 0.0, SHADE))
+        width, shown = (0.8, mixed(colour, 1.0, TINT)) if alone else (1.8, mixed(colour, 0.0, SHADE))
         axes.plot([], [], color=shown, linewidth=width, label=drawable(label))
     if quantiles:
         shared = colours[0] if alone else GREY
-        axes.plot([], [], color=_mixed(shared, 0.0, SHADE), linewidth=1.8, label="median")
-        axes.fill_between([], [], color=_mixed(shared, 1.0, 0.4), linewidth=0, label="5…95 %")
+        axes.plot([], [], color=mixed(shared, 0.0, SHADE), linewidth=1.8, label="median")
+        axes.fill_between([], [], color=mixed(shared, 1.0, 0.4), linewidth=0, label="5…95 %")

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import cycle, islice
+from textwrap import wrap
 from typing import Any
 
 import matplotlib
@@ -12,10 +13,14 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, MultipleLocator, NullFormatter
 
+from fraexp.figures.labels import drawable
+
 OKABE_ITO = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 """Okabe and Ito's palette (2008), without its yellow, which is too light for a line."""
 DASHES: tuple[Any, ...] = ("solid", (0, (4.5, 1.4)), (0, (1.2, 1.2)), (0, (6, 1.4, 1.2, 1.4)))
 REFERENCE: dict[str, object] = {"color": "0.1", "linestyle": (0, (4, 6)), "linewidth": 1.2, "zorder": 4}
+TITLE, BESIDE = 12.0, 0.8
+"""Characters of a title per width [1/inch], and what of a figure's width it cannot use [inch]: it is over the axes."""
 LEGEND_ROW = 0.22
 """Height [inch] by which a figure grows for each further row of its legend."""
 STYLE: Any = {
@@ -52,6 +57,11 @@ def new_figure(width: float, height: float) -> Figure:
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
+
+
+def heading(figure: Figure, title: str) -> str:
+    """Return a title in as many lines as the figure's width needs."""
+    return "\n".join(wrap(drawable(title), int(TITLE * (figure.get_figwidth() - BESIDE))))
 
 
 def line_styles(count: int) -> list[dict[str, object]]:

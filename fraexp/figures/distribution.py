@@ -77,21 +77,38 @@ def distribution_info(shown: Sequence[Shown], title: str = "") -> DistributionIn
         )
     panels = tuple(_panel(name, unit, families) for name, unit in _telling(shown))
     if not panels:
-        raise FraexpError(
-            "distribution: no metric has enough different values; draw numbers at random in a section [random]"
-        )
+        raise FraexpError(f"distribution: {_nothing(shown)}")
     return DistributionInfo(panels, tuple(families), title or "Distribution over random draws")
 
 
 def _telling(shown: Sequence[Shown]) -> list[tuple[str, str]]:
-    """Return names and units of metrics with many values; what an experiment takes only if there is nothing else."""
-    found: dict[tuple[str, str], set[float]] = {}
+    """Return names and units of metrics with many values, or with none in some draws: that is worse than any value.
+
+    What an experiment takes is among them only if there is nothing else.
+    """
+    found: dict[tuple[str, str], list[float]] = {}
     for of in shown:
         for metric in of.result.metrics:
-            values = found.setdefault((metric.name, metric.unit), set())
-            values.update({metric.value} if np.isfinite(metric.value) else ())
-    varied = [key for key, values in found.items() if len(values) > GROUPS]
+            found.setdefault((metric.name, metric.unit), []).append(metric.value)
+    varied = [key for key, values in found.items() if _differing(np.array(values)) > GROUPS]
     return ([key for key in varied if key[0] not in EFFORT] or varied)[:MOST]
+
+
+def _differing(values: np.ndarray) -> int:
+    """Return how many different values there are; all of them where some are missing."""
+    known = np.isfinite(values)
+    return np.unique(values).size if known.all() else values.size
+
+
+def _nothing(shown: Sequence[Shown]) -> str:
+    """Return why there is no distribution to draw, and the remedy."""
+    draws = len({of.drawn.number for of in shown if of.drawn})
+    if not draws:
+        return "no metric has enough different values; draw numbers at random in a section [random]"
+    if draws <= GROUPS:
+        found = "1 draw" if draws == 1 else f"{draws} draws"
+        return f"found {found}; expected {GROUPS + 1} at least: raise 'count' in the section [random]"
+    return "no metric differs from draw to draw; draw numbers that matter, or raise their deviation"
 
 
 def _panel(name: str, unit: str, families: Mapping[str, Sequence[Shown]]) -> Panel:
@@ -141,7 +158,7 @@ def draw_distribution(info: DistributionInfo) -> "Figure":
         for axes in grid[:, 0]:
             axes.set_ylabel("Share of the draws [%]")
         canvas.grid(*list(grid.flat)[:count])
-        upper.suptitle(drawable(info.title))
+        upper.suptitle(canvas.heading(figure, info.title))
         of_table, of_notes = lower.subplots(2, 1, height_ratios=(table.height, max(NOTE * len(notes), 0.05)))
         table.draw(of_table, lines)
         of_notes.set_axis_off()
@@ -166,6 +183,9 @@ def _draw_panel(axes: "Axes", panel: Panel, styles: Mapping[str, dict[str, objec
             drawable(_number(sample.worst)), (x, y), xytext=(-5, -6), textcoords="offset points", ha="right", va="top",
             fontsize=9, color=str(style["color"]), bbox=BEHIND,
         )  # fmt: skip
+    if all(sample.worst is None for sample in panel.samples):
+        axes.text(0.5, 0.5, "no draw has a value", ha="center", color="0.3", transform=axes.transAxes, bbox=BEHIND)
+        axes.set_xticks([])
     axes.set_ylim(0, 103)
     axes.set_xlabel(_named(panel))
 

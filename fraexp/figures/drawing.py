@@ -1,7 +1,7 @@
 """Choosing the figure that fits results, and writing figures to files."""
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from tempfile import NamedTemporaryFile
 from typing import Any
@@ -9,14 +9,17 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from fraexp.errors import FraexpError
+from fraexp.figures.against_first import difference_info, draw_difference
 from fraexp.figures.amplitude_map import amplitude_map_info, draw_amplitude_map
 from fraexp.figures.bode import Reference, bode_info, draw_bode
 from fraexp.figures.canvas import styled
+from fraexp.figures.coherence import coherence_info, draw_coherence
 from fraexp.figures.curves import curves_info, draw_curves
 from fraexp.figures.distribution import distribution_info, draw_distribution
 from fraexp.figures.errors import draw_errors, errors_info
 from fraexp.figures.hysteresis import draw_hysteresis, hysteresis_info, is_hysteresis
 from fraexp.figures.levels import draw_levels, levels_info
+from fraexp.figures.nyquist import draw_nyquist, nyquist_info
 from fraexp.figures.positioning import draw_positioning, is_positioning, positioning_info
 from fraexp.figures.shown import Shown
 from fraexp.figures.stamp import check_suffix, digest
@@ -24,28 +27,34 @@ from fraexp.results import Curve
 
 OF_CURVES = ("hysteresis", "positioning", "curves")
 """Kinds of figure that show the curves of results."""
+OF_SHOWN: dict[str, Callable[[Sequence[Shown], str], Figure]] = {
+    "errors": lambda shown, title: draw_errors(errors_info(shown, title)),
+    "difference": lambda shown, title: draw_difference(difference_info(shown, title)),
+    "coherence": lambda shown, title: draw_coherence(coherence_info(shown, title)),
+    "amplitude_map": lambda shown, title: draw_amplitude_map(amplitude_map_info(shown, title)),
+    "levels": lambda shown, title: draw_levels(levels_info(shown, title)),
+    "distribution": lambda shown, title: draw_distribution(distribution_info(shown, title)),
+}
+"""How the kinds are drawn that need nothing but what is shown and a title."""
 
 
 def figure_for(shown: Sequence[Shown], reference: Reference | None = None, title: str = "", kind: str = "") -> Figure:
     """Return a figure of results: of a kind (see `kinds`), or of the one that fits them.
 
-    A Bode plot fits them if any has a response, else hysteresis loops, else positioning motions, else curves.
+    A Bode plot fits them if any has a response, else hysteresis loops if each has one, else positioning motions, else
+    curves.
     """
     chosen = kind or _fitting(shown)
     if chosen in OF_CURVES:
         return _of_curves(_curves(shown), title, chosen)
-    match chosen:
-        case "errors":
-            return draw_errors(errors_info(shown, title))
-        case "amplitude_map":
-            return draw_amplitude_map(amplitude_map_info(shown, title))
-        case "levels":
-            return draw_levels(levels_info(shown, title))
-        case "distribution":
-            return draw_distribution(distribution_info(shown, title))
+    if chosen in OF_SHOWN:
+        return OF_SHOWN[chosen](shown, title)
+    if chosen == "nyquist":
+        return draw_nyquist(nyquist_info(shown, reference, title))
     responses = [(of, of.response) for of in shown if of.response is not None]
     curves = [(of.label, response) for of, response in responses]
-    return draw_bode(bode_info(curves, reference, title, [of.group for of, _ in responses]))
+    groups, fitted = [of.group for of, _ in responses], [of.fitted for of, _ in responses]
+    return draw_bode(bode_info(curves, reference, title, groups, fitted))
 
 
 def _of_curves(found: Sequence[tuple[str, Curve, str]], title: str, kind: str) -> Figure:
@@ -64,7 +73,8 @@ def _fitting(shown: Sequence[Shown]) -> str:
     found = _curves(shown)
     if not found:
         raise FraexpError("figure: no result has a frequency response or a curve to draw")
-    if any(is_hysteresis(curve) for _, curve, _ in found):
+    with_curves = [of.result.curves for of in shown if of.result.curves]
+    if all(any(is_hysteresis(curve) for curve in curves) for curves in with_curves):
         return "hysteresis"
     return "positioning" if any(is_positioning(curve) for _, curve, _ in found) else "curves"
 

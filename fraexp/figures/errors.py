@@ -141,9 +141,9 @@ def draw_errors(info: ErrorsInfo) -> "Figure":
         figure = canvas.new_figure(width=max(9.0, table.width), height=6.4 + table.height)
         upper, lower, below = figure.subplots(3, 1, height_ratios=(3.2, 3.2, table.height))
         lower.sharex(upper)
-        _draw_part(upper, info, "magnitude", styles, FINE_DB)
-        _draw_part(lower, info, "phase", styles, FINE_DEGREES)
-        upper.set_title(drawable(info.title))
+        draw_part(upper, info.curves, "magnitude", styles, FINE_DB)
+        draw_part(lower, info.curves, "phase", styles, FINE_DEGREES)
+        upper.set_title(canvas.heading(figure, info.title))
         upper.set_ylabel("Magnitude error [dB]")
         lower.set_ylabel("Phase error [deg]")
         lower.set_xlabel("Frequency [Hz]")
@@ -156,21 +156,24 @@ def draw_errors(info: ErrorsInfo) -> "Figure":
     return figure
 
 
-def _draw_part(axes: "Axes", info: ErrorsInfo, part: str, styles: Sequence[dict[str, object]], fine: float) -> None:
+def draw_part(
+    axes: "Axes", curves: Sequence[ErrorCurve], part: str, styles: Sequence[dict[str, object]], fine: float
+) -> None:
+    """Draw the ``magnitude`` or ``phase`` of errors, on a linear axis or, far beyond `fine`, a logarithmic one."""
     from fraexp.figures import canvas
 
     axes.axhline(0, color="0.1", linewidth=1.0, zorder=2)
-    values = np.concatenate([joined(getattr(curve, part), curve.settled) for curve in info.curves])
+    values = np.concatenate([joined(getattr(curve, part), curve.settled) for curve in curves])
     known = np.abs(values[np.isfinite(values)])
     if known.size and known.max() > 20 * fine:
         canvas.error_axis(axes, fine)
-    for curve, style in zip(info.curves, styles, strict=True):
+    for curve, style in zip(curves, styles, strict=True):
         draw_line(axes, curve.frequency, getattr(curve, part), curve.settled, curve.label, style)
     draw_bands(
         axes,
         [
             (curve.frequency, joined(getattr(curve, f"{part}_band"), curve.settled), str(style["color"]))
-            for curve, style in zip(info.curves, styles, strict=True)
+            for curve, style in zip(curves, styles, strict=True)
         ],
         opacity=0.13,
     )

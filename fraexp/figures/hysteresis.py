@@ -8,6 +8,8 @@ import numpy as np
 
 from fraexp.errors import FraexpError
 from fraexp.figures.labels import drawable
+from fraexp.figures.lines import draw_bands, limits_of, name_band
+from fraexp.figures.scales import length_unit
 from fraexp.results import Curve
 
 if TYPE_CHECKING:
@@ -27,6 +29,8 @@ class Loop:
     """Displacement [unit of its panel], shape (n,)."""
     force: np.ndarray
     """Friction force [N], shape (n,)."""
+    limits: np.ndarray | None
+    """Lower and upper 95 % limit of the force [N], shape (2, n); None if they are not known."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +39,7 @@ class Panel:
 
     title: str
     unit: str
-    """Unit of the displacement: ``µm`` or ``mm``."""
+    """Unit of the displacement: ``nm``, ``µm`` or ``mm``."""
     loops: tuple[Loop, ...]
 
 
@@ -82,8 +86,11 @@ def _by_size(curves: Sequence[tuple[str, Curve]]) -> list[list[tuple[str, Curve]
 
 def _panel(title: str, curves: list[tuple[str, Curve]]) -> Panel:
     largest = max(float(np.max(np.abs(curve.columns["displacement"]))) for _, curve in curves)
-    factor, unit = (1e6, "µm") if largest < 0.9995e-3 else (1e3, "mm")
-    loops = (Loop(label, factor * curve.columns["displacement"], curve.columns["force"]) for label, curve in curves)
+    factor, unit = length_unit(largest)
+    loops = (
+        Loop(label, factor * curve.columns["displacement"], curve.columns["force"], limits_of(curve))
+        for label, curve in curves
+    )
     return Panel(title, unit, tuple(loops))
 
 
@@ -99,16 +106,22 @@ def draw_hysteresis(info: HysteresisInfo) -> "Figure":
         for axes, panel in zip(panels, info.panels, strict=True):
             _draw_panel(axes, panel, styles)
         canvas.grid(*panels)
-        figure.suptitle(drawable(info.title)) if wide else panels[0].set_title(drawable(info.title))
+        (figure.suptitle if wide else panels[0].set_title)(canvas.heading(figure, info.title))
+        if any(loop.limits is not None for panel in info.panels for loop in panel.loops):
+            name_band(panels[-1])
         canvas.legend_below(figure, *panels)
     return figure
 
 
 def _draw_panel(axes: "Axes", panel: Panel, styles: Iterator[dict[str, object]]) -> None:
-    for loop in panel.loops:
-        axes.plot(loop.displacement, loop.force, label=drawable(loop.label), **next(styles))  # type: ignore[arg-type]
+    bands = []
+    for loop, style in zip(panel.loops, styles, strict=False):
+        axes.plot(loop.displacement, loop.force, label=drawable(loop.label), **style)  # type: ignore[arg-type]
+        if loop.limits is not None:
+            bands.append((loop.displacement, loop.limits, str(style["color"])))
     axes.axhline(0, color="0.55", linewidth=0.8, zorder=1)
     axes.axvline(0, color="0.55", linewidth=0.8, zorder=1)
+    draw_bands(axes, bands)
     axes.set_xlabel(f"Displacement [{panel.unit}]")
     axes.set_ylabel("Friction force [N]")
     axes.set_title(panel.title, fontsize=11, loc="left")

@@ -102,7 +102,10 @@ def draw_levels(info: LevelsInfo) -> "Figure":
         grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
         for axes, panel in zip(grid.flat, info.panels, strict=False):
             _draw_panel(axes, panel)
-            axes.set_title(drawable(panel.label if count > 1 else info.title), fontsize=11 if count > 1 else None)
+            axes.set_title(
+                drawable(panel.label) if count > 1 else canvas.heading(figure, info.title),
+                fontsize=11 if count > 1 else None,
+            )
         spare = list(grid.flat)[count:]
         for axes in spare:
             axes.set_visible(False)
@@ -115,7 +118,7 @@ def draw_levels(info: LevelsInfo) -> "Figure":
         canvas.frequency_axis(grid[0, 0], (float(frequency.min()), float(frequency.max())))
         canvas.grid(*list(grid.flat)[:count])
         if count > 1:
-            figure.suptitle(drawable(info.title))
+            figure.suptitle(canvas.heading(figure, info.title))
         telling = max(range(count), key=lambda index: len(info.panels[index].quantities))
         canvas.legend_below(figure, grid.flat[telling])
     return figure

@@ -108,7 +108,7 @@ def draw_positioning(info: PositioningInfo) -> "Figure":
             canvas.error_axis(upper, 10.0 ** np.ceil(np.log10(info.bands[-1])))
         upper.set_ylim(-info.height, info.height)
         upper.set_ylabel(f"Position − target [{info.unit}]")
-        upper.set_title(drawable(info.title))
+        upper.set_title(canvas.heading(figure, info.title))
         times = [course.time for course in info.courses]
         upper.set_xlim(min(time[0] for time in times), max(time[-1] for time in times))
         panels[-1].set_xlabel("Time since the move began [ms]")

@@ -11,6 +11,12 @@ def readable_unit(unit: str) -> tuple[float, str]:
     return (1000.0, f"m{unit}") if unit == "m" or unit.startswith("m/") else (1.0, unit)
 
 
+def length_unit(greatest: float) -> tuple[float, str]:
+    """Return the factor from m to, and the name of, the unit in which lengths up to the greatest one [m] are shown."""
+    units = ((0.9995e-3, 1e3, "mm"), (0.9995e-6, 1e6, "µm"), (1e-300, 1e9, "nm"))  # 0.9995 would be rounded to 1
+    return next(((factor, name) for least, factor, name in units if greatest >= least), (1e3, "mm"))
+
+
 def decibel(response: np.ndarray) -> np.ndarray:
     """Return the magnitude [dB] of a complex response, shape (n,); NaN where it is zero or not finite."""
     magnitude = np.abs(response)

@@ -5,7 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from fraexp.figures.labels import Drawn
-from fraexp.results import FrequencyResponse, Result
+from fraexp.results import Curve, FrequencyResponse, Result
+
+FITTED = "plant fit"
+"""Name of the curve that has the response of a fitted plant: its magnitude, and its phase if that was fitted."""
 
 
 @dataclass(frozen=True)
@@ -33,3 +36,10 @@ class Shown:
         """Its response, if it has one with at least one point."""
         found = self.result.response
         return found if found is not None and len(found.frequency) else None
+
+    @property
+    def fitted(self) -> Curve | None:
+        """Magnitude and perhaps phase [deg] over frequency of the plant that was fitted to its response, if one was."""
+        unit = self.response.unit if self.response else None
+        fits = (of for of in self.result.curves if of.name == FITTED and of.units.get("magnitude") == unit)
+        return next(fits, None)

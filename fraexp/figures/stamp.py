@@ -6,7 +6,7 @@ from pathlib import Path
 from fraexp.errors import FraexpError
 from fraexp.identity import key_of
 
-DRAWING = 4
+DRAWING = 5
 """Raised whenever the same numbers are drawn in another way."""
 SUFFIXES = (".png", ".svg", ".pdf")
 ENDINGS = {".png": b"IEND\xaeB`\x82", ".svg": b"</svg>", ".pdf": b"%%EOF"}

@@ -43,7 +43,11 @@ def fingerprint(law: Law) -> str:
 
 
 def cached(function: Callable[..., Any], **options: Any) -> Any:
-    """Compile a function when it is first called, and keep the machine code on disk where there is a place for it."""
+    """Compile a function when it is first called, and keep the machine code on disk where there is a place for it.
+
+    It lets other threads run: a law that never returns must not keep the process from being ended.
+    """
+    options["nogil"] = True
     try:
         return njit(cache=True, **options)(function)
     except RuntimeError:  # no folder can be written, as in a container: compile again in each process

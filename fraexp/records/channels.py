@@ -1,5 +1,6 @@
 """A channel of a record: one column of a file, or the sum or difference of two, and how it becomes a quantity."""
 
+import math
 import re
 from collections.abc import Mapping
 from typing import Any
@@ -9,12 +10,14 @@ from fraexp.parameters import Parameters, param
 
 SHORT = re.compile(r"^(?P<column>.*\S)\s*\[(?P<unit>[^\]]*)\]$")
 """Something with its unit in square brackets, such as ``iq [A]``."""
-NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+NUMBER = r"[+-]?(?:\d++\.?\d*+|\.\d++)(?:[eE][+-]?\d++)?"
 SCALED = re.compile(
-    rf"^(?P<inner>\S.*?)\s+(?P<operator>[*/])\s+(?P<gain>{NUMBER})(?:\s+(?P<sign>[+-])\s+(?P<offset>{NUMBER}))?$"
+    rf"^(?P<inner>\S.*?)\s++(?P<operator>[*/])\s++(?P<gain>{NUMBER})(?:\s++(?P<sign>[+-])\s++(?P<offset>{NUMBER}))?$"
 )
 """A column with a gain, such as ``volts * 31.5`` or ``counts / 4096 + 0.5``: blanks tell signs from those in names."""
 SUM = re.compile(r"^(?P<column>\S.*?)\s+(?P<sign>[+-])\s+(?P<other>\S.*)$")
+LONGEST = 1000
+"""Letters of a channel's text: longer ones take long to be understood."""
 EXPECTED = "expected such as 'volts * 31.5', '(volts - 2.5) * 31.5 + 4' or '(a - b) / 2', with blanks around the signs"
 
 
@@ -48,6 +51,8 @@ def channel_of(value: Any, place: str) -> Channel:
     if isinstance(value, Channel):
         return value
     if isinstance(value, str):
+        if len(value) > LONGEST:
+            raise ParameterError(f"{place} has {len(value):,} letters; expected {LONGEST:,} at most")
         short = SHORT.match(value)
         unit = {"unit": short["unit"]} if short else {}
         return Channel.parse({**_formula(short["column"] if short else value, place), **unit}, place)
@@ -62,8 +67,8 @@ def _formula(text: str, place: str) -> dict[str, Any]:
     if not scaled:
         return _sum(_bare(text), 1.0)
     gain = float(scaled["gain"])
-    if scaled["operator"] == "/" and not gain:
-        raise ParameterError(f"{place}: '{text}' divides by 0; {EXPECTED}")
+    if scaled["operator"] == "/" and not 0 < abs(gain) < math.inf:
+        raise ParameterError(f"{place}: '{text}' divides by {gain:g}; {EXPECTED}")
     scale = gain if scaled["operator"] == "*" else 1 / gain
     inner = scaled["inner"]
     if (_bare(inner) == inner and SUM.match(inner)) or SCALED.match(inner):

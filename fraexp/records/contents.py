@@ -11,6 +11,7 @@ import numpy as np
 
 from fraexp.errors import FraexpError, RecordError
 from fraexp.plugins import Registry
+from fraexp.records.clocks import RATES, SAMPLE_TIMES, TIMES
 from fraexp.records.quantities import PURE
 from fraexp.records.repeats import detected_period
 from fraexp.records.source import existing, reader_of
@@ -20,11 +21,12 @@ from fraexp.units import si
 Listing = Callable[[Path], Mapping[str, tuple[tuple[int, ...], str]]]
 """What a reader may offer as `contents`: sides and unit of all that it can read of a file, by name."""
 WORDS = {
-    "time": r"t|time|zeit|timestamp",
-    "sample rate": r"fs|f_s|rate|sample_?rate|abtastrate",
-    "sample time": r"ts|t_s|dt|sample_?time",
+    "time": TIMES.pattern,
+    "sample rate": rf"{RATES.pattern}|rate",
+    "sample time": rf"{SAMPLE_TIMES.pattern}|t_s",
     "frequency": r"freq\w*|f_hz",
     "segment": r"level|lvl|segment|step|run|amplitude|ampl?",
+    "excitation": r"inj\w*|exc\w*|anreg\w*|dither|perturb\w*|disturb\w*|multisine|chirp|prbs",
     "r": r"r|ref\w*|setpoint|set_?pos\w*|soll\w*|target|desired|command(ed)?_?pos\w*",
     "u": r"u\d?|v|volts?|voltage|cmd|control\w*|ctrl|force\w*|kraft|thrust|current|iq\w*|torque|drive|dac\w*|f|fu",
     "y": r"y\d?|x\d?|pos\w*|enc\w*|counts?|inc\w*|scale|laser|disp\w*|angle|theta\w*|acc\w*|vel\w*|resp\w*|weg|ist\w*",
@@ -45,7 +47,7 @@ class Content:
     shape: tuple[int, ...]
     unit: str
     guess: str
-    """What it probably is: a role such as time, u, y, r, segment; empty if the name tells nothing."""
+    """What it probably is: a role such as time, u, y, r, excitation, segment; empty if the name tells nothing."""
 
     @property
     def size(self) -> int:
@@ -108,14 +110,14 @@ def proposal(file: Path, found: Sequence[Content], registry: Registry) -> str:
     longest = max((one.size for one in signals), default=0)
     alike = [one for one in signals if one.size == longest]
     alike = _columns(alike)
-    chosen = {role: next((one for one in alike if one.guess == role), None) for role in ("u", "y", "r")}
+    chosen = {role: next((one for one in alike if one.guess == role), None) for role in ("u", "y", "r", "excitation")}
     rest = [one for one in alike if not one.guess]
     for role in ("u", "y"):
         chosen[role] = chosen[role] or (rest.pop(0) if rest else None)
     words = ["fraexp", "import", str(file)]
     level = _levels(chosen, found)
     for role, one in chosen.items():
-        if one or role != "r":
+        if one or role in ("u", "y"):
             name = "reference" if role == "r" else role
             words += ["--channel", f"{name}={_leveled(one.quantity, level) if one else 'COLUMN [UNIT]'}"]
     if level:

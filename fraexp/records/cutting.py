@@ -37,6 +37,10 @@ class Cut:
     """Excited harmonics of the block."""
     periodic: bool = True
     """False for a stretch that does not repeat itself: its one block is all of it."""
+    left_out: int = 0
+    """Lines that stand out of the noise and do not count, though they are not far weaker than some that do."""
+    doubtful: int = 0
+    """Lines that count, though they are far weaker than the others."""
 
     def blocks_of(self, channel: np.ndarray) -> np.ndarray:
         """Return the blocks of a channel, shape (blocks, samples)."""
@@ -51,13 +55,15 @@ class Cut:
             "sample_time": self.sample_time,
             "lines": list(self.lines),
             **({} if self.periodic else {"periodic": False}),
+            **{key: getattr(self, key) for key in ("left_out", "doubtful") if getattr(self, key)},
         }
 
     @classmethod
     def of(cls, data: Any) -> "Cut":
         """Return the cut that `plain` described."""
         lines, periodic = tuple(data["lines"]), data.get("periodic", True)
-        return cls(data["start"], data["periods"], data["samples"], 1, data["sample_time"], lines, periodic)
+        weak = (data.get("left_out", 0), data.get("doubtful", 0))
+        return cls(data["start"], data["periods"], data["samples"], 1, data["sample_time"], lines, periodic, *weak)
 
 
 def coherent(period: float, available: float, slip: float, least: int = BLOCKS) -> tuple[int, int] | None:

@@ -2,31 +2,36 @@
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from fraexp.errors import RecordError
 from fraexp.records.cutting import Cut
+from fraexp.records.excited import (
+    NEGLIGIBLE,
+    NOTHING,
+    SIGNIFICANT,
+    Found,
+    detected_lines,
+    injected_lines,
+    line_spectrum,
+    power_of_lines,
+)
 from fraexp.records.settings import RecordSettings
 
-SIGNIFICANT = 20.0
-"""Power of a line over the variance of its mean from which it is more than noise."""
-NEGLIGIBLE = 1e-3
-"""Amplitude relative to the greatest line below which a line counts as not excited."""
-STEP = 3.0
-"""Least ratio of amplitudes that separates excited lines from distortion."""
 FEW = 0.2
 """Share of lines by which realisations of one multisine may seem to differ."""
-NOTHING = 1e-9
-"""Amplitude relative to the greatest line that is rounding."""
+SHARE = 0.5
+"""Share of the input's power at the lines of the reference, below which something else excites the machine."""
 
 
-def excited_lines(settings: RecordSettings, cut: Cut, channel: np.ndarray, place: str) -> tuple[int, ...]:
-    """Return the excited harmonics of the block: those stated, else those that stand out of the input channel.
+def with_lines(settings: RecordSettings, cut: Cut, values: Mapping[str, np.ndarray], place: str) -> Cut:
+    """Return the cut with its excited harmonics: those stated, else those that stand out of what was injected.
 
-    `lines`, or `every` from `lowest` to `highest`, state them; RecordError if the input has nothing there.
+    `lines`, or `every` from `lowest` to `highest`, state them; RecordError if nothing is injected there. If no channel
+    holds what was injected, they are looked for in the input, where they must stand out of friction's as well.
     """
     _check_statement(settings, cut, place)
     last = (cut.samples - 1) // 2
@@ -34,17 +39,10 @@ def excited_lines(settings: RecordSettings, cut: Cut, channel: np.ndarray, place
     lowest = max(math.ceil((settings.lowest or 0.0) / base - 1e-6), 1)
     highest = math.floor(settings.highest / base + 1e-6) if settings.highest else last // cut.periods
     stated = sorted(set(settings.lines or (range(lowest, highest + 1, settings.every) if settings.every else ())))
-    blocks = cut.blocks_of(channel)
     lines = [line * cut.periods for line in stated]
-    if not settings.lines and not settings.every:
-        found = detected_lines(blocks)
-        lines = [line for line in found if lowest * cut.periods <= line <= highest * cut.periods]
-        if found and not lines:
-            low, high = (line * base / cut.periods for line in (found[0], found[-1]))
-            raise RecordError(
-                f"{place}: none of the excited lines, {low:.4g} to {high:.4g} Hz, is between lowest and highest; "
-                "correct them, or state lines"
-            )
+    band = (lowest * cut.periods, highest * cut.periods)
+    found = Found(lines) if stated else _found(settings, cut, values, band, place)
+    lines = list(found.lines)
     if not lines or lines[0] < 1 or lines[-1] > last:
         found_text = f"{lines[0] // cut.periods} to {lines[-1] // cut.periods}" if lines else "none"
         raise RecordError(
@@ -52,8 +50,42 @@ def excited_lines(settings: RecordSettings, cut: Cut, channel: np.ndarray, place
             f"({base:.4g} to {0.5 / cut.sample_time:.4g} Hz): correct lowest and highest, or lines"
         )
     if stated:
-        _check_excited(lines, blocks, base / cut.periods, cut.periods, place)
-    return tuple(lines)
+        blocks = cut.blocks_of(values[settings.injected])
+        _check_excited(lines, blocks, base / cut.periods, cut.periods, f"{place}: '{settings.injected}'")
+    return replace(cut, lines=tuple(lines), left_out=found.left_out, doubtful=found.doubtful)
+
+
+def _found(
+    settings: RecordSettings, cut: Cut, values: Mapping[str, np.ndarray], band: tuple[int, int], place: str
+) -> Found:
+    """Return the lines that are excited within a band, and how sure that is."""
+    name, blocks = settings.injected, cut.blocks_of(values[settings.injected])
+    if name == settings.reference:
+        found = detected_lines(blocks, band, stated=bool(settings.lowest and settings.highest))
+    else:
+        found = injected_lines(blocks, band)
+        if name == "reference":
+            _check_share(found.anywhere, cut.blocks_of(values[settings.reference]), settings.reference, place)
+    if found.anywhere and not found.lines:
+        spacing = 1 / (cut.samples * cut.sample_time)
+        low, high = (line * spacing for line in (found.anywhere[0], found.anywhere[-1]))
+        raise RecordError(
+            f"{place}: none of the excited lines, {low:.4g} to {high:.4g} Hz, is between lowest and highest; "
+            "correct them, or state lines"
+        )
+    return found
+
+
+def _check_share(lines: Sequence[int], blocks: np.ndarray, name: str, place: str) -> None:
+    """Raise RecordError if the input has most of its power at other lines than those of the reference."""
+    power = power_of_lines(blocks)
+    share = float(power[np.array(lines, dtype=int) - 1].sum() / power.sum()) if power.any() else 1.0
+    if share < SHARE:
+        raise RecordError(
+            f"{place}: '{name}' has {share:.0%} of its power at the {len(lines)} lines of 'reference': something else "
+            f"excites the machine; give that as channel 'excitation', or input = '{name}' (--input {name}) to look for "
+            "lines there"
+        )
 
 
 def common_lines(cuts: Sequence[Cut]) -> list[Cut]:
@@ -90,7 +122,7 @@ def _check_statement(settings: RecordSettings, cut: Cut, place: str) -> None:
 
 def _check_excited(lines: list[int], blocks: np.ndarray, spacing: float, periods: int, place: str) -> None:
     """Raise RecordError if a stated line cannot be told from the noise; `spacing` of the block's lines in Hz."""
-    amplitude, scatter = _spectrum(blocks)
+    amplitude, scatter = line_spectrum(blocks)
     stated = np.array(lines) - 1
     others = np.delete(amplitude, stated)
     floor = np.maximum(scatter, np.median(others**2) if others.size else 0.0)[stated]
@@ -100,36 +132,10 @@ def _check_excited(lines: list[int], blocks: np.ndarray, spacing: float, periods
         first = int(np.argmax(lost))
         more = f", nor at {int(lost.sum()) - 1} more of the {len(lines)} stated lines" if lost.sum() > 1 else ""
         raise RecordError(
-            f"{place}: the input does not excite {lines[first] * spacing:.6g} Hz (harmonic "
+            f"{place} does not excite {lines[first] * spacing:.6g} Hz (harmonic "
             f"{lines[first] // periods}), with {share[first]:.1e} of the strongest line{more}; "
             "correct lines, or leave out every"
         )
-
-
-def detected_lines(blocks: np.ndarray) -> list[int]:
-    """Return the harmonics that stand out of noise and distortion in the blocks of an input, shape (blocks, samples).
-
-    Lines above the noise are sorted by amplitude and cut at their widest gap, if that is at least a factor of 3:
-    a controller's input also holds lines that friction has made.
-    """
-    amplitude, scatter = _spectrum(blocks)
-    above = (amplitude**2 > SIGNIFICANT * scatter) & (amplitude > NEGLIGIBLE * amplitude.max(initial=0.0))
-    levels = np.sort(amplitude[above])
-    if levels.size > 1:
-        ratios = levels[1:] / levels[:-1]
-        widest = int(np.argmax(ratios))
-        if ratios[widest] >= STEP:
-            above &= amplitude > levels[widest]
-    return [int(line) + 1 for line in np.flatnonzero(above)]
-
-
-def _spectrum(blocks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the amplitude of the mean spectrum from line 1, not scaled, and the variance of that mean."""
-    spectra = np.fft.rfft(blocks, axis=1)[:, 1 : (blocks.shape[1] - 1) // 2 + 1]
-    mean = np.add.reduce(spectra, axis=0) / len(spectra)
-    pairs = max(len(spectra) * (len(spectra) - 1), 1)  # one block alone has no scatter
-    scatter = np.add.reduce(np.abs(spectra - mean) ** 2, axis=0) / pairs
-    return np.abs(mean), scatter
 
 
 def check_steps(cuts: list[Cut], channel: np.ndarray, rate: float, name: str, place: str) -> None:

@@ -1,24 +1,20 @@
-"""Columns become quantities: units that agree with the file's, samples in SI units, and a clock beside them."""
+"""Columns become quantities: units that agree with the file's, and samples in SI units."""
 
 import math
 from collections.abc import Mapping
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from fraexp import units
-from fraexp.components import RecordReader, Table
+from fraexp.components import Table
 from fraexp.errors import ParameterError, RecordError
 from fraexp.records.channels import Channel
-from fraexp.records.timebase import JITTER, rate_of
 
 Plain = dict[str, Any]
 PURE = ("-", "–", "1", "")
 """How instruments write that a number has no unit."""
-CLOCKS = ("time", "t", "zeit")
-"""Names, in lower case, of a column that is the time even if it is not written evenly."""
 
 
 def in_si(name: str, channel: Channel, table: Table, path: Path, default: str = "") -> Plain:
@@ -35,14 +31,14 @@ def in_si(name: str, channel: Channel, table: Table, path: Path, default: str = 
         raise ParameterError(
             f"{path.name}: channel '{name}' has no unit; give unit = such as mm, or 1 for a pure number"
         )
-    factor, short = _si(unit, f"{path.name}, channel '{name}'")
+    factor, short = si_of(unit, f"{path.name}, channel '{name}'")
     if channel.scale == 0:
         raise ParameterError(f"{path.name}, channel '{name}': scale is 0; expected another number")
     more: Plain = {key: getattr(channel, key) for key in ("plus", "minus", "integrate") if getattr(channel, key)}
     if channel.offset:
         more["offset"] = factor * channel.offset
     if channel.integrate:
-        _, short = _si(f"({short})*s**{channel.integrate}", path.name)
+        _, short = si_of(f"({short})*s**{channel.integrate}", path.name)
     return {"column": channel.column, "unit": short, "scale": factor * channel.scale, **more}
 
 
@@ -55,11 +51,11 @@ def _check_unit(name: str, channel: Channel, column: str, stated: str, path: Pat
     if stated.strip() in PURE:
         return
     try:
-        theirs = _si(stated, "")
+        theirs = si_of(stated, "")
     except ParameterError:  # a remark in brackets
         return
     place = f"{path.name}, channel '{name.strip()}'"
-    ours = _si(channel.unit, place)
+    ours = si_of(channel.unit, place)
     if ours[1] != theirs[1]:
         raise RecordError(
             f"{place}: the unit is given as {channel.unit}, but the file says {stated} for column "
@@ -72,7 +68,8 @@ def _check_unit(name: str, channel: Channel, column: str, stated: str, path: Pat
         )
 
 
-def _si(unit: str, place: str) -> tuple[float, str]:
+def si_of(unit: str, place: str) -> tuple[float, str]:
+    """Return the factor to SI and the SI unit of a unit that a study or a file states."""
     if unit.strip() == "g":
         raise ParameterError(f"{place}: 'g' is the gram; write g_0 for an acceleration in standard gravities")
     try:
@@ -106,31 +103,3 @@ def auxiliary_values(name: str, channel: Channel, table: Table, default: str, pa
     if plain["unit"] != units.si(default)[1]:
         raise ParameterError(f"{path.name}: the {name} is in '{plain['unit']}'; expected a unit such as {default}")
     return np.asarray(table.columns[channel.column] * plain["scale"])
-
-
-def evident_clock(reader: RecordReader, table: Table, path: Path) -> float | None:
-    """Return the sample rate [Hz] of a column that nobody asked for and that is evidently the time, or None.
-
-    Its unit must be one of time, and it must be uniform, or be called time and increase.
-    """
-    for column, unit in table.units.items():
-        if column in table.columns:
-            continue
-        with suppress(ParameterError, RecordError):  # whatever else it may be, it is no clock
-            factor, short = _si(unit, "")
-            if short == "s" and unit.strip() not in PURE:
-                return _clock(reader.read(path, [column]).columns[column] * factor, column)
-    return None
-
-
-def _clock(time: np.ndarray, column: str) -> float:
-    if column.strip().lower() not in CLOCKS:
-        return rate_of(time, column)
-    steps = np.diff(time)
-    if not (np.isfinite(time).all() and (steps >= 0).all() and steps.any()):
-        raise RecordError(f"{column} does not increase")
-    rate = float(steps.size / (time[-1] - time[0]))
-    resolution = float(steps[steps > 0].min())  # of time that is written with few digits
-    if resolution > JITTER * (time[-1] - time[0]):
-        return rate_of(time, column)
-    return rate

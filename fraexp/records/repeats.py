@@ -38,20 +38,21 @@ def check_repeats(cut: Cut, channel: np.ndarray, rate: float, name: str, place: 
     _check_changes(swing, name, place)
     power = float(np.sum(swing**2)) / len(swing)
     alike = float(np.sum(swing[1:] * swing[:-1])) / (len(swing) - 1) / power if power else 1.0
-    found = detected_period(channel[cut.start :])
-    other = found is not None and _repeats_better(channel[cut.start :], found, cut.samples)
+    used = channel[cut.start :]
+    found = detected_period(used)
+    other = found is not None and _repeats_better(used, found, cut.samples)
     if alike < SIMILAR and (other or alike < SIMILAR / 5):
-        remedy = seems_to_repeat(found, rate) if found and other else "check period and sample_rate"
+        remedy = seems_to_repeat(found, rate, used.size) if found and other else "check period and sample_rate"
         raise RecordError(
             f"{place}: '{name}' does not repeat after {cut.samples} samples (correlation {alike:.2f}); {remedy}"
         )
     # Through hum, a good record may repeat somewhat better after a quite different stretch.
     likely = found if found and (alike < WELL or _miscounted(cut.samples, found)) else None
-    better = better_period(channel[cut.start :], cut.samples * cut.sample_time * rate, likely)
+    better = better_period(used, cut.samples * cut.sample_time * rate, likely)
     if better:
         raise RecordError(
             f"{place}: '{name}' repeats worse after {cut.samples} samples than after {better}; "
-            f"{seems_to_repeat(better, rate)}"
+            f"{seems_to_repeat(better, rate, used.size)}"
         )
 
 
@@ -72,9 +73,13 @@ def _check_changes(swing: np.ndarray, name: str, place: str) -> None:
     raise RecordError(f"{place}: '{name}' is another signal from period {changes[0] + 1} on; {remedy}")
 
 
-def seems_to_repeat(period: int, rate: float) -> str:
-    """Return the hint that names the period [samples] and the option to give; `rate` in Hz."""
-    return f"it seems to repeat every {period} samples ({period / rate:.6g} s): give period = {period} (--period)"
+def seems_to_repeat(period: int, rate: float, samples: int | None = None) -> str:
+    """Return the hint that names the period [samples] and the option to give; `rate` in Hz, of so many samples."""
+    found = f"it seems to repeat every {period} samples ({period / rate:.6g} s)"
+    if samples is not None and samples < BLOCKS * period:
+        lacking = BLOCKS * period - samples
+        return f"{found}, and ends {lacking} before {BLOCKS} periods do: record for longer, or give --not-periodic"
+    return f"{found}: give period = {period} (--period)"
 
 
 def better_period(channel: np.ndarray, stated: float, found: int | None) -> int | None:
@@ -102,27 +107,47 @@ def scatter(channel: np.ndarray, period: float) -> float:
     samples = int(period + 0.5)
     starts = np.rint(np.arange(int((channel.size - samples + 0.5) / period) + 1) * period).astype(int)
     starts = starts[starts + samples <= channel.size]
+    if starts.size < BLOCKS:  # the last one lacks its end
+        return float(np.mean((channel[samples:] - channel[:-samples]) ** 2)) / 2
     blocks = channel[starts[:, None] + np.arange(samples)]
     return float(np.mean(np.var(blocks, axis=0, ddof=1)))
 
 
 def detected_period(channel: np.ndarray) -> int | None:
-    """Return the period [samples] that the autocorrelation of a channel shows, or None."""
-    count = channel.size
+    """Return the period [samples] that the autocorrelation of a channel shows, or None.
+
+    Each lag is normalised by the power of both stretches that it compares: the correlation is then 1 where they are
+    alike, and nowhere more. By the power of the whole channel a lag counts more that happens to compare strong
+    stretches, which moves the peak.
+    """
+    count, last = channel.size, _longest(channel.size)
     swing = channel - channel.mean()
-    power = np.abs(np.fft.rfft(swing, 2 * count)) ** 2
-    correlation = np.fft.irfft(power)[:count] / np.arange(count, 0, -1)
-    falling = np.flatnonzero(correlation[: count // 2 + 1] < 0)
-    if not falling.size or correlation[0] <= 0:
+    energy = np.cumsum(np.append(0.0, swing**2))
+    lags = np.arange(last + 1)
+    powers = np.sqrt(energy[count - lags] * (energy[count] - energy[lags]))
+    products = np.fft.irfft(np.abs(np.fft.rfft(swing, 2 * count)) ** 2)[: last + 1]
+    correlation = products / np.where(powers > 0, powers, np.inf)
+    falling = np.flatnonzero(correlation < 0)
+    if not falling.size:
         return None
     first = int(falling[0])  # up to here a smooth signal resembles itself anyway
-    later = correlation[first : count // 2 + 1] / correlation[0]
+    later = correlation[first:]
     if later.max() < SIMILAR:
         return None
     start = int(np.argmax(later >= ALIKE * later.max()))
     run = later[start:]
     end = int(np.argmax(run < ALIKE * later.max())) or run.size
-    return first + start + int(np.argmax(run[:end]))
+    return _refined(channel, first + start + int(np.argmax(run[:end])))
+
+
+def _refined(channel: np.ndarray, found: int) -> int:
+    """Return the period near `found` at which all of the channel repeats best: noise has moved the peak of one lag."""
+    while True:
+        near = [period for period in range(found - NEIGHBOURS, found + NEIGHBOURS + 1) if _fits(channel, period)]
+        best = min(near, key=lambda period: scatter(channel, period), default=found)
+        if best == found or not scatter(channel, best) < scatter(channel, found):
+            return found
+        found = best
 
 
 def _miscounted(stated: int, found: int) -> bool:
@@ -134,4 +159,9 @@ def _repeats_better(channel: np.ndarray, found: int, stated: int) -> bool:
 
 
 def _fits(channel: np.ndarray, period: int) -> bool:
-    return period >= 2 and BLOCKS * period <= channel.size
+    return 2 <= period <= _longest(channel.size)
+
+
+def _longest(samples: int) -> int:
+    """Return the longest period that is looked for: a record may lack the end of its last one."""
+    return min(int(samples / BLOCKS * (1 + MISCOUNT)), samples - 1)

@@ -13,6 +13,8 @@ from fraexp.records.channels import Channel, channel_of
 LEVEL, REALISATION = "{level}", "{realisation}"
 """What stands in names for the level, and for the realisation."""
 Name = str | int | float
+INJECTED = ("excitation", "reference")
+"""Names of channels that hold a signal from outside the loop, which neither friction nor feedback touches."""
 BLOCKS = 2
 """Least number of blocks: their scatter is the variance."""
 
@@ -36,7 +38,9 @@ class RecordSettings(Parameters):
     file: tuple[str, ...] = param("", "file of the record, relative to the study, or several of one experiment")
     reader: str = param("", "name of the reader; found by the file's suffix if empty", "")
     channels: dict[str, Channel] = param("", "channels by name: the columns of the file")
-    input: str = param("", "channel in which lines are looked for; the first one if empty", "")
+    input: str = param(
+        "", "channel in which lines are looked for; if empty excitation or reference, if there is one, or the first", ""
+    )
     sample_rate: float | None = param("Hz", "sample rate", None, above=0)
     time: Channel | None = param("", "column with the time; in s if it has no unit", None)
     level: Name | None = param("", "what {level} stands for in names; a grid over it compares levels", None)
@@ -103,8 +107,14 @@ class RecordSettings(Parameters):
 
     @property
     def reference(self) -> str:
-        """Name of the channel in which lines are looked for."""
+        """Name of the input: it tells whether the record repeats itself, and at which level."""
         return self.input or next(iter(self.channels))
+
+    @property
+    def injected(self) -> str:
+        """Name of the channel that holds what was injected, in which lines are looked for; else the input."""
+        given = (name for name in INJECTED if name in self.channels)
+        return self.input or next(given, self.reference)
 
     def parts(self) -> Iterator[tuple[str, Self]]:
         """Yield the name of each file with its settings, for each realisation, in which nothing is left to fill in.

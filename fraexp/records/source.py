@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +14,11 @@ from fraexp.identity import file_hash
 from fraexp.plugins import Registry, create
 from fraexp.records.calculus import integrated
 from fraexp.records.channels import Channel
+from fraexp.records.clocks import check_numbers, evident_clock, unknown_rate
 from fraexp.records.cutting import Cut, periodic_cut, realisations_of, step_cuts, steps_of, whole_cut
-from fraexp.records.lines import check_steps, common_lines, excited_lines
-from fraexp.records.quantities import auxiliary_values, columns_of, evident_clock, in_si, values_of
+from fraexp.records.excited import doubts
+from fraexp.records.lines import check_steps, common_lines, with_lines
+from fraexp.records.quantities import auxiliary_values, columns_of, in_si, values_of
 from fraexp.records.repeats import check_repeats, detected_period, seems_to_repeat
 from fraexp.records.runs import check_levels, condition, runs_in
 from fraexp.records.settings import RecordSettings
@@ -24,8 +26,6 @@ from fraexp.records.timebase import JITTER, agreed_rate, rate_of
 from fraexp.signals import Segment, Settling, Signals
 
 Plain = dict[str, Any]
-UNREPEATED = "not periodic: a response from Fourier sums over periods, such as conventional, would be wrong"
-"""What is said of such a record, since estimators are not asked whether they need periods."""
 AS_FROM_REST = Settling(settled=True, time=0.0, residual=float("nan"))
 """Of a record that does not repeat itself: nothing is known of what came before its first sample."""
 
@@ -92,8 +92,7 @@ def load(experiment: Mapping[str, Any], files: Mapping[str, str], registry: Regi
         own = [plain for plain in record["segments"] if plain.get("part", 0) == number]
         found += [_segment(Cut.of(plain), values, part["channels"], path) for plain in own]
     units = {name: str(channel["unit"]) for name, channel in parts[0]["channels"].items()}
-    repeats = all(plain.get("periodic", True) for plain in record["segments"])
-    return Signals(tuple(found), units, message="" if repeats else UNREPEATED)
+    return Signals(tuple(found), units, message=doubts([Cut.of(plain) for plain in record["segments"]]))
 
 
 def _segment(cut: Cut, values: Mapping[str, np.ndarray], channels: Mapping[str, Plain], path: Path) -> Segment:
@@ -101,7 +100,8 @@ def _segment(cut: Cut, values: Mapping[str, np.ndarray], channels: Mapping[str, 
         name: integrated(cut.blocks_of(samples), cut, channels[name].get("integrate", 0), f"{path.name}, '{name}'")
         for name, samples in values.items()
     }
-    return Segment(cut.sample_time, blocks, np.array(cut.lines), None if cut.periodic else AS_FROM_REST)
+    settling = None if cut.periodic else AS_FROM_REST
+    return Segment(cut.sample_time, blocks, np.array(cut.lines), settling, periodic=cut.periodic)
 
 
 def _unchanged(file: str, content: str) -> Path:
@@ -150,10 +150,13 @@ def _check_alike(parts: Sequence[_Part]) -> None:
 
 def existing(path: Path) -> Path:
     """Return the full path of a file; RecordError names the nearest one if there is none."""
-    if path.is_file():
-        return path.resolve()
-    if not path.parent.is_dir():
-        raise RecordError(f"{path}: there is no folder '{path.parent}'; correct record.file")
+    try:
+        if path.is_file():
+            return path.resolve()
+        if not path.parent.is_dir():
+            raise RecordError(f"{path}: there is no folder '{path.parent}'; correct record.file")
+    except OSError as error:  # such as a name that is too long
+        raise RecordError(f"record.file: {error.strerror}; expected the name of a file") from None
     others = [other.name for other in path.parent.iterdir() if other.suffix == path.suffix]
     raise RecordError(f"{path}: there is no such file{did_you_mean(path.name, others)}")
 
@@ -198,8 +201,12 @@ def _rate(settings: RecordSettings, reader: RecordReader, table: Table, path: Pa
     if settings.time is not None:
         time = auxiliary_values("time", settings.time, table, "s", path)
         clock = rate_of(time, f"{path.name}: the time in column '{settings.time.column}'")
-    elif settings.sample_rate and clock is None:
-        clock = evident_clock(reader, table, path)
+    elif clock is None:
+        clock = evident_clock(reader, table, path, even=settings.sample_rate is None)
+    if settings.sample_rate and clock is None and not table.units:  # such as in MATLAB files
+        check_numbers(settings.sample_rate, reader, path)
+    if clock is None and settings.sample_rate is None:
+        raise unknown_rate(reader, table, path)
     return agreed_rate(settings.sample_rate, clock, path.name)
 
 
@@ -218,7 +225,7 @@ def _cuts(settings: RecordSettings, values: dict[str, np.ndarray], table: Table,
         raise _undecided(ways, channel[slice(*runs[0][1])], rate, path.name)
     if ways[0] in ("period", "period_time"):
         return [
-            _periodic(settings, channel, rate, name, place, run)
+            _periodic(settings, values, rate, name, place, run)
             for place, whole in runs
             for run in realisations_of(settings, rate, whole, place)
         ]
@@ -235,11 +242,11 @@ def _cuts(settings: RecordSettings, values: dict[str, np.ndarray], table: Table,
 
 
 def _periodic(
-    settings: RecordSettings, channel: np.ndarray, rate: float, name: str, place: str, run: tuple[int, int]
+    settings: RecordSettings, values: Mapping[str, np.ndarray], rate: float, name: str, place: str, run: tuple[int, int]
 ) -> Cut:
     cut = periodic_cut(settings, rate, run, place)
-    check_repeats(cut, channel[: run[1]], rate, name, place)
-    return replace(cut, lines=excited_lines(settings, cut, channel, place))
+    check_repeats(cut, values[name][: run[1]], rate, name, place)
+    return with_lines(settings, cut, values, place)
 
 
 def _undecided(ways: list[str], channel: np.ndarray, rate: float, place: str) -> RecordError:

@@ -41,11 +41,7 @@ def _uneven(time: np.ndarray, steps: np.ndarray, usual: float, uneven: np.ndarra
 
 
 def agreed_rate(stated: float | None, clock: float | None, place: str) -> float:
-    """Return the sample rate [Hz] from the study or the file's clock; RecordError if they differ, or are missing."""
-    if stated is None and clock is None:
-        raise RecordError(
-            f"{place}: the sample rate is unknown; give sample_rate [Hz], or time = the column with the time"
-        )
+    """Return the sample rate [Hz] from the study or the file's clock, of which one is known; they must agree."""
     if stated is not None and clock is not None and abs(stated / clock - 1) > JITTER:
         raise RecordError(
             f"{place}: sample_rate is {stated:.6g} Hz, but the time in the file says {clock:.6g} Hz; correct one"

@@ -3,15 +3,16 @@
 import json
 import os
 import re
-import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from fraexp import toml as toml_file
 from fraexp.components import Estimator
 from fraexp.errors import StudyError, did_you_mean
 from fraexp.plugins import Registry
+from fraexp.records.settings import INJECTED
 
 ROLES = {"input": "first", "thrust": "first", "force": "first", "output": "second", "displacement": "second"}
 """Parameters of estimators that name a channel, and which of a record's channels fills them."""
@@ -39,9 +40,6 @@ class Request:
     def stem(self) -> str:
         """Name of the study: that of the first file, without what stands for levels and realisations."""
         return re.sub(r"[{}]", "", self.files[0].stem)
-
-
-INJECTED = ("reference", "excitation")
 
 
 def study_of(request: Request, folder: Path, registry: Registry) -> dict[str, Any]:
@@ -128,8 +126,8 @@ def _setting(text: str) -> tuple[str, Any]:
     if not equals or section != "estimator" or not key:
         raise StudyError(f"--set {text}: expected estimator.PARAMETER=VALUE, such as estimator.order=2")
     try:
-        return key, tomllib.loads(f"value = {value}")["value"]
-    except tomllib.TOMLDecodeError:
+        return key, toml_file.value(value)
+    except ValueError:
         return key, value
 
 
@@ -142,8 +140,8 @@ def _put(spec: dict[str, Any], path: Sequence[str], value: Any) -> None:
 def same_study(path: Path, data: Mapping[str, Any]) -> bool:
     """Say whether a file holds these data."""
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8")) == tomllib.loads(toml(data))
-    except (ValueError, RecursionError):  # no TOML, or no text
+        return toml_file.loads(path.read_text(encoding="utf-8")) == toml_file.loads(toml(data))
+    except ValueError:  # no TOML, or no text
         return False
 
 

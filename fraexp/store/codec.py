@@ -1,16 +1,16 @@
 """Results as rows and back; arrays as .npy bytes, in which no code can hide."""
 
 import io
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import fields
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from sqlalchemy import RowMapping
 
 from fraexp.errors import StoreError
 from fraexp.results import Curve, Fit, FrequencyResponse, Metric, Result
+from fraexp.store.checked import sound
 
 DTYPES: dict[str, type] = {
     "frequency": np.float64,
@@ -24,10 +24,15 @@ DTYPES: dict[str, type] = {
     "harmonics": np.complex128,
 }
 """Type of each array of a frequency response."""
+SIDES = {"covariance": (2, 2), "model_covariance": (2, 2), "harmonics": (6,)}
+"""Sides of those that have more than one, beside the frequencies."""
 OPTIONAL = ("freedom", "noise_variance", "nonlinear_variance", "coherence", "model_covariance")
 """Arrays of floats that a response may lack."""
 
 
+NUMBERS = "biufc"
+"""Kinds of types that are numbers."""
+MAGIC = b"\x93NUMPY\x01\x00"
 HEADER = 10
 """Bytes of the .npy format's first part: magic, version, and the length of the second in the last two."""
 
@@ -42,9 +47,9 @@ def encode(array: Any, what: str, dtype: type | None = None) -> bytes:
             raise StoreError(f"{what} is an array of {values.dtype}; expected {np.dtype(dtype)}")
         values = values.astype(dtype, copy=False)
     values = np.ascontiguousarray(values).reshape(values.shape)
-    stream = io.BytesIO()
-    np.save(stream, values, allow_pickle=False)
-    return stream.getvalue()
+    # As numpy writes it, without the blanks that make room for files that grow: they are half of a short array.
+    layout = f"{{'descr':{values.dtype.str!r},'fortran_order':False,'shape':{values.shape}}}\n".encode()
+    return MAGIC + len(layout).to_bytes(2, "little") + layout + values.tobytes()
 
 
 def decode(data: bytes) -> np.ndarray:
@@ -53,7 +58,7 @@ def decode(data: bytes) -> np.ndarray:
         begin = HEADER + int.from_bytes(data[HEADER - 2 : HEADER], "little")
         shape, dtype = _layout(data[:begin])
         array: np.ndarray = np.frombuffer(data, dtype, offset=begin).reshape(shape).copy()
-    except (ValueError, EOFError, OSError, SyntaxError) as error:
+    except Exception as error:  # parsing what a header says raises whatever it leads it into
         raise StoreError(f"a stored array is damaged ({error}); compute the sweep again with --rerun all") from error
     return array
 
@@ -66,7 +71,7 @@ def _layout(header: bytes) -> tuple[tuple[int, ...], np.dtype[Any]]:
     if version != (1, 0):
         raise ValueError(f"format {version}; expected (1, 0)")
     shape, fortran, dtype = np.lib.format.read_array_header_1_0(stream)
-    if fortran or dtype.hasobject:
+    if fortran or dtype.kind not in NUMBERS or min(shape, default=0) < 0:
         raise ValueError("an array of Python objects, or by columns; expected numbers by rows")
     return shape, dtype
 
@@ -81,12 +86,20 @@ def response_rows(key: str, response: FrequencyResponse | None) -> list[dict[str
     return [{"key": key, "points": len(response.frequency), **row}]
 
 
-def response_of(row: RowMapping) -> FrequencyResponse:
+def response_of(row: Mapping[Any, Any]) -> FrequencyResponse:
     """Return the frequency response in a row."""
     values: dict[str, Any] = {name: row[name] for name in ("unit", "input", "output")}
     values |= {name: decode(row[name]) for name in DTYPES}
     values |= {name: decode(row[name]) for name in OPTIONAL if row[name] is not None}
-    return FrequencyResponse(**values)
+    points = values["frequency"].shape
+    for name, dtype in {**DTYPES, **dict.fromkeys(OPTIONAL, np.float64)}.items():
+        array, sides = values.get(name), SIDES.get(name, ())
+        if array is not None and (array.dtype != dtype or array.shape != (*points, *sides) or len(points) != 1):
+            raise StoreError(
+                f"a stored {name} is {array.dtype} {array.shape}; expected {np.dtype(dtype)} {(*points, *sides)}: "
+                "compute the sweep again with --rerun all"
+            )
+    return sound(FrequencyResponse(**values))
 
 
 def metric_rows(key: str, metrics: Iterable[Metric]) -> list[dict[str, Any]]:
@@ -97,9 +110,9 @@ def metric_rows(key: str, metrics: Iterable[Metric]) -> list[dict[str, Any]]:
     ]
 
 
-def metric_of(row: RowMapping) -> Metric:
+def metric_of(row: Mapping[Any, Any]) -> Metric:
     """Return the metric in a row."""
-    return Metric(row["name"], row["value"], row["unit"])
+    return sound(Metric(row["name"], row["value"], row["unit"]))
 
 
 def curve_rows(key: str, curves: Iterable[Curve]) -> list[dict[str, Any]]:
@@ -123,11 +136,14 @@ def column_rows(key: str, curves: Iterable[Curve]) -> list[dict[str, Any]]:
     ]
 
 
-def curve_of(name: str, columns: Iterable[RowMapping]) -> Curve:
+def curve_of(name: str, columns: Iterable[Mapping[Any, Any]]) -> Curve:
     """Return the curve of a name from the rows of its columns, in order."""
     rows = list(columns)
     units = {row["name"]: row["unit"] for row in rows if row["unit"] is not None}
-    return Curve(name, {row["name"]: decode(row["samples"]) for row in rows}, units)
+    found = {row["name"]: decode(row["samples"]) for row in rows}
+    if not all(isinstance(text, str) for text in (*found, *units.values())):
+        raise TypeError("a column's name or unit is no text")
+    return sound(Curve(name, found, units))
 
 
 def fit_rows(key: str, fits: Iterable[Fit]) -> list[dict[str, Any]]:
@@ -147,10 +163,16 @@ def fit_rows(key: str, fits: Iterable[Fit]) -> list[dict[str, Any]]:
     ]
 
 
-def fit_of(row: RowMapping) -> Fit:
+def fit_of(row: Mapping[Any, Any]) -> Fit:
     """Return the fit in a row."""
     texts = (tuple(row["parameters"]), tuple(row["units"]))
-    return Fit(row["kind"], row["component"], *texts, decode(row["values"]), decode(row["covariance"]))
+    found = Fit(row["kind"], row["component"], *texts, decode(row["values"]), decode(row["covariance"]))
+    count = len(found.parameters)
+    if found.values.shape != (count,) or found.covariance.shape != (count, count) or len(found.units) != count:
+        raise StoreError(f"the stored fit of {found.kind!r} has not as many values as parameters; compute it again")
+    if not all(isinstance(text, str) for of in texts for text in of):
+        raise TypeError("the name or unit of a fitted parameter is no text")
+    return sound(found)
 
 
 def result_rows(key: str, result: Result) -> dict[str, list[dict[str, Any]]]:

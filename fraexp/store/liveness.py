@@ -4,7 +4,7 @@ import os
 import platform
 import sys
 from dataclasses import dataclass
-from datetime import datetime, timedelta
+from datetime import timedelta
 from functools import cache
 from pathlib import Path
 
@@ -41,11 +41,6 @@ def alive(process: Process, silence: timedelta) -> bool:
         return _answers(process.pid)
     stat = _stat(process.pid)
     return stat is not None and stat[0] not in "ZX" and process.process_start in (None, stat[1])
-
-
-def since(heartbeat: datetime) -> timedelta:
-    """Return the time since a heartbeat."""
-    return datetime.now(heartbeat.tzinfo) - heartbeat
 
 
 @cache

@@ -1,22 +1,37 @@
 """Questions to the database, each asked with a handful of statements however many sweeps there are."""
 
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from datetime import datetime
 from typing import Any
 
-from sqlalchemy import Connection, RowMapping, Select, and_, func, select, text
+from sqlalchemy import Connection, RowMapping, Select, and_, func, select
 
 from fraexp.errors import StoreError
 from fraexp.identity import TAG
 from fraexp.results import Outcome, Result
-from fraexp.store import codec
-from fraexp.store.liveness import Process, alive, since
-from fraexp.store.records import RunSummary, StoredState, StoredSweep, Supplied
-from fraexp.store.tables import chunks, curve, curve_column, fit, frequency_response, metric, run, run_sweep, sweep
+from fraexp.store import codec, marks, parts
+from fraexp.store.checked import sound
+from fraexp.store.clock import now
+from fraexp.store.liveness import Process, alive
+from fraexp.store.records import RunProgress, RunSummary, StoredState, StoredSweep, Supplied
+from fraexp.store.tables import (
+    PARTS,
+    chunks,
+    curve,
+    curve_column,
+    fit,
+    frequency_response,
+    metric,
+    run,
+    run_sweep,
+    sweep,
+)
 from fraexp.store.tables import supplied_component as supplied
 
-LARGEST = 2**63 - 1
-"""Largest integer of a database."""
+LARGEST = 2**31 - 1
+"""Largest integer of a database's column."""
 
 
 def known(connection: Connection, keys: Iterable[str]) -> dict[str, StoredState]:
@@ -32,6 +47,15 @@ def known(connection: Connection, keys: Iterable[str]) -> dict[str, StoredState]
     return found
 
 
+def sources(connection: Connection) -> dict[str, dict[str, int]]:
+    """Return how many sweeps each component has computed, by ``kind:name`` and by the hash of its source."""
+    query = select(supplied.c.kind, supplied.c.name, supplied.c.source_hash, func.count())
+    found: dict[str, dict[str, int]] = defaultdict(dict)
+    for kind, name, source, count in connection.execute(query.group_by(*query.selected_columns[:3])):
+        found[f"{kind}:{name}"][source] = count
+    return dict(found)
+
+
 def runs(connection: Connection, number: int | None = None) -> list[RunSummary]:
     """Return all runs, newest first, or the one of a number."""
     counting = select(run_sweep.c.run, run_sweep.c.state, func.count()).group_by(run_sweep.c.run, run_sweep.c.state)
@@ -41,7 +65,8 @@ def runs(connection: Connection, number: int | None = None) -> list[RunSummary]:
     counts: dict[int, dict[str, int]] = defaultdict(dict)
     for of, state, count in connection.execute(counting):
         counts[of][state] = count
-    return [_summary(row, counts[row["number"]]) for row in connection.execute(listing).mappings()]
+    moment = now(connection)
+    return [_summary(row, counts[row["number"]], moment) for row in connection.execute(listing).mappings()]
 
 
 def one_run(connection: Connection, number: int) -> RunSummary:
@@ -60,7 +85,7 @@ def sweeps(connection: Connection, number: int) -> list[StoredSweep]:
     query = _listing().where(run_sweep.c.run == number).order_by(run_sweep.c.position)
     keys = select(run_sweep.c.key).where(run_sweep.c.run == number)
     sources = _sources(connection, select(supplied).where(supplied.c.key.in_(keys)))
-    return [_stored(row, sources) for row in connection.execute(query).mappings()]
+    return _stored(connection, connection.execute(query).mappings().all(), sources)
 
 
 def find(connection: Connection, prefix: str) -> StoredSweep:
@@ -78,7 +103,7 @@ def find(connection: Connection, prefix: str) -> StoredSweep:
         raise StoreError(f"several sweeps' keys start with '{prefix}': {some}; give more characters")
     latest = _listing().where(sweep.c.key == keys[0]).order_by(run_sweep.c.run.desc(), run_sweep.c.position).limit(1)
     sources = _sources(connection, select(supplied).where(supplied.c.key == keys[0]))
-    return _stored(connection.execute(latest).mappings().one(), sources)
+    return _stored(connection, connection.execute(latest).mappings().all(), sources)[0]
 
 
 def log(connection: Connection, key: str) -> str:
@@ -126,7 +151,8 @@ def _of(table: Any, keys: list[str]) -> Select[Any]:
 
 def _listing() -> Select[Any]:
     return select(
-        *(sweep.c[name] for name in ("key", "experiment", "estimator", "outcome", "elapsed", "created", "message")),
+        *(sweep.c[name] for name in ("key", "outcome", "elapsed", "created", "message")),
+        *(sweep.c[f"{name}_part"] for name in PARTS),
         run_sweep.c.labels,
         run_sweep.c.state,
         run_sweep.c.message.label("failure"),
@@ -140,11 +166,22 @@ def _sources(connection: Connection, query: Select[Any]) -> dict[str, dict[str, 
     return found
 
 
-def _stored(row: RowMapping, sources: dict[str, dict[str, Supplied]]) -> StoredSweep:
+def _stored(
+    connection: Connection, rows: Sequence[RowMapping], sources: dict[str, dict[str, Supplied]]
+) -> list[StoredSweep]:
+    keys = [row["key"] for row in rows]
+    resolved, tags, notes = parts.load(connection, rows), marks.tags_of(connection, keys), marks.notes(connection, keys)
+    return [
+        sound(replace(_one(row, *resolved[key], sources), tags=tags.get(key, ()), note=notes.get(key, "")))
+        for key, row in zip(keys, rows, strict=True)
+    ]
+
+
+def _one(row: RowMapping, experiment: Any, estimator: Any, sources: dict[str, dict[str, Supplied]]) -> StoredSweep:
     return StoredSweep(
         key=row["key"],
-        experiment=row["experiment"],
-        estimator=row["estimator"],
+        experiment=experiment,
+        estimator=estimator,
         labels=row["labels"] or {},
         outcome=Outcome[row["outcome"]] if row["outcome"] else None,
         message=row["failure"] or row["message"],
@@ -155,25 +192,21 @@ def _stored(row: RowMapping, sources: dict[str, dict[str, Supplied]]) -> StoredS
     )
 
 
-def _summary(row: RowMapping, counts: dict[str, int]) -> RunSummary:
-    process = Process(row["host"], row["boot"], row["pid"], row["process_start"])
-    dead = row["state"] == "running" and not alive(process, since(row["heartbeat"]))
+def _summary(row: RowMapping, counts: dict[str, int], moment: datetime) -> RunSummary:
+    process = sound(Process(row["host"], row["boot"], row["pid"], row["process_start"]))
+    dead = row["state"] == "running" and not alive(process, moment - row["heartbeat"])
     names = ("number", "study", "study_file", "command", "started", "ended", "provenance")
     values: dict[str, Any] = {name: row[name] for name in names}
-    return RunSummary(
-        **values,
-        state="interrupted" if dead else row["state"],
-        total=sum(counts.values()),
-        computed=counts.get("computed", 0),
-        reused=counts.get("reused", 0),
-        failed=counts.get("failed", 0),
+    return sound(
+        RunSummary(
+            **values,
+            state="interrupted" if dead else row["state"],
+            total=sum(counts.values()),
+            computed=counts.get("computed", 0),
+            reused=counts.get("reused", 0),
+            failed=counts.get("failed", 0),
+            process=process,
+            heartbeat=row["heartbeat"],
+            progress=sound(RunProgress(**row["progress"])) if row["progress"] else None,
+        )
     )
-
-
-def health(connection: Connection) -> str:
-    """Return ``sound``, or what SQLite's integrity and foreign key checks find first."""
-    finding = str(connection.execute(text("PRAGMA quick_check(1)")).scalar_one())
-    orphan = connection.execute(text("PRAGMA foreign_key_check")).first()
-    if finding != "ok":
-        return finding
-    return f"a row of {orphan[0]} refers to a {orphan[2]} that does not exist" if orphan else "sound"

@@ -1,8 +1,7 @@
 """The store: the one door to the database."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
@@ -10,10 +9,12 @@ from sqlalchemy import Connection, Engine
 
 from fraexp.errors import StoreError
 from fraexp.results import Result
-from fraexp.store import reading, writing
-from fraexp.store.engine import WRITE, Database, locate
-from fraexp.store.records import RunSummary, StoredState, StoredSweep, Supplied
-from fraexp.store.schema import Schema, check_readable, prepare
+from fraexp.store import leases, listing, marks, merging, reading, writing
+from fraexp.store.checked import FOREIGN, foreign
+from fraexp.store.engine import ALONE, BESIDE, WRITE, Database
+from fraexp.store.places import locate
+from fraexp.store.records import Merged, Migrated, Page, RunProgress, RunSummary, StoredState, StoredSweep, Supplied
+from fraexp.store.schema import Schema, check_readable, migrate, prepare
 from fraexp.sweep import Sweep
 
 TIMEOUT = 10.0
@@ -21,7 +22,7 @@ TIMEOUT = 10.0
 
 
 class Store:
-    """Runs, sweeps and results in a database file. Every call is one transaction: it happens wholly or not at all.
+    """Runs, sweeps and results in a database. Every call is one transaction: it happens wholly or not at all.
 
     Whatever the database cannot do is raised as StoreError, in one line with the remedy.
     """
@@ -29,24 +30,42 @@ class Store:
     def __init__(self, database: Database, engine: Engine) -> None:
         self._database = database
         self._engine = engine
-        self._writer = engine.execution_options(**{WRITE: True})
+        self._reader = engine.execution_options(**database.reading)
+        self._identity = database.identity()
+        self._written = 0
 
     @classmethod
     def open(cls, url: str, *, create: bool = False, read_only: bool = False, timeout: float = TIMEOUT) -> Self:
-        """Open the database at ``sqlite:///results.db`` or a plain path; a context manager.
+        """Open the database at ``postgresql://user@host/database``, ``sqlite:///results.db`` or a plain path.
+
+        It is a context manager.
 
         Parameters
         ----------
-        create : make it if it is missing or empty.
+        create : make its tables (and the file) if it is missing or empty.
         read_only : for watchers, which cannot disturb a run; the database must be there.
         timeout : how long to wait for another process that writes [s].
         """
-        database = Database(locate(url), timeout)
+        database = locate(url, timeout)
         if read_only:
             check_readable(database, Schema())
             return cls(database, database.reader())
         prepare(database, create, Schema())
         return cls(database, database.writer())
+
+    @staticmethod
+    def exists(url: str, timeout: float = TIMEOUT) -> bool:
+        """Return whether there is a database, of whatever schema; StoreError if there is something else."""
+        return locate(url, timeout).exists()
+
+    @staticmethod
+    def migrate(url: str, timeout: float = TIMEOUT) -> Migrated:
+        """Bring a database up to date, and give back unused room."""
+        database, schema = locate(url, timeout), Schema()
+        before = migrate(database, schema)
+        size = database.size()
+        database.tidy()
+        return Migrated(before, schema.head, size, database.size())
 
     def __enter__(self) -> Self:
         return self
@@ -61,9 +80,14 @@ class Store:
         self._engine.dispose()
 
     @property
-    def path(self) -> Path:
-        """The database file."""
-        return self._database.path
+    def name(self) -> str:
+        """The database as people know it: a file, or a URL without its password."""
+        return self._database.name
+
+    @property
+    def advice(self) -> str:
+        """What people should know of its place before they write to it; empty if all is well."""
+        return self._database.advice()
 
     def known(self, keys: Iterable[str]) -> dict[str, StoredState]:
         """Return the state of those sweeps that have a result."""
@@ -77,10 +101,28 @@ class Store:
         with self._writing() as connection:
             return writing.begin_run(connection, study, study_file, command, provenance, sweeps)
 
-    def beat(self, run: int) -> None:
-        """Note that the run is still being worked on; watchers on other hosts cannot see the process."""
+    def beat(self, run: int, progress: RunProgress | None = None) -> None:
+        """Note that the run is still being worked on, and how far it came.
+
+        Watchers on other hosts cannot see the process, and none can ask it for its progress.
+        """
+        with self._writing(BESIDE) as connection:  # another run may be storing much: that must not seem our death
+            writing.beat(connection, run, progress)
+
+    def claim(self, run: int, keys: Iterable[str], again: bool = False) -> set[str]:
+        """Take sweeps upon a run, all at once, and return those that it is to compute: no other living run holds them.
+
+        What has a result is left out; `again`: only what has got one since the run began. `beat` keeps what is held,
+        and `save`, `fail` and `end_run` give it up. A run that is over, whose process here has died, or that has been
+        silent for a minute holds nothing.
+        """
         with self._writing() as connection:
-            writing.beat(connection, run)
+            return leases.claim(connection, run, keys, again)
+
+    def held(self, keys: Iterable[str]) -> dict[str, int]:
+        """Return the living run that holds each of those sweeps that one holds."""
+        with self._reading() as connection:
+            return leases.held(connection, keys)
 
     def reuse(self, run: int, keys: Iterable[str]) -> None:
         """Mark sweeps of the run as answered by stored results."""
@@ -117,6 +159,81 @@ class Store:
         with self._reading() as connection:
             return reading.sweeps(connection, run)
 
+    def page(
+        self,
+        filter: str = "",  # noqa: A002 (the word that users know)
+        order: str = "",
+        offset: int = 0,
+        limit: int = 100,
+        run: int | None = None,
+    ) -> Page:
+        """Return a part of the listing of all sweeps, or of a run's, without arrays.
+
+        Parameters
+        ----------
+        filter : terms such as ``estimator=proposed excitation.amplitude>=12 -tag:baseline``, which must all hold.
+        order : one of `fields`, with ``-`` before it for falling values: by default ``-created``, or a run's own
+            order (``position``). What lacks the value comes last.
+        offset, limit : how many rows are left out before the first, and how many are returned.
+        """
+        with self._reading() as connection:
+            if run is not None:
+                reading.one_run(connection, run)
+            return listing.page(connection, filter, order, offset, limit, run)
+
+    def keys(self, filter: str = "", run: int | None = None) -> list[str]:  # noqa: A002 (the same)
+        """Return the keys of all sweeps that a filter lets through, in the default order of `page`."""
+        with self._reading() as connection:
+            if run is not None:
+                reading.one_run(connection, run)
+            return listing.keys(connection, filter, run)
+
+    def fields(self) -> list[str]:
+        """Return the names that a filter may use: columns, then parameters, labels and metrics."""
+        with self._reading() as connection:
+            return listing.fields(connection)
+
+    def tag(self, keys: Iterable[str], name: str) -> None:
+        """Give sweeps a tag: a word."""
+        with self._writing() as connection:
+            marks.add_tag(connection, keys, name)
+
+    def untag(self, keys: Iterable[str], name: str) -> None:
+        """Take a tag from sweeps."""
+        with self._writing() as connection:
+            marks.remove_tag(connection, keys, name)
+
+    def tags(self) -> dict[str, int]:
+        """Return how many sweeps have each tag, by name."""
+        with self._reading() as connection:
+            return marks.tags(connection)
+
+    def annotate(self, key: str, text: str) -> None:
+        """Give a sweep a note in place of an older one; an empty text takes it away."""
+        with self._writing() as connection:
+            marks.annotate(connection, key, text)
+
+    def note(self, key: str) -> str:
+        """Return the note of a sweep; empty if it has none."""
+        with self._reading() as connection:
+            return marks.notes(connection, [key]).get(key, "")
+
+    def delete_sweeps(self, keys: Iterable[str]) -> int:
+        """Delete sweeps with their results, tags and notes; return how many there were. Not while a run uses them."""
+        with self._writing() as connection:
+            return marks.delete_sweeps(connection, keys)
+
+    def delete_run(self, number: int) -> int:
+        """Delete a run that has ended, and those of its sweeps that are in no other; return how many these were."""
+        with self._writing() as connection:
+            reading.one_run(connection, number)
+            return marks.delete_run(connection, number)
+
+    def sources(self) -> dict[str, dict[str, int]]:
+        """Return how many sweeps each component has computed, by ``kind:name`` and by the hash of its source."""
+        with self._reading() as connection:
+            return reading.sources(connection)
+
     def find(self, prefix: str) -> StoredSweep:
         """Return the sweep whose key starts with a prefix, with or without ``fx1-``, as its latest run saw it."""
         with self._reading() as connection:
@@ -131,7 +248,7 @@ class Store:
         """Return the result of a sweep, with arrays."""
         found = self.results([key])
         if key not in found:
-            raise StoreError(f"{self.path}: there is no result of sweep {key}; run its study")
+            raise StoreError(f"{self.name}: there is no result of sweep {key}; run its study")
         return found[key]
 
     def results(self, keys: Iterable[str]) -> dict[str, Result]:
@@ -142,14 +259,45 @@ class Store:
     def health(self) -> str:
         """Return ``sound``, or the first finding of the database's own check of its structure."""
         with self._reading() as connection:
-            return reading.health(connection)
+            return self._database.health(connection)
+
+    def merge(self, other: "Store") -> Generator[tuple[int, int], None, Merged]:
+        """Add what another database has; yield how many of how many sweeps are done, and return what came of it.
+
+        Results are joined by key. What both have and differs is told, and stays as it is here. Runs are given new
+        numbers; those that are here already are known by host, process and start. Merging again adds nothing.
+        """
+        if other.name == self.name or (self._identity is not None and other._identity == self._identity):
+            raise StoreError(f"{self.name}: a database cannot be merged into itself; name another one")
+        return merging.merge(other._reading, self._writing)
+
+    def version(self) -> int:
+        """Return a number that changes when anything is written, by this process or another: cheap enough to poll."""
+        with self._reading() as connection:
+            return self._written + self._database.version(connection)
+
+    def replaced(self) -> bool:
+        """Return whether the file that was opened has been deleted since, or another put in its place."""
+        return self._database.identity() != self._identity
+
+    def _check_there(self) -> None:
+        if self.replaced():
+            what = "replaced by another file" if self._database.identity() else "deleted or moved"
+            raise StoreError(f"{self.name}: the database has been {what} since it was opened; open it again")
 
     @contextmanager
     def _reading(self) -> Iterator[Connection]:
-        with self._database.sentences(), self._engine.connect() as connection:
-            yield connection
+        self._check_there()
+        with self._database.sentences(), self._reader.connect() as connection:
+            try:
+                yield connection
+            except FOREIGN as error:
+                raise foreign(self.name, error) from error
 
     @contextmanager
-    def _writing(self) -> Iterator[Connection]:
-        with self._database.sentences(), self._writer.begin() as connection:
+    def _writing(self, how: str = ALONE) -> Iterator[Connection]:
+        self._check_there()
+        writer = self._engine.execution_options(**{WRITE: how})
+        with self._database.sentences(), writer.begin() as connection:
             yield connection
+        self._written += 1

@@ -6,12 +6,13 @@ Types are portable to PostgreSQL. Arrays are .npy bytes. A change here needs a r
 import math
 from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
-from typing import Any
+from typing import Any, TypeVar
 
 from sqlalchemy import (
     JSON,
     BigInteger,
     Column,
+    Connection,
     DateTime,
     Dialect,
     Float,
@@ -19,21 +20,30 @@ from sqlalchemy import (
     ForeignKeyConstraint,
     Index,
     Integer,
-    LargeBinary,
     MetaData,
+    SmallInteger,
     String,
     Table,
     Text,
 )
+from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.types import TypeDecorator
+
+from fraexp.store.checked import Bytes
 
 NAMING = {
     "ix": "ix_%(table_name)s_%(column_0_N_name)s",
     "fk": "fk_%(table_name)s_%(column_0_N_name)s_%(referred_table_name)s",
     "pk": "pk_%(table_name)s",
+    "uq": "uq_%(table_name)s_%(column_0_N_name)s",
 }
 CHUNK = 500
 """Keys per IN query: databases limit the variables of a statement."""
+Key = TypeVar("Key", str, int)
+SECTIONS = ("plant", "friction", "controller", "loop", "excitation", "numerics", "compensation", "record")
+"""Sections of an experiment that are stored as parts, in the order in which an experiment has them."""
+PARTS = ("rest", *SECTIONS, "estimator")
+"""All parts of a sweep; `rest` is what stands in its experiment beside the sections."""
 
 
 class Utc(TypeDecorator[datetime]):
@@ -82,8 +92,12 @@ class Words(TypeDecorator[str]):
         return None if value is None else value.encode("utf-8", "backslashreplace").decode().replace("\0", "\\x00")
 
 
+LATEST, OVERTAKEN, REPEATED = range(3)
+"""Standing of a sweep in a run: it is its latest run, a later one has it too, or it stands in this run once before."""
+
+
 def _array(name: str, nullable: bool = False) -> Column[bytes]:
-    return Column(name, LargeBinary, nullable=nullable)
+    return Column(name, Bytes, nullable=nullable)
 
 
 def _text(name: str, default: str | None = None) -> Column[str]:
@@ -112,6 +126,7 @@ run = Table(
     Column("pid", Integer, nullable=False),
     Column("process_start", BigInteger),  # clock ticks since boot, where known
     Column("provenance", JSON, nullable=False),
+    Column("progress", JSON(none_as_null=True)),  # as the run last told it; NULL before
     sqlite_autoincrement=True,  # a run's number is its name: never given twice
 )
 
@@ -120,19 +135,53 @@ sweep = Table(
     metadata,
     Column("key", String(64), primary_key=True),
     Column("experiment_key", String(64), nullable=False, index=True),
-    Column("experiment", JSON, nullable=False),
-    Column("estimator", JSON, nullable=False),
     Column("outcome", String(16)),  # name of the Outcome; NULL while there is no result
     _text("message", ""),
     Column("elapsed", Float(precision=53), nullable=False, default=0.0),
     Column("numerics", Words, nullable=False, default="", server_default=""),  # how it was computed
-    Column("created", Utc),
+    Column("created", Utc, index=True),
     Column("source", Words),
     Column("plant_name", Words),
     Column("friction_name", Words),
     Column("controller_name", Words),
     Column("excitation_name", Words),
     Column("estimator_name", Words, index=True),
+    # Numbers of parts, NULL where there is none. Not declared as references: an index on each, which removing
+    # parts would need, is larger than the table.
+    *(Column(f"{name}_part", Integer) for name in PARTS),
+)
+
+part = Table(
+    "part",
+    metadata,
+    Column("number", Integer, primary_key=True),
+    Column("section", String(16), nullable=False),
+    Column("digest", String(40), nullable=False, unique=True),
+    Column("content", JSON, nullable=False),  # without long lists, so that it is quick to search
+    Column("lists", JSON(none_as_null=True)),  # [[path, list], ...] of the long ones
+)
+"""Sections of experiments, and estimators, each stored once however many sweeps have it."""
+
+field = Table(
+    "field",
+    metadata,
+    Column("kind", String(16), primary_key=True),  # parameter, label, metric, or word: the name of a component
+    Column("name", Words, primary_key=True),
+)
+"""Names that sweeps can be found by."""
+
+tag = Table(
+    "tag",
+    metadata,
+    _sweep_key(primary_key=True),
+    Column("name", Words, primary_key=True, index=True),
+)
+
+note = Table(
+    "note",
+    metadata,
+    _sweep_key(primary_key=True),
+    _text("text"),
 )
 
 run_sweep = Table(
@@ -145,8 +194,18 @@ run_sweep = Table(
     Column("state", String(16), nullable=False, default="pending"),
     _text("message", ""),
     _text("log", ""),
-    Index("ix_run_sweep_key_run", "key", "run"),
+    Column("standing", SmallInteger, nullable=False, default=LATEST, server_default="0"),
+    # All that listings ask of a sweep's latest run, so that they need not read its labels.
+    Index("ix_run_sweep_key_standing_state_run", "key", "standing", "state", "run"),
 )
+
+lease = Table(
+    "lease",
+    metadata,
+    _sweep_key(primary_key=True),
+    Column("run", Integer, ForeignKey("run.number", ondelete="CASCADE"), nullable=False),
+)
+"""Sweeps that a run has taken upon itself; what its heartbeat does not keep alive counts for nothing."""
 
 frequency_response = Table(
     "frequency_response",
@@ -180,7 +239,7 @@ metric = Table(
     _text("name"),
     Column("value", Number),  # NULL: not a number
     _text("unit"),
-    Index("ix_metric_name", "name"),
+    Index("ix_metric_name_key_value", "name", "key", "value"),
 )
 
 curve = Table(
@@ -231,7 +290,13 @@ RESULT_TABLES = (curve_column, curve, metric, fit, frequency_response, supplied_
 """What belongs to a result and goes with it, children first."""
 
 
-def chunks(keys: Iterable[str]) -> Iterator[list[str]]:
+def insert_or_ignore(connection: Connection, table: Table) -> Any:
+    """Return an INSERT that leaves rows alone which are there already."""
+    dialect = postgresql if connection.dialect.name == "postgresql" else sqlite
+    return dialect.insert(table).on_conflict_do_nothing()
+
+
+def chunks(keys: Iterable[Key]) -> Iterator[list[Key]]:
     """Yield the distinct keys in lists short enough for an IN query."""
     distinct = list(dict.fromkeys(keys))
     for start in range(0, len(distinct), CHUNK):

@@ -9,15 +9,17 @@ from sqlalchemy import Connection, bindparam, delete, insert, select, update
 
 from fraexp.errors import StoreError
 from fraexp.results import Result
+from fraexp.store import leases, parts
+from fraexp.store.clock import now
 from fraexp.store.codec import result_rows
 from fraexp.store.liveness import this_process
-from fraexp.store.records import Supplied
-from fraexp.store.tables import RESULT_TABLES, chunks, metadata, run, run_sweep, sweep
+from fraexp.store.records import RunProgress, Supplied
+from fraexp.store.tables import LATEST, OVERTAKEN, REPEATED, RESULT_TABLES, chunks, metadata, run, run_sweep, sweep
 from fraexp.sweep import Sweep
 
 ENDED = ("complete", "partial", "interrupted")
 """States in which a run can end."""
-SECTIONS = ("plant", "friction", "controller", "excitation")
+NAMED = ("plant", "friction", "controller", "excitation")
 
 
 def begin_run(
@@ -29,30 +31,44 @@ def begin_run(
     grid: Sequence[Sweep],
 ) -> int:
     """Write a run and its sweeps, all pending; return its number."""
-    now = datetime.now(UTC)
+    moment = now(connection)
     row = {"study": study, "study_file": study_file, "command": command, "provenance": dict(provenance)}
-    state = {"state": "running", "started": now, "heartbeat": now, **asdict(this_process())}
+    state = {"state": "running", "started": moment, "heartbeat": moment, **asdict(this_process())}
     number = int(connection.execute(insert(run).values(**row, **state).returning(run.c.number)).scalar_one())
-    _ensure(connection, grid)
+    ensure(connection, grid)
+    for chunk in chunks(item.key for item in grid):
+        overtaken = update(run_sweep).where(run_sweep.c.key.in_(chunk), run_sweep.c.standing == LATEST)
+        connection.execute(overtaken.values(standing=OVERTAKEN))
+    first = {item.key: position for position, item in reversed(list(enumerate(grid)))}
     rows = [
-        {"run": number, "position": position, "key": item.key, "labels": dict(item.labels)}
+        {
+            "run": number,
+            "position": position,
+            "key": item.key,
+            "labels": dict(item.labels),
+            "standing": LATEST if first[item.key] == position else REPEATED,
+        }
         for position, item in enumerate(grid)
     ]
     _insert(connection, run_sweep, rows)
+    parts.learn(connection, "label", {str(name) for item in grid for name in item.labels})
     return number
 
 
-def beat(connection: Connection, number: int) -> None:
-    """Note that the run is still being worked on."""
-    connection.execute(update(run).where(run.c.number == number).values(heartbeat=datetime.now(UTC)))
+def beat(connection: Connection, number: int, progress: RunProgress | None) -> None:
+    """Note that the run is still being worked on, and how far it came."""
+    told = {} if progress is None else {"progress": asdict(progress)}
+    connection.execute(update(run).where(run.c.number == number).values(heartbeat=now(connection), **told))
 
 
 def end_run(connection: Connection, number: int, state: str) -> None:
     """Note how a run ended."""
     if state not in ENDED:
         raise StoreError(f"a run cannot end as '{state}'; expected one of {', '.join(ENDED)}")
-    now = datetime.now(UTC)
-    connection.execute(update(run).where(run.c.number == number).values(state=state, ended=now, heartbeat=now))
+    started = connection.scalar(select(run.c.started).where(run.c.number == number))
+    moment = max(now(connection), started or datetime.min.replace(tzinfo=UTC))  # the clock may have been set back
+    connection.execute(update(run).where(run.c.number == number).values(state=state, ended=moment, heartbeat=moment))
+    leases.release(connection, number)
 
 
 def mark(connection: Connection, number: int, keys: Iterable[str], state: str) -> None:
@@ -66,6 +82,7 @@ def fail(connection: Connection, number: int, key: str, message: str, log: str) 
     """Note a failed attempt with its log; an older result stays."""
     chosen = update(run_sweep).where(run_sweep.c.run == number, run_sweep.c.key == key)
     connection.execute(chosen.values(state="failed", message=message, log=log))
+    leases.release(connection, number, [key])
 
 
 def save(connection: Connection, number: int, results: Sequence[tuple[Sweep, Result, Mapping[str, Supplied]]]) -> None:
@@ -73,28 +90,36 @@ def save(connection: Connection, number: int, results: Sequence[tuple[Sweep, Res
     if connection.scalar(select(run.c.number).where(run.c.number == number)) is None:
         raise StoreError(f"there is no run {number}; begin one before saving")
     latest = {item.key: (item, result, supplied) for item, result, supplied in results}
-    _ensure(connection, [item for item, _, _ in latest.values()])
+    ensure(connection, [item for item, _, _ in latest.values()])
     for chunk in chunks(latest):
         for table in RESULT_TABLES:
             connection.execute(delete(table).where(table.c.key.in_(chunk)))
-    outcomes = [_outcome_row(key, result) for key, (_, result, _) in latest.items()]
+    moment = now(connection)
+    outcomes = [_outcome_row(key, result, moment) for key, (_, result, _) in latest.items()]
     if outcomes:
         connection.execute(update(sweep).where(sweep.c.key == bindparam("of")), outcomes)
     rows = [result_rows(key, result) for key, (_, result, _) in latest.items()]
     for name in ("frequency_response", "metric", "curve", "curve_column", "fit"):
         _insert(connection, metadata.tables[name], [row for tables in rows for row in tables[name]])
+    parts.learn(connection, "metric", {row["name"] for tables in rows for row in tables["metric"]})
     origins = [row for item, _, supplied in latest.values() for row in _origin_rows(item, supplied)]
     _insert(connection, metadata.tables["supplied_component"], origins)
     mark(connection, number, latest, "computed")
+    leases.release(connection, number, list(latest))
 
 
-def _ensure(connection: Connection, grid: Sequence[Sweep]) -> None:
+def ensure(connection: Connection, grid: Sequence[Sweep]) -> None:
     """Write those sweeps that are not there yet, without a result."""
     missing = {item.key: item for item in grid}
     for chunk in chunks(list(missing)):
         for key in connection.scalars(select(sweep.c.key).where(sweep.c.key.in_(chunk))):
             del missing[key]
-    _insert(connection, sweep, [_sweep_row(item) for item in missing.values()])
+    new = list(missing.values())
+    numbers = parts.store(connection, new)
+    rows = [_sweep_row(item) | of for item, of in zip(new, numbers, strict=True)]
+    _insert(connection, sweep, rows)
+    kinds = [f"{kind}_name" for kind in (*NAMED, "estimator")]
+    parts.learn(connection, "word", {row[kind] for row in rows for kind in kinds if row[kind] is not None})
 
 
 def _insert(connection: Connection, table: Any, rows: list[dict[str, Any]]) -> None:
@@ -103,12 +128,10 @@ def _insert(connection: Connection, table: Any, rows: list[dict[str, Any]]) -> N
 
 
 def _sweep_row(item: Sweep) -> dict[str, Any]:
-    names = {f"{section}_name": _name(item.experiment.get(section)) for section in SECTIONS}
+    names = {f"{section}_name": _name(item.experiment.get(section)) for section in NAMED}
     return {
         "key": item.key,
         "experiment_key": item.experiment_key,
-        "experiment": dict(item.experiment),
-        "estimator": dict(item.estimator),
         "source": _text(item.experiment.get("source")),
         "estimator_name": _name(item.estimator),
         **names,
@@ -123,9 +146,9 @@ def _text(value: Any) -> str | None:
     return value if isinstance(value, str) else None
 
 
-def _outcome_row(key: str, result: Result) -> dict[str, Any]:
+def _outcome_row(key: str, result: Result, created: datetime) -> dict[str, Any]:
     row = {"of": key, "outcome": result.outcome.name, "message": result.message, "numerics": result.numerics}
-    return row | {"elapsed": float(result.elapsed), "created": datetime.now(UTC)}
+    return row | {"elapsed": float(result.elapsed), "created": created}
 
 
 def _origin_rows(item: Sweep, supplied: Mapping[str, Supplied]) -> Iterator[dict[str, Any]]:

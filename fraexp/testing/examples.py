@@ -11,13 +11,9 @@ from pydantic.fields import FieldInfo
 
 from fraexp.components import Component, nested_kind
 from fraexp.errors import FraexpError
-from fraexp.parameters import Parameters, unit_of
+from fraexp.parameters import TYPICAL, Parameters, unit_of
 from fraexp.plugins import Registry, discover
 
-TYPICAL = {
-    "N": 10.0, "N/m": 1e5, "N s/m": 10.0, "N/s": 100.0, "m": 1e-5, "m/s": 1e-3, "s": 1e-3, "Hz": 10.0, "kg": 5.0,
-}  # fmt: skip
-"""Magnitudes of the field, for a required parameter of which no preset and no bounds tell one."""
 DECADES = 0.5
 """By how many decades a number is drawn below or above its preset."""
 LIST = 2

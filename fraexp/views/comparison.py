@@ -6,8 +6,17 @@ from datetime import UTC, datetime
 from typing import Any
 
 from fraexp.figures.difference import Difference, response_difference
+from fraexp.identity import key_of
 from fraexp.results import Result
 from fraexp.store import Store, StoredSweep
+from fraexp.views.words import flat, number, short, value_text
+
+ABSENT = "-"
+
+
+def named_alike(store: Store, sweeps: Sequence[StoredSweep]) -> list[StoredSweep]:
+    """Return sweeps of whatever runs with labels that tell them apart: those of the runs that computed them, in all."""
+    return completed(labelled_as_computed(store, sweeps))
 
 
 def labelled_as_computed(store: Store, sweeps: Sequence[StoredSweep]) -> list[StoredSweep]:
@@ -15,9 +24,10 @@ def labelled_as_computed(store: Store, sweeps: Sequence[StoredSweep]) -> list[St
     labels: dict[str, dict[str, Any]] = {}
     for run in store.runs():
         end = run.ended or datetime.max.replace(tzinfo=UTC)
-        wanted = {sweep.key for sweep in sweeps if sweep.created and run.started <= sweep.created <= end}
-        if wanted:
-            labels |= {s.key: s.labels for s in store.sweeps(run.number) if s.key in wanted and s.state == "computed"}
+        wanted = [sweep.key for sweep in sweeps if sweep.created and run.started <= sweep.created <= end]
+        for key in wanted:  # one by one: a run may have 100,000 others
+            found = store.page(f"key={key}", run=run.number, limit=1).rows
+            labels |= {row.key: row.labels for row in found if row.key == key and row.state == "computed"}
     return [replace(sweep, labels=labels.get(sweep.key, sweep.labels)) for sweep in sweeps]
 
 
@@ -42,6 +52,43 @@ def _looked_up(sweep: StoredSweep, path: str) -> Any:
 def metrics_of(result: Result | None) -> dict[str, Any]:
     """Return a result's metrics by name and unit."""
     return {f"{metric.name} [{metric.unit}]": metric.value for metric in result.metrics} if result else {}
+
+
+def fits_of(result: Result | None) -> dict[str, str]:
+    """Return what was identified, with its 95 % limits, by kind, name and unit."""
+    if result is None or not result.fits:
+        return {}
+    from fraexp.views.results import fit_rows  # which needs scipy
+
+    rows = [(fit.kind, row) for fit in result.fits for row in fit_rows(fit)]
+    return {
+        f"{kind} {name}{f' [{unit}]' if unit else ''}": f"{value} ± {band}" if band else value
+        for kind, (name, value, band, unit) in rows
+    }
+
+
+def parameters_of(sweep: StoredSweep) -> dict[str, Any]:
+    """Return all parameters of a sweep by dotted path."""
+    return flat({**sweep.experiment, "estimator": sweep.estimator})
+
+
+def rows_that_differ(sweeps: Sequence[StoredSweep], results: Mapping[str, Result]) -> list[list[str]]:
+    """Return a row for each parameter, metric and fit in which sweeps differ: its name, and a text for each sweep."""
+    found = [results.get(sweep.key) for sweep in sweeps]
+    parameters = differing([parameters_of(sweep) for sweep in sweeps])
+    metrics, fits = differing([metrics_of(of) for of in found]), differing([fits_of(of) for of in found])
+    rows = [[path, *_texts(row)] for path, row in parameters.items()]
+    rows += [[path, *(number(value) for value in row)] for path, row in metrics.items()]
+    return rows + [[path, *(text or ABSENT for text in row)] for path, row in fits.items()]
+
+
+def _texts(row: Sequence[Any]) -> list[str]:
+    """Return the values in short; long lists that look alike though they differ get a mark of their content."""
+    texts = [ABSENT if value is None else value_text(value) for value in row]
+    marked = len(set(texts)) < len({key_of(value) for value in row})
+    if not marked:
+        return texts
+    return [f"{text} #{short(key_of(value))[:4]}" for text, value in zip(texts, row, strict=True)]
 
 
 def differing(values: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:

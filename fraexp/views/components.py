@@ -1,14 +1,73 @@
 """Components as plugins declare them: plain data, and a row for each parameter."""
 
+import inspect
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from pydantic.fields import FieldInfo
 
+from fraexp.components import KINDS
 from fraexp.parameters import inherited_from, unit_of
-from fraexp.plugins import Supply
-from fraexp.views.words import value_text
+from fraexp.plugins import Registry, Supply
+from fraexp.views.words import plural, value_text
 
 BOUNDS = {"gt": ">", "ge": "≥", "lt": "<", "le": "≤"}
+
+
+@dataclass(frozen=True)
+class Offer:
+    """A component that plugins offer, or a plugin that is broken."""
+
+    kind: str
+    name: str
+    version: str
+    origin: str
+    """The file in the workspace, or name and version of the installed package."""
+    reason: str = ""
+    """Why it cannot be used; empty if it can."""
+    supply: Supply | None = None
+
+    def uses(self, sources: Mapping[str, Mapping[str, int]]) -> tuple[int, int]:
+        """Return by how many stored sweeps it was used, and by how many of them when its source was another one."""
+        found = sources.get(f"{self.kind}:{self.name}", {}) if self.supply else {}
+        now = found.get(self.supply.source_hash, 0) if self.supply else 0
+        return sum(found.values()), sum(found.values()) - now
+
+    def state(self, sources: Mapping[str, Mapping[str, int]]) -> str:
+        """Return in words how it is."""
+        stale = self.uses(sources)[1]
+        return "broken" if self.reason else f"ok, {stale} stale" if stale else "ok"
+
+
+def offers(registry: Registry) -> list[Offer]:
+    """Return what is broken, then all components: friction first, by name."""
+    order = [str(kind.kind) for kind in KINDS]
+    broken = [Offer("broken", _file_name(of.place), "", of.place, of.reason) for of in registry.failures]
+    known = sorted(registry.supplies, key=lambda key: (order.index(key[0]), key[1]))
+    return [*broken, *(_offer(registry.supplies[key], registry.clashes.get(key, "")) for key in known)]
+
+
+def _offer(supply: Supply, clash: str) -> Offer:
+    component = supply.component
+    origin = f"plugins/{supply.file.name}" if supply.distribution == "workspace" else supply.distribution
+    return Offer(component.kind, component.name, str(component.version), origin, clash, supply)
+
+
+def _file_name(place: str) -> str:
+    return place.replace("\\", "/").rpartition("/")[2]
+
+
+def uses_text(used: int, stale: int) -> str:
+    """Return in words by how many stored sweeps a component was used."""
+    what = f"used by {plural(used, 'stored sweep')}" if used else "used by no stored sweep"
+    return f"{what}, {stale} of them with another source: fraexp run STUDY --rerun stale" if stale else what
+
+
+def paragraphs(supply: Supply, most: int | None = None) -> list[str]:
+    """Return the paragraphs of a component's description, each as one line; the first ones alone if they are many."""
+    text = inspect.cleandoc(supply.component.__doc__ or "")
+    return [" ".join(part.split()) for part in text.split("\n\n") if part.strip()][:most]
 
 
 def component_document(supply: Supply) -> dict[str, Any]:

@@ -54,6 +54,8 @@ def sweep_fields(sweep: StoredSweep) -> list[tuple[str, str]]:
         ("remedy", sweep.outcome.value if sweep.outcome else ""),
         ("computed", moment(sweep.created)),
         ("took", duration(sweep.elapsed) if sweep.created else ""),
+        ("tags", ", ".join(sweep.tags)),
+        ("note", sweep.note),
     ]
 
 

@@ -11,14 +11,15 @@ SURE = 1.0
 class Speed:
     """The speed of the work, measured over the last seconds."""
 
-    def __init__(self) -> None:
+    def __init__(self, window: float = WINDOW) -> None:
+        self._window = window
         self._seen: deque[tuple[float, float]] = deque()
 
     def see(self, now: float, done: float) -> None:
         """Take note of how much is done at a time [s]; what passes before anything is done does not count."""
         if self._seen and (done <= 0 or done < self._seen[-1][1]):
             self._seen.clear()
-        while len(self._seen) > 1 and now - self._seen[1][0] >= WINDOW:
+        while len(self._seen) > 1 and now - self._seen[1][0] >= self._window:
             self._seen.popleft()
         self._seen.append((now, done))
 

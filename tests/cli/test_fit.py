@@ -83,6 +83,16 @@ def test_a_fit_is_a_sweep_that_is_reused_and_fitted_anew_with_other_settings(
     assert last["method"]["name"] == "proposed"
 
 
+def test_a_fit_of_a_fit_keeps_its_band_and_says_so(computed: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["fit", "1", "--set", "modes=2", "--set", "lowest=20", "--set", "highest=150"]) == 0
+    assert "taken over" not in capsys.readouterr().err
+    assert main(["fit", "table-fit", "--set", "highest=120", "--set", "modes="]) == 0
+    assert "taken over from the study's own fit: lowest=20.0; --set lowest= for the default" in capsys.readouterr().err
+    with Store.open(str(computed / "results.db"), read_only=True) as store:
+        last = store.sweeps(3)[0].estimator
+    assert (last["lowest"], last["highest"], last["modes"]) == (20, 120, None)
+
+
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [

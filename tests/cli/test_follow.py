@@ -7,8 +7,8 @@ import pytest
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.follow import Story, follow, report
+from fraexp.events import Ended, Event, Finished, Planned, Preparing, Progress
 from fraexp.results import Outcome, Result
-from fraexp.scheduler import Ended, Event, Finished, Planned, Preparing, Progress
 from fraexp.store import Store
 from fraexp.sweep import Sweep
 from fraexp.views.words import short

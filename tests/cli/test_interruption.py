@@ -49,7 +49,7 @@ def group_ends(group: int) -> bool:
 
 
 @pytest.mark.parametrize("executor", ["processes", "serial"])
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_run_that_is_asked_to_end_does_so_at_once(executor, number, tmp_path):
     process = started(tmp_path, "--executor", executor)
     began = time.monotonic()

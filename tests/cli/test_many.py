@@ -12,8 +12,8 @@ from fraexp.cli.compare import execute as compare
 from fraexp.cli.follow import ERRORS, SHOWN, Story, follow, report
 from fraexp.cli.show import execute as show
 from fraexp.cli.summary import Quantity, counts, measured, parameter_rows, quantile_rows
+from fraexp.events import Ended, Event, Finished
 from fraexp.results import Metric, Outcome, Result
-from fraexp.scheduler import Ended, Event, Finished
 from fraexp.store import Store
 from fraexp.sweep import Sweep
 from fraexp.views.words import short

@@ -1,10 +1,15 @@
 """What the progress display tells: sweeps that have ended, the speed measured, the time left."""
 
+from datetime import UTC, datetime
+
 import pytest
 
 from fraexp.cli import progress
 from fraexp.cli.progress import Meter
+from fraexp.store import RunProgress, RunSummary
+from fraexp.store.liveness import Process
 from fraexp.views.pace import Speed, rate_text
+from fraexp.views.progress import progress_text
 
 
 class Clock:
@@ -36,26 +41,83 @@ def test_the_speed_is_that_of_the_last_seconds_and_not_of_the_preparation() -> N
     assert speed.rate is None, "another study"
 
 
-def test_a_line_tells_what_is_done_how_fast_and_how_long(clock: Clock, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_line_tells_what_has_ended_how_fast_and_how_long(clock: Clock, capsys: pytest.CaptureFixture[str]) -> None:
     meter = Meter()
-    meter.move(0, 1000)
+    meter.move(0, 1000, 0)
     clock.now += 10
     for _ in range(195):
         meter.finish()
-    meter.move(200, 1000)
-    assert capsys.readouterr().err == "195 of 1000 sweeps, 20 %, 10 s, 20/s, about 40 s left\n"
+    meter.move(200, 1000, 8)
+    assert capsys.readouterr().err == "195 of 1000 sweeps, 8 under way, 10 s, 20/s, about 41 s left\n"
+
+
+def test_what_is_under_way_is_told_and_no_share_that_contradicts_the_count(
+    clock: Clock, capsys: pytest.CaptureFixture[str]
+) -> None:
+    meter = Meter()
+    meter.move(0, 4, 0)
+    clock.now += 10
+    meter.move(2, 4, 4)
+    assert capsys.readouterr().err == "0 of 4 sweeps, 4 under way at 50 %, 10 s, 12/min, at least 10 s left\n"
+    clock.now += 10
+    meter.move(2, 4)
+    assert capsys.readouterr().err.startswith("0 of 4 sweeps, more under way, 20 s")
+    clock.now += 10
+    meter.move(0.5, 1)
+    assert capsys.readouterr().err.startswith("0 of 1 sweep, 1 under way at 50 %, 30 s")
 
 
 def test_it_is_not_all_done_while_a_sweep_is_estimated(clock: Clock, capsys: pytest.CaptureFixture[str]) -> None:
     meter = Meter()
     meter.finish()
     clock.now += 10
-    meter.move(2, 2)
-    assert capsys.readouterr().err == "1 of 2 sweeps, 99 %, 10 s, estimating\n"
+    meter.move(2, 2, 1)
+    assert capsys.readouterr().err == "1 of 2 sweeps, 1 under way, 10 s, estimating\n"
     clock.now += 10
     meter.finish()
-    meter.move(2, 2)
-    assert capsys.readouterr().err == "2 of 2 sweeps, 100 %, 20 s\n"
+    meter.move(2, 2, 0)
+    assert capsys.readouterr().err == "2 of 2 sweeps, 20 s\n"
+
+
+def test_the_time_left_knows_that_estimators_take_longer(clock: Clock, capsys: pytest.CaptureFixture[str]) -> None:
+    meter = Meter()  # 1 s of simulation and 9 s of estimation for each of ten sweeps, one by one
+    meter.move(0, 10, 0)
+    for ended in range(2):
+        clock.now += 1
+        meter.move(ended + 1, 10, 1)
+        clock.now += 9
+        meter.finish()
+    clock.now += 5
+    meter.move(3, 10, 1)
+    assert (
+        capsys.readouterr().err.splitlines()[-1] == "2 of 10 sweeps, 1 under way, 25 s, 6.0/min, about 1 min 15 s left"
+    )
+
+
+def test_sweeps_that_tell_nothing_before_they_end_have_a_speed(
+    clock: Clock, capsys: pytest.CaptureFixture[str]
+) -> None:
+    meter = Meter()
+    meter.move(0, 6, 3)
+    clock.now += 20
+    meter.move(0, 6, 3)
+    for _ in range(3):
+        meter.finish()
+    clock.now += 5
+    meter.move(3, 6, 3)
+    assert capsys.readouterr().err.splitlines()[-1] == "3 of 6 sweeps, 3 under way, 25 s, 9.0/min, about 15 s left"
+
+
+def test_what_another_run_computes_meanwhile_counts_but_not_what_was_there(
+    clock: Clock, capsys: pytest.CaptureFixture[str]
+) -> None:
+    meter = Meter()
+    meter.begin(reused=3)
+    for _ in range(3 + 1):
+        meter.finish()
+    clock.now += 10
+    meter.move(2, 2, 1)
+    assert capsys.readouterr().err == "1 of 2 sweeps, 1 under way, 10 s, estimating\n"
 
 
 def test_another_study_counts_anew(clock: Clock, capsys: pytest.CaptureFixture[str]) -> None:
@@ -64,8 +126,8 @@ def test_another_study_counts_anew(clock: Clock, capsys: pytest.CaptureFixture[s
     clock.now += 10
     meter.begin()
     clock.now += 5
-    meter.move(0.5, 2)
-    assert capsys.readouterr().err == "0 of 2 sweeps, 25 %, 5 s\n"
+    meter.move(0.5, 2, 1)
+    assert capsys.readouterr().err == "0 of 2 sweeps, 1 under way, 5 s\n"
 
 
 @pytest.mark.parametrize(
@@ -73,3 +135,11 @@ def test_another_study_counts_anew(clock: Clock, capsys: pytest.CaptureFixture[s
 )
 def test_rates_are_numbers_above_one(rate: float, text: str) -> None:
     assert rate_text(rate) == text
+
+
+def test_a_run_that_is_watched_tells_what_is_under_way() -> None:
+    now = datetime(2026, 1, 1, tzinfo=UTC)
+    told = RunProgress(2.0, 4, 4, dict.fromkeys("abcd", 0.5))
+    process = Process("here", 1, "", "")
+    run = RunSummary(1, "s", "s.toml", "run s", now, None, "running", {}, 4, 0, 0, 0, process, now, told)
+    assert progress_text(run, None, 4) == "██░░  50 %  0 of 4 sweeps, 4 under way, 4 workers"

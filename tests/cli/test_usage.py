@@ -24,9 +24,9 @@ HEAVY = {"numpy", "pydantic", "sqlalchemy", "alembic", "matplotlib", "numba", "s
         ("--debgu list", "no option '--debgu'; did you mean '--debug'?"),
         ("run a.toml --rerun stal", "'stal' is no --rerun; did you mean 'stale'?"),
         ("show", "show: the following arguments are required: ID; see fraexp show --help"),
-        ("", "no command; choose one of run, list, show"),
+        ("", "no command; choose one of run, stop, list, show"),
         ("list --db", "list: argument --db: expected one argument; see fraexp list --help"),
-        ("list extra", "unrecognized arguments: extra; see fraexp --help"),
+        ("doctor extra", "unrecognized arguments: extra; see fraexp --help"),
     ],
 )
 def test_a_wrong_command_line_is_one_line_with_the_nearest_name(

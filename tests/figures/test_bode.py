@@ -1,10 +1,16 @@
 import numpy as np
 import pytest
+from fraexp_plugins.estimators.conventional import Conventional
+from fraexp_plugins.identification.modal_fit import ModalFit
+from fraexp_plugins.plants.modal import Modal
 
 from fraexp.confidence import relative_deviations
 from fraexp.errors import FraexpError
 from fraexp.figures.bode import bode_info, draw_bode
-from fraexp.figures.lines import alone
+from fraexp.figures.drawing import figure_for
+from fraexp.figures.lines import THIN, alone
+from fraexp.figures.shown import Shown
+from fraexp.results import FrequencyResponse, Outcome, Result
 from tests.figures.conftest import ResponseMaker
 
 
@@ -96,3 +102,55 @@ def test_every_curve_has_a_style_of_its_own_and_a_place_in_the_legend(count: int
     styles = {(line.get_color(), str(line.get_linestyle())) for line in figure.axes[0].lines}
     assert len(styles) == count
     assert len(figure.legends[0].get_texts()) == count
+
+
+PLANT = Modal(gain=0.132, frequencies=(38.8,), damping_ratios=(0.005,), residues=(0.34,))
+"""A resonance far narrower than the points are apart."""
+
+
+def fitted(make_response: ResponseMaker, **given: object) -> Result:
+    frequency = np.geomspace(5, 150, 60)
+    response: FrequencyResponse = make_response(frequency, PLANT.response(2 * np.pi * frequency))
+    return ModalFit(method=Conventional(), modes=1, lowest=10, **given).fit_of(response)
+
+
+def test_a_fitted_plant_is_a_thin_line_through_the_points_of_its_response(make_response: ResponseMaker) -> None:
+    plain = Shown("plain", Result(Outcome.OK, response=make_response([5.0, 150.0], [-1e-3, -1e-6])))
+    figure = figure_for([plain, Shown("a", fitted(make_response)), Shown("b", fitted(make_response))])
+    texts = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert texts == ["plain", "a", "b", "fitted plant"]
+    for axes, part in zip(figure.axes, ("magnitude", "phase"), strict=True):
+        drawn = [line for line in axes.lines if len(line.get_xdata()) > 2]
+        points, lines = drawn[::2], drawn[1::2]
+        assert [(line.get_linestyle(), len(line.get_xdata())) for line in points] == [("None", 60)] * 2
+        assert [line.get_linewidth() for line in lines] == [THIN] * 2
+        x, y = (np.asarray(values) for values in lines[0].get_data())
+        assert x.min() == pytest.approx(min(f for f in points[0].get_xdata() if f >= 10)), "the band that was fitted"
+        expected = PLANT.response(2 * np.pi * x)
+        if part == "magnitude":
+            np.testing.assert_allclose(y, 20 * np.log10(1e3 * np.abs(expected)), atol=1e-6)
+            peak = 1e3 * np.abs(PLANT.response(np.array([2 * np.pi * 38.8]))[0])
+            assert y[(x > 30) & (x < 45)].max() == pytest.approx(20 * np.log10(peak), abs=1e-3)
+        else:
+            turns = (y - np.degrees(np.angle(expected))) / 360
+            np.testing.assert_allclose(turns, np.round(turns), atol=1e-6)
+            near = np.interp(points[0].get_xdata(), x, y)
+            assert np.abs(near - points[0].get_ydata())[-20:].max() < 5, "on the branch of its points"
+
+
+def test_a_plant_fitted_to_the_magnitude_has_no_phase_to_draw(make_response: ResponseMaker) -> None:
+    result = fitted(make_response, quantity="magnitude")
+    assert result.response is not None
+    info = bode_info([("a", result.response)], fitted=[Shown("a", result).fitted])
+    model = info.curves[0].model
+    assert model is not None
+    assert np.isfinite(model.magnitude).all()
+    assert np.isnan(model.phase).all()
+    texts = [text.get_text() for text in draw_bode(info).legends[0].get_texts()]
+    assert texts == ["a (fit of the magnitude)", "fitted plant"]
+
+
+def test_a_response_without_a_fit_has_no_model(make_response: ResponseMaker) -> None:
+    plain = Shown("a", Result(Outcome.OK, response=make_response([1.0, 2.0], [1.0, 1.0])))
+    assert plain.fitted is None
+    assert [text.get_text() for text in figure_for([plain]).legends[0].get_texts()] == ["a"]

@@ -1,5 +1,7 @@
 """The figure of distributions: quantiles, the worst draw and those without a value."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -50,6 +52,19 @@ def test_a_draw_without_a_value_counts_as_worse_than_all():
     assert {"none", "1, first draw 10"} <= set(texts)
 
 
+def test_a_metric_that_most_draws_lack_is_shown():
+    (panel,) = distribution_info(shown("nominal", [np.nan] * 9 + [0.04])).panels
+    (sample,) = panel.samples
+    assert (sample.count, sample.values.size, sample.quantile(0.5)) == (10, 1, np.inf)
+
+
+def test_a_metric_that_no_draw_has_is_shown_as_that():
+    found = shown("nominal", [np.nan] * 10)
+    axes, table, _ = figure_for(found, kind="distribution").axes
+    assert [text.get_text() for text in axes.texts] == ["no draw has a value"]
+    assert "10, first draw 1" in [text.get_text() for text in table.texts]
+
+
 def test_a_case_that_never_has_a_value_has_its_row():
     found = shown("nominal", TIMES) + shown("wrong", [np.nan] * 10)
     (panel,) = distribution_info(found).panels
@@ -92,7 +107,12 @@ def test_only_metrics_that_differ_are_drawn_in_their_order_and_not_what_an_exper
 
 def test_too_little_or_too_much_is_refused():
     with pytest.raises(FraexpError, match=r"no metric has enough different values; draw numbers at random"):
+        distribution_info([replace(of, drawn=None) for of in shown("", [1.0] * 20)])
+    with pytest.raises(FraexpError, match="no metric differs from draw to draw; draw numbers that matter"):
         distribution_info(shown("", [1.0] * 20))
+    for count, found in ((1, "1 draw"), (6, "6 draws")):
+        with pytest.raises(FraexpError, match=rf"found {found}; expected 7 at least: raise 'count' in the section"):
+            distribution_info(shown("", TIMES[:count]))
     with pytest.raises(FraexpError, match="found 7 cases; 6 at most"):
         distribution_info([of for n in range(7) for of in shown(f"case {n}", TIMES)])
 

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from fraexp_plugins.identification.friction_report import virgin_curve
 
 from fraexp.errors import FraexpError
 from fraexp.figures.hysteresis import draw_hysteresis, hysteresis_info
@@ -24,6 +25,18 @@ def test_small_and_large_strokes_have_panels_of_their_own(make_loop: LoopMaker) 
     assert len(figure.legends[0].get_texts()) == 4
 
 
+@pytest.mark.parametrize("strokes", [[10e-6], [10e-6, 1e-3]])
+def test_a_long_title_is_not_cut_off(make_loop: LoopMaker, strokes: list[float]) -> None:
+    title = "Rolling friction of the paper's machine from thrust and scale, on a slow triangle, " * 2
+    figure = draw_hysteresis(hysteresis_info([(f"{stroke}", make_loop(stroke)) for stroke in strokes], title))
+    figure.draw_without_rendering()
+    text = figure._suptitle if len(strokes) > 1 else figure.axes[0].title
+    box = text.get_window_extent()
+    assert 0 <= box.x0 <= box.x1 <= figure.bbox.width
+    assert 0 <= box.y0 <= box.y1 <= figure.bbox.height
+    assert " ".join(text.get_text().split()) == title.strip()
+
+
 def test_other_curves_are_refused_in_one_line() -> None:
     curve = Curve("step", {"time": np.zeros(2), "position": np.zeros(2)}, {"time": "s", "position": "m"})
     with pytest.raises(
@@ -35,3 +48,15 @@ def test_other_curves_are_refused_in_one_line() -> None:
 def test_no_curves_are_refused() -> None:
     with pytest.raises(FraexpError, match="there is no curve to draw"):
         hysteresis_info([])
+
+
+def test_the_limits_of_a_virgin_curve_are_a_band(make_loop: LoopMaker) -> None:
+    x = np.linspace(0, 1e-4, 11)
+    curve = virgin_curve(x, 17.9 * (1 - np.exp(-x / 2e-5)), np.linspace(0.1, 0.5, 11))
+    figure = draw_hysteresis(hysteresis_info([("loop", make_loop(1e-4)), ("virgin", curve)]))
+    (axes,) = figure.axes
+    edges = axes.collections[0].get_paths()[0].vertices
+    assert (edges[:, 0].min(), edges[:, 0].max()) == pytest.approx((0, 100))
+    assert edges[:, 1].max() == pytest.approx(curve.columns["upper 95 %"].max())
+    assert edges[:, 1].min() == pytest.approx(curve.columns["lower 95 %"].min())
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["loop", "virgin", "95 %"]

@@ -6,7 +6,9 @@ from fraexp_plugins.controllers.pid import Pid
 from fraexp_plugins.excitations.constant_velocities import ConstantVelocities
 from fraexp_plugins.excitations.slow_triangle import SlowTriangle
 from fraexp_plugins.friction.coulomb import Coulomb
+from fraexp_plugins.identification.friction_record import held_or_not
 from fraexp_plugins.identification.rolling_identification import RollingIdentification
+from fraexp_plugins.identification.sliding_identification import SlidingIdentification
 from fraexp_plugins.identification.viscous_identification import ViscousIdentification
 from fraexp_plugins.plants.modal import Modal
 
@@ -51,6 +53,59 @@ def test_a_rigid_mass_is_found_with_any_fraction_of_a_dead_time():
     found = values(estimator.estimate(signals))
     assert found["mass"] == pytest.approx(1 / 0.132, rel=1e-3)
     assert found["Coulomb force"] == pytest.approx(17.9, rel=1e-3)
+
+
+def measured(signals, every):
+    """Return every so manieth sample as a record of which nothing else is known."""
+    segments = []
+    for segment in signals.segments:
+        channels = {name: samples.ravel()[None, ::every].copy() for name, samples in segment.channels.items()}
+        segments.append(Segment(every * segment.sample_time, channels, np.array([1])))
+    return Signals(tuple(segments), signals.units)
+
+
+@pytest.mark.parametrize("held", [True, False])
+def test_whether_a_measured_thrust_is_held_is_found(held):
+    """A sensor's thrust goes on between samples, as that of a controller eight times as fast does: 3 % of the mass."""
+    sample_time, every = (1e-3, 1) if held else (125e-6, 8)
+    ideal = {"sample_time": sample_time, "input_dead_time": 0.0}
+    rigid, pid = Modal(gain=0.132), Pid(proportional=15e3, derivative_time=0.03, filter_time=0.003)
+    excitation = SlowTriangle(amplitude=4e-3, velocities=(20e-3, 60e-3), acceleration=5.0, inner=(0.5, 0.1), cycles=3)
+    record = measured(recorded(excitation, guide(), rigid, pid, **ideal), every)
+    result = RollingIdentification(thrust="u", displacement="y", highest=20.0).estimate(record)
+    assert values(result)["mass"] == pytest.approx(1 / 0.132, rel=5e-3)
+    assert ("not held between samples" in result.message) is not held
+    wrong = RollingIdentification(thrust="u", displacement="y", highest=20.0, hold=not held).estimate(record)
+    assert abs(values(wrong)["mass"] * 0.132 - 1) > 0.015
+    assert "held" not in wrong.message
+
+    pid = Pid(proportional=6e3, derivative_time=0.04, filter_time=0.004)
+    wide = SlowTriangle(amplitude=20e-3, velocities=(50e-3, 150e-3), acceleration=3.0, inner=(0.3,), cycles=4)
+    slides = recorded(wide, Coulomb(coulomb=5.0, viscous_coefficient=8.0), Modal(gain=1 / 1.7), pid, **ideal)
+    assert SlidingIdentification().estimate(slides).message == ""  # of a simulation it is known
+    sliding = SlidingIdentification().estimate(measured(slides, every))
+    assert values(sliding)["mass"] == pytest.approx(1.7, rel=2e-3)
+    assert ("not held between samples" in sliding.message) is not held
+
+
+def test_the_mass_at_one_speed_is_as_uncertain_as_the_reversals():
+    """The loop stands still at each reversal, by ways that the scale's noise hides."""
+    pid = Pid(proportional=70e3, derivative_time=0.015, filter_time=1e-3)
+    excitation = SlowTriangle(amplitude=20e-3, velocities=(40e-3,), acceleration=40.0, inner=(), cycles=3)
+    ideal = {"sample_time": 1e-3, "input_dead_time": 0.0, "resolution": 0.0, "noise": 1e-7}
+    signals = recorded(excitation, Coulomb(coulomb=15.0, viscous_coefficient=30.0), Modal(gain=1 / 8), pid, **ideal)
+    result = RollingIdentification(thrust="u", displacement="y").estimate(measured(signals, 1))
+    found = values(result)
+    assert abs(found["mass"] - 8) < found["mass, 95 %"] < 0.5 * 8
+    assert "the mass shows at reversals alone" in result.message
+    assert "as not held" not in result.message
+
+
+def test_a_thrust_counts_as_held_unless_the_record_is_clear():
+    (segment,) = measured(coulomb_machine(10.0, 30e-3, (0.1, 0.3)), 1).segments
+    signals = Signals((segment,), {"u": "N", "y": "m"})
+    assert held_or_not(signals, None, {True: 1.0, False: 0.9}.__getitem__) == (True, [])
+    assert not held_or_not(signals, None, {True: 1.0, False: 0.7}.__getitem__)[0]
 
 
 def coulomb_machine(acceleration, amplitude, velocities):
@@ -114,7 +169,7 @@ def test_a_stribeck_effect_is_remarked_on():
 
 def test_one_velocity_alone_is_refused():
     excitation = ConstantVelocities(velocities=(10e-3,), way=20e-3, cycles=2)
-    with pytest.raises(RecordError, match="in both directions and at different velocities"):
+    with pytest.raises(RecordError, match=r"all 4 runs .* are at one, 0.01 m/s; expected runs at different"):
         ViscousIdentification().estimate(recorded(excitation, guide()))
 
 

@@ -5,6 +5,7 @@ import pytest
 from fraexp_plugins.friction.elastoplastic import Elastoplastic
 from fraexp_plugins.friction.gms import GeneralizedMaxwellSlip
 from fraexp_plugins.identification.elastoplastic_identification import ElastoplasticIdentification
+from fraexp_plugins.identification.friction_report import virgin_curve
 from fraexp_plugins.identification.gms_identification import GmsIdentification
 from fraexp_plugins.identification.rolling_identification import RollingIdentification
 
@@ -65,3 +66,15 @@ def test_one_speed_alone_is_refused():
     once = signals(y, driven(GMS, y, STEP), STEP, 8)
     with pytest.raises(RecordError, match="all sliding is at one speed: gms_identification cannot tell"):
         GmsIdentification().estimate(once)
+
+
+def test_the_limits_of_a_virgin_curve_never_fall_and_hold_it():
+    x = np.linspace(1e-5, 2e-4, 40)
+    force = 10 * (1 - np.exp(-x / 5e-5))
+    deviation = np.where((x > 5e-5) & (x < 1.5e-4), 8.0, 0.5)  # elements that cannot be told from each other there
+    curve = virgin_curve(x, force, deviation)
+    lower, upper = (curve.columns[name] for name in ("lower 95 %", "upper 95 %"))
+    assert (lower >= 0).all() and (np.diff(lower) >= 0).all() and (np.diff(upper) >= 0).all()
+    assert ((lower <= force) & (force <= upper)).all()
+    assert upper.max() == pytest.approx(force[-1] + 1.959964 * 0.5)
+    assert upper[0] == pytest.approx(force[0] + 1.959964 * 0.5), "where it is known nothing changes"

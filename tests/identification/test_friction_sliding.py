@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from fraexp_plugins.identification.friction_report import unexplained
 from fraexp_plugins.identification.sliding_identification import SlidingIdentification
 
 from fraexp.errors import RecordError
@@ -53,6 +54,36 @@ def test_the_intervals_hold_the_truth_in_noise() -> None:
         found = values(SlidingIdentification().estimate(Signals((noisy,), clean.units)))
         covered += [abs(found[name] - value) < found[f"{name}, 95 %"] for name, value in TRUTH.items()]
     assert 0.88 < np.mean(covered) <= 1.0
+
+
+def fewer(signals: Signals, every: int) -> Signals:
+    """Return every so manieth sample, as a record of which nothing else is known."""
+    (segment,) = signals.segments
+    channels = {name: values[:, ::every] for name, values in segment.channels.items()}
+    return Signals((Segment(every * segment.sample_time, channels, segment.lines),), signals.units)
+
+
+@pytest.mark.parametrize("hold", [None, True, False])
+def test_a_thrust_that_is_neither_held_nor_even_widens_the_intervals(hold: bool | None) -> None:
+    """Every fifth sample of a held thrust comes 0.4 of the new samples before one that is held, not 0.5."""
+    result = SlidingIdentification(hold=hold).estimate(fewer(record(), 5))
+    found = values(result)
+    for name in ("mass", "viscous coefficient"):
+        assert abs(found[name] - TRUTH[name]) < found[f"{name}, 95 %"] < 0.2 * TRUTH[name], name
+    assert "the thrust between samples is not known" in result.message
+
+
+def test_an_error_of_a_few_percent_is_told_where_it_is_no_noise() -> None:
+    (segment,) = record().segments
+    beat = 0.6 * np.sin(2 * np.pi * 1.7 * np.arange(20000) / RATE)  # a force of 7.5 % that nobody knows of
+    channels = {**segment.channels, "u": segment.channels["u"] + beat}
+    shaken = Signals((Segment(1 / RATE, channels, segment.lines, segment.settling),), {"u": "N", "y": "m"})
+    result = SlidingIdentification().estimate(shaken)
+    found = values(result)
+    assert "the model misses 5% of the Coulomb force, where noise explains" in result.message
+    assert all(abs(found[name] - value) < found[f"{name}, 95 %"] for name, value in TRUTH.items())
+    assert unexplained(10.0, 0.65, 0.01)
+    assert not unexplained(10.0, 0.65, 0.3)  # a noisy force
 
 
 def test_what_the_model_does_not_know_is_told() -> None:

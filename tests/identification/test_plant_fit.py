@@ -18,62 +18,19 @@ from fraexp_plugins.plants.modal import Modal
 
 from fraexp.errors import ParameterError, RecordError
 from fraexp.plugins import create, discover
-from fraexp.results import FrequencyResponse, Outcome
+from fraexp.results import Outcome
+from tests.identification.plant_responses import (
+    DEAD_TIME,
+    FREQUENCY,
+    PLANTS,
+    TWO,
+    fitted,
+    measured,
+    metric,
+    values,
+    worst,
+)
 from tests.machines import TABLE, guide, simulated
-
-TWO = Modal(gain=0.132, frequencies=(38.8, 81.2), damping_ratios=(0.03, 0.012), residues=(0.342, 0.3))
-DEAD_TIME = 1.25e-3
-FREQUENCY = np.geomspace(1.0, 200.0, 200)
-
-
-def measured(plant=TWO, *, noise=0.01, known=False, dead_time=DEAD_TIME, frequency=FREQUENCY, seed=1):
-    """Return a response with complex noise whose root mean square is `noise` of it."""
-    omega = 2 * np.pi * frequency
-    n = frequency.size
-    truth = plant.response(omega) * np.exp(-1j * omega * dead_time)
-    generator = np.random.default_rng(seed)
-    error = (generator.standard_normal(n) + 1j * generator.standard_normal(n)) / np.sqrt(2)
-    covariance = np.full((n, 2, 2), np.nan)
-    if known:
-        covariance = (noise * np.abs(truth))[:, None, None] ** 2 / 2 * np.eye(2)
-    return FrequencyResponse(
-        frequency=frequency,
-        response=truth * (1 + noise * error),
-        covariance=covariance,
-        unit="m/N",
-        input="u",
-        output="y",
-        input_amplitude=np.ones(n),
-        output_amplitude=np.abs(truth),
-        settled=np.ones(n, dtype=bool),
-        settling_time=np.full(n, np.nan),
-        residual=np.full(n, np.nan),
-        harmonics=np.full((n, 6), np.nan),
-    )
-
-
-def fitted(response, **given):
-    return ModalFit(method=Conventional(), **given).fit_of(response)
-
-
-def values(result):
-    """Return the values of the fit by name, and their standard deviations."""
-    (fit,) = result.fits
-    return dict(zip(fit.parameters, fit.values, strict=True)), dict(
-        zip(fit.parameters, fit.standard_deviation, strict=True)
-    )
-
-
-def metric(result, name):
-    return next(each.value for each in result.metrics if each.name == name)
-
-
-def worst(result, plant, dead_time=DEAD_TIME):
-    """Return the greatest relative error of the fitted plant with its dead time against the true one."""
-    omega = 2 * np.pi * FREQUENCY
-    found = Modal.parse({k: v for k, v in result.fits[0].component.items() if k not in ("name", "version")}, "modal")
-    late = values(result)[0]["dead_time"] - dead_time
-    return float(np.max(np.abs(found.response(omega) / plant.response(omega) * np.exp(-1j * omega * late) - 1)))
 
 
 def test_the_logarithm_and_its_derivatives_agree():
@@ -96,28 +53,6 @@ def test_a_viscous_rigid_body_is_the_same_in_both_forms():
     assert plant.response(omega) == pytest.approx(np.array(realised), rel=1e-12)
     mass = Modal(gain=1 / 7.6, viscous_coefficient=500.0)
     assert mass.response(omega) == pytest.approx(1 / (7.6 * (1j * omega) ** 2 + 500.0 * 1j * omega), rel=1e-12)
-
-
-PLANTS = {
-    "rigid body": Modal(gain=2.0),
-    "one mode": Modal(gain=0.132, frequencies=(38.8,), damping_ratios=(0.04,), residues=(0.342,)),
-    "two modes": TWO,
-    "modes that overlap": Modal(
-        gain=1.1, frequencies=(25.2, 60.5, 69.6), damping_ratios=(0.011, 0.056, 0.056), residues=(0.39, 0.35, 0.29)
-    ),
-    "a mode out of phase": Modal(
-        gain=0.02,
-        frequencies=(11.3, 22.3, 45.0, 110.0),
-        damping_ratios=(0.01, 0.02, 0.03, 0.02),
-        residues=(0.5, -0.3, 0.4, 0.3),
-    ),
-    "six modes": Modal(
-        gain=0.5,
-        frequencies=(8.0, 15.0, 27.0, 48.0, 85.0, 150.0),
-        damping_ratios=(0.02, 0.01, 0.03, 0.02, 0.01, 0.02),
-        residues=(0.4, 0.3, 0.5, -0.3, 0.4, 0.6),
-    ),
-}
 
 
 @pytest.mark.parametrize("name", PLANTS)
@@ -222,15 +157,6 @@ def test_weights_of_two_periods_do_not_feign_accuracy():
         fit = fitted(response, modes=1).fits[0]
         found.append((fit.values - [0.132, 38.8, 0.04, 0.342, DEAD_TIME]) / fit.standard_deviation)
     assert np.std(found) == pytest.approx(1.0, abs=0.35)  # of 60 correlated numbers
-
-
-def test_a_model_that_errs_says_so():
-    """One mode for two: more is left than noise explains, and the standard deviations grow with it."""
-    result = fitted(measured(known=True), modes=1)
-    assert "where noise and 'floor' explain" in result.message
-    assert metric(result, "cost") > 100
-    assert values(result)[1]["gain"] > 20 * values(fitted(measured(known=True), modes=2))[1]["gain"]
-    assert "not white" in fitted(measured(), modes=1).message
 
 
 def test_unsettled_points_are_left_out():

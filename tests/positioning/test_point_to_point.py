@@ -13,6 +13,7 @@ from fraexp_plugins.positioning.profiles import s_curve, s_curve_velocity
 from fraexp.components import Plant, StateSpace
 from fraexp.errors import ParameterError
 from fraexp.plugins import discover
+from fraexp.results import Outcome
 from fraexp.simulation import Loop, Machine, Numerics, simulate_loop
 from fraexp.study import packaged_studies
 from tests.machines import FRICTIONLESS, LEAD, TABLE, guide
@@ -26,7 +27,7 @@ def moved(plant=TABLE, friction=GUIDE, loop=None, design=None, compensated=None,
     """Return the signals of a machine; the feedforward is designed on it, or on other models."""
     path = {"input_dead_time": 1e-3} if loop is None else loop
     machine = Machine(plant, friction, LEAD, Loop(sample_time=SAMPLE_TIME, **path), Numerics())
-    delays = {name: value for name, value in path.items() if name != "resolution"}
+    delays = {name: value for name, value in path.items() if name not in ("resolution", "stroke")}
     excitation = PointToPoint(plant=design or plant, friction=compensated or friction, **delays, **given)
     return simulate_loop(machine, excitation, lambda _: None)
 
@@ -125,16 +126,58 @@ def test_a_move_that_is_too_short_for_the_limit_is_refused_with_the_least_number
             {"duration": 2.0, "force_limit": 17.91, "targets": (0.5,)},
             "4,000 samples cannot be planned for a force_limit",
         ),
-        ({"hold": 1000.0, "targets": (1e-3, 2e-3)}, "4,000,160 samples; expected 2,000,000"),
+        (
+            {"hold": 1000.0, "targets": (1e-3, 2e-3)},
+            "4,000,160 samples; expected 2,000,000.*shorten 'hold', or take fewer",
+        ),
+        ({"duration": 1000.0}, "2,000,400 samples; expected 2,000,000 at most: shorten 'duration'$"),
         ({"targets": ()}, "targets must be one position at least"),
         ({"targets": (1e-3, 1e-3)}, "each another than the last one"),
         ({"input_lags": (0.0,)}, "a first-order lag must be above 0 s"),
+        (
+            {"duration": 4e-3},
+            r"8 samples \(0.004 s\) needs 4.14e\+07 N and 9e\+06 m/s².*force_limit, the greatest thrust",
+        ),
+        ({"duration": 3e-3, "profile": "jerk_limited"}, r"needs 8.4\d+e\+03 N and 1.3\d*e\+03 m/s²"),
     ],
 )
 def test_what_cannot_be_planned_is_refused_in_one_line(given, message):
     with pytest.raises(ParameterError, match=message) as error:
         PointToPoint(**{"plant": TABLE, "friction": GUIDE, **given}).check(SAMPLE_TIME)
     assert "\n" not in str(error.value)
+
+
+def test_a_thrust_that_the_user_states_is_believed_and_so_is_an_axis_at_40_g():
+    with pytest.raises(ParameterError, match="beyond 1000 m/s²"):
+        PointToPoint(plant=TABLE, duration=6e-3).check(SAMPLE_TIME)
+    PointToPoint(plant=TABLE, duration=6e-3, force_limit=1e8).check(SAMPLE_TIME)
+    fast = PointToPoint(plant=BODY, duration=6e-3, targets=(3e-3,)).plan(SAMPLE_TIME)
+    assert fast.acceleration == pytest.approx(0.132 * np.abs(fast.thrust).max(), rel=1e-6)
+    assert 400 < fast.acceleration < 440
+
+
+@pytest.mark.parametrize(
+    ("targets", "stroke", "message"),
+    [
+        ((0.15,), 0.1, "the move leads to 0.15 m, beyond loop.stroke, which is ±0.1 m: move less far, or raise"),
+        ((0.09,), 0.1, "on a move of 0.09 m the displacement left ±0.1 m: mend the design model, or take more time"),
+    ],
+)
+def test_a_move_that_leaves_the_stroke_says_so_in_words_of_moves(targets, stroke, message):
+    wrong = TABLE.model_copy(update={"gain": 0.066})  # twice the thrust
+    signals = moved(loop={"stroke": stroke}, design=wrong, friction=FRICTIONLESS, targets=targets, duration=0.05)
+    assert signals.outcome is Outcome.DIVERGED
+    assert signals.message.startswith(message)
+    assert "amplitude or distance" in signals.outcome.value
+
+
+def test_a_single_target_is_a_list_of_one():
+    registry = discover()
+    sections = tomllib.loads((packaged_studies() / "machines" / "linear_motor_table.toml").read_text())
+    for target, said in (("1.5 mm", '"1.5 mm"'), (0.0015, "0.0015")):
+        with pytest.raises(ParameterError, match=r"targets is .* expected a list, such as \[") as error:
+            registry.create("excitation", {"name": "point_to_point", "targets": target}, sections)
+        assert str(error.value).endswith(f"[{said}]")
 
 
 class Unstable(Plant):

@@ -76,7 +76,46 @@ def test_what_stays_outside_has_no_settling_time_and_says_so():
     assert np.isnan(found["settling time"]) and np.isnan(found["first entry"])
     assert found["steady-state error"] == pytest.approx(5e-6)
     assert result.outcome is Outcome.OK
-    assert result.message.startswith("after 1 of 1 moves the position is not within ±4e-06 m: improve")
+    assert result.message == (
+        "after 1 of 1 move the position is not within ±4 µm: it stays 5 µm off, as with wrong friction compensation or "
+        "plant gain; improve the friction model or the design model, or allow a longer hold or a wider band"
+    )
+
+
+def test_what_goes_on_vibrating_is_told_apart_from_what_stays_off():
+    result = Positioning(band=BAND).estimate(signals(ringing(20e-6, frequency=25.0, decay=0.0)))
+    assert "±4 µm: it vibrates by 20 µm at 25 Hz, as with wrong modes; improve" in result.message
+    assert "off" not in result.message
+    both = Positioning(band=BAND).estimate(signals(30e-6 + ringing(20e-6, frequency=25.0, decay=0.0)))
+    assert "±4 µm: it stays 30 µm off and it vibrates by 20 µm at 25 Hz; improve" in both.message
+
+
+def test_a_band_that_the_scale_does_not_resolve_names_the_scale():
+    of = signals(np.full(200, 1e-7))
+    message = Positioning(band=1e-12, resolution=1e-7).estimate(of).message
+    assert message == (
+        "after 1 of 1 move the position is not within ±0.001 nm: the scale has a resolution of 0.1 µm; take a wider "
+        "band, or a better scale"
+    )
+    assert "a noise of 50 nm" in Positioning(band=9e-8, noise=50e-9).estimate(of).message
+
+
+@pytest.mark.parametrize(("band", "target"), [(1.0, 1e-3), (4e-6, 1e-9)])
+def test_a_move_within_the_band_tests_nothing_and_says_so(band, target):
+    result = Positioning(band=band).estimate(signals(np.zeros(200), target=target))
+    found = {metric.name: metric.value for metric in result.metrics}
+    assert np.isnan(found["settling time"]) and np.isnan(found["first entry"])
+    assert result.message.startswith("1 of 1 move is no longer than the band of ±")
+    assert result.message.endswith("which tests nothing: lower 'band', or move farther")
+
+
+def test_a_small_correction_does_not_hide_the_move_before_it():
+    reference = np.concatenate([np.zeros(50), np.full(400, 1e-3), np.full(400, 1.001e-3)])
+    y = np.concatenate([np.zeros(50), 1e-3 + ringing(30e-6), np.full(400, 1.001e-3)])
+    channels = {"y": y[None], "reference": reference[None]}
+    of = Signals((Segment(SAMPLE_TIME, channels, np.array([1])),), {"y": "m", "reference": "m"})
+    assert metrics(of)["settling time"] == pytest.approx(metrics(signals(ringing(30e-6)))["settling time"])
+    assert Positioning(band=BAND).estimate(of).message.startswith("1 of 2 moves is no longer than the band of ±4 µm")
 
 
 def test_the_scale_is_no_vibration():

@@ -22,8 +22,10 @@ class Drive:
     """Displacement per encoder increment [m]."""
     rate: float = 1000.0
 
-    def follow(self, reference: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def follow(self, reference: np.ndarray, injected: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Return control input [V] and position [increments] while a PID controller follows a reference [m].
+
+        The control input includes what is injected [N].
 
         Time-stepping with set-valued Coulomb friction (J. J. Moreau, 1988): 20 steps per sample, thrust held.
         """
@@ -33,11 +35,12 @@ class Drive:
         loss = h * self.viscous / self.mass / 2
         u, counts = np.zeros((2, reference.size))
         x = v = total = before = 0.0
+        more = np.zeros(reference.size) if injected is None else injected
         for k, r in enumerate(reference.tolist()):
             seen = round(x / self.count)
             error = r - seen * self.count
             total += error * sample_time
-            force = stiffness * error + damping * (error - before) / sample_time + integral * total
+            force = stiffness * error + damping * (error - before) / sample_time + integral * total + more[k]
             before = error
             u[k], counts[k] = force / self.volt, seen
             for _ in range(steps):

@@ -13,7 +13,7 @@ from fraexp.periodic import periodic_spectrum
 from fraexp.plugins import Registry
 from fraexp.records import RecordSettings, load, resolve
 from fraexp.records.cutting import coherent
-from fraexp.records.lines import detected_lines
+from fraexp.records.excited import detected_lines
 from fraexp.records.repeats import detected_period
 from fraexp.signals import Signals
 
@@ -67,7 +67,7 @@ def test_unexcited_lines_between_lowest_and_highest_are_left_out(
     assert signals_of(lowest=12, highest=60).segments[0].lines.tolist() == [3, 5, 7, 9, 11]
     assert signals_of(lowest=5, highest=195, every=2).segments[0].lines.tolist() == list(range(1, 40, 2))
     for stated in ({"lowest": 5, "highest": 195, "every": 1}, {"lines": [1, 2, 3]}):
-        with pytest.raises(RecordError, match=r"the input does not excite 10 Hz \(harmonic 2\)") as caught:
+        with pytest.raises(RecordError, match=r"'u' does not excite 10 Hz \(harmonic 2\)") as caught:
             signals_of(**stated)
         assert "\n" not in str(caught.value)
 
@@ -90,7 +90,7 @@ def test_distortion_is_not_taken_for_excitation() -> None:
     time = np.arange(8 * 100)
     excited = np.cos(2 * np.pi * 3 * time / 100) + 0.5 * np.cos(2 * np.pi * 7 * time / 100)
     distorted = excited + 0.1 * np.cos(2 * np.pi * 9 * time / 100) + 1e-3 * rng.normal(size=time.size)
-    assert detected_lines(distorted.reshape(8, 100)) == [3, 7]
+    assert detected_lines(distorted.reshape(8, 100)).lines == [3, 7]
 
 
 def test_skipped_periods_and_time_are_left_out(tmp_path: Path, signals_of: Read, bench: Any) -> None:
@@ -205,7 +205,15 @@ REFUSED = {
     "unknown unit": ({"channels": {"u": "iq [qq]"}}, r"channel 'u': 'qq' is no known unit"),
     "nonsense as unit": ({"channels": {"u": "iq [m/(]"}}, r"channel 'u': 'm/\(' is no"),
     "scale 0": ({"channels": {"u": {"column": "iq", "scale": 0}}}, r"scale is 0"),
-    "no clock": ({"time": None}, r"sample rate is unknown; give sample_rate"),
+    "no clock": (
+        {"file": "none.csv", "time": None},
+        r"sample rate is unknown; give sample_rate \[Hz\] \(--sample-rate",
+    ),
+    "clock without a unit": (
+        {"file": "bare.csv", "time": None, "channels": {"u": "iq [A]"}},
+        r"sample rate is unknown; give time = \"Time \[s\]\" \(--time 'Time \[s\]'\) if that is the time",
+    ),
+    "uneven clock": ({"file": "jitter.csv", "time": None}, r"give time = \"Time\" \(--time 'Time'\)"),
     "wrong rate": ({"sample_rate": 500}, r"sample_rate is 500 Hz, but the time in the file says 1000 Hz"),
     "unit of another kind": (
         {"channels": {"u": "iq", "y": "Position [N]"}},
@@ -275,6 +283,7 @@ def records(tmp_path: Path, bench: Any) -> None:
     bench.write(tmp_path / "bench.csv", rows)
     bench.write(tmp_path / "bench.xyz", rows)
     bench.write(tmp_path / "bare.csv", rows, "Time,iq,Position")
+    bench.write(tmp_path / "none.csv", rows[:, 1:], "iq [A],Position [mm]")
     changed = {name: rows.copy() for name in ("still", "jitter", "gap", "backwards")}
     changed["still"][:, 2] = 3
     changed["jitter"][100, 0] += 0.0002

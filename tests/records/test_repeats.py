@@ -110,3 +110,25 @@ def test_another_signal_within_a_record_is_told(pattern: str, remedy: str) -> No
     channel = np.concatenate([periods[name] for name in pattern])
     with pytest.raises(RecordError, match=remedy):
         check_repeats(Cut(0, len(pattern), 200, 1, 1e-3), channel, 1e3, "u", "a.csv")
+
+
+@pytest.mark.parametrize("blocks", [1.9999, 2, 2.3, 3, 6, 10.7])
+@pytest.mark.parametrize("lines", [(1,), (1, 2, 3), (3, 5, 40)])
+def test_the_period_of_a_smooth_record_is_found_to_the_sample(blocks: float, lines: tuple[int, ...]) -> None:
+    rng = np.random.default_rng(3)
+    for phases in rng.uniform(0, 2 * np.pi, (5, len(lines))):
+        angle = 2 * np.pi * np.outer(np.arange(round(10_000 * blocks)), lines) / 10_000 + phases
+        assert detected_period(np.cos(angle).sum(axis=1)) == 10_000
+
+
+def test_many_periods_find_the_period_through_noise() -> None:
+    rng = np.random.default_rng(4)
+    wave = np.cos(2 * np.pi * np.outer(np.arange(107_000), (1, 2, 3)) / 10_000 + rng.uniform(0, 6, 3)).sum(axis=1)
+    for _ in range(5):
+        assert detected_period(wave + 0.03 * rng.normal(size=wave.size)) == 10_000
+
+
+def test_a_record_that_lacks_the_end_of_its_second_period_is_not_taken_for_two_shorter_ones() -> None:
+    channel = np.cos(2 * np.pi * np.outer(np.arange(19_999), (1, 2, 5)) / 10_000 + [0.3, 2.0, 4.0]).sum(axis=1)
+    with pytest.raises(RecordError, match=r"every 10000 samples \(10 s\), and ends 1 before 2 periods do: record for"):
+        check_repeats(Cut(0, 2, 9999, 1, 1 / RATE), channel, RATE, "u", "record")

@@ -8,10 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sqlalchemy import text
 
 from fraexp.results import Curve, FrequencyResponse, Metric, Outcome, Result
 from fraexp.store import Store, Supplied
+from fraexp.store.places import locate
 from fraexp.sweep import Sweep
+from tests.postgresql import Server, running
 
 ROOT = Path(__file__).parents[2]
 ORIGIN = {
@@ -71,14 +74,51 @@ def origin() -> dict[str, Supplied]:
     return ORIGIN
 
 
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """Run each test on every kind of database, except those that look into the file."""
+    if "kind" in metafunc.fixturenames:
+        kinds = ["sqlite"] if "path" in metafunc.fixturenames else ["sqlite", "postgresql"]
+        metafunc.parametrize("kind", kinds, scope="session")
+
+
+@pytest.fixture(scope="session")
+def server() -> Iterator[Server]:
+    with running() as started:
+        yield started
+
+
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
     return tmp_path / "results.db"
 
 
 @pytest.fixture
-def store(path: Path) -> Iterator[Store]:
-    with Store.open(f"sqlite:///{path}", create=True, timeout=0.2) as opened:
+def url(kind: str, tmp_path: Path, request: pytest.FixtureRequest) -> str:
+    """A database that does not exist yet."""
+    if kind == "sqlite":
+        return str(tmp_path / "results.db")
+    made: str = request.getfixturevalue("server").new()
+    return made
+
+
+@pytest.fixture
+def sql(url: str) -> Callable[..., list[Any]]:
+    """Run a statement behind the store's back."""
+
+    def run(statement: str, **values: Any) -> list[Any]:
+        engine = locate(url, 5.0).writer()
+        with engine.begin() as connection:
+            done = connection.execute(text(statement), values)
+            rows = [tuple(row) for row in done] if done.returns_rows else []
+        engine.dispose()
+        return rows
+
+    return run
+
+
+@pytest.fixture
+def store(url: str) -> Iterator[Store]:
+    with Store.open(url, create=True, timeout=0.5) as opened:
         yield opened
 
 

@@ -1,6 +1,4 @@
 import math
-import sqlite3
-from contextlib import closing
 from dataclasses import fields, is_dataclass
 from datetime import UTC, datetime, timedelta
 from typing import Any
@@ -96,8 +94,10 @@ POINT = Sweep({"source": "drive"}, {"name": "hysteresis"})
 
 
 @pytest.fixture(scope="module")
-def shared(tmp_path_factory):
-    with Store.open(str(tmp_path_factory.mktemp("shared") / "results.db"), create=True) as opened:
+def shared(tmp_path_factory, kind, request):
+    file = tmp_path_factory.mktemp("shared") / "results.db"
+    url = str(file) if kind == "sqlite" else request.getfixturevalue("server").new()
+    with Store.open(url, create=True) as opened:
         opened.begin_run("s", "f", "c", {}, [POINT])
         yield opened
 
@@ -136,21 +136,18 @@ def test_a_sweep_and_its_run_come_back_as_they_were(store, begin, sweep, result,
     assert timedelta(0) <= datetime.now(UTC) - second.created < timedelta(seconds=30)
 
 
-def test_the_version_of_a_component_is_kept_with_its_origin(store, begin, sweep, result, origin, path):
+def test_the_version_of_a_component_is_kept_with_its_origin(store, begin, sweep, result, origin, sql):
     store.save(begin([sweep()]), [(sweep(), result(), origin)])
-    with closing(sqlite3.connect(path)) as connection:
-        rows = connection.execute("SELECT kind, name, version, source_hash FROM supplied_component ORDER BY kind")
-        assert rows.fetchall() == [
-            ("estimator", "proposed", 3, "hash-of-proposed"),
-            ("friction", "rolling", 2, "hash-of-rolling"),
-        ]
+    assert sql("SELECT kind, name, version, source_hash FROM supplied_component ORDER BY kind") == [
+        ("estimator", "proposed", 3, "hash-of-proposed"),
+        ("friction", "rolling", 2, "hash-of-rolling"),
+    ]
 
 
-def test_listing_sweeps_does_not_touch_arrays(store, begin, sweep, result, path):
+def test_listing_sweeps_does_not_touch_arrays(store, begin, sweep, result, sql):
     run = begin([sweep()])
     store.save(run, [(sweep(), result(), {})])
-    with closing(sqlite3.connect(path)) as connection, connection:
-        connection.execute("UPDATE frequency_response SET response = x'00'")
+    sql("UPDATE frequency_response SET response = :bytes", bytes=b"\0")
     assert store.sweeps(run)[0].outcome is Outcome.OK
     with pytest.raises(StoreError, match=r"a stored array is damaged .* --rerun all"):
         store.result(sweep().key)

@@ -1,8 +1,6 @@
 import os
 import signal
-import sqlite3
 import time
-from contextlib import closing
 from datetime import UTC, datetime, timedelta
 
 import pytest
@@ -19,11 +17,6 @@ store.begin_run("s", "f", "c", {}, [])
 print("ready", flush=True)
 sys.stdin.read()
 """
-
-
-def alter(path, statement, *values):
-    with closing(sqlite3.connect(path)) as connection, connection:
-        connection.execute(statement, values)
 
 
 def test_a_run_counts_what_became_of_its_sweeps(store, begin, sweep, result):
@@ -61,11 +54,11 @@ def test_a_new_result_replaces_the_older_one_entirely(store, begin, sweep, resul
     assert store.find(sweep().key).sources == {}
 
 
-def test_runs_are_listed_newest_first_and_numbers_are_never_given_twice(store, begin, sweep, path):
+def test_runs_are_listed_newest_first_and_numbers_are_never_given_twice(store, begin, sweep, sql):
     begin([sweep()])
     newest = begin([])
     assert [item.number for item in store.runs()] == [2, 1]
-    alter(path, "DELETE FROM run WHERE number = ?", newest)
+    sql("DELETE FROM run WHERE number = :number", number=newest)
     assert begin([]) == 3
 
 
@@ -89,18 +82,18 @@ def test_a_point_that_stands_twice_in_a_grid_is_stored_once(store, begin, sweep,
     ]
 
 
-def test_a_run_whose_process_died_shows_as_interrupted(store, path, program):
-    with program(DIES, path) as process:
+def test_a_run_whose_process_died_shows_as_interrupted(store, url, program):
+    with program(DIES, url) as process:
         assert store.run(1).state == "running"
         process.kill()
         process.wait()
         assert store.run(1).state == "interrupted"
-    with Store.open(str(path), read_only=True) as watcher:
+    with Store.open(url, read_only=True) as watcher:
         assert [item.state for item in watcher.runs()] == ["interrupted"]
 
 
-def test_a_killed_process_that_nobody_waited_for_counts_as_dead(store, path, program):
-    with program(DIES, path) as process:
+def test_a_killed_process_that_nobody_waited_for_counts_as_dead(store, url, program):
+    with program(DIES, url) as process:
         os.kill(process.pid, signal.SIGKILL)  # a zombie until it is waited for
         deadline = time.monotonic() + 5
         while store.run(1).state == "running" and time.monotonic() < deadline:
@@ -109,18 +102,19 @@ def test_a_killed_process_that_nobody_waited_for_counts_as_dead(store, path, pro
 
 
 @pytest.mark.parametrize("column, value", [("process_start", 1), ("boot", "another"), ("pid", 2**22 + 1)])
-def test_another_process_with_the_same_number_is_not_mistaken_for_the_run(store, begin, path, column, value):
+def test_another_process_with_the_same_number_is_not_mistaken_for_the_run(store, begin, sql, column, value):
     run = begin([])
     assert store.run(run).state == "running"
-    alter(path, f"UPDATE run SET {column} = ?", value)
+    sql(f"UPDATE run SET {column} = :value", value=value)
     assert store.run(run).state == "interrupted"
 
 
-def test_a_run_on_another_host_lives_by_its_heartbeat(store, begin, path):
+def test_a_run_on_another_host_lives_by_its_heartbeat(store, begin, sql, kind):
     run = begin([])
-    alter(path, "UPDATE run SET host = 'elsewhere', pid = 1, boot = 'another'")
+    sql("UPDATE run SET host = 'elsewhere', pid = 1, boot = 'another'")
     assert store.run(run).state == "running"
-    alter(path, "UPDATE run SET heartbeat = ?", str(datetime.now(UTC).replace(tzinfo=None) - timedelta(minutes=5)))
+    silent = datetime.now(UTC) - timedelta(minutes=5)
+    sql("UPDATE run SET heartbeat = :silent", silent=str(silent.replace(tzinfo=None)) if kind == "sqlite" else silent)
     assert store.run(run).state == "interrupted"
     store.beat(run)
     assert store.run(run).state == "running"

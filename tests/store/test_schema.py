@@ -12,9 +12,9 @@ from sqlalchemy.schema import CreateTable
 from fraexp.errors import StoreError
 from fraexp.results import Outcome
 from fraexp.store import Store
-from fraexp.store.engine import Database
 from fraexp.store.migrations import FOLDER, HISTORY
 from fraexp.store.schema import Schema, check_readable, prepare
+from fraexp.store.sqlite import SqliteFile
 from fraexp.store.tables import metadata
 
 ASSETS = Path(__file__).parent / "assets"
@@ -54,7 +54,7 @@ def test_the_revisions_make_the_tables_that_the_code_uses(store, path):
     from alembic.autogenerate import compare_metadata
     from alembic.migration import MigrationContext
 
-    engine = Database(path, 1.0).reader()
+    engine = SqliteFile(path, 1.0).reader()
     with engine.connect() as connection:
         assert compare_metadata(MigrationContext.configure(connection), metadata) == []
     engine.dispose()
@@ -98,7 +98,7 @@ def test_an_older_database_is_copied_and_brought_up_to_date(store, begin, sweep,
     run = begin([sweep()])
     store.save(run, [(sweep(), result(), {})])
     store.close()
-    prepare(Database(path, 1.0), False, next_schema())
+    prepare(SqliteFile(path, 1.0), False, next_schema())
     assert "note" in columns(path, "run")
     copy = path.with_name(f"results.db.bak-{HISTORY[-1]}")
     assert sorted(item.name for item in path.parent.iterdir() if item.is_file()) == [path.name, copy.name]
@@ -115,7 +115,7 @@ def test_a_migration_that_fails_changes_nothing(store, begin, sweep, path, next_
     store.close()
     broken = next_schema("op.execute('INSERT INTO nowhere VALUES (1)')")
     with pytest.raises(StoreError, match="no such table: nowhere"):
-        prepare(Database(path, 1.0), False, broken)
+        prepare(SqliteFile(path, 1.0), False, broken)
     assert "note" not in columns(path, "run")
     with Store.open(str(path)) as again:
         assert again.run(1).total == 1
@@ -127,7 +127,7 @@ def test_a_migration_that_leaves_rows_without_what_they_refer_to_changes_nothing
     begin([sweep()])
     store.close()
     with pytest.raises(StoreError, match="rows would lose what they refer to"):
-        prepare(Database(path, 1.0), False, next_schema("op.execute('DELETE FROM sweep')"))
+        prepare(SqliteFile(path, 1.0), False, next_schema("op.execute('DELETE FROM sweep')"))
     with Store.open(str(path)) as again:
         assert len(again.sweeps(1)) == 1
 
@@ -135,19 +135,21 @@ def test_a_migration_that_leaves_rows_without_what_they_refer_to_changes_nothing
 def test_a_reader_does_not_migrate(store, path, next_schema):
     store.close()
     before = path.read_bytes()
-    with pytest.raises(StoreError, match="its schema 0003 is older than next; any 'fraexp run' brings it up to date"):
-        check_readable(Database(path, 1.0), next_schema())
+    with pytest.raises(
+        StoreError, match=f"its schema {HISTORY[-1]} is older than next; any 'fraexp run' brings it up to date"
+    ):
+        check_readable(SqliteFile(path, 1.0), next_schema())
     assert path.read_bytes() == before
 
 
-def test_several_processes_may_make_the_database_at_once(path):
+def test_several_processes_may_make_the_database_at_once(url):
     code = (
         "import sys; from fraexp.store import Store; Store.open(sys.argv[1], create=True).begin_run('', '', '', {}, [])"
     )
-    command = [sys.executable, "-c", code, str(path)]
+    command = [sys.executable, "-c", code, url]
     racers = [subprocess.Popen(command, cwd=ROOT) for _ in range(2)]
     assert [racer.wait() for racer in racers] == [0, 0]
-    with Store.open(str(path)) as store:
+    with Store.open(url) as store:
         assert [run.number for run in store.runs()] == [2, 1]
 
 

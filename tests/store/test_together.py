@@ -50,7 +50,7 @@ def test_a_killed_writer_leaves_no_half_sweep(store, path, program):
         assert connection.execute("PRAGMA foreign_key_check").fetchall() == []
 
 
-def test_readers_see_whole_batches_while_one_writes(store, begin, sweep, path):
+def test_readers_see_whole_batches_while_one_writes(store, begin, sweep, url):
     grid = [sweep(number) for number in range(60)]
     run = begin(grid)
     seen: dict[int, set[int]] = {1: set(), 2: set()}
@@ -58,7 +58,7 @@ def test_readers_see_whole_batches_while_one_writes(store, begin, sweep, path):
 
     def watch(number: int) -> None:
         try:
-            with Store.open(str(path), read_only=True) as reader:
+            with Store.open(url, read_only=True) as reader:
                 while (summary := reader.run(run)).computed < len(grid):
                     found = reader.results(item.key for item in grid)
                     seen[number].add(len(found) % 5)
@@ -80,12 +80,12 @@ def test_readers_see_whole_batches_while_one_writes(store, begin, sweep, path):
     assert seen == {1: {0}, 2: {0}}
 
 
-def test_two_writers_wait_for_each_other(store, sweep, result, path):
+def test_two_writers_wait_for_each_other(store, sweep, result, url):
     errors: list[BaseException] = []
 
     def write(first: int) -> None:
         try:
-            with Store.open(str(path), timeout=10) as writer:
+            with Store.open(url, timeout=10) as writer:
                 grid = [sweep(number) for number in range(first, first + 25)]
                 run = writer.begin_run("s", "f", "c", {}, grid)
                 for point in grid:
@@ -126,17 +126,16 @@ def test_heartbeats_from_a_thread_do_not_disturb_the_writer(store, begin, sweep,
     assert beats
 
 
-def test_asking_for_known_sweeps_is_fast_among_many(store, begin, sweep, path):
+def test_asking_for_known_sweeps_is_fast_among_many(store, begin, sweep, url, sql):
     grid = [sweep(number) for number in range(10_000)]
     begin(grid)
     store.close()
-    with closing(sqlite3.connect(path)) as connection, connection:
-        connection.execute("UPDATE sweep SET outcome = 'OK'")
-        connection.execute("INSERT INTO supplied_component SELECT key, 'friction', 'rolling', 2, 'hash', '' FROM sweep")
+    sql("UPDATE sweep SET outcome = 'OK'")
+    sql("INSERT INTO supplied_component SELECT key, 'friction', 'rolling', 2, 'hash', '' FROM sweep")
     times = []
     for _ in range(3):
         start = time.perf_counter()
-        with Store.open(str(path)) as again:
+        with Store.open(url) as again:
             known = again.known(point.key for point in grid[4000:4200])
         times.append(time.perf_counter() - start)
         assert len(known) == 200

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from fraexp.cli.arguments import KINDS
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
+from fraexp.cli.options import KINDS
 from fraexp.components import KINDS as CLASSES
 from fraexp.testing import checks_for
 from tests.docs.conftest import Follow, follow

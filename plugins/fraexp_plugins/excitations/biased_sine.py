@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from fraexp.api import Excitation, Period, Schedule, param
-from fraexp_plugins.excitations.sampling import samples_per_period
+from fraexp.api import Excitation, ParameterError, Period, Schedule, param
+from fraexp_plugins.excitations.sampling import MOST_RECORDED, samples_per_period
 
 
 class BiasedSine(Excitation, name="biased_sine", version=1):
@@ -19,8 +19,13 @@ class BiasedSine(Excitation, name="biased_sine", version=1):
     whole_periods: int = param("1", "periods recorded", 50, at_least=2, at_most=100_000)
 
     def check(self, sample_time: float) -> None:
-        """Refuse a frequency with too few samples per period."""
-        samples_per_period(self.name, self.frequency, sample_time)
+        """Refuse a frequency with too few samples per period, and more samples than fit into memory."""
+        recorded = self.whole_periods * samples_per_period(self.name, self.frequency, sample_time)
+        if recorded > MOST_RECORDED:
+            raise ParameterError(
+                f"{self.name} records {recorded:,} samples; expected {MOST_RECORDED:,} at most: lower 'whole_periods', "
+                "or raise 'frequency'"
+            )
 
     def periods(self, sample_time: float) -> tuple[Period, ...]:
         """Return one period, of the whole number of samples that is nearest to 1/(f Ts)."""

@@ -5,11 +5,8 @@ from abc import ABC
 import numpy as np
 
 from fraexp.api import ParameterError, Schedule, param
-from fraexp_plugins.excitations.sampling import MOST
+from fraexp_plugins.excitations.sampling import MOST, MOST_RECORDED
 from fraexp_plugins.excitations.settled import SettledExcitation
-
-MOST_RECORDED = 20_000_000
-"""Samples that all realisations record together, at most: about a gigabyte of channels."""
 
 EDGE = 1e-9
 """Relative distance at which a line counts as within the band."""

@@ -3,7 +3,7 @@
 from typing import ClassVar
 
 from fraexp.api import Excitation, ParameterError, Period, Schedule, param
-from fraexp_plugins.excitations.reference_motion import check_duration, reference_period
+from fraexp_plugins.excitations.reference_motion import check_duration, check_rounding, reference_period
 
 
 class ConstantVelocities(Excitation, name="constant_velocities", version=1):
@@ -36,6 +36,7 @@ class ConstantVelocities(Excitation, name="constant_velocities", version=1):
     def check(self, sample_time: float) -> None:
         """Refuse motions that do not fit into memory."""
         check_duration(self.name, 2 * self.way / max(self.velocities), sample_time)
+        check_rounding(self.name, max(self.velocities), self.acceleration, sample_time)
         check_duration(self.name, 2 * self.way / min(self.velocities) * self.cycles, sample_time)
 
     def periods(self, sample_time: float) -> tuple[Period, ...]:

@@ -22,6 +22,15 @@ def check_duration(name: str, duration: float, sample_time: float) -> None:
         )
 
 
+def check_rounding(name: str, velocity: float, acceleration: float, sample_time: float) -> None:
+    """Refuse reversals that take more samples than fit into memory."""
+    if 2 * velocity / acceleration > MOST * sample_time:
+        raise ParameterError(
+            f"{name} takes {2 * velocity / acceleration:.3g} s to reverse; at a sample time of {sample_time:g} s "
+            f"expected {MOST * sample_time:g} s at most: raise the acceleration, or lower the velocity"
+        )
+
+
 def way_length(corners: Sequence[float]) -> float:
     """Return the length [m] of a closed way from 0 over these places [m] back to 0."""
     return float(np.sum(np.abs(np.diff([0.0, *corners, 0.0]))))

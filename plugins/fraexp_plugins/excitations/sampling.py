@@ -9,6 +9,8 @@ from fraexp.api import ParameterError
 
 LEAST, MOST = 16, 2_000_000
 """Samples per period that make a wave, and that fit into memory: half a gigabyte of channels."""
+MOST_RECORDED = 20_000_000
+"""Samples that an experiment records in all, at most: about a gigabyte of channels."""
 NEAR = 1e-3
 """Relative distance at which a frequency counts as met by whole periods in whole samples."""
 SHORTEST, LONGEST = 400, 1 << 16

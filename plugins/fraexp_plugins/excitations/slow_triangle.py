@@ -5,7 +5,7 @@ from typing import ClassVar
 import numpy as np
 
 from fraexp.api import Excitation, ParameterError, Period, Schedule, param
-from fraexp_plugins.excitations.reference_motion import check_duration, reference_period, way_length
+from fraexp_plugins.excitations.reference_motion import check_duration, check_rounding, reference_period, way_length
 
 
 class SlowTriangle(Excitation, name="slow_triangle", version=1):
@@ -44,6 +44,7 @@ class SlowTriangle(Excitation, name="slow_triangle", version=1):
         """Refuse motions that do not fit into memory."""
         length = way_length(self._corners)
         check_duration(self.name, length / max(self.velocities), sample_time)
+        check_rounding(self.name, max(self.velocities), self.acceleration, sample_time)
         slowness = float(np.sum(1 / np.array(self.velocities)))
         check_duration(self.name, length * slowness * self.cycles, sample_time)
 

@@ -8,7 +8,7 @@ from operator import itemgetter
 import numpy as np
 
 from fraexp.api import ParameterError, Schedule, param
-from fraexp_plugins.excitations.sampling import MOST
+from fraexp_plugins.excitations.sampling import MOST, MOST_RECORDED
 from fraexp_plugins.excitations.settled import SettledExcitation
 
 
@@ -50,6 +50,12 @@ class SteppedExcitation(SettledExcitation, ABC):
             raise ParameterError(
                 f"{self.name} has {longest:.3g} samples per period at {self.grid.min():g} Hz and a sample time of "
                 f"{sample_time:g} s; expected {MOST:,} at most: raise 'lowest', or lengthen loop.sample_time"
+            )
+        recorded = np.maximum(self.whole_periods / self.grid, self.record_time).sum() / sample_time
+        if recorded > MOST_RECORDED:
+            raise ParameterError(
+                f"{self.name} records {recorded:.3g} samples at {self.grid.size:,} frequencies; expected "
+                f"{MOST_RECORDED:,} at most: lower 'points', 'whole_periods' or 'record_time', or raise 'lowest'"
             )
         if self.grid.max() * sample_time >= 0.5:
             raise ParameterError(

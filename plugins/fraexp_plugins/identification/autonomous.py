@@ -42,7 +42,7 @@ MEAN_WIDTH = 1 - np.exp(-1)
 """Share of ΣF_m at the width of a virgin curve."""
 
 
-class Autonomous(DelayedEstimator, name="autonomous", version=1):
+class Autonomous(DelayedEstimator, name="autonomous", version=2):
     """Friction elements, P̂ and the plant of eq (1) together: P̂ must be the same at all amplitudes and phases.
 
     With f̂ = Σ K_i z_i of stop operators z_i (elasto-slide elements, eqs 6-11) at a grid of thresholds the error law is

@@ -54,7 +54,7 @@ class Model:
         )
 
 
-class BackPropagation(GridIdentification, name="back_propagation", version=1):
+class BackPropagation(GridIdentification, name="back_propagation", version=2):
     """The paper's identification: K_i, D_i and F_mi that make the squared error of the force least (section V-A).
 
     The gradient goes through the whole record: ∂f_i/∂K_i = z_i - s_i Y_mi and ∂f_i/∂F_mi = s_i, where s_i is the
@@ -94,7 +94,9 @@ class BackPropagation(GridIdentification, name="back_propagation", version=1):
         deflection = found.coulomb[0] / float(found.stiffness.sum())
         remarks = [*task.remarks, *coarse(task.resolution, deflection)]
         cycles = (task.cycles.size, task.held_out.size)
-        return report(signals, found, rows, task.errors_of(rows, residuals), cycles, remarks)
+        errors = task.errors_of(rows, residuals)
+        found, against = task.judged(found, rows, errors)
+        return report(signals, found, rows, errors, cycles, [*remarks, *against])
 
     def _begin(self, task: Task) -> Model:
         """Return the start, with small coefficients in place of none: a logarithm does not leave minus infinity."""

@@ -13,7 +13,7 @@ EXCESS, ELASTIC, DAMPED = 0.2, 0.5, 0.01
 """To start from: static over Coulomb friction less one; z_ba over Fc/σ0; the part of σ0 times a sliding time in σ1."""
 
 
-class ElastoplasticIdentification(LawIdentification, name="elastoplastic_identification", version=1):
+class ElastoplasticIdentification(LawIdentification, name="elastoplastic_identification", version=2):
     """σ0, Fc, Fs, vs and z_ba of the elastoplastic model, with σ2, offset and, if wanted, σ1, by least squares.
 
     P. Dupont, V. Hayward, B. Armstrong and F. Altpeter, IEEE Trans. Automatic Control 47(5), 2002,

@@ -7,15 +7,24 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fraexp.api import Estimator, ParameterError, RecordError, Signals, param
-from fraexp_plugins.identification.friction_record import Stretch, resolution_of, stretches_of
-from fraexp_plugins.identification.friction_regression import Observation, Rows, rows_of
-from fraexp_plugins.identification.friction_report import Errors
+from fraexp_plugins.identification.friction_record import HOLD, Stretch, held_or_not, resolution_of, stretches_of
+from fraexp_plugins.identification.friction_regression import (
+    Compressed,
+    Observation,
+    Rows,
+    long_run_variance,
+    misfit_variance,
+    rows_of,
+)
+from fraexp_plugins.identification.friction_report import NORMAL, Elements, Errors, errs, unexplained
 from fraexp_plugins.identification.stop_operator import stop_operators, turning_points
 
 GROSS_SHARE = 0.35
 """Widest threshold over the stroke: what hardly slips is a slow rise of the force, whatever its cause."""
 SPEED_RATIO = 1.5
 """Fastest over slowest sliding from which viscous friction is told from Coulomb friction."""
+STANDING = 0.3
+"""Part of the speed of sliding below which the machine turns: there a jump of friction looks like inertia."""
 FINEST, SPAN = 0.5, 300.0
 """Steps of the scale in the narrowest threshold at least: then an element turns with the next step, as Coulomb friction
 does; and widest over narrowest threshold."""
@@ -46,6 +55,8 @@ class Task:
     cycles: np.ndarray
     """Numbers of the cycles that are fitted."""
     remarks: tuple[str, ...]
+    speed: float | None = None
+    """The speed of all sliding [m/s], if it is but one."""
 
     def rows(self, thresholds: np.ndarray) -> list[Rows]:
         """Return the rows of all stretches for elements with these thresholds [m], shape (N,)."""
@@ -80,6 +91,38 @@ class Task:
         known = self.observation.kept(stretch, known, stretch.known_from(widest))
         return replace(rows, force=rows.force - (self.viscous or 0.0) * known[:, 0])
 
+    @property
+    def least_error(self) -> float:
+        """Root mean square error [N] of all elements of the grid together."""
+        rows = self.rows(self.thresholds)
+        compressed = Compressed(rows, self.cycles)
+        solution = compressed.solve(np.ones(rows[0].columns.shape[1], dtype=bool))
+        return float(np.sqrt(compressed.mean_square(solution)))
+
+    def noise(self, mass: float) -> float:
+        """Return the error [N] that the noise of the channels makes."""
+        return max(self.observation.noise(stretch, mass) for stretch in self.stretches)
+
+    def inflation(self, rows: Sequence[Rows], errors: Errors, coulomb: float, mass: float, count: int) -> float:
+        """Return by what a covariance of `count` parameters grows where the error is not noise; 1 where it is."""
+        if not errs(coulomb, errors.worst, self.noise(mass)):
+            return 1.0
+        chosen = [np.isin(each.cycle, self.cycles) for each in rows]
+        parts = [residual[which] for residual, which in zip(errors.residuals, chosen, strict=True)]
+        size = sum(part.size for part in parts)
+        return max(misfit_variance(size, count, errors.fitted) / long_run_variance(parts, count), 1.0)
+
+    def judged(self, found: Elements, rows: Sequence[Rows], errors: Errors) -> tuple[Elements, list[str]]:
+        """Return the elements with a covariance that knows of the model's errors, and what is to be said of these."""
+        coulomb, mass = found.coulomb[0], found.terms.get("mass", 0.0)
+        count = found.stiffness.size + len(self.terms)
+        covariance = found.covariance * self.inflation(rows, errors, coulomb, mass, count)
+        if mass and self.speed is not None:  # while the machine stands its friction jumps at a time that is not seen
+            place = len(covariance) - len(found.terms) + list(found.terms).index("mass")
+            late = max(_standing(stretch, self.speed) for stretch in self.stretches)
+            covariance[place, place] += (coulomb * late / self.speed / NORMAL) ** 2
+        return replace(found, covariance=covariance), unexplained(coulomb, errors.worst, self.noise(mass))
+
     def errors(self, rows: Sequence[Rows], coefficients: np.ndarray) -> Errors:
         """Return the errors of a linear model."""
         return self.errors_of(rows, [each.force - each.columns @ coefficients for each in rows])
@@ -111,7 +154,7 @@ class FrictionIdentification(Estimator, ABC):
     thrust: str = param("", "channel of the thrust that moves mass and friction, in place of `force`", "")
     acceleration: str = param("", "channel of a measured acceleration; differences of the displacement if empty", "")
     highest: float = param("Hz", "frequency up to which thrust and motion are compared", 5.0, above=0)
-    hold: bool = param("", "whether the thrust is held between samples", True)
+    hold: bool | None = param("", HOLD, None)
     input_dead_time: float = param("s", "dead time of the thrust", 0.0, at_least=0, inherit="loop.input_dead_time")
     input_lags: tuple[float, ...] = param("s", "first-order lags of the thrust", (), inherit="loop.input_lags")
     output_dead_time: float = param("s", "dead time of the position", 0.0, at_least=0, inherit="loop.output_dead_time")
@@ -150,13 +193,13 @@ class FrictionIdentification(Estimator, ABC):
             raise RecordError(f"'{self.thrust or self.force}' does not vary; expected the force of the friction")
         resolution = self.resolution or resolution_of(list(stretches))
         thresholds = self._grid(stretches, resolution)
-        terms, remarks = self._terms(stretches, float(thresholds.max()))
+        terms, speed, remarks = self._terms(stretches, float(thresholds.max()))
         cycles = np.unique(np.concatenate([stretch.cycle for stretch in stretches]))
         every = round(1 / self.holdout) if self.holdout else 0
         held_out = cycles[every - 1 :: every] if every and cycles.size >= every else cycles[:0]
-        return Task(
+        found = Task(
             stretches=stretches,
-            observation=self._observation(stretches[0].sample_time),
+            observation=self._observation(stretches[0].sample_time, hold=True),
             terms=terms,
             thresholds=thresholds,
             viscous=self.viscous_coefficient,
@@ -164,12 +207,24 @@ class FrictionIdentification(Estimator, ABC):
             held_out=held_out,
             cycles=np.setdiff1d(cycles, held_out),
             remarks=(*remarks, *_turns(stretches, float(thresholds.min()))),
+            speed=speed,
         )
+        return self._as_held(found, signals) if self.thrust else found
 
-    def _observation(self, sample_time: float) -> Observation:
+    def _as_held(self, task: Task, signals: Signals) -> Task:
+        """Return the task with the thrust held between samples, or not."""
+        ways = {
+            hold: replace(task, observation=self._observation(task.stretches[0].sample_time, hold=hold))
+            for hold in (True, False)
+        }
+        known = True if self.hold is None and task.speed is not None else self.hold  # at one speed a delay is mass
+        hold, remarks = held_or_not(signals, known, lambda hold: ways[hold].least_error)
+        return replace(ways[hold], remarks=(*task.remarks, *remarks))
+
+    def _observation(self, sample_time: float, *, hold: bool) -> Observation:
         # far below 1/τ a lag is a delay; a thrust that is not held arrives half a sample before one that is
         delay = self.input_dead_time + self.output_dead_time + sum(self.input_lags) + sum(self.output_lags)
-        return Observation(bool(self.thrust), delay - (0.0 if self.hold else sample_time / 2), self.highest)
+        return Observation(bool(self.thrust), delay - (0.0 if hold else sample_time / 2), self.highest)
 
     def _grid(self, stretches: Sequence[Stretch], resolution: float, widest: float | None = None) -> np.ndarray:
         """Return the thresholds [m]: those given, or a grid up to `widest` as far as the scale and the study allow."""
@@ -191,20 +246,29 @@ class FrictionIdentification(Estimator, ABC):
             return task
         return replace(task, thresholds=self._grid(task.stretches, task.resolution, widest))
 
-    def _terms(self, stretches: Sequence[Stretch], widest: float) -> tuple[tuple[str, ...], list[str]]:
+    def _terms(self, stretches: Sequence[Stretch], widest: float) -> tuple[tuple[str, ...], float | None, list[str]]:
+        """Return what is fitted beside the elements, the speed of all sliding if it is but one, and remarks on it."""
         terms = [name for name in ("offset", "asymmetry") if getattr(self, name)] + (["mass"] if self.thrust else [])
-        if self.viscous_coefficient is not None:
-            return tuple(terms), []
         speeds = np.concatenate([_sliding_speeds(stretch, widest) for stretch in stretches])
         slow, fast = _by_way(speeds, 0.1), _by_way(speeds, 0.9)
         if fast > SPEED_RATIO * slow:
-            return (*terms, "viscous"), []
-        if "asymmetry" in terms:
-            terms.remove("asymmetry")
-        return tuple(terms), [
-            "all sliding is at one speed, so viscous friction is part of the Coulomb force: record several speeds, "
-            "or give viscous_coefficient"
-        ]
+            return (*terms, *(["viscous"] if self.viscous_coefficient is None else [])), None, []
+        told, advice = [], "record several speeds"
+        if self.viscous_coefficient is None:
+            told.append("viscous friction is part of the Coulomb force")
+            advice += ", or give viscous_coefficient"
+            terms = [name for name in terms if name != "asymmetry"]
+        if self.thrust:
+            told.append("the mass shows at reversals alone, where friction that is late by a standstill counts as mass")
+        remarks = [f"all sliding is at one speed, so {' and '.join(told)}: {advice}"] if told else []
+        return tuple(terms), fast if speeds.size else None, remarks
+
+
+def _standing(stretch: Stretch, speed: float) -> float:
+    """Return how long the machine stands at a reversal of a motion at this speed [m/s], and a sample [s]."""
+    turns = turning_points(stretch.displacement, speed * stretch.sample_time).size
+    slow = int(np.sum(np.abs(stretch.velocity()) < STANDING * speed))
+    return (1 + slow / max(turns, 1)) * stretch.sample_time
 
 
 def _sliding_speeds(stretch: Stretch, widest: float) -> np.ndarray:

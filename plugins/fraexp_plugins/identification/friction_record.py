@@ -1,5 +1,6 @@
 """What friction identification sees of signals: displacement, force, motion and cycles, stretch by stretch."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,6 +57,25 @@ class Stretch:
             return np.fft.irfft(1j * omega * np.fft.rfft(self.displacement), self.displacement.size)
         found: np.ndarray = np.gradient(self.displacement, self.sample_time)
         return found
+
+
+CLEARLY = 0.8
+"""Error with a thrust that is not held, over that with one that is, below which it is not: most are held."""
+HOLD = "whether the thrust is held between samples; tried both ways if none is given, unless the signals are simulated"
+"""Help of a parameter `hold`."""
+
+
+def held_or_not(signals: Signals, hold: bool | None, error: Callable[[bool], float]) -> tuple[bool, list[str]]:
+    """Return whether the thrust is held between samples, and what is to be said of how that is known.
+
+    A simulated thrust is; of a measured one, that of a controller's output is, and that of a force sensor is not: what
+    the model leaves, the root mean square `error` [N], tells them apart.
+    """
+    if hold is not None or signals.numerics:
+        return hold is not False, []
+    if error(False) >= CLEARLY * error(True):
+        return True, []
+    return False, ["the thrust is taken as not held between samples, as that of a sensor, which fits better (hold)"]
 
 
 def check_units(signals: Signals, expected: dict[str, str]) -> None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import comb
 
 import numpy as np
 
@@ -16,6 +17,8 @@ FREE = ("offset", "asymmetry")
 """Coefficients of either sign; all others are at least 0."""
 SAME = 1e-6
 """Singular value, relative to the greatest, of columns that are the same."""
+MEDIAN, ORDER = 0.6745, 8
+"""Median of |x| of a normal distribution of variance 1, and order of the differences that show noise."""
 WINDOW = 5.0
 """Lags, in correlation times, over which a residual's autocorrelation is summed (A. D. Sokal, 1997)."""
 
@@ -62,6 +65,25 @@ class Observation:
         second = (np.roll(y, -1) - 2 * y + np.roll(y, 1)) / stretch.sample_time**2
         return self._filtered(stretch, second[:, None])
 
+    def noise(self, stretch: Stretch, mass: float) -> float:
+        """Return the standard deviation of a row's force [N] that the white noise of the channels makes."""
+        if not self.inertia:
+            return white_noise(stretch.force)
+        taps, step = self._taps(stretch), np.array([1.0, -2.0, 1.0]) / stretch.sample_time**2
+        by_force = white_noise(stretch.force) * np.linalg.norm(taps)
+        if stretch.acceleration is not None:
+            return float(np.hypot(by_force, mass * white_noise(stretch.acceleration) * np.linalg.norm(taps)))
+        return float(
+            np.hypot(by_force, mass * white_noise(stretch.displacement) * np.linalg.norm(np.convolve(taps, step)))
+        )
+
+    def _taps(self, stretch: Stretch) -> np.ndarray:
+        """Return the Gaussian low-pass, -3 dB at `highest`."""
+        deviation = np.sqrt(np.log(2)) / (2 * np.pi * self.highest) / stretch.sample_time
+        reach = self._sizes(stretch)[0]
+        taps = np.exp(-((np.arange(-reach, reach + 1) / deviation) ** 2) / 2)
+        return np.asarray(taps / taps.sum())
+
     def rows(self, stretch: Stretch, known_from: int) -> np.ndarray:
         """Return the samples of the rows whose elements are known, shape (rows,) of int."""
         samples = np.arange(stretch.displacement.size)
@@ -78,7 +100,7 @@ class Observation:
         return int(np.ceil(REACH * deviation)), max(int(deviation), 1), late + 2
 
     def _filtered(self, stretch: Stretch, columns: np.ndarray) -> np.ndarray:
-        """Return columns after a Gaussian low-pass, -3 dB at `highest`, at the rows, all of them."""
+        """Return columns after the low-pass at the rows, all of them."""
         reach, step, margin = self._sizes(stretch)
         inner = columns[margin : len(columns) - margin]
         if len(inner) <= 2 * reach:
@@ -86,10 +108,9 @@ class Observation:
                 f"a stretch of {len(columns) * stretch.sample_time:g} s is too short for a low-pass of "
                 f"{self.highest:g} Hz; record for longer, or raise highest"
             )
-        deviation = np.sqrt(np.log(2)) / (2 * np.pi * self.highest) / stretch.sample_time
-        taps = np.exp(-((np.arange(-reach, reach + 1) / deviation) ** 2) / 2)
+        taps = self._taps(stretch)
         windows = np.lib.stride_tricks.sliding_window_view(inner, taps.size, axis=0)[::step]
-        found: np.ndarray = np.einsum("rpt,t->rp", windows, taps / taps.sum())
+        found: np.ndarray = np.einsum("rpt,t->rp", windows, taps)
         return found
 
     def kept(self, stretch: Stretch, filtered: np.ndarray, known_from: int) -> np.ndarray:
@@ -216,3 +237,20 @@ def long_run_variance(residuals: Sequence[np.ndarray], parameters: int) -> float
     time = 2 * np.cumsum(total / squared) - 1
     enough = np.flatnonzero(np.arange(time.size) >= WINDOW * time)
     return squared / max(count - parameters, 1) * max(float(time[enough[0]]) if enough.size else 1.0, 1.0)
+
+
+def misfit_variance(count: int, parameters: int, error: float) -> float:
+    """Return the variance [N²] of `count` rows whose root mean square `error` [N] is no noise.
+
+    It does not average out: as much of it may have gone into the parameters as is left, so that the rows count as one
+    for each parameter.
+    """
+    return error**2 * count / max(parameters, 1)
+
+
+def white_noise(values: np.ndarray) -> float:
+    """Return the standard deviation of white noise on a smooth signal, at most: by the median of high differences."""
+    differences = np.diff(values, ORDER)
+    if not differences.size:
+        return 0.0
+    return float(np.median(np.abs(differences))) / MEDIAN / np.sqrt(comb(2 * ORDER, ORDER))

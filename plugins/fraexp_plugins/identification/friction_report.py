@@ -11,8 +11,10 @@ from fraexp_plugins.identification.friction_regression import Rows
 
 NORMAL = 1.959963984540054
 """Standard deviations on either side of a 95 % interval."""
-UNEXPLAINED = 0.1
-"""Error over the Coulomb force from which the model is not believed."""
+UNEXPLAINED, DOUBTED = 0.1, 0.03
+"""Error over the Coulomb force from which the model is not believed, and from which it is doubted if it is no noise."""
+NOISY = 3.0
+"""Error over what the channels' noise makes up to which it is noise."""
 POINTS = 60
 """Points of the virgin curve."""
 MOST_DRAWN = 2000
@@ -70,6 +72,11 @@ class Errors:
     residuals: Sequence[np.ndarray]
     """Of all rows, stretch by stretch [N]."""
 
+    @property
+    def worst(self) -> float:
+        """The greater of both."""
+        return float(np.nanmax([self.fitted, self.held_out]))
+
 
 def report(
     signals: Signals,
@@ -87,21 +94,29 @@ def report(
     """
     metrics = [*_parameters(found), *_quality(found, rows, errors, whole), *_counts(cycles, found), *_deviations(found)]
     curves = (virgin_curve(*found.virgin_curve), _forces(rows, errors))
-    message = "; ".join(
-        [*([signals.message] if signals.message else []), *remarks, *unexplained(found.coulomb[0], errors)]
-    )
+    message = "; ".join([*([signals.message] if signals.message else []), *remarks])
     return Result(signals.outcome, message, metrics=tuple(metrics), curves=curves, fits=(rolling_fit(found),))
 
 
-def unexplained(coulomb: float, errors: Errors) -> list[str]:
+def errs(coulomb: float, error: float, noise: float) -> bool:
+    """Return whether an error [N] is too large for the model to be right, with what the channels' noise makes [N]."""
+    return error > UNEXPLAINED * coulomb or error > max(DOUBTED * coulomb, NOISY * noise)
+
+
+def unexplained(coulomb: float, error: float, noise: float) -> list[str]:
     """Return the remark that the force is not that of the model of this Coulomb force [N], if it is so."""
-    error = errors.held_out if np.isfinite(errors.held_out) else errors.fitted
-    share = error / coulomb
-    if share <= UNEXPLAINED:
+    if not errs(coulomb, error, noise):
         return []
+    share = error / coulomb
+    why = "noise, another force or a wrong dead time; see the curve 'friction force'"
+    if share > UNEXPLAINED:
+        return [
+            f"the model misses {share:.0%} of the Coulomb force, so its parameters mean little: standstill that the "
+            f"scale does not resolve, {why}"
+        ]
     return [
-        f"the model misses {share:.0%} of the Coulomb force, so its parameters mean little: standstill that the scale "
-        "does not resolve, noise, another force or a wrong dead time; see the curve 'friction force'"
+        f"the model misses {share:.1%} of the Coulomb force, where noise explains {noise / coulomb:.1g}: intervals are "
+        f"widened, but may not hold the truth: standstill that the scale does not resolve, {why}"
     ]
 
 
@@ -168,14 +183,28 @@ def _counts(cycles: tuple[int, int], found: Elements) -> list[Metric]:
 
 
 def virgin_curve(x: np.ndarray, force: np.ndarray, deviation: np.ndarray) -> Curve:
-    """Return the virgin curve with its 95 % limits, from displacement [m], force and its deviation [N]."""
+    """Return the virgin curve with its 95 % limits, from ascending displacement [m], force and its deviation [N].
+
+    It begins at 0 and never falls, and nor do its limits: what only a falling curve could reach, from or to a place
+    where it is better known, is not within them.
+    """
+    lower, upper = force - NORMAL * deviation, force + NORMAL * deviation
     columns = {
         "displacement": x,
         "force": force,
-        "lower 95 %": force - NORMAL * deviation,
-        "upper 95 %": force + NORMAL * deviation,
+        "lower 95 %": np.fmax.accumulate(np.maximum(lower, 0.0)),
+        "upper 95 %": np.fmin.accumulate(upper[::-1])[::-1],
     }
     return Curve("virgin curve", columns, dict(zip(columns, ("m", "N", "N", "N"), strict=True)))
+
+
+def force_over_velocity(velocity: np.ndarray, force: np.ndarray, model: np.ndarray) -> Curve:
+    """Return force and model [N] over ascending velocity [m/s], with a gap between the two directions."""
+    order = np.argsort(velocity, kind="stable")
+    turn = int(np.sum(velocity < 0))
+    columns = (np.insert(values[order], turn, gap) for values, gap in ((velocity, 0), (force, np.nan), (model, np.nan)))
+    named = dict(zip(("velocity", "force", "model"), columns, strict=True))
+    return Curve("force over velocity", named, {"velocity": "m/s", "force": "N", "model": "N"})
 
 
 def _forces(rows: Sequence[Rows], errors: Errors) -> Curve:

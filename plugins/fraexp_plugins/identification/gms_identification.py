@@ -15,7 +15,7 @@ RELAXATION = 10.0
 """Attraction to start from: C = 10 Fc vs/Y."""
 
 
-class GmsIdentification(LawIdentification, name="gms_identification", version=1):
+class GmsIdentification(LawIdentification, name="gms_identification", version=2):
     """k_i, α_i, Fc, Fs, vs and C of the generalized Maxwell slip model, with σ2 and offset, by least squares.
 
     F. Al-Bender, V. Lampaert and J. Swevers, IEEE Trans. Automatic Control 50(11), 2005,

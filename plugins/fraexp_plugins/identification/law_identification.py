@@ -118,6 +118,9 @@ class LawIdentification(GridIdentification, ABC):
         rows, residuals, _ = self._seen(task, guess)
         errors = task.errors_of(rows, residuals)
         names, values, units, covariance = self._identified(task, guess)
+        coulomb = float(values[names.index("coulomb")])
+        mass = float(values[names.index("mass")]) if "mass" in names else 0.0
+        covariance = covariance * task.inflation(rows, errors, coulomb, mass, values.size)
         deviations = np.sqrt(np.diag(covariance))
         loose = [n for n, v, d in zip(names, values, deviations, strict=True) if not d < LOOSE * abs(v)]
         loose = [name for name in loose if name not in FREE]
@@ -125,7 +128,7 @@ class LawIdentification(GridIdentification, ABC):
         remarks += list(task.remarks)
         if loose:
             remarks.append(f"the record does not tell {', '.join(loose)}: vary the speed from presliding to sliding")
-        remarks += unexplained(float(values[names.index("coulomb")]), errors)
+        remarks += unexplained(coulomb, errors.worst, task.noise(mass))
         metrics = [Metric("rms error, fitted cycles", errors.fitted, "N")]
         if np.isfinite(errors.held_out):
             metrics.append(Metric("rms error, held-out cycles", errors.held_out, "N"))

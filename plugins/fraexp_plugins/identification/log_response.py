@@ -65,6 +65,20 @@ class LogResponse:
         covariance = self.covariance[:, : self.parts, : self.parts] * (self.weight**2)[:, None, None]
         return np.einsum("kip,kij,kjq->pq", parts, covariance, parts)
 
+    def thinned(self, bins: int) -> Self:
+        """Return the points of greatest and least |ω² Ĝ| of each of some bins of ln f, all if they are few.
+
+        Peaks and dips stay, so that what is left will do for a search.
+        """
+        if self.frequency.size <= 2 * bins:
+            return self
+        share = np.log(self.frequency / self.frequency[0]) / np.log(self.frequency[-1] / self.frequency[0])
+        of = np.minimum((share * bins).astype(int), bins - 1)
+        size = np.abs(self.response) * self.frequency**2
+        order = np.lexsort((size, of))
+        ends = np.flatnonzero(np.diff(of)) + 1
+        return self.at(np.unique(order[[0, *ends, *(ends - 1), -1]]))
+
     def at(self, chosen: np.ndarray) -> Self:
         """Return the points of these indices."""
         covariance = None if self.covariance is None else self.covariance[chosen]

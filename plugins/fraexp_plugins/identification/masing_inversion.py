@@ -12,7 +12,7 @@ from fraexp_plugins.identification.friction_report import Elements, report
 from fraexp_plugins.identification.stop_operator import turning_points
 
 
-class MasingInversion(FrictionIdentification, name="masing_inversion", version=1):
+class MasingInversion(FrictionIdentification, name="masing_inversion", version=2):
     """The virgin curve g(x) from branches after a reversal of full slip: |f - f_r| = 2 g(|y - y_r|/2).
 
     G. Masing, 1926; W. D. Iwan, J. Applied Mechanics 33(4), 1966, doi:10.1115/1.3625199. Each branch is fitted from
@@ -47,7 +47,9 @@ class MasingInversion(FrictionIdentification, name="masing_inversion", version=1
         deflection = found.coulomb[0] / float(found.stiffness.sum())
         remarks = [*task.remarks, *coarse(task.resolution, deflection)]
         cycles = (task.cycles.size, task.held_out.size)
-        return report(signals, found, rows, task.errors_of(rows, residuals), cycles, remarks, whole=False)
+        errors = task.errors_of(rows, residuals)
+        found, against = task.judged(found, rows, errors)
+        return report(signals, found, rows, errors, cycles, [*remarks, *against], whole=False)
 
     @staticmethod
     def _rows(task: Task) -> list[Rows]:

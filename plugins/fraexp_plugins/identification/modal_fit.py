@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -20,33 +20,40 @@ from fraexp.api import (
     param,
 )
 from fraexp_plugins.identification.log_response import LogResponse, Weighting, log_response
+from fraexp_plugins.identification.modal_doubts import doubts
 from fraexp_plugins.identification.modal_model import ModalModel
 from fraexp_plugins.identification.modal_order import (
+    Choice,
     chosen_by_hold_out,
     chosen_by_information,
     greatest_order,
     of_order,
 )
-from fraexp_plugins.identification.modal_solver import Solution
+from fraexp_plugins.identification.modal_solver import NOT_WHITE, Solution, counted
 from fraexp_plugins.identification.whiteness import whiteness
 
 PLANT_UNIT = "m/N"
-HOPELESS = 0.7
-"""Root mean square of ln(G_m/Ĝ) that is no fit: a factor of two."""
-NOT_WHITE = 1e-3
-"""Probability below which residuals do not pass for white."""
+HOPELESS = 0.5
+"""Root mean square of ln(G_m/Ĝ) that is no fit: a factor of 1.6."""
 CERTAIN = 2.0
 """Standard deviations from which a dead time counts as negative."""
+WIDENED = (
+    "the intervals are widened for what of it may hide in the parameters, but do not know what friction does to the "
+    "whole band; try more modes or a narrower band, or a method that takes friction off"
+)
+DRAWN = 400
+"""Frequencies of the fitted model's curve: enough for a resonance with 1 % damping."""
 
 
-class ModalFit(Estimator, name="modal_fit", version=1):
+class ModalFit(Estimator, name="modal_fit", version=3):
     """P_d(s) e^{-Ls} of the paper's eq (1), fitted to the response of `method`: rigid body, modes and dead time.
 
     Minimises Σ w_k |ln(G_m(jω_k)/Ĝ_k)|², the weighted logarithmic residual (J. D. Sidman, F. E. DeAngelis and
     G. C. Verghese, IEEE Trans. Automatic Control 36(9), 1991; R. Pintelon et al., IEEE Trans. Automatic Control 39(11),
     1994, doi 10.1109/9.333769), with 1/w_k the variance of ln Ĝ_k by noise and `floor`, or all points alike. No start
     values are needed. The covariance of the parameters is that which the covariance of the response causes; where that
-    is unknown, or does not explain the residuals, it is taken from them.
+    is unknown, or does not explain the residuals, it is taken from them; what is no noise does not average out, and
+    counts as one residual for each parameter. An error that is alike at all frequencies shows in no residual.
 
     A dead time that is not given is found. It takes half a sample time with it where the response still has a hold: let
     the method take off the hold (`remove_delay`), and its magnitude is taken off as well. Rigid body and modes then are
@@ -57,6 +64,10 @@ class ModalFit(Estimator, name="modal_fit", version=1):
     unknown), `beyond` the share of points off by more than their 95 % limit, `whiteness` the probability of residuals
     as correlated along the frequencies as these, by chance. The error by a wrong friction model is no noise, and known
     to none of them.
+
+    A number of modes that is found holds none that the data do not carry: outside of the band, damped so much that it
+    has no peak, or with a residue that leaving out points may make 0. The message says what was dropped. Where
+    residuals are alike at neighbouring frequencies they count as fewer, for the covariance and for `criterion`.
 
     Not to be used where friction has left its mark in the response, unless that is what shall be shown: the fit follows
     the response, not the plant.
@@ -116,7 +127,7 @@ class ModalFit(Estimator, name="modal_fit", version=1):
             remark,
             response,
             tuple(self._metrics(solution, response.unit)),
-            (_curve(solution, response.unit),),
+            (_model(solution, response.unit), _errors(solution)),
             (self._fit(solution, response.unit),),
         )
 
@@ -129,42 +140,49 @@ class ModalFit(Estimator, name="modal_fit", version=1):
             raise RecordError("modal_fit: no settled point lies within the band; widen it by 'lowest' and 'highest'")
         limits = float(data.frequency[0]), float(data.frequency[-1])
         model = ModalModel(self.modes or 0, *limits, self.viscous, dead_time)
-        solution = self._solved(model, data)
+        solution, doubtful = self._solved(model, data)
         remarks = []
         if self.viscous and solution.model.rate(solution.p) < 0:
-            solution = self._solved(replace(model, viscous=False), data)
+            solution, doubtful = self._solved(replace(model, viscous=False), data)
             remarks.append("the viscous coefficient comes out negative, and is held at 0")
+        if doubtful:
+            remarks.append(doubtful)
         return solution, "; ".join([*remarks, *_remarks(solution)])
 
-    def _solved(self, model: ModalModel, data: LogResponse) -> Solution:
+    def _solved(self, model: ModalModel, data: LogResponse) -> tuple[Solution, str]:
+        """Return the fit, and what is to be said of modes that the data do not carry."""
         greatest = greatest_order(data, model)
         if greatest < model.modes:
-            told = f"tell {greatest} modes at most" if greatest >= 0 else "are too few even for a rigid body"
+            told = f"tell {counted(greatest, 'mode')} at most" if greatest >= 0 else "are too few even for a rigid body"
             raise RecordError(
                 f"modal_fit: the {data.frequency.size} settled points from {model.lowest:.4g} to {model.highest:.4g} "
                 f"Hz {told}; record more, widen the band, or ask for fewer modes"
             )
         if self.modes is not None:
-            solution: Solution | None = of_order(model, data)
+            solution = of_order(model, data)
+            against = "; ".join(doubts(solution))
+            advice = "ask for fewer modes or another band" if self.modes else "choose another band, or more modes"
+            remark = f"the data do not carry {against}: {advice}" if against else ""
         else:
             choose = chosen_by_information if self.criterion == "information" else chosen_by_hold_out
-            solution = choose(model, data, min(greatest, self.greatest))
-        if solution is None:
-            raise RecordError(
-                "modal_fit: no number of modes gives a fit of which all parameters are told; fix 'modes' to learn why"
+            choice = choose(model, data, min(greatest, self.greatest))
+            solution, remark = (
+                _sound(choice),
+                f"dropped, for the data do not carry it: {choice.dropped}" * bool(choice.dropped),
             )
         if solution.untold:
             raise RecordError(
                 f"modal_fit: the response does not tell {', '.join(solution.untold)}: ask for fewer modes, hold the "
                 "dead time, or record more points around the modes"
             )
-        left = _root_mean_square(solution)
+        left = solution.left
         if left > HOPELESS:
             raise RecordError(
-                f"modal_fit: the model is off by {left:.2g} in the logarithm, which is no fit: the response must be "
-                "position over force; look at the channels, or choose another band or more modes"
+                f"modal_fit: the model is off by {left:.2g} in the logarithm, which is no fit: choose by 'lowest' and "
+                "'highest' the band that was excited and in which friction has left no mark, or more modes; the "
+                "response must be position over force" + f" ({remark})" * bool(remark)
             )
-        return solution
+        return solution, remark
 
     def _fit(self, solution: Solution, unit: str) -> Fit:
         """Return the plant with the covariance of its parameters; a dead time that is held has none."""
@@ -181,17 +199,29 @@ class ModalFit(Estimator, name="modal_fit", version=1):
             yield Metric(_symbol(name), float(value), of)
         yield Metric("modes", float(model.modes), "1")
         yield Metric("points", float(data.frequency.size), "1")
-        yield Metric("residual", _root_mean_square(solution), "1")
+        yield Metric("residual", solution.left, "1")
         if data.covariance is not None:
             yield Metric("cost", solution.excess, "1")
         yield Metric("beyond", float(np.mean(_normalised(solution) > 1)), "1")
         yield Metric("whiteness", _whiteness(solution), "1")
 
 
+def _sound(choice: Choice) -> Solution:
+    """Return the fit that was chosen; RecordError if there is none."""
+    if choice.solution is None:
+        raise RecordError(
+            "modal_fit: no number of modes gives a fit that the response carries"
+            + f": {choice.dropped}" * bool(choice.dropped)
+            + "; choose by 'lowest' and 'highest' the band in which friction and noise have left no mark, or a method "
+            "that takes friction off; the response must be position over force"
+        )
+    return choice.solution
+
+
 def _values(solution: Solution) -> tuple[np.ndarray, np.ndarray]:
     """Return values and covariance of the parameters in SI units."""
     slopes = solution.model.slopes(solution.p)
-    return solution.model.values(solution.p), slopes @ solution.covariance @ slopes.T
+    return solution.model.values(solution.p), slopes @ solution.stated @ slopes.T
 
 
 def _units(model: ModalModel, unit: str) -> tuple[str, ...]:
@@ -218,31 +248,42 @@ def _normalised(solution: Solution) -> np.ndarray:
     return np.asarray(np.sqrt(squared / max(scale * limit, 1e-300)))
 
 
-def _curve(solution: Solution, unit: str) -> Curve:
-    """Return the fitted response and what it leaves, over frequency."""
+def _model(solution: Solution, unit: str) -> Curve:
+    """Return the fitted model over the band, close enough for its resonances; no phase if none was fitted."""
     data, model = solution.data, solution.model
-    log_model = model.log_response(solution.p, data.s)
-    columns: dict[str, Any] = {"frequency": data.frequency, "magnitude": np.exp(log_model.real)}
-    units = {"frequency": "Hz", "magnitude": unit, "phase": "deg", "magnitude error": "1", "phase error": "deg"}
+    low, high = float(data.frequency[0]), float(data.frequency[-1])
+    modes = model.poles(solution.p)[:, 0]
+    within = modes[(low < modes) & (modes < high)]
+    frequency = np.unique(np.concatenate([np.geomspace(low, high, DRAWN), within]))
+    log_model = model.log_response(solution.p, 2j * np.pi * frequency)
+    columns = {"frequency": frequency, "magnitude": np.exp(log_model.real)}
     if data.parts == 2:
         columns["phase"] = np.angle(np.exp(1j * log_model.imag), deg=True)
-    columns["magnitude error"] = np.expm1(solution.error.real)
+    units = {"frequency": "Hz", "magnitude": unit, "phase": "deg"}
+    return Curve("plant fit", columns, {name: units[name] for name in columns})
+
+
+def _errors(solution: Solution) -> Curve:
+    """Return what the fitted model leaves of the response, over the frequencies of its points."""
+    data = solution.data
+    columns = {"frequency": data.frequency, "magnitude error": np.expm1(solution.error.real)}
     if data.parts == 2:
         columns["phase error"] = np.degrees(solution.error.imag)
     columns["error over 95 % limit"] = _normalised(solution)
-    units["error over 95 % limit"] = "1"
-    return Curve("plant fit", columns, {name: units[name] for name in columns})
+    units = {"frequency": "Hz", "phase error": "deg"}
+    return Curve("plant fit error", columns, {name: units.get(name, "1") for name in columns})
 
 
 def _remarks(solution: Solution) -> Iterator[str]:
     """Yield what speaks against the fit."""
-    left = _root_mean_square(solution)
+    left = solution.left
     if solution.errs:
-        explained = np.sqrt(solution.data.expected / np.sum(solution.data.weight))
         yield (
-            f"the model leaves {left:.2g} of the response, where noise and 'floor' explain {explained:.2g}: try more "
-            "modes or a narrower band, and mind friction"
+            f"the model leaves {np.sqrt(solution.excess):.2g} times what noise and 'floor' explain ({left:.2g} of the "
+            f"response): {WIDENED}"
         )
+    elif solution.marked:
+        yield f"the model leaves {left:.2g} of the response, and how much of that is noise is not known: {WIDENED}"
     elif _whiteness(solution) < NOT_WHITE:
         yield (
             f"what the model leaves ({left:.2g} of the response) is not white, so that it errs by more than the "
@@ -255,12 +296,6 @@ def _remarks(solution: Solution) -> Iterator[str]:
                 f"the dead time comes out as {values[-1]:.3g} s: the method takes off more delay than there is; lower "
                 "its dead times, or hold 'dead_time'"
             )
-
-
-def _root_mean_square(solution: Solution) -> float:
-    """Return the root mean square of ln(G_m/Ĝ), of its real part alone if the magnitude alone is fitted."""
-    error = np.stack([solution.error.real, solution.error.imag][: solution.data.parts])
-    return float(np.sqrt(np.mean(np.sum(error**2, axis=0))))
 
 
 def _whiteness(solution: Solution) -> float:

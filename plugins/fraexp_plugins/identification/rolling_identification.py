@@ -6,7 +6,7 @@ from fraexp_plugins.identification.friction_report import report
 from fraexp_plugins.identification.grid_identification import GridIdentification
 
 
-class RollingIdentification(GridIdentification, name="rolling_identification", version=1):
+class RollingIdentification(GridIdentification, name="rolling_identification", version=2):
     """Elements of rolling friction by non-negative least squares: min ‖f - Σ K_i z_i - …‖² with K_i ≥ 0.
 
     On a grid of thresholds Y_mi the deflections z_i are stop operators of the displacement, eqs (6), (9), and known;
@@ -27,4 +27,6 @@ class RollingIdentification(GridIdentification, name="rolling_identification", v
         deflection = found.coulomb[0] / float(found.stiffness.sum())
         remarks = [*task.remarks, *coarse(task.resolution, deflection)]
         cycles = (task.cycles.size, task.held_out.size)
-        return report(signals, found, rows, task.errors(rows, coefficients), cycles, remarks)
+        errors = task.errors(rows, coefficients)
+        found, against = task.judged(found, rows, errors)
+        return report(signals, found, rows, errors, cycles, [*remarks, *against])

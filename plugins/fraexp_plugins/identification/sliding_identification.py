@@ -2,14 +2,20 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from fraexp.api import Curve, Estimator, Fit, Metric, RecordError, Result, Signals, param
 from fraexp_plugins.friction.coulomb import Coulomb
-from fraexp_plugins.identification.friction_record import Stretch, resolution_of, stretches_of
-from fraexp_plugins.identification.friction_regression import Observation, long_run_variance, pseudo_inverse
+from fraexp_plugins.identification.friction_record import HOLD, Stretch, held_or_not, resolution_of, stretches_of
+from fraexp_plugins.identification.friction_regression import (
+    Observation,
+    long_run_variance,
+    misfit_variance,
+    pseudo_inverse,
+)
+from fraexp_plugins.identification.friction_report import NORMAL, errs, force_over_velocity
 
 TERMS = {
     "mass": "kg",
@@ -19,8 +25,6 @@ TERMS = {
     "viscous asymmetry": "N s/m",
 }
 """What is identified, in this order, with its unit."""
-NORMAL = 1.959963984540054
-"""Standard deviations on either side of a 95 % interval."""
 SHARE = 0.03
 """Slowest sliding as a share of the fast one, if the study does not say."""
 STEPS = 4.0
@@ -29,8 +33,14 @@ STANDING = 1e-3
 """Weight of standstill in a row's low-pass up to which the row counts as sliding."""
 ROWS = 40
 """Rows in either direction at least."""
-MISFIT = 0.15
-"""Error over the Coulomb force from which the model is doubted."""
+MIXED = 0.1
+"""Share of both ways from which a thrust is neither held between samples nor even."""
+TINY = 1e-300
+"""Variance of residuals that are none."""
+BETWEEN = (
+    "the thrust between samples is not known: it is neither held nor not held between samples (hold), as in a record "
+    "with fewer samples than its controller; the intervals are widened for it: record every sample of the controller"
+)
 SPEEDS = 1.5
 """Fast over slow sliding from which viscous friction is told from Coulomb friction."""
 
@@ -47,7 +57,23 @@ class _Sliding:
     """Shape (rows,) [m/s]."""
 
 
-class SlidingIdentification(Estimator, name="sliding_identification", version=1):
+class _Solved(NamedTuple):
+    """The least squares over all stretches: rows as in `_Sliding`, and what they make."""
+
+    columns: np.ndarray
+    force: np.ndarray
+    velocity: np.ndarray
+    residuals: list[np.ndarray]
+    """Stretch by stretch [N]."""
+    values: np.ndarray
+    """Of TERMS, shape (p,)."""
+    covariance: np.ndarray
+    """Shape (p, p)."""
+    error: float
+    """Root mean square of what is left [N]."""
+
+
+class SlidingIdentification(Estimator, name="sliding_identification", version=3):
     """u = M a + F_c sgn(v) + D_v v + F_o (+ D_a |v|) by least squares, where the machine slides.
 
     Any motion in both directions and at several speeds will do: moves from point to point, a triangle with sines on it.
@@ -70,7 +96,7 @@ class SlidingIdentification(Estimator, name="sliding_identification", version=1)
     )
     presliding: float = param("m", "way after each reversal that is left out: there friction rises", 0.0, at_least=0)
     asymmetry: bool = param("", "whether viscous friction may differ by direction: a force D_a |v|", False)
-    hold: bool = param("", "whether the thrust is held between samples", True)
+    hold: bool | None = param("", HOLD, None)
     input_dead_time: float = param("s", "dead time of the thrust", 0.0, at_least=0, inherit="loop.input_dead_time")
     output_dead_time: float = param("s", "dead time of the position", 0.0, at_least=0, inherit="loop.output_dead_time")
 
@@ -83,7 +109,36 @@ class SlidingIdentification(Estimator, name="sliding_identification", version=1)
         """Return mass, forces and coefficients with 95 % intervals, the forces over velocity, and a Coulomb model."""
         stretches = stretches_of(signals, self.displacement, self.thrust, self.acceleration)
         slowest = self.slowest or _slowest(stretches)
-        found = [self._sliding(stretch, slowest) for stretch in stretches]
+        early = {True: 0.0, False: 0.5}
+        ways = {hold: self._solved(stretches, slowest, samples) for hold, samples in early.items()}
+        hold, remarks = held_or_not(signals, self.hold, lambda hold: ways[hold].error)
+        columns, force, velocity, _, values, covariance, error = ways[hold]
+        noise = self._observation(stretches[0], early[hold]).noise(stretches[0], max(values[0], 0.0))
+        if values[0] <= 0 or values[1] <= 0:
+            raise RecordError(
+                f"the mass would be {values[0]:.3g} kg and the Coulomb force {values[1]:.3g} N; check the signs and "
+                "gains of the channels, the dead times and highest"
+            )
+        if errs(values[1], error, noise):
+            correlated = self._variance(stretches, ways[hold].residuals)
+            covariance = covariance * max(misfit_variance(force.size, values.size, error) / correlated, 1.0)
+        elif not signals.numerics:
+            middle = self._solved(stretches, slowest, (early[True] + early[False]) / 2)
+            share = _share(ways[hold], ways[not hold], middle)
+            off = share * (ways[not hold].values - values)
+            covariance = covariance + np.outer(off, off)
+            if MIXED < share < 1 - MIXED:
+                remarks = [BETWEEN]
+        return Result(
+            signals.outcome,
+            "; ".join([*([signals.message] if signals.message else []), *remarks, *_remarks(error, noise, values)]),
+            metrics=_metrics(values, covariance, error, columns),
+            curves=(_curve(columns, force, velocity, values),),
+            fits=(_fit(values, covariance),),
+        )
+
+    def _solved(self, stretches: Sequence[Stretch], slowest: float, early: float) -> _Solved:
+        found = [self._sliding(stretch, slowest, early) for stretch in stretches]
         columns, force = np.concatenate([f.columns for f in found]), np.concatenate([f.force for f in found])
         velocity = np.concatenate([f.velocity for f in found])
         _check(velocity, slowest)
@@ -91,21 +146,19 @@ class SlidingIdentification(Estimator, name="sliding_identification", version=1)
         root = pseudo_inverse(columns / scale)
         values = root @ (root.T @ ((columns / scale).T @ force)) / scale
         residuals = [f.force - f.columns @ values for f in found]
-        variance = max(long_run_variance(residuals, values.size), self._filtered_variance(stretches[0], residuals))
-        covariance = (root @ root.T) / np.outer(scale, scale) * variance
+        covariance = (root @ root.T) / np.outer(scale, scale) * self._variance(stretches, residuals)
         error = float(np.sqrt(np.add.reduce(np.concatenate(residuals) ** 2) / force.size))
-        if values[0] <= 0 or values[1] <= 0:
-            raise RecordError(
-                f"the mass would be {values[0]:.3g} kg and the Coulomb force {values[1]:.3g} N; check the signs and "
-                "gains of the channels, the dead times and highest"
-            )
-        return Result(
-            signals.outcome,
-            "; ".join([*([signals.message] if signals.message else []), *_remarks(error, values)]),
-            metrics=_metrics(values, covariance, error, columns),
-            curves=(_curve(columns, force, velocity, values),),
-            fits=(_fit(values, covariance),),
-        )
+        return _Solved(columns, force, velocity, residuals, values, covariance, error)
+
+    def _variance(self, stretches: Sequence[Stretch], residuals: Sequence[np.ndarray]) -> float:
+        """Return the variance of the residuals [N²] times their correlation time in rows."""
+        count = len(TERMS) if self.asymmetry else len(TERMS) - 1
+        return max(long_run_variance(residuals, count), self._filtered_variance(stretches[0], residuals), TINY)
+
+    def _observation(self, stretch: Stretch, early: float) -> Observation:
+        """Return how a thrust is seen that arrives so many samples before one that is held."""
+        delay = self.input_dead_time + self.output_dead_time - early * stretch.sample_time
+        return Observation(inertia=True, delay=delay, highest=self.highest)
 
     def _filtered_variance(self, stretch: Stretch, residuals: Sequence[np.ndarray]) -> float:
         """Return the variance of the residuals [N²] times their correlation time in rows, as the low-pass alone has it.
@@ -119,9 +172,8 @@ class SlidingIdentification(Estimator, name="sliding_identification", version=1)
         mean_square = float(np.add.reduce(squares)) / squares.size
         return mean_square * max(2 * np.sqrt(np.pi) * deviation / ((second - first) * stretch.sample_time), 1.0)
 
-    def _sliding(self, stretch: Stretch, slowest: float) -> _Sliding:
-        delay = self.input_dead_time + self.output_dead_time - (0.0 if self.hold else stretch.sample_time / 2)
-        seen = Observation(inertia=True, delay=delay, highest=self.highest)
+    def _sliding(self, stretch: Stretch, slowest: float, early: float) -> _Sliding:
+        seen = self._observation(stretch, early)
         v = stretch.velocity()
         excluded = (np.abs(v) < slowest) | (_way_since_reversal(stretch.displacement, v) < self.presliding)
         standing = seen.friction(stretch, excluded.astype(float)[:, None])[:, 0]
@@ -164,14 +216,23 @@ def _check(velocity: np.ndarray, slowest: float) -> None:
         )
 
 
-def _remarks(error: float, values: np.ndarray) -> list[str]:
-    if error <= MISFIT * values[1] and values[2] >= 0:
-        return []
+def _share(taken: _Solved, other: _Solved, middle: _Solved) -> float:
+    """Return how far the thrust is from the way taken to the other, 0 to 1: the squared error is a parabola of it."""
+    first, half, last = (solved.error**2 for solved in (taken, middle, other))
+    curvature = first - 2 * half + last
+    return float(np.clip((3 * first - 4 * half + last) / (4 * curvature), 0, 1)) if curvature > 0 else 0.5
+
+
+def _remarks(error: float, noise: float, values: np.ndarray) -> list[str]:
     if values[2] < 0:
         return ["friction falls with the velocity: a Stribeck effect, or another dead time; fit a law with one"]
+    if not errs(values[1], error, noise):
+        return []
     return [
-        f"the model misses {error / values[1]:.0%} of the Coulomb force: another force, a Stribeck effect, a mode "
-        "below ten times highest, or a wrong gain or dead time; see the curve 'force over velocity'"
+        f"the model misses {error / values[1]:.0%} of the Coulomb force, where noise explains {noise / values[1]:.1g}, "
+        "and its intervals are widened, but may not hold the truth: another force, a Stribeck effect, a mode below ten "
+        "times highest, a position that was not measured, or a wrong gain or dead time; see the curve 'force over "
+        "velocity'"
     ]
 
 
@@ -184,14 +245,8 @@ def _metrics(values: np.ndarray, covariance: np.ndarray, error: float, columns: 
 
 
 def _curve(columns: np.ndarray, force: np.ndarray, velocity: np.ndarray, values: np.ndarray) -> Curve:
-    order = np.argsort(velocity, kind="stable")
     inertia = columns[:, 0] * values[0]
-    named = {
-        "velocity": velocity[order],
-        "force": (force - inertia)[order],
-        "model": (columns @ values - inertia)[order],
-    }
-    return Curve("force over velocity", named, {"velocity": "m/s", "force": "N", "model": "N"})
+    return force_over_velocity(velocity, force - inertia, columns @ values - inertia)
 
 
 def _fit(values: np.ndarray, covariance: np.ndarray) -> Fit:

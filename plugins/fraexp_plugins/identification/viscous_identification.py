@@ -7,10 +7,13 @@ import numpy as np
 from fraexp.api import Curve, Estimator, Fit, Metric, RecordError, Result, Segment, Signals, param
 from fraexp_plugins.friction.coulomb import Coulomb
 from fraexp_plugins.identification.friction_record import GROSS, check_units
+from fraexp_plugins.identification.friction_report import force_over_velocity
 from fraexp_plugins.identification.stop_operator import turning_points
 
 LEVEL = 0.975
 """Of Student's distribution, for 95 % intervals."""
+FEWEST = 4
+"""Runs at least."""
 CURVED = 4.0
 """Standard deviations of a quadratic term from which friction is not linear in the velocity."""
 DIFFERENT = 1.2
@@ -19,7 +22,7 @@ STEADY = 0.1
 """Relative difference of a run's two halves in velocity from which it is none."""
 
 
-class ViscousIdentification(Estimator, name="viscous_identification", version=1):
+class ViscousIdentification(Estimator, name="viscous_identification", version=2):
     """D_v from runs at constant velocity, eq (12): mean force F_o + F_c sgn(v) + D_v v + M a, by least squares.
 
     A run is the motion from one reversal to the next without its beginning, in which presliding and the loop settle,
@@ -42,12 +45,7 @@ class ViscousIdentification(Estimator, name="viscous_identification", version=1)
         """Return D_v, F_c and F_o with 95 % intervals, the runs as a curve, and a Coulomb model."""
         check_units(signals, {self.displacement: "m", self.force: "N"})
         runs = np.array([run for segment in signals.segments for run in self._runs(segment)]).reshape(-1, 3)
-        speeds = np.abs(runs[:, 0])
-        if len(runs) < 4 or speeds.max() < DIFFERENT * speeds.min() or np.ptp(np.sign(runs[:, 0])) == 0:
-            raise RecordError(
-                f"{len(runs)} runs at steady velocity were found; expected 4 at least, in both directions and at "
-                "different velocities: see excitation constant_velocities"
-            )
+        _check(runs)
         values, covariance = _regression(runs, quadratic=False)
         remarks = [signals.message] if signals.message else []
         if len(runs) > 5:
@@ -82,6 +80,20 @@ class ViscousIdentification(Estimator, name="viscous_identification", version=1)
                 change = (halves[1] - halves[0]) / segment.sample_time**2 / ((last - first) / 2)
                 found.append((float(velocity), float(np.mean(force[first:last])), float(change)))
         return found
+
+
+def _check(runs: np.ndarray) -> None:
+    """Raise RecordError unless runs, shape (n, 3), tell viscous friction."""
+    speeds = np.abs(runs[:, 0])
+    missing = ""
+    if len(runs) < FEWEST:
+        missing = f"{len(runs)} runs at steady velocity were found; expected {FEWEST} at least, in both directions and "
+    elif np.ptp(np.sign(runs[:, 0])) == 0:
+        missing = f"all {len(runs)} runs at steady velocity are in one direction; expected both, "
+    elif speeds.max() < DIFFERENT * speeds.min():
+        missing = f"all {len(runs)} runs at steady velocity are at one, {np.median(speeds):.3g} m/s; expected runs "
+    if missing:
+        raise RecordError(f"{missing}at different velocities: see excitation constant_velocities")
 
 
 def _regression(runs: np.ndarray, *, quadratic: bool) -> tuple[np.ndarray, np.ndarray]:
@@ -121,11 +133,9 @@ def _metrics(values: np.ndarray, covariance: np.ndarray, runs: int) -> tuple[Met
 
 
 def _curve(runs: np.ndarray, values: np.ndarray) -> Curve:
-    velocity, force, acceleration = runs[np.argsort(runs[:, 0])].T
+    velocity, force, acceleration = runs.T
     force = force - (values[3] if values.size > 3 else 0.0) * acceleration
-    model = values[0] + values[1] * np.sign(velocity) + values[2] * velocity
-    columns = {"velocity": velocity, "force": force, "model": model}
-    return Curve("force over velocity", columns, {"velocity": "m/s", "force": "N", "model": "N"})
+    return force_over_velocity(velocity, force, values[0] + values[1] * np.sign(velocity) + values[2] * velocity)
 
 
 def _fit(values: np.ndarray, covariance: np.ndarray) -> Fit:

@@ -15,8 +15,7 @@ def whiteness(residuals: np.ndarray, parts: int) -> float:
     """
     from scipy.special import chdtrc  # scipy: imported only when something is estimated
 
-    rows = residuals.reshape(parts, -1)
-    values = rows[0] + 1j * rows[1] if parts == 2 else rows[0]
+    values = _complex(residuals, parts)
     n = values.size
     power = float(np.sum(np.abs(values) ** 2))
     lags = min(LAGS, n // 4)
@@ -27,3 +26,23 @@ def whiteness(residuals: np.ndarray, parts: int) -> float:
         correlation = np.sum(values[lag:] * np.conj(values[:-lag])) / power
         statistic += abs(correlation) ** 2 / (n - lag)
     return float(chdtrc(parts * lags, parts * n * (n + 2) * statistic))
+
+
+def neighbours(residuals: np.ndarray, parts: int) -> tuple[float, float]:
+    """Return the correlation of neighbouring residuals, and the probability of at least this one if they are white.
+
+    Of n white ones the correlation is normally distributed with the variance 1/(parts n).
+    """
+    from scipy.special import ndtr
+
+    values = _complex(residuals, parts)
+    power = float(np.sum(np.abs(values) ** 2))
+    if power == 0:
+        return 0.0, 1.0
+    correlation = float(np.sum((values[1:] * np.conj(values[:-1])).real)) / power
+    return correlation, float(ndtr(-correlation * np.sqrt(parts * values.size)))
+
+
+def _complex(residuals: np.ndarray, parts: int) -> np.ndarray:
+    rows = residuals.reshape(parts, -1)
+    return rows[0] + 1j * rows[1] if parts == 2 else rows[0]

@@ -18,6 +18,10 @@ KEPT = 1e-3
 """Share of the force limit that is kept back: friction differs a little from one round to the next."""
 MOST = 100_000
 """Samples of a move at most."""
+MOST_ACCELERATION = 1000.0
+"""Acceleration [m/s²] up to which a move without a force limit is believed: about 100 g, which the fastest axes on
+guides reach, those of wire bonders. Far beyond it no axis follows, and a linear model with any thrust it likes says
+nothing of one."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +34,8 @@ class Plan:
     """What the friction model asks for on top of it [N], shape (n,)."""
     reference: np.ndarray
     """What the position is to be measured as meanwhile [m], shape (n,)."""
+    acceleration: float
+    """Greatest acceleration of the design model [m/s²]."""
 
 
 @dataclass(frozen=True)
@@ -70,8 +76,12 @@ class Task(ABC):
             trajectory = self.trajectory(thrust)
             friction = self._friction(trajectory.displacement)
             if self.limit is None or np.abs(thrust + friction).max() <= self.limit:
-                return Plan(thrust, friction, trajectory.measured)
+                return Plan(thrust, friction, trajectory.measured, self._acceleration(trajectory.displacement))
         return None
+
+    def _acceleration(self, displacement: np.ndarray) -> float:
+        """Return the greatest acceleration of a displacement [m/s²]."""
+        return float(np.abs(np.diff(displacement, 2)).max()) / (self.model.sample_time / POINTS) ** 2
 
     def _friction(self, displacement: np.ndarray) -> np.ndarray:
         """Return the model's friction force in each sample [N], averaged: the thrust is held meanwhile."""
@@ -97,6 +107,7 @@ def planned(task: Task) -> Plan:
         )
     found = task.plan()
     if found is not None:
+        _check_sane(task, found)
         return found
     holding = _holding(task)
     if task.limit is not None and holding > task.limit * (1 - KEPT):
@@ -109,6 +120,17 @@ def planned(task: Task) -> Plan:
             f"force_limit {task.limit:g} N is too low for a move of {max(MOST_BOUND, task.moving):,} samples; raise it"
         )
     raise ParameterError(_too_short(task, f"the thrust would exceed force_limit {task.limit:g} N", enough))
+
+
+def _check_sane(task: Task, plan: Plan) -> None:
+    """Raise ParameterError for a thrust that no machine has, unless the user states which thrust it has."""
+    if task.limit is None and plan.acceleration > MOST_ACCELERATION:
+        greatest = float(np.abs(plan.thrust + plan.friction).max())
+        raise ParameterError(
+            f"a move of {task.moving} samples ({task.moving * task.model.sample_time:g} s) needs {greatest:.3g} N and "
+            f"{plan.acceleration:.3g} m/s²; beyond {MOST_ACCELERATION:g} m/s², about 100 g, no linear model of an axis "
+            "is to be believed: lengthen 'duration', or give force_limit, the greatest thrust of the machine"
+        )
 
 
 def _holding(task: Task) -> float:

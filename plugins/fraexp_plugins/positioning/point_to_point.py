@@ -38,7 +38,8 @@ class PointToPoint(Excitation, name="point_to_point", version=1):
     al., Control Engineering Practice 13(2), 2005, doi:10.1016/j.conengprac.2004.02.010).
 
     Lags before the thrust are part of P_d's model; the friction's thrust is not led against them. The limit is that of
-    the feedforward; the feedback comes on top. Not to be used with a P_d that is not known: the thrust is then wrong by
+    the feedforward; the feedback comes on top. Without a limit, a move beyond 1000 m/s² is refused: no axis makes it,
+    and the model would say nothing of one. Not to be used with a P_d that is not known: the thrust is then wrong by
     as much, and the modes ring.
     """
 
@@ -99,7 +100,11 @@ def _planned(motion: PointToPoint, sample_time: float) -> Plan:
     moving, resting = (int(np.ceil(time / sample_time - 1e-9)) for time in (motion.duration, motion.hold))
     samples = len(motion.targets) * (moving + resting)
     if samples > LONGEST:
-        raise ParameterError(f"point_to_point has {samples:,} samples; expected {LONGEST:,} at most: shorten 'hold'")
+        culprit = "'duration'" if moving > resting else "'hold'"
+        fewer = ", or take fewer targets" if len(motion.targets) > 1 else ""
+        raise ParameterError(
+            f"point_to_point has {samples:,} samples; expected {LONGEST:,} at most: shorten {culprit}{fewer}"
+        )
     try:
         return planned(_task(motion, sample_time, moving, resting))
     except ParameterError as error:

@@ -12,9 +12,10 @@ STILL = 1e-9
 """Change of the reference per sample, relative to its range, up to which it rests."""
 STEADY = 10
 """The last part of the rest, one in so many, tells the steady-state error."""
+COMPENSATION = ", as with wrong friction compensation or plant gain"
 
 
-class Positioning(Estimator, name="positioning", version=1):
+class Positioning(Estimator, name="positioning", version=2):
     """Overshoot, settling time into ± `band` and residual vibration of each move (paper, Fig 8); the worst of all.
 
     A move begins where the reference begins to move, and lasts until the next one; its target is where the reference
@@ -25,7 +26,8 @@ class Positioning(Estimator, name="positioning", version=1):
     Systems, Measurement, and Control 112(1), 1990, doi:10.1115/1.2894142, on residual vibration).
 
     Where the position is outside the band when the next move begins, or the record ends, there is no settling time
-    (NaN) and the message says so. Not to be used with a reference that never rests.
+    (NaN) and the message says so. A move that is no longer than the band begins inside of it and tests nothing: it has
+    no settling time that counts. Not to be used with a reference that never rests.
     """
 
     output: str = param("", "channel of the position", "y")
@@ -48,14 +50,37 @@ class Positioning(Estimator, name="positioning", version=1):
             return Result(signals.outcome, signals.message)
         moves = [move for segment in signals.segments for move in self._moves(segment)]
         curves = tuple(self._curve(segment, signals.units, units) for segment in signals.segments)
-        away = sum(np.isnan(move.settling_time) for move in moves)
-        message = signals.message
-        if away and not message:
-            message = (
-                f"after {away} of {len(moves)} moves the position is not within ±{self.band:g} {units['position']}: "
-                "improve the design model, or allow a longer hold or a wider band"
-            )
+        message = signals.message or "; ".join(self._remarks(moves, units["position"]))
         return Result(signals.outcome, message, metrics=tuple(_worst(moves, signals, self)), curves=curves)
+
+    def _remarks(self, moves: Sequence["_Move"], unit: str) -> Iterator[str]:
+        """Yield what is to be said of moves that test nothing, and of those after which the position is outside."""
+        band, short = f"±{_length(self.band, unit)}", sum(not move.tested for move in moves)
+        if short:
+            yield (
+                f"{short} of {_moves(len(moves))} {'is' if short == 1 else 'are'} no longer than the band of {band}, "
+                "which tests nothing: lower 'band', or move farther"
+            )
+        away = [move for move in moves if move.tested and np.isnan(move.settling_time)]
+        if away:
+            of = f"{len(away)} of {_moves(len(moves))}"
+            yield f"after {of} the position is not within {band}: {self._why(away, unit)}"
+
+    def _why(self, away: Sequence["_Move"], unit: str) -> str:
+        """Return why the position may be outside of the band, and what may help."""
+        if self.band < self.resolution + 3 * self.noise:
+            known = (("resolution", self.resolution), ("noise", self.noise))
+            scale = " and a ".join(f"{name} of {_length(value, unit)}" for name, value in known if value)
+            return f"the scale has a {scale}; take a wider band, or a better scale"
+        off = max((move.steady_state_error for move in away), key=abs)
+        ringing = max(away, key=lambda move: move.vibration)
+        stays = f"it stays {_length(abs(off), unit)} off" if abs(off) > self.band else ""
+        swing = f"{_length(ringing.vibration, unit)} at {ringing.frequency:.3g} Hz"
+        vibrates = f"it vibrates by {swing}" if ringing.vibration > self.band else ""
+        models = "improve the friction model or the design model, or allow a longer hold or a wider band"
+        cause = "" if stays and vibrates else ", as with wrong modes" if vibrates else COMPENSATION if stays else ""
+        seen = " and ".join(filter(None, (stays, vibrates)))
+        return f"{seen}{cause}; {models}" if seen else models
 
     def _moves(self, segment: Segment) -> list["_Move"]:
         y, r = (segment.channels[name].ravel() for name in (self.output, self.reference))
@@ -103,6 +128,8 @@ class Positioning(Estimator, name="positioning", version=1):
 class _Move:
     """What became of one move; in the units of the channels and seconds."""
 
+    tested: bool
+    """Whether it begins outside of the band around its target."""
     overshoot: float
     first_entry: float
     """Time until the band is entered; NaN if it never is."""
@@ -132,6 +159,7 @@ class _Move:
         settled = inside.size and not outside[-1]
         vibration, frequency = _vibration(deviation[moving:], segment.sample_time, least)
         return cls(
+            tested=abs(distance) > band,
             overshoot=max(float(np.max(np.sign(distance) * deviation)), 0.0),
             first_entry=float(inside[0]) * segment.sample_time if inside.size else np.nan,
             settling_time=float(left[-1] + 1 if left.size else 0) * segment.sample_time if settled else np.nan,
@@ -141,6 +169,17 @@ class _Move:
             steady_state_error=float(np.mean(deviation[-max(deviation.size - moving, STEADY) // STEADY :])),
             peak_thrust=float(np.abs(u).max()),
         )
+
+
+def _length(value: float, unit: str) -> str:
+    """Return a length in a unit in which it is neither tiny nor huge; of another quantity, the value in its unit."""
+    sizes = ((1.0, 1.0, "m"), (1e-3, 1e3, "mm"), (1e-7, 1e6, "µm"), (0.0, 1e9, "nm"))
+    factor, shown = next((f, name) for least, f, name in sizes if value >= least) if unit == "m" else (1.0, unit)
+    return f"{factor * value:.3g} {shown}"
+
+
+def _moves(count: int) -> str:
+    return "1 move" if count == 1 else f"{count} moves"
 
 
 def _turning_points(values: np.ndarray, least: float) -> np.ndarray:
@@ -172,12 +211,13 @@ def _vibration(deviation: np.ndarray, sample_time: float, least: float) -> tuple
 def _worst(moves: Sequence[_Move], signals: Signals, names: Positioning) -> Iterator[Metric]:
     length = signals.unit(names.output)
     ringing = max(moves, key=lambda move: move.vibration)
+    tested = [move for move in moves if move.tested]
     yield Metric("overshoot", max(move.overshoot for move in moves), length)
-    yield Metric("first entry", float(np.max([move.first_entry for move in moves])), "s")
-    yield Metric("settling time", float(np.max([move.settling_time for move in moves])), "s")
+    yield Metric("first entry", float(np.max([move.first_entry for move in tested] or [np.nan])), "s")
+    yield Metric("settling time", float(np.max([move.settling_time for move in tested] or [np.nan])), "s")
+    if names.input in signals.units:
+        yield Metric("peak thrust", max(move.peak_thrust for move in moves), signals.unit(names.input))
     yield Metric("departures", float(max(move.departures for move in moves)), "1")
     yield Metric("residual vibration", ringing.vibration, length)
     yield Metric("vibration frequency", ringing.frequency, "Hz")
     yield Metric("steady-state error", max((move.steady_state_error for move in moves), key=abs), length)
-    if names.input in signals.units:
-        yield Metric("peak thrust", max(move.peak_thrust for move in moves), signals.unit(names.input))

@@ -3,11 +3,11 @@
 import csv
 import itertools
 import math
-import re
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TextIO
 
 import numpy as np
 
@@ -17,11 +17,14 @@ from fraexp_plugins.readers.measured import check_size, missing_column
 DELIMITERS = ("\t", ";", ",", None)
 """In the order in which they are tried; None is any run of blanks."""
 COMMENTS = ("#", "%")
+BRACKETS = ("[]", "()")
+"""Around a unit."""
 PEEK = 65536
 """Bytes from which the encoding is told."""
 HEAD = 1000
 """Lines among which the first line of numbers must be."""
-UNIT = re.compile(r"^(?P<name>.*\S)\s*(?:\[(?P<square>[^\]]*)\]|\((?P<round>[^)]*)\))$")
+LONGEST = 1 << 22
+"""Letters of a line, and of all lines together among which the first line of numbers must be."""
 
 
 class CsvReader(RecordReader, name="csv", version=1):
@@ -87,7 +90,27 @@ def _opened(path: Path) -> tuple[str, _Layout]:
     check_size(path, "the file", path.stat().st_size)
     encoding = _encoding(path)
     with path.open(encoding=encoding, errors="replace") as stream:
-        return encoding, _layout(path, list(itertools.islice(stream, HEAD)))
+        return encoding, _layout(path, list(_head(path, stream)))
+
+
+def _head(path: Path, stream: TextIO) -> Iterator[str]:
+    """Yield the lines among which the first line of numbers must be."""
+    room = LONGEST
+    for line in itertools.islice(_lines(path, stream), HEAD):
+        room -= len(line)
+        if room < 0:
+            return
+        yield line
+
+
+def _lines(path: Path, stream: TextIO) -> Iterator[str]:
+    """Yield the lines of a text; RecordError at one of a length that no columns have."""
+    number = 1
+    while line := stream.readline(LONGEST + 1):
+        if len(line) > LONGEST:
+            raise RecordError(f"{path.name}, line {number}: it has more than {LONGEST:,} letters; expected columns")
+        yield line
+        number += 1
 
 
 def _encoding(path: Path) -> str:
@@ -163,15 +186,16 @@ def _is_number(cell: str, decimal_comma: bool) -> bool:
 
 
 def _split(heading: str) -> tuple[str, str | None]:
-    found = UNIT.match(heading)
-    if not found:
-        return heading, None
-    return found["name"], found["square"] if found["square"] is not None else found["round"]
+    for opening, closing in BRACKETS:
+        name, bracket, unit = heading.removesuffix(closing).rpartition(opening)
+        if heading.endswith(closing) and bracket and name.strip() and closing not in unit:
+            return name.rstrip(), unit
+    return heading, None
 
 
 def _rows(path: Path, encoding: str, layout: _Layout) -> Iterator[tuple[int, str]]:
     with path.open(encoding=encoding, errors="replace") as stream:
-        for number, line in enumerate(stream, start=1):
+        for number, line in enumerate(_lines(path, stream), start=1):
             if number > layout.start and line.strip() and not line.lstrip().startswith(COMMENTS):
                 yield number, line
 

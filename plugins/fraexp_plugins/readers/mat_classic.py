@@ -9,7 +9,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from fraexp.api import RecordError
-from fraexp_plugins.readers.measured import check_size, missing_column
+from fraexp_plugins.readers.measured import LARGEST, check_size, missing_column
 
 COMPRESSED, MATRIX, INT8 = 15, 14, 1
 """Types of a data element (MAT-File Format, MathWorks, table 1-1)."""
@@ -17,6 +17,8 @@ OPAQUE = 17
 """Class of MATLAB's own objects, whose header is undocumented."""
 HEADER = 128
 """Length of the file's header [bytes]."""
+CHUNK = 1 << 20
+"""Bytes that are inflated at a time."""
 PEEK = 1024
 """Bytes of a variable within which its name is."""
 DEEPEST = 6
@@ -44,6 +46,7 @@ def _loaded(path: Path, tops: set[str] | None) -> tuple[Mapping[str, Any], dict[
         wanted = sizes.keys() if tops is None else tops
         for top in wanted & sizes.keys():
             check_size(path, f"variable '{top}'", sizes[top])
+        check_size(path, "what is read of it", sum(sizes[top] for top in wanted & sizes.keys()))
         return scipy.io.loadmat(path, variable_names=list(wanted), verify_compressed_data_integrity=True), sizes
     except RecordError:
         raise
@@ -73,11 +76,27 @@ def _elements(stream: BinaryIO, order: str, end: int) -> Iterator[tuple[str, int
         body = stream.read(min(size, PEEK))
         if kind == COMPRESSED:
             inner = zlib.decompressobj().decompress(body, PEEK)
-            kind, size = struct.unpack(f"{order}II", inner[:8])
+            kind, _ = struct.unpack(f"{order}II", inner[:8])
+            stream.seek(after - size)
+            size = _inflated(stream, size)  # what it says of itself need not be true
             body = inner[8:]
         if kind == MATRIX:
             yield _name(body, order), size
         stream.seek(after)
+
+
+def _inflated(stream: BinaryIO, size: int) -> int:
+    """Return to how many bytes the next `size` bytes inflate; somewhat more than `LARGEST` if to more than that."""
+    inflater, total, left = zlib.decompressobj(), 0, size
+    while left and total <= LARGEST:
+        piece = stream.read(min(left, CHUNK))
+        if not piece:
+            break
+        left -= len(piece)
+        while piece and total <= LARGEST:
+            total += len(inflater.decompress(piece, CHUNK))
+            piece = inflater.unconsumed_tail
+    return total
 
 
 def _name(body: bytes, order: str) -> str:

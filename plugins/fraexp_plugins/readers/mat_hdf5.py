@@ -3,7 +3,8 @@
 h5py is imported when a file is read, so groups and datasets are told apart by what they have.
 """
 
-from collections.abc import Callable, Sequence
+import itertools
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -13,13 +14,25 @@ from fraexp.api import RecordError
 from fraexp_plugins.readers.measured import check_size, missing_column
 
 Found = TypeVar("Found")
+REFERENCE = 8
+"""Times that a reference takes more room than in the file."""
+MOST = 10_000
+"""Nodes that are looked at for names: groups may hold themselves."""
 DEEPEST = 6
 """Levels of structs and cells that are looked through for names."""
 
 
 def read_columns(path: Path, columns: Sequence[str]) -> dict[str, np.ndarray]:
     """Return the named columns as they stand in the file; RecordError names what exists if one is missing."""
-    return _opened(path, lambda file: {name: _read(path, name, *_follow(path, name, file)) for name in columns})
+
+    def of_these(file: Any) -> dict[str, np.ndarray]:
+        nodes = {name: _follow(path, name, file) for name in columns}
+        for name, (node, _) in nodes.items():
+            check_size(path, f"variable '{name}'", _size(node))
+        check_size(path, "what is read of it", sum({node.name: _size(node) for node, _ in nodes.values()}.values()))
+        return {name: _read(path, name, *found) for name, found in nodes.items()}
+
+    return _opened(path, of_these)
 
 
 def shapes(path: Path) -> dict[str, tuple[int, ...]]:
@@ -52,7 +65,6 @@ def _read(path: Path, column: str, node: Any, number: int | None) -> np.ndarray:
         raise RecordError(f"{path.name}: '{column}' is a struct, cell, text or object, not numbers; it holds {leaves}")
     if node.is_virtual or node.external:
         raise RecordError(f"{path.name}: '{column}' lies in another file; save all of it into one file")
-    check_size(path, f"variable '{column}'", float(node.size) * node.dtype.itemsize)
     if node.attrs.get("MATLAB_empty", 0):
         return np.empty(0)
     if number is None:
@@ -81,6 +93,11 @@ def _is_dataset(node: Any) -> bool:
     return hasattr(node, "dtype")
 
 
+def _size(node: Any) -> float:
+    """Return the decoded size of a dataset [bytes]."""
+    return float(node.size or 0) * node.dtype.itemsize if _is_dataset(node) else 0.0
+
+
 def _is_table(node: Any) -> bool:
     return _is_dataset(node) and bool(node.dtype.metadata) and "ref" in node.dtype.metadata
 
@@ -100,20 +117,29 @@ def _item(node: Any, number: int) -> tuple[Any, int | None]:
     if not _is_dataset(node):
         return node, number  # the fields of a struct array are tables, indexed one level below
     if _is_table(node):
+        check_size(Path(node.file.filename), "a cell or struct array", _size(node) * REFERENCE)
         references = np.ravel(node[()])
         return (node.file[references[number - 1]], None) if 0 < number <= references.size else (None, None)
     return (node, number) if node.ndim == 2 and 0 < number <= min(node.shape) else (None, None)
 
 
-def _leaves(node: Any, place: str, depth: int = 0) -> list[str]:
+def _leaves(node: Any, place: str) -> list[str]:
     """Return the paths of the arrays of numbers below a node."""
-    if depth > DEEPEST:
-        return []
+    return list(_found(node, place, iter(range(MOST)), 0))
+
+
+def _found(node: Any, place: str, budget: Iterator[int], depth: int) -> Iterator[str]:
+    if depth > DEEPEST or next(budget, None) is None:
+        return
     if _is_table(node):
         parts = [(str(number), _item(node, number)[0]) for number in range(1, min(node.size, DEEPEST) + 1)]
     elif _is_dataset(node):
-        return [place] if _is_array(node) else []
+        if _is_array(node):
+            yield place
+        return
     else:
-        parts = [(name, _child(node, name)) for name in node if not name.startswith("#")]
-    found = [(f"{place}.{name}".strip("."), part) for name, part in parts if part is not None]
-    return [leaf for name, part in found for leaf in _leaves(part, name, depth + 1)]
+        names = itertools.islice((name for name in node if not name.startswith("#")), MOST)
+        parts = [(name, _child(node, name)) for name in names]
+    for name, part in parts:
+        if part is not None:
+            yield from _found(part, f"{place}.{name}".strip("."), budget, depth + 1)

@@ -1,0 +1,211 @@
+"""How long pages of a database of 100,000 sweeps take, computing and by the clock: filtered, sorted, counted; its size.
+
+Half of the sweeps are a grid of amplitudes, friction forces, seeds and estimators with a list of 100 frequencies;
+the other half are drawn machines, no two alike. ``benchmarks/store.py [FILE]`` keeps the database.
+"""
+
+import statistics
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from sqlalchemy import bindparam, insert, update
+
+from fraexp.results import FrequencyResponse, Metric
+from fraexp.store import Store, codec
+from fraexp.store.parts import learn
+from fraexp.store.tables import frequency_response, metric, run_sweep, sweep
+from fraexp.sweep import Sweep
+
+SWEEPS = 100_000
+RUNS = 20
+FREQUENCIES = [float(value) for value in np.geomspace(1.0, 200.0, 100)]
+FREQUENCIES_OF_A_STUDY, MOST_SIZE = 40, 1.5
+"""From so many frequencies on, a sweep takes no more than so many times the room of its arrays."""
+BOUND, FIRST_BOUND = 0.2, 0.1
+"""Seconds of computing that a page may take, and the first one."""
+ESTIMATORS: tuple[dict[str, Any], ...] = (
+    {"name": "conventional", "remove_delay": True},
+    {"name": "proposed", "force_scale": 1.0, "width_scale": 1.0, "method": None, "deviations": []},
+)
+CHANNELS = {"version": 1, "input": "u", "output": "y", "input_dead_time": 1e-3, "input_lags": [], "roll_off": 2}
+QUESTIONS: dict[str, Callable[[Store], Any]] = {
+    "first page": lambda store: store.page(),
+    "last page": lambda store: store.page(offset=SWEEPS - 100),
+    "sorted by estimator, deep": lambda store: store.page(order="estimator", offset=SWEEPS // 2),
+    "sorted by elapsed": lambda store: store.page(order="-elapsed"),
+    "sorted by state": lambda store: store.page(order="state"),
+    "sorted by amplitude": lambda store: store.page(order="-excitation.amplitude"),
+    "sorted by a drawn parameter": lambda store: store.page(order="plant.gain"),
+    "sorted by a metric": lambda store: store.page(order="-metric.peak force"),
+    "estimator=proposed": lambda store: store.page("estimator=proposed"),
+    "estimator=proposed excitation.amplitude>=12": lambda store: store.page(
+        "estimator=proposed excitation.amplitude>=12"
+    ),
+    "the issue's, tag and state": lambda store: store.page(
+        "estimator=proposed excitation.amplitude>=12 state:failed tag:baseline"
+    ),
+    "-state:failed": lambda store: store.page("-state:failed"),
+    "plant.gain>0.13 (drawn)": lambda store: store.page("plant.gain>0.13"),
+    "plant.gain>0.13, sorted by it": lambda store: store.page("plant.gain>0.13", "plant.gain"),
+    'metric."peak force">14': lambda store: store.page('metric."peak force">14'),
+    "loop.resolution<=1um": lambda store: store.page("loop.resolution<=1um"),
+    "a word": lambda store: store.page("proposed"),
+    "a word that nothing has": lambda store: store.page("nowhere"),
+    "a run of 5000": lambda store: store.page(run=3),
+    "a run, filtered and sorted": lambda store: store.page("estimator=proposed", "-elapsed", run=3),
+    "study:drawn": lambda store: store.page("study:drawn"),
+    "all keys that match": lambda store: store.keys("estimator=proposed"),
+    "fields": lambda store: store.fields(),
+    "version": lambda store: store.version(),
+}
+
+
+def main() -> int:
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(folder) / "results.db"
+        if not file.exists():
+            began = time.perf_counter()
+            make(file)
+            print(f"made {SWEEPS} sweeps in {time.perf_counter() - began:.1f} s")
+        print(f"{file.stat().st_size / 2**20:.0f} MiB, {file.stat().st_size / SWEEPS / 1024:.2f} KiB a sweep")
+        missed = sum(show_size(points) for points in (2, 30, 40, 100))
+        print()
+        with Store.open(str(file), read_only=True) as store:
+            return missed + sum(report(store, name, ask) for name, ask in QUESTIONS.items()) > 0
+
+
+def show_size(points: int, sweeps: int = 2000) -> bool:
+    """Print what sweeps of so many frequencies take beside their arrays; return whether it is too much."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "size.db"
+        grid = [*crossed(sweeps // 2), *drawn(sweeps // 2)]
+        with Store.open(str(file), create=True) as store:
+            write_results(store, store.begin_run("size", "size.toml", "fraexp run", {}, grid), grid, points)
+        size = file.stat().st_size / sweeps
+    data = {name: np.asarray(getattr(response(points), name), dtype) for name, dtype in codec.DTYPES.items()}
+    raw = sum(array.nbytes for array in data.values())
+    missed = points >= FREQUENCIES_OF_A_STUDY and size > MOST_SIZE * raw
+    told = f"{points:3} frequencies: {size / 1024:5.2f} KiB a sweep, {size / raw:.2f} times its arrays"
+    print(f"{told}{'  missed' if missed else ''}", flush=True)
+    return missed
+
+
+def report(store: Store, name: str, ask: Callable[[Store], Any]) -> bool:
+    """Print how long a question takes; return whether it is too long."""
+    times, waited = [], []
+    for _ in range(6):
+        began, clock = time.process_time(), time.perf_counter()
+        answer = ask(store)
+        times.append(time.process_time() - began)
+        waited.append(time.perf_counter() - clock)
+    warm, clock = statistics.median(times[1:]), statistics.median(waited[1:])
+    missed = warm > (FIRST_BOUND if name == "first page" else BOUND)
+    total = answer.total if hasattr(answer, "total") else ""
+    print(f"{name:45} {1e3 * warm:7.1f} ms {1e3 * clock:7.1f} ms {total:>8}{'  missed' if missed else ''}", flush=True)
+    return missed
+
+
+def make(file: Path) -> None:
+    """Write the database: sweeps and runs as a run writes them, small results at once."""
+    grid = [*crossed(SWEEPS // 2), *drawn(SWEEPS // 2)]
+    size = len(grid) // RUNS
+    with Store.open(str(file), create=True) as store:
+        for number in range(RUNS):
+            study = "grid/amplitudes" if number < RUNS // 2 else "robustness/drawn"
+            part = grid[number * size : (number + 1) * size]
+            run = store.begin_run(study, f"studies/{study}.toml", "fraexp run", {"fraexp": "0.1.0"}, part)
+            write_results(store, run, part)
+            store.end_run(run, "complete")
+        store.tag([item.key for item in grid[::51]], "baseline")
+
+
+def crossed(count: int) -> Iterator[Sweep]:
+    """Yield a grid of 50 amplitudes, 10 friction forces, seeds, and two estimators."""
+    for index in range(count):
+        which, rest = index % 2, index // 2
+        amplitude, force, seed = 2.0 + rest % 50, 15.0 + rest // 50 % 10, rest // 500
+        labels = {"excitation.amplitude": amplitude, "friction.curve.coulomb": force, "loop.seed": seed}
+        estimator = {"name": ESTIMATORS[which]["name"]}
+        yield Sweep(
+            experiment(amplitude, force, seed, 0.132), ESTIMATORS[which] | CHANNELS, {**labels, "estimator": estimator}
+        )
+
+
+def drawn(count: int) -> Iterator[Sweep]:
+    """Yield machines of which each has a plant, a friction force and noise of its own."""
+    random = np.random.default_rng(1)
+    for index in range(count):
+        gain, force = float(random.normal(0.132, 0.003)), float(random.normal(17.9, 1.0))
+        labels = {"draw": index, "plant.gain": gain, "friction.curve.coulomb": force}
+        yield Sweep(experiment(12.0, force, index, gain), ESTIMATORS[index % 2] | CHANNELS, labels)
+
+
+def experiment(amplitude: float, force: float, seed: int, gain: float) -> dict[str, Any]:
+    """Return a loop as studies resolve it."""
+    curve = {"shape": "exponential", "coulomb": force, "width": 4.536e-05, "elements": 20, "displacements": []}
+    dead = {"input_dead_time": 0.001, "input_lags": [], "output_dead_time": 0.0, "output_lags": []}
+    return {
+        "source": "loop",
+        "plant": {
+            "name": "modal",
+            "version": 1,
+            "gain": gain,
+            "frequencies": [38.8, 80.0],
+            "damping_ratios": [0.04634, 0.02],
+            "residues": [0.342, 0.3],
+            "viscous_coefficient": 0.0,
+        },
+        "friction": {"name": "rolling", "version": 1, "curve": curve, "stiffness": [], "viscous_coefficient": 4.69},
+        "controller": {"name": "pid", "version": 1, "proportional": 6052.93, "derivative_time": 0.0566204},
+        "loop": {"sample_time": 0.0005, **dead, "reference": 0.0, "resolution": 1e-07, "noise": 3e-8, "seed": seed},
+        "excitation": {
+            "name": "stepped_sine",
+            "version": 1,
+            "tolerance": 1e-05,
+            "settle_limit": 30.0,
+            "frequencies": FREQUENCIES,
+            "amplitude": amplitude,
+        },
+        "numerics": {"tolerance": 0.0001, "steps_per_sample": 0},
+    }
+
+
+def response(points: int) -> FrequencyResponse:
+    """Return a response with all arrays that every response has."""
+    ones = np.ones(points)
+    arrays = {"covariance": np.ones((points, 2, 2)), "settled": ones > 0, "harmonics": np.zeros((points, 6), complex)}
+    names = ("frequency", "response", "input_amplitude", "output_amplitude", "settling_time", "residual")
+    return FrequencyResponse(**dict.fromkeys(names, ones), **arrays, unit="m/N", input="u", output="y")  # type: ignore[arg-type]
+
+
+def write_results(store: Store, run: int, part: list[Sweep], points: int = 2) -> None:
+    """Write a result of some frequencies for each sweep; one in 41 failed, one in 20 did not settle."""
+    template = codec.response_rows("", response(points))[0]
+    random = np.random.default_rng(run)
+    now = datetime.now(UTC) - timedelta(days=RUNS - run)
+    outcomes, metrics = [], []
+    for index, item in enumerate(part):
+        outcome = "NOT_SETTLED" if index % 20 == 3 else "OK"
+        created = now + timedelta(milliseconds=20 * index)
+        outcomes.append({"of": item.key, "outcome": outcome, "elapsed": random.gamma(2.0), "created": created})
+        values = (Metric("stroke", random.gamma(2.0), "m"), Metric("peak force", random.normal(14, 2), "N"))
+        metrics += codec.metric_rows(item.key, (*values, Metric("measuring time", 38.6, "s")))
+    with store._writing() as connection:
+        connection.execute(update(sweep).where(sweep.c.key == bindparam("of")), outcomes)
+        connection.execute(insert(metric), metrics)
+        connection.execute(insert(frequency_response), [template | {"key": item.key} for item in part])
+        learn(connection, "metric", {row["name"] for row in metrics})
+        for state, which in (("computed", part), ("failed", part[::41])):
+            rows = [{"of": item.key} for item in which]
+            chosen = update(run_sweep).where(run_sweep.c.run == run, run_sweep.c.key == bindparam("of"))
+            connection.execute(chosen.values(state=state), rows)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,206 @@
+"""Measure what a user of the terminal UI waits for, and what watching costs a run and the memory.
+
+    python benchmarks/terminal.py            medians of several runs, each in a real pseudo-terminal
+    python benchmarks/terminal.py --reduced  of fewer runs
+
+Start to first paint; time from a key to the repaint with 100,000 sweeps in the table; memory over an hour of looking at
+the database, without the waiting; and how much two of them slow a run down that they watch. Bounds are given in
+brackets, and the exit code is 1 if one is missed. `benchmarks/tui.py` measures the curves.
+"""
+
+import argparse
+import asyncio
+import os
+import pty
+import resource
+import select
+import signal
+import statistics
+import struct
+import subprocess
+import sys
+import tempfile
+import termios
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from fcntl import ioctl
+from pathlib import Path
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("FRAEXP_TUI_SETTINGS", os.devnull)
+
+from store import make_database
+from textual.pilot import Pilot
+
+from fraexp.tui.app import LOOK, FraexpApp
+from fraexp.tui.page import Page
+
+FRAEXP = [sys.executable, "-m", "fraexp"]
+SWEEPS = 100_000
+HOUR = 3600
+PATIENCE = 60.0
+STUDY = """
+title = "Many short sweeps"
+machine = "linear_motor_table"
+excitation = { name = "stepped_sine", amplitude = 75.0, points = 1, lowest = 100.0, highest = 101.0 }
+estimator = { name = "conventional" }
+
+[grid]
+"excitation.amplitude" = [AMPLITUDES]
+"""
+
+
+def row(what: str, value: float, unit: str, bound: float) -> bool:
+    """Print a figure with its bound; return whether the bound is missed."""
+    missed = not value <= bound
+    print(f"{what:<72s}{value:9.3f} {unit} ({bound:g})" + (" MISSED" if missed else ""), flush=True)
+    return missed
+
+
+@contextmanager
+def shown(folder: Path, rows: int = 40, columns: int = 120) -> Iterator[int]:
+    """Run ``fraexp tui`` in a pseudo-terminal; yield the end that reads what it draws and takes keys."""
+    master, slave = pty.openpty()
+    ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", rows, columns, 0, 0))
+    environment = os.environ | {"TERM": "xterm-256color", "COLORTERM": "truecolor"}
+    process = subprocess.Popen(
+        [*FRAEXP, "tui", f"--workspace={folder}"], stdin=slave, stdout=slave, stderr=slave, env=environment,
+        start_new_session=True,
+    )  # fmt: skip
+    os.close(slave)
+    try:
+        yield master
+    finally:
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        os.close(master)
+
+
+def wait_for(master: int, text: bytes) -> None:
+    """Read what is drawn until a text is among it."""
+    seen, end = b"", time.monotonic() + PATIENCE
+    while text not in seen:
+        if not select.select([master], [], [], max(end - time.monotonic(), 0))[0]:
+            raise SystemExit(f"{text!r} was not drawn within {PATIENCE:g} s")
+        seen += os.read(master, 65536)
+
+
+def drain(master: int) -> None:
+    """Take away what is drawn, so that whoever draws need not wait."""
+    while select.select([master], [], [], 0)[0]:
+        os.read(master, 65536)
+
+
+def first_paint(folder: Path, runs: int) -> float:
+    """Return the median time [s] from the start of ``fraexp tui`` to its first frame, in a fresh process."""
+    times = []
+    for _ in range(runs + 1):
+        began = time.perf_counter()
+        with shown(folder) as master:
+            wait_for(master, b"Studies")
+            times.append(time.perf_counter() - began)
+    return statistics.median(times[1:])
+
+
+def in_pilot(folder: Path, steps: Callable[[FraexpApp, Pilot[None]], "asyncio.Future[float]"]) -> float:
+    """Drive an application without a terminal, and return what the steps return."""
+
+    async def drive() -> float:
+        app = FraexpApp(folder)
+        async with app.run_test(size=(120, 40)) as pilot:
+            return await steps(app, pilot)
+
+    return asyncio.run(drive())
+
+
+async def key_times(app: FraexpApp, pilot: Pilot[None]) -> float:
+    """Return the 95 % quantile of the time [s] from a key to the repaint in the table of all sweeps."""
+    await pilot.press("w")
+    await pilot.pause(2.0)
+    times = []
+    for key in ("down", "down", "pagedown", "up", "space", "pagedown", "G", "g") * 5:
+        began = time.perf_counter()
+        await pilot.press(key)
+        times.append(time.perf_counter() - began)
+        await pilot.pause(0.1)
+    return float(statistics.quantiles(times, n=20)[-1])
+
+
+async def growth(app: FraexpApp, pilot: Pilot[None]) -> float:
+    """Return by how much the memory [MB] grows over the looks of an hour, each of which reads the page again."""
+    await pilot.press("r")
+
+    async def looks(count: int) -> None:
+        for _ in range(count):
+            await app.look()
+            if isinstance(app.screen, Page):
+                app.screen.reload()
+                await app.workers.wait_for_complete()
+
+    await looks(500)
+    before = memory()
+    await looks(round(HOUR / LOOK))
+    return memory() - before
+
+
+def memory() -> float:
+    """Return the memory of this process [MB]."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * resource.getpagesize() / 1e6
+
+
+def run_time(folder: Path, watchers: int) -> float:
+    """Return the time [s] of a run while so many terminals show it."""
+    command = [*FRAEXP, "run", "many", f"--workspace={folder}", "--rerun=all", "--executor=serial"]
+    with ExitStack() as stack:
+        masters = [stack.enter_context(shown(folder)) for _ in range(watchers)]
+        for master in masters:
+            wait_for(master, b"Studies")
+            os.write(master, b"r")
+            wait_for(master, b"fraexp list")
+        began = time.perf_counter()
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        opened = False
+        while process.poll() is None:
+            time.sleep(0.02)
+            for master in masters:
+                drain(master)
+                if not opened and time.perf_counter() - began > 2.0:
+                    os.write(master, b"\r")
+            opened = opened or time.perf_counter() - began > 2.0
+        return time.perf_counter() - began
+
+
+def slowdown(folder: Path, pairs: int, sweeps: int) -> float:
+    """Return the ratio of the times of a run with two terminals that show it to those without, pair by pair."""
+    amplitudes = ", ".join(f"{50 + 0.001 * number:.3f}" for number in range(sweeps))
+    (folder / "studies").mkdir()
+    (folder / "studies" / "many.toml").write_text(STUDY.replace("AMPLITUDES", amplitudes))
+    run_time(folder, 0)
+    return statistics.median(run_time(folder, 2) / run_time(folder, 0) for _ in range(pairs))
+
+
+def main() -> int:
+    """Print all figures; return 1 if a bound is missed."""
+    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    options.add_argument("--reduced", action="store_true", help="fewer runs")
+    few = options.parse_args().reduced
+    missed = 0
+    with tempfile.TemporaryDirectory() as name:
+        empty, full, busy = (Path(name) / part for part in ("empty", "full", "busy"))
+        for folder in (empty, full, busy):
+            folder.mkdir()
+        missed += row("fraexp tui, start to first paint, fresh process", first_paint(empty, 3 if few else 7), "s", 1.0)
+        make_database(full / "results.db", SWEEPS)
+        missed += row("first paint with 100,000 sweeps", first_paint(full, 3 if few else 7), "s", 1.0)
+        missed += row("key to repaint, 100,000 sweeps in the table, 95 %", in_pilot(full, key_times), "s", 0.1)
+        ratio = slowdown(busy, 3 if few else 7, 1000 if few else 3000)
+        missed += row("a run that two terminals watch over one that none does", ratio, "", 1.05)
+        missed += row("growth of the memory over the looks of an hour", in_pilot(busy, growth), "MB", 5.0)
+    print(f"{missed} missed")
+    return min(missed, 1)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

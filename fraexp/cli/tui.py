@@ -1,0 +1,23 @@
+"""``fraexp tui``: the terminal UI."""
+
+import os
+import sys
+from argparse import Namespace
+
+from fraexp.cli.exits import ExitCode
+from fraexp.errors import FraexpError
+
+
+def execute(arguments: Namespace) -> ExitCode:
+    """Show the terminal UI until it is left."""
+    if not (sys.stdin.isatty() and sys.stdout.isatty()) and not _served():
+        raise FraexpError("tui: there is no terminal here; every screen has its command: fraexp list, show, compare")
+    from fraexp.tui.app import FraexpApp
+
+    app = FraexpApp(arguments.workspace, arguments.db, arguments.ascii or None, arguments.debug)
+    app.run()
+    return ExitCode.INTERNAL if app.return_code else ExitCode.OK
+
+
+def _served() -> bool:
+    return "TEXTUAL_DRIVER" in os.environ  # by fraexp serve, to a browser

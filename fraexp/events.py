@@ -1,0 +1,71 @@
+"""What the scheduler tells of a run while it goes on: front ends render it."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from fraexp.results import Result
+from fraexp.sweep import Sweep
+
+
+@dataclass(frozen=True)
+class Planned:
+    """What a run will do."""
+
+    study: str
+    title: str
+    total: int
+    reused: int
+    missing: int
+    stale: int
+    """Sweeps that are reused although a plugin's source has changed since."""
+    seconds: float | None
+    """Expected time [s]; None if nothing is missing."""
+
+
+@dataclass(frozen=True)
+class Preparing:
+    """Something that takes its time before the first sweep."""
+
+    what: str
+
+
+@dataclass(frozen=True)
+class Noticed:
+    """Something that people should know, such as a worker that is left out."""
+
+    what: str
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Sweeps done, with the fraction of those that are running."""
+
+    done: float
+    total: float
+    running: int | None = None
+    """Sweeps that are being computed; None if that is not told."""
+
+
+@dataclass(frozen=True)
+class Finished:
+    """One sweep has come to its end: `computed`, `reused` or `failed`."""
+
+    sweep: Sweep
+    result: Result | None
+    state: str
+    error: str = ""
+
+
+@dataclass(frozen=True)
+class Ended:
+    """The run is over: `complete`, `partial`, `interrupted` or `dry`."""
+
+    run: int | None
+    state: str
+    figures: tuple[Path, ...] = ()
+    """Files that show the sweeps, one for each unit of their responses."""
+    note: str = ""
+    """Why there is no figure, where there should be one."""
+
+
+Event = Planned | Preparing | Noticed | Progress | Finished | Ended

@@ -1,0 +1,53 @@
+"""Where jobs run: in this process, in processes of their own, or on a cluster."""
+
+import os
+
+from fraexp.errors import StudyError, did_you_mean
+from fraexp.executors.limits import Limits
+from fraexp.executors.workers import Answer, WorkerLostError, Workers
+
+__all__ = ["Answer", "Limits", "WorkerLostError", "Workers", "make", "usable_cores", "workers_of"]
+
+MOST_WORKERS = 512
+KINDS = ("serial", "processes", "dask")
+
+
+def make(name: str, jobs: int, limits: Limits | None = None) -> Workers:
+    """Return the workers of an executor such as ``serial`` or ``processes:4`` for at most `jobs` jobs at a time."""
+    count = min(workers_of(name), max(jobs, 1))
+    if name == "serial":
+        from fraexp.executors.serial import Serial
+
+        return Serial(limits or Limits())
+    if name.startswith("dask:"):
+        from fraexp.executors.dask import Dask
+
+        return Dask(name, limits or Limits())
+    from fraexp.executors.processes import Processes
+
+    return Processes(count, limits or Limits())
+
+
+def workers_of(name: str) -> int:
+    """Return how many jobs an executor such as ``serial`` or ``processes:4`` runs at once; StudyError for others.
+
+    A cluster, ``dask:ADDRESS``, is not asked: it counts as one until it has been connected to.
+    """
+    kind, _, number = name.partition(":")
+    if kind == "serial" and not number:
+        return 1
+    if kind == "dask":
+        from fraexp.executors.dask_place import check_name
+
+        check_name(name)
+        return 1
+    if kind != "processes":
+        raise StudyError(f"there is no executor '{name}'{did_you_mean(kind, KINDS)}")
+    if number and (not number.isdecimal() or not 1 <= int(number) <= MOST_WORKERS):
+        raise StudyError(f"executor '{name}': expected a number from 1 to {MOST_WORKERS}, such as processes:4")
+    return int(number) if number else usable_cores()
+
+
+def usable_cores() -> int:
+    """Return the number of processor cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

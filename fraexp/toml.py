@@ -1,0 +1,50 @@
+"""TOML from strangers: what would take much time or memory, or nest without end, is refused as what is no TOML is."""
+
+import re
+import tomllib
+from typing import Any
+
+LONGEST = 4_000_000
+"""Characters of a file: its parser takes seconds for them."""
+DEEPEST = 32
+"""Levels of tables and lists, and parts of a name."""
+LARGEST = 2**64
+"""Whole numbers are smaller than this: formats and databases to come must hold them."""
+PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
+LONG_NAME = re.compile(rf"(?<![\w-]){PART}(?:[ \t]*+\.[ \t]*+{PART}){{{DEEPEST}}}")
+"""The parser's time rises with the square of a name's parts."""
+
+
+def loads(text: str) -> dict[str, Any]:
+    """Return the data in a TOML text; ValueError says in one line why there are none."""
+    if len(text) > LONGEST:
+        raise ValueError(f"it has {len(text):,} characters; expected {LONGEST:,} at most")
+    if LONG_NAME.search(text):
+        raise ValueError(f"a name has more than {DEEPEST} parts")
+    try:
+        data = tomllib.loads(text)
+    except RecursionError:
+        raise ValueError(f"it is nested deeper than {DEEPEST} levels") from None
+    _check(data)
+    return data
+
+
+def value(text: str) -> Any:
+    """Return the value that a text says as the right side of a TOML line; ValueError if it says none."""
+    return loads(f"value = {text}")["value"]
+
+
+def _check(data: Any) -> None:
+    level = [data]
+    for _ in range(DEEPEST):
+        inner: list[Any] = []
+        for one in level:
+            if isinstance(one, dict):
+                inner += one.values()
+            elif isinstance(one, list):
+                inner += one
+            elif isinstance(one, int) and abs(one) >= LARGEST:
+                raise ValueError(f"a whole number has {one.bit_length()} bits; expected 64 at most")
+        level = inner
+    if level:
+        raise ValueError(f"it is nested deeper than {DEEPEST} levels")

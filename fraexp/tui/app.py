@@ -1,0 +1,181 @@
+"""The application: its places, the keys that work everywhere, and the look at the database."""
+
+import os
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import Any, ClassVar, Literal
+
+from rich.text import Text
+from textual.app import App, SystemCommand
+from textual.binding import Binding, BindingType
+from textual.filter import LineFilter
+from textual.screen import Screen
+
+from fraexp.errors import FraexpError, did_you_mean
+from fraexp.figures.labels import printable
+from fraexp.tui import settings
+from fraexp.tui.desk import Desk
+from fraexp.tui.letters import AsciiOnly
+from fraexp.tui.marks import Marks
+from fraexp.tui.page import PLACES, Changed, Page
+from fraexp.tui.watch import PluginsChanged, PluginsWatch, loaded_anew
+
+TURN = 0.5e-3
+"""Seconds after which a thread that computes lets keys have their turn: Python's own 5 ms, at each of the many small
+steps in which a screen is drawn, would be felt."""
+LOOK = 0.5
+"""Seconds between two looks whether the database has changed."""
+AGAIN = 4
+"""Looks after which a screen is told even so: a run whose process dies changes nothing in the database."""
+LOOK_AT_PLUGINS = 2.0
+"""Seconds between two looks whether a file in the plugins folder has changed."""
+SCREENS = {
+    "studies": ("fraexp.tui.studies", "StudiesPage"),
+    "runs": ("fraexp.tui.runs", "RunsPage"),
+    "sweeps": ("fraexp.tui.sweeps", "SweepsPage"),
+    "compare": ("fraexp.tui.compare", "ComparePage"),
+    "plugins": ("fraexp.tui.plugins", "PluginsPage"),
+}
+"""Module and class of each place, imported when it is first shown."""
+
+
+def _screen(place: str) -> Callable[[], Screen[Any]]:
+    module, name = SCREENS[place]
+    return lambda: getattr(import_module(module), name)()  # noqa: PLW0108 - imported when it is first shown
+
+
+class FraexpApp(App[None]):
+    """fraexp in a terminal."""
+
+    TITLE = "fraexp"
+    CSS_PATH = "look.tcss"
+    MODES: ClassVar[dict[str, str | Callable[[], Screen[Any]]]] = {place: _screen(place) for place in SCREENS}
+    HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (110, "-wide")]  # noqa: RUF012 - as Textual declares it
+    VERTICAL_BREAKPOINTS = [(0, "-low"), (32, "-high")]  # noqa: RUF012
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("s", "place('studies')", "Studies", show=False, id="studies", tooltip="what can be run"),
+        Binding("r", "place('runs')", "Runs", show=False, id="runs", tooltip="what has been run, and what runs"),
+        Binding("w", "place('sweeps')", "Sweeps", show=False, id="sweeps", tooltip="all sweeps in the database"),
+        Binding("c", "place('compare')", "Compare", show=False, id="compare", tooltip="the marked sweeps together"),
+        Binding("p", "place('plugins')", "Plugins", show=False, id="plugins", tooltip="components and their state"),
+        Binding("colon", "command_palette", "commands", show=False, id="palette", tooltip="find a command by name"),
+        Binding("q", "quit", "quit", show=False, id="quit", tooltip="leave; runs go on"),
+    ]
+
+    def __init__(
+        self, folder: str | Path, database: str | None = None, plain: bool | None = None, tracing: bool = False
+    ) -> None:
+        """Open a workspace; FraexpError if it or the settings are wrong.
+
+        `plain` draws with ASCII alone, `tracing` shows the traceback of an error of its own.
+        """
+        super().__init__()
+        self.settings = settings.read(settings.place())
+        self.desk = Desk(folder, database)
+        self.marks = Marks()
+        self._plugins = PluginsWatch(self.desk.workspace.folder / "plugins")
+        wished = self.settings.ascii if plain is None else plain
+        self._ascii = AsciiOnly(settings.plain_terminal(os.environ) if wished is None else wished)
+        self._tracing = tracing
+        self._version: int | None = None
+        self._looks = 0
+        self._choose()
+
+    def _choose(self) -> None:
+        """Take the user's theme and keys."""
+        if self.settings.theme:
+            if self.settings.theme not in self.available_themes:
+                known = did_you_mean(self.settings.theme, self.available_themes)
+                raise FraexpError(f"{settings.place()}: there is no theme '{self.settings.theme}'{known}")
+            self.theme = self.settings.theme
+        if self.settings.keys:
+            from fraexp.tui import keys  # and with it all screens: only where somebody has keys of their own
+
+            keys.check(self.settings.keys, str(settings.place()))
+            self.set_keymap(dict(self.settings.keys))
+
+    @property
+    def plain(self) -> bool:
+        """Whether all is drawn with ASCII characters."""
+        return self._ascii.enabled
+
+    def get_line_filters(self) -> Sequence[LineFilter]:
+        """Return what every line goes through before it is shown."""
+        return [*super().get_line_filters(), *([self._ascii] if self._ascii.enabled else [])]
+
+    def on_mount(self) -> None:
+        """Begin with the studies, and look at the database from now on."""
+        sys.setswitchinterval(TURN)
+        self.switch_mode("studies")
+        self.set_interval(LOOK, self.look)
+        self.set_interval(LOOK_AT_PLUGINS, self.look_at_plugins)
+
+    async def look(self) -> None:
+        """Tell the screen if the database has changed since the last look, or a while has passed."""
+        try:
+            version: int | None = await self.desk.read(lambda store: store.version())
+        except FraexpError:
+            version = None  # none yet, or gone: the screen will say so when it asks
+        self._looks += 1
+        changed, self._version = version != self._version, version
+        if (changed or self._looks % AGAIN == 0) and isinstance(self.screen, Page):
+            self.screen.post_message(Changed(changed))
+
+    async def look_at_plugins(self) -> None:
+        """Load plugins anew if their files have changed, and tell what became of them."""
+        changes = self._plugins.changes()
+        if not changes:
+            return
+        for change in await self.desk.work(lambda workspace: loaded_anew(workspace, changes)):
+            severity: Literal["information", "warning"] = "warning" if change.reason else "information"
+            self.notify(printable(str(change)), title="plugins", severity=severity, markup=False)
+        self.screen.post_message(PluginsChanged())
+
+    def action_place(self, place: str) -> None:
+        """Go to a place; it is as it was left."""
+        self.switch_mode(place)
+
+    def action_keys(self) -> None:
+        """Show what the screen is for, and its keys."""
+        from fraexp.tui.help import HelpPage
+
+        if isinstance(self.screen, Page):
+            self.push_screen(HelpPage(self.screen))
+
+    def get_system_commands(self, screen: Screen[Any]) -> Iterable[SystemCommand]:
+        """Return what the command palette offers: the places, the screen's keys, and themes."""
+        for place, name in PLACES.items():
+            yield SystemCommand(name, f"go to {name}", lambda place=place: self.action_place(place))
+        for binding in screen.active_bindings.values():
+            key = binding.binding
+            if binding.node is screen and key.description and key.action not in ("back", "app.keys"):
+                text = f"{key.tooltip or key.description} (key {self.get_key_display(key)})"
+                yield SystemCommand(key.description, text, lambda action=key.action: self._act(action))
+        yield SystemCommand("Theme", "choose colours", self.action_change_theme)
+        yield SystemCommand("ASCII", "draw with ASCII characters alone, or with all", self.action_ascii)
+        yield SystemCommand("Quit", "leave; runs go on", self.exit)
+
+    def _act(self, action: str) -> None:
+        self.call_later(self.screen.run_action, action)
+
+    def action_ascii(self) -> None:
+        """Draw with ASCII characters alone, or with all of them."""
+        self._ascii.enabled = not self._ascii.enabled
+        self.refresh_css(animate=False)
+        self.screen.refresh(layout=True)
+
+    def _fatal_error(self) -> None:
+        """End with one line after an error that nobody has foreseen; what runs goes on."""
+        if self._tracing or self.is_headless:
+            super()._fatal_error()
+            return
+        what = f"{type(self._exception).__name__}: {printable(str(self._exception))}"
+        advice = "runs go on; fraexp tui --debug shows the traceback"
+        self._exit_renderables.append(Text(f"fraexp: internal error: {what}; {advice}"))
+        self._close_messages_no_wait()
+
+    def on_unmount(self) -> None:
+        """Leave the database."""
+        self.desk.close()

@@ -1,0 +1,77 @@
+"""Ticks that fit the room there is: decades on logarithmic axes, fractions of a turn for phases."""
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from math import ceil, floor, log10
+
+from textual_plot.axis_formatter import AxisFormatter
+
+MANTISSAS = ((1, 2, 3, 4, 5, 6, 7, 8, 9), (1, 2, 3, 5, 7), (1, 2, 5), (1,))
+"""Ticks within a decade, the more the better."""
+TURNS = (0.1, 0.2, 0.5, 1, 2, 5, 15, 30, 45, 90, 180, 360, 720, 1440, 3600)
+"""Distances of ticks [deg]."""
+
+
+def tick_text(value: float) -> str:
+    """Return the label of a tick: short, with k for thousands and so on."""
+    for factor, letter in ((1e12, "T"), (1e9, "G"), (1e6, "M"), (1e3, "k")):
+        if abs(value) >= factor:
+            return f"{value / factor:.6g}{letter}"
+    return f"{value:.6g}"
+
+
+class Ticks(AxisFormatter):
+    """Ticks of an axis that is `room` cells long; across, labels must not touch each other."""
+
+    def __init__(self, room: int, upright: bool = False, logarithmic: bool = False, angle: bool = False) -> None:
+        """Make ticks; `logarithmic` axes have log10 of their quantity, an `angle` is in degrees."""
+        self.room, self.upright, self.logarithmic, self.angle = max(room, 1), upright, logarithmic, angle
+
+    def get_ticks(self, min_: float, max_: float, max_ticks: int = 8) -> list[float]:
+        """Return the finest ticks that have room."""
+        found: list[float] = []
+        for ticks in self._offers(min_, max_):
+            if len(ticks) > len(found) and self._fit(ticks, min_, max_):
+                found = ticks
+        return found
+
+    def get_labels_for_ticks(self, ticks: Sequence[float]) -> list[str]:
+        """Return labels in plain numbers."""
+        return [tick_text(self._value(tick)) for tick in ticks]
+
+    def _value(self, tick: float) -> float:
+        """Return the value at a tick, free of rounding."""
+        return float(f"{10**tick if self.logarithmic else tick:.9g}") + 0.0
+
+    def _offers(self, low: float, high: float) -> Iterator[list[float]]:
+        if not self.logarithmic:
+            yield from _multiples(low, high, TURNS if self.angle else ())
+            return
+        for mantissas in MANTISSAS:
+            decades = range(floor(low), ceil(high) + 1)
+            yield [tick for of in decades for m in mantissas if low <= (tick := of + log10(m)) <= high]
+        for step in (2, 3, 5, 10):
+            yield [float(of) for of in range(ceil(low), floor(high) + 1) if of % step == 0]
+        if high - low < 1:
+            for ticks in _multiples(10**low, 10**high, ()):
+                yield [log10(tick) for tick in ticks if tick > 0]
+
+    def _fit(self, ticks: Sequence[float], low: float, high: float) -> bool:
+        if len(ticks) > self.room:
+            return False
+        cell = (high - low) / self.room
+        gaps = [(after - before) / cell for before, after in pairwise(ticks)]
+        if self.upright:
+            return all(gap >= min(2, self.room / 4) for gap in gaps)
+        widths = [len(label) for label in self.get_labels_for_ticks(ticks)]
+        return all(gap >= width + 2 for gap, width in zip(gaps, widths[1:], strict=True))
+
+
+def _multiples(low: float, high: float, steps: Sequence[float]) -> Iterator[list[float]]:
+    """Return the multiples of each step between two values; without steps, of 1, 2 and 5 times powers of ten."""
+    if not steps or high - low < 2 * steps[0]:
+        power = floor(log10(high - low))
+        steps = [mantissa * 10.0**of for of in range(power - 2, power + 1) for mantissa in (1, 2, 5)]
+    for step in steps:
+        if (high - low) / step < 1000:
+            yield [float(f"{index * step:.12g}") for index in range(ceil(low / step), floor(high / step) + 1)]

@@ -1,0 +1,325 @@
+"""Compare: the marked sweeps in linked plots, at a cursor, and in what they differ."""
+
+import asyncio
+from collections.abc import Sequence
+from pathlib import Path
+from typing import ClassVar
+
+from rich.text import Text
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Horizontal, Vertical
+from textual.widgets import DataTable, Static
+
+from fraexp.errors import FraexpError
+from fraexp.figures.labels import printable
+from fraexp.tui.ask import Ask, Confirm
+from fraexp.tui.compared import (
+    VIEWS,
+    Compared,
+    Gathered,
+    compare_command,
+    compared,
+    gather,
+    plot_command,
+)
+from fraexp.tui.curves import REFERENCE, Picture
+from fraexp.tui.drawn import draw, wrong_file
+from fraexp.tui.plot import digit
+from fraexp.tui.plotpage import PlotPage
+from fraexp.tui.plots import PlotStack
+from fraexp.views.words import plural
+
+EMPTY = """Nothing is marked to be compared.
+
+Mark sweeps with space: in Sweeps (w), in a run (r, enter), or all of a run with c there.
+What is marked stays marked until you take the mark away, and c comes back here."""
+
+
+class ComparePage(PlotPage):
+    """The marked sweeps side by side."""
+
+    PLACE: ClassVar[str] = "compare"
+    HELP: ClassVar[str] = """
+The marked sweeps over each other: response, difference, complex plane, coherence and distortion, or other curves.
+Each curve has a digit, which hides or shows it; the focused one (>) lies above the others, and the cursor follows it.
+Dots around a line are its 95 % limits; hollow points had not settled, and no line goes through them.
+The table has only what differs. A file has the visible curves as 'fraexp plot' draws them: unwrapped, and all of them.
+"""
+    AUTO_FOCUS: ClassVar[str | None] = ""
+    DEFAULT_CSS: ClassVar[str] = """
+    ComparePage #both { height: 1fr; }
+    ComparePage #left { width: 1fr; }
+    ComparePage #readout { height: 1; padding: 0 1; text-wrap: nowrap; }
+    ComparePage #notes { height: auto; max-height: 2; padding: 0 1; color: $text-muted; }
+    ComparePage #differs { width: 45%; display: none; border-left: solid $panel; }
+    ComparePage.-narrow.-table #left { display: none; }
+    ComparePage.-narrow.-table #differs { display: block; width: 1fr; border-left: none; }
+    ComparePage.-wide.-beside #differs { display: block; }
+    """
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("b", "view('bode')", "Bode", id="compare.bode", tooltip="magnitude and phase over frequency"),
+        Binding("d", "view('difference')", "diff", id="compare.difference", tooltip="difference to the reference"),
+        Binding("n", "view('nyquist')", "Nyquist", id="compare.nyquist", tooltip="responses in the complex plane"),
+        Binding("t", "view('coherence')", "THD", id="compare.coherence", tooltip="coherence and harmonic distortion"),
+        Binding("v", "view('curves')", "curves", id="compare.curves", tooltip="loops, motions and other curves"),
+        Binding("i", "table", "table", id="compare.table", tooltip="in what they differ, as a table"),
+        Binding("tab", "table", show=False, id="compare.table-tab", tooltip="in what they differ, as a table"),
+        Binding("R", "reference", "ref", id="compare.reference", tooltip="differences are from the focused curve"),
+        Binding("e", "export", "export", id="compare.export", tooltip="write what is seen as PNG, SVG or PDF"),
+        Binding("space", "unmark", show=False, id="compare.unmark", tooltip="take the focused sweep's mark away"),
+        Binding("enter", "open", show=False, id="compare.open", tooltip="all of the focused sweep"),
+        Binding("g", "group", show=False, id="compare.group", tooltip="responses in the next unit"),
+    ]  # fmt: skip
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.compared: Compared | None = None
+        self.view, self.unit = "", ""
+        self.first = 0
+        """Place of the sweep that differences are from."""
+        self._gathered: Gathered | None = None
+        self._pictures: dict[tuple[str, str, int], Picture] = {}
+        self._version = 0
+
+    def body(self) -> ComposeResult:
+        """Show plots over the readout, and a table beside them."""
+        with Horizontal(id="both"):
+            with Vertical(id="left"):
+                yield PlotStack()
+                yield Static(id="readout")
+                yield Static(id="notes")
+            yield DataTable(id="differs", cursor_type="row", zebra_stripes=True)
+
+    def on_mount(self) -> None:
+        """Take the user's choice of phase."""
+        super().on_mount()
+        self.add_class("-beside")
+        self.stack.sight.wrapped = self.app.settings.phase == "wrapped"
+        self.query_one("#both").display = False
+
+    async def load(self) -> None:
+        """Read the marked sweeps; what has not changed is not drawn again."""
+        marked = list(self.app.marks)
+        if not marked:
+            self._empty()
+            return
+        if self.compared is None:
+            self.tell("Reading the marked sweeps …")
+        gathered = await self.fetch(self.app.desk.read(lambda store: gather(store, marked)), self._failed)
+        if gathered is None:
+            return
+        self.app.marks.remove(gathered.gone)
+        if not gathered.sweeps:
+            self._empty("; ".join(gathered.left_out))
+            return
+        if _same(self._gathered, gathered):
+            self.head()
+            return
+        found = await self.fetch(self.app.desk.work(lambda workspace: compared(workspace, gathered)), self._failed)
+        if found is not None:
+            await self._take(found, gathered)
+
+    def _failed(self, error: str) -> None:
+        self._forget()
+        self.tell_error(error)
+
+    def _empty(self, why: str = "") -> None:
+        self._forget()
+        self.command = "fraexp compare ID ID"
+        self.tell(f"{why}\n\n{EMPTY}".strip())
+
+    def _forget(self) -> None:
+        self.compared, self._gathered, self.heading = None, None, ""
+        self.query_one("#both").display = False
+
+    async def _take(self, found: Compared, gathered: Gathered) -> None:
+        """Show other sweeps; what is hidden, focused or the reference stays so if it is still there."""
+        before = self.compared.sweeps if self.compared else ()
+        kept = {sweep.key: place for place, sweep in enumerate(found.sweeps)}
+        old = {place: kept[sweep.key] for place, sweep in enumerate(before) if sweep.key in kept} | {
+            REFERENCE: REFERENCE
+        }
+        sight = self.stack.sight
+        sight.hidden = {old[place] for place in sight.hidden if place in old}
+        sight.focus, self.first = old.get(sight.focus, 0), old.get(self.first, 0)
+        self.compared, self._gathered, self._pictures = found, gathered, {}
+        self._version += 1
+        self.tell()
+        self.query_one("#both").display = True
+        self._fill_table()
+        self.unit = self.unit if self.unit in found.units else next(iter(found.units), "")
+        await self._show(
+            self.view if self.view and found.places(self.view, self.unit) else "bode" if self.unit else "curves"
+        )
+
+    async def _show(self, view: str) -> None:
+        """Show a view; if it has nothing to show it says why, and the one before stays."""
+        found, version = self.compared, self._version
+        if found is None:
+            return
+        if view == "difference" and self.first != REFERENCE and found.unit_of(self.first) != self.unit:
+            self.first = next(iter(found.places(view, self.unit)), 0)
+        key = (view, self.unit, self.first)
+        if key not in self._pictures:
+            try:
+                picture = await asyncio.to_thread(found.picture, *key)
+            except FraexpError as error:
+                self.app.notify(printable(str(error)), severity="warning", markup=False)
+                if not self.view:
+                    self.tell_error(str(error))
+                return
+            if version != self._version:
+                return  # other sweeps have come meanwhile
+            self._pictures[key] = picture
+        self.view = view
+        labels = found.labels(view, self.unit)
+        if self.stack.sight.focus not in labels:
+            self.stack.sight.focus = next(iter(labels), 0)
+        self.stack.display_picture(self._pictures[key])
+        self.tell_view()
+
+    def labels(self) -> dict[int, str]:
+        """Return the names of what the view can show, by place."""
+        return self.compared.labels(self.view, self.unit) if self.compared else {}
+
+    def tell_view(self) -> None:
+        """Tell what the view is called, which command gives the same, and what is at the cursor."""
+        found, picture = self.compared, self.stack.picture
+        if found is None or picture is None:
+            return
+        self.heading = VIEWS[self.view]
+        keys = self._keys() or [found.sweeps[place].key for place in found.places(self.view, self.unit)]
+        workspace = self.app.desk.workspace
+        tabular = self.view == "bode" or self.has_class("-table")
+        plain = tabular and len(keys) > 1
+        self.command = (
+            compare_command(workspace, keys) if plain else plot_command(workspace, keys, picture.kind, self._file())
+        )
+        panels = len(picture.panels) - len(self.stack.panels())
+        notes = [
+            *found.notes(self.view, self.unit),
+            picture.note,
+            f"{panels} more panels: page up, page down" if panels else "",
+        ]
+        notes += [f"against {self._reference()}"] if self.view == "difference" else []
+        place, text = self.query_one("#notes", Static), printable("; ".join(note for note in notes if note))
+        if str(place.content) != text:
+            place.update(Text(text))
+            place.display = bool(text)
+        self.tell_cursor()
+
+    def _reference(self) -> str:
+        assert self.compared is not None
+        return "P(jω)" if self.first == REFERENCE else self.compared.shown[self.first].label
+
+    def _keys(self) -> list[str]:
+        """Return the keys of what is seen; of differences the reference comes first."""
+        assert self.compared is not None
+        hidden = self.stack.sight.hidden
+        seen = [place for place in self.compared.places(self.view, self.unit) if place not in hidden]
+        if self.view == "difference" and self.first != REFERENCE:
+            seen = [self.first, *(place for place in seen if place != self.first)]
+        return [self.compared.sweeps[place].key for place in seen]
+
+    def _file(self) -> str:
+        picture = self.stack.picture
+        return f"{picture.kind if picture else 'figure'}.png"
+
+    def _fill_table(self) -> None:
+        assert self.compared is not None
+        table = self.query_one("#differs", DataTable)
+        table.clear(columns=True)
+        table.add_column("what differs")
+        for place, shown in enumerate(self.compared.shown):
+            table.add_column(Text(f"{digit(place)} {printable(shown.label)}"))
+        for row in self.compared.rows:
+            table.add_row(*(Text(printable(text)) for text in row))
+        if not self.compared.rows:
+            table.add_row(Text("nothing" if len(self.compared.sweeps) > 1 else "one sweep: mark another one"))
+
+    async def action_view(self, view: str) -> None:
+        """Show another view of the same sweeps."""
+        self.remove_class("-table")
+        await self._show(view)
+
+    def action_table(self) -> None:
+        """Show the table of what differs, or the plots; beside each other if there is room."""
+        if self.compared is None:
+            return
+        self.toggle_class("-beside" if self.has_class("-wide") else "-table")
+        table = self.query_one("#differs", DataTable)
+        self.set_focus(table if self.has_class("-table") and not self.has_class("-wide") else None)
+        self.call_after_refresh(self.tell_view)
+
+    def action_back(self) -> None:
+        """Leave the table, then the page."""
+        if self.has_class("-table") and not self.has_class("-wide"):
+            self.action_table()
+        else:
+            super().action_back()
+
+    async def action_reference(self) -> None:
+        """Let differences be from the focused curve."""
+        if self.compared is None:
+            return
+        self.first = self.stack.sight.focus
+        await self._show("difference")
+
+    async def action_group(self) -> None:
+        """Show the responses in the next unit."""
+        units = self.compared.units if self.compared else []
+        if len(units) > 1:
+            self.unit = units[(units.index(self.unit) + 1) % len(units)]
+            await self._show(self.view)
+
+    def action_unmark(self) -> None:
+        """Leave the focused sweep out from now on."""
+        if self.compared and 0 <= self.stack.sight.focus < len(self.compared.sweeps):
+            self.app.marks.remove([self.compared.sweeps[self.stack.sight.focus].key])
+            self.reload()
+
+    def action_open(self) -> None:
+        """Show all of the focused sweep."""
+        from fraexp.tui.sweep import SweepPage
+
+        if self.compared and 0 <= self.stack.sight.focus < len(self.compared.sweeps):
+            self.app.push_screen(SweepPage(self.compared.sweeps[self.stack.sight.focus].key))
+
+    async def action_export(self) -> None:
+        """Write what is seen as a figure, as ``fraexp plot`` does."""
+        if self.compared is None or self.stack.picture is None:
+            return
+        kind, keys = self.stack.picture.kind, self._keys()
+        if not keys:
+            self.app.notify("All curves are hidden; 0 shows them", severity="warning")
+            return
+        question = f"Write {plural(len(keys), 'curve')} as a {kind} figure to a file (.png, .svg or .pdf):"
+
+        def named(answer: str | None) -> None:
+            file = Path(answer.strip()).expanduser() if answer else None
+            if file and file.exists():
+                self.app.push_screen(
+                    Confirm(f"{file} exists. Replace it?"), lambda yes: self._write(keys, kind, file, yes)
+                )
+            elif file:
+                self._write(keys, kind, file, True)
+
+        self.app.push_screen(Ask(question, self._file(), wrong_file), named)
+
+    def _write(self, keys: Sequence[str], kind: str, file: Path, wanted: bool | None) -> None:
+        if wanted:
+            self.app.notify(f"drawing {printable(str(file))} …", timeout=3, markup=False)
+            self.run_worker(self._drawn(keys, kind, file), group="export")
+
+    async def _drawn(self, keys: Sequence[str], kind: str, file: Path) -> None:
+        ended, text = await draw(self.app.desk.workspace, keys, kind, file)
+        self.app.notify(printable(text), title="written" if ended else "not written",
+                        severity="information" if ended else "error", markup=False)  # fmt: skip
+
+
+def _same(before: Gathered | None, now: Gathered) -> bool:
+    """Return whether the same is compared as before."""
+    if before is None or before.left_out != now.left_out:
+        return False
+    return [(s.key, s.created, s.labels) for s in before.sweeps] == [(s.key, s.created, s.labels) for s in now.sweeps]

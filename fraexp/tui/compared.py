@@ -1,0 +1,172 @@
+"""What is compared: the marked sweeps, what they have found, and the pictures and commands that show it."""
+
+import shlex
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from fraexp.errors import FraexpError
+from fraexp.figures.bundles import MANY
+from fraexp.figures.scales import readable_unit
+from fraexp.figures.shown import Shown
+from fraexp.results import Result
+from fraexp.store import Store, StoredSweep
+from fraexp.tui import curves
+from fraexp.tui.curves import REFERENCE, Picture, Reference
+from fraexp.views.comparison import named_alike, rows_that_differ
+from fraexp.views.words import plural, short
+from fraexp.workspace import Workspace
+
+VIEWS = {
+    "bode": "Bode",
+    "difference": "Difference",
+    "nyquist": "Nyquist",
+    "coherence": "Coherence",
+    "curves": "Curves",
+}
+"""Names of the views."""
+OF_RESPONSES = ("bode", "difference", "nyquist", "coherence")
+"""Views for which sweeps need a frequency response, and share its unit."""
+
+
+@dataclass(frozen=True)
+class Gathered:
+    """What the database has of the marked sweeps."""
+
+    sweeps: tuple[StoredSweep, ...]
+    """Those with a result, in the order of marking."""
+    results: dict[str, Result]
+    left_out: tuple[str, ...]
+    """What cannot be compared, and why."""
+    gone: tuple[str, ...]
+    """Keys that are not in the database any more."""
+
+
+@dataclass(frozen=True)
+class Compared:
+    """Sweeps side by side."""
+
+    sweeps: tuple[StoredSweep, ...]
+    shown: tuple[Shown, ...]
+    """Their results with names, in the same order."""
+    references: dict[str, Reference]
+    """P(jω) by the unit of the responses, where all of them are of one plant."""
+    rows: list[list[str]]
+    """In what they differ: a name, and a text for each."""
+    left_out: tuple[str, ...]
+
+    @property
+    def units(self) -> list[str]:
+        """Units of the responses, each a group of its own."""
+        found = (self.unit_of(index) for index in range(len(self.shown)))
+        return list(dict.fromkeys(unit for unit in found if unit))
+
+    def unit_of(self, place: int) -> str:
+        """Return the unit of a sweep's response; empty if it has none."""
+        response = self.shown[place].response
+        return response.unit if response is not None else ""
+
+    def places(self, view: str, unit: str) -> list[int]:
+        """Return the places of the sweeps that a view of a group of responses can show."""
+        every = range(len(self.shown))
+        if view in OF_RESPONSES:
+            return [place for place in every if self.unit_of(place) == unit]
+        return [place for place in every if self.shown[place].result.curves]
+
+    def picture(self, view: str, unit: str, first: int) -> Picture:
+        """Return what a view shows of a group; differences are from the sweep at the place `first`, or from P."""
+        wanted = set(self.places(view, unit))
+        shown = [of if place in wanted else _nothing(of) for place, of in enumerate(self.shown)]
+        if view in OF_RESPONSES and not wanted:
+            raise FraexpError("none of these sweeps has a frequency response; v shows their curves")
+        match view:
+            case "bode":
+                return curves.bode(shown, self.references.get(unit))
+            case "difference":
+                return curves.difference(shown, first)
+            case "nyquist":
+                return curves.nyquist(shown, self.references.get(unit))
+            case "coherence":
+                return curves.coherence(shown)
+        return curves.curves(shown)
+
+    def labels(self, view: str, unit: str) -> dict[int, str]:
+        """Return the names of what a view can show, by place."""
+        named = {place: self.shown[place].label for place in self.places(view, unit)}
+        known = view in ("bode", "difference", "nyquist") and unit in self.references
+        return named | ({REFERENCE: self.references[unit][0]} if known else {})
+
+    def notes(self, view: str, unit: str) -> list[str]:
+        """Return what a view does not show of the sweeps, and why."""
+        notes = list(self.left_out)
+        if view in OF_RESPONSES:
+            others = {of: len(self.places(view, of)) for of in self.units if of != unit}
+            notes += [
+                f"{plural(count, 'response')} in {readable_unit(of)[1]} on other axes: g"
+                for of, count in others.items()
+            ]
+            without = len(self.shown) - len(self.places(view, unit)) - sum(others.values())
+            notes += [f"{plural(without, 'sweep')} without a response: v shows curves"] if without else []
+        return notes
+
+
+def gather(store: Store, marked: Iterable[str]) -> Gathered:
+    """Read the marked sweeps and their results."""
+    found, gone = [], []
+    for key in marked:
+        try:
+            found.append(store.find(key))
+        except FraexpError:  # deleted since
+            gone.append(key)
+    notes = [f"{plural(len(gone), 'marked sweep')} not in the database any more"] if gone else []
+    with_result = [sweep for sweep in found if sweep.outcome is not None]
+    if len(found) > len(with_result):
+        notes.append(f"{plural(len(found) - len(with_result), 'sweep')} without a result")
+    if len(with_result) > MANY:
+        notes.append(f"{len(with_result) - MANY} more than the {MANY} that can be told apart")
+    sweeps = named_alike(store, with_result[:MANY])
+    results = store.results(sweep.key for sweep in sweeps)
+    return Gathered(tuple(sweep for sweep in sweeps if sweep.key in results), results, tuple(notes), tuple(gone))
+
+
+def compared(workspace: Workspace, gathered: Gathered) -> Compared:
+    """Return sweeps side by side: named, with what they differ in, and the plant's own response where it is known."""
+    sweeps, results = gathered.sweeps, gathered.results
+    shown = tuple(workspace.shown(sweeps, results))
+    references: dict[str, Reference] = {}
+    for unit in dict.fromkeys(of.response.unit for of in shown if of.response is not None):
+        group = [s for s, of in zip(sweeps, shown, strict=True) if of.response is not None and of.response.unit == unit]
+        try:
+            found = workspace.reference(group, results)
+        except FraexpError:  # a plugin that is no longer there: what is stored can be shown without it
+            found = None
+        references |= {unit: found} if found is not None else {}
+    return Compared(sweeps, shown, references, rows_that_differ(sweeps, results), gathered.left_out)
+
+
+def compare_command(workspace: Workspace, keys: Sequence[str]) -> str:
+    """Return the command line that prints in what sweeps differ."""
+    return shlex.join(["fraexp", "compare", *map(short, keys), *_place(workspace)])
+
+
+def plot_command(workspace: Workspace, keys: Sequence[str], kind: str, file: str) -> str:
+    """Return the command line that draws a figure of sweeps."""
+    return shlex.join(["fraexp", *plot_arguments(keys, kind, file), *_place(workspace)])
+
+
+def plot_arguments(keys: Sequence[str], kind: str, file: str) -> list[str]:
+    """Return the arguments that draw a figure of sweeps."""
+    return ["plot", *map(short, keys), "--kind", kind, "-o", file]
+
+
+def _place(workspace: Workspace) -> list[str]:
+    """Return the options that name workspace and database, where they are not those of the current folder."""
+    here = workspace.folder.resolve() == Path.cwd()
+    usual = workspace.database == str(workspace.folder / "results.db")
+    folder = [] if here else [f"--workspace={workspace.folder}"]
+    return folder + ([] if usual else [f"--db={workspace.database}"])
+
+
+def _nothing(shown: Shown) -> Shown:
+    """Return a place without anything to draw."""
+    return replace(shown, result=replace(shown.result, response=None, curves=()))

@@ -1,0 +1,100 @@
+"""All keys of the terminal UI by the names under which settings change them."""
+
+import importlib
+import inspect
+import pkgutil
+import unicodedata
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+
+from textual.binding import Binding
+from textual.dom import DOMNode
+from textual.keys import KEY_NAME_REPLACEMENTS, Keys
+
+import fraexp.tui
+from fraexp.errors import FraexpError, did_you_mean
+
+NOT_SCREENS = ("fraexp.tui.serve",)
+"""Modules without keys that need what the terminal does not."""
+WRITTEN = {
+    "enter": "Enter", "escape": "Esc", "space": "Space", "tab": "Tab", "minus": "-", "plus": "+", "slash": "/",
+    "up": "↑", "down": "↓", "left": "←", "right": "→", "pageup": "PgUp", "pagedown": "PgDn",
+    "home": "Home", "end": "End",
+}  # fmt: skip
+MODIFIERS = ("ctrl", "shift", "alt", "super")
+NAMED = [str(key.value) for key in Keys if not key.value.startswith("<")] + list(KEY_NAME_REPLACEMENTS.values())
+"""Keys that are written by a name."""
+
+
+@dataclass(frozen=True)
+class Known:
+    """A key of a screen or of a part of it, as the program has it."""
+
+    name: str
+    keys: tuple[str, ...]
+    meaning: str
+    owner: str
+    """Name of the class that has it."""
+
+
+def shown(key: str) -> str:
+    """Return a key as it is written on the keyboard: ``?`` for question_mark."""
+    if key in WRITTEN:
+        return WRITTEN[key]
+    if len(key) > 1 and _is_character(key):
+        return unicodedata.lookup(key.replace("_", " ").upper())
+    return key.upper() if key[:1] == "f" and key[1:].isdecimal() else key
+
+
+def known() -> dict[str, Known]:
+    """Return all keys that have a name, by it."""
+    found: dict[str, Known] = {}
+    for owner in _owners():
+        for binding in owner.__dict__.get("BINDINGS", ()):
+            if isinstance(binding, Binding) and binding.id:
+                meaning = binding.tooltip or binding.description
+                keys = tuple(key.strip() for key in binding.key.split(","))
+                found.setdefault(binding.id, Known(binding.id, keys, meaning, owner.__name__))
+    return found
+
+
+def _owners() -> Iterator[type[DOMNode]]:
+    for info in sorted(pkgutil.iter_modules(fraexp.tui.__path__, "fraexp.tui."), key=lambda info: info.name):
+        if info.name not in NOT_SCREENS:
+            module = importlib.import_module(info.name)
+            for _, cls in inspect.getmembers(module, inspect.isclass):
+                if issubclass(cls, DOMNode) and cls.__module__ == module.__name__:
+                    yield cls
+
+
+def check(wished: Mapping[str, str], place: str) -> None:
+    """Raise FraexpError for a name that no key has, or a key that no keyboard has."""
+    names = known()
+    for name, keys in wished.items():
+        if name not in names:
+            raise FraexpError(f"{place}: keys has no '{name}'{_nearest(name, names, 'see docs/terminal-ui.md')}")
+        wrong = next((key for key in keys.split(",") if not _is_key(key.strip())), None)
+        if wrong is not None:
+            hint = _nearest(wrong.strip(), NAMED, "expected a character, or a name such as space or ctrl+k")
+            raise FraexpError(f"{place}: keys.{name} has '{wrong.strip()}', which is no key{hint}")
+
+
+def _nearest(name: str, options: Iterable[str], instead: str) -> str:
+    """Return the nearest name; what helps instead if there is none, for all of them are too many for a line."""
+    near = did_you_mean(name, options)
+    return near if near.startswith("; did you mean") else f"; {instead}"
+
+
+def _is_key(text: str) -> bool:
+    *modifiers, key = text.split("+") if len(text) > 1 else [text]
+    if not key or any(modifier not in MODIFIERS for modifier in modifiers):
+        return False
+    return len(key) == 1 or key in NAMED or _is_character(key)
+
+
+def _is_character(name: str) -> bool:
+    try:
+        unicodedata.lookup(name.replace("_", " ").upper())
+    except KeyError:
+        return False
+    return True

@@ -1,0 +1,252 @@
+"""Launching a study: what it says can be changed, what running it would do is always told, one key starts it."""
+
+from typing import ClassVar
+
+from rich.text import Text
+from textual import on
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Horizontal
+from textual.timer import Timer
+from textual.widgets import Button, Input, Static
+
+from fraexp.catalogue import Entry
+from fraexp.errors import FraexpError, StoreError
+from fraexp.figures.labels import printable
+from fraexp.tui.fieldlist import FieldList, Written
+from fraexp.tui.form import EXECUTOR, RERUN, Field, Group, concerned, form, overrides
+from fraexp.tui.page import Page
+from fraexp.views.study import Surveyed, would_do
+
+PAUSE = 0.3
+"""Seconds without a key after which the whole study is checked."""
+
+
+class LaunchPage(Page):
+    """A study's form."""
+
+    PLACE: ClassVar[str] = "studies"
+    HELP: ClassVar[str] = """\
+What a study says, to be changed before it is launched. Nothing here changes its file.
+Each line is a parameter by its path, as --set takes it; (in brackets) is what holds where nothing is written,
+* is changed, ! is wrong.
+A value is written as in a study: 12, "1 um", [12, 75]. The line at the top is what will be run.
+An axis of the grid is a list: all its values are run, with all those of the other axes.
+Another name of a component brings its parameters. --executor and --rerun are those of fraexp run.
+The run is a process of its own: it goes on when this is closed, or when the line to it is lost."""
+    DEFAULT_CSS = """
+    LaunchPage #start { height: auto; padding: 0 1; }
+    LaunchPage #start Button { min-width: 12; margin: 0 2 0 0; }
+    LaunchPage #plan { width: 1fr; height: auto; }
+    LaunchPage #plan.-error { color: $text-error; }
+    LaunchPage FieldList { margin: 1 0 0 0; }
+    LaunchPage #hint { height: 3; padding: 0 1; background: $panel; }
+    """
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("f5", "launch", "launch", id="launch.start", tooltip="launch, from any line"),
+        Binding("down,enter", "next(1)", "next", show=False, id="launch.next", tooltip="next line"),
+        Binding("up", "next(-1)", "line before", show=False, id="launch.before", tooltip="line before"),
+        Binding("pagedown", "next(8)", "on", show=False, id="launch.on", tooltip="eight lines on"),
+        Binding("pageup", "next(-8)", "back", show=False, id="launch.back", tooltip="eight lines back"),
+        Binding("ctrl+r", "restore", "as it was", id="launch.restore", tooltip="give a line its first text again"),
+    ]
+    AUTO_FOCUS = "Button"
+
+    def __init__(self, entry: Entry) -> None:
+        super().__init__()
+        self.entry = entry
+        self.written = Written()
+        self.groups: list[Group] = []
+        self._texts: dict[str, str] = {}  # what the study itself has, by path
+        self._timer: Timer | None = None
+        self._error: FraexpError | None = None
+        self._planned_for: object = None
+        self._launching = False
+
+    def body(self) -> ComposeResult:
+        """Put what would be done above the form, and what a line means below it."""
+        with Horizontal(id="start"):
+            yield Button("Launch", variant="primary", compact=True)
+            yield Static("reading …", id="plan")
+        yield FieldList(self.written)
+        yield Static(id="hint")
+
+    def on_mount(self) -> None:
+        """Show the study."""
+        super().on_mount()
+        self.heading = self.entry.name
+        self._show_command()
+
+    async def load(self) -> None:
+        """Make the form, then look what launching would do, also when the database has changed since."""
+        if not self.groups:
+            await self._build()
+        await self._plan()
+
+    @property
+    def _overrides(self) -> list[str]:
+        return overrides(self.written.changes)
+
+    @property
+    def _options(self) -> tuple[str | None, str | None]:
+        changes = self.written.changes
+        return changes.get(EXECUTOR) or None, changes.get(RERUN) or None
+
+    async def _build(self) -> None:
+        """Show the fields of the study with what is changed; a change that does not fit is told by the plan."""
+        name, random, changed = self.entry.name, self.entry.data.get("random"), self._overrides
+        try:
+            groups = await self.app.desk.work(lambda w: form(*w.outline(name, changed), random, w.registry))
+        except FraexpError as error:
+            self._tell(str(error), error=True)
+            return
+        fields = {field.path: field for group in groups for field in group.fields}
+        if list(fields) != [field.path for group in self.groups for field in group.fields]:
+            self.groups = groups
+            self._texts = self._texts or {path: field.text for path, field in fields.items()}
+            self.query_one(FieldList).show(groups)
+
+    @on(Input.Changed)
+    def _typed(self, event: Input.Changed) -> None:
+        field = self.query_one(FieldList).field
+        if field is None or event.value.strip() == self.written.text(field):
+            return
+        text, changes = event.value.strip(), self.written.changes
+        if field.chooses:  # what was written for another component is not for this one
+            owner = field.path.rpartition(".")[0]
+            for path in [path for path in changes if path.startswith(f"{owner}.")]:
+                del changes[path]
+        changes.pop(field.path, None)
+        first = self._texts.get(field.path, "")
+        if text and text != first:
+            changes[field.path] = text
+        faults = self.written.faults
+        faults.clear() if self._error else faults.pop(field.path, None)  # what the whole study said of it is old
+        fault = field.fault(text) if text and text != first else ""
+        if fault:
+            faults[field.path] = fault
+        self.query_one(FieldList).redraw()
+        self._show_command()
+        self._show_hint(field)
+        self._tell(fault or "checking …", bool(fault))
+        if self._timer:
+            self._timer.stop()
+        self._timer = self.set_timer(PAUSE, self._check)
+
+    def _check(self) -> None:
+        self.run_worker(self._build_and_plan(), group="load", exclusive=True)
+
+    async def _build_and_plan(self) -> None:
+        if not self.written.faults:
+            await self._build()
+        await self._plan()
+
+    async def _plan(self) -> None:
+        """Tell what launching would do, or why it cannot be done."""
+        if self._error:
+            self.written.faults.clear()
+        wrong = next(iter(self.written.faults.values()), "")
+        if wrong:
+            self._tell(wrong, error=True)
+            return
+        name, changed, (_, rerun) = self.entry.name, self._overrides, self._options
+        self._error = None
+        try:
+            _, (planned,) = await self.app.desk.work(lambda w: w.plan(name, changed, rerun))
+        except StoreError as error:  # the run may well bring the database up to date
+            self._tell(str(error), error=True)
+        except FraexpError as error:
+            self._blame(error)
+        except Exception as error:  # a stranger's plugin may raise anything
+            self._blame(FraexpError(f"{type(error).__name__}: {' '.join(str(error).split())}"))
+        else:
+            found = Surveyed(name, planned.total, planned.reused, planned.missing, planned.stale, planned.seconds)
+            self._tell(would_do(found))
+        self._planned_for = (changed, rerun)
+        self.query_one(FieldList).redraw()
+
+    def _blame(self, error: FraexpError) -> None:
+        """Tell an error, also at the line that it names."""
+        self._error = error
+        self._tell(str(error).removeprefix(f"{self.entry.file}, "), error=True)
+        lines = self.query_one(FieldList)
+        field = concerned(str(error), lines.fields)
+        if field:
+            self.written.faults[field.path] = str(error)
+            if lines.field is None:  # else one writes elsewhere
+                lines.see(field)
+
+    def _tell(self, text: str, error: bool = False) -> None:
+        plan = self.query_one("#plan", Static)
+        plan.update(Text(printable(f"! {text}" if error else text)))
+        plan.set_class(error, "-error")
+
+    def _show_command(self) -> None:
+        executor, rerun = self._options
+        self.command = self.app.desk.workspace.command(self.entry.name, self._overrides, executor, rerun)
+
+    @on(FieldList.Chosen)
+    def _chosen(self, event: FieldList.Chosen) -> None:
+        self._show_hint(event.field)
+
+    def on_descendant_focus(self) -> None:
+        """Tell what Enter does where the button is."""
+        if isinstance(self.focused, Button):
+            self.query_one(FieldList).leave()
+            self._show_hint(None)
+
+    def _show_hint(self, field: Field | None) -> None:
+        if field is None:
+            text = Text("Enter launches; arrow down leads to what can be changed, F5 launches from there.")
+        else:
+            fault = self.written.faults.get(field.path, "")
+            text = Text(printable(field.path), style="bold")
+            text.append(f"  {printable(field.hint)}", style="not bold")
+            text.append(f"\n! {printable(fault)}" if fault else "", style="not bold")
+        self.query_one("#hint", Static).update(text)
+
+    def action_next(self, lines: int) -> None:
+        """Go some lines on; before the first one is the button."""
+        form_ = self.query_one(FieldList)
+        fields = form_.fields
+        at = lines + (fields.index(form_.field) if form_.field in fields else -1)
+        if at < 0 or not fields:
+            self.query_one(Button).focus()
+        else:
+            form_.choose(fields[min(at, len(fields) - 1)])
+
+    def action_restore(self) -> None:
+        """Give the line its first text again."""
+        form_ = self.query_one(FieldList)
+        if form_.field is not None:
+            form_.query_one(Input).value = self._texts.get(form_.field.path, "")
+
+    @on(Button.Pressed)
+    def _pressed(self) -> None:
+        self.action_launch()
+
+    def action_launch(self) -> None:
+        """Start the run."""
+        if not self._launching:
+            self._launching = True
+            self.run_worker(self._launch(), group="launch")
+
+    async def _launch(self) -> None:
+        if self._timer:
+            self._timer.stop()
+        try:
+            if self._planned_for != (self._overrides, self._options[1]):
+                await self._plan()
+            wrong = next(iter(self.written.faults.values()), "") or self._error
+            if wrong:
+                self.app.notify(printable(str(wrong)), title="not launched", severity="error", markup=False)
+                return
+            name, changed, options = self.entry.name, self._overrides, self._options
+            started = await self.fetch(self.app.desk.work(lambda w: w.launch(name, changed, *options)))
+        finally:
+            self._launching = False
+        if started is not None:
+            from fraexp.tui.run import show_run
+
+            self.app.pop_screen()
+            show_run(self.app, started)

@@ -1,0 +1,170 @@
+"""What all screens have in common: where one is, the command line that does the same, the keys, and what went wrong."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from typing import TYPE_CHECKING, ClassVar, TypeVar
+
+from rich.text import Text
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.message import Message
+from textual.reactive import reactive
+from textual.screen import Screen
+from textual.widgets import Footer, Static
+
+from fraexp.errors import FraexpError
+from fraexp.figures.labels import printable
+
+if TYPE_CHECKING:
+    from fraexp.tui.app import FraexpApp
+
+Answer = TypeVar("Answer")
+
+PLACES = {"studies": "Studies", "runs": "Runs", "sweeps": "Sweeps", "compare": "Compare", "plugins": "Plugins"}
+"""The screens between which a key leads from anywhere, by the name of their mode; their first letter but for sweeps."""
+
+
+class Changed(Message):
+    """The database has changed, or time has passed, in which a run may have died."""
+
+    def __init__(self, data: bool) -> None:
+        super().__init__()
+        self.data = data
+        """Whether it is the database."""
+
+
+class Head(Static):
+    """Two lines: where one is and what is marked; and the command line that gives the same as the screen."""
+
+    DEFAULT_CSS = """
+    Head { height: 2; dock: top; background: $panel; padding: 0 1; text-wrap: nowrap; text-overflow: ellipsis; }
+    """
+
+    def show(self, place: str, title: str, marked: int, command: str) -> None:
+        """Show where one is."""
+        first = Text("fraexp ", style="bold")
+        for mode, name in PLACES.items():
+            first.append(f" {name} ", style="reverse bold" if mode == place else "")
+        if title:
+            first.append(f"  {printable(title)}", style="italic")
+        if marked:
+            first.append(f"  {marked} marked", style="bold")
+        self.update(Text("\n").join([first, Text(f"$ {printable(command)}", style="dim")]), layout=False)
+
+
+class Notice(Static):
+    """What stands where nothing is to be shown: loading, empty, or an error with its remedy."""
+
+    DEFAULT_CSS = """
+    Notice { width: 1fr; height: auto; padding: 1 2; display: none; }
+    Notice.-shown { display: block; }
+    Notice.-error { color: $text-error; }
+    """
+
+    def tell(self, text: str, error: bool = False) -> None:
+        """Show a text, or nothing."""
+        self.update(Text("\n".join(printable(line) for line in text.splitlines())))
+        self.set_class(bool(text), "-shown")
+        self.set_class(error, "-error")
+
+
+class Page(Screen[None]):
+    """A screen of the application.
+
+    A subclass yields its widgets from `body`, sets `command`, and reads what it shows in `load`, which runs when the
+    screen is shown and whenever the database has changed; what `fetch` cannot get is told in the screen's notice.
+    """
+
+    PLACE: ClassVar[str] = ""
+    """Name of its mode."""
+    HELP: ClassVar[str] = ""
+    """What the screen is for, and its words, as its help shows them."""
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape", "back", "back", show=False, id="back", tooltip="one layer back"),
+        Binding("question_mark,f1", "app.keys", "help", id="help", tooltip="what this screen is for, and its keys"),
+        Binding("y", "copy_command", "copy", show=False, id="copy", tooltip="copy the command line at the top"),
+    ]
+    live: bool = False
+    """Whether something runs that is shown, so that time matters."""
+    command: reactive[str] = reactive("fraexp tui", repaint=False)
+    heading: reactive[str] = reactive("", repaint=False)
+
+    app: "FraexpApp"
+
+    def compose(self) -> ComposeResult:
+        """Put what the screen shows between head and keys."""
+        yield Head()
+        yield Notice()
+        yield from self.body()
+        yield Footer(show_command_palette=False)
+
+    def body(self) -> ComposeResult:
+        """Yield the screen's own widgets."""
+        yield from ()
+
+    async def load(self) -> None:
+        """Read what the screen shows."""
+
+    def on_mount(self) -> None:
+        """Show the head at once, the rest when it is there."""
+        self.head()
+        self.reload()
+
+    def on_screen_resume(self) -> None:
+        """Look again at what may have changed meanwhile."""
+        self.head()
+        self.reload()
+
+    def on_changed(self, event: Changed) -> None:
+        """Look again, also as time passes if something that is shown lives."""
+        if event.data or self.live:
+            self.reload()
+
+    def reload(self) -> None:
+        """Start reading; an earlier reading that has not ended is forgotten."""
+        self.run_worker(self.load, group="load", exclusive=True)  # type: ignore[arg-type]
+
+    async def fetch(self, asked: Awaitable[Answer], instead: Callable[[str], None] | None = None) -> Answer | None:
+        """Return what was asked for; None if it cannot be had, which is told in the notice, or by `instead`."""
+        problem = ""
+        try:
+            answer = await asked
+        except FraexpError as error:
+            problem = str(error)
+        if self.app._exit or self._pruning or not self.is_running:
+            raise asyncio.CancelledError  # the screen has been left meanwhile: there is nothing to show it in
+        if problem:
+            (instead or self.tell_error)(problem)
+            return None
+        return answer
+
+    def tell_error(self, text: str) -> None:
+        """Show an error in place of what the screen shows."""
+        self.query_one(Notice).tell(text, error=True)
+
+    def tell(self, text: str = "") -> None:
+        """Show a text in place of what the screen shows; without one take it away."""
+        self.query_one(Notice).tell(text)
+
+    def head(self) -> None:
+        """Show where one is."""
+        if self.is_mounted:
+            self.query_one(Head).show(self.PLACE, self.heading, len(self.app.marks), self.command)
+
+    def watch_command(self) -> None:
+        """Show another command."""
+        self.head()
+
+    def watch_heading(self) -> None:
+        """Show another title."""
+        self.head()
+
+    def action_back(self) -> None:
+        """Leave what was opened last; the first screen stays."""
+        if len(self.app.screen_stack) > 1:
+            self.app.pop_screen()
+
+    def action_copy_command(self) -> None:
+        """Copy the command line that gives the same as the screen."""
+        self.app.copy_to_clipboard(self.command)
+        self.app.notify(self.command, title="copied, if the terminal lets it", timeout=3)

@@ -1,0 +1,86 @@
+"""Lines as the dots of braille characters: two across and four down in each cell."""
+
+import numpy as np
+
+ACROSS, DOWN = 2, 4
+BITS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]], dtype=np.uint8)
+"""Of each dot in the code of its character."""
+BLANK = 0x2800
+EDGE = 1e-9
+"""By so much, relative to its length, a window may be left by what lies on its edge."""
+Window = tuple[float, float, float, float]
+"""Left, right, bottom and top of what is seen."""
+
+
+def line(x: np.ndarray, y: np.ndarray, window: Window, cells: tuple[int, int]) -> np.ndarray:
+    """Return the dots of a line through points of shape (n,), of bool, shape (4 rows, 2 columns).
+
+    `cells` are columns and rows. NaN leaves a gap. However many points there are, each extreme is drawn.
+    """
+    width, height = ACROSS * cells[0], DOWN * cells[1]
+    left, right, bottom, top = window
+    drawn = np.zeros((height, width), dtype=bool)
+    if x.size < 2:
+        return drawn
+    with np.errstate(over="ignore"):
+        across, down = _thinned((x - left) / (right - left) * width, (top - y) / (top - bottom) * height)
+    known = np.isfinite(across) & np.isfinite(down)
+    joined = np.flatnonzero(known[:-1] & known[1:])
+    if not joined.size:
+        return drawn
+    start = np.stack([across[joined], down[joined]])
+    step = np.stack([across[joined + 1], down[joined + 1]]) - start
+    first, last = _inside(start, step, np.array([width, height], dtype=float))
+    seen = first <= last
+    start, step, first, last = start[:, seen], step[:, seen], first[seen], last[seen]
+    count = np.ceil(np.abs(step * (last - first)).max(axis=0)).astype(int) + 1
+    place = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+    along = np.repeat(first, count) + place * np.repeat((last - first) / np.maximum(count - 1, 1), count)
+    found = np.repeat(start, count, axis=1) + along * np.repeat(step, count, axis=1)
+    column, row = np.floor(found + EDGE).astype(int)
+    drawn[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)] = True
+    return drawn
+
+
+def _thinned(across: np.ndarray, down: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return of points that follow each other in one column of dots the first, lowest, highest and last one."""
+    known = np.isfinite(across) & np.isfinite(down)
+    column = np.where(known, np.floor(np.where(known, np.clip(across, -1e6, 1e6), 0)), np.inf)
+    starts = np.flatnonzero(np.concatenate([[True], column[1:] != column[:-1]]))
+    if 8 * starts.size > column.size:
+        return across, down
+    down = np.where(known, down, np.nan)
+    ends = np.concatenate([starts[1:], [column.size]]) - 1
+    low, high = np.minimum.reduceat(down, starts), np.maximum.reduceat(down, starts)
+    middle = across[starts]
+    few = np.stack([middle, middle, middle, across[ends]], axis=1).ravel()
+    return few, np.stack([down[starts], low, high, down[ends]], axis=1).ravel()
+
+
+def _inside(start: np.ndarray, step: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return between which shares of their length segments lie within 0 and `size`; the first is larger if nowhere.
+
+    Y.-D. Liang and B. A. Barsky, ACM Transactions on Graphics 3 (1984).
+    """
+    first, last = np.zeros(start.shape[1]), np.ones(start.shape[1])
+    for axis in range(2):
+        still = np.abs(step[axis]) < EDGE
+        ends = np.stack([-start[axis], size[axis] * (1 + EDGE) - start[axis]]) / np.where(still, 1.0, step[axis])
+        within = (start[axis] >= 0) & (start[axis] <= size[axis] * (1 + EDGE))
+        first = np.maximum(first, np.where(still, np.where(within, 0.0, 2.0), ends.min(axis=0)))
+        last = np.minimum(last, np.where(still, 1.0, ends.max(axis=0)))
+    return first, last
+
+
+def characters(dots: np.ndarray) -> list[tuple[int, int, str]]:
+    """Return column, row and character of each cell that has dots."""
+    rows, columns = dots.shape[0] // DOWN, dots.shape[1] // ACROSS
+    codes = (dots.reshape(rows, DOWN, columns, ACROSS) * BITS[None, :, None, :]).sum(axis=(1, 3))
+    row, column = np.nonzero(codes)
+    texts = map(chr, (BLANK + codes[row, column].astype(int)).tolist())
+    return list(zip(column.tolist(), row.tolist(), texts, strict=True))
+
+
+def sparse(dots: np.ndarray, on: int, of: int) -> np.ndarray:
+    """Return the dots of `on` columns in each `of`."""
+    return dots & (np.arange(dots.shape[1]) % of < on)[None, :]

@@ -1,0 +1,95 @@
+"""Runs in the background: they go on without whoever started them, note their log, and can be stopped."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from fraexp.cli.exits import ExitCode
+from fraexp.store import Store
+
+SLOW = ["quick", "--set=excitation.lowest=1e-3", "--set=excitation.points=3", "--set=excitation.tolerance=1e-15"]
+SLOW += ["--set=excitation.settle_limit=10000", "--executor=processes:1"]
+
+
+def fraexp(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "fraexp", *arguments]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=60)
+
+
+def until(holds: Callable[[], object], patience: float = 60.0) -> None:
+    deadline = time.monotonic() + patience
+    while not holds():
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
+
+
+def state(folder: Path) -> str:
+    """Return the state of run 1; empty while there is none."""
+    if not (folder / "results.db").exists():
+        return ""
+    told = json.loads(fraexp(folder, "list", "--json").stdout or '{"runs": []}')
+    return next((run["state"] for run in told["runs"]), "")
+
+
+def test_a_run_in_the_background_comes_to_its_end_and_notes_its_log(tmp_path):
+    told = fraexp(tmp_path, "run", "quick", "--detach", "--set", "excitation.points=2", "--json")
+    assert told.returncode == ExitCode.OK
+    started = json.loads(told.stdout)["started"]
+    until(lambda: state(tmp_path) == "complete")
+    with Store.open(str(tmp_path / "results.db"), read_only=True) as store:
+        run = store.run(1)
+    assert run.process.pid == started["pid"]
+    assert run.provenance["log"] == started["log"]
+    assert run.command == "fraexp run quick --set=excitation.points=2"
+    assert Path(started["log"]).is_relative_to(tmp_path / ".fraexp" / "logs")
+    assert "quick: 4 sweeps, 0 reused, 4 to compute" in Path(started["log"]).read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("hard", [(), ("--hard",)])
+def test_a_run_in_the_background_can_be_stopped(tmp_path, hard):
+    started = json.loads(fraexp(tmp_path, "run", *SLOW, "--detach", "--json").stdout)["started"]
+    until(lambda: "at once" in Path(started["log"]).read_text(encoding="utf-8"))
+    assert state(tmp_path) == "running"
+    told = fraexp(tmp_path, "stop", "1", *hard)
+    assert told.returncode == ExitCode.OK, told.stderr
+    assert "run 1 is " in told.stderr
+    until(lambda: state(tmp_path) == "interrupted", 15)
+    until(lambda: not _lives(started["pid"]), 15)
+    again = fraexp(tmp_path, "stop", "1")
+    assert again.returncode == ExitCode.USAGE
+    assert again.stderr == "fraexp: run 1 is interrupted; there is nothing to stop\n"
+
+
+def _lives(group: int) -> bool:
+    try:
+        os.killpg(group, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["quick", "--set", "excitation.point=2"], "did you mean 'points'?"),
+        (["quick", "--executor", "seriall"], "did you mean 'serial'?"),
+        (["quick", "--dry-run"], "give one of them"),
+    ],
+)
+def test_what_does_not_fit_is_told_before_anything_is_started(tmp_path, arguments, says):
+    told = fraexp(tmp_path, "run", *arguments, "--detach")
+    assert told.returncode == ExitCode.USAGE
+    assert says in told.stderr
+    assert not (tmp_path / ".fraexp").exists()
+
+
+def test_a_run_that_is_not_there_cannot_be_stopped(workspace, tmp_path):
+    told = fraexp(tmp_path, "stop", "7", "--db", str(workspace / "results.db"))
+    assert told.returncode == ExitCode.STORE
+    assert "the newest is run 1" in told.stderr

@@ -1,0 +1,178 @@
+"""Lists of studies and sweeps, tags, notes and deletion on the command line."""
+
+import json
+import os
+import pty
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from fraexp.cli.exits import ExitCode
+from fraexp.cli.main import main
+from fraexp.store import Store
+from tests.cli.conftest import ROOT
+
+
+@pytest.fixture
+def folder(workspace, tmp_path, monkeypatch) -> Path:
+    """A copy of the workspace, in which the tests are."""
+    shutil.copy(workspace / "results.db", tmp_path / "results.db")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def said(capsys, *arguments: str, code: int = ExitCode.OK) -> tuple[str, str]:
+    """Run a command and return what it printed on stdout and stderr."""
+    assert main(arguments) == code
+    told = capsys.readouterr()
+    return told.out, told.err
+
+
+def test_sweeps_are_listed_that_a_filter_finds(folder, capsys):
+    out, _ = said(capsys, "list", "friction=dahl", "outcome=ok")
+    assert "hysteresis" in out
+    assert len(out.splitlines()) == 2
+    assert "dahl" in out
+
+
+def test_all_sweeps_are_listed_in_parts_and_what_is_left_out_is_told(folder, capsys):
+    out, err = said(capsys, "list", "--sweeps", "--limit", "2", "--offset", "1")
+    assert len(out.splitlines()) == 3
+    assert "2 more sweeps of 5" in err
+    out, err = said(capsys, "list", "--sweeps", "--offset", "9")
+    assert not out
+    assert "5 sweeps, all before --offset 9" in err
+
+
+def test_sweeps_are_sorted(folder, capsys):
+    rising = json.loads(said(capsys, "list", "--sweeps", "--order", "key", "--json")[0])["sweeps"]
+    falling = json.loads(said(capsys, "list", "--sweeps", "--order", "-key", "--json")[0])["sweeps"]
+    keys = [sweep["key"] for sweep in rising]
+    assert keys == sorted(keys)
+    assert [sweep["key"] for sweep in falling] == keys[::-1]
+
+
+def test_a_list_of_sweeps_as_json_says_how_many_there_are(folder, capsys):
+    document = json.loads(said(capsys, "list", "estimator=h1", "--limit", "1", "--json")[0])
+    assert document["total"] == 2
+    assert len(document["sweeps"]) == 1
+    assert {"key", "labels", "state", "outcome", "tags", "note", "run", "study"} <= set(document["sweeps"][0])
+
+
+def test_a_filter_that_finds_nothing_says_so(folder, capsys):
+    assert said(capsys, "list", "estimator=nobody") == ("", "no sweep matches estimator=nobody\n")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told", "code"),
+    [
+        (["estimatr=h1"], "did you mean 'estimator'", ExitCode.STORE),
+        (["--sweeps", "--order", "estimatr"], "did you mean 'estimator'", ExitCode.STORE),
+        (["--sweeps", "--limit", "-1"], "expected 0 or more", ExitCode.USAGE),
+        (["--studies", "estimator=h1"], "give one of them", ExitCode.USAGE),
+        (["--sweeps", "--limit", "many"], "many", ExitCode.USAGE),
+    ],
+)
+def test_what_is_wrong_is_told_in_one_line(folder, capsys, arguments, told, code):
+    out, err = said(capsys, "list", *arguments, code=code)
+    assert not out
+    assert err.count("\n") == 1
+    assert told in err
+
+
+def test_studies_are_listed_with_their_state(folder, capsys):
+    (folder / "studies").mkdir()
+    (folder / "studies" / "broken.toml").write_text("title = 1 2", encoding="utf-8")
+    out, err = said(capsys, "list", "--studies")
+    assert out.splitlines()[0].split() == ["study", "title", "state", "sweeps"]
+    assert any(line.startswith("quick") and " new " in line for line in out.splitlines())
+    assert any(line.startswith("broken") and " broken " in line for line in out.splitlines())
+    assert "broken: " in err
+    studies = json.loads(said(capsys, "list", "--studies", "--json")[0])["studies"]
+    quick = next(study for study in studies if study["study"] == "quick")
+    assert (quick["state"], quick["total"], quick["missing"], quick["last_run"]) == ("new", 4, 4, None)
+
+
+def test_sweeps_are_tagged_and_found_by_their_tag(folder, sweeps, capsys):
+    _, err = said(capsys, "tag", "good", sweeps[0].key, sweeps[1].key[4:12])
+    assert "2 sweeps tagged good" in err
+    assert len(said(capsys, "list", "tag:good")[0].splitlines()) == 3
+    assert "good" in said(capsys, "show", sweeps[0].key)[0]
+    said(capsys, "tag", "good", "--remove", sweeps[0].key)
+    assert len(said(capsys, "list", "tag:good")[0].splitlines()) == 2
+
+
+def test_all_sweeps_of_a_run_are_tagged(folder, capsys):
+    assert "5 sweeps tagged all" in said(capsys, "tag", "all", "1")[1]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["two words", "1"], "is no tag"),
+        (["good", "ffffffff"], "no sweep's key starts with 'ffffffff'"),
+        (["good", "1", "--remove"], "no sweep has the tag 'good'"),
+    ],
+)
+def test_a_tag_that_cannot_be_given_is_told_in_one_line(folder, capsys, arguments, told):
+    _, err = said(capsys, "tag", *arguments, code=ExitCode.STORE)
+    assert err.count("\n") == 1
+    assert told in err
+
+
+def test_a_note_is_written_shown_and_taken_away(folder, sweeps, capsys):
+    said(capsys, "note", sweeps[2].key, "odd loop\x1b[31m")
+    assert r"odd loop\x1b[31m" in said(capsys, "show", sweeps[2].key)[0]
+    document = json.loads(said(capsys, "show", sweeps[2].key, "--json")[0])
+    assert document["note"] == "odd loop\x1b[31m"
+    assert "has no note" in said(capsys, "note", sweeps[2].key, "")[1]
+    assert "odd loop" not in said(capsys, "show", sweeps[2].key)[0]
+
+
+def count(folder: Path) -> int:
+    with Store.open(str(folder / "results.db"), read_only=True) as store:
+        return store.page().total
+
+
+def test_sweeps_are_deleted_if_that_is_confirmed_beforehand(folder, sweeps, capsys):
+    assert "1 sweep deleted" in said(capsys, "delete", "--yes", sweeps[0].key)[1]
+    assert count(folder) == 4
+
+
+def test_a_run_is_deleted_with_its_sweeps(folder, capsys):
+    assert "1 run and 5 sweeps deleted" in said(capsys, "delete", "1", "--yes")[1]
+    assert count(folder) == 0
+
+
+def test_nothing_is_deleted_where_nobody_can_be_asked(folder, sweeps, capsys, monkeypatch):
+    with open(os.devnull) as nobody:  # noqa: PTH123 (a device)
+        monkeypatch.setattr(sys, "stdin", nobody)
+        _, err = said(capsys, "delete", sweeps[0].key, code=ExitCode.USAGE)
+    assert "to be deleted: 1 sweep with results" in err
+    assert "--yes" in err
+    assert count(folder) == 5
+
+
+def test_a_study_is_no_name_of_what_to_delete(folder, capsys):
+    _, err = said(capsys, "delete", "bench", "--yes", code=ExitCode.USAGE)
+    assert "expected a run's number (1 is its newest)" in err
+    assert count(folder) == 5
+
+
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs a terminal")
+@pytest.mark.parametrize(("answer", "left"), [("y", 4), ("n", 5), ("", 5)])
+def test_on_a_terminal_deletion_is_asked_about(folder, sweeps, answer, left):
+    controller, terminal = pty.openpty()
+    command = [sys.executable, "-m", "fraexp", "delete", sweeps[0].key]
+    environment = {**os.environ, "PYTHONPATH": f"{ROOT}:{ROOT / 'plugins'}"}
+    with subprocess.Popen(command, cwd=folder, env=environment, stdin=terminal, stderr=subprocess.PIPE) as process:
+        os.write(controller, f"{answer}\n".encode())
+        told = process.communicate(timeout=30)[1].decode()
+    os.close(controller)
+    os.close(terminal)
+    assert process.returncode == ExitCode.OK
+    assert "delete? [y/N]" in told
+    assert count(folder) == left

@@ -1,0 +1,112 @@
+"""A real Dask cluster on this machine: scheduler and workers as processes, which tests start and kill."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+PATIENCE = 120.0
+"""Seconds after which something is not going to happen any more."""
+
+
+def until(holds: Callable[[], Any], patience: float = PATIENCE) -> Any:
+    """Return what is asked for as soon as it is true."""
+    deadline = time.monotonic() + patience
+    while not (found := holds()):
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    return found
+
+
+class Cluster:
+    """A scheduler and its workers; a context manager that ends them all."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            self.port = free.getsockname()[1]
+        self.address = f"tcp://127.0.0.1:{self.port}"
+        self.file = folder / "scheduler.json"
+        self.processes: list[subprocess.Popen[bytes]] = []
+        self.scheduler = self.start_scheduler()
+
+    def start_scheduler(self) -> subprocess.Popen[bytes]:
+        """Start the scheduler, and return it when it listens."""
+        options = [f"--port={self.port}", "--host=127.0.0.1", "--no-dashboard", f"--scheduler-file={self.file}"]
+        self.scheduler = self._start("scheduler", options)
+        until(self._listens)
+        return self.scheduler
+
+    def start_worker(self, name: str, *options: str, environment: Mapping[str, str] | None = None) -> subprocess.Popen:
+        """Start a worker with one thread, without a nanny unless told so, and return it when it is there."""
+        options = options or ("--no-nanny",)
+        process = self._start(
+            "worker", [self.address, "--name", name, "--nthreads=1", "--no-dashboard", *options], environment
+        )
+        until(lambda: any(worker["name"].startswith(name) for worker in self.workers().values()))
+        return process
+
+    def _start(self, what: str, options: list[str], environment: Mapping[str, str] | None = None) -> subprocess.Popen:
+        told = (self.folder / f"{what}{len(self.processes)}.log").open("wb")
+        command = [sys.executable, "-m", "dask", what, *options]
+        process = subprocess.Popen(
+            command, cwd=self.folder, stdout=told, stderr=told, env={**os.environ, **(environment or {})}
+        )
+        told.close()
+        self.processes.append(process)
+        return process
+
+    def _listens(self) -> bool:
+        with socket.socket() as attempt:
+            return attempt.connect_ex(("127.0.0.1", self.port)) == 0
+
+    def ask(self, function: Callable[..., Any]) -> Any:
+        """Return what a function finds in the scheduler's process."""
+        import warnings
+
+        from distributed import Client
+
+        warnings.simplefilter("ignore")  # a test's workers may well be of other versions
+        with Client(self.address, set_as_default=False) as client:
+            return client.run_on_scheduler(function)
+
+    def workers(self) -> dict[str, Any]:
+        """Return what the scheduler says of its workers."""
+        return self.ask(lambda dask_scheduler: dask_scheduler.identity()["workers"])
+
+    def tasks(self) -> int:
+        """Return how many tasks the scheduler knows."""
+        return self.ask(lambda dask_scheduler: len(dask_scheduler.tasks))
+
+    def kill(self, process: subprocess.Popen) -> None:
+        """End a process at once, as a crash would."""
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+
+    def __enter__(self) -> "Cluster":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for process in reversed(self.processes):  # a nanny ends its worker when it is asked to end
+            process.terminate()
+        for process in self.processes:
+            try:
+                process.wait(15)
+            except subprocess.TimeoutExpired:
+                self.kill(process)
+
+
+def distribution(folder: Path, name: str, version: str, entry_point: str = "") -> dict[str, str]:
+    """Write what makes a package of this version appear to be installed; return the environment in which it does."""
+    info = folder / f"{name}-{version}.dist-info"
+    info.mkdir(parents=True)
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n")
+    if entry_point:
+        (info / "entry_points.txt").write_text(f"[fraexp]\n{entry_point}\n")
+    return {"PYTHONPATH": str(folder)}

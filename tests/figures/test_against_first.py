@@ -1,0 +1,74 @@
+import numpy as np
+import pytest
+
+from fraexp.errors import FraexpError
+from fraexp.figures.against_first import difference_curve, difference_info, draw_difference
+from fraexp.figures.difference import response_difference
+from fraexp.figures.shown import Shown
+from fraexp.results import FrequencyResponse, Outcome, Result
+from tests.figures.conftest import ResponseMaker
+
+GRID = np.array([1.0, 2.0, 4.0, 8.0])
+
+
+def shown(label: str, response: FrequencyResponse) -> Shown:
+    return Shown(label, Result(Outcome.OK, response=response))
+
+
+def test_a_factor_and_a_turn_are_told_in_decibels_and_degrees(make_response: ResponseMaker) -> None:
+    first = make_response(GRID, 1 / GRID)
+    other = make_response(GRID[::-1], (2 * np.exp(1j * np.radians(170)) / GRID)[::-1])
+    curve = difference_curve("other", first, other)
+    assert curve is not None
+    np.testing.assert_allclose(curve.frequency, GRID)
+    np.testing.assert_allclose(curve.magnitude, 20 * np.log10(2))
+    np.testing.assert_allclose(curve.phase, 170)
+
+
+def test_it_agrees_with_the_difference_that_compare_prints(make_response: ResponseMaker) -> None:
+    rng = np.random.default_rng(1)
+    first = make_response(GRID, rng.normal(size=4) + 3)
+    other = make_response(GRID * 1.1, rng.normal(size=4) + 3, settled=[True, True, True, True])
+    curve, summary = difference_curve("other", first, other), response_difference(first, other)
+    assert curve is not None
+    assert summary is not None
+    assert len(curve.frequency) == summary.points
+    assert np.sqrt(np.mean(curve.magnitude**2)) == pytest.approx(summary.magnitude_rms)
+    assert np.sqrt(np.mean(curve.phase**2)) == pytest.approx(summary.phase_rms)
+
+
+def test_a_gap_of_either_is_a_gap_of_the_difference(make_response: ResponseMaker) -> None:
+    first = make_response(GRID, np.ones(4), settled=[True, True, False, True])
+    other = make_response([1.0, 3.0, 5.0, 9.0], np.ones(4), settled=[True, False, True, True])
+    curve = difference_curve("other", first, other)
+    assert curve is not None
+    assert curve.frequency.tolist() == [1, 2, 8]  # 4 Hz has not settled in the first
+    assert curve.settled.tolist() == [True, False, True]  # 2 Hz lies beside 3 Hz, which has not
+
+
+def test_bands_are_those_of_both(make_response: ResponseMaker) -> None:
+    first = make_response(GRID, np.ones(4), deviation=np.full(4, 3e-3))
+    other = make_response(GRID, np.ones(4), deviation=np.full(4, 4e-3))
+    curve = difference_curve("other", first, other)
+    assert curve is not None
+    half = np.diff(curve.phase_band, axis=0) / 2
+    np.testing.assert_allclose(half, np.degrees(1.96 * 5e-3), rtol=1e-2)
+    unknown = difference_curve("other", first, make_response(GRID, np.ones(4)))
+    assert unknown is not None
+    assert np.isnan(unknown.magnitude_band).all()
+
+
+def test_what_shares_nothing_with_the_first_is_left_out_and_told(make_response: ResponseMaker) -> None:
+    first = shown("first", make_response(GRID, np.ones(4)))
+    far = shown("far", make_response(100 * GRID, np.ones(4)))
+    info = difference_info([first, shown("near", make_response(GRID, np.ones(4))), far])
+    assert info.reference == "first"
+    assert [curve.label for curve in info.curves] == ["near"]
+    assert info.left_out == ("far",)
+    assert [text.get_text() for text in draw_difference(info).legends[0].get_texts()] == ["near"]
+    with pytest.raises(FraexpError, match="shares settled frequencies with the first, first"):
+        difference_info([first, far])
+    with pytest.raises(FraexpError, match="found 1 responses"):
+        difference_info([first])
+    with pytest.raises(FraexpError, match="several units"):
+        difference_info([first, shown("other", make_response(GRID, np.ones(4), unit="rad/N"))])

@@ -1,0 +1,50 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fraexp.errors import FraexpError
+from fraexp.figures.coherence import coherence_info, draw_coherence
+from fraexp.figures.shown import Shown
+from fraexp.results import Outcome, Result
+from tests.figures.conftest import ResponseMaker
+
+GRID = np.array([1.0, 3.0, 2.0])
+
+
+def shown(make_response: ResponseMaker, label: str, distortion: float = np.nan, **known) -> Shown:
+    harmonics = np.full((3, 6), np.nan, dtype=complex)
+    harmonics[:, 0] = distortion
+    response = replace(make_response(GRID, np.ones(3)), harmonics=harmonics, **known)
+    return Shown(label, Result(Outcome.OK, response=response))
+
+
+def test_coherence_and_distortion_are_shown_where_they_are_known(make_response: ResponseMaker) -> None:
+    info = coherence_info([
+        shown(make_response, "stepped", distortion=0.02),
+        shown(make_response, "spectral", coherence=np.array([0.9, 0.7, 0.8])),
+        shown(make_response, "nothing"),
+    ])  # fmt: skip
+    stepped, spectral = info.curves
+    assert stepped.coherence is None
+    np.testing.assert_allclose(stepped.distortion, 2)  # per cent
+    np.testing.assert_allclose(spectral.coherence, [0.9, 0.8, 0.7])
+    assert spectral.distortion is None
+    assert info.parts == ("coherence", "distortion")
+    assert not info.decades
+    figure = draw_coherence(info)
+    assert [axes.get_ylabel() for axes in figure.axes] == ["Squared coherence [1]", "Harmonic distortion [%]"]
+
+
+def test_one_panel_is_drawn_if_one_is_known_and_decades_have_their_axis(make_response: ResponseMaker) -> None:
+    few = [shown(make_response, "a", distortion=0.001), shown(make_response, "b", distortion=0.5)]
+    info = coherence_info(few)
+    assert info.parts == ("distortion",)
+    assert info.decades
+    (axes,) = draw_coherence(info).axes
+    assert axes.get_yscale() == "log"
+
+
+def test_without_either_it_says_what_would_tell_them(make_response: ResponseMaker) -> None:
+    with pytest.raises(FraexpError, match="a stepped sine tells distortion"):
+        coherence_info([shown(make_response, "nothing")])

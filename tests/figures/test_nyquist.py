@@ -1,0 +1,44 @@
+import numpy as np
+import pytest
+
+from fraexp.errors import FraexpError
+from fraexp.figures.nyquist import draw_nyquist, nyquist_info
+from fraexp.figures.shown import Shown
+from fraexp.results import Outcome, Result
+from tests.figures.conftest import ResponseMaker
+
+FREQUENCY = np.array([1.0, 10.0, 3.0])
+RESPONSE = np.array([1e-3, 1e-3j, -2e-3])
+
+
+def shown(make_response: ResponseMaker, label: str, **known) -> Shown:
+    return Shown(label, Result(Outcome.OK, response=make_response(FREQUENCY, RESPONSE, **known)))
+
+
+def test_responses_lie_in_the_complex_plane_in_the_unit_people_read(make_response: ResponseMaker) -> None:
+    info = nyquist_info([shown(make_response, "a", settled=[True, True, False])])
+    (curve,) = info.curves
+    assert info.unit == "mm/N"
+    np.testing.assert_allclose(curve.frequency, [1, 3, 10])
+    np.testing.assert_allclose(curve.real, [1, -2, 0], atol=1e-12)
+    np.testing.assert_allclose(curve.imaginary, [0, 0, 1], atol=1e-12)
+    assert curve.settled.tolist() == [True, False, True]
+    assert curve.size == pytest.approx(1)  # the point of 2 had not settled
+    assert curve.spots()[10.0] == 2
+    assert 3.0 not in curve.spots()
+
+
+def test_the_plant_is_drawn_with_them_and_frequencies_are_named(make_response: ResponseMaker) -> None:
+    reference = ("P", np.array([1.0, 10.0]), np.array([1e-3, 2e-3j]))
+    figure = draw_nyquist(nyquist_info([shown(make_response, "a"), shown(make_response, "b")], reference))
+    (axes,) = figure.axes
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["a", "b", "P"]
+    assert axes.get_aspect() == 1
+    assert {text.get_text() for text in axes.texts} == {"1 Hz", "2 Hz", "10 Hz"}
+
+
+def test_what_cannot_share_a_plane_is_refused(make_response: ResponseMaker) -> None:
+    with pytest.raises(FraexpError, match="found responses in m/N and rad/N"):
+        nyquist_info([shown(make_response, "a"), shown(make_response, "b", unit="rad/N")])
+    with pytest.raises(FraexpError, match="found responses in nothing"):
+        nyquist_info([Shown("a", Result(Outcome.OK))])

@@ -1,0 +1,207 @@
+"""Record files and databases from strangers."""
+
+import contextlib
+import io
+import shutil
+import sqlite3
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import h5py
+import numpy as np
+from scipy.io import savemat
+
+from fraexp.cli.exits import ExitCode
+from fraexp.cli.main import main
+from fraexp.errors import FraexpError
+from fraexp.plugins import Registry
+from fraexp.records.contents import contents, proposal
+from fraexp.records.source import reader_of
+from fraexp.store.checked import json_data
+from fraexp.store.codec import decode, encode
+from tests.cli.conftest import fill
+from tests.fuzz import mutation
+from tests.fuzz.targets import CSV
+from tests.fuzz.watching import Target
+
+TABLES = (
+    CSV,
+    CSV.replace(",", ";").replace(".", ","),
+    CSV.replace(",", "\t"),
+    "# comment\n" + CSV.replace(",", " "),
+    "1\n2\n3\n",
+)
+CELLS = (",", ";", "\t", '"', "#", "%", "\n", "\r", "\x00", "[mm]", "(N)", "nan", "1e400", "1,5", "u [N]")
+SUFFIXES = (".csv", ".json", ".mat", ".h5", ".unv")
+ESCAPE = "\x1b"
+COMMANDS = (
+    ["list"], ["list", "--json"], ["show", "1"], ["show", "1", "--json"], ["compare", "1"], ["list", "state=computed"],
+    ["list", "laser"], ["doctor"],
+)  # fmt: skip
+ODD = (
+    None, 0, -1, 2**62, 10**9, 1.5, float("inf"), "", "x", ESCAPE + "[2J" + ESCAPE + "]0;t\x07", "\u202egnp", "[" * 3000, "null",
+    '{"a": NaN, "b": Infinity}', "[1,2]", '{"\\u001b[31m": "\\u001b[0m"}', '"text"', '{"a":' * 60 + "1" + "}" * 60, b"", b"\xff\xfe",
+    b"\x93NUMPY\x01\x00", "1" * 4000, '{"x": ' + "1" * 400 + "}", "2026-13-45", "OK", "FAILED", "complete", "../../x", "9" * 30,
+)  # fmt: skip
+
+
+def targets(folder: Path, registry: Registry) -> list[Target]:
+    """Return the readers of files."""
+    arrays = [encode(np.arange(n, dtype=float).reshape(shape), "") for n, shape in ((4, 4), (8, (2, 2, 2)), (0, 0))]
+    classic, hdf5 = _matlab(folder)
+    fill(folder / "model.db")
+    for name in ("model.db-wal", "model.db-shm"):
+        (folder / name).unlink(missing_ok=True)
+    tables = [table.encode() for table in (*TABLES, TABLES[0].encode("utf-16").decode("latin-1"))]
+    return [
+        Target("CSV as text", _texts(TABLES), partial(_csv, folder, registry), 0.008),
+        Target("CSV as bytes", _octets(tables), partial(_read, folder, registry, "b.csv"), 0.006),
+        Target("MATLAB 4 to 7", _octets(classic), partial(_read, folder, registry, "b.mat"), 0.012),
+        Target("MATLAB 7.3", _octets(hdf5), partial(_read, folder, registry, "c.mat"), 0.004),
+        Target("stored arrays", _octets(arrays), decode, 0.05),
+        Target("stored JSON", _json, _plain_data, 0.05),
+        Target("database rows", _rows, partial(_database, folder), 0.0005),
+        Target("database files", _octets([(folder / "model.db").read_bytes()]), partial(_file, folder), 0.0005),
+    ]
+
+
+def _texts(seeds: Sequence[str]) -> Callable[[Random], str]:
+    return lambda rng: mutation.text(rng, rng.choice(seeds), seeds, CELLS)
+
+
+def _octets(seeds: Sequence[bytes]) -> Callable[[Random], bytes]:
+    return lambda rng: mutation.octets(rng, rng.choice(seeds), seeds)
+
+
+def _matlab(folder: Path) -> tuple[list[bytes], list[bytes]]:
+    values = {
+        "t": np.arange(40.0),
+        "u": np.ones((40, 2)),
+        "s": {"a": np.arange(3), "c": np.array([1, "x"], dtype=object)},
+    }
+    classic = []
+    for options in ({}, {"do_compression": True}, {"format": "4"}):
+        file = folder / "seed.mat"
+        savemat(file, {"t": values["t"], "u": values["u"]} if "format" in options else values, **options)
+        classic.append(file.read_bytes())
+    with h5py.File(folder / "seed.h5", "w", userblock_size=512) as file:
+        file["t"], file["g/u"] = values["t"], values["u"]
+        file["z"] = np.zeros(1000)
+        file["r"] = np.array([file["t"].ref, file["g/u"].ref], dtype=h5py.ref_dtype)
+        file.create_dataset("big", (2**20, 2**10), float, chunks=True, compression="gzip")
+    return classic, [(folder / "seed.h5").read_bytes()]
+
+
+def _csv(folder: Path, registry: Registry, text: str) -> None:
+    _read(folder, registry, "b.csv", text.encode("utf-8", "surrogatepass"))
+
+
+def _read(folder: Path, registry: Registry, name: str, data: bytes) -> None:
+    file = folder / name
+    file.write_bytes(data)
+    reader = reader_of("", file, registry)
+    refusals: list[FraexpError] = []
+    for columns in (["t", "u"], ["y"], ["s.a", "s.c.1"], ["1"], ["u.2"], ["g.u.1", "r.1"], ["big"]):
+        try:
+            reader.read(file, columns)
+        except FraexpError as error:
+            refusals.append(error)
+    found = contents(file, registry)
+    try:
+        proposal(file, found, registry)
+    except FraexpError as error:
+        refusals.append(error)
+    if refusals:
+        raise refusals[0]
+
+
+def _json(rng: Random) -> str:
+    seeds = ('{"a": [1, 2.5e3, null, {"b": true}], "c": "d\\u001b"}', "[]", '{"record": {"lines": [1, 2, 3]}}')
+    return mutation.text(rng, rng.choice(seeds), seeds, ('"', "{", "[", ":", ",", "NaN", "Infinity", "\\ud800"))
+
+
+def _plain_data(text: str) -> None:
+    with contextlib.suppress(ValueError, RecursionError):  # which a store turns into its refusal
+        json_data(text)
+
+
+def _rows(rng: Random) -> list[tuple[str, str, Any]]:
+    changes = []
+    for _ in range(1 + int(rng.expovariate(1))):
+        table = rng.choice(list(COLUMNS))
+        value = rng.choice(ODD)
+        if isinstance(value, bytes) or rng.random() < 0.1:
+            value = mutation.octets(rng, encode(np.arange(40.0), ""), [encode(np.zeros((3, 2)), "")])
+        changes.append((table, rng.choice(COLUMNS[table]), value))
+    return changes
+
+
+COLUMNS = {
+    "run": ("study", "study_file", "command", "state", "started", "ended", "heartbeat", "host", "pid", "process_start", "provenance",
+            "progress"),
+    "sweep": ("key", "outcome", "message", "elapsed", "numerics", "created", "source", "plant_name", "estimator_name", "rest_part",
+              "record_part", "estimator_part"),
+    "part": ("section", "content", "lists", "number"),
+    "run_sweep": ("labels", "state", "message", "log", "standing", "position", "run"),
+    "frequency_response": ("unit", "input", "output", "points", "frequency", "response", "covariance", "input_amplitude", "settled",
+                           "residual", "harmonics", "freedom", "coherence", "model_covariance"),
+    "metric": ("name", "value", "unit", "position"),
+    "curve": ("name", "position"),
+    "curve_column": ("name", "unit", "samples", "position"),
+    "supplied_component": ("kind", "name", "version", "source_hash", "distribution"),
+    "field": ("kind", "name"),
+    "alembic_version": ("version_num",),
+}  # fmt: skip
+
+
+def _database(folder: Path, changes: Sequence[tuple[str, str, Any]]) -> None:
+    file = folder / "rows.db"
+    shutil.copyfile(folder / "model.db", file)
+    with contextlib.closing(sqlite3.connect(file)) as connection:
+        connection.execute("PRAGMA journal_mode = DELETE")
+        for table, column, new in changes:
+            with contextlib.suppress(sqlite3.Error, OverflowError, UnicodeError):
+                value = new.encode("utf-8", "replace").decode() if isinstance(new, str) else new
+                connection.execute(f"UPDATE OR IGNORE {table} SET {column} = ?", (value,))
+        connection.commit()
+    _shown(folder, file)
+
+
+def _file(folder: Path, data: bytes) -> None:
+    file = folder / "bytes.db"
+    file.write_bytes(data)
+    for name in ("bytes.db-wal", "bytes.db-shm"):
+        (folder / name).unlink(missing_ok=True)
+    _shown(folder, file)
+
+
+def _shown(folder: Path, file: Path) -> None:
+    """Show all that a database holds; no command fails but in a line, and none lets escape codes through."""
+    place = ["--db", str(file), "--workspace", str(folder)]
+    codes = [_command([*command, *place]) for command in COMMANDS]
+    keys = [line.split()[0] for line in codes[0][1].splitlines()[1:2] if line.split()]
+    with contextlib.closing(sqlite3.connect(file)) as connection, contextlib.suppress(sqlite3.Error):
+        keys += [str(key)[4:] for (key,) in connection.execute("SELECT key FROM sweep LIMIT 3")]
+    for key in keys:
+        codes.append(_command(["show", key, *place]))
+        target = folder / f"out{SUFFIXES[len(key) % 5]}"
+        codes.append(_command(["export", key, "-o", str(target), "--force", *place]))
+    if file.name.startswith("rows") and file.stat().st_mtime_ns % 10 == 0:
+        codes.append(_command(["plot", "1", "-o", str(folder / "out.png"), *place]))
+    for code, text in codes:
+        if code == ExitCode.INTERNAL:
+            raise AssertionError(text.splitlines()[-1][:120])
+        if ESCAPE in text or "\u202e" in text:
+            raise AssertionError("escape codes are let through")
+    if any(code for code, _ in codes):
+        raise FraexpError("refused")
+
+
+def _command(words: list[str]) -> tuple[int, str]:
+    out = io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(out):
+        code = main(words)
+    return code, out.getvalue()

@@ -1,0 +1,235 @@
+"""The parsers of texts and plain data, each with valid inputs to begin with."""
+
+import json
+import tomllib
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import pytest
+
+from fraexp import study, units
+from fraexp.draws import Draws
+from fraexp.errors import FraexpError
+from fraexp.figures.labels import printable
+from fraexp.plugins import Registry
+from fraexp.printed import Printed
+from fraexp.records import RecordSettings, resolve
+from fraexp.records.channels import channel_of
+from fraexp.records.written import Request, study_of, toml
+from fraexp.sections import override
+from fraexp.store.filters import parse
+from fraexp.store.values import number, span
+from fraexp.tui import form, settings
+from fraexp.views.words import flat, value_text
+from tests.fuzz import mutation
+from tests.fuzz.watching import Target
+
+FEW = 60
+"""Sweeps of a study here: what a point of a grid leads to is looked at, and as many are refused as usual."""
+UNITS = (
+    "1 mm", "0.1 um", "12 N", "3 N/um", "1.5 rad/s", "2 m/s**2", "5 kg*m^2/s^2", "90 deg", "1", "1e-3 V", "2 (m/s)**2",
+    "3 m²", "4 N*m", "5 s⁻¹", "6 inch squared", "7 per s", "8 m/(s*K)", "9 m**0.5",
+)  # fmt: skip
+CHANNELS = (
+    "iq [A]", "volts * 31.5 [N]", "(volts - 2.5) * 31.5 + 4 [N]", "(a - b) / 2 [um]", "counts / 4096 + 0.5", "y", "data.y.3",
+    "force(:,:,1,2) [N]", "x{level} [mm]",
+)  # fmt: skip
+FILTERS = (
+    'estimator=proposed excitation.amplitude>=12 -tag:baseline', '"two words" state!=failed', "metric.gain<0.1um run=1",
+    "created:today note:'x'", 'study:"a\\"b" elapsed>1', "created=2026-03-31T12:00", "-outcome:ok key:fx1", "plant.gain=1e-3",
+)  # fmt: skip
+SETTINGS = (
+    'theme = "nord"\nascii = true\nphase = "wrapped"\n[keys]\nmark = "space,m"\n',
+    'keys.table.mark = "m"\n',
+    "ascii = false\n",
+)
+OVERRIDES = (
+    "excitation.amplitude=20", 'estimator={ name = "proposed", friction = "dahl" }', "grid.excitation.amplitude=[12, 75]",
+    "random.seed=3", "plant.modes=[{ frequency = 40, damping = 0.01 }]", "loop.resolution=1 um", "record.file=../x.csv",
+    "limits.stroke=1 mm",
+)  # fmt: skip
+CSV = "t [s],u [N],y [mm],level\n" + "".join(
+    f"{k / 100},{k % 10 - 4.5},{(k % 10) ** 2},{k // 50 + 1}\n" for k in range(100)
+)
+RECORDS: tuple[dict[str, Any], ...] = (
+    {"file": "a.csv", "channels": {"u": "u", "y": {"column": "y", "scale": -1.0}}, "period": 10, "time": "t"},
+    {
+        "file": ["a.csv"],
+        "channels": {"u": "u * 2 [N]", "y": "y"},
+        "sample_rate": 100.0,
+        "period_time": "0.1 s",
+        "skip": 1,
+    },
+    {
+        "file": "a.csv",
+        "channels": {"u": "u", "y": "y"},
+        "time": "t",
+        "steps": [{"start": 0.0, "stop": 1.0, "frequency": 10}],
+    },
+    {"file": "a.csv", "channels": {"u": "u", "y": "y"}, "periodic": False, "lowest": 5.0, "highest": 20.0, "every": 2},
+    {"file": "a.csv", "channels": {"u": "u", "y": "y"}, "period": 10, "segment": "level", "lines": [1, 2, 3]},
+    {
+        "file": "a.csv",
+        "channels": {"u": "u", "y": "y"},
+        "period": 10,
+        "where": "level = {level}",
+        "level": 1,
+        "periods": 2,
+    },
+)
+PRINTED: tuple[dict[str, Any], ...] = (
+    {"what": "k0", "value": 177.0, "unit": "mm/(N*s^2)", "tolerance": "1 %", "metric": "k0", "where": {"case": "a"}},
+    {"what": "f1", "value": 41.9, "unit": "Hz", "compare": "above", "metric": "f1"},
+)
+RANDOM: tuple[dict[str, Any], ...] = (
+    {"count": 3, "seed": 1, "draw": [{"paths": ["plant.gain"], "relative": 0.05}]},
+    {"count": 2, "draw": [{"paths": "friction.scale", "deviation": "1 um", "distribution": "uniform"}]},
+)
+
+
+def targets(folder: Path, registry: Registry) -> list[Target]:
+    """Return the parsers, which may use a folder."""
+    studies = _studies()
+    names = _names(studies, registry)
+    (folder / "a.csv").write_text(CSV)
+    texts = [of for of, _ in studies]
+    data = [of for _, of in studies]
+    return [
+        Target(
+            "units", _texts(UNITS, ("m", "um", "**", "^", "squared", "cubed", "²", "(", ")", "/", "per")), _unit, 0.12
+        ),
+        Target(
+            "channel expressions",
+            _texts(CHANNELS, ("*", "/", "+", "-", "[", "]", "(", ")", " ", "{level}")),
+            _channel,
+            0.2,
+        ),
+        Target("filters", _texts(FILTERS, (*names[:40], ":", ">=", "-", '"', "\\", "today", "1um")), _filter, 0.25),
+        Target(
+            "settings",
+            _texts(SETTINGS, ("keys", "theme", "phase", "ascii", "true", "=")),
+            partial(_settings, folder),
+            0.08,
+        ),
+        Target("--set and forms", _texts(OVERRIDES, names), _override, 0.14),
+        Target("studies as text", _texts(texts, names), partial(_study_text, folder, registry), 0.04),
+        Target("studies as data", _plain(data, names), partial(_study, folder, registry), 0.04),
+        Target("record sections", _plain(RECORDS, names), partial(_record, folder, registry), 0.02),
+        Target("printed numbers", _plain([list(PRINTED)], names), Printed.parse_all, 0.03),
+        Target("random sections", _plain(RANDOM, names), Draws.parse, 0.04),
+        Target("imports", _imports, partial(_import, folder, registry), 0.02),
+    ]
+
+
+def _texts(seeds: Sequence[str], words: Sequence[str]) -> Callable[[Random], str]:
+    return lambda rng: mutation.text(rng, rng.choice(seeds), seeds, words)
+
+
+def _plain(seeds: Sequence[Any], names: Sequence[str]) -> Callable[[Random], Any]:
+    return lambda rng: mutation.plain(rng, rng.choice(seeds), names)
+
+
+def _studies() -> list[tuple[str, dict[str, Any]]]:
+    files = sorted(study.packaged_studies().rglob("*.toml"))
+    return [(text, tomllib.loads(text)) for text in (file.read_text(encoding="utf-8") for file in files)]
+
+
+def _names(studies: Sequence[tuple[str, dict[str, Any]]], registry: Registry) -> list[str]:
+    """Return what studies consist of: sections, parameters by path, components, and a few values."""
+    found = {name for _, data in studies for path in flat(data) for name in (path, *path.split("."))}
+    found |= {name for _, name in registry.supplies}
+    found |= {name for supply in registry.supplies.values() for name in supply.component.model_fields}
+    found |= {
+        "grid",
+        "case",
+        "random",
+        "printed",
+        "limits",
+        "compensation",
+        "record",
+        "label",
+        "fit",
+        "preset",
+        "version",
+    }
+    return sorted(found)
+
+
+def _unit(text: str) -> None:
+    number(text)
+    units.number(text, "m")
+
+
+def _channel(text: str) -> None:
+    channel_of(text, "channels.u")
+
+
+def _filter(text: str) -> None:
+    from datetime import UTC, datetime
+
+    for condition in parse(text):
+        number(condition.value)
+        if condition.field == "created":
+            span(condition.value, datetime.now(UTC))
+
+
+def _settings(folder: Path, text: str) -> None:
+    file = folder / "tui.toml"
+    file.write_bytes(text.encode("utf-8", "surrogatepass"))
+    settings.read(file)
+
+
+def _override(text: str) -> None:
+    value = text.partition("=")[2]
+    form.text_of(form.parsed(value))
+    value_text(form.parsed(value))
+    override(text)
+
+
+def _study_text(folder: Path, registry: Registry, text: str) -> None:
+    file = folder / "study.toml"
+    file.write_bytes(text.encode("utf-8", "surrogatepass"))
+    _study(folder, registry, study.read(file))
+
+
+def _study(folder: Path, registry: Registry, data: Any) -> None:
+    if not isinstance(data, dict):
+        return
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(study, "MOST_SWEEPS", FEW)
+        found = study.resolve("study", folder / "study.toml", data, folder, registry)
+    for sweep in found.sweeps[:3]:
+        assert sweep.key.startswith("fx1-")
+        printable(str(sweep.labels))
+        json.dumps(sweep.labels)
+
+
+def _record(folder: Path, registry: Registry, data: Any) -> None:
+    if isinstance(data, dict):
+        resolve(RecordSettings.parse(data, "record"), folder, registry)
+
+
+def _imports(rng: Random) -> dict[str, Any]:
+    column = rng.choice((*mutation.HOSTILE, "y", "y [mm]", "y * 2"))
+    name = rng.choice((*mutation.HOSTILE, "y", "y.1", 'a"b'))
+    options = {
+        "period": 10,
+        "sample_rate": 100.0,
+        rng.choice(("where", "reader", "input")): rng.choice(mutation.HOSTILE),
+    }
+    return {"channels": {"u": mutation.text(rng, "u [N]", CHANNELS, CHANNELS), name: column}, "options": options}
+
+
+def _import(folder: Path, registry: Registry, made: dict[str, Any]) -> None:
+    """What is written is read back the same, or refused before."""
+    data = study_of(Request([folder / "a.csv"], **made), folder, registry)
+    file = folder / "import.toml"
+    try:
+        resolve(RecordSettings.parse(data["record"], "record"), folder, registry)
+    except FraexpError:
+        pass
+    file.write_text(toml(data), encoding="utf-8")
+    assert study.read(file) == data

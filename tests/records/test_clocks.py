@@ -1,0 +1,56 @@
+"""Clocks that are in a record's file though nobody has named them."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fraexp.errors import RecordError
+from fraexp.plugins import Registry
+from fraexp.records import RecordSettings, resolve
+from tests.records.strangers import write_classic
+
+
+def rate_of(folder: Path, registry: Registry, file: str, **settings: object) -> float:
+    channels = {"u": "u [N]", "y": "y [m]"}
+    read = RecordSettings.parse({"file": file, "channels": channels, "periodic": False, **settings}, "record")
+    return float(resolve(read, folder, registry)[0]["record"]["sample_rate"])
+
+
+def write(folder: Path, **numbers: float) -> None:
+    u, y = np.random.default_rng(1).normal(size=(2, 500))
+    write_classic(folder / "moves.mat", {"u": u, "y": y, **numbers})
+
+
+def test_a_column_with_a_unit_of_time_is_the_clock(tmp_path: Path, registry: Registry) -> None:
+    rows = np.column_stack([np.arange(500) / 2.5, *np.random.default_rng(1).normal(size=(2, 500))])
+    np.savetxt(tmp_path / "moves.csv", rows, "%.9g", ",", header="Zeit [ms],u,y", comments="")
+    assert rate_of(tmp_path, registry, "moves.csv") == pytest.approx(2500)
+
+
+@pytest.mark.parametrize(
+    ("number", "says"),
+    [
+        ({"fs": 1000.0}, "'fs' in the file says 1000 Hz"),
+        ({"Ts": 1e-3}, "'Ts' in the file says 1000 Hz"),
+        ({"log": {"SampleRate": 500.0}}, "'log.SampleRate' in the file says 500 Hz"),
+    ],
+)
+def test_a_rate_that_contradicts_a_number_in_the_file_is_refused(
+    tmp_path: Path, registry: Registry, number: dict[str, float], says: str
+) -> None:
+    write(tmp_path, **number)
+    with pytest.raises(RecordError, match=f"sample_rate is 2000 Hz, but {says}; correct one"):
+        rate_of(tmp_path, registry, "moves.mat", sample_rate=2000)
+
+
+@pytest.mark.parametrize("number", [{"fs": 2000.0}, {"fs": 2.0}, {"dt": 0.5}, {"fs": 2000.0, "dt": 0.1}, {"rate": 5.0}])
+def test_a_rate_that_agrees_in_some_unit_is_taken(tmp_path: Path, registry: Registry, number: dict[str, float]) -> None:
+    write(tmp_path, **number)
+    assert rate_of(tmp_path, registry, "moves.mat", sample_rate=2000) == 2000
+
+
+def test_a_number_that_seems_to_be_the_rate_is_named_where_none_is_given(tmp_path: Path, registry: Registry) -> None:
+    write(tmp_path, fs=1000.0)
+    with pytest.raises(RecordError, match=r"unknown; give sample_rate = 1000 \(--sample-rate 1000\), if 'fs' in the"):
+        rate_of(tmp_path, registry, "moves.mat")

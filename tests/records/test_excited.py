@@ -1,0 +1,137 @@
+"""Which lines count as excited, where friction and feedback put power into others as well."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fraexp.cli.exits import ExitCode
+from fraexp.cli.main import main
+from fraexp.records.excited import detected_lines, injected_lines
+from fraexp.results import Result
+from tests.records.strangers_files import DRIVE, results
+
+PERIOD, PERIODS = 1000, 5
+EXCITED = tuple(range(3, 100))
+COMMAND = ["import", "drive.csv", "--period", str(PERIOD), "--skip", "1", "--channel", "u=u", "--channel", "y=y"]
+TELL = "lines that stand out of the input's noise are left out: they are far weaker"
+
+
+@pytest.fixture(scope="module")
+def drive() -> np.ndarray:
+    """Time, thrust, position and injected multisine [SI] of a drive with Coulomb friction that stands in its loop."""
+    angle = 2 * np.pi * np.outer(np.arange(PERIOD), EXCITED) / PERIOD
+    wave = np.cos(angle + np.random.default_rng(7).uniform(0, 2 * np.pi, len(EXCITED))).sum(axis=1)
+    injected = np.tile(30 * wave / wave.std(), PERIODS)
+    volts, counts = DRIVE.follow(np.zeros(injected.size), injected)
+    return np.column_stack([np.arange(volts.size) / DRIVE.rate, volts * DRIVE.volt, counts * DRIVE.count, injected])
+
+
+@pytest.fixture
+def folder(tmp_path: Path, drive: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    np.savetxt("drive.csv", drive, "%.9g", ",", header="time [s],u [N],y [m],inj [N]", comments="")
+    return tmp_path
+
+
+def write_moving(drive: np.ndarray) -> None:
+    """Write the record with a slow motion as reference, which has not excited it."""
+    moving = 0.01 * np.sin(2 * np.pi * np.arange(len(drive)) / PERIOD)
+    table = np.column_stack([drive, moving])
+    np.savetxt("drive.csv", table, "%.9g", ",", header="time [s],u [N],y [m],inj [N],r [m]", comments="")
+
+
+def imported(folder: Path, *more: str) -> Result:
+    assert main([*COMMAND, *more]) == ExitCode.OK
+    (result,) = results(folder, "drive")
+    return result
+
+
+def lines_of(result: Result) -> list[int]:
+    assert result.response is not None
+    return np.rint(result.response.frequency * PERIOD / DRIVE.rate).astype(int).tolist()
+
+
+@pytest.mark.parametrize("name", ["reference", "excitation"])
+def test_lines_are_those_that_were_injected(folder: Path, name: str) -> None:
+    found = imported(folder, "--channel", f"{name}=inj")
+    assert lines_of(found) == list(EXCITED)
+    assert found.message == ""
+
+
+def test_without_the_injected_signal_the_lines_beyond_its_band_are_left_out_and_told(folder: Path) -> None:
+    found = imported(folder)
+    assert set(EXCITED) <= set(lines_of(found)) <= set(range(1, 100))
+    assert TELL in found.message
+    assert "give the injected signal as channel 'reference' or 'excitation'" in found.message
+
+
+def test_the_upper_end_alone_does_not_silence_the_doubt_of_the_lower_lines(folder: Path) -> None:
+    assert TELL in imported(folder, "--highest", "99").message
+
+
+def test_a_stated_band_silences_it(folder: Path) -> None:
+    found = imported(folder, "--lowest", "3", "--highest", "99")
+    assert (lines_of(found), found.message) == (list(EXCITED), "")
+
+
+def test_a_stated_line_that_was_not_injected_is_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*COMMAND, "--channel", "reference=inj", "--lines", "10,150"]) == ExitCode.USAGE
+    assert "'reference' does not excite 150 Hz (harmonic 150)" in capsys.readouterr().err
+
+
+def test_a_reference_that_does_not_excite_is_refused_unless_the_input_is_looked_at(
+    folder: Path, drive: np.ndarray, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_moving(drive)
+    assert main([*COMMAND, "--channel", "reference=r"]) == ExitCode.USAGE
+    assert "of its power at the 1 lines of 'reference': something else excites" in capsys.readouterr().err
+    assert TELL in imported(folder, "--channel", "reference=r", "--input", "u").message
+
+
+def test_the_excitation_goes_before_the_reference(folder: Path, drive: np.ndarray) -> None:
+    write_moving(drive)
+    assert lines_of(imported(folder, "--channel", "reference=r", "--channel", "excitation=inj")) == list(EXCITED)
+
+
+def test_the_proposed_command_takes_the_injected_signal(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["import", "drive.csv"]) == ExitCode.OK
+    printed = capsys.readouterr()
+    assert printed.out.splitlines()[-1].split()[-1] == "excitation"
+    assert "--channel excitation=inj --time time --period 1000" in printed.err
+
+
+def wave_of(amplitudes: dict[int, float], blocks: int, noise: float) -> np.ndarray:
+    rng = np.random.default_rng(11)
+    time = np.arange(1000)
+    one = sum(a * np.cos(2 * np.pi * k * time / 1000 + rng.uniform(0, 6.28)) for k, a in amplitudes.items())
+    return np.asarray(np.tile(one, (blocks, 1)) + noise * rng.normal(size=(blocks, 1000)))
+
+
+FALLING = {k: k**-2.0 for k in range(1, 101)}
+RISING = {k: (k / 100) ** 3.0 for k in range(20, 101)}
+TRIANGLE = {k: k**-2.0 for k in range(1, 100, 2)}
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-6])
+@pytest.mark.parametrize("amplitudes", [FALLING, TRIANGLE, RISING])
+def test_an_injected_signal_may_fall_steeply(amplitudes: dict[int, float], noise: float) -> None:
+    written = np.round(wave_of(amplitudes, 3, noise), 7)  # as in a file
+    assert list(injected_lines(written, (1, 499)).lines) == list(amplitudes)
+
+
+def test_noise_over_two_periods_is_not_taken_for_excitation() -> None:
+    blocks = wave_of(dict.fromkeys(range(10, 60), 1.0), 2, noise=0.3)
+    for found in (injected_lines(blocks, (1, 499)), detected_lines(blocks)):
+        assert (list(found.lines), found.left_out, found.doubtful) == (list(range(10, 60)), 0, 0)
+
+
+def test_a_spectrum_that_rises_smoothly_has_no_edge() -> None:
+    found = detected_lines(wave_of(RISING, 4, noise=1e-5))
+    assert (list(found.lines), found.left_out) == (list(RISING), 0)
+
+
+def test_lines_that_are_far_weaker_without_a_gap_are_doubted() -> None:
+    levels = dict.fromkeys(range(1, 61), 1.0) | {k: 0.9 * 0.8 ** (k - 60) for k in range(61, 80)}
+    found = detected_lines(wave_of(levels, 4, noise=1e-5))
+    assert (list(found.lines), found.doubtful) == (list(levels), 4)

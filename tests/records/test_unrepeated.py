@@ -1,0 +1,41 @@
+"""Records that do not repeat themselves: for estimators that need no periods, and an error for those that do."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fraexp.cli.exits import ExitCode
+from fraexp.cli.main import main
+from fraexp.results import Outcome
+from tests.records.strangers_files import results
+
+COMMAND = ["import", "noise.csv", "--channel", "u=force [N]", "--channel", "y=position [mm]", "--sample-rate", "500"]
+
+
+@pytest.fixture
+def noise(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A mass of 2 kg on a spring and damper, driven by noise."""
+    monkeypatch.chdir(tmp_path)
+    force = np.random.default_rng(2).standard_normal(5000)
+    position, velocity, rows = 0.0, 0.0, []
+    for each in force:
+        rows.append(f"{each:.9g},{1e3 * position:.9g}")
+        velocity += 2e-3 * (each - 2e3 * position - 40 * velocity) / 2
+        position += 2e-3 * velocity
+    (tmp_path / "noise.csv").write_text("\n".join(["force,position", *rows]), encoding="utf-8")
+    return tmp_path
+
+
+def test_an_estimator_of_whole_periods_refuses(noise: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*COMMAND, "--not-periodic", "--estimator", "conventional"]) == ExitCode.INCOMPLETE
+    assert "does not repeat itself" in (said := capsys.readouterr().err)
+    assert "take spectral or local_polynomial" in said
+
+
+@pytest.mark.parametrize("estimator", ["spectral", "local_polynomial"])
+def test_another_one_has_nothing_to_say_of_it(noise: Path, estimator: str) -> None:
+    assert main([*COMMAND, "--not-periodic", "--estimator", estimator, "--lowest", "1", "--highest", "20"]) == 0
+    (result,) = results(noise, "noise")
+    assert result.outcome is Outcome.OK
+    assert "periodic" not in result.message

@@ -1,0 +1,242 @@
+"""Filters, sorting and pages: what SQL answers is what plain Python answers."""
+
+import json
+from datetime import datetime, timedelta
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fraexp.errors import StoreError
+from fraexp.results import Metric, Outcome, Result
+from fraexp.store import Store
+from fraexp.store.filters import Condition, parse
+from fraexp.sweep import Sweep
+
+OK = Result(Outcome.OK)
+
+
+def point(amplitude, name="proposed", label="one", **labels):
+    experiment = {
+        "source": "loop",
+        "friction": {"name": "rolling", "version": 1, "curve": {"coulomb": 17.9}},
+        "excitation": {"name": "stepped_sine", "amplitude": amplitude, "frequencies": [float(n) for n in range(100)]},
+    }
+    return Sweep(experiment, {"name": name, "method": None, "hold": True}, {"case": label, **labels})
+
+
+def found(store, text, run=None):
+    return {row.labels["case"] for row in store.page(text, run=run).rows}
+
+
+@pytest.fixture
+def filled(store):
+    a, b, c, d = (
+        point(12.0, label="a"),
+        point(75.0, label="b"),
+        point(1e-7, "conventional", "c_%"),
+        point("fit", "x", "d"),
+    )
+    first = store.begin_run("paper/old", "f", "c", {}, [a, b])
+    store.save(first, [(a, OK, {}), (b, Result(Outcome.NOT_SETTLED, "after 60 s"), {})])
+    second = store.begin_run("new", "f", "c", {}, [d, c, a])
+    metrics = (Metric("peak force", 14.5, "N"),)
+    store.save(second, [(c, Result(Outcome.DIVERGED, "100 % gone", metrics=metrics, elapsed=2.0), {})])
+    store.reuse(second, [a.key])
+    store.fail(second, d.key, "killed", "log")
+    store.tag([a.key, c.key], "baseline")
+    store.annotate(b.key, "a good one")
+    return store
+
+
+@pytest.mark.parametrize(
+    "text, cases",
+    [
+        ("", {"a", "b", "c_%", "d"}),
+        ("estimator=proposed", {"a", "b"}),
+        ("estimator:PROP", {"a", "b"}),
+        ("estimator!=proposed", {"c_%", "d"}),
+        ("excitation.amplitude>=12", {"a", "b"}),
+        ("excitation.amplitude>0", {"a", "b", "c_%"}),  # a text is no number
+        ("-excitation.amplitude>0", {"d"}),
+        ("excitation.amplitude=0.1u", {"c_%"} - {"c_%"}),
+        ("excitation.amplitude=0.1um", {"c_%"}),
+        ("excitation.amplitude=12", {"a"}),
+        ("excitation.amplitude:fi", {"d"}),
+        ("estimator.hold=true", {"a", "b", "c_%", "d"}),
+        ("estimator.method=x", set()),
+        ("state:failed", {"c_%", "d"}),
+        ("state:reused", {"a"}),
+        ('outcome:"not settled"', {"b"}),
+        ("outcome:not_settled", {"b"}),
+        ("tag:baseline", {"a", "c_%"}),
+        ("-tag:baseline", {"b", "d"}),
+        ("tag:base", set()),
+        ('note:"good one"', {"b"}),
+        ("study:old", {"a", "b"}),
+        ("study=new", {"a", "c_%", "d"}),
+        ("run=1", {"a", "b"}),
+        ("run>1", {"a", "c_%", "d"}),
+        ("message:%", {"c_%"}),
+        ("message:killed", {"d"}),
+        ("elapsed>1s", {"c_%"}),
+        ("elapsed>1min", set()),
+        ("created:today", {"a", "b", "c_%"}),
+        ("created<2020-01-01", set()),
+        ('metric."peak force">14', {"c_%"}),
+        ("case:_", {"c_%"}),
+        ("c_%", {"c_%"}),
+        ("BASELINE", {"a", "c_%"}),
+        ("paper", {"b"}),  # a's latest run is of another study
+        ("gone", {"c_%"}),
+        ("'; DROP TABLE sweep; --", set()),
+    ],
+)
+def test_a_filter_lets_through_what_it_says(filled, text, cases):
+    assert found(filled, text) == cases
+    assert filled.page(text).total == len(cases)
+    assert len(filled.keys(text)) == len(cases)
+
+
+@pytest.mark.parametrize(
+    "text, says",
+    [
+        ("amplitude>3", r"nothing in the database has 'amplitude'; did you mean 'excitation.amplitude'\?"),
+        ("estimater=x", "did you mean 'estimator'"),
+        ("metric.stroke>1", "nothing in the database has 'metric.stroke'"),
+        ("state:fialed", "there is no state 'fialed'; did you mean 'failed'"),
+        ("excitation.amplitude>much", "'much' is no number"),
+        ("estimator>x", "compares a text; expected estimator= or estimator:"),
+        ("created>soon", "is no date; expected one such as"),
+        ('note:"open', "a quote is not closed"),
+        ("tag:", "has no value"),
+        ("=3", "has no field"),
+        ("-", "says nothing"),
+        ("elapsed>1e999", "is no number"),
+    ],
+)
+def test_a_filter_that_cannot_be_understood_is_refused_in_one_line(filled, text, says):
+    with pytest.raises(StoreError, match=says) as caught:
+        filled.page(text)
+    assert "\n" not in str(caught.value)
+
+
+def test_quotes_and_signs_of_a_filter_are_read():
+    assert parse('-a.b!="x y" "w o" m."p f"<=3') == [
+        Condition("-a.b!=x y", "a.b", "=", "x y", False),
+        Condition("w o", "", ":", "w o", False),
+        Condition("m.p f<=3", "m.p f", "<=", "3", False),
+    ]
+
+
+def test_a_listing_is_sorted_with_what_lacks_a_value_last(filled):
+    def cases(order, **options):
+        return [row.labels["case"] for row in filled.page(order=order, **options).rows]
+
+    assert cases("excitation.amplitude") == ["c_%", "a", "b", "d"]  # numbers, then texts
+    assert cases("-created")[-1] == cases("created")[-1] == "d"
+    assert cases("metric.peak force")[0] == "c_%"
+    assert cases("-case") == ["d", "c_%", "b", "a"]
+    assert cases("", run=2) == ["d", "c_%", "a"]
+    assert cases("-case", offset=1, limit=2) == ["c_%", "b"]
+    with pytest.raises(StoreError, match="order: nothing in the database has 'estimater'"):
+        cases("estimater")
+
+
+def test_a_row_tells_what_the_latest_run_or_the_one_asked_for_saw(filled):
+    (row,) = filled.page("case=a").rows
+    assert (row.run, row.study, row.state, row.tags, row.note) == (2, "new", "reused", ("baseline",), "")
+    (earlier,) = filled.page("case=a", run=1).rows
+    assert (earlier.run, earlier.study, earlier.state) == (1, "paper/old", "computed")
+    assert (row.estimator, row.friction, row.source, row.plant) == ("proposed", "rolling", "loop", None)
+
+
+def test_a_long_list_comes_back_although_it_is_kept_apart(filled):
+    key = filled.keys("case=a")[0]
+    assert filled.find(key).experiment == point(12.0).experiment
+    assert "excitation.amplitude" in filled.fields()
+    assert "metric.peak force" in filled.fields()
+    assert "case" in filled.fields()
+
+
+AMPLITUDES = st.sampled_from([1.0, 2, 12.0, "12 N", True, None])
+WORDS = st.sampled_from(["a", "A%", "b_", "é", 'q"', "proposed"])
+ROWS = st.lists(st.tuples(AMPLITUDES, WORDS, WORDS, st.sampled_from([*Outcome, None])), max_size=6)
+TERMS = st.one_of(
+    st.tuples(
+        st.sampled_from(["", "-"]),
+        st.just("x.amplitude"),
+        st.sampled_from([">", ">=", "<", "<=", "=", "!="]),
+        st.sampled_from(["1", "2", "12"]),
+    ),
+    st.tuples(
+        st.sampled_from(["", "-"]), st.sampled_from(["estimator", "case"]), st.sampled_from(["=", ":", "!="]), WORDS
+    ),
+    st.tuples(
+        st.sampled_from(["", "-"]), st.just("outcome"), st.just(":"), st.sampled_from([item.name for item in Outcome])
+    ),
+    st.tuples(st.sampled_from(["", "-"]), st.just(""), st.just(""), WORDS),
+)
+
+
+def lower(text):
+    return "".join(letter.lower() if letter.isascii() else letter for letter in text)
+
+
+def expected(row, term):
+    amplitude, name, case, outcome = row
+    sign, field, operator, value = term
+    if field == "x.amplitude":
+        number = amplitude if isinstance(amplitude, int | float) and not isinstance(amplitude, bool) else None
+        compare = {">": float.__gt__, ">=": float.__ge__, "<": float.__lt__, "<=": float.__le__}
+        compare |= {"=": float.__eq__, "!=": float.__eq__}
+        holds = number is not None and compare[operator](float(number), float(value))
+    elif field == "outcome":
+        holds = outcome is not None and outcome.name == value
+    elif field:
+        text = name if field == "estimator" else case
+        holds = lower(value) in lower(text) if operator == ":" else text == value
+    else:
+        labels = json.dumps({"case": case}, separators=(",", ":"))
+        holds = lower(value) in lower(name) or lower(json.dumps(value)[1:-1]) in lower(labels) or lower(value) in "s"
+    return holds != ((sign == "-") != (operator == "!="))
+
+
+@pytest.fixture(scope="module")
+def another(tmp_path_factory, kind, request):
+    """Return what makes an empty database."""
+
+    def make():
+        if kind == "sqlite":
+            return str(tmp_path_factory.mktemp("db") / "r.db")
+        return request.getfixturevalue("server").new()
+
+    return make
+
+
+@settings(max_examples=60, deadline=None)
+@given(rows=ROWS, terms=st.lists(TERMS, max_size=3))
+def test_sql_and_python_agree(another, rows, terms):
+    grid = {
+        sweep.key: (sweep, row)
+        for index, row in enumerate(rows)
+        for sweep in [Sweep({"x": {"amplitude": row[0], "n": index}}, {"name": row[1]}, {"case": row[2]})]
+    }
+    # something that has every field, so that none is unknown, and that no term is asked of
+    rest = Sweep({"x": {"amplitude": 0}}, {"name": "n"}, {"case": "n"})
+    with Store.open(another(), create=True) as store:
+        store.begin_run("s", "f", "c", {}, [rest])
+        run = store.begin_run("s", "f", "c", {}, [sweep for sweep, _ in grid.values()])
+        store.save(run, [(sweep, Result(row[3]), {}) for sweep, row in grid.values() if row[3]])
+        quote = lambda text: '"' + text.replace('"', '\\"') + '"'  # noqa: E731
+        text = " ".join(f"{sign}{field}{operator}{quote(value)}" for sign, field, operator, value in terms)
+        wanted = {key for key, (_, row) in grid.items() if all(expected(row, term) for term in terms)}
+        assert set(store.keys(text)) - {rest.key} == wanted
+        assert store.page(text, run=run).total == len(wanted)
+
+
+def test_a_day_is_that_of_the_clock_on_the_wall(filled):
+    today = datetime.now().astimezone()
+    assert filled.page(f"created={today:%Y-%m-%d}").total == 3
+    assert filled.page(f"created>{today:%Y-%m-%d}").total == 0
+    assert filled.page(f"created>={today - timedelta(days=1):%Y-%m-%d}").total == 3

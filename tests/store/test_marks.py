@@ -1,0 +1,150 @@
+"""Tags, notes, deletion, progress, and watching a database that changes."""
+
+import os
+import sqlite3
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from fraexp.errors import StoreError
+from fraexp.store import RunProgress, Store
+
+WRITES = """
+import sys
+from fraexp.results import Outcome, Result
+from fraexp.store import Store
+from fraexp.sweep import Sweep
+grid = [Sweep({"source": "loop", "number": number}, {"name": "e"}) for number in range(200)]
+store = Store.open(sys.argv[1])
+run = store.begin_run("s", "f", "c", {}, grid)
+print("ready", flush=True)
+for point in grid:
+    store.save(run, [(point, Result(Outcome.OK), {})])
+store.end_run(run, "complete")
+sys.stdin.read()
+"""
+
+
+def test_tags_and_notes_come_back_and_go(store, begin, sweep):
+    one, two = sweep(1), sweep(2)
+    begin([one, two])
+    store.tag([one.key, two.key], "baseline")
+    store.tag([one.key], "baseline")
+    store.tag([one.key], "äpfel")
+    store.annotate(one.key, " first\nsecond ")
+    assert store.tags() == {"baseline": 2, "äpfel": 1}
+    assert (store.find(one.key).tags, store.find(one.key).note) == (("baseline", "äpfel"), "first\nsecond")
+    store.untag([one.key, two.key], "baseline")
+    store.annotate(one.key, " ")
+    assert (store.tags(), store.note(one.key)) == ({"äpfel": 1}, "")
+
+
+@pytest.mark.parametrize("name", ["", "a b", "a,b", 'a"b', "a\tb", "a\x00b", "a\u00a0b"])
+def test_a_tag_is_a_word(store, begin, sweep, name):
+    begin([sweep()])
+    with pytest.raises(StoreError, match="is no tag; expected a word"):
+        store.tag([sweep().key], name)
+
+
+def test_what_does_not_exist_cannot_be_marked(store, begin, sweep):
+    begin([sweep()])
+    with pytest.raises(StoreError, match="there is no sweep fx1-0"):
+        store.tag(["fx1-0"], "good")
+    store.tag([sweep().key], "baseline")
+    with pytest.raises(StoreError, match="no sweep has the tag 'basline'; did you mean 'baseline'"):
+        store.untag([sweep().key], "basline")
+
+
+def test_deleting_sweeps_takes_all_that_belongs_to_them(store, begin, sweep, result, origin, sql):
+    run = begin([sweep(1), sweep(2)])
+    store.save(run, [(sweep(1), result(), origin), (sweep(2), result(), origin)])
+    with pytest.raises(StoreError, match="run 1 is going on and uses these sweeps"):
+        store.delete_sweeps([sweep(1).key])
+    store.end_run(run, "complete")
+    store.tag([sweep(1).key], "t")
+    assert store.delete_sweeps([sweep(1).key, "fx1-none"]) == 1
+    assert (store.run(run).total, store.tags(), store.health()) == (1, {}, "sound")
+    assert store.find(sweep(2).key).experiment == sweep(2).experiment
+    store.delete_sweeps([sweep(2).key])
+    for table in ("part", "frequency_response", "metric", "curve_column", "run_sweep"):
+        assert sql(f"SELECT count(*) FROM {table}") == [(0,)], table
+
+
+def test_deleting_a_run_keeps_the_sweeps_of_others(store, begin, sweep, result):
+    first, second = begin([sweep(1), sweep(2)]), begin([sweep(2), sweep(3)])
+    with pytest.raises(StoreError, match="run 2 is going on"):
+        store.delete_run(second)
+    for run in (first, second):
+        store.end_run(run, "complete")
+    assert store.delete_run(second) == 1
+    assert {(row.key, row.run) for row in store.page().rows} == {(sweep(1).key, first), (sweep(2).key, first)}
+    with pytest.raises(StoreError, match="there is no run 2"):
+        store.delete_run(second)
+    assert store.delete_run(first) == 2
+    assert (store.runs(), store.page().total) == ([], 0)
+
+
+def test_a_run_tells_its_progress_and_its_process(store, begin, sweep):
+    run = begin([sweep()])
+    assert store.run(run).progress is None
+    told = RunProgress(0.5, 1, 2, {sweep().key: 0.5})
+    store.beat(run, told)
+    store.beat(run)
+    summary = store.run(run)
+    assert (summary.progress, summary.process.pid) == (told, os.getpid())
+    assert summary.heartbeat >= summary.started
+
+
+def test_the_version_changes_with_what_is_written_and_only_then(store, begin, sweep, url):
+    begin([sweep()])
+    with Store.open(url, read_only=True) as watcher:
+        before = watcher.version(), store.version()
+        assert (watcher.version(), store.version()) == before
+        store.tag([sweep().key], "t")
+        assert watcher.version() != before[0]
+        assert store.version() != before[1]
+
+
+def open_files():
+    folder = Path("/proc/self/fd")
+    return len(list(folder.iterdir())) if folder.is_dir() else 0
+
+
+def test_a_watcher_survives_hours_and_holds_no_lock(store, begin, sweep, path):
+    run = begin([sweep()])
+    with Store.open(str(path), read_only=True, timeout=0.1) as watcher:
+        watcher.page()
+        files = open_files()
+        for _ in range(300):
+            watcher.version()
+            watcher.page("friction")
+            store.beat(run)
+        assert open_files() == files
+        with closing(sqlite3.connect(path)) as connection:  # nothing keeps the log from being emptied
+            assert connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()[0] == 0
+
+
+@pytest.mark.parametrize("what", ["deleted", "replaced"])
+def test_a_database_that_is_deleted_or_replaced_is_noticed(store, begin, path, what):
+    begin([])
+    with Store.open(str(path), read_only=True) as watcher:
+        assert not watcher.replaced()
+        path.rename(path.with_name("elsewhere.db"))
+        if what == "replaced":
+            path.write_bytes(b"another")
+        assert watcher.replaced()
+        with pytest.raises(StoreError, match=f"the database has been {what}.* since it was opened; open it again"):
+            watcher.page()
+
+
+def test_tags_can_be_given_while_a_run_writes(store, begin, sweep, url, program):
+    begin([sweep()])
+    store.close()
+    with program(WRITES, url) as process, Store.open(url) as marker:
+        for number in range(50):
+            marker.tag([sweep().key], f"t{number}")
+        assert process.stdin is not None
+        process.stdin.close()
+        assert process.wait(30) == 0
+        assert (marker.run(2).state, marker.run(2).computed, len(marker.tags())) == ("complete", 200, 50)

@@ -1,0 +1,215 @@
+"""What a server can do that a file cannot: refuse, be shared by hosts, need a password; and the commands on one."""
+
+import signal
+from pathlib import Path
+from urllib.parse import quote
+
+import pytest
+
+from fraexp.cli.main import main
+from fraexp.errors import StoreError
+from fraexp.store import Store, shown
+from fraexp.store.migrations import FOLDER, HISTORY
+from fraexp.store.places import locate
+from fraexp.store.postgresql import LOCK
+from fraexp.store.schema import Schema, migrate, prepare
+from fraexp.sweep import Sweep
+from tests.postgresql import running
+
+SECRET = "s3/cr@t word"
+NEXT = """
+import sqlalchemy as sa
+from alembic import op
+
+revision = "next"
+down_revision = "{head}"
+
+def upgrade():
+    op.add_column("run", sa.Column("note", sa.Text, nullable=False, server_default="none"))
+    {more}
+"""
+FEW = ("--set", "excitation.points=3", "--set", "excitation.lowest=20")
+
+
+@pytest.fixture
+def base(server):
+    return server.new()
+
+
+@pytest.fixture
+def guarded(server):
+    """A database whose user needs a password."""
+    if not server.sql("SELECT 1 FROM pg_roles WHERE rolname = 'guarded'"):
+        server.sql(f"CREATE ROLE guarded LOGIN PASSWORD '{SECRET}'")
+        server.sql("CREATE DATABASE guarded OWNER guarded")
+    return server.url("guarded", f"guarded:{quote(SECRET, safe='')}")
+
+
+def refused(url: str, match: str, **options) -> None:
+    with pytest.raises(StoreError, match=match) as caught:
+        Store.open(url, timeout=0.5, **options)
+    assert "\n" not in str(caught.value)
+    assert SECRET not in str(caught.value)
+    assert "wrong-secret" not in str(caught.value)
+
+
+def test_what_keeps_us_out_is_one_line_without_the_password(server, guarded):
+    refused(
+        "postgresql://u:wrong-secret@127.0.0.1:1/d", r"u:\*\*\*@127.0.0.1:1/d: the server cannot be reached .* port"
+    )
+    refused(server.url("guarded", "guarded:wrong-secret"), r"user and password do not fit .*; check them")
+    refused(server.url("guarded", "guarded"), "the server asks for a password .* ~/.pgpass")
+    refused(server.url("absent"), r"the database does not exist .*; make it, for example with createdb")
+    refused(server.url(user="stranger"), r"the user does not exist .*; check the user")
+    refused("postgresql://u:wrong-secret@127.0.0.1", "no database is named; expected postgresql://")
+    refused("postgresql://u:wrong-secret@127.0.0.1:port/d", "is no URL; expected postgresql://")
+    refused("oracle://u:wrong-secret@h/d", r"oracle://u:\*\*\*@h/d: oracle databases are not supported")
+
+
+@pytest.mark.parametrize(
+    "url, told",
+    [
+        ("postgresql://u:a@b:c/d@h:5/b", "postgresql://u:***@h:5/b"),
+        ("postgresql://u@h/b", "postgresql://u@h/b"),
+        ("postgresql://h/b?user=u&password=p%20q&x=1", "postgresql://h/b?user=u&password=***&x=1"),
+        ("see postgresql://u:x@h/b now", "see postgresql://u:***@h/b now"),
+        ("results.db", "results.db"),
+    ],
+)
+def test_a_password_is_not_shown(url, told):
+    assert shown(url) == told
+
+
+def test_an_empty_database_becomes_ours_and_another_programs_does_not(server, base):
+    refused(base, "there is no database yet; 'fraexp run STUDY' makes one")
+    refused(base, "there is no database yet", read_only=True)
+    assert not Store.exists(base)
+    Store.open(base, create=True).close()
+    assert Store.exists(base)
+    foreign = server.new()
+    schema = foreign.rpartition("%3D")[2]
+    server.sql(f"CREATE TABLE {schema}.photos (name text)")
+    refused(foreign, "there is a table 'photos' of others; make a database for fraexp", create=True)
+    server.sql(f"CREATE TABLE {schema}.alembic_version (version_num text)")
+    refused(foreign, "another program keeps its tables here", create=True)
+
+
+def test_a_reader_cannot_write_and_a_user_without_rights_is_told(server, base):
+    Store.open(base, create=True).close()
+    with Store.open(base, read_only=True) as reader, pytest.raises(StoreError, match="open for reading only"):
+        reader.begin_run("s", "f", "c", {}, [])
+    schema = base.rpartition("%3D")[2]
+    if not server.sql("SELECT 1 FROM pg_roles WHERE rolname = 'looker'"):
+        server.sql("CREATE ROLE looker LOGIN")
+    server.sql(f"GRANT USAGE ON SCHEMA {schema} TO looker")
+    server.sql(f"GRANT SELECT ON ALL TABLES IN SCHEMA {schema} TO looker")
+    looking = base.replace("tester@", "looker@")
+    with Store.open(looking) as store, pytest.raises(StoreError, match="the user may not do this here; ask for"):
+        store.begin_run("s", "f", "c", {}, [])
+    with Store.open(looking, read_only=True) as store:
+        assert store.runs() == []
+
+
+def test_a_writer_that_does_not_end_is_told_and_does_not_stop_the_heart(server, base):
+    import psycopg
+
+    with Store.open(base, create=True, timeout=0.3) as store:
+        run = store.begin_run("s", "f", "c", {}, [])
+        with psycopg.connect(server.url()) as other:
+            other.execute(f"SELECT pg_advisory_xact_lock({LOCK})")
+            store.beat(run)
+            with pytest.raises(StoreError, match="another run writes, and does not come to an end; wait, or stop it"):
+                store.begin_run("s", "f", "c", {}, [])
+        assert store.begin_run("s", "f", "c", {}, []) > run
+
+
+def later(tmp_path: Path, more: str = "pass") -> Schema:
+    (tmp_path / "next.py").write_text(NEXT.format(head=HISTORY[-1], more=more))
+    return Schema((*HISTORY, "next"), (FOLDER / "versions", tmp_path))
+
+
+def test_an_older_schema_is_changed_only_when_asked(base, tmp_path):
+    Store.open(base, create=True).close()
+    database, schema = locate(base, 5.0), later(tmp_path)
+    with pytest.raises(StoreError, match=f"its schema {HISTORY[-1]} is older than next; 'fraexp migrate'"):
+        prepare(database, True, schema)
+    assert migrate(database, schema) == HISTORY[-1]
+    assert database.revision() == "next"
+    assert migrate(database, schema) == "next"
+    refused(base, "its schema next is newer than this fraexp .*; update fraexp")
+
+
+def test_a_migration_that_fails_changes_nothing(base, tmp_path):
+    Store.open(base, create=True).close()
+    database = locate(base, 5.0)
+    with pytest.raises(StoreError, match="nowhere"):
+        migrate(database, later(tmp_path, "op.execute('INSERT INTO nowhere VALUES (1)')"))
+    assert database.revision() == HISTORY[-1]
+    with Store.open(base) as store:
+        assert store.begin_run("s", "f", "c", {}, []) == 1
+
+
+def test_the_tables_are_those_that_the_code_uses(base):
+    from alembic.autogenerate import compare_metadata
+    from alembic.migration import MigrationContext
+
+    from fraexp.store.tables import metadata
+
+    Store.open(base, create=True).close()
+    engine = locate(base, 5.0).reader()
+    with engine.connect() as connection:
+        assert compare_metadata(MigrationContext.configure(connection), metadata) == []
+    engine.dispose()
+
+
+def test_a_store_survives_a_restart_of_the_server(sweep):
+    with running() as server:
+        url = server.new()
+        with Store.open(url, create=True, timeout=5) as store:
+            store.begin_run("s", "f", "c", {}, [sweep()])
+            server.sql("SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE application_name = 'fraexp'")
+            assert store.begin_run("s", "f", "c", {}, [sweep()]) == 2
+            server.process.send_signal(signal.SIGINT)
+            server.process.wait(30)
+            with pytest.raises(StoreError, match=r"the server cannot be reached|has been shut down") as caught:
+                store.runs()
+            assert "\n" not in str(caught.value)
+
+
+@pytest.mark.slow
+def test_the_commands_work_on_a_server_and_keep_its_password(server, guarded, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    told = ""
+    for arguments in (
+        ("run", "quick", *FEW, "--dry-run"),
+        ("run", "quick", *FEW, "--executor", "serial"),
+        ("run", "quick", *FEW, "--json"),
+        ("list",),
+        ("list", "estimator=conventional", "excitation.amplitude>=75N", "--order", "-elapsed"),
+        ("show", "1"),
+        ("show", "1", "--json"),
+        ("compare", "1", "2"),
+        ("plot", "1", "-o", "figure.png"),
+        ("tag", "baseline", "1"),
+        ("list", "tag:baseline", "--json"),
+        ("doctor", "--json"),
+        ("migrate",),
+        ("merge", guarded, "--db", "copy.db"),
+        ("merge", guarded, "--db", "copy.db", "--json"),
+        ("list", "--db", f"{guarded}x"),
+    ):
+        db = () if "--db" in arguments else ("--db", guarded)
+        code, said = main([*arguments, *db]), "".join(capsys.readouterr())
+        assert code == (3 if arguments[-1].endswith("x") else 0), (arguments, said)
+        told += said
+    assert (tmp_path / "figure.png").stat().st_size > 1000
+    dump = (tmp_path / "copy.db").read_bytes().decode("latin-1")
+    for text in (told, dump, str(server.sql("SELECT command, provenance FROM run", "guarded"))):
+        assert SECRET not in text
+        assert quote(SECRET, safe="") not in text
+    with Store.open(str(tmp_path / "copy.db"), read_only=True) as copy, Store.open(guarded, read_only=True) as store:
+        assert [run.state for run in copy.runs()] == [run.state for run in store.runs()] == ["complete", "complete"]
+        row, _ = store.page("estimator=conventional state:reused", "-excitation.amplitude").rows
+        assert repr(copy.result(row.key)) == repr(store.result(row.key))
+        assert isinstance(copy.find(row.key).experiment, dict)
+        assert Sweep(copy.find(row.key).experiment, copy.find(row.key).estimator).key == row.key

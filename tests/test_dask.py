@@ -1,0 +1,375 @@
+"""Studies on a real Dask cluster: same numbers, unfit workers refused, losses survived, nothing left behind."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from concurrent.futures import wait
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("distributed", reason="Dask is not installed: pip install 'fraexp[dask]'")
+
+from fraexp.cli.exits import ExitCode
+from fraexp.errors import StudyError
+from fraexp.executors import Limits, WorkerLostError, make
+from fraexp.perform import Job
+from fraexp.results import Result
+from fraexp.store import Store
+from tests.dask_cluster import PATIENCE, Cluster, distribution, until
+
+pytestmark = pytest.mark.slow
+PLUGIN = '''
+import os
+import signal
+import time
+from pathlib import Path
+
+from fraexp.api import Estimator, Metric, Outcome, Result, param
+
+
+class Trial(Estimator, name="trial", version=1):
+    """Takes its time, and may take its worker with it."""
+
+    seconds: float = param("s", "time that it takes", 0.0)
+    deadly: float = param("1", "1 to kill the process", 0.0)
+
+    def estimate(self, signals):
+        """Return the greatest displacement."""
+        Path("began").touch()
+        until = time.monotonic() + self.seconds
+        while time.monotonic() < until:
+            time.sleep(0.01)
+        if self.deadly:
+            os.kill(os.getpid(), signal.SIGKILL)
+        value = float(signals.segments[0].channels["displacement"].max())
+        return Result(Outcome.OK, metrics=(Metric("greatest", value, "m"), Metric("mark", MARK, "1")))
+'''
+EXPERIMENT = {
+    "source": "drive",
+    "loop": {"sample_time": 500e-6},
+    "friction": {"name": "dahl", "stiffness": 3.9e5, "coulomb": 17.9},
+    "excitation": {"name": "displacement_sine", "frequency": 10.0, "amplitude": 1e-4},
+}
+STUDY = """
+title = "Trials"
+
+[loop]
+sample_time = 500e-6
+
+[friction]
+name = "dahl"
+stiffness = 3.9e5
+coulomb = 17.9
+
+[excitation]
+name = "displacement_sine"
+frequency = 10.0
+
+[estimator]
+name = "trial"
+
+[grid]
+"""
+
+
+def workspace(folder: Path, grid: str = '"excitation.amplitude" = [1e-4, 2e-4, 3e-4]', mark: int = 1) -> Path:
+    """Write a workspace with a plugin of its own, and a study that uses it."""
+    for part in ("plugins", "studies"):
+        (folder / part).mkdir(parents=True, exist_ok=True)
+    (folder / "plugins" / "trial.py").write_text(PLUGIN.replace("MARK", f"{mark}.0"))
+    (folder / "studies" / "trials.toml").write_text(STUDY + grid)
+    return folder
+
+
+def job(folder: Path, amplitude: float = 1e-4, **parameters: float) -> Job:
+    """Return one of the study's jobs."""
+    experiment = {**EXPERIMENT, "excitation": {**EXPERIMENT["excitation"], "amplitude": amplitude}}
+    return Job(experiment, ({"name": "trial", **parameters},), plugins=str(folder / "plugins"))
+
+
+def run(folder: Path, *arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "fraexp", "run", *arguments]
+    environ = {**os.environ, **environment}
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, env=environ, timeout=300)
+
+
+def results(folder: Path, database: str = "results.db") -> dict[str, object]:
+    """Return all that is stored but for the time that it took, down to the last bit."""
+    with Store.open(str(folder / database), read_only=True) as store:
+        keys = [sweep.key for run in store.runs() for sweep in store.sweeps(run.number)]
+        return {key: bits(replace(result, elapsed=0.0)) for key, result in store.results(keys).items()}
+
+
+def bits(result: Result) -> object:
+    def plain(value: object) -> object:
+        if isinstance(value, dict):
+            return {key: plain(part) for key, part in value.items()}
+        if isinstance(value, list | tuple):
+            return [plain(part) for part in value]
+        return (value.dtype.str, value.shape, value.tobytes()) if isinstance(value, np.ndarray) else repr(value)
+
+    return plain(asdict(result))
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
+    """A scheduler with two workers, for tests that leave it as it is."""
+    with Cluster(tmp_path_factory.mktemp("cluster")) as found:
+        found.start_worker("one")
+        found.start_worker("two")
+        yield found
+
+
+@pytest.fixture
+def doomed(tmp_path: Path) -> Iterator[Cluster]:
+    """A scheduler without workers, for tests that make and break it."""
+    (tmp_path / "cluster").mkdir()
+    with Cluster(tmp_path / "cluster") as found:
+        yield found
+
+
+@pytest.mark.parametrize("by", ["address", "file"])
+def test_the_numbers_are_those_of_a_serial_run_bit_for_bit(cluster, tmp_path, by):
+    workspace(tmp_path)
+    place = cluster.address if by == "address" else str(cluster.file)
+    studies = ["trials", "quick", "--set", "excitation.points=3"] if by == "address" else ["trials"]
+    told = run(tmp_path, *studies[:1], f"--executor=dask:{place}", "--json")
+    assert told.returncode == 0, told.stderr
+    if by == "address":
+        told = run(tmp_path, *studies[1:], f"--executor=dask:{place}", "--json")
+        assert told.returncode == 0, told.stderr
+        assert run(tmp_path, *studies[1:], "--executor=serial", "--db=serial.db").returncode == 0
+    assert run(tmp_path, *studies[:1], "--executor=serial", "--db=serial.db").returncode == 0
+    assert results(tmp_path) == results(tmp_path, "serial.db")
+    assert len(results(tmp_path)) == (7 if by == "address" else 3)
+    assert cluster.tasks() == 0
+
+
+def test_nothing_but_words_of_fraexp_is_told(cluster, tmp_path):
+    told = run(workspace(tmp_path), "trials", f"--executor=dask:{cluster.address}", "--json")
+    assert json.loads(told.stdout)["runs"][0]["state"] == "complete"
+    first, second = told.stderr.splitlines()[:2]
+    assert first.startswith("trials: 3 sweeps, 0 reused, 3 to compute")
+    assert " at once" in second
+    assert "distributed" not in told.stderr
+
+
+def test_a_dropped_in_plugin_that_was_edited_is_read_again_by_workers(cluster, tmp_path):
+    for mark in (1, 2):
+        told = run(workspace(tmp_path, mark=mark), "trials", f"--executor=dask:{cluster.address}", "--rerun=all")
+        assert told.returncode == 0, told.stderr
+        assert all(f"{mark}.0" in repr(result) for result in results(tmp_path).values())
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("dask:", "expected dask:ADDRESS"),
+        ("dask", "expected dask:ADDRESS"),
+        ("dask:tcp://somewhere", "expected an address with its port"),
+        ("dask:nothing.json", "nothing.json: No such file"),
+        ("dask:text.json", "it is no scheduler file"),
+        ("dask:ftp://127.0.0.1:1", "Dask at ftp://127.0.0.1:1: ValueError: unknown address scheme 'ftp'"),
+        ("dask:tcp://127.0.0.1:1", "no Dask scheduler answers at tcp://127.0.0.1:1"),
+    ],
+)
+def test_a_place_without_a_cluster_is_one_line(tmp_path, name, said):
+    workspace(tmp_path)
+    (tmp_path / "text.json").write_text("no JSON")
+    told = run(tmp_path, "trials", f"--executor={name}")
+    assert told.returncode == ExitCode.USAGE, told.stderr
+    assert said in told.stderr.splitlines()[-1]
+    assert "Traceback" not in told.stderr
+
+
+def test_workers_of_another_version_are_left_out_by_name(doomed, tmp_path):
+    doomed.start_worker("old", environment=distribution(tmp_path / "site", "numpy", "1.0"))
+    workspace(tmp_path)
+    told = run(tmp_path, "trials", f"--executor=dask:{doomed.address}")
+    assert told.returncode == ExitCode.USAGE, told.stderr
+    last = told.stderr.splitlines()[-1]
+    assert f"no worker of Dask at {doomed.address} can compute this study: old (tcp://" in last
+    assert f"has numpy 1.0, here is {np.__version__}; install the same there and restart it" in last
+    doomed.start_worker("new")
+    told = run(tmp_path, "trials", f"--executor=dask:{doomed.address}")
+    assert told.returncode == 0
+    assert any(line.startswith("Dask worker old (tcp://") and "is left out: it has numpy 1.0" in line
+               for line in told.stderr.splitlines())  # fmt: skip
+
+
+def test_workers_with_another_source_of_fraexp_are_refused(doomed, tmp_path, checkout):
+    site = tmp_path / "site"
+    shutil.copytree(checkout / "fraexp", site / "fraexp", ignore=shutil.ignore_patterns("__pycache__"))
+    with (site / "fraexp" / "perform.py").open("a") as source:
+        source.write("# changed\n")
+    doomed.start_worker("changed", environment={"PYTHONPATH": str(site)})
+    with pytest.raises(StudyError, match=r"changed .* has another source of fraexp\.perform, though of the same"):
+        make(f"dask:{doomed.address}", 1)
+
+
+def test_a_worker_without_the_plugin_is_left_out_by_name(doomed, tmp_path):
+    site = tmp_path / "site"
+    environment = distribution(site, "trials", "1.5", "trials = trial_plugin")
+    (site / "trial_plugin.py").write_text(PLUGIN.replace("MARK", "3.0"))
+    doomed.start_worker("bare")
+    workspace(tmp_path)
+    (tmp_path / "plugins" / "trial.py").unlink()
+    told = run(tmp_path, "trials", f"--executor=dask:{doomed.address}", **environment)
+    assert "bare (tcp://" in told.stderr.splitlines()[-1]
+    assert "has no estimator 'trial'; install trials 1.5 there" in told.stderr.splitlines()[-1]
+    doomed.start_worker("equipped", environment=environment)
+    told = run(tmp_path, "trials", f"--executor=dask:{doomed.address}", **environment)
+    assert told.returncode == 0, told.stderr
+
+
+def test_what_workers_cannot_read_is_refused_by_name(cluster, tmp_path):
+    workspace(tmp_path)
+    record = tmp_path / "record.csv"
+    experiment = {"source": "record", "record": {"hash": "0", "reader": {"name": "csv"}}}
+    lost = replace(job(tmp_path), experiment=experiment, files={"record": str(record)})
+    with make(f"dask:{cluster.address}", 1) as workers:
+        workers.submit(0, lost)
+        with pytest.raises(StudyError, match=f"cannot read the record {record} .No such file or directory.; keep"):
+            until(lambda: list(workers.reports()))
+    record.write_text("1,2")
+    with make(f"dask:{cluster.address}", 1) as workers:
+        workers.submit(0, lost)
+        with pytest.raises(StudyError, match=f"has another record at {record}"):
+            until(lambda: list(workers.reports()))
+    with make(f"dask:{cluster.address}", 1) as workers:
+        workers.submit(0, job(tmp_path)).result(PATIENCE)
+        (tmp_path / "plugins" / "trial.py").rename(tmp_path / "elsewhere.py")
+        assert workers.submit(1, job(tmp_path)).result(PATIENCE), "what is loaded goes on"
+
+
+def test_a_worker_that_is_killed_costs_one_job_and_others_go_on(doomed, tmp_path):
+    workspace(tmp_path)
+    first = doomed.start_worker("first")
+    with make(f"dask:{doomed.address}", 2, Limits()) as workers:
+        future = workers.submit(0, job(tmp_path, seconds=600))
+        until((doomed.folder / "began").exists)
+        doomed.kill(first)
+        with pytest.raises(WorkerLostError, match=r"its Dask worker first \(tcp://.*\) was lost"):
+            future.result(PATIENCE)
+        again = workers.submit(1, job(tmp_path))
+        doomed.start_worker("late")
+        assert isinstance(again.result(PATIENCE)[0], Result)
+
+
+def test_a_worker_that_takes_its_leave_costs_nothing(doomed, tmp_path):
+    workspace(tmp_path)
+    first = doomed.start_worker("first", "--nanny")
+    with make(f"dask:{doomed.address}", 1, Limits()) as workers:
+        future = workers.submit(0, job(tmp_path, seconds=3))
+        until((doomed.folder / "began").exists)
+        first.terminate()
+        doomed.start_worker("second")
+        assert isinstance(future.result(PATIENCE)[0], Result)
+
+
+def test_a_job_that_kills_its_workers_fails_with_its_reason_and_no_other(doomed, tmp_path):
+    workspace(tmp_path, '"excitation.amplitude" = [1e-4, 2e-4, 3e-4, 4e-4]')
+    deadly = tmp_path / "studies" / "deadly.toml"
+    deadly.write_text(STUDY + '"excitation.amplitude" = [8e-4]\n"estimator.deadly" = [0.0, 1.0]')
+    doomed.start_worker("nanny", "--nworkers=2")
+    told = run(tmp_path, "trials", "deadly", f"--executor=dask:{doomed.address}", "--json")
+    assert [(one["state"], one["failed"]) for one in json.loads(told.stdout)["runs"]] == [
+        ("complete", 0),
+        ("partial", 1),
+    ]
+    (line,) = [line for line in told.stderr.splitlines() if " failed: " in line]
+    assert "its Dask worker nanny-" in line
+    assert "the 3rd time; the last time it was computed alone" in line
+
+
+def test_in_a_batch_only_the_job_that_kills_is_blamed(doomed, tmp_path):
+    workspace(tmp_path)
+    doomed.start_worker("nanny", "--nworkers=1")
+    with make(f"dask:{doomed.address}", 60, Limits()) as workers:
+        warm = [workers.submit(n, job(tmp_path, 1e-4)) for n in range(20)]
+        wait(warm, PATIENCE)
+        jobs = [job(tmp_path, 1e-4 + 1e-6 * n, **({"deadly": 1.0} if n == 20 else {})) for n in range(40)]
+        futures = [workers.submit(n, one) for n, one in enumerate(jobs)]
+        wait(futures, PATIENCE)
+    assert [n for n, future in enumerate(futures) if future.exception()] == [20]
+    assert isinstance(futures[20].exception(), WorkerLostError)
+
+
+def test_a_scheduler_that_comes_back_is_given_what_is_missing(doomed, tmp_path):
+    workspace(tmp_path)
+    worker = doomed.start_worker("first")
+    with make(f"dask:{doomed.address}", 5, Limits()) as workers:
+        futures = [workers.submit(n, job(tmp_path, 1e-4 * (n + 1), seconds=0.5)) for n in range(5)]
+        futures[0].result(PATIENCE)
+        doomed.kill(doomed.scheduler)
+        until(lambda: any("is gone; waiting for it" in note for note in workers.notes()))
+        doomed.kill(worker)
+        doomed.start_scheduler()
+        doomed.start_worker("second")
+        assert [len(future.result(PATIENCE)) for future in futures] == [1] * 5
+
+
+def test_a_scheduler_that_stays_away_ends_the_run_as_partial_and_it_can_go_on(doomed, tmp_path):
+    workspace(tmp_path, '"excitation.amplitude" = [1e-4, 2e-4, 3e-4, 4e-4]\n"estimator.seconds" = [0.5]')
+    doomed.start_worker("first")
+    script = "import sys, fraexp.executors.dask as d, fraexp.cli.main as m; d.PATIENCE = 2.0; sys.exit(m.console())"
+    command = [sys.executable, "-c", script, "run", "trials", f"--executor=dask:{doomed.address}"]
+    process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True)
+    until(lambda: (tmp_path / "results.db").exists() and results(tmp_path))
+    doomed.kill(doomed.scheduler)
+    _, told = process.communicate(timeout=PATIENCE)
+    assert process.returncode == ExitCode.USAGE
+    gone = f"the Dask scheduler at {doomed.address} was gone for 2 s; what is computed is stored, and the same command"
+    assert gone in told.splitlines()[-1]
+    with Store.open(str(tmp_path / "results.db"), read_only=True) as store:
+        stored = store.run(1)
+    assert stored.state == "partial"
+    assert 0 < stored.computed < 4
+    doomed.start_scheduler()
+    doomed.start_worker("second")
+    assert run(tmp_path, "trials", f"--executor=dask:{doomed.address}").returncode == 0
+    assert len(results(tmp_path)) == 4
+
+
+def test_ctrl_c_leaves_the_cluster_clean(doomed, tmp_path):
+    workspace(tmp_path, '"excitation.amplitude" = [1e-4, 2e-4, 3e-4]\n"estimator.seconds" = [2.0]')
+    doomed.start_worker("first")
+    command = [sys.executable, "-m", "fraexp", "run", "trials", f"--executor=dask:{doomed.address}"]
+    process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True)
+    until((doomed.folder / "began").exists)
+    began = time.monotonic()
+    process.send_signal(signal.SIGINT)
+    _, told = process.communicate(timeout=PATIENCE)
+    assert time.monotonic() - began < 15
+    assert "interrupted" in told.splitlines()[-1]
+    assert "Traceback" not in told
+    until(lambda: doomed.tasks() == 0)
+    assert run(tmp_path, "trials", f"--executor=dask:{doomed.address}").returncode == 0
+
+
+@pytest.mark.parametrize("nanny", ["--no-nanny", "--nanny"])
+def test_a_job_beyond_its_time_ends_its_worker(doomed, tmp_path, nanny):
+    workspace(tmp_path)
+    doomed.start_worker("slow", nanny)
+    with make(f"dask:{doomed.address}", 1, Limits(time=15.0)) as workers:
+        future = workers.submit(0, job(tmp_path, seconds=600))
+        with pytest.raises(WorkerLostError, match="longer than the time limit of 15 s") as error:
+            future.result(PATIENCE)
+        assert not error.value.again
+        again = workers.submit(1, job(tmp_path))
+        if nanny == "--no-nanny":
+            doomed.start_worker("other")
+        assert isinstance(again.result(PATIENCE)[0], Result)
+
+
+def test_a_cap_on_memory_is_left_to_dask():
+    with pytest.raises(StudyError, match="dask worker --memory-limit"):
+        make("dask:tcp://127.0.0.1:1", 1, Limits(memory=10**9))

@@ -1,0 +1,256 @@
+"""Workers lose what they are given to lose, and nothing else; they keep to their limits and leave nothing behind."""
+
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from concurrent.futures import wait
+from pathlib import Path
+
+import pytest
+
+from fraexp.errors import StudyError
+from fraexp.executors import Limits, WorkerLostError, Workers, make, workers_of
+from fraexp.executors.limits import LONGEST
+from fraexp.perform import Failure
+from fraexp.results import Result
+from tests.trouble import job, trouble, write_plugin
+
+FOREVER = "while not (notes / 'end').exists(): pass"
+PATIENCE = 120.0
+needs_linux = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="needs /proc")
+
+
+@pytest.fixture(scope="module")
+def plugins(tmp_path_factory: pytest.TempPathFactory) -> str:
+    return write_plugin(tmp_path_factory.mktemp("plugins"))
+
+
+@pytest.fixture(scope="module")
+def pair(plugins: str) -> Iterator[Workers]:
+    """Two worker processes that many tests share: what one test kills is replaced for the next."""
+    with make("processes:2", 100) as workers:
+        yield workers
+
+
+def metrics(answer: list[Result | Failure], at: int = 0) -> dict[str, float]:
+    found = answer[at]
+    assert isinstance(found, Result)
+    return {metric.name: metric.value for metric in found.metrics}
+
+
+def lost(workers: Workers, number: int, plugins: str, *estimators: dict[str, object]) -> WorkerLostError:
+    error = workers.submit(number, job(plugins, *estimators)).exception(PATIENCE)
+    assert isinstance(error, WorkerLostError)
+    return error
+
+
+@pytest.mark.parametrize(
+    ("code", "reason"),
+    [
+        ("os.kill(os.getpid(), 9)", "killed by signal 9 (SIGKILL), as a system does that is out of memory"),
+        ("import ctypes; ctypes.string_at(0)", "killed by signal 11 (SIGSEGV)"),
+        ("os.abort()", "killed by signal 6 (SIGABRT)"),
+        ("os._exit(3)", "its worker exited with code 3"),
+    ],
+)
+def test_a_worker_that_dies_costs_its_own_job_alone(pair: Workers, plugins: str, code: str, reason: str) -> None:
+    others = [pair.submit(n, job(plugins, amplitude=(n + 1) * 1e-6)) for n in range(20)]
+    culprit = pair.submit(20, job(plugins, trouble(code)))
+    others += [pair.submit(n, job(plugins, amplitude=(n + 1) * 1e-6)) for n in range(21, 40)]
+    error = culprit.exception(PATIENCE)
+    assert isinstance(error, WorkerLostError)
+    assert reason in str(error)
+    assert error.again
+    assert not wait(others, PATIENCE).not_done
+    assert [metrics(future.result())["peak"] for future in others] == pytest.approx(
+        [(n + 1) * 1e-6 for n in range(40) if n != 20]
+    )
+
+
+def test_the_estimator_that_cost_the_worker_is_known(pair: Workers, plugins: str) -> None:
+    who = {"name": "who", "version": 1}
+    assert lost(pair, 1, plugins, who, trouble("os._exit(1)"), who).estimator == 1
+
+
+@pytest.mark.parametrize("code", ["raise SystemExit(2)", "raise KeyboardInterrupt", "1 / 0"])
+@pytest.mark.parametrize("executor", ["serial", "processes:1"])
+def test_an_exception_of_any_kind_is_a_failure_and_costs_no_worker(executor: str, code: str, plugins: str) -> None:
+    with make(executor, 2) as workers:
+        before = metrics(workers.submit(0, job(plugins, {"name": "who", "version": 1})).result(PATIENCE))
+        future = workers.submit(1, job(plugins, trouble(code)))
+        failed = future.exception(PATIENCE) or future.result()[0]
+        assert isinstance(failed, SystemExit | KeyboardInterrupt | Failure)
+        after = metrics(workers.submit(2, job(plugins, {"name": "who", "version": 1})).result(PATIENCE))
+    assert before["process"] == after["process"]
+
+
+def test_what_cannot_be_sent_back_is_a_failure(pair: Workers, plugins: str) -> None:
+    code = "Result.__reduce_ex__ = lambda self, protocol: 1 / 0"
+    found = pair.submit(1, job(plugins, trouble(code))).result(PATIENCE)[0]
+    assert isinstance(found, Failure)
+    assert "ZeroDivisionError" in found.message
+    assert "killed" in str(lost(pair, 2, plugins, trouble("os.kill(os.getpid(), 9)")))  # so that it is a new one
+
+
+@pytest.mark.parametrize(("executor", "seconds"), [("serial", 5.0), ("processes:1", 15.0)])
+def test_a_job_that_never_returns_is_ended(executor: str, seconds: float, plugins: str, tmp_path: Path) -> None:
+    endless = trouble(FOREVER, folder=str(tmp_path))
+    with make(executor, 3, Limits(time=seconds)) as workers:
+        jobs = [job(plugins), job(plugins, endless), job(plugins)]
+        first, overdue, last = (workers.submit(number, of) for number, of in enumerate(jobs))
+        began = time.monotonic()
+        while not last.done() and time.monotonic() - began < PATIENCE:
+            list(workers.reports())
+            time.sleep(0.05)
+        error = overdue.exception(0)
+        (tmp_path / "end").touch()  # or a thread of this process would go on
+        assert isinstance(error, WorkerLostError)
+        assert str(error) == f"it took longer than the time limit of {seconds:g} s; see --time-limit"
+        assert not error.again
+        assert metrics(first.result(0)) == metrics(last.result(0))
+
+
+@needs_linux
+def test_memory_is_capped(plugins: str) -> None:
+    with make("processes:1", 2, Limits(memory=10**9)) as workers:
+        code = "np.ones(150_000_000)"
+        found = workers.submit(0, job(plugins, trouble(code))).result(PATIENCE)[0]
+        assert isinstance(found, Failure)
+        assert "MemoryError: Unable to allocate 1.12 GiB" in found.message
+        assert found.message.endswith("; a worker may have 1 GB, see --memory")
+        assert "1 GB of memory" in str(lost(workers, 1, plugins, trouble("os.kill(os.getpid(), 11)")))
+        assert metrics(workers.submit(2, job(plugins)).result(PATIENCE))
+
+
+@needs_linux
+def test_a_worker_computes_with_one_thread(plugins: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "4")
+    with make("processes:1", 1) as workers:
+        told = metrics(workers.submit(0, job(plugins, {"name": "who", "version": 1})).result(PATIENCE))
+    assert told["threads"] <= 2  # the one that computes, and the one that looks after the parent
+    assert os.environ["OPENBLAS_NUM_THREADS"] == "4"
+
+
+def test_stopping_leaves_no_process_whatever_it_is_at(plugins: str, tmp_path: Path) -> None:
+    before = set(multiprocessing.active_children())
+    workers = make("processes:2", 4)
+    pids = [metrics(workers.submit(0, job(plugins, {"name": "who", "version": 1})).result(PATIENCE))["process"]]
+    for number in range(4):
+        workers.submit(number, job(plugins, trouble(FOREVER, folder=str(tmp_path))))
+    time.sleep(0.5)
+    began = time.monotonic()
+    workers.stop()
+    assert time.monotonic() - began < 10
+    assert set(multiprocessing.active_children()) == before
+    for pid in pids:
+        with pytest.raises(ProcessLookupError):
+            os.kill(int(pid), 0)
+
+
+def test_closing_lets_what_is_under_way_come_to_its_end(plugins: str) -> None:
+    with make("processes:2", 50) as workers:
+        futures = [workers.submit(n, job(plugins)) for n in range(50)]
+    assert all(metrics(future.result(0)) for future in futures)
+
+
+def test_workers_that_cannot_start_end_the_run_in_one_line(plugins: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fraexp.executors.processes.work", exit)
+    with make("processes:1", 1) as workers:
+        workers.submit(0, job(plugins))
+        deadline = time.monotonic() + PATIENCE
+        with pytest.raises(StudyError, match=r"no worker process can start: its worker exited with code \d"):
+            while time.monotonic() < deadline:
+                list(workers.reports())
+                time.sleep(0.05)
+
+
+def test_progress_is_reported_under_the_number(pair: Workers, plugins: str) -> None:
+    list(pair.reports())
+    pair.submit(17, job(plugins)).result(PATIENCE)
+    assert (17, 0.0) in list(pair.reports())
+
+
+@pytest.mark.parametrize(
+    ("text", "seconds"), [("60", 60), ("90s", 90), ("5min", 300), ("2 h", 7200), ("0.5", 0.5), ("none", float("inf"))]
+)
+def test_a_time_limit_is_a_time(text: str, seconds: float) -> None:
+    limits = Limits.parse(text, None)
+    assert limits.time == seconds
+    assert Limits.parse(*_texts(limits)) == limits
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="memory is capped on Linux alone")
+@pytest.mark.parametrize(("text", "size"), [("2GB", 2 * 10**9), ("1.5 GiB", 3 * 2**29), ("800MB", 8 * 10**8)])
+def test_a_memory_cap_is_a_size(text: str, size: int) -> None:
+    limits = Limits.parse(None, text)
+    assert limits == Limits(LONGEST, size)
+    assert Limits.parse(*_texts(limits)) == limits
+
+
+def _texts(limits: Limits) -> tuple[str | None, str | None]:
+    told = dict(option.removeprefix("--").split("=") for option in limits.options())
+    return told.get("time-limit"), told.get("memory")
+
+
+@pytest.mark.parametrize(
+    ("time_limit", "memory", "told"),
+    [
+        ("soon", None, "time limit 'soon': expected a time above 0 such as 60"),
+        ("0", None, "time limit '0': expected"),
+        ("-3", None, "time limit '-3': expected"),
+        (None, "much", "memory cap 'much': expected such as 2GB"),
+        (None, "10MB", "memory cap '10MB': a worker alone needs 400 MB"),
+    ],
+)
+def test_what_is_no_limit_is_refused(time_limit: str | None, memory: str | None, told: str) -> None:
+    with pytest.raises(StudyError, match=f"^{told}"):
+        Limits.parse(time_limit, memory)
+
+
+def test_this_process_caps_no_memory() -> None:
+    with pytest.raises(StudyError, match="processes:1"):
+        Limits(memory=10**9).check("serial")
+
+
+@pytest.mark.parametrize("name", ["serial:2", "processes:0", "processes:x", "threads", "processes:513"])
+def test_there_is_no_other_executor(name: str) -> None:
+    with pytest.raises(StudyError, match="executor"):
+        workers_of(name)
+
+
+@needs_linux
+def test_a_worker_ends_with_its_scheduler_though_its_law_never_returns(plugins: str, tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import sys, time\n"
+        "from fraexp.executors import make\n"
+        "from tests.trouble import job, trouble\n"
+        "if __name__ == '__main__':\n"
+        "    workers = make('processes:1', 1)\n"
+        f"    workers.submit(0, job({plugins!r}, trouble('time.sleep(3600)', folder={str(tmp_path / 'notes')!r})))\n"
+        "    time.sleep(3600)\n"
+    )
+    (tmp_path / "notes").mkdir()
+    root = Path(__file__).parents[1]
+    environment = {**os.environ, "PYTHONPATH": f"{root}:{root / 'plugins'}"}
+    process = subprocess.Popen([sys.executable, str(script)], env=environment)
+    deadline = time.monotonic() + PATIENCE
+    while not (notes := list((tmp_path / "notes").iterdir())) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    worker = int(notes[0].name.split("-")[1])
+    while _runs(worker) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    assert not _runs(worker)
+
+
+def _runs(pid: int) -> bool:
+    try:
+        return "Z" not in Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except OSError:
+        return False

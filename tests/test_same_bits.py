@@ -1,0 +1,75 @@
+"""A result does not depend on who computes it, on how many there are, nor on what was computed before."""
+
+import pickle
+import random
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from fraexp import references
+from fraexp.executors import make
+from fraexp.perform import Job
+from fraexp.results import Result
+from fraexp.workspace import Workspace
+
+STUDIES = [
+    "friction/drift",
+    "friction/hysteresis",
+    "identification/friction_viscous",
+    "identification/plant_fit",
+    "methods/best_linear",
+    "methods/chirp",
+    "methods/fast_best_linear",
+    "methods/feedback_compensated",
+    "methods/higher_order",
+    "methods/joint_input_output",
+    "methods/local_polynomial",
+    "methods/moving_axis",
+    "methods/self_diagnosis",
+    "methods/spectral",
+    "positioning/profiles",
+    "quick",
+]
+"""In which each estimator has a sweep of about a second at most."""
+LONG = {"back_propagation", "autonomous", "gms_identification", "rolling_identification", "sliding_identification"}
+LONG |= {"elastoplastic_identification", "masing_inversion"}
+"""Identification that takes ten seconds and more; it computes as viscous_identification does, which is here."""
+UNUSED = {"local_rational"}
+"""Estimators that are in none of these studies."""
+
+
+def jobs_of_each_estimator(folder: Path) -> dict[str, Job]:
+    workspace = Workspace.open(folder)
+    jobs: dict[str, Job] = {}
+    for study in workspace.studies(STUDIES):
+        for sweep in study.sweeps:
+            name = sweep.estimator["name"]
+            if name not in jobs and not list(references.found_in([sweep.experiment, sweep.estimator])):
+                jobs[name] = Job(sweep.experiment, (sweep.estimator,), sweep.files)
+    assert set(jobs) >= set(workspace.registry.names("estimator")) - LONG - UNUSED
+    return {name: job for name, job in jobs.items() if name not in LONG}
+
+
+def bits(result: object) -> bytes:
+    """Return everything that a result says, to the last bit; not how long it took."""
+    assert isinstance(result, Result), result
+    return pickle.dumps(pickle.loads(pickle.dumps(replace(result, elapsed=0.0))))
+
+
+def test_results_are_the_same_to_the_last_bit(tmp_path: Path) -> None:
+    jobs = jobs_of_each_estimator(tmp_path)
+    found: dict[str, dict[str, bytes]] = {}
+    for executor, seed in (("serial", 0), ("processes:1", 1), ("processes:3", 2), ("processes:3", 3)):
+        order = sorted(jobs)
+        random.Random(seed).shuffle(order)
+        with make(executor, len(jobs)) as workers:
+            futures = {name: workers.submit(number, jobs[name]) for number, name in enumerate(order)}
+            answers = {name: bits(future.result(timeout=300)[0]) for name, future in futures.items()}
+        for name, answer in answers.items():
+            found.setdefault(name, {})[f"{executor}, {seed}"] = answer
+    differing = {name: list(of) for name, of in found.items() if len(set(of.values())) > 1}
+    assert not differing
+
+
+pytestmark = pytest.mark.slow

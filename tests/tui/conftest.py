@@ -1,0 +1,66 @@
+"""A workspace with a real database, made once by running small studies; `tests.tui.pilots` drives the UI on it."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from fraexp.store import Store
+from fraexp.workspace import Workspace
+
+RAISING = '''
+"""An estimator that fails."""
+
+from fraexp.api import Estimator, Result, Signals
+
+
+class Raising(Estimator, name="raising", version=1):
+    """Fails with a text that would like to command the terminal."""
+
+    def estimate(self, signals: Signals) -> Result:
+        """Fail."""
+        raise ValueError("nothing to [bold]divide\\x1b[31m by")
+'''
+RAISING_STUDY = """
+title = "What fails"
+question = "What is told of a sweep that fails?"
+machine = "linear_motor_table"
+excitation = { name = "stepped_sine", amplitude = 12.0, points = 2 }
+estimator = { name = "raising" }
+"""
+
+
+@pytest.fixture(autouse=True)
+def no_settings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whoever runs the tests may have settings; they shall not matter."""
+    monkeypatch.setenv("FRAEXP_TUI_SETTINGS", str(tmp_path / "none.toml"))
+
+
+@pytest.fixture(scope="session")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A workspace in which run 1 is the quick study with five points, and run 2 one sweep that failed."""
+    folder = tmp_path_factory.mktemp("made")
+    for name, text in (("plugins/raising.py", RAISING), ("studies/failing.toml", RAISING_STUDY)):
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).write_text(text, encoding="utf-8")
+    workspace = Workspace.open(folder)
+    for _ in workspace.run(["quick"], "serial", ["excitation.points=5"]):
+        pass
+    for _ in workspace.run(["failing"], "serial"):
+        pass
+    return folder
+
+
+@pytest.fixture
+def workspace(made: Path, tmp_path: Path) -> Path:
+    """A copy of that workspace, to be changed as a test likes."""
+    folder = tmp_path / "workspace"
+    shutil.copytree(made, folder)
+    return folder
+
+
+@pytest.fixture
+def keys(workspace: Path) -> list[str]:
+    """The keys of the quick study's sweeps, in the order of its grid: conventional and proposed at 12 and 75 N."""
+    with Store.open(str(workspace / "results.db"), read_only=True) as store:
+        return [sweep.key for sweep in store.sweeps(1)]

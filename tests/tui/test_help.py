@@ -1,0 +1,97 @@
+"""Help tells the keys as they are, on every screen."""
+
+import pytest
+
+from fraexp.tui import keys
+from fraexp.tui.ask import Ask, Confirm
+from fraexp.tui.page import PLACES
+from fraexp.tui.trial import TrialPage
+from tests.tui.pilots import pilot_of, shows, until
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_help_of_a_place_tells_what_it_is_for_and_closes(workspace, place):
+    async def steps(app, pilot):
+        app.action_place(place)
+        await until(pilot, lambda: getattr(app.screen, "PLACE", "") == place)
+        page = app.screen
+        await pilot.press("question_mark")
+        await shows(pilot, page.HELP.strip().split("\n")[0][:40])
+        await pilot.press("escape")
+        await until(pilot, lambda: app.screen is page)
+
+    pilot_of(workspace, steps)
+
+
+def test_help_tells_a_key_that_was_changed(workspace, tmp_path, monkeypatch):
+    settings = tmp_path / "tui.toml"
+    settings.write_text('[keys]\nplugins = "P"\n"plugins.filter" = "f5"\n', "utf-8")
+    monkeypatch.setenv("FRAEXP_TUI_SETTINGS", str(settings))
+
+    async def steps(app, pilot):
+        await pilot.press("P")
+        await until(pilot, lambda: app.screen.PLACE == "plugins")
+        await pilot.press("f5")
+        await until(pilot, lambda: app.screen.query_one("#filter").has_class("-shown"))
+        await pilot.press("escape", "question_mark")
+        await shows(pilot, "f5  ")
+
+    pilot_of(workspace, steps, size=(160, 50))
+
+
+def test_f1_helps_where_letters_are_typed(workspace):
+    async def steps(app, pilot):
+        await app.push_screen(TrialPage("dahl"))
+        await shows(pilot, "presliding")
+        await pilot.press("f1")
+        await shows(pilot, "describing function N(A)", "5 % more")
+        await pilot.press("f1")
+        await until(pilot, lambda: isinstance(app.screen, TrialPage))
+
+    pilot_of(workspace, steps)
+
+
+def test_every_key_has_a_name_and_a_meaning():
+    assert all(known.meaning for known in keys.known().values())
+    assert {"studies", "quit", "back", "help", "copy", "table.mark", "trial.more"} <= set(keys.known())
+
+
+def test_no_screen_takes_the_keys_of_the_places():
+    """A key that leads elsewhere must do so everywhere, but for the sweep's own c, which compares it too."""
+    places = {
+        key for name in ("studies", "runs", "sweeps", "plugins", "quit", "palette") for key in keys.known()[name].keys
+    }
+    modal = ("HelpPage", "Ask", "Confirm")
+    taken = {known.name for known in keys.known().values() if places & set(known.keys) and known.owner not in modal}
+    assert taken == {"studies", "runs", "sweeps", "plugins", "quit", "palette"}
+
+
+def test_a_question_is_answered_with_yes_alone(workspace):
+    answers = []
+
+    async def steps(app, pilot):
+        for key in ("enter", "escape", "n", "y"):
+            app.push_screen(Confirm("Delete [all]?"), answers.append)
+            await shows(pilot, "Delete [all]?")
+            await pilot.press(key)
+            await pilot.pause()
+
+    pilot_of(workspace, steps)
+    assert answers == [False, False, False, True]
+
+
+def test_a_line_that_is_wrong_is_not_taken(workspace):
+    answers = []
+
+    async def steps(app, pilot):
+        app.push_screen(
+            Ask("File?", "a", lambda text: "" if text.endswith(".png") else "expected .png"), answers.append
+        )
+        await pilot.press("enter")
+        await shows(pilot, "expected .png")
+        assert not answers
+        await pilot.press("end", *".png", "enter")
+        await until(pilot, lambda: answers)
+
+    pilot_of(workspace, steps)
+    assert answers == ["a.png"]

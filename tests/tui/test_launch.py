@@ -1,0 +1,190 @@
+"""The form of a study: what it offers, what it says of what is typed, and that it launches what it shows."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from fraexp.store import Store
+from fraexp.tui.fieldlist import FieldList
+from fraexp.tui.form import concerned, form
+from fraexp.tui.launch import LaunchPage
+from fraexp.tui.run import RunPage
+from fraexp.workspace import Workspace
+from tests.tui.pilots import pilot_of, shows, until
+
+
+async def opened(app, pilot) -> FieldList:
+    """Open the form of the quick study, and return its lines."""
+    await until(pilot, lambda: app.screen.entry)
+    await pilot.press("enter")
+    await until(pilot, lambda: isinstance(app.screen, LaunchPage) and app.screen.groups)
+    await shows(pilot, "to compute")
+    return app.screen.query_one(FieldList)
+
+
+async def write(pilot, lines: FieldList, path: str, text: str) -> None:
+    """Go to a line and type another text."""
+    lines.choose(next(field for field in lines.fields if field.path == path))
+    await pilot.pause()
+    await pilot.press("end", *["backspace"] * len(lines.written.text(lines.field)), *text)
+
+
+def test_what_is_typed_is_checked_at_once_and_the_plan_follows(tmp_path):
+    async def steps(app, pilot):
+        lines = await opened(app, pilot)
+        await shows(pilot, "grid.excitation.amplitude", "[12.0, 75.0]", "4 sweeps: 0 reused, 4 to compute")
+        await write(pilot, lines, "excitation.points", "0")
+        await shows(pilot, "! stepped_sine.points is 0", "must be at least 1", "! excitation.points")
+        await pilot.press("f5")
+        await pilot.pause(0.2)
+        assert isinstance(app.screen, LaunchPage)
+        await pilot.press("backspace", "9")
+        await shows(pilot, "4 sweeps: 0 reused, 4 to compute", "* excitation.points")
+        assert app.screen.command == "fraexp run quick --set=excitation.points=9"
+        await pilot.press("ctrl+r")
+        await until(pilot, lambda: app.screen.command == "fraexp run quick")
+
+    pilot_of(tmp_path, steps)
+
+
+def test_an_axis_of_the_grid_is_a_list(tmp_path):
+    async def steps(app, pilot):
+        lines = await opened(app, pilot)
+        await write(pilot, lines, "grid.excitation.amplitude", "[12, 24, 75]")
+        await shows(pilot, "6 sweeps: 0 reused, 6 to compute")
+        assert app.screen.command == "fraexp run quick '--set=grid.excitation.amplitude=[12, 24, 75]'"
+        await write(pilot, lines, "grid.excitation.amplitude", "[12, -1]")
+        await shows(pilot, "! stepped_sine.amplitude is -1", "must be above 0 N")
+        await write(pilot, lines, "grid.excitation.amplitude", "12")
+        await shows(pilot, "expected a list such as [12, 75]")
+
+    pilot_of(tmp_path, steps)
+
+
+def test_another_component_brings_its_parameters_and_what_it_lacks_is_told_at_its_line(tmp_path):
+    async def steps(app, pilot):
+        lines = await opened(app, pilot)
+        await write(pilot, lines, "friction.name", "dahl")
+        await until(pilot, lambda: any(field.path == "friction.stiffness" for field in lines.fields))
+        await shows(pilot, "[friction]: dahl lacks 'stiffness'", "! friction.stiffness")
+        await write(pilot, lines, "friction.stiffness", "0.4 N/um")
+        await write(pilot, lines, "friction.coulomb", "17.9")
+        await shows(pilot, "4 sweeps: 0 reused, 4 to compute")
+        stiffness = "'--set=friction.stiffness=0.4 N/um'"
+        assert (
+            app.screen.command == f"fraexp run quick --set=friction.name=dahl {stiffness} --set=friction.coulomb=17.9"
+        )
+        await write(pilot, lines, "friction.name", "rolling")
+        await until(pilot, lambda: app.screen.command == "fraexp run quick")
+
+    pilot_of(tmp_path, steps)
+
+
+def test_arrows_lead_through_the_lines_and_back_to_the_button(tmp_path):
+    async def steps(app, pilot):
+        lines = await opened(app, pilot)
+        await pilot.press("down", "down")
+        assert lines.field.path == "grid.estimator"
+        await pilot.press("up", "up")
+        assert lines.field is None
+        await shows(pilot, "Enter launches")
+
+    pilot_of(tmp_path, steps, (200, 50))
+
+
+def test_a_database_of_another_version_does_not_keep_from_launching(tmp_path):
+    (tmp_path / "results.db").write_bytes(b"")
+
+    async def steps(app, pilot):
+        await until(pilot, lambda: app.screen.entry)
+        await pilot.press("enter")
+        await until(pilot, lambda: isinstance(app.screen, LaunchPage) and app.screen.groups)
+        await shows(pilot, "results.db: there is no database yet")
+
+    pilot_of(tmp_path, steps, (160, 30))
+
+
+def test_every_study_that_comes_along_has_a_form_whose_own_texts_are_right(checkout, tmp_path):
+    workspace = Workspace.open(checkout, str(tmp_path / "none.db"))
+    for entry in workspace.catalogue():
+        groups = form(*workspace.outline(entry.name), entry.data.get("random"), workspace.registry)
+        fields = [field for group in groups for field in group.fields]
+        assert len({field.path for field in fields}) == len(fields)
+        assert not [(field.path, field.fault(field.text)) for field in fields if field.text and field.fault(field.text)]
+        assert all(field.hint for field in fields), entry.name
+
+
+@pytest.mark.parametrize(
+    ("error", "path"),
+    [
+        ("quick.toml, [excitation]: stepped_sine.points is 0; expected more", "excitation.points"),
+        ("--set friction.curve.coulomb=x: not so", "friction.curve.coulomb"),
+        ("something else", None),
+    ],
+)
+def test_an_error_finds_the_line_that_it_is_about(checkout, error, path):
+    workspace = Workspace.open(checkout)
+    groups = form(*workspace.outline("quick"), None, workspace.registry)
+    found = concerned(error, [field for group in groups for field in group.fields])
+    assert (found.path if found else None) == path
+
+
+LAUNCHED = """
+import asyncio, sys, time
+from fraexp.tui.app import FraexpApp
+from fraexp.tui.run import RunPage
+
+async def main():
+    async with FraexpApp(sys.argv[1]).run_test(size=(80, 24)) as pilot:
+        while not pilot.app.screen.entry:
+            await pilot.pause(0.05)
+        await pilot.press("enter")
+        while "to compute" not in str(pilot.app.screen.query_one("#plan").render()):
+            await pilot.pause(0.05)
+        await pilot.press("enter")
+        while not (isinstance(pilot.app.screen, RunPage) and pilot.app.screen.number):
+            await pilot.pause(0.05)
+        print(pilot.app.screen.number, flush=True)
+        time.sleep(600)
+
+asyncio.run(main())
+"""
+
+
+def test_a_run_outlives_the_ui_that_is_killed(tmp_path):
+    command = [sys.executable, "-c", LAUNCHED, str(tmp_path)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as ui:
+        assert ui.stdout is not None
+        number = int(ui.stdout.readline())
+        os.kill(ui.pid, signal.SIGKILL)
+    deadline = time.monotonic() + 60
+    with Store.open(str(tmp_path / "results.db"), read_only=True) as store:
+        while store.run(number).state == "running":
+            assert time.monotonic() < deadline
+            time.sleep(0.1)
+        run = store.run(number)
+    assert (run.state, run.computed) == ("complete", 4)
+    log = Path(run.provenance["log"]).read_text(encoding="utf-8")
+    assert "4 to compute" in log
+
+
+def test_enter_enter_launches_and_the_run_comes_to_its_end(tmp_path):
+    async def steps(app, pilot):
+        await opened(app, pilot)
+        await pilot.press("enter")
+        await until(pilot, lambda: isinstance(app.screen, RunPage))
+        page = app.screen
+        for _ in range(120):  # as long as a law takes to compile
+            if page.run and page.run.state != "running":
+                break
+            await pilot.pause(0.5)
+        await shows(pilot, "complete", "4 of 4 sweeps", "100 %", "4 computed")
+        await pilot.press("escape")
+        await shows(pilot, "$ fraexp list", "complete")
+
+    pilot_of(tmp_path, steps)

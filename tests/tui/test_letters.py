@@ -1,0 +1,126 @@
+"""Terminals that know ASCII alone, or no colours."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.cells import cell_len
+
+from fraexp.tui.app import FraexpApp
+from fraexp.tui.ask import Ask, Confirm
+from fraexp.tui.letters import ascii_text
+from fraexp.tui.page import PLACES
+from fraexp.tui.settings import plain_terminal
+from fraexp.tui.trial import TrialPage
+from tests.tui.pilots import pilot_of, screen_text, shows, until
+
+
+@given(st.text(st.characters(exclude_categories=["Cc", "Cs", "Cn", "Co"]), max_size=20))
+def test_a_text_keeps_its_width(text):
+    found = ascii_text(text)
+    assert found.isascii()
+    assert abs(cell_len(found) - cell_len(text)) <= 2 * sum(not character.isascii() for character in text)
+
+
+@pytest.mark.parametrize(
+    ("text", "plain"),
+    [("┃µm│", "|um|"), ("⣿⡀⠀", "#. "), ("Å", "A"), ("频率", "????"), ("3 ± 1", "3 ~ 1"), ("…", "."), ("✓", "x")],
+)
+def test_what_stands_for_what(text, plain):
+    assert ascii_text(text) == plain
+
+
+@pytest.mark.parametrize("size", [(80, 24), (160, 50)])
+def test_every_screen_is_ascii_where_that_is_wished(workspace, keys, size):
+    async def steps(app, pilot):
+        app.marks.add(keys)
+        for place in PLACES:
+            app.action_place(place)
+            await until(pilot, lambda place=place: getattr(app.screen, "PLACE", "") == place)
+            await pilot.pause(0.5)
+            assert screen_text(app).isascii(), place
+            await pilot.press("f1")
+            await pilot.pause(0.1)
+            assert screen_text(app).isascii(), place
+            await pilot.press("escape")
+        for screen in (TrialPage("rolling"), Ask("± ✓ µ?", "→"), Confirm("± ✓ µ?")):
+            await app.push_screen(screen)
+            await pilot.pause(0.7)
+            assert screen_text(app).isascii(), screen
+            await pilot.press("escape")
+        app.action_place("sweeps")
+        await shows(pilot, "rows 1-")
+        await pilot.press("enter")
+        await pilot.pause(0.7)
+        assert screen_text(app).isascii()
+        app.action_place("runs")
+        await pilot.pause(0.3)
+        await pilot.press("enter")
+        await pilot.pause(0.7)
+        assert screen_text(app).isascii()
+        app.action_place("studies")
+        await pilot.pause(0.3)
+        await pilot.press("enter")
+        await pilot.pause(0.7)
+        assert screen_text(app).isascii()
+
+    pilot_of(FraexpApp(workspace, plain=True), steps, size=size)
+
+
+def test_letters_can_be_changed_while_it_runs(workspace):
+    async def steps(app, pilot):
+        await app.push_screen(TrialPage("dahl"))
+        await shows(pilot, "/cycle", "┃")
+        app.action_ascii()
+        await until(pilot, lambda: screen_text(app).isascii())
+        app.action_ascii()
+        await shows(pilot, "┃")
+
+    pilot_of(FraexpApp(workspace, plain=False), steps)
+
+
+@pytest.mark.parametrize(
+    ("environment", "plain"),
+    [
+        ({}, False),
+        ({"LANG": "C"}, True),
+        ({"LANG": "C.UTF-8"}, False),
+        ({"LANG": "de_DE.utf8", "TERM": "xterm"}, False),
+        ({"LANG": "de_DE.utf8", "LC_ALL": "C"}, True),
+        ({"LANG": "de_DE.ISO-8859-1"}, True),
+        ({"LANG": "C.UTF-8", "TERM": "dumb"}, True),
+        ({"LANG": "C.UTF-8", "TERM": "linux"}, True),
+        ({"LANG": "C.UTF-8", "TERM": "xterm-256color"}, False),
+    ],
+)
+def test_which_terminals_are_taken_to_know_ascii_alone(environment, plain):
+    assert plain_terminal(environment) is plain
+
+
+@pytest.mark.parametrize(
+    ("environment", "plain"), [({"LANG": "C"}, True), ({"LANG": "C.UTF-8", "TERM": "xterm"}, False)]
+)
+def test_the_terminal_decides_unless_told(workspace, monkeypatch, environment, plain):
+    for name in ("LC_ALL", "LC_CTYPE", "LANG", "TERM"):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in environment.items():
+        monkeypatch.setenv(name, value)
+    assert FraexpApp(workspace).plain is plain
+    assert FraexpApp(workspace, plain=not plain).plain is not plain
+
+
+def test_without_colours_all_is_still_told(workspace, keys, monkeypatch):
+    monkeypatch.setenv("NO_COLOR", "1")
+
+    async def steps(app, pilot):
+        app.marks.add(keys[:1])
+        await pilot.press("w")
+        await shows(pilot, "✓", "1 marked")
+        colours = {
+            segment.style.color.get_truecolor()
+            for strip in app.screen._compositor.render_strips()
+            for segment in strip
+            if segment.style and segment.style.color
+        }
+        assert all(colour.red == colour.green == colour.blue for colour in colours)
+
+    pilot_of(workspace, steps)

@@ -1,0 +1,97 @@
+"""The first minute as the README tells it, in a real terminal: launch the quick study, watch it, compare its sweeps."""
+
+import os
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from fraexp.store import Store
+
+PATIENCE = 90.0
+TMUX = shutil.which("tmux")
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(TMUX is None, reason="there is no tmux on this machine")]
+
+
+class Terminal(NamedTuple):
+    """A terminal in which somebody types."""
+
+    server: str
+
+    def tmux(self, *arguments: str) -> str:
+        command = [str(TMUX), "-L", self.server, *arguments]
+        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=PATIENCE).stdout
+
+    def type(self, *keys: str) -> None:
+        self.tmux("send-keys", "-t", "fraexp", *keys)
+
+    @property
+    def text(self) -> str:
+        return self.tmux("capture-pane", "-p", "-t", "fraexp")
+
+    def shows(self, *texts: str) -> str:
+        return self.until(lambda shown: all(text in shown for text in texts))
+
+    def until(self, holds: Callable[[str], bool]) -> str:
+        end = time.monotonic() + PATIENCE
+        while not holds(shown := self.text):
+            assert time.monotonic() < end, shown
+            time.sleep(0.1)
+        return shown
+
+
+@pytest.fixture(params=["80x24", "200x50"])
+def terminal(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Terminal]:
+    width, height = request.param.split("x")
+    found = Terminal(f"fraexp-{os.getpid()}-{request.param}")
+    place = f"{sys.executable} -m fraexp tui --workspace={tmp_path}"
+    environment = ["-e", f"FRAEXP_TUI_SETTINGS={os.devnull}", "-e", "LANG=C.UTF-8", "-e", "LC_ALL=C.UTF-8"]
+    checkout = [f"-ePYTHONPATH={os.environ['PYTHONPATH']}"] if "PYTHONPATH" in os.environ else []
+    start = ["-f", os.devnull, "new-session", "-d", "-s", "fraexp", "-x", width, "-y", height, *environment, *checkout]
+    found.tmux(*start, f"{place}; echo left with $?; sleep 100")
+    yield found
+    found.tmux("kill-server")
+
+
+def test_the_first_minute_is_as_the_readme_tells(terminal: Terminal, tmp_path: Path) -> None:
+    terminal.shows("quick", "Enter opens 'quick'")
+    terminal.type("Enter")
+    terminal.shows("4 sweeps: 0 reused, 4 to compute")
+    terminal.type("Enter")
+    terminal.shows("complete", "4 computed")
+    terminal.type("c")
+    terminal.shows("conventional", "proposed", "12 N", "75 N", "dB")
+    terminal.until(lambda shown: sum("⠁" <= letter <= "⣿" for letter in shown) > 50)  # of which curves are drawn
+    terminal.type("d")
+    terminal.shows("fraexp plot", "difference")
+    terminal.type("q")
+    terminal.shows("left with 0")
+    with Store.open(str(tmp_path / "results.db"), read_only=True) as store:
+        assert [run.state for run in store.runs()] == ["complete"]
+        assert store.runs()[0].computed == 4
+
+
+def test_a_closed_terminal_ends_nothing(terminal: Terminal, tmp_path: Path) -> None:
+    terminal.shows("Enter opens 'quick'")
+    terminal.type("Enter")
+    terminal.shows("4 sweeps: 0 reused, 4 to compute")
+    terminal.type("Enter")
+    terminal.until(lambda shown: "Launch" not in shown)
+    terminal.tmux("respawn-pane", "-k", "-t", "fraexp", "sleep 100")  # the line is lost
+
+    end = time.monotonic() + PATIENCE
+    while not finished(tmp_path):
+        assert time.monotonic() < end
+        time.sleep(0.2)
+
+
+def finished(folder: Path) -> bool:
+    if not (folder / "results.db").exists():
+        return False
+    with Store.open(str(folder / "results.db"), read_only=True) as store:
+        return [run.state for run in store.runs()] == ["complete"]

@@ -1,0 +1,337 @@
+"""How curves are drawn in a terminal: dots, ticks, gaps, bands, and the Bode view."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from itertools import pairwise
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from textual.app import App, ComposeResult
+from textual.color import Color
+from textual.pilot import Pilot
+
+from fraexp.results import FrequencyResponse
+from fraexp.tui.axes import Ticks, tick_text
+from fraexp.tui.curves import Trace, bode
+from fraexp.tui.plot import ALONE, ON_DARK, ON_LIGHT, UNSETTLED, Look, Plot, line_of
+from fraexp.tui.plots import BodeView
+from fraexp.tui.raster import ACROSS, BLANK, DOWN, characters, line, sparse
+from fraexp.tui.readout import readout
+from tests.tui.pilots import screen_text, until
+from tests.tui.responses import RESONANCE, gap, resonant
+
+GRID = np.geomspace(1.0, 400.0, 3000)
+WINDOW = (0.0, 10.0, 0.0, 10.0)
+Labelled = list[tuple[str, FrequencyResponse]]
+
+
+class OneView(App[None]):
+    """A Bode view and nothing else."""
+
+    plain = False
+
+    def __init__(self, responses: Labelled) -> None:
+        super().__init__()
+        self.responses = responses
+
+    def compose(self) -> ComposeResult:
+        yield BodeView()
+
+    def on_mount(self) -> None:
+        self.query_one(BodeView).show(self.responses)
+
+
+def shown(responses: Labelled, steps: Callable[[BodeView, Pilot[None]], Awaitable[None]], size=(100, 30)) -> None:
+    async def drive() -> None:
+        app = OneView(responses)
+        async with app.run_test(size=size) as pilot:
+            view = app.query_one(BodeView)
+            await until(pilot, lambda: view.picture is not None)
+            await pilot.pause(0.1)
+            await steps(view, pilot)
+
+    asyncio.run(drive())
+
+
+def plots_of(view: BodeView) -> list[Plot]:
+    return [plot for plot in view.query(Plot) if plot.display]
+
+
+def drawn_rows(plot: Plot) -> list[str]:
+    """Return what is within the axes, row by row."""
+    columns, rows = plot.cells
+    lines = screen_text(plot.app).splitlines()
+    left, top = plot.region.x + 8 + 1, plot.region.y + 1
+    return [text[left : left + columns] for text in lines[top : top + rows]]
+
+
+def is_dots(character: str) -> bool:
+    return BLANK < ord(character) < BLANK + 256
+
+
+@given(
+    st.lists(st.tuples(st.floats(-5, 15), st.floats(-5, 15)), min_size=2, max_size=12),
+    st.tuples(st.integers(3, 30), st.integers(2, 12)),
+)
+@settings(max_examples=60, deadline=None)
+def test_a_line_has_the_dots_that_walking_along_it_meets(
+    points: list[tuple[float, float]], cells: tuple[int, int]
+) -> None:
+    x, y = np.array(points).T
+    width, height = ACROSS * cells[0], DOWN * cells[1]
+    expected = np.zeros((height, width), dtype=bool)
+    for (x0, y0), (x1, y1) in pairwise(points):
+        along = np.linspace(0, 1, 20_000)
+        column, row = (x0 + along * (x1 - x0)) / 10 * width, (10 - y0 - along * (y1 - y0)) / 10 * height
+        inside = (column > -1e-3) & (column < width + 1e-3) & (row > -1e-3) & (row < height + 1e-3)
+        places = np.floor(row[inside]).astype(int), np.floor(column[inside]).astype(int)
+        expected[np.clip(places[0], 0, height - 1), np.clip(places[1], 0, width - 1)] = True
+    drawn = line(x, y, WINDOW, cells)
+    grown = np.pad(expected, 1)
+    near = np.any([np.roll(grown, (i, j), (0, 1)) for i in (-1, 0, 1) for j in (-1, 0, 1)], axis=0)[1:-1, 1:-1]
+    assert not (drawn & ~near).any()  # no dot where the line does not pass
+    if expected.any(axis=0).sum() > 2:
+        assert (drawn.any(axis=0) | ~expected.any(axis=0))[1:-1].all()  # and none of its columns is empty
+
+
+def test_gaps_are_not_bridged_and_nothing_is_drawn_of_nothing() -> None:
+    x = np.array([0.0, 2, np.nan, 8, 10])
+    drawn = line(x, np.full(5, 5.0), WINDOW, (10, 2))
+    assert drawn.any(axis=0).tolist() == [True] * 5 + [False] * 11 + [True] * 4
+    assert not line(np.zeros(0), np.zeros(0), WINDOW, (10, 2)).any()
+    assert not line(np.array([20.0, 30]), np.array([5.0, 5]), WINDOW, (10, 2)).any()
+    assert not line(np.array([np.nan, 5]), np.array([5.0, np.inf]), WINDOW, (10, 2)).any()
+
+
+def test_of_many_points_the_extremes_survive() -> None:
+    x = np.linspace(0, 10, 200_000)
+    y = np.full(x.size, 1.0)
+    y[123_456] = 9.5  # one sample alone
+    drawn = line(x, y, WINDOW, (40, 10))
+    assert drawn[2, int(123_456 / 200_000 * 80)]
+    y[50_000:60_000] = np.nan
+    assert not line(x, y, WINDOW, (40, 10))[:, 21:24].any()
+
+
+def test_dots_become_characters() -> None:
+    dots = np.zeros((4, 4), dtype=bool)
+    dots[0, 0] = dots[3, 1] = dots[:, 2] = True
+    assert characters(dots) == [(0, 0, "⢁"), (1, 0, "⡇")]
+    assert sparse(np.ones((1, 6), dtype=bool), 1, 3).tolist() == [[True, False, False] * 2]
+
+
+@pytest.mark.parametrize(
+    ("span", "room", "labels"),
+    [
+        ((0.0, 2.0), 20, ["1", "10", "100"]),
+        ((0.0, 2.30103), 60, ["1", "2", "5", "10", "20", "50", "100", "200"]),
+        ((2.0, 5.0), 30, ["100", "1k", "10k", "100k"]),
+        ((-3.0, 0.0), 30, ["0.001", "0.01", "0.1", "1"]),
+        ((np.log10(38), np.log10(42)), 40, ["38", "39", "40", "41", "42"]),
+        ((0.0, 12.0), 30, ["1", "1k", "1M", "1G", "1T"]),
+    ],
+)  # fmt: skip
+def test_frequencies_are_named_as_far_as_there_is_room(span: tuple[float, float], room: int, labels: list[str]) -> None:
+    ticks, found = Ticks(room, logarithmic=True).get_ticks_and_labels(*span)
+    assert found == labels
+    assert ticks == sorted(ticks)
+
+
+@given(st.floats(-9, 9), st.floats(1e-4, 15), st.integers(8, 200), st.booleans())
+@settings(max_examples=200, deadline=None)
+def test_labels_never_touch(low: float, width: float, room: int, logarithmic: bool) -> None:
+    ticks, labels = Ticks(room, logarithmic=logarithmic).get_ticks_and_labels(low, low + width)
+    assert all(low - 1e-9 <= tick <= low + width + 1e-9 for tick in ticks)
+    places = [(tick - low) / width * room for tick in ticks]
+    for (before, after), label in zip(pairwise(places), labels[1:], strict=True):
+        assert after - before > len(label)
+
+
+def test_phases_are_named_in_fractions_of_a_turn() -> None:
+    assert Ticks(5, upright=True, angle=True).get_ticks_and_labels(-185, 5)[1] == ["-180", "-90", "0"]
+    assert Ticks(9, upright=True, angle=True).get_ticks_and_labels(-185, 5)[1] == ["-180", "-135", "-90", "-45", "0"]
+    assert tick_text(2500) == "2.5k"
+
+
+@pytest.mark.parametrize("size", [(80, 20), (200, 46)])
+def test_the_resonance_is_drawn_where_the_data_have_it(size: tuple[int, int]) -> None:
+    async def steps(view: BodeView, pilot: Pilot[None]) -> None:
+        magnitude, phase = plots_of(view)
+        rows = drawn_rows(magnitude)
+        dots = [[column for column, text in enumerate(row) if is_dots(text)] for row in rows]
+        highest = next(found for found in dots if found)
+        low, high = np.log10([GRID[0], GRID[-1]])
+        margin = 0.01 * (high - low)
+        expected = (np.log10(RESONANCE) - low + margin) / (high - low + 2 * margin) * magnitude.cells[0]
+        assert abs(np.mean(highest) - expected) <= 1
+        assert magnitude.column(np.log10(RESONANCE)) - 1 == pytest.approx(expected, abs=1)
+        text = screen_text(pilot.app)
+        assert "Magnitude [dB re 1 mm/N]" in text
+        assert "Phase [deg]" in text
+        lines = text.splitlines()
+        left = [row for row in drawn_rows(phase) if any(map(is_dots, row[:4]))]
+        assert left  # the phase begins at the left edge
+        names = next(row for row in lines if row.strip().startswith("Hz"))
+        place = names.index("100") + 1 - magnitude.region.x - 9
+        assert abs(place - (np.log10(100) - low + margin) / (high - low + 2 * margin) * magnitude.cells[0]) <= 1
+
+    shown([("a", resonant(GRID))], steps, size)
+
+
+def test_points_that_had_not_settled_are_hollow_and_not_joined() -> None:
+    few = np.geomspace(1.0, 400.0, 30)
+
+    async def steps(view: BodeView, pilot: Pilot[None]) -> None:
+        view.sight.bands = False
+        view.sight.cursor = None
+        view.draw()
+        await pilot.pause(0.1)
+        plot = plots_of(view)[0]
+        left, right = plot.column(np.log10(4.0)) - 1, plot.column(np.log10(15.0)) - 1
+        text = "".join(row[left + 2 : right - 1] for row in drawn_rows(plot))
+        assert UNSETTLED in text
+        assert not any(is_dots(character) for character in text)
+        assert ALONE in "".join(drawn_rows(plot))  # 200 Hz stands between gaps
+
+    response = gap(resonant(few), 3.9, 15.1)
+    settled = response.settled.copy()
+    settled[[-4, -2]] = False
+    shown([("a", SimpleNamespace(**{**vars(response), "settled": settled}))], steps)  # type: ignore[list-item]
+
+
+def test_limits_are_drawn_around_a_line_until_they_are_taken_away() -> None:
+    async def steps(view: BodeView, pilot: Pilot[None]) -> None:
+        async def count() -> int:
+            view.draw()
+            await pilot.pause(0.1)
+            return sum(is_dots(character) for plot in plots_of(view) for row in drawn_rows(plot) for character in row)
+
+        view.zoom(y=8)
+        with_band = await count()
+        view.sight.bands = False
+        assert await count() < with_band
+
+    shown([("a", resonant(np.geomspace(1, 30, 50)))], steps)
+
+
+def test_the_focused_curve_covers_the_others() -> None:
+    pair = [("first", resonant(GRID)), ("second", resonant(GRID))]
+
+    async def steps(view: BodeView, pilot: Pilot[None]) -> None:
+        from textual_hires_canvas import Canvas
+
+        for focus in (0, 1):
+            view.sight.focus = focus
+            view.draw()
+            await pilot.pause(0.1)
+            canvas = plots_of(view)[0].query_one("#plot", Canvas)
+            styles = {style for row in canvas._styles for style in row}
+            assert view.look.style(focus) in styles
+            assert view.look.style(1 - focus) not in styles
+
+    shown(pair, steps)
+
+
+def test_without_colours_curves_carry_their_digits(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def steps(view: BodeView, pilot: Pilot[None]) -> None:
+        for plot in plots_of(view):
+            text = "".join(drawn_rows(plot))
+            assert "1" in text
+            assert "2" in text
+
+    pair = [("first", resonant(GRID)), ("second", resonant(GRID, at=70.0))]
+    monkeypatch.setenv("NO_COLOR", "1")
+    shown(pair, steps)
+
+
+def test_zoom_keeps_both_panels_together_and_home_shows_all() -> None:
+    async def steps(view: BodeView, pilot: Pilot[None]) -> None:
+        home = [view.window(0), view.window(1)]
+        view.zoom(x=2)
+        view.pan(x=0.3)
+        upper, lower = (plot.window for plot in plots_of(view))
+        assert upper[:2] == lower[:2] == view.window(0)[:2]
+        assert upper[1] - upper[0] == pytest.approx((home[0][1] - home[0][0]) / 2)
+        assert upper[2:] == home[0][2:]
+        plots_of(view)[0].action_zoom_x_in()  # as the mouse wheel does
+        await pilot.pause(0.1)
+        upper, lower = (plot.window for plot in plots_of(view))
+        assert upper[:2] == lower[:2]
+        view.home()
+        assert [view.window(0), view.window(1)] == home
+
+    shown([("a", resonant(GRID))], steps)
+
+
+def test_the_cursor_steps_over_points_and_tells_all_curves() -> None:
+    pair = [("first [bold]", resonant(GRID)), ("second", gap(resonant(GRID[::10]), 0, 1000))]
+
+    async def steps(view: BodeView, pilot: Pilot[None]) -> None:
+        assert view.picture is not None
+        view.place(RESONANCE)
+        assert view.sight.cursor == pytest.approx(RESONANCE, rel=1e-3)
+        before = view.sight.cursor
+        view.step(1)
+        assert view.sight.cursor > before
+        view.step(-1)
+        assert view.sight.cursor == pytest.approx(before, rel=1e-2)
+        for _ in range(200):
+            view.step(-1)
+        assert view.sight.cursor == GRID[0]
+        view.place(RESONANCE)
+        text = readout(view.picture, {0: "first [bold]", 1: "second"}, view.sight, Look(), (100, 5)).plain
+        first, second = text.splitlines()
+        level = 20 * np.log10(abs(resonant(np.array([view.sight.cursor])).response[0]) * 1e3)
+        assert f"{level:.2f} dB" in first
+        assert "first [bold]" in first
+        assert "±" in first
+        assert "not settled" in second
+        view.sight.hidden.add(1)
+        text = readout(view.picture, {0: "first", 1: "second"}, view.sight, Look(), (100, 1)).plain
+        assert text.startswith(">1 ")  # the focused one is always shown
+
+    shown(pair, steps)
+
+
+def test_a_wrapped_phase_has_gaps_where_it_jumps() -> None:
+    y = np.linspace(0, -400, 401)
+    everywhere = np.ones(401, dtype=bool)
+    trace = Trace(0, np.arange(401.0), y, everywhere, np.arange(401.0), np.stack([y - 1, y + 1]))
+    x, wrapped, band = line_of(trace, wrapped=True)
+    assert band is not None
+    assert np.nanmin(wrapped) >= -180
+    assert np.isnan(wrapped).sum() == 1
+    assert np.nanmax(np.abs(np.diff(wrapped[np.isfinite(wrapped)][:180]))) < 2
+    np.testing.assert_allclose((band[1] - wrapped)[np.isfinite(wrapped)], 1)
+    assert len(x) == len(wrapped) == band.shape[1]
+
+
+@pytest.mark.parametrize(("colours", "ground"), [(ON_DARK, "#121212"), (ON_LIGHT, "#E0E0E0")])
+def test_colours_stand_out_on_their_ground(colours: tuple[str, ...], ground: str) -> None:
+    def luminance(text: str) -> float:
+        parts = [part / 255 for part in Color.parse(text).rgb]
+        linear = [part / 12.92 if part <= 0.03928 else ((part + 0.055) / 1.055) ** 2.4 for part in parts]
+        return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+    for colour in colours:
+        light, dark = sorted((luminance(colour), luminance(ground)), reverse=True)
+        assert (light + 0.05) / (dark + 0.05) > 3  # WCAG 2.1, 1.4.11: graphical objects
+    assert len(set(colours)) == len(colours)
+
+
+def test_the_numbers_are_those_of_the_figure() -> None:
+    from fraexp.figures.bode import bode_info
+    from fraexp.figures.shown import Shown
+    from tests.tui.responses import found
+
+    response = resonant(GRID)
+    picture = bode([Shown("a", found(response))], None)
+    (curve,) = bode_info([("a", response)]).curves
+    for panel, part in zip(picture.panels, ("magnitude", "phase"), strict=True):
+        (trace,) = panel.traces
+        np.testing.assert_array_equal(trace.y, getattr(curve, part))
+        np.testing.assert_array_equal(trace.band, getattr(curve, f"{part}_band"))
+        np.testing.assert_allclose(10**trace.x, curve.frequency)

@@ -1,0 +1,163 @@
+"""A run's page: while it lives, when it is over, when it died, when it never began."""
+
+import os
+import signal
+
+import pytest
+
+from fraexp import detached
+from fraexp.store import Store
+from fraexp.tui.logtail import LogTail
+from fraexp.tui.run import RunPage, _command_of, show_run
+from fraexp.views.progress import bar, progress_text
+from fraexp.workspace import Workspace
+from tests.tui.pilots import pilot_of, screen_text, shows, until
+
+SLOW = ["excitation.lowest=1e-3", "excitation.points=3", "excitation.tolerance=1e-15", "excitation.settle_limit=10000"]
+
+
+@pytest.fixture
+def living(workspace):
+    """A run that takes its time; none is left when a test is over."""
+    started = Workspace.open(workspace).launch("quick", SLOW, "processes:1")
+    yield started
+    try:
+        os.killpg(started.pid, signal.SIGKILL)
+    except ProcessLookupError:
+        return
+    finally:
+        started.process.wait()
+
+
+async def begun(app, pilot) -> None:
+    """Wait until a run computes: a law that is new to the machine is compiled first."""
+    await until(pilot, lambda: isinstance(app.screen, RunPage))
+    for _ in range(120):
+        if app.screen.run and (app.screen.run.progress or app.screen.run.state != "running"):
+            break
+        await pilot.pause(0.5)
+    await shows(pilot, "running")
+
+
+def test_a_run_that_is_over_shows_its_sweeps_and_that_it_has_no_log(workspace, keys):
+    async def steps(app, pilot):
+        show_run(app, 1)
+        await shows(pilot, "complete", "4 of 4 sweeps", "100 %", "conventional", "$ fraexp show 1")
+        await shows(pilot, "no log: it was started in a terminal")
+        await pilot.press("x")
+        await pilot.press("c")
+        await until(pilot, lambda: list(app.marks) == keys)
+        assert app.current_mode == "compare"
+
+    pilot_of(workspace, steps)
+
+
+def test_failures_are_told_without_commanding_the_terminal(workspace):
+    async def steps(app, pilot):
+        show_run(app, 2)
+        await shows(pilot, "partial", "1 failed", "failed: ValueError: nothing to [bold]divide\\x1b[31m by")
+        await pilot.press("c")
+        await pilot.pause(0.2)
+        assert isinstance(app.screen, RunPage)  # there is nothing to compare
+
+    pilot_of(workspace, steps, (120, 30))
+
+
+def test_a_run_that_is_not_there_is_told(workspace):
+    async def steps(app, pilot):
+        show_run(app, 9)
+        await shows(pilot, "the newest is run 2")
+
+    pilot_of(workspace, steps)
+
+
+def test_a_run_is_watched_stopped_and_goes_on(workspace, living):
+    async def steps(app, pilot):
+        show_run(app, living)
+        await begun(app, pilot)
+        await shows(pilot, "0 of 4 sweeps", "1 worker", "at once")
+        page = app.screen
+        await pilot.press("x")
+        await shows(pilot, "interrupted", "R goes on from there")
+        assert not page.live
+        await pilot.press("R")
+        await until(pilot, lambda: isinstance(app.screen, RunPage) and app.screen is not page)
+        again = app.screen.started
+        try:
+            await until(pilot, lambda: app.screen.number == page.number + 1)
+            assert app.screen.run.command == page.run.command
+            app.screen._stopping = True  # it would end before a second x
+            await pilot.press("x")
+            await shows(pilot, "End its processes at once?")
+            await pilot.press("y")
+            await shows(pilot, "interrupted")
+        finally:
+            detached.stop(again.pid, hard=True)
+            again.process.wait()
+
+    pilot_of(workspace, steps)
+
+
+def test_a_run_whose_process_dies_is_shown_as_interrupted_within_seconds(workspace, living):
+    async def steps(app, pilot):
+        show_run(app, living)
+        await begun(app, pilot)
+        os.killpg(living.pid, signal.SIGKILL)
+        await shows(pilot, "interrupted", "Its process has ended before its work was done")
+
+    pilot_of(workspace, steps)
+
+
+def test_a_process_that_ends_without_a_run_shows_its_last_line(workspace):
+    started = Workspace.open(workspace).launch("nowhere")
+
+    async def steps(app, pilot):
+        show_run(app, started)
+        await shows(pilot, "ended before it began (exit code 2)", "there is no study 'nowhere'")
+        assert not app.screen.live
+
+    pilot_of(workspace, steps)
+    started.process.wait()
+
+
+def test_the_log_is_followed_line_by_line_and_made_harmless(tmp_path, workspace):
+    log = tmp_path / "run.log"
+    log.write_bytes("".join(f"line {number}\n" for number in range(500)).encode() + b"\x1b[2Jclear\nhalf a ")
+
+    async def steps(app, pilot):
+        show_run(app, 1)
+        await shows(pilot, "complete")
+        tail = app.screen.query_one(LogTail)
+        tail.follow(log)
+        assert tail.last == "\\x1b[2Jclear"
+        assert tail.line_count <= 200
+        with log.open("ab") as stream:
+            stream.write(b"line\n")
+        tail.follow(log)
+        assert tail.last == "half a line"
+        log.unlink()
+        tail.follow(log)
+        assert "cannot be read" in str(tail.border_title)
+        assert "\x1b" not in screen_text(app)
+
+    pilot_of(workspace, steps)
+
+
+def test_what_is_run_again_is_what_was_run(made):
+    space = Workspace.open(made)
+    with Store.open(str(made / "results.db"), read_only=True) as store:
+        assert _command_of(store.run(1), space) == ("quick", ["excitation.points=5"])
+        assert _command_of(store.run(2), space) == ("failing", [])
+        elsewhere = Workspace.open(made / "plugins")  # where 'failing' cannot be found
+        assert _command_of(store.run(2), elsewhere) == (store.run(2).study_file, [])
+
+
+@pytest.mark.parametrize(("part", "shown"), [(0.0, "░░░░"), (0.5, "██░░"), (0.999, "███░"), (1.0, "████")])
+def test_a_bar_is_only_full_when_all_is_done(part, shown):
+    assert bar(part, 4) == shown
+
+
+def test_progress_tells_speed_and_time_left(workspace):
+    with Store.open(str(workspace / "results.db"), read_only=True) as store:
+        run = store.run(1)
+    assert progress_text(run, None, 4) == "████ 100 %  4 of 4 sweeps"

@@ -1,0 +1,55 @@
+"""The list of runs."""
+
+from fraexp.tui.run import RunPage
+from tests.tui.pilots import pilot_of, screen_text, shows, until
+
+
+def test_runs_are_listed_newest_first_and_opened(workspace):
+    async def steps(app, pilot):
+        await pilot.press("r")
+        await shows(pilot, "$ fraexp list", "partial", "complete", "4/4", "1/1")
+        text = screen_text(app)
+        assert text.index("failing") < text.index("quick")
+        await pilot.press("j", "enter")
+        await until(pilot, lambda: isinstance(app.screen, RunPage))
+        await shows(pilot, "4 of 4 sweeps")
+        await pilot.press("escape")
+        await shows(pilot, "$ fraexp list")
+
+    pilot_of(workspace, steps)
+
+
+def test_a_run_is_deleted_only_if_that_is_confirmed(workspace):
+    async def steps(app, pilot):
+        await pilot.press("r")
+        await shows(pilot, "failing")
+        await pilot.press("D")
+        await shows(pilot, "Delete run 2 of failing", "with their results, tags and notes?")
+        await pilot.press("enter")
+        await pilot.pause(0.2)
+        assert "failing" in screen_text(app)
+        await pilot.press("D", "y")
+        await until(pilot, lambda: len(app.screen.runs) == 1)
+        await shows(pilot, "quick")
+
+    pilot_of(workspace, steps)
+
+
+def test_the_filter_narrows_the_list(workspace):
+    async def steps(app, pilot):
+        await pilot.press("r")
+        await shows(pilot, "failing", "quick")
+        await pilot.press("slash", *"complete", "enter")
+        await until(pilot, lambda: "failing" not in screen_text(app))
+        await pilot.press("escape")
+        await shows(pilot, "failing", "quick")
+
+    pilot_of(workspace, steps)
+
+
+def test_without_runs_it_says_where_to_begin(tmp_path):
+    async def steps(app, pilot):
+        await pilot.press("r")
+        await shows(pilot, "Nothing has been run here yet", "s shows the studies")
+
+    pilot_of(tmp_path, steps)

@@ -1,0 +1,125 @@
+"""A user's settings: what they change, and what is said of wrong ones before anything is shown."""
+
+import os
+import pty
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from fraexp.errors import FraexpError
+from fraexp.tui import keys
+from fraexp.tui.app import FraexpApp
+from fraexp.tui.settings import place, read
+from tests.tui.pilots import pilot_of, until
+
+GUIDE = Path(__file__).parents[2] / "docs/terminal-ui.md"
+
+
+@pytest.fixture
+def write(tmp_path, monkeypatch):
+    """Write settings, and let them be read."""
+
+    def written(text: str) -> Path:
+        file = tmp_path / "tui.toml"
+        file.write_text(text, encoding="utf-8")
+        monkeypatch.setenv("FRAEXP_TUI_SETTINGS", str(file))
+        return file
+
+    return written
+
+
+def example() -> str:
+    (text,) = re.findall(r"```toml\n(.*?)```", GUIDE.read_text("utf-8"), re.DOTALL)
+    return text
+
+
+def test_the_example_of_the_guide_is_taken(workspace, write):
+    settings = read(write(example()))
+    assert settings.theme
+    assert settings.phase == "wrapped"
+    assert settings.keys
+
+    async def steps(app, pilot):
+        assert app.theme == settings.theme
+
+    pilot_of(FraexpApp(workspace), steps)
+
+
+def test_keys_do_what_they_are_told_and_the_old_ones_no_longer(workspace, write):
+    write('[keys]\nsweeps = "S,f2"\n')
+
+    async def steps(app, pilot):
+        await pilot.press("w")
+        await pilot.pause(0.2)
+        assert app.screen.PLACE == "studies"
+        await pilot.press("f2")
+        await until(pilot, lambda: app.screen.PLACE == "sweeps")
+        await pilot.press("s")
+        await until(pilot, lambda: app.screen.PLACE == "studies")
+        await pilot.press("S")
+        await until(pilot, lambda: app.screen.PLACE == "sweeps")
+
+    pilot_of(FraexpApp(workspace), steps)
+
+
+WRONG = [
+    ("theme = 'nordic'", "there is no theme 'nordic'; did you mean 'nord'?"),
+    ("them = 'nord'", "settings has no parameter 'them'; did you mean 'theme'?"),
+    ("phase = 'up'", "phase is 'up'; expected unwrapped or wrapped"),
+    ("ascii = 'maybe'", "settings.ascii is 'maybe'"),
+    ("theme = ", "cannot be read as TOML"),
+    ("keys = 3", "settings.keys is 3"),
+    ("[keys]\nsweps = 'w'", "keys has no 'sweps'; did you mean 'sweeps'?"),
+    ("[keys]\ntable.mrk = 'w'", "keys has no 'table.mrk'; did you mean 'table.mark'?"),
+    ("[keys]\nxyzzy123 = 'w'", "keys has no 'xyzzy123'; see docs/terminal-ui.md"),
+    ("[keys]\nsweeps = 'spcae'", "keys.sweeps has 'spcae', which is no key; did you mean 'space'?"),
+    ("[keys]\nsweeps = ''", "keys.sweeps has '', which is no key; expected a character"),
+]
+
+
+@pytest.mark.parametrize(("text", "complaint"), WRONG)
+def test_wrong_settings_are_told_in_one_line(workspace, write, text, complaint):
+    file = write(text)
+    with pytest.raises(FraexpError) as raised:
+        FraexpApp(workspace)
+    assert complaint in str(raised.value)
+    assert str(raised.value).startswith(f"{file}: ")
+    assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize("content", [b"\xff\xfe", b"theme = 'nord'\x00"])
+def test_a_file_that_is_no_text_is_told(workspace, write, content):
+    file = write("")
+    file.write_bytes(content)
+    with pytest.raises(FraexpError, match="cannot be read as TOML"):
+        FraexpApp(workspace)
+
+
+def test_no_file_is_as_good_as_an_empty_one(tmp_path):
+    assert read(tmp_path / "none.toml") == read(tmp_path / "neither.toml")
+
+
+def test_the_place_is_the_users_unless_told(monkeypatch, tmp_path):
+    monkeypatch.delenv("FRAEXP_TUI_SETTINGS")
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    assert place().name == "tui.toml"
+
+
+def test_the_command_ends_with_2_and_one_line(workspace, write):
+    write("[keys]\nsweps = 'w'")
+    ours, theirs = pty.openpty()
+    command = [sys.executable, "-m", "fraexp", "tui", "--workspace", str(workspace)]
+    done = subprocess.run(command, stdin=theirs, stdout=theirs, stderr=subprocess.PIPE, timeout=60, check=False)
+    os.close(theirs)
+    os.close(ours)
+    assert done.returncode == 2
+    assert done.stderr.decode().count("\n") == 1
+    assert "keys has no 'sweps'" in done.stderr.decode()
+
+
+@pytest.mark.parametrize("text", ["m", "M", "+", "ctrl+k", "f5", "space", "question_mark", "shift+up", "comma", "plus"])
+def test_names_of_keys(text):
+    keys.check({"sweeps": text}, "settings")

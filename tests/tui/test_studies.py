@@ -1,0 +1,82 @@
+"""The list of studies: its states, its preview, its filter, and what it says when there is nothing yet."""
+
+import shutil
+
+from fraexp.tui.app import FraexpApp
+from fraexp.tui.filterline import FilterLine
+from fraexp.tui.launch import LaunchPage
+from fraexp.tui.studies import FilePage, StudiesPage
+from tests.tui.pilots import pilot_of, screen_text, shows, until
+
+
+def studies(app: FraexpApp) -> StudiesPage:
+    page = app.screen
+    assert isinstance(page, StudiesPage)
+    return page
+
+
+def test_without_a_database_it_explains_itself_and_offers_the_quick_study(tmp_path):
+    async def steps(app, pilot):
+        await shows(pilot, "Enter again launches it", "quick", "fraexp list --studies")
+        assert studies(app).entry.name == "quick"
+        await pilot.press("enter")
+        await until(pilot, lambda: isinstance(app.screen, LaunchPage))
+        await shows(pilot, "$ fraexp run quick", "4 sweeps: 0 reused, 4 to compute")
+
+    pilot_of(tmp_path, steps)
+
+
+def test_states_come_one_by_one_and_the_preview_tells_what_a_study_asks(workspace):
+    (workspace / "studies" / "broken.toml").write_text('"[bold]" = 1\n', encoding="utf-8")
+
+    async def steps(app, pilot):
+        page = studies(app)
+        await until(pilot, lambda: {"quick", "failing"} <= page.found.keys())
+        assert page.found["quick"].state == "new"  # thirty points are another thing than five
+        assert page.last["quick"].number == 1
+        await shows(pilot, "1 complete", "2 partial", "machine  linear_motor_table", "12.0, 75.0")
+        await pilot.press("slash", *"broken", "enter")
+        await shows(pilot, "broken", "there is no section or key '[bold]'")
+        assert "quick" not in screen_text(app)
+        await pilot.press("escape")
+        await shows(pilot, "quick")
+
+    pilot_of(workspace, steps, (120, 40))
+
+
+def test_the_filter_says_when_nothing_is_left_and_esc_takes_it_away(workspace):
+    async def steps(app, pilot):
+        page = studies(app)
+        await until(pilot, lambda: page.entry)
+        await pilot.press("slash", *"nowhere")
+        await shows(pilot, "No study has 'nowhere' in name or title", "nothing")
+        await pilot.press("escape")
+        await until(pilot, lambda: page.entry and not page.query_one(FilterLine).value)
+
+    pilot_of(workspace, steps)
+
+
+def test_a_study_that_is_added_is_noticed_and_its_file_can_be_read(workspace):
+    async def steps(app, pilot):
+        page = studies(app)
+        await until(pilot, lambda: page.entry)
+        shutil.copy(workspace / "studies" / "failing.toml", workspace / "studies" / "added.toml")
+        await until(pilot, lambda: any(entry.name == "added" for entry in page.entries))
+        await pilot.press("slash", *"added", "enter")
+        await until(pilot, lambda: page.entry and page.entry.name == "added")
+        await pilot.press("e")
+        await until(pilot, lambda: isinstance(app.screen, FilePage))
+        await shows(pilot, 'estimator = { name = "raising" }', "$ cat ")
+        await pilot.press("escape")
+        await until(pilot, lambda: app.screen is page)
+
+    pilot_of(workspace, steps)
+
+
+def test_a_database_that_is_deleted_is_no_traceback(workspace):
+    async def steps(app, pilot):
+        await shows(pilot, "1 complete")
+        (workspace / "results.db").unlink()
+        await shows(pilot, "There is none here yet")
+
+    pilot_of(workspace, steps)

@@ -1,0 +1,275 @@
+"""All sweeps: filter, order, marks, tags, notes, deletion."""
+
+import shutil
+
+import pytest
+from textual.widgets import Static
+
+from fraexp.store import Store
+from fraexp.tui import table as table_module
+from fraexp.tui.app import FraexpApp
+from fraexp.tui.table import SweepTable
+from tests.tui.pilots import pilot_of, screen_text, shows, until
+
+
+async def opened(app, pilot) -> SweepTable:
+    """Go to the sweeps, and wait until they are there."""
+    await pilot.press("w")
+    await until(pilot, lambda: app.screen.PLACE == "sweeps" and app.screen.table.keys)
+    return app.screen.table
+
+
+async def write(pilot, text: str) -> None:
+    """Type a text that need not be letters."""
+    names = {
+        " ": "space",
+        "=": "equals_sign",
+        ">": "greater_than_sign",
+        ":": "colon",
+        ".": "full_stop",
+        "_": "underscore",
+    }
+    await pilot.press(*(names.get(letter, letter) for letter in text))
+
+
+def test_all_sweeps_are_listed_newest_first_with_their_command(workspace, keys):
+    async def steps(app, pilot):
+        table = await opened(app, pilot)
+        await shows(pilot, "$ fraexp list --sweeps", "rows 1-5 of 5", "failing 2", "quick 1", "raising", "created ▼")
+        assert set(table.keys) > set(keys)
+        assert app.focused is table
+
+    pilot_of(workspace, steps)
+
+
+def test_a_filter_is_tried_while_it_is_written(workspace):
+    async def steps(app, pilot):
+        table = await opened(app, pilot)
+        await pilot.press("slash")
+        await write(pilot, "estimator=proposed excitation.amplitude>20")
+        await shows(pilot, "rows 1-1 of 1", "$ fraexp list estimator=proposed 'excitation.amplitude>20'")
+        await pilot.press("enter")
+        assert app.focused is table
+        await pilot.press("escape")
+        await shows(pilot, "rows 1-5 of 5", "$ fraexp list --sweeps")
+
+    pilot_of(workspace, steps)
+
+
+def test_what_is_wrong_with_a_filter_is_told_below_it_and_the_rows_stay(workspace):
+    async def steps(app, pilot):
+        table = await opened(app, pilot)
+        await pilot.press("slash")
+        await write(pilot, "estimato=proposed")
+        await shows(pilot, "nothing in the database has 'estimato'; did you mean 'estimator'?", "rows 1-5 of 5")
+        assert len(table.keys) == 5
+        await pilot.press("escape")
+        await until(pilot, lambda: "did you mean" not in screen_text(app))
+
+    pilot_of(workspace, steps)
+
+
+def test_names_of_fields_and_tags_are_completed(workspace, keys):
+    with Store.open(str(workspace / "results.db")) as store:
+        store.tag(keys[:2], "baseline")
+
+    async def steps(app, pilot):
+        await opened(app, pilot)
+        await pilot.press("slash")
+        await write(pilot, "excitation.amp")
+        await shows(pilot, "excitation.amplitude")
+        await pilot.press("tab")
+        await write(pilot, "=12 tag:b")
+        await shows(pilot, "tag:baseline")
+        await pilot.press("tab")
+        assert app.screen.line.value == "excitation.amplitude=12 tag:baseline"
+        await shows(pilot, "rows 1-2 of 2")
+
+    pilot_of(workspace, steps)
+
+
+def test_nothing_that_matches_says_what_to_do(workspace):
+    async def steps(app, pilot):
+        await opened(app, pilot)
+        await pilot.press("slash")
+        await write(pilot, "estimator=nobody")
+        await shows(pilot, "No sweep matches estimator=nobody", "Esc clears the filter")
+        await pilot.press("escape")
+        await shows(pilot, "rows 1-5 of 5")
+        assert "No sweep matches" not in screen_text(app)
+
+    pilot_of(workspace, steps)
+
+
+def test_rows_are_sorted_by_a_field_that_is_asked_for_and_turned(workspace):
+    async def steps(app, pilot):
+        table = await opened(app, pilot)
+        await pilot.press("o")
+        await shows(pilot, "Sort by which")
+        await write(pilot, "nonsense")
+        await shows(pilot, "there is no field 'nonsense'")
+        await pilot.press("enter", "ctrl+u")
+        await write(pilot, "excitation.amplitude")
+        await pilot.press("enter")
+        await shows(pilot, "amplitude ▲", "rows 1-5 of 5, by excitation.amplitude", "--order=excitation.amplitude")
+        first = table.keys[0]
+        await pilot.press("O")
+        await shows(pilot, "amplitude ▼")
+        assert table.keys[0] != first
+
+    pilot_of(workspace, steps, size=(110, 24))
+
+
+def test_a_click_on_a_title_sorts_and_again_turns(workspace):
+    async def steps(app, pilot):
+        table = await opened(app, pilot)
+        await pilot.click(table, offset=(6, 0))
+        await shows(pilot, "sweep ▲")
+        assert list(table.keys) == sorted(table.keys)
+        await pilot.click(table, offset=(6, 0))
+        await shows(pilot, "sweep ▼")
+        assert list(table.keys) == sorted(table.keys, reverse=True)
+
+    pilot_of(workspace, steps)
+
+
+def test_sweeps_are_marked_one_by_one_and_all_that_match(workspace, monkeypatch):
+    monkeypatch.setattr(table_module, "MANY", 3)
+
+    async def steps(app, pilot):
+        table = await opened(app, pilot)
+        await pilot.press("space", "space", "up", "space")
+        await shows(pilot, "1 marked")
+        assert list(app.marks) == [table.keys[0]]
+        assert "✓" in screen_text(app)
+        await pilot.press("a")
+        await shows(pilot, "Mark all 5 sweeps?")
+        await pilot.press("n")
+        await pilot.press("a")
+        await shows(pilot, "Mark all 5 sweeps?")
+        await pilot.press("y")
+        await shows(pilot, "5 marked")
+        await pilot.press("A")
+        await until(pilot, lambda: "marked" not in screen_text(app).splitlines()[0])
+        await pilot.press("slash")
+        await write(pilot, "estimator=proposed")
+        await shows(pilot, "rows 1-2 of 2")
+        await pilot.press("enter", "a")
+        await shows(pilot, "2 marked")
+        assert set(app.marks) == set(table.keys)
+
+    pilot_of(workspace, steps)
+
+
+def test_marks_are_told_without_unicode(workspace):
+    async def steps(app, pilot):
+        await opened(app, pilot)
+        await pilot.press("space")
+        await shows(pilot, " x  ")
+        assert screen_text(app).isascii()
+
+    pilot_of(FraexpApp(workspace, plain=True), steps)
+
+
+def test_marked_sweeps_are_tagged_and_untagged(workspace):
+    async def steps(app, pilot):
+        table = await opened(app, pilot)
+        await pilot.press("space", "space", "t")
+        await shows(pilot, "Tag 2 sweeps with which word?")
+        await write(pilot, "my tag")
+        await shows(pilot, "'my tag' is no tag")
+        await pilot.press("ctrl+u")
+        await write(pilot, "good")
+        await pilot.press("enter")
+        await shows(pilot, "tags", "good")
+        with Store.open(str(workspace / "results.db")) as store:
+            assert store.tags() == {"good": 2}
+            assert set(store.keys("tag:good")) == set(table.keys[:2])
+        await pilot.press("T")
+        await shows(pilot, "Take which tag from 2 sweeps?")
+        await write(pilot, "good")
+        await pilot.press("enter")
+        await until(pilot, lambda: " tags " not in screen_text(app))
+
+    pilot_of(workspace, steps, size=(110, 24))
+
+
+def test_a_note_is_written_and_taken_away(workspace):
+    async def steps(app, pilot):
+        table = await opened(app, pilot)
+        await pilot.press("n")
+        await shows(pilot, "Note on sweep")
+        await write(pilot, "odd [bold] at 80 Hz")
+        await pilot.press("enter")
+        await shows(pilot, "note", "odd [bold] at 80 Hz")
+        with Store.open(str(workspace / "results.db")) as store:
+            assert store.note(table.keys[0]) == "odd [bold] at 80 Hz"
+
+    pilot_of(workspace, steps, size=(160, 24))
+
+
+def test_deletion_says_what_is_lost_and_happens_only_if_confirmed(workspace, keys):
+    with Store.open(str(workspace / "results.db")) as store:
+        store.tag(keys, "precious")
+
+    async def steps(app, pilot):
+        table = await opened(app, pilot)
+        await pilot.press("space", "space", "D")
+        await shows(pilot, "Delete 2 sweeps with results", "tagged precious")
+        await pilot.press("enter")
+        await until(pilot, lambda: app.screen.PLACE == "sweeps")
+        assert table.total == 5
+        gone = set(app.marks)
+        await pilot.press("D")
+        await shows(pilot, "Delete 2 sweeps with results")
+        await pilot.press("y")
+        await shows(pilot, "rows 1-3 of 3")
+        assert not gone & set(table.keys)
+        assert not list(app.marks)
+
+    pilot_of(workspace, steps)
+
+
+def test_without_a_database_it_says_how_to_make_one(tmp_path):
+    async def steps(app, pilot):
+        await pilot.press("w")
+        await shows(pilot, "There is no database yet", "Press s for the studies")
+        assert not app.screen.table.display
+
+    pilot_of(tmp_path, steps)
+
+
+def test_a_database_that_goes_and_comes_back_is_told_of_and_shown_again(workspace):
+    file = workspace / "results.db"
+
+    async def steps(app, pilot):
+        await opened(app, pilot)
+        shutil.move(file, workspace / "away.db")
+        await shows(pilot, "There is no database yet")
+        shutil.move(workspace / "away.db", file)
+        await shows(pilot, "rows 1-5 of 5")
+        assert not app.screen.query_one(".wrong", Static).display
+
+    pilot_of(workspace, steps)
+
+
+def test_new_sweeps_appear_and_the_cursor_keeps_its_own(workspace):
+    async def steps(app, pilot):
+        table = await opened(app, pilot)
+        await pilot.press("down", "down")
+        key = table.key
+        with Store.open(str(workspace / "results.db")) as store:
+            store.delete_sweeps([table.keys[0]])
+        await shows(pilot, "rows 1-4 of 4")
+        assert table.key == key
+
+    pilot_of(workspace, steps)
+
+
+@pytest.mark.parametrize("size", [(80, 24), (200, 50), (40, 10)])
+def test_it_reads_at_every_size(workspace, size):
+    async def steps(app, pilot):
+        table = await opened(app, pilot)
+        await shows(pilot, table.keys[0][4:12], "ok", "rows 1-")
+
+    pilot_of(workspace, steps, size=size)

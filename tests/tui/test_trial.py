@@ -1,0 +1,242 @@
+"""Trying a friction law: what is drawn, what is wrong, and that the study at the top gives the same."""
+
+import asyncio
+import shlex
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from textual.events import Key
+
+from fraexp.errors import FraexpError
+from fraexp.plugins import discover
+from fraexp.store import Store
+from fraexp.tui.app import FraexpApp
+from fraexp.tui.trial import Field, TrialPage
+from fraexp.views.entries import entries, example, told, written
+from fraexp.views.trial import STEPS, STUDY, Sine, Trial, overrides
+from fraexp.workspace import Workspace
+from tests.tui.pilots import pilot_of, screen_text, shows, until
+from tests.tui.test_plugins import LAW, drop
+
+DAHL = {"name": "dahl", "stiffness": 3.9e5, "coulomb": 17.9, "viscous_coefficient": 20.0}
+
+
+def field(app: FraexpApp, path: str) -> Field:
+    return next(one for one in app.screen.query(Field) if one.entry.path == path)
+
+
+async def opened(pilot, name: str) -> None:
+    await pilot.app.push_screen(TrialPage(name))
+    await shows(pilot, "/cycle")
+
+
+# The numbers.
+
+
+def test_an_ideal_element_has_its_describing_function_of_the_textbook(registry):
+    """K = Y = 1 at an amplitude of 2 µm, in units of 1 µm: 0.5 + j/π (Gelb and Vander Velde 1968)."""
+    spec = {"name": "rolling", "stiffness": [1e6], "limit_force": [1.0]}
+    trial = Trial(spec, Sine(amplitude=2e-6), registry)
+    assert trial.loop().describing / 1e6 == pytest.approx(0.5 + 1j / np.pi, abs=2e-3)
+    assert trial.loop().energy == pytest.approx(4e-6, rel=1e-3)  # 4 Fc (A - Y)
+    amplitudes, values = trial.describing_function()
+    assert amplitudes[0] < 1e-6
+    assert values[0] / 1e6 == pytest.approx(1.0)  # stuck: a spring
+
+
+def test_viscous_friction_is_part_of_the_force(registry):
+    trial = Trial({"name": "none", "viscous_coefficient": 3.0}, Sine(amplitude=1e-3, frequency=2.0), registry)
+    assert trial.loop().describing == pytest.approx(1j * 2 * np.pi * 2.0 * 3.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("spec", [DAHL, {"name": "lugre", "preset": "linear_motor_table"}])
+def test_the_study_at_the_top_gives_the_same_loop(tmp_path, spec):
+    workspace, sine = Workspace.open(tmp_path), Sine(amplitude=5e-5, frequency=2.0)
+    loop = Trial(spec, sine, workspace.registry).loop()
+    for _ in workspace.run([STUDY], "serial", overrides(spec, sine)):
+        pass
+    with Store.open(workspace.database, read_only=True) as store:
+        (row,) = store.page().rows
+        (curve,) = store.result(row.key).curves
+        metrics = {metric.name: metric.value for metric in store.result(row.key).metrics}
+    times = np.arange(STEPS) / STEPS
+    stored = np.interp(
+        times, np.arange(curve.columns["force"].size) / curve.columns["force"].size, curve.columns["force"]
+    )
+    assert np.max(np.abs(stored - loop.force)) < 2e-3 * np.max(np.abs(stored))
+    assert loop.describing.real == pytest.approx(metrics["describing function, real"], rel=1e-3)
+    assert loop.describing.imag == pytest.approx(metrics["describing function, imaginary"], rel=1e-3)
+    assert loop.energy == pytest.approx(metrics["energy per cycle"], rel=1e-3)
+
+
+def test_every_friction_model_has_values_to_begin_with(registry):
+    for name in registry.names("friction"):
+        component = registry.supply("friction", name).component
+        base = example(component, registry)
+        lines = list(entries(component, base, registry))
+        assert lines or not component.model_fields
+        again = written(base, {line.path: line.text for line in lines})
+        assert registry.create("friction", again) == registry.create("friction", base)
+        short = told(component, again, registry)
+        assert registry.create("friction", short) == registry.create("friction", base)
+        assert Trial(short, Sine(), registry).loop().closed
+
+
+def test_numbers_move_by_a_share_and_stay_within_their_bounds(registry):
+    component = registry.supply("friction", "rolling").component
+    lines = {one.path: one for one in entries(component, example(component, registry), registry)}
+    assert lines["curve.coulomb"].moved("17.9", 0.05) == "18.79"
+    assert lines["curve.coulomb"].moved("18.795", -0.05) == "17.9"
+    assert lines["curve.width"].moved("45 um", 0.05) == "47.25 um"
+    assert lines["curve.elements"].moved("1", -0.05) == "1"
+    assert lines["curve.elements"].moved("20", 0.05) == "21"
+    assert lines["curve.shape"].moved("exponential", 0.05) == "hyperbolic"
+    assert lines["curve.shape"].moved("exponential", -0.05) == "table"
+    assert lines["viscous_coefficient"].moved("0", 0.05) == "0.5"
+    assert lines["viscous_coefficient"].moved("0", -0.05) == "0"
+    assert lines["curve.width"].moved("half", 0.05) == "half"
+
+
+@pytest.mark.parametrize(
+    ("line", "complaint"),
+    [
+        ("return math.nan", "the law of mine gives a force of nan"),
+        ("return 1 / (dy - dy)", "the law of mine fails on dy"),
+        ("return float('nan') if abs(z[0]) > 0.5 else z_next[0]", "the law gives a force of nan N"),
+        ("return [][1] if abs(z[0]) > 0.5 else z_next[0]", "the law fails: IndexError"),
+    ],
+)
+def test_a_law_that_raises_or_gives_no_number_is_told_in_one_line(tmp_path, line, complaint):
+    text = LAW.format(stiffness=1e5).replace("return z_next[0]", line).replace("\nfrom", "\nimport math\nfrom", 1)
+    drop(tmp_path, text.replace("min(max(z[0] + stiffness * dy, -1.0), 1.0)", "z[0] + stiffness * dy"))
+    with pytest.raises(FraexpError, match=complaint) as raised:
+        # small to be rehearsed without reaching far
+        Trial({"name": "mine", "stiffness": 0.4}, Sine(amplitude=2.0), discover(tmp_path / "plugins")).loop()
+    assert "\n" not in str(raised.value)
+
+
+def test_a_law_that_takes_too_long_is_left_to_the_compiler(registry, monkeypatch):
+    monkeypatch.setattr("fraexp.views.trial.LONGEST", 0.0)
+    with pytest.raises(FraexpError, match="too slow to be tried in plain Python; run the study"):
+        Trial(DAHL, Sine(), registry).loop()
+
+
+def test_trying_a_law_does_not_need_the_compiler(tmp_path):
+    code = (
+        "import sys; from fraexp.plugins import discover; from fraexp.views.trial import Sine, Trial\n"
+        "Trial({'name': 'dahl', 'stiffness': 1e5, 'coulomb': 10.0}, Sine(), discover()).describing_function()\n"
+        "assert not {'numba', 'matplotlib'} & set(sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=False).returncode == 0
+
+
+# The screen.
+
+
+def test_what_is_typed_is_drawn(workspace):
+    async def steps(app, pilot):
+        await pilot.press("p")
+        await shows(pilot, "composite")
+        await pilot.press("slash", *"dahl", "enter", "enter")
+        await shows(pilot, "friction dahl", "N 79.29 kN/m, 22.5 deg", "force [N] over displacement [um]")
+        await shows(pilot, "presliding")  # of the field that has the focus
+        before = screen_text(app)
+        await pilot.press("up")
+        await shows(pilot, "105000")
+        await until(pilot, lambda: "stiffness = 105000" in app.screen.command)
+        assert screen_text(app) != before
+        await pilot.press("enter")
+        await shows(pilot, "friction.coulomb: Coulomb")
+        await pilot.press("escape")
+        await shows(pilot, "rows 1-")
+
+    pilot_of(workspace, steps)
+
+
+def test_what_is_wrong_is_told_by_its_field_and_the_curves_stay(workspace):
+    async def steps(app, pilot):
+        await opened(pilot, "dahl")
+        good = app.screen.command
+        field(app, "friction.coulomb").input.value = "-3"
+        await shows(pilot, "Fc must be above", "! coulomb", "before: N ")
+        assert "! stiffness" not in screen_text(app)
+        assert app.screen.command == good
+        field(app, "friction.coulomb").input.value = "17.9 mV"
+        await shows(pilot, "17.9 mV", "! coulomb")
+        field(app, "friction.coulomb").input.value = "20"
+        await until(pilot, lambda: "coulomb = 20" in app.screen.command)
+        assert "! coulomb" not in screen_text(app)
+        field(app, "excitation.frequency").input.value = "0"
+        await shows(pilot, "frequency is 0", "! frequency")
+
+    pilot_of(workspace, steps)
+
+
+def test_the_describing_function_stands_below_and_f6_shows_its_phase_where_room_is_short(workspace):
+    async def steps(app, pilot):
+        await opened(pilot, "rolling")
+        await shows(pilot, "|N| [N/m] over amplitude [m]")
+        assert "phase of N [deg]" not in screen_text(app)
+        await pilot.press("f6")
+        await shows(pilot, "phase of N [deg] over amplitude [m]")
+        assert "force [N] over" not in screen_text(app)
+        await pilot.resize_terminal(160, 50)
+        await shows(pilot, "force [N] over", "|N| [N/m] over", "phase of N [deg] over")
+
+    pilot_of(workspace, steps)
+
+
+def test_a_law_that_is_edited_while_it_is_tried_is_tried_anew(workspace):
+    drop(workspace, LAW.format(stiffness=2e4))
+
+    async def steps(app, pilot):
+        await opened(pilot, "mine")
+        await shows(pilot, "20000")
+        field(app, "excitation.amplitude").input.value = "1e-5"
+        drop(workspace, "import nowhere_at_all")
+        await shows(pilot, "ModuleNotFoundError")
+        drop(workspace, LAW.format(stiffness=2e4).replace("dy, -1.0), 1.0)", "dy * 3, -1.0), 1.0)"))
+        await shows(pilot, "N 60 kN/m")
+        assert field(app, "excitation.amplitude").input.value == "1e-5"
+
+    pilot_of(workspace, steps)
+
+
+def test_the_command_at_the_top_can_be_run(workspace):
+    found = []
+
+    async def steps(app, pilot):
+        await opened(pilot, "rolling")
+        await until(pilot, lambda: "--set=friction" in app.screen.command)
+        found.append(app.screen.command)
+
+    pilot_of(workspace, steps)
+    words = shlex.split(found[0])
+    assert words[:3] == ["fraexp", "run", STUDY]
+    sets = [word.removeprefix("--set=") for word in words[3:]]
+    (study,) = Workspace.open(workspace).studies([STUDY], sets)
+    assert [sweep.experiment["friction"]["name"] for sweep in study.sweeps] == ["rolling"]
+    assert study.sweeps[0].experiment["excitation"]["amplitude"] == 1e-4
+
+
+def test_keys_do_not_wait_for_a_slow_law(workspace):
+    drop(workspace, LAW.format(stiffness=2e4).replace("z_next[0] = min", "sum(range(4000))\n        z_next[0] = min"))
+
+    async def steps(app, pilot):
+        await app.push_screen(TrialPage("mine"))
+        await shows(pilot, "friction.stiffness")
+        loop, waits = asyncio.get_running_loop(), []
+        line = field(app, "friction.stiffness").input
+        for _ in range(10):
+            begin, before = loop.time(), line.value
+            app.post_message(Key("up", None))  # the pilot's own press waits for an idle process
+            while line.value == before:
+                await asyncio.sleep(0.001)
+            waits.append(loop.time() - begin)
+            await asyncio.sleep(0.15)  # the law is being tried
+        assert sorted(waits)[5] < 0.1
+        await shows(pilot, "/cycle")
+
+    pilot_of(workspace, steps)
