@@ -1,8 +1,8 @@
 """How long the terminal UI takes from a key to its repaint.
 
-python benchmarks/tui.py prints a table and fails where a bound is missed. Each time is from the key until nothing is
-left to be done, the screen painted, in this process. Other work on the machine only adds to it: the bound is for the
-fastest of a key's repetitions, and a key that does nothing tells how busy the machine is.
+python benchmarks/tui.py prints a table and fails where a bound is missed. Each time is from the key until its last
+paint is ready to be written to the terminal, in this process; the bound is for the median of a key's repetitions.
+Other work on the machine adds to it, unlike to the processor time: the bound is for an idle machine.
 """
 
 import asyncio
@@ -11,10 +11,14 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
+from textual._compositor import CompositorUpdate
 from textual.pilot import Pilot
+from textual.screen import Screen
 
+import fraexp.tui
 from fraexp.results import FrequencyResponse, Outcome, Result
 from fraexp.store import Store
 from fraexp.sweep import Sweep
@@ -24,17 +28,31 @@ BOUND = 0.100
 """Most time [s] from key to repaint."""
 SIZE = (200, 50)
 Row = tuple[str, float, float, float]
-"""What was measured, fastest and median wall time, and median processor time [s]."""
+"""What was measured, median and slowest wall time, and median processor time [s]."""
+
+
+class Painted(FraexpApp):
+    """The application, which makes each paint's text though there is no terminal, and tells when the last was ready."""
+
+    CSS_PATH = Path(fraexp.tui.__file__).with_name("look.tcss")
+    painted = (np.nan, np.nan)
+    """Wall and processor time [s]."""
+
+    def _display(self, screen: Screen[Any], renderable: Any) -> None:
+        super()._display(screen, renderable)
+        if isinstance(renderable, CompositorUpdate) and not self._batch_count:
+            renderable.render_segments(self.console)
+            self.painted = time.perf_counter(), time.process_time()
 
 
 def main() -> int:
     """Measure all, and return 1 if a bound is missed."""
     with TemporaryDirectory() as folder:
         rows = asyncio.run(compare_keys(Path(folder)))
-    print(f"{'key to repaint [ms]':50} {'fastest':>8} {'median':>8} {'processor':>10}")
-    for name, fastest, median, processor in rows:
-        print(f"{name:50} {1e3 * fastest:8.0f} {1e3 * median:8.0f} {1e3 * processor:10.0f}")
-    missed = [name for name, fastest, *_ in rows if fastest > BOUND]
+    print(f"{'key to repaint [ms]':50} {'median':>8} {'slowest':>8} {'processor':>10}")
+    for name, median, slowest, processor in rows:
+        print(f"{name:50} {1e3 * median:8.0f} {1e3 * slowest:8.0f} {1e3 * processor:10.0f}")
+    missed = [name for name, median, *_ in rows if not median <= BOUND]
     if missed:
         print(f"more than {1e3 * BOUND:.0f} ms: {', '.join(missed)}", file=sys.stderr)
     return int(bool(missed))
@@ -43,34 +61,35 @@ def main() -> int:
 async def compare_keys(folder: Path, curves: int = 4, points: int = 5000) -> list[Row]:
     """Return times of keys in Compare with many points."""
     keys = store_responses(folder, curves, points)
-    app = FraexpApp(folder)
+    app = Painted(folder)
     async with app.run_test(size=SIZE) as pilot:
         app.marks.add(keys)
         await pilot.press("c")
         await _until(pilot, lambda: getattr(getattr(app.screen, "stack", None), "picture", None) is not None)
         what = f"Compare, {curves} curves of {points} points:"
         return [
-            await time_keys(pilot, f"{what} nothing", ["f12"] * 20),
-            await time_keys(pilot, f"{what} cursor", ["right"] * 20),
-            await time_keys(pilot, f"{what} hide or show", ["2"] * 10),
-            await time_keys(pilot, f"{what} focus", ["right_square_bracket"] * 12),
-            await time_keys(pilot, f"{what} zoom", ["x", "X"] * 8),
-            await time_keys(pilot, f"{what} pan", ["L", "H"] * 8),
-            await time_keys(pilot, f"{what} wrapped phase", ["W"] * 10),
+            await time_keys(app, pilot, f"{what} cursor", ["right"] * 20),
+            await time_keys(app, pilot, f"{what} hide or show", ["2"] * 20),
+            await time_keys(app, pilot, f"{what} focus", ["right_square_bracket"] * 20),
+            await time_keys(app, pilot, f"{what} zoom", ["x", "X"] * 10),
+            await time_keys(app, pilot, f"{what} pan", ["L", "H"] * 10),
+            await time_keys(app, pilot, f"{what} wrapped phase", ["W"] * 20),
         ]
 
 
-async def time_keys(pilot: Pilot[None], name: str, keys: Sequence[str]) -> Row:
-    """Return the times of keys, one after another."""
+async def time_keys(app: Painted, pilot: Pilot[None], name: str, keys: Sequence[str]) -> Row:
+    """Return the times of keys, one after another; NaN of one that is followed by no paint."""
     walls, processor = [], []
     for key in keys:
         await pilot.pause()
-        begin, used = time.perf_counter(), time.process_time()
+        app.painted = (np.nan, np.nan)
+        begin = np.array([time.perf_counter(), time.process_time()])
         await pilot.press(key)
         await pilot.pause()
-        walls.append(time.perf_counter() - begin)
-        processor.append(time.process_time() - used)
-    return name, min(walls), float(np.median(walls)), float(np.median(processor))
+        wall, used = app.painted - begin
+        walls.append(wall)
+        processor.append(used)
+    return name, float(np.median(walls)), float(np.max(walls)), float(np.median(processor))
 
 
 def store_responses(folder: Path, curves: int, points: int) -> list[str]:

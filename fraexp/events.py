@@ -1,10 +1,26 @@
 """What the scheduler tells of a run while it goes on: front ends render it."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from fraexp.results import Result
 from fraexp.sweep import Sweep
+
+
+@dataclass(frozen=True)
+class Why:
+    """Sweeps of a plan for which one reason holds."""
+
+    computed: bool
+    """Whether the run computes them; else it takes what is stored."""
+    state: str
+    """``new``, ``same``, ``stale``, ``failed``: what is stored of them."""
+    reason: str
+    """In one line, for all of them."""
+    sweeps: Sequence[Sweep]
+    each: Mapping[str, str] = field(default_factory=dict)
+    """By key what is to be said of single ones."""
 
 
 @dataclass(frozen=True)
@@ -20,6 +36,8 @@ class Planned:
     """Sweeps that are reused although a plugin's source has changed since."""
     seconds: float | None
     """Expected time [s]; None if nothing is missing."""
+    whys: tuple[Why, ...] = ()
+    """Why sweeps are computed or reused, each sweep under one reason; empty if that was not asked for."""
 
 
 @dataclass(frozen=True)

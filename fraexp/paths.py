@@ -78,10 +78,36 @@ def _owner(info: FieldInfo | None, value: Any, registry: Registry) -> Owner:
     kind = nested_kind(info)
     if kind is not None:
         return _component(kind.kind, value, registry)
-    candidates = (info.annotation, *get_args(info.annotation))
-    return next((of for of in candidates if inspect.isclass(of) and issubclass(of, Parameters)), None)
+    return next(iter(_of_parameters(info)), None)
 
 
 def _component(kind: str, spec: Any, registry: Registry) -> Owner:
     supply = registry.supplies.get((kind, str(spec.get("name")))) if isinstance(spec, Mapping) else None
     return supply.component if supply else None
+
+
+def units_of(path: str, registry: Registry) -> set[str]:
+    """Return the units in which what is at a path may be declared, whatever component has it; none if one has none."""
+    section, *parts = path.split(".")
+    owners = [SETTINGS[section]] if section in SETTINGS else _supplied(section, registry)
+    found: list[FieldInfo] = []
+    for part in parts:
+        if not part.isdecimal():  # the unit of a list is that of its values
+            found = [owner.model_fields[part] for owner in owners if part in owner.model_fields]
+            owners = [owner for info in found for owner in _owners(info, registry)]
+    units = {unit_of(info) for info in found}
+    return set() if "" in units else units
+
+
+def _owners(info: FieldInfo, registry: Registry) -> list[type[Parameters]]:
+    kind = nested_kind(info)
+    return _supplied(kind.kind, registry) if kind else _of_parameters(info)
+
+
+def _of_parameters(info: FieldInfo) -> list[type[Parameters]]:
+    candidates = (info.annotation, *get_args(info.annotation))
+    return [of for of in candidates if inspect.isclass(of) and issubclass(of, Parameters)]
+
+
+def _supplied(kind: str, registry: Registry) -> list[type[Parameters]]:
+    return [supply.component for (of, _), supply in registry.supplies.items() if of == kind]

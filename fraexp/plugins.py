@@ -148,6 +148,8 @@ class Registry:
 
     def filled(self, cls: type[Parameters], given: Mapping[str, Any], environment: Mapping[str, Any]) -> dict[str, Any]:
         """Return the values that are given with those that are inherited, components among them built."""
+        if not isinstance(given, Mapping):
+            raise ParameterError(f"{given!r:.60} is no table of parameters")
         values = dict(given)
         for key, info in cls.model_fields.items():
             origin = inherited_from(info)
@@ -164,7 +166,7 @@ class Registry:
 
 
 def _preset(cls: type[Component], name: Any) -> Mapping[str, Any]:
-    if name not in cls.presets:
+    if not isinstance(name, str) or name not in cls.presets:
         raise ParameterError(f"{cls.name} has no preset '{name}'{did_you_mean(str(name), cls.presets)}")
     return cls.presets[name]
 

@@ -34,6 +34,11 @@ def found_in(data: Any) -> Iterator[Plain]:
             yield from found_in(value)
 
 
+def within(sections: Plain, grid: Plain) -> bool:
+    """Say whether sections, or what a grid lays over them, may refer to a fit."""
+    return any(found_in([sections, *grid.values()])) or any(WORD in path.split(".") for path in grid)
+
+
 def replaced(data: Any, by: Callable[[Plain], Any]) -> Any:
     """Return plain data in which each reference is replaced."""
     if is_reference(data):
@@ -78,14 +83,20 @@ def stood_in(sections: Plain, place: str) -> dict[str, Any]:
     return {key: replaced(section, by) if any(found_in(section)) else section for key, section in sections.items()}
 
 
-def laid_in(every: Sequence[tuple[str, Sweep, Plain]]) -> list[Sweep]:
-    """Return sweeps with their fits in place of what stood in for them: given place, sweep and what was written."""
+def laid_in(every: Sequence[tuple[str, Sweep, Plain | None]]) -> list[Sweep]:
+    """Return sweeps with their fits in place of what stood in for them.
+
+    Given are place, sweep and what was written, which is None if it is known not to refer to a fit.
+    """
     refers = {id(written): any(found_in(written)) for written in {id(of): of for _, _, of in every}.values()}
     earlier: dict[str, list[Sweep]] = {}
     for _, sweep, written in every:
         if not refers[id(written)]:
             earlier.setdefault(str(sweep.labels.get(CASE)), []).append(sweep)
-    return [_with_keys(*each, earlier) if refers[id(each[2])] else each[1] for each in every]  # draws share a text
+    return [
+        _with_keys(place, sweep, written, earlier) if written is not None and refers[id(written)] else sweep
+        for place, sweep, written in every  # draws share a text
+    ]
 
 
 def _with_keys(place: str, sweep: Sweep, written: Plain, earlier: Mapping[str, list[Sweep]]) -> Sweep:

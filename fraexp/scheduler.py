@@ -7,35 +7,41 @@ from functools import cache
 from statistics import median
 
 from fraexp import references
-from fraexp.computing import Computation, Pulse, Setting, components_of
+from fraexp.computing import Computation, Pulse, Setting
 from fraexp.errors import FraexpError
 from fraexp.events import Ended, Event, Finished, Noticed, Planned, Preparing, Progress
 from fraexp.executors import Limits, Workers, make
+from fraexp.explain import FRUITLESS, Origins, reasons
 from fraexp.plugins import Registry
-from fraexp.results import Outcome
 from fraexp.store import Store, StoredState
 from fraexp.study import Study
 from fraexp.sweep import Plain, Sweep
 
-FRUITLESS = (Outcome.NO_SIGNAL, Outcome.DIVERGED, Outcome.FAILED)
-"""Outcomes that ``rerun = "failed"`` computes again."""
 GUESS = 0.1
 """Seconds assumed for a sweep when nothing like it has been computed yet."""
 SHORT = 1.0
 """Seconds of work that one process does itself: to start others takes as long."""
 
 
-def plan(study: Study, store: Store | None, registry: Registry, rerun: str | None) -> "tuple[list[Sweep], Planned]":
-    """Return the sweeps to compute, and the plan; `rerun` is None, ``stale``, ``failed`` or ``all``."""
+def plan(
+    study: Study, store: Store | None, registry: Registry, rerun: str | None, explain: bool = False
+) -> "tuple[list[Sweep], Planned]":
+    """Return the sweeps to compute, and the plan; `rerun` is None, ``stale``, ``failed`` or ``all``.
+
+    With `explain` the plan says why.
+    """
     known = store.known([sweep.key for sweep in study.sweeps]) if store else {}
     stale = _stale(study.sweeps, known, registry)
     fruitless = {key for key, state in known.items() if state.outcome in FRUITLESS}
-    again = {None: set[str](), "stale": stale, "failed": fruitless, "all": set(known)}[rerun]
+    again = {None: set[str](), "stale": set(stale), "failed": fruitless, "all": set(known)}[rerun]
     missing = [sweep for sweep in study.sweeps if sweep.key not in known or sweep.key in again]
     reused = len(study.sweeps) - len(missing)
     seconds = _expected(missing, study.sweeps, known) if missing else None
-    kept = len(stale - {sweep.key for sweep in missing})
-    return missing, Planned(study.name, study.title, len(study.sweeps), reused, len(missing), kept, seconds)
+    kept = len(set(stale) - again)
+    planned = Planned(study.name, study.title, len(study.sweeps), reused, len(missing), kept, seconds)
+    if not explain:
+        return missing, planned
+    return missing, replace(planned, whys=reasons(study.sweeps, known, again, stale, store, study.name))
 
 
 def _expected(missing: Sequence[Sweep], sweeps: Sequence[Sweep], known: Mapping[str, StoredState]) -> float:
@@ -49,14 +55,11 @@ def _expected(missing: Sequence[Sweep], sweeps: Sequence[Sweep], known: Mapping[
     return sum(each.get(sweep.estimator["name"], typical) for sweep in missing)
 
 
-def _stale(sweeps: Sequence[Sweep], known: Mapping[str, StoredState], registry: Registry) -> set[str]:
-    result = set()
-    for sweep in sweeps:
-        if sweep.key in known:
-            now = {name: supply.source_hash for name, supply in components_of(sweep, registry).items()}
-            if any(known[sweep.key].sources.get(name, value) != value for name, value in now.items()):
-                result.add(sweep.key)
-    return result
+def _stale(sweeps: Sequence[Sweep], known: Mapping[str, StoredState], registry: Registry) -> dict[str, list[str]]:
+    """Return the keys of stored sweeps that other sources have computed, with the components concerned."""
+    origins = Origins(registry)
+    stored = ((sweep, known[sweep.key]) for sweep in sweeps if sweep.key in known)
+    return {sweep.key: changed for sweep, state in stored if (changed := origins.changed(sweep, state))}
 
 
 def run(

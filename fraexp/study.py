@@ -1,30 +1,24 @@
 """A study file: what shall be known, as TOML; its cases and its grid multiply into sweeps."""
 
-import itertools
+import gc
 import math
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from fraexp import limits, perform, printed, records, references, toml
-from fraexp.components import Excitation, nested_kind
+from fraexp import printed, references, toml
 from fraexp.draws import Draws, drawn
 from fraexp.errors import FraexpError, StudyError, did_you_mean
 from fraexp.figures.kinds import check_kind
-from fraexp.limits import Limits
-from fraexp.parameters import inherited_from
-from fraexp.plugins import Registry, create
+from fraexp.plugins import Registry
 from fraexp.printed import Printed
-from fraexp.sections import GRID, MACHINE, SECTIONS, SETTINGS, WORDS, axes, merge, nested, overlay, override, varied
-from fraexp.simulation import Numerics
-from fraexp.sweep import Plain, Sweep
+from fraexp.resolution import Resolver
+from fraexp.sections import GRID, MACHINE, SECTIONS, WORDS, axes, merge, nested, overlay, override, varied
+from fraexp.sweep import Sweep
 
-LAST = ("excitation", "estimator")
-"""Components that may inherit from the other sections."""
-OPTIONAL = ("compensation",)
-"""Sections of SETTINGS that decide the signals of a loop where they are given; without them its key is what it was."""
 KEYS = (*WORDS, *SECTIONS, "case", "grid", "random", "printed")
 MOST_SWEEPS = 1_000_000
 LONGEST_NAME = 200
@@ -106,22 +100,18 @@ def resolve(
     draws = _draws(data, grid, [change for change in changes if change[0].startswith("random.")], file)
     whole = _whole(file, data, folder, changes)
     _check_count(file, len(whole), grid, draws)
-    points = [(case, *_sweep(file, case, point, registry)) for case in whole for point in _points(grid)]
-    every = [
-        (case.place, sweep, written)
-        for case, one, written in points
-        for sweep in (drawn(case.place, one, draws, registry) if draws else [one])
-    ]
-    sweeps = references.laid_in(every)
-    different = {sweep.key: sweep for sweep in reversed(sweeps)}  # points may say the same in two ways
-    kept = tuple(sweep for sweep in sweeps if different[sweep.key] is sweep)
-    hidden = next(
-        (sweep for sweep in sweeps if different[sweep.key].labels.get("case") != sweep.labels.get("case")), None
-    )
+    first: dict[str, Sweep] = {}
+    hidden: Sweep | None = None
+    with _without_collection():
+        for sweep in _every(file, whole, grid, draws, registry):
+            other = first.setdefault(sweep.key, sweep)
+            if other is not sweep and other.labels.get("case") != sweep.labels.get("case"):
+                hidden = hidden or sweep
     if hidden and not overrides:  # which may well make cases alike
-        names = (different[hidden.key].labels["case"], hidden.labels["case"])
+        names = (first[hidden.key].labels["case"], hidden.labels["case"])
         raise StudyError(f"{file}: the cases '{names[0]}' and '{names[1]}' come to the same sweep; let them differ")
-    if not overrides:  # which may well leave out what is printed
+    kept = tuple(first.values())  # points may say the same in two ways
+    if study.printed and not overrides:  # which may well leave out what is printed
         printed.check(study.printed, kept, str(file))
     return replace(study, sweeps=kept)
 
@@ -175,7 +165,7 @@ def read(file: Path) -> dict[str, Any]:
         raise StudyError(f"{file}: cannot be read: {error.strerror}") from None
 
 
-def _machine(name: str, study: Path, folder: Path) -> dict[str, Any]:
+def _machine(name: Any, study: Path, folder: Path) -> dict[str, Any]:
     if not isinstance(name, str) or len(name) > LONGEST_NAME or "\0" in name:
         raise StudyError(f"{study}: machine is {_shortened(name)}; expected the name of a file in studies/machines")
     places = (study.parent / "machines", folder / "studies" / "machines", packaged_studies() / "machines")
@@ -270,108 +260,28 @@ def _check_count(file: Path, cases: int, grid: Mapping[str, Sequence[Any]], draw
         raise StudyError(f"{file}, {place}: it has {count:,} {what}; expected {MOST_SWEEPS:,} at most")
 
 
-def _points(grid: Mapping[str, list[Any]]) -> Iterator[dict[str, Any]]:
-    for values in itertools.product(*grid.values()):
-        yield dict(zip(grid, values, strict=True))
-
-
-def _sweep(file: Path, case: _Case, point: Mapping[str, Any], registry: Registry) -> tuple[Sweep, Plain]:
-    """Return the sweep of a point, with the machine's own components in place of fits, and what was written."""
-    written = dict(case.sections)
-    for path, value in point.items():
-        written = merge(written, nested(path, value), f"{case.place}, [grid]")
-    sections = references.stood_in(written, case.place)
-    resolved, files = _resolve(file, case.place, sections, registry)
-    if "estimator" not in sections:
-        raise StudyError(
-            f"{case.place}: lacks the section [estimator]; known: {', '.join(registry.names('estimator'))}"
-        )
-    place = f"{case.place}, [estimator]"
-    given = _laid_over("estimator", sections["estimator"], resolved, registry)
-    estimator = registry.create("estimator", given, resolved, place).spec()
-    return Sweep(_experiment(case.place, resolved, registry), estimator, {**case.labels, **point}, files), written
-
-
-def _resolve(
-    file: Path, where: str, sections: Mapping[str, Any], registry: Registry
-) -> tuple[dict[str, Any], dict[str, str]]:
-    """Return every section but the estimator as full plain data, and the files that it names."""
-    resolved: dict[str, Any] = {}
-    files: dict[str, str] = {}
-    for key, value in sections.items():
-        place = f"{where}, [{key}]"
-        if key == "record":
-            try:
-                settings = records.RecordSettings.parse(value, "record")
-                experiment, files = records.resolve(settings, file.parent, registry)
-                resolved[key] = experiment["record"]
-            except FraexpError as error:
-                raise type(error)(f"{place}: {error}") from None
-        elif key in SETTINGS:
-            resolved[key] = _settings(registry, key, value, sections, place)
-        elif key not in LAST:
-            resolved[key] = registry.create(key, value, place=place).spec()
-    resolved.setdefault("numerics", Numerics().plain())
-    if "excitation" in sections:
-        given = _laid_over("excitation", sections["excitation"], resolved, registry)
-        place = f"{where}, [excitation]"
-        resolved["excitation"] = registry.create("excitation", given, resolved, place).spec()
-    return resolved, files
-
-
-def _laid_over(kind: str, spec: Any, environment: Plain, registry: Registry) -> Any:
-    """Return a component whose own ones that have no name are laid over what they would inherit."""
-    supply = registry.supplies.get((kind, str(spec.get("name")))) if isinstance(spec, Mapping) else None
-    if supply is None:
-        return spec
-    result = dict(spec)
-    for key, info in supply.component.model_fields.items():
-        nested, origin, value = nested_kind(info), inherited_from(info), spec.get(key)
-        if nested is None or not isinstance(value, Mapping):
-            continue
-        # another component, or the reference to a fit, is no part of one
-        if not value.keys() & {"name", "preset", "fit"} and origin is not None and origin in environment:
-            value = overlay(environment[origin], value)
-        result[key] = _laid_over(nested.kind, value, environment, registry)
-    return result
-
-
-def _settings(registry: Registry, key: str, value: Plain, sections: Plain, place: str) -> dict[str, Any]:
+@contextmanager
+def _without_collection() -> Iterator[None]:
+    """Let Python look for no garbage meanwhile: a million sweeps would be looked through again and again."""
+    enabled = gc.isenabled()
+    gc.disable()
     try:
-        return SETTINGS[key].parse(registry.filled(SETTINGS[key], value, sections), key).plain()
-    except FraexpError as error:
-        raise type(error)(f"{place}: {error}") from None
+        yield
+    finally:
+        if enabled:
+            gc.enable()
 
 
-def _experiment(place: str, resolved: Mapping[str, Any], registry: Registry) -> dict[str, Any]:
-    """Return the sections that decide the signals, by their source."""
-    if "record" in resolved:
-        return {"source": "record", "record": resolved["record"]}
-    if "excitation" not in resolved:
-        raise StudyError(f"{place}: lacks the section [excitation] (for a simulation) or [record] (for measured data)")
-    excitation = create(registry, Excitation, resolved["excitation"])  # type: ignore[type-abstract]
-    drives = excitation.quantity == "displacement"
-    needed = ("friction", "excitation", "loop") if drives else (*MACHINE, "excitation", "numerics")
-    for key in needed:
-        if key not in resolved:
-            raise StudyError(f"{place}: lacks the section [{key}]; name a machine, or write the section")
-    given = () if drives else tuple(key for key in OPTIONAL if key in resolved)
-    parts = {key: resolved[key] for key in (*needed, *given)}
-    sample_time = resolved["loop"]["sample_time"]
-    try:
-        excitation.check(sample_time)
-    except FraexpError as error:
-        raise type(error)(f"{place}, [excitation]: {error}") from None
-    if drives:
-        parts["loop"] = {"sample_time": sample_time}
-    elif "limits" in resolved:
-        _check_limits(place, resolved["limits"], parts, excitation, registry)
-    return {"source": "drive" if drives else "loop", **parts}
-
-
-def _check_limits(place: str, section: Plain, parts: Plain, excitation: Excitation, registry: Registry) -> None:
-    """Refuse what the machine does not allow; the limits themselves do not decide what the signals are."""
-    try:
-        limits.check(Limits.parse(section, "limits"), perform.machine(parts, registry), excitation)
-    except FraexpError as error:
-        raise type(error)(f"{place}, [excitation]: {error}") from None
+def _every(
+    file: Path, cases: Sequence[_Case], grid: Mapping[str, list[Any]], draws: Draws | None, registry: Registry
+) -> Iterable[Sweep]:
+    """Return the sweeps of all cases, points and draws, in their order."""
+    resolver = Resolver(file, registry)
+    every = (
+        (case.place, sweep, written)
+        for case in cases
+        for one, written in resolver.points(case.place, case.sections, case.labels, grid)
+        for sweep in (drawn(case.place, one, draws, registry) if draws else [one])
+    )
+    refers = any(references.within(case.sections, grid) for case in cases)
+    return references.laid_in(list(every)) if refers else (sweep for _, sweep, _ in every)

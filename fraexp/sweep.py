@@ -2,17 +2,17 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
-from typing import Any
+from hashlib import blake2b
+from typing import Any, Self
 
-from fraexp.identity import key_of
+from fraexp.identity import SIZE, TAG, canonical, key_of
 
 Plain = Mapping[str, Any]
 DRAW = "draw"
 """Label of a sweep that was drawn at random: the number of its draw. The labels behind it are what was drawn."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Sweep:
     """An experiment and an estimator, fully resolved: the unit of reuse and storage."""
 
@@ -24,13 +24,110 @@ class Sweep:
     """The grid's values at this point, for people: not part of the identity."""
     files: Mapping[str, str] = field(default_factory=dict)
     """Where the files are whose hashes the experiment names: not part of the identity."""
+    _key: str = field(default="", init=False, repr=False, compare=False)
+    _experiment_key: str = field(default="", init=False, repr=False, compare=False)
 
-    @cached_property
+    @classmethod
+    def with_key(cls, key: str, experiment: Plain, estimator: Plain, labels: Plain, files: Mapping[str, str]) -> Self:
+        """Return the sweep of which the key is known."""
+        sweep = cls(experiment, estimator, labels, files)
+        object.__setattr__(sweep, "_key", key)
+        return sweep
+
+    @property
     def experiment_key(self) -> str:
         """Key shared by all sweeps that use the same signals."""
-        return key_of(self.experiment)
+        if not self._experiment_key:
+            object.__setattr__(self, "_experiment_key", key_of(self.experiment))
+        return self._experiment_key
 
-    @cached_property
+    @property
     def key(self) -> str:
         """Key of this sweep, independent of names, paths, labels and executors."""
-        return key_of({"experiment": self.experiment, "estimator": self.estimator})
+        if not self._key:
+            object.__setattr__(self, "_key", key_of({"experiment": self.experiment, "estimator": self.estimator}))
+        return self._key
+
+
+Written = dict[int, tuple[Any, bytes]]
+"""Canonical JSON of values, with what stands before it, by their identity; they are kept, so that it stays theirs."""
+
+
+class Keys:
+    """The keys of many sweeps that have sections in common, which must not change meanwhile.
+
+    The canonical JSON of each section is written once, and hashed on from the first one in which a sweep differs
+    from the one before.
+    """
+
+    def __init__(self) -> None:
+        self._estimators: Written = {}
+        self._sections: dict[tuple[str, ...], list[tuple[str, str, Written]]] = {}
+        self._now: list[tuple[str, str, Written]] = []
+        self._places: dict[str, int] = {}
+        """Numbers of the sections' texts."""
+        self._open, self._rest = -1, b""
+        """Number of the text that is other from sweep to sweep, and all texts behind it."""
+        self._last: list[bytes] = []
+        self._same = 0
+        """How many of the last sweep's texts are hashed in `_begun`."""
+        self._begun = blake2b(digest_size=SIZE)
+
+    def of(self, experiment: Plain, estimator: Plain) -> str:
+        """Return the key of a sweep."""
+        names = tuple(experiment)
+        sections = self._sections.get(names) or self._begin(names)
+        found = self._estimators.get(id(estimator))
+        texts = [found[1] if found else _written(self._estimators, '{"estimator":', estimator)]
+        for name, before, written in sections:
+            value = experiment[name]
+            found = written.get(id(value))
+            texts.append(found[1] if found else _written(written, before, value))
+        texts.append(b"}}")
+        self._now, self._places = sections, {section[0]: at for at, section in enumerate(sections, start=1)}
+        return f"{TAG}-{self._hashed(texts)}"
+
+    def beside(self, section: str, value: Any) -> str:
+        """Return the key of the sweep that differs from the last one in a section of the experiment."""
+        at = self._places[section]
+        _, before, written = self._now[at - 1]
+        found = written.get(id(value))
+        text = self._last[at] = found[1] if found else _written(written, before, value)
+        if at != self._open:
+            self._begin_with(at)
+            self._open, self._rest = at, b"".join(self._last[at + 1 :])
+        whole = self._begun.copy()
+        whole.update(text)
+        whole.update(self._rest)
+        return f"{TAG}-{whole.hexdigest()}"
+
+    def _begin(self, names: tuple[str, ...]) -> list[tuple[str, str, Written]]:
+        ordered = sorted(names)
+        befores = [f',"experiment":{{{canonical(ordered[0])}:', *(f",{canonical(name)}:" for name in ordered[1:])]
+        self._sections[names] = [(name, before, {}) for name, before in zip(ordered, befores, strict=True)]
+        return self._sections[names]
+
+    def _hashed(self, texts: list[bytes]) -> str:
+        same = 0
+        for one, other in zip(texts, self._last, strict=False):
+            if one is not other:
+                break
+            same += 1
+        self._last, self._open = texts, -1
+        self._begin_with(same)
+        whole = self._begun.copy()
+        whole.update(b"".join(texts[same:]))
+        return whole.hexdigest()
+
+    def _begin_with(self, count: int) -> None:
+        """Have so many of the last sweep's texts hashed in `_begun`."""
+        if count < self._same:
+            self._begun, self._same = blake2b(digest_size=SIZE), 0
+        self._begun.update(b"".join(self._last[self._same : count]))
+        self._same = count
+
+
+def _written(known: Written, before: str, value: Any) -> bytes:
+    text = f"{before}{canonical(value)}".encode()
+    known[id(value)] = (value, text)
+    return text

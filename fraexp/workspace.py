@@ -24,6 +24,7 @@ from fraexp.figures.labels import curve_names, drawn_names, group_names
 from fraexp.figures.shown import Shown
 from fraexp.figures.stamp import digest, is_current
 from fraexp.identity import key_of
+from fraexp.paths import units_of
 from fraexp.plugins import Registry, discover
 from fraexp.printed import Compared
 from fraexp.records.written import Request, same_study, study_of, toml
@@ -60,6 +61,10 @@ class Workspace:
     def reload(self) -> None:
         """Look at the plugins again: one may have been added, mended or broken since."""
         self.__dict__.pop("registry", None)
+
+    def units(self, path: str) -> set[str]:
+        """Return the units in which a parameter may be declared: for filters."""
+        return units_of(path, self.registry)
 
     def has_database(self) -> bool:
         """Return whether there is a database already; the first run makes it."""
@@ -237,7 +242,7 @@ class Workspace:
     def _plans(self, studies: Sequence[Study], rerun: str | None) -> Generator[Event, None, None]:
         store = Store.open(self.database, read_only=True) if self.has_database() else None
         for study in studies:
-            yield scheduler.plan(study, store, self.registry, rerun)[1]
+            yield scheduler.plan(study, store, self.registry, rerun, explain=True)[1]
             yield Ended(None, "dry")
         if store:
             store.close()
@@ -252,6 +257,8 @@ class Workspace:
 
     def _figures(self, study: Study, store: Store, run: int | None) -> Iterable[Path]:
         path = self.folder / "figures" / f"{study.name}.png"
+        if not path.parent.resolve().is_relative_to(self.folder.resolve()):  # a workspace may come from a stranger
+            raise FraexpError(f"{path}: it lies outside of the workspace, by a link; draw it with 'fraexp plot'")
         stored = {sweep.key: sweep for sweep in store.sweeps(run)} if run is not None else {}
         sweeps = [replace(stored[sweep.key], labels=dict(sweep.labels)) for sweep in study.sweeps]
         return self.draw(store, sweeps, path, study.title, study.figure)

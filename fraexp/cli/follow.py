@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from fraexp.cli.against_plant import print_errors
-from fraexp.cli.documents import run_document, sweep_document
+from fraexp.cli.documents import plain, run_document, sweep_document
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.progress import Meter
 from fraexp.cli.selection import open_store
@@ -19,6 +19,7 @@ from fraexp.figures.labels import printable
 from fraexp.results import Outcome, Result
 from fraexp.store import RunSummary, StoredSweep
 from fraexp.views.fields import remedies
+from fraexp.views.plan import why_document, why_lines
 from fraexp.views.tables import sweep_table
 from fraexp.views.words import duration, plural, short
 from fraexp.workspace import Workspace
@@ -27,6 +28,7 @@ SHOWN = 50
 """Sweeps in the table at the end where no terminal is; `show` has all."""
 ERRORS = 20
 """Failed sweeps that are told one by one; `show` has all."""
+PLANNED = ("study", "title", "total", "reused", "missing", "stale", "seconds")
 FRUITLESS = (Outcome.NO_SIGNAL, Outcome.DIVERGED, Outcome.FAILED)
 """Outcomes without a result to use."""
 
@@ -60,6 +62,8 @@ def _take(event: Event, story: Story, meter: Meter) -> None:
             story.planned.append(event)
             meter.begin(event.reused)
             say(_plan(event))
+            for line in why_lines(event):
+                say(printable(line))
         case Preparing():
             meter.note(event.what)
         case Noticed():
@@ -131,8 +135,8 @@ def _document(story: Story, runs: list[tuple[Ended, RunSummary, list[StoredSweep
     return {
         "planned": [
             {
-                name: getattr(planned, name)
-                for name in ("study", "title", "total", "reused", "missing", "stale", "seconds")
+                **{name: getattr(planned, name) for name in PLANNED},
+                **({"why": [plain(why_document(why)) for why in planned.whys]} if planned.whys else {}),
             }
             for planned in story.planned
         ],

@@ -22,7 +22,7 @@ def _list(parser: Parser) -> None:
     parser.add_argument(
         "filter", metavar="FILTER", nargs="*",
         help="list the sweeps for which all of these hold, such as estimator=proposed 'excitation.amplitude>=12' "
-        "state:failed tag:baseline",
+        "state:failed tag:baseline; names and texts with blanks stand in quotes, as in 'metric.\"peak force\">14N'",
     )  # fmt: skip
     parser.add_argument("--studies", action="store_true", help="list the studies, and what running them would do")
     parser.add_argument("--sweeps", action="store_true", help="list all sweeps, as an empty filter does")
@@ -87,7 +87,7 @@ def _run(parser: Parser) -> None:
         "--set", metavar="PATH=VALUE", dest="overrides", action="append", default=[], help="override a study's value"
     )
     parser.add_argument(
-        "--dry-run", action="store_true", help="say what would be computed, and about how long it takes"
+        "--dry-run", action="store_true", help="say what would be computed, and why, and about how long it takes"
     )
     parser.add_argument(
         "--time-limit", metavar="TIME", help="most that a sweep may take: 60, 90s, 5min, none (default: 1h)"

@@ -1,13 +1,17 @@
 """From identifiers on the command line to sweeps in the database."""
 
 from argparse import Namespace
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import Any
 
+from fraexp.errors import StoreError
 from fraexp.store import Store, StoredSweep
 
 KEY_DIGITS = 8
-"""So many digits, and a number is the beginning of a key."""
+"""So many digits, and a number that no run has is meant as the beginning of a key."""
+LONGEST = 18
+"""Digits of a run's number, at most."""
 
 
 def database(arguments: Namespace) -> str:
@@ -17,14 +21,36 @@ def database(arguments: Namespace) -> str:
 
 def open_store(arguments: Namespace) -> Store:
     """Open the database for reading only."""
-    return Store.open(database(arguments), read_only=True)
+
+    def units(path: str) -> set[str]:  # plugins are looked at only where a filter has a unit
+        from fraexp.paths import units_of
+        from fraexp.plugins import discover
+
+        return units_of(path, discover(Path(arguments.workspace) / "plugins"))
+
+    return Store.open(database(arguments), read_only=True, units=units)
 
 
 def run_of(store: Store, identifier: str) -> int | None:
     """Return the number of the run that is named by it, or by its study: the newest; None for a sweep's key."""
-    if identifier.isascii() and identifier.isdigit() and len(identifier) < KEY_DIGITS:
-        return int(identifier)
+    if identifier.isascii() and identifier.isdigit():
+        return _run_of_digits(store, identifier)
     return next((run.number for run in store.runs() if run.study == identifier), None)
+
+
+def _run_of_digits(store: Store, identifier: str) -> int | None:
+    """Return the run of a number; None if there is none, but digits are how a sweep's key begins."""
+    number = int(identifier) if len(identifier) <= LONGEST else 0
+    short = number if len(identifier) < KEY_DIGITS else None  # whoever asks for it is told that there is none
+    return number if _there(store.run, number) else None if _there(store.find, identifier) else short
+
+
+def _there(ask: Callable[[Any], object], what: Any) -> bool:
+    try:
+        ask(what)
+    except StoreError:
+        return False
+    return True
 
 
 def sweeps_of(store: Store, identifier: str) -> list[StoredSweep]:

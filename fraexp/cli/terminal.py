@@ -10,13 +10,16 @@ from typing import Any, Literal
 from fraexp.cli.layout import GAP, blocks
 from fraexp.figures.labels import printable
 
+LONGEST = 2000
+"""Letters of a line on stderr."""
 NUMBER = re.compile(r"[+±-]?[\d.]+(e[+-]?\d+)?(/\d+)?( (?!to )[^,]*)?$")
 """A number, a share such as 3/4, or a number with its unit; not a key, which may start with a digit too."""
 
 
 def say(text: str) -> None:
-    """Print one line on stderr."""
-    print(printable(text), file=sys.stderr, flush=True)
+    """Print one line on stderr; what it quotes may be of any length."""
+    line = printable(text[:LONGEST])
+    print(line if len(text) <= LONGEST else f"{line}...", file=sys.stderr, flush=True)
 
 
 def print_json(document: Any) -> None:

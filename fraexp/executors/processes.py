@@ -8,6 +8,7 @@ import queue
 import signal
 import threading
 import time
+import warnings
 from collections import deque
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Future
@@ -37,6 +38,8 @@ STILLBORN = 3
 """Workers in a row that die before they are ready, at most."""
 PATIENCE = 2.0
 """Seconds for workers to end by themselves."""
+# Python's tracker of shared memory, of which there is none here, is started again without a word where it was killed.
+warnings.filterwarnings("ignore", "resource_tracker: process died unexpectedly")
 
 
 @dataclass(eq=False)

@@ -41,7 +41,9 @@ class Channel(Parameters):
         return tuple(name for name in (self.column, self.plus, self.minus) if name)
 
     def model_post_init(self, context: object) -> None:
-        """Check that there are two columns at most."""
+        """Check that there are one or two columns."""
+        if not self.column:
+            raise ParameterError("column is empty; expected the name of a column in the file")
         if self.plus and self.minus:
             raise ParameterError(f"column '{self.column}' has plus and minus; expected two columns at most")
 

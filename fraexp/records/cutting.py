@@ -16,6 +16,8 @@ SPARE = 0.01
 """Part of a realisation that may be left over at the end of a record."""
 FEWEST = 100
 """Samples of a stretch that does not repeat itself at least."""
+LEAST = 2
+"""Samples of a period."""
 MOST_LINES = 200
 """Frequencies of such a stretch, where the study does not say which."""
 
@@ -81,6 +83,10 @@ def coherent(period: float, available: float, slip: float, least: int = BLOCKS) 
 def periodic_cut(settings: RecordSettings, rate: float, run: tuple[int, int], place: str) -> Cut:
     """Return the blocks of a periodic record from the first sample of a run to before its last, without its lines."""
     period = period_of(settings, rate)
+    if not LEAST <= period <= run[1]:
+        raise RecordError(
+            f"{place}: a period of {period:.4g} samples; expected from {LEAST} to those of the record, {run[1]}"
+        )
     start = run[0] + round(settings.skip_time * rate) + round(settings.skip * period)
     return _cut(start, run[1], period, settings.coherence, rate, place, settings.least_blocks)
 

@@ -15,6 +15,8 @@ LEVEL, REALISATION = "{level}", "{realisation}"
 Name = str | int | float
 INJECTED = ("excitation", "reference")
 """Names of channels that hold a signal from outside the loop, which neither friction nor feedback touches."""
+MOST = 2**40
+"""Greatest number of samples or periods."""
 BLOCKS = 2
 """Least number of blocks: their scatter is the variance."""
 
@@ -50,12 +52,14 @@ class RecordSettings(Parameters):
         "", "column that numbers the segments, each analysed by itself; 0 or below between them", None
     )
     periodic: bool = param("", "whether the record repeats itself; if not, all of it is one period", True)
-    period: int | None = param("1", "samples per period", None, at_least=2)
+    period: int | None = param("1", "samples per period", None, at_least=2, at_most=MOST)
     period_time: float | None = param("s", "duration of a period", None, above=0)
-    periods: int | None = param("1", "periods of each realisation, where several follow one another", None, at_least=1)
+    periods: int | None = param(
+        "1", "periods of each realisation, where several follow one another", None, at_least=1, at_most=MOST
+    )
     steps: tuple[Step, ...] = param("", "stretches of a stepped sine: start, stop, frequency", ())
     frequency: Channel | None = param("", "column with the frequency of a stepped sine; 0 where there is none", None)
-    skip: int = param("1", "periods dropped at the start of the record, or of each step", 0, at_least=0)
+    skip: int = param("1", "periods dropped at the start of the record, or of each step", 0, at_least=0, at_most=MOST)
     skip_time: float = param("s", "time dropped at the start of the record, or of each step", 0.0, at_least=0)
     lowest: float | None = param("Hz", "lowest excited frequency", None, above=0)
     highest: float | None = param("Hz", "highest excited frequency", None, above=0)

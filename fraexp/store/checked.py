@@ -26,7 +26,8 @@ FOREIGN = (ValueError, TypeError, LookupError, ArithmeticError, AttributeError, 
 
 def sound(record: Record) -> Record:
     """Return a dataclass whose values are of the types that it declares, inside of containers aside; else TypeError."""
-    for name, kinds in _kinds(type(record)):
+    record_type: Any = type(record)
+    for name, kinds in _kinds(record_type):
         value = getattr(record, name)
         if not isinstance(value, kinds):
             raise TypeError(f"{name} is a {type(value).__name__}")

@@ -90,6 +90,10 @@ class Database(ABC):
     def size(self) -> int:
         """Return the room that it takes [bytes]."""
 
+    def journal(self, connection: Connection) -> str:
+        """Return how it keeps what is being written, as far as that differs between databases of its kind."""
+        return ""
+
     @abstractmethod
     def version(self, connection: Connection) -> int:
         """Return a number that changes when another process writes."""

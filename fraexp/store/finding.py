@@ -2,8 +2,9 @@
 
 import difflib
 import json
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+import re
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, replace
 from datetime import datetime
 from typing import Any
 
@@ -26,7 +27,7 @@ from fraexp.identity import TAG
 from fraexp.results import Outcome
 from fraexp.store.filters import Condition
 from fraexp.store.tables import LATEST, PARTS, field, metric, note, part, run, run_sweep, sweep, tag
-from fraexp.store.values import at, compared, contains, number, number_at, span, text_at
+from fraexp.store.values import Kinds, at, compared, contains, number, number_at, span, text_at, unknown
 
 Columns = Mapping[str, ColumnElement[Any]]
 STATES = ("pending", "computed", "reused", "failed")
@@ -55,6 +56,16 @@ COLUMNS: Columns = {
 """What a listing can be sorted by, beside parameters and metrics."""
 
 
+Declared = Callable[[str], Collection[str]]
+SOME = 100
+"""Values of a metric that are asked for their unit."""
+
+
+def undeclared(name: str) -> Collection[str]:
+    """Return no unit: that of a parameter is not known."""
+    return ()
+
+
 @dataclass(frozen=True)
 class Names:
     """Names that something in the database has."""
@@ -62,14 +73,34 @@ class Names:
     parameters: frozenset[str]
     labels: frozenset[str]
     metrics: frozenset[str]
+    connection: Connection
+    declared: Declared = undeclared
+    """Tells the units in which a parameter is declared; none where that is not known."""
 
     @classmethod
-    def of(cls, connection: Connection) -> "Names":
+    def of(cls, connection: Connection, declared: Declared = undeclared) -> "Names":
         """Read them."""
         found: dict[str, set[str]] = {"parameter": set(), "label": set(), "metric": set(), "word": set()}
         for kind, name in connection.execute(select(field.c.kind, field.c.name)):
             found[kind].add(name)
-        return cls(*(frozenset(found[kind]) for kind in ("parameter", "label", "metric")))
+        parameters, labels, metrics = (frozenset(found[kind]) for kind in ("parameter", "label", "metric"))
+        return cls(parameters, labels, metrics, connection, declared)
+
+    def units(self, name: str) -> frozenset[str]:
+        """Return the units that numbers of this name have; none where that is not known."""
+        if not name.startswith(METRIC):
+            return frozenset(self.declared(name))
+        some = select(metric.c.unit).where(metric.c.name == name.removeprefix(METRIC)).limit(SOME).subquery()
+        return frozenset(self.connection.scalars(select(some.c.unit).distinct()))
+
+    def check_name(self, column: str, value: str) -> None:
+        """Raise StoreError if no sweep has a component of this name, though some have others."""
+        of = sweep.c[f"{column}_name"]
+        if self.connection.scalar(select(of).where(of == value).limit(1)) is not None:
+            return
+        known = [str(name) for name in self.connection.scalars(select(of).where(of.is_not(None)).distinct())]
+        if known:
+            raise StoreError(f"filter: no sweep has the {column} '{value}'{did_you_mean(value, known)}")
 
     def all(self) -> list[str]:
         """Return everything that a filter may name."""
@@ -105,6 +136,8 @@ def _positive(condition: Condition, names: Names, now: datetime, number: int | N
         return _at_time(condition, now)
     if name == "state":
         return _state(condition, number)
+    if name in NAMES and condition.operator == "=":
+        names.check_name(name, condition.value)
     if name in COLUMNS or name in SPECIAL:
         return SPECIAL[name](condition) if name in SPECIAL else _text(condition, COLUMNS[name])
     return _of_its_own(condition, names)
@@ -114,24 +147,26 @@ def _of_its_own(condition: Condition, names: Names) -> ColumnElement[bool]:
     """Return the SQL of a condition on what only some sweeps have: a metric, a parameter, a label."""
     name = condition.field
     if name.startswith(METRIC) and name.removeprefix(METRIC) in names.metrics:
-        value = _number_of(condition)
+        value = _number_of(condition, lambda: names.units(name))
         chosen = (metric.c.name == name.removeprefix(METRIC), compared(metric.c.value, condition.operator, value))
         return exists().where(metric.c.key == KEY, *chosen)
     if name in names.parameters:
         section, place = place_of(name)
-        fits = _value(condition, part.c.content, place)
+        fits = _value(condition, part.c.content, place, lambda: names.units(name))
         return sweep.c[f"{section}_part"].in_(select(part.c.number).where(part.c.section == section, fits))
     if name in names.labels:
         return _value(condition, seen.c.labels, [name])
     raise names.unknown(name)
 
 
-def _value(condition: Condition, column: ColumnElement[Any], place: list[str]) -> ColumnElement[bool]:
+def _value(
+    condition: Condition, column: ColumnElement[Any], place: list[str], kinds: Kinds = unknown
+) -> ColumnElement[bool]:
     """Return a comparison with what is at a place in JSON: with a number, with a text, or with either."""
     if condition.operator not in "=:":
-        return compared(at(number_at, column, place), condition.operator, _number_of(condition))
+        return compared(at(number_at, column, place), condition.operator, _number_of(condition, kinds))
     text = _text(condition, at(text_at, column, place))
-    value = number(condition.value)
+    value = _told(condition, kinds)
     return text if value is None else or_(text, compared(at(number_at, column, place), "=", value))
 
 
@@ -143,8 +178,15 @@ def _text(condition: Condition, column: ColumnElement[Any]) -> ColumnElement[boo
     raise StoreError(f"filter: '{condition.term}' compares a text; expected {condition.field}= or {condition.field}:")
 
 
-def _number_of(condition: Condition) -> float:
-    value = number(condition.value)
+def _told(condition: Condition, kinds: Kinds) -> float | None:
+    try:
+        return number(condition.value, kinds)
+    except StoreError as error:
+        raise StoreError(f"filter: '{condition.term}': {error}") from None
+
+
+def _number_of(condition: Condition, kinds: Kinds = unknown) -> float:
+    value = _told(condition, kinds)
     if value is None:
         raise StoreError(
             f"filter: '{condition.term}': '{condition.value}' is no number; expected one such as 12, 1e-6 or 0.1um"
@@ -215,12 +257,15 @@ def _study(condition: Condition) -> ColumnElement[bool]:
 
 
 def _run(condition: Condition) -> ColumnElement[bool]:
-    chosen = compared(run_sweep.c.run, condition.operator, _number_of(condition))
+    chosen = compared(run_sweep.c.run, condition.operator, _number_of(condition, lambda: ("1",)))
     return exists().where(run_sweep.c.key == KEY, chosen)
 
 
 def _elapsed(condition: Condition) -> ColumnElement[bool]:
-    return and_(sweep.c.outcome.is_not(None), compared(sweep.c.elapsed, condition.operator, _number_of(condition)))
+    minutes = re.sub(r"(?<=[\d.\s])m$", "min", condition.value)  # of how long it took m can be nothing else
+    value = _number_of(replace(condition, value=minutes), lambda: ("s",))
+    elapsed = compared(sweep.c.elapsed, condition.operator, value)
+    return and_(sweep.c.outcome.is_not(None), elapsed)
 
 
 def _at_time(condition: Condition, now: datetime) -> ColumnElement[bool]:

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from datetime import datetime, timedelta
 from typing import Any
 
-from sqlalchemy import Connection, delete, select
+from sqlalchemy import Connection, delete, func, select
 
 from fraexp.store.clock import now
 from fraexp.store.liveness import Process, alive
@@ -55,6 +55,12 @@ def held(connection: Connection, keys: Iterable[str]) -> dict[str, int]:
         for row in connection.execute(_asked(chunk).where(lease.c.run.is_not(None)))
         if _lives(row, moment, lives)
     }
+
+
+def counts(connection: Connection) -> dict[int, int]:
+    """Return how many leases each run has, dead or alive."""
+    query = select(lease.c.run, func.count()).group_by(lease.c.run)
+    return {row[0]: row[1] for row in connection.execute(query)}
 
 
 def release(connection: Connection, number: int, keys: Sequence[str] | None = None) -> None:

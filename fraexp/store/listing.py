@@ -12,7 +12,7 @@ from fraexp.results import Outcome
 from fraexp.store import marks
 from fraexp.store.checked import sound
 from fraexp.store.filters import parse
-from fraexp.store.finding import COLUMNS, KEY, METRIC, NAMES, Names, holds, place_of, seen
+from fraexp.store.finding import COLUMNS, KEY, METRIC, NAMES, Declared, Names, holds, place_of, seen, undeclared
 from fraexp.store.records import Listed, Page
 from fraexp.store.tables import LATEST, REPEATED, chunks, metric, part, sweep
 from fraexp.store.values import at, sorted_at, text_sorted_at
@@ -22,9 +22,17 @@ POSITION, NEWEST = "position", "-created"
 """How the sweeps of a run, and all sweeps, are sorted unless told otherwise."""
 
 
-def page(connection: Connection, text: str, order: str, offset: int, limit: int, number: int | None) -> Page:
+def page(
+    connection: Connection,
+    text: str,
+    order: str,
+    offset: int,
+    limit: int,
+    number: int | None,
+    declared: Declared = undeclared,
+) -> Page:
     """Return some rows of a listing, and how many there are in all."""
-    names = Names.of(connection)
+    names = Names.of(connection, declared)
     order = order or (NEWEST if number is None else POSITION)
     conditions = _conditions(text, names, number)
     query, by = _asked(conditions, order, names, number)
@@ -41,9 +49,9 @@ def page(connection: Connection, text: str, order: str, offset: int, limit: int,
     return Page(_rows(connection, [row[0] for row in rows], number), int(total or 0))
 
 
-def keys(connection: Connection, text: str, number: int | None) -> list[str]:
+def keys(connection: Connection, text: str, number: int | None, declared: Declared = undeclared) -> list[str]:
     """Return the keys of all sweeps that a filter lets through: newest first, or a run's in its order."""
-    names = Names.of(connection)
+    names = Names.of(connection, declared)
     query, by = _asked(_conditions(text, names, number), "", names, number)
     return list(connection.scalars(query.order_by(*_sorting(by, "" if number else NEWEST, KEY))))
 

@@ -162,7 +162,7 @@ def _listing() -> Select[Any]:
 def _sources(connection: Connection, query: Select[Any]) -> dict[str, dict[str, Supplied]]:
     found: dict[str, dict[str, Supplied]] = defaultdict(dict)
     for row in connection.execute(query):
-        found[row.key][f"{row.kind}:{row.name}"] = Supplied(row.source_hash, row.distribution)
+        found[row.key][f"{row.kind}:{row.name}"] = sound(Supplied(row.source_hash, row.distribution))
     return found
 
 

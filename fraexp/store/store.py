@@ -12,6 +12,7 @@ from fraexp.results import Result
 from fraexp.store import leases, listing, marks, merging, reading, writing
 from fraexp.store.checked import FOREIGN, foreign
 from fraexp.store.engine import ALONE, BESIDE, WRITE, Database
+from fraexp.store.finding import Declared, undeclared
 from fraexp.store.places import locate
 from fraexp.store.records import Merged, Migrated, Page, RunProgress, RunSummary, StoredState, StoredSweep, Supplied
 from fraexp.store.schema import Schema, check_readable, migrate, prepare
@@ -27,15 +28,23 @@ class Store:
     Whatever the database cannot do is raised as StoreError, in one line with the remedy.
     """
 
-    def __init__(self, database: Database, engine: Engine) -> None:
-        self._database = database
+    def __init__(self, database: Database, engine: Engine, units: Declared = undeclared) -> None:
+        self._database, self._declared = database, units
         self._engine = engine
         self._reader = engine.execution_options(**database.reading)
         self._identity = database.identity()
         self._written = 0
 
     @classmethod
-    def open(cls, url: str, *, create: bool = False, read_only: bool = False, timeout: float = TIMEOUT) -> Self:
+    def open(
+        cls,
+        url: str,
+        *,
+        create: bool = False,
+        read_only: bool = False,
+        timeout: float = TIMEOUT,
+        units: Declared = undeclared,
+    ) -> Self:
         """Open the database at ``postgresql://user@host/database``, ``sqlite:///results.db`` or a plain path.
 
         It is a context manager.
@@ -45,13 +54,14 @@ class Store:
         create : make its tables (and the file) if it is missing or empty.
         read_only : for watchers, which cannot disturb a run; the database must be there.
         timeout : how long to wait for another process that writes [s].
+        units : returns the units in which a parameter may be declared, so that filters can refuse others.
         """
         database = locate(url, timeout)
         if read_only:
             check_readable(database, Schema())
-            return cls(database, database.reader())
+            return cls(database, database.reader(), units)
         prepare(database, create, Schema())
-        return cls(database, database.writer())
+        return cls(database, database.writer(), units)
 
     @staticmethod
     def exists(url: str, timeout: float = TIMEOUT) -> bool:
@@ -179,14 +189,14 @@ class Store:
         with self._reading() as connection:
             if run is not None:
                 reading.one_run(connection, run)
-            return listing.page(connection, filter, order, offset, limit, run)
+            return listing.page(connection, filter, order, offset, limit, run, self._declared)
 
     def keys(self, filter: str = "", run: int | None = None) -> list[str]:  # noqa: A002 (the same)
         """Return the keys of all sweeps that a filter lets through, in the default order of `page`."""
         with self._reading() as connection:
             if run is not None:
                 reading.one_run(connection, run)
-            return listing.keys(connection, filter, run)
+            return listing.keys(connection, filter, run, self._declared)
 
     def fields(self) -> list[str]:
         """Return the names that a filter may use: columns, then parameters, labels and metrics."""
@@ -255,6 +265,20 @@ class Store:
         """Return the results of those sweeps that have one, with arrays."""
         with self._reading() as connection:
             return reading.results(connection, keys)
+
+    def leases(self) -> dict[int, int]:
+        """Return how many sweeps each run has taken upon itself, whether it lives or not."""
+        with self._reading() as connection:
+            return leases.counts(connection)
+
+    def size(self) -> int:
+        """Return the room that the database takes [bytes]."""
+        return self._database.size()
+
+    def journal(self) -> str:
+        """Return how the database keeps what is being written."""
+        with self._reading() as connection:
+            return self._database.journal(connection)
 
     def health(self) -> str:
         """Return ``sound``, or the first finding of the database's own check of its structure."""

@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Collection, Sequence
 from datetime import datetime, timedelta
 from typing import Any
 
@@ -126,18 +126,43 @@ def _text_in_postgresql(element: Any, compiler: Any, **options: Any) -> str:
     return _in_postgresql(element, compiler, "#>>", **options)
 
 
-def number(text: str) -> float | None:
-    """Return the number, in base units, that a text such as ``12`` or ``0.1um`` tells; None if it tells none."""
+Kinds = Callable[[], Collection[str]]
+
+
+def unknown() -> Collection[str]:
+    """Return no unit, where nothing is known of those that numbers may have."""
+    return ()
+
+
+def number(text: str, kinds: Kinds = unknown) -> float | None:
+    """Return the number, in base units, that a text such as ``12`` or ``0.1um`` tells; None if it tells none.
+
+    StoreError if it has a unit that is of another kind than all that `kinds` returns, if it returns any.
+    """
     match = NUMBER.fullmatch(text.strip())
     if not match:
         return None
-    value = float(match[1])
-    if match[2]:
+    value, unit = float(match[1]), match[2].strip()
+    if unit:
         try:
-            value *= units.si(match[2].strip())[0]
+            value *= units.si(unit)[0]
         except ParameterError:
             return None
+        _check_kind(unit, list(kinds()))
     return value if math.isfinite(value) else None
+
+
+def _check_kind(unit: str, kinds: Sequence[str]) -> None:
+    """Raise StoreError if a unit is of another kind than each of some units."""
+    unfit = []
+    for kind in kinds:
+        try:
+            units.factor(unit, kind)
+            return
+        except ParameterError as error:
+            unfit.append(str(error))
+    if unfit:
+        raise StoreError(unfit[0])
 
 
 def compared(column: ColumnElement[Any], operator: str, value: float) -> ColumnElement[bool]:

@@ -5,12 +5,13 @@ import sys
 from collections.abc import Callable, Iterable, Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 from rich.text import Text
 from textual.app import App, SystemCommand
 from textual.binding import Binding, BindingType
 from textual.filter import LineFilter
+from textual.notifications import SeverityLevel
 from textual.screen import Screen
 
 from fraexp.errors import FraexpError, did_you_mean
@@ -19,7 +20,8 @@ from fraexp.tui import settings
 from fraexp.tui.desk import Desk
 from fraexp.tui.letters import AsciiOnly
 from fraexp.tui.marks import Marks
-from fraexp.tui.page import PLACES, Changed, Page
+from fraexp.tui.page import PLACES, Changed, Page, shortened
+from fraexp.tui.terminal import end_with_terminal
 from fraexp.tui.watch import PluginsChanged, PluginsWatch, loaded_anew
 
 TURN = 0.5e-3
@@ -79,7 +81,7 @@ class FraexpApp(App[None]):
         wished = self.settings.ascii if plain is None else plain
         self._ascii = AsciiOnly(settings.plain_terminal(os.environ) if wished is None else wished)
         self._tracing = tracing
-        self._version: int | None = None
+        self._version: object = None
         self._looks = 0
         self._choose()
 
@@ -108,6 +110,8 @@ class FraexpApp(App[None]):
     def on_mount(self) -> None:
         """Begin with the studies, and look at the database from now on."""
         sys.setswitchinterval(TURN)
+        if not self.is_headless:
+            end_with_terminal()
         self.switch_mode("studies")
         self.set_interval(LOOK, self.look)
         self.set_interval(LOOK_AT_PLUGINS, self.look_at_plugins)
@@ -115,7 +119,7 @@ class FraexpApp(App[None]):
     async def look(self) -> None:
         """Tell the screen if the database has changed since the last look, or a while has passed."""
         try:
-            version: int | None = await self.desk.read(lambda store: store.version())
+            version: object = (await self.desk.read(lambda store: store.version()), self.desk.opened)
         except FraexpError:
             version = None  # none yet, or gone: the screen will say so when it asks
         self._looks += 1
@@ -128,14 +132,38 @@ class FraexpApp(App[None]):
         changes = self._plugins.changes()
         if not changes:
             return
-        for change in await self.desk.work(lambda workspace: loaded_anew(workspace, changes)):
-            severity: Literal["information", "warning"] = "warning" if change.reason else "information"
-            self.notify(printable(str(change)), title="plugins", severity=severity, markup=False)
+        found = await self.desk.work(lambda workspace: loaded_anew(workspace, changes))
+        text = "\n".join(printable(shortened(str(change))) for change in found)
+        broken = any(change.reason for change in found)
+        self.notify(text, title="plugins", severity="warning" if broken else "information", markup=False)
         self.screen.post_message(PluginsChanged())
 
     def action_place(self, place: str) -> None:
-        """Go to a place; it is as it was left."""
+        """Go to a place: to its list, as it was left."""
         self.switch_mode(place)
+        while len(self.screen_stack) > 1:  # not awaited: what is typed next is for the list
+            self.pop_screen()
+
+    def notify(
+        self,
+        message: str,
+        *,
+        title: str = "",
+        severity: SeverityLevel = "information",
+        timeout: float | None = None,
+        markup: bool = True,
+    ) -> None:
+        """Tell something for a moment; of what is long the begin."""
+        super().notify(shortened(message), title=title, severity=severity, timeout=timeout, markup=markup)
+
+    def on_notify(self) -> None:
+        """Take away what was told before: two messages would cover what is drawn."""
+        self.clear_notifications()
+
+    def get_key_display(self, binding: Binding) -> str:
+        """Return how a key is written; the sign for Enter has nothing like it in ASCII."""
+        text = super().get_key_display(binding)
+        return text.replace("⏎", "Enter") if self.plain else text
 
     def action_keys(self) -> None:
         """Show what the screen is for, and its keys."""
@@ -150,7 +178,8 @@ class FraexpApp(App[None]):
             yield SystemCommand(name, f"go to {name}", lambda place=place: self.action_place(place))
         for binding in screen.active_bindings.values():
             key = binding.binding
-            if binding.node is screen and key.description and key.action not in ("back", "app.keys"):
+            ours = key.id and key.description  # not what the toolkit has on every screen
+            if binding.node is screen and ours and key.action not in ("back", "app.keys"):
                 text = f"{key.tooltip or key.description} (key {self.get_key_display(key)})"
                 yield SystemCommand(key.description, text, lambda action=key.action: self._act(action))
         yield SystemCommand("Theme", "choose colours", self.action_change_theme)
@@ -164,6 +193,7 @@ class FraexpApp(App[None]):
         """Draw with ASCII characters alone, or with all of them."""
         self._ascii.enabled = not self._ascii.enabled
         self.refresh_css(animate=False)
+        self.screen.refresh_bindings()
         self.screen.refresh(layout=True)
 
     def _fatal_error(self) -> None:

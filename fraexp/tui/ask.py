@@ -13,6 +13,7 @@ from textual.suggester import SuggestFromList
 from textual.widgets import Input, Static
 
 from fraexp.figures.labels import printable
+from fraexp.tui.page import shortened
 
 BOX = """
     width: 72; max-width: 96%; height: auto; padding: 1 2; background: $surface; border: round $primary;
@@ -70,7 +71,7 @@ class Ask(ModalScreen[str | None]):
 
     @on(Input.Changed)
     def _checked(self, event: Input.Changed) -> None:
-        self.query_one(".wrong", Static).update(Text(printable(self._check(event.value))))
+        self.query_one(".wrong", Static).update(Text(printable(shortened(self._check(event.value)))))
 
     @on(Input.Submitted)
     def _answered(self, event: Input.Submitted) -> None:

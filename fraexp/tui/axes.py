@@ -45,7 +45,7 @@ class Ticks(AxisFormatter):
 
     def _offers(self, low: float, high: float) -> Iterator[list[float]]:
         if not self.logarithmic:
-            yield from _multiples(low, high, TURNS if self.angle else ())
+            yield from _multiples(low, high, TURNS if self.angle else (), self.room)
             return
         for mantissas in MANTISSAS:
             decades = range(floor(low), ceil(high) + 1)
@@ -53,7 +53,7 @@ class Ticks(AxisFormatter):
         for step in (2, 3, 5, 10):
             yield [float(of) for of in range(ceil(low), floor(high) + 1) if of % step == 0]
         if high - low < 1:
-            for ticks in _multiples(10**low, 10**high, ()):
+            for ticks in _multiples(10**low, 10**high, (), self.room):
                 yield [log10(tick) for tick in ticks if tick > 0]
 
     def _fit(self, ticks: Sequence[float], low: float, high: float) -> bool:
@@ -67,11 +67,13 @@ class Ticks(AxisFormatter):
         return all(gap >= width + 2 for gap, width in zip(gaps, widths[1:], strict=True))
 
 
-def _multiples(low: float, high: float, steps: Sequence[float]) -> Iterator[list[float]]:
-    """Return the multiples of each step between two values; without steps, of 1, 2 and 5 times powers of ten."""
+def _multiples(low: float, high: float, steps: Sequence[float], most: int) -> Iterator[list[float]]:
+    """Return the multiples of each step between two values, where they are not more than `most`; without steps, of 1, 2
+    and 5 times powers of ten.
+    """
     if not steps or high - low < 2 * steps[0]:
         power = floor(log10(high - low))
         steps = [mantissa * 10.0**of for of in range(power - 2, power + 1) for mantissa in (1, 2, 5)]
     for step in steps:
-        if (high - low) / step < 1000:
+        if (high - low) / step < most + 1:
             yield [float(f"{index * step:.12g}") for index in range(ceil(low / step), floor(high / step) + 1)]

@@ -6,15 +6,18 @@ from pathlib import Path
 from typing import ClassVar
 
 from rich.text import Text
+from textual import on
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
+from textual.events import Resize
 from textual.widgets import DataTable, Static
 
 from fraexp.errors import FraexpError
 from fraexp.figures.labels import printable
 from fraexp.tui.ask import Ask, Confirm
 from fraexp.tui.compared import (
+    OF_RESPONSES,
     VIEWS,
     Compared,
     Gathered,
@@ -23,17 +26,23 @@ from fraexp.tui.compared import (
     gather,
     plot_command,
 )
-from fraexp.tui.curves import REFERENCE, Picture
+from fraexp.tui.curves import KINDS, REFERENCE, Picture
 from fraexp.tui.drawn import draw, wrong_file
 from fraexp.tui.plot import digit
-from fraexp.tui.plotpage import PlotPage
+from fraexp.tui.plotpage import HIGH, PlotPage
 from fraexp.tui.plots import PlotStack
+from fraexp.tui.readout import cut
 from fraexp.views.words import plural
 
 EMPTY = """Nothing is marked to be compared.
 
 Mark sweeps with space: in Sweeps (w), in a run (r, enter), or all of a run with c there.
 What is marked stays marked until you take the mark away, and c comes back here."""
+
+BESIDE = 0.4
+"""Share of the screen that the table has beside the plots."""
+LEAST_NAME = 16
+"""Width that a name in the table has at least; it gets a third of the table."""
 
 
 class ComparePage(PlotPage):
@@ -42,21 +51,29 @@ class ComparePage(PlotPage):
     PLACE: ClassVar[str] = "compare"
     HELP: ClassVar[str] = """
 The marked sweeps over each other: response, difference, complex plane, coherence and distortion, or other curves.
-Each curve has a digit, which hides or shows it; the focused one (>) lies above the others, and the cursor follows it.
+Each curve has a digit, which hides or shows it; beyond nine focus it and press the full stop. The focused one (>)
+lies above the others, and the cursor follows it. Other curves are shown one kind at a time.
 Dots around a line are its 95 % limits; hollow points had not settled, and no line goes through them.
 The table has only what differs. A file has the visible curves as 'fraexp plot' draws them: unwrapped, and all of them.
 """
     AUTO_FOCUS: ClassVar[str | None] = ""
-    DEFAULT_CSS: ClassVar[str] = """
+    HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (160, "-wide")]  # noqa: RUF012 - as Textual declares it
+    VERTICAL_BREAKPOINTS = [(0, "-flat"), (HIGH, "-low"), (32, "-high")]  # noqa: RUF012
+    DEFAULT_CSS: ClassVar[str] = (
+        """
     ComparePage #both { height: 1fr; }
     ComparePage #left { width: 1fr; }
     ComparePage #readout { height: 1; padding: 0 1; text-wrap: nowrap; }
     ComparePage #notes { height: auto; max-height: 2; padding: 0 1; color: $text-muted; }
-    ComparePage #differs { width: 45%; display: none; border-left: solid $panel; }
+    ComparePage #differs { width: """
+        + f"{BESIDE:.0%}"
+        + """; display: none; border-left: solid $panel; }
+    ComparePage.-flat #notes { max-height: 1; }
     ComparePage.-narrow.-table #left { display: none; }
     ComparePage.-narrow.-table #differs { display: block; width: 1fr; border-left: none; }
     ComparePage.-wide.-beside #differs { display: block; }
     """
+    )
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("b", "view('bode')", "Bode", id="compare.bode", tooltip="magnitude and phase over frequency"),
         Binding("d", "view('difference')", "diff", id="compare.difference", tooltip="difference to the reference"),
@@ -69,18 +86,19 @@ The table has only what differs. A file has the visible curves as 'fraexp plot' 
         Binding("e", "export", "export", id="compare.export", tooltip="write what is seen as PNG, SVG or PDF"),
         Binding("space", "unmark", show=False, id="compare.unmark", tooltip="take the focused sweep's mark away"),
         Binding("enter", "open", show=False, id="compare.open", tooltip="all of the focused sweep"),
-        Binding("g", "group", show=False, id="compare.group", tooltip="responses in the next unit"),
+        Binding("g", "group", show=False, id="compare.group", tooltip="responses in the next unit, or next curves"),
     ]  # fmt: skip
 
     def __init__(self) -> None:
         super().__init__()
         self.compared: Compared | None = None
-        self.view, self.unit = "", ""
+        self.view, self.unit, self.kind = "", "", ""
         self.first = 0
         """Place of the sweep that differences are from."""
         self._gathered: Gathered | None = None
         self._pictures: dict[tuple[str, str, int], Picture] = {}
-        self._version = 0
+        self._turn = asyncio.Lock()
+        """Held by the view that is being made: what is asked for later is shown later."""
 
     def body(self) -> ComposeResult:
         """Show plots over the readout, and a table beside them."""
@@ -143,66 +161,82 @@ The table has only what differs. A file has the visible curves as 'fraexp plot' 
         sight = self.stack.sight
         sight.hidden = {old[place] for place in sight.hidden if place in old}
         sight.focus, self.first = old.get(sight.focus, 0), old.get(self.first, 0)
-        self.compared, self._gathered, self._pictures = found, gathered, {}
-        self._version += 1
+        self.compared, self._pictures = found, {}
         self.tell()
         self.query_one("#both").display = True
         self._fill_table()
-        self.unit = self.unit if self.unit in found.units else next(iter(found.units), "")
-        await self._show(
-            self.view if self.view and found.places(self.view, self.unit) else "bode" if self.unit else "curves"
-        )
+        usual = "bode" if found.units else "curves"
+        wanted = self.view if self.view and found.groups(self.view) else usual
+        if not await self._show(wanted) and wanted != usual:
+            await self._show(usual)
+        self._gathered = gathered  # not before: if other sweeps come meanwhile, these have not been shown
 
-    async def _show(self, view: str) -> None:
-        """Show a view; if it has nothing to show it says why, and the one before stays."""
-        found, version = self.compared, self._version
-        if found is None:
-            return
-        if view == "difference" and self.first != REFERENCE and found.unit_of(self.first) != self.unit:
-            self.first = next(iter(found.places(view, self.unit)), 0)
-        key = (view, self.unit, self.first)
-        if key not in self._pictures:
-            try:
-                picture = await asyncio.to_thread(found.picture, *key)
-            except FraexpError as error:
-                self.app.notify(printable(str(error)), severity="warning", markup=False)
-                if not self.view:
-                    self.tell_error(str(error))
-                return
-            if version != self._version:
-                return  # other sweeps have come meanwhile
-            self._pictures[key] = picture
-        self.view = view
-        labels = found.labels(view, self.unit)
+    async def _show(self, view: str, group: str = "") -> bool:
+        """Show a view, and return whether it can be shown; if not it says why, and the one before stays."""
+        async with self._turn:
+            found, pictures = self.compared, self._pictures
+            if found is None:
+                return False
+            group = group or self._group(found, view)
+            first = self.first
+            if view == "difference" and first != REFERENCE and found.unit_of(first) != group:
+                first = next(iter(found.places(view, group)), 0)
+            key = (view, group, first)
+            if key not in pictures:
+                try:
+                    pictures[key] = await asyncio.to_thread(found.picture, *key)
+                except FraexpError as error:
+                    self.app.notify(printable(str(error)), severity="warning", markup=False)
+                    if self._gathered is None:
+                        self.tell_error(str(error))  # there is no view before
+                    return False
+            if found is not self.compared:
+                return True  # other sweeps have come meanwhile, and are shown next
+            self._display(key, pictures[key])
+            return True
+
+    def _display(self, key: tuple[str, str, int], picture: Picture) -> None:
+        self.view, group, self.first = key
+        if self.view in OF_RESPONSES:
+            self.unit = group
+        else:
+            self.kind = group
+        labels = self.labels()
         if self.stack.sight.focus not in labels:
             self.stack.sight.focus = next(iter(labels), 0)
-        self.stack.display_picture(self._pictures[key])
+        self.tell()
+        self.stack.display_picture(picture)
         self.tell_view()
+
+    def _group(self, found: Compared, view: str) -> str:
+        """Return the group of a view that was shown last, else the first one."""
+        last, groups = self.unit if view in OF_RESPONSES else self.kind, found.groups(view)
+        return last if last in groups else next(iter(groups), "")
+
+    @property
+    def group(self) -> str:
+        """Unit of the responses that are shown, or kind of the curves."""
+        return self.unit if self.view in OF_RESPONSES else self.kind
 
     def labels(self) -> dict[int, str]:
         """Return the names of what the view can show, by place."""
-        return self.compared.labels(self.view, self.unit) if self.compared else {}
+        return self.compared.labels(self.view, self.group) if self.compared else {}
 
     def tell_view(self) -> None:
         """Tell what the view is called, which command gives the same, and what is at the cursor."""
         found, picture = self.compared, self.stack.picture
         if found is None or picture is None:
             return
-        self.heading = VIEWS[self.view]
-        keys = self._keys() or [found.sweeps[place].key for place in found.places(self.view, self.unit)]
+        self.heading = VIEWS[self.view] if self.view in OF_RESPONSES else f"{VIEWS[self.view]}: {KINDS[self.kind]}"
+        keys = self._keys() or [found.sweeps[place].key for place in found.places(self.view, self.group)]
         workspace = self.app.desk.workspace
         tabular = self.view == "bode" or self.has_class("-table")
         plain = tabular and len(keys) > 1
         self.command = (
             compare_command(workspace, keys) if plain else plot_command(workspace, keys, picture.kind, self._file())
         )
-        panels = len(picture.panels) - len(self.stack.panels())
-        notes = [
-            *found.notes(self.view, self.unit),
-            picture.note,
-            f"{panels} more panels: page up, page down" if panels else "",
-        ]
-        notes += [f"against {self._reference()}"] if self.view == "difference" else []
+        notes = [f"against {self._reference()}"] if self.view == "difference" else []
+        notes += [*self.hints(self.labels()), *found.notes(self.view, self.group), picture.note]
         place, text = self.query_one("#notes", Static), printable("; ".join(note for note in notes if note))
         if str(place.content) != text:
             place.update(Text(text))
@@ -217,7 +251,7 @@ The table has only what differs. A file has the visible curves as 'fraexp plot' 
         """Return the keys of what is seen; of differences the reference comes first."""
         assert self.compared is not None
         hidden = self.stack.sight.hidden
-        seen = [place for place in self.compared.places(self.view, self.unit) if place not in hidden]
+        seen = [place for place in self.compared.places(self.view, self.group) if place not in hidden]
         if self.view == "difference" and self.first != REFERENCE:
             seen = [self.first, *(place for place in seen if place != self.first)]
         return [self.compared.sweeps[place].key for place in seen]
@@ -230,17 +264,26 @@ The table has only what differs. A file has the visible curves as 'fraexp plot' 
         assert self.compared is not None
         table = self.query_one("#differs", DataTable)
         table.clear(columns=True)
+        beside = self.has_class("-wide")
+        longest = max(LEAST_NAME, int((BESIDE if beside else 1) * self.size.width) // 3)
         table.add_column("what differs")
-        for place, shown in enumerate(self.compared.shown):
-            table.add_column(Text(f"{digit(place)} {printable(shown.label)}"))
-        for row in self.compared.rows:
-            table.add_row(*(Text(printable(text)) for text in row))
+        for place, shown in enumerate(self.compared.shown):  # beside the plots the readout has the names
+            table.add_column(Text(digit(place) if beside else f"{digit(place)} {printable(shown.label)}"))
+        for name, *values in self.compared.rows:
+            table.add_row(Text(cut(printable(name), longest).rstrip()), *(Text(printable(text)) for text in values))
         if not self.compared.rows:
             table.add_row(Text("nothing" if len(self.compared.sweeps) > 1 else "one sweep: mark another one"))
 
+    @on(Resize)
+    def _table_resized(self) -> None:
+        if self.compared is not None:
+            self.call_after_refresh(self._fill_table)
+
     async def action_view(self, view: str) -> None:
-        """Show another view of the same sweeps."""
+        """Show another view of the same sweeps; while they are read it is remembered."""
         self.remove_class("-table")
+        if self.compared is None and self.app.marks:
+            self.view = view
         await self._show(view)
 
     def action_table(self) -> None:
@@ -267,11 +310,12 @@ The table has only what differs. A file has the visible curves as 'fraexp plot' 
         await self._show("difference")
 
     async def action_group(self) -> None:
-        """Show the responses in the next unit."""
-        units = self.compared.units if self.compared else []
-        if len(units) > 1:
-            self.unit = units[(units.index(self.unit) + 1) % len(units)]
-            await self._show(self.view)
+        """Show the responses in the next unit, or the curves of the next kind, which can be shown."""
+        groups = self.compared.groups(self.view) if self.compared else []
+        at = groups.index(self.group) if self.group in groups else 0
+        for group in groups[at + 1 :] + groups[:at]:
+            if await self._show(self.view, group):
+                break
 
     def action_unmark(self) -> None:
         """Leave the focused sweep out from now on."""

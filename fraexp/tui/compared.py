@@ -10,7 +10,7 @@ from fraexp.figures.bundles import MANY
 from fraexp.figures.scales import readable_unit
 from fraexp.figures.shown import Shown
 from fraexp.results import Result
-from fraexp.store import Store, StoredSweep
+from fraexp.store import Store, StoredSweep, shown
 from fraexp.tui import curves
 from fraexp.tui.curves import REFERENCE, Picture, Reference
 from fraexp.views.comparison import named_alike, rows_that_differ
@@ -61,53 +61,63 @@ class Compared:
         found = (self.unit_of(index) for index in range(len(self.shown)))
         return list(dict.fromkeys(unit for unit in found if unit))
 
+    def groups(self, view: str) -> list[str]:
+        """Return what a view shows one of at a time: units of responses, or kinds of curves."""
+        if view in OF_RESPONSES:
+            return self.units
+        return [kind for kind in curves.KINDS if self.places(view, kind)]
+
     def unit_of(self, place: int) -> str:
         """Return the unit of a sweep's response; empty if it has none."""
         response = self.shown[place].response
         return response.unit if response is not None else ""
 
-    def places(self, view: str, unit: str) -> list[int]:
-        """Return the places of the sweeps that a view of a group of responses can show."""
+    def places(self, view: str, group: str) -> list[int]:
+        """Return the places of the sweeps of which a view shows something in a group."""
         every = range(len(self.shown))
         if view in OF_RESPONSES:
-            return [place for place in every if self.unit_of(place) == unit]
-        return [place for place in every if self.shown[place].result.curves]
+            return [place for place in every if self.unit_of(place) == group]
+        return [place for place in every if group in curves.kinds_of(self.shown[place])]
 
-    def picture(self, view: str, unit: str, first: int) -> Picture:
+    def picture(self, view: str, group: str, first: int) -> Picture:
         """Return what a view shows of a group; differences are from the sweep at the place `first`, or from P."""
-        wanted = set(self.places(view, unit))
+        wanted = set(self.places(view, group))
         shown = [of if place in wanted else _nothing(of) for place, of in enumerate(self.shown)]
         if view in OF_RESPONSES and not wanted:
             raise FraexpError("none of these sweeps has a frequency response; v shows their curves")
         match view:
             case "bode":
-                return curves.bode(shown, self.references.get(unit))
+                return curves.bode(shown, self.references.get(group))
             case "difference":
                 return curves.difference(shown, first)
             case "nyquist":
-                return curves.nyquist(shown, self.references.get(unit))
+                return curves.nyquist(shown, self.references.get(group))
             case "coherence":
                 return curves.coherence(shown)
-        return curves.curves(shown)
+        return curves.curves(shown, group)
 
-    def labels(self, view: str, unit: str) -> dict[int, str]:
+    def labels(self, view: str, group: str) -> dict[int, str]:
         """Return the names of what a view can show, by place."""
-        named = {place: self.shown[place].label for place in self.places(view, unit)}
-        known = view in ("bode", "difference", "nyquist") and unit in self.references
-        return named | ({REFERENCE: self.references[unit][0]} if known else {})
+        named = {place: self.shown[place].label for place in self.places(view, group)}
+        known = view in ("bode", "difference", "nyquist") and group in self.references
+        return named | ({REFERENCE: self.references[group][0]} if known else {})
 
-    def notes(self, view: str, unit: str) -> list[str]:
-        """Return what a view does not show of the sweeps, and why."""
-        notes = list(self.left_out)
+    def notes(self, view: str, group: str) -> list[str]:
+        """Return what a view does not show of the sweeps, and the key that does."""
+        others = {of: len(self.places(view, of)) for of in self.groups(view) if of != group}
         if view in OF_RESPONSES:
-            others = {of: len(self.places(view, of)) for of in self.units if of != unit}
-            notes += [
+            notes = [
                 f"{plural(count, 'response')} in {readable_unit(of)[1]} on other axes: g"
                 for of, count in others.items()
             ]
-            without = len(self.shown) - len(self.places(view, unit)) - sum(others.values())
+            without = sum(not self.unit_of(place) for place in range(len(self.shown)))
             notes += [f"{plural(without, 'sweep')} without a response: v shows curves"] if without else []
-        return notes
+        else:
+            more = [f"{curves.KINDS[of]} of {plural(count, 'sweep')}" for of, count in others.items()]
+            notes = [f"{', '.join(more)}: g"] if more else []
+            without = sum(not of.result.curves for of in self.shown)
+            notes += [f"{plural(without, 'sweep')} without a curve"] if without else []
+        return [*notes, *self.left_out]
 
 
 def gather(store: Store, marked: Iterable[str]) -> Gathered:
@@ -132,16 +142,16 @@ def gather(store: Store, marked: Iterable[str]) -> Gathered:
 def compared(workspace: Workspace, gathered: Gathered) -> Compared:
     """Return sweeps side by side: named, with what they differ in, and the plant's own response where it is known."""
     sweeps, results = gathered.sweeps, gathered.results
-    shown = tuple(workspace.shown(sweeps, results))
+    named = tuple(workspace.shown(sweeps, results))
     references: dict[str, Reference] = {}
-    for unit in dict.fromkeys(of.response.unit for of in shown if of.response is not None):
-        group = [s for s, of in zip(sweeps, shown, strict=True) if of.response is not None and of.response.unit == unit]
+    for unit in dict.fromkeys(of.response.unit for of in named if of.response is not None):
+        group = [s for s, of in zip(sweeps, named, strict=True) if of.response is not None and of.response.unit == unit]
         try:
             found = workspace.reference(group, results)
         except FraexpError:  # a plugin that is no longer there: what is stored can be shown without it
             found = None
         references |= {unit: found} if found is not None else {}
-    return Compared(sweeps, shown, references, rows_that_differ(sweeps, results), gathered.left_out)
+    return Compared(sweeps, named, references, rows_that_differ(sweeps, results), gathered.left_out)
 
 
 def compare_command(workspace: Workspace, keys: Sequence[str]) -> str:
@@ -164,7 +174,7 @@ def _place(workspace: Workspace) -> list[str]:
     here = workspace.folder.resolve() == Path.cwd()
     usual = workspace.database == str(workspace.folder / "results.db")
     folder = [] if here else [f"--workspace={workspace.folder}"]
-    return folder + ([] if usual else [f"--db={workspace.database}"])
+    return folder + ([] if usual else [f"--db={shown(workspace.database)}"])
 
 
 def _nothing(shown: Shown) -> Shown:

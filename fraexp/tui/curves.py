@@ -11,6 +11,8 @@ from fraexp.figures.shown import Shown
 REFERENCE = -1
 """In place of a sweep's number: what all are compared with."""
 Reference = tuple[str, np.ndarray, np.ndarray]
+KINDS = {"positioning": "motions", "hysteresis": "hysteresis loops", "curves": "other curves"}
+"""The kinds of figure that show curves, and what they show."""
 
 
 @dataclass(frozen=True)
@@ -169,22 +171,32 @@ def coherence(shown: Sequence[Shown]) -> Picture:
     return Picture("coherence", info.title, tuple(panels), note=note)
 
 
-def curves(shown: Sequence[Shown]) -> Picture:
-    """Return what else results have: hysteresis loops, motions, or other curves."""
+def kinds_of(shown: Shown) -> list[str]:
+    """Return the kinds of figure that show a result's curves; each curve is in one of them."""
     from fraexp.figures.hysteresis import is_hysteresis
     from fraexp.figures.positioning import is_positioning
 
+    found = {
+        "positioning" if is_positioning(curve) else "hysteresis" if is_hysteresis(curve) else "curves"
+        for curve in shown.result.curves
+    }
+    return [kind for kind in KINDS if kind in found]
+
+
+def curves(shown: Sequence[Shown], kind: str) -> Picture:
+    """Return what else results have: curves of a kind (see `kinds_of`)."""
     found = [(str(index), curve) for index, one in enumerate(shown) for curve in one.result.curves]
     if not found:
         raise FraexpError("curves: none of these sweeps has a curve")
-    having = [one.result.curves for one in shown if one.result.curves]
-    if all(any(is_hysteresis(curve) for curve in of) for of in having):
-        return _hysteresis(found, len(shown) - len(having))
-    chosen = _positioning if any(is_positioning(curve) for _, curve in found) else _others
-    return chosen(found, len(shown) - len(having))
+    match kind:
+        case "positioning":
+            return _positioning(found)
+        case "hysteresis":
+            return _hysteresis(found)
+    return _others(found)
 
 
-def _hysteresis(found: Sequence[tuple[str, object]], without: int) -> Picture:
+def _hysteresis(found: Sequence[tuple[str, object]]) -> Picture:
     from fraexp.figures.hysteresis import hysteresis_info, is_hysteresis
 
     info = hysteresis_info([(label, curve) for label, curve in found if is_hysteresis(curve)])  # type: ignore[arg-type,misc]
@@ -194,10 +206,10 @@ def _hysteresis(found: Sequence[tuple[str, object]], without: int) -> Picture:
         ), axis, marks=(0.0,))
         for axis, panel in enumerate(info.panels)
     )  # fmt: skip
-    return Picture("hysteresis", info.title, panels, "% of the loop", upright=False, note=_without(without))
+    return Picture("hysteresis", info.title, panels, "% of the loop", upright=False)
 
 
-def _positioning(found: Sequence[tuple[str, object]], without: int) -> Picture:
+def _positioning(found: Sequence[tuple[str, object]]) -> Picture:
     from fraexp.figures.positioning import positioning_info
 
     info = positioning_info([(label, curve, "") for label, curve in found])  # type: ignore[misc]
@@ -211,10 +223,10 @@ def _positioning(found: Sequence[tuple[str, object]], without: int) -> Picture:
         panels.append(Panel(f"Thrust [{info.thrust_unit}]", info.thrust_unit, "ms", tuple(
             _line(int(course.label), course.time, thrust, spectral=False) for course, thrust in thrusts
         )))  # fmt: skip
-    return Picture("positioning", info.title, tuple(panels), "ms", note=_without(without))
+    return Picture("positioning", info.title, tuple(panels), "ms")
 
 
-def _others(found: Sequence[tuple[str, object]], without: int) -> Picture:
+def _others(found: Sequence[tuple[str, object]]) -> Picture:
     from fraexp.figures.curves import curves_info
 
     info = curves_info(found, groups=[label for label, _ in found])  # type: ignore[arg-type]
@@ -234,7 +246,7 @@ def _others(found: Sequence[tuple[str, object]], without: int) -> Picture:
             title = f"{panel.ordinate} over {family.abscissa}"
             panels.append(Panel(title, panel.unit, unit, tuple(lines), axis, spectral, bool(panel.decades)))
     cursor = panels[0].abscissa if len({panel.abscissa for panel in panels}) == 1 else "of x"
-    return Picture("curves", info.title, tuple(panels), cursor, note=_without(without))
+    return Picture("curves", info.title, tuple(panels), cursor)
 
 
 def _responses(shown: Sequence[Shown]) -> tuple[list[int], list[Shown]]:
@@ -270,7 +282,3 @@ def _logarithm(values: np.ndarray) -> np.ndarray:
     with np.errstate(divide="ignore", invalid="ignore"):
         logarithm: np.ndarray = np.log10(values)
     return np.where(np.isfinite(logarithm), logarithm, np.nan)
-
-
-def _without(count: int) -> str:
-    return f"{count} without a curve left out" if count else ""

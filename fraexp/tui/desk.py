@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from fraexp.errors import StoreError
-from fraexp.store import Store
+from fraexp.store import Store, shown
 from fraexp.workspace import Workspace
 
 Answer = TypeVar("Answer")
@@ -19,6 +19,9 @@ class Desk:
     def __init__(self, folder: str | Path, database: str | None) -> None:
         self.workspace = Workspace.open(folder, database)
         self._store: Store | None = None
+        self._stamp: object = None
+        self.opened = 0
+        """How often the database was opened: its version begins anew each time."""
         self._reader = ThreadPoolExecutor(1, "reader")
         self._worker = ThreadPoolExecutor(1, "worker")
 
@@ -41,17 +44,34 @@ class Desk:
         self._reader.shutdown(wait=True)
 
     def _asked(self, question: Callable[[Store], Answer]) -> Answer:
-        if self._store and self._store.replaced():
+        if self._store and (self._store.replaced() or self._stamp != self._stamp_now()):
             self._leave()
         if not self.workspace.has_database():
-            raise StoreError(f"{self.workspace.database}: there is no database yet; the first run makes it")
+            raise StoreError(f"{shown(self.workspace.database)}: there is no database yet; the first run makes it")
         if self._store is None:
-            self._store = Store.open(self.workspace.database, read_only=True)
-        return question(self._store)
+            self._store = Store.open(self.workspace.database, read_only=True, units=self.workspace.units)
+            self.opened += 1
+            self._stamp = self._stamp_now()
+        try:
+            return question(self._store)
+        except StoreError:
+            self._leave()  # it may be mended by the next look: what was damaged is not asked again
+            raise
+
+    def _stamp_now(self) -> object:
+        """Return what tells that the file itself was written: by SQLite now and then, or by whoever restores a copy.
+
+        What is open then may go on with what it remembers of the file as it was.
+        """
+        try:
+            state = Path(self.workspace.database).stat()
+        except OSError:  # on a server, or gone
+            return None
+        return state.st_mtime_ns, state.st_size
 
     def _changed(self, action: Callable[[Store], Answer]) -> Answer:
         if not self.workspace.has_database():
-            raise StoreError(f"{self.workspace.database}: there is no database any more; nothing was changed")
+            raise StoreError(f"{shown(self.workspace.database)}: there is no database any more; nothing was changed")
         with Store.open(self.workspace.database) as store:
             return action(store)
 

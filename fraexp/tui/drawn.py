@@ -20,6 +20,8 @@ def wrong_file(text: str) -> str:
         check_suffix(file)
         if file.is_dir():
             return "that is a folder"
+        if not file.parent.is_dir():
+            return f"{file.parent}: there is no such folder"
     except (FraexpError, OSError, ValueError) as error:  # a name that is too long, or has a zero in it
         return str(error)
     return ""

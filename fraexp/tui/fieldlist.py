@@ -95,6 +95,14 @@ def _cell(text: str, width: int, style: Style) -> Text:
     return cell
 
 
+class Line(Input):
+    """The line that is written in."""
+
+    def _on_paste(self, event: events.Paste) -> None:
+        """Take all lines of what is pasted: a list may stand in several."""
+        event.text = " ".join(line.strip() for line in event.text.splitlines())
+
+
 class FieldList(VerticalScroll, can_focus=False, inherit_bindings=False):
     """A form's lines, with an input over the one that is chosen."""
 
@@ -122,7 +130,7 @@ class FieldList(VerticalScroll, can_focus=False, inherit_bindings=False):
     def compose(self) -> ComposeResult:
         """Draw the lines, and an input that is moved over them."""
         yield Lines(self.written)
-        yield Input(compact=True, select_on_focus=False)
+        yield Line(compact=True, select_on_focus=False)
 
     @property
     def fields(self) -> list[Field]:

@@ -13,6 +13,9 @@ from textual.widgets import Static
 from fraexp.tui import settings
 from fraexp.tui.page import Page
 
+MANY = 4
+"""Keys for the same that are told one by one."""
+
 
 class HelpPage(ModalScreen[None]):
     """Help for the screen below it."""
@@ -26,8 +29,10 @@ class HelpPage(ModalScreen[None]):
     """
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape,question_mark,f1,q,enter", "dismiss", "close", id="help.close"),
-        Binding("j", "scroll(1)", show=False),
-        Binding("k", "scroll(-1)", show=False),
+        Binding("j", "scroll(1)", "down", show=False, id="help.down", tooltip="a line down"),
+        Binding("k", "scroll(-1)", "up", show=False, id="help.up", tooltip="a line up"),
+        Binding("g", "turn(False)", "top", show=False, id="help.top", tooltip="to the top"),
+        Binding("G", "turn(True)", "end", show=False, id="help.end", tooltip="to the end"),
     ]
 
     def __init__(self, page: Page) -> None:
@@ -48,13 +53,24 @@ class HelpPage(ModalScreen[None]):
         seen: dict[tuple[str, str], list[str]] = {}
         for active in self._page.active_bindings.values():
             binding = active.binding
-            what = binding.tooltip or binding.description
-            if what and not binding.system:
-                seen.setdefault((binding.action, what), []).append(self.app.get_key_display(binding))
+            if binding.id:  # else it is what the toolkit has on every screen
+                what = binding.tooltip or binding.description
+                kind = binding.action.partition("(")[0]  # the keys of all curves do the same
+                seen.setdefault((kind, what), []).append(self.app.get_key_display(binding))
         for (_, what), keys in seen.items():
-            table.add_row(" ".join(dict.fromkeys(keys)), Text(what))
+            table.add_row(_written(list(dict.fromkeys(keys))), Text(what))
         return table
 
     def action_scroll(self, lines: int) -> None:
         """Scroll by lines."""
         self.query_one(VerticalScroll).scroll_relative(y=lines, animate=False)
+
+    def action_turn(self, end: bool) -> None:
+        """Go to the top or to the end."""
+        place = self.query_one(VerticalScroll)
+        place.scroll_end(animate=False) if end else place.scroll_home(animate=False)
+
+
+def _written(keys: list[str]) -> Text:
+    """Return the keys that do the same; many of them by the first and the last."""
+    return Text(" ".join(keys) if len(keys) <= MANY else f"{keys[0]} to {keys[-1]}")

@@ -3,16 +3,20 @@
 import importlib
 import inspect
 import pkgutil
+import sys
 import unicodedata
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from textual.binding import Binding
 from textual.dom import DOMNode
-from textual.keys import KEY_NAME_REPLACEMENTS, Keys
+from textual.keys import KEY_NAME_REPLACEMENTS, Keys, _character_to_key
+from textual.screen import ModalScreen, Screen
+from textual.widget import Widget
 
 import fraexp.tui
 from fraexp.errors import FraexpError, did_you_mean
+from fraexp.tui.app import FraexpApp
 
 NOT_SCREENS = ("fraexp.tui.serve",)
 """Modules without keys that need what the terminal does not."""
@@ -35,6 +39,18 @@ class Known:
     meaning: str
     owner: str
     """Name of the class that has it."""
+
+
+@dataclass(frozen=True)
+class Screens:
+    """Which keys are there together."""
+
+    owners: tuple[frozenset[str], ...]
+    """For each screen the names of the classes whose keys it has."""
+
+    def meet(self, one: Known, other: Known) -> bool:
+        """Return whether there is a screen with both keys."""
+        return any(one.owner in of and other.owner in of for of in self.owners)
 
 
 def shown(key: str) -> str:
@@ -73,10 +89,44 @@ def check(wished: Mapping[str, str], place: str) -> None:
     for name, keys in wished.items():
         if name not in names:
             raise FraexpError(f"{place}: keys has no '{name}'{_nearest(name, names, 'see docs/terminal-ui.md')}")
-        wrong = next((key for key in keys.split(",") if not _is_key(key.strip())), None)
+        wrong = next((key for key in keys.split(",") if not is_key(key.strip())), None)
         if wrong is not None:
             hint = _nearest(wrong.strip(), NAMED, "expected a character, or a name such as space or ctrl+k")
             raise FraexpError(f"{place}: keys.{name} has '{wrong.strip()}', which is no key{hint}")
+
+    _check_apart(wished, names, place)
+
+
+def _check_apart(wished: Mapping[str, str], names: Mapping[str, Known], place: str) -> None:
+    """Raise FraexpError if a key that is given has another meaning on the same screen."""
+    now = {name: _keys(wished[name].split(",") if name in wished else of.keys) for name, of in names.items()}
+    together = screens()
+    for name in wished:
+        given = now[name] - _keys(names[name].keys)
+        for other, keys in now.items():
+            both = sorted(given & keys)
+            if both and other != name and together.meet(names[name], names[other]):
+                raise FraexpError(
+                    f"{place}: keys.{name} has '{both[0]}', which is '{other}' on the same screen; "
+                    f"choose another key, or give keys.{other} another one too"
+                )
+
+
+def _keys(keys: Iterable[str]) -> set[str]:
+    """Return keys as the toolkit names them: question_mark for ``?``."""
+    return {_character_to_key(key.strip()) if len(key.strip()) == 1 else key.strip() for key in keys}
+
+
+def screens() -> Screens:
+    """Return which keys are there together: a screen's own, those of its parts, and the application's."""
+    found = []
+    for owner in _owners():
+        if issubclass(owner, Screen):
+            parts = [of for of in vars(sys.modules[owner.__module__]).values() if inspect.isclass(of)]
+            there: list[type] = [owner, *(of for of in parts if issubclass(of, Widget) and not issubclass(of, Screen))]
+            there += [] if issubclass(owner, ModalScreen) else [FraexpApp]
+            found.append(frozenset(of.__name__ for one in there for of in one.__mro__))
+    return Screens(tuple(found))
 
 
 def _nearest(name: str, options: Iterable[str], instead: str) -> str:
@@ -85,7 +135,8 @@ def _nearest(name: str, options: Iterable[str], instead: str) -> str:
     return near if near.startswith("; did you mean") else f"; {instead}"
 
 
-def _is_key(text: str) -> bool:
+def is_key(text: str) -> bool:
+    """Return whether a text names a key."""
     *modifiers, key = text.split("+") if len(text) > 1 else [text]
     if not key or any(modifier not in MODIFIERS for modifier in modifiers):
         return False

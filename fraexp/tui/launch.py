@@ -15,11 +15,13 @@ from fraexp.errors import FraexpError, StoreError
 from fraexp.figures.labels import printable
 from fraexp.tui.fieldlist import FieldList, Written
 from fraexp.tui.form import EXECUTOR, RERUN, Field, Group, concerned, form, overrides
-from fraexp.tui.page import Page
+from fraexp.tui.page import Page, shortened
 from fraexp.views.study import Surveyed, would_do
 
 PAUSE = 0.3
 """Seconds without a key after which the whole study is checked."""
+SOON = 0.05
+"""Seconds after a key in which others may follow, until what is typed is checked: text may come all at once."""
 
 
 class LaunchPage(Page):
@@ -37,7 +39,7 @@ The run is a process of its own: it goes on when this is closed, or when the lin
     DEFAULT_CSS = """
     LaunchPage #start { height: auto; padding: 0 1; }
     LaunchPage #start Button { min-width: 12; margin: 0 2 0 0; }
-    LaunchPage #plan { width: 1fr; height: auto; }
+    LaunchPage #plan { width: 1fr; height: auto; max-height: 6; }
     LaunchPage #plan.-error { color: $text-error; }
     LaunchPage FieldList { margin: 1 0 0 0; }
     LaunchPage #hint { height: 3; padding: 0 1; background: $panel; }
@@ -59,6 +61,8 @@ The run is a process of its own: it goes on when this is closed, or when the lin
         self.groups: list[Group] = []
         self._texts: dict[str, str] = {}  # what the study itself has, by path
         self._timer: Timer | None = None
+        self._typing: Timer | None = None
+        self._ahead = 0  # lines that were gone on before there were any
         self._error: FraexpError | None = None
         self._planned_for: object = None
         self._launching = False
@@ -67,7 +71,7 @@ The run is a process of its own: it goes on when this is closed, or when the lin
         """Put what would be done above the form, and what a line means below it."""
         with Horizontal(id="start"):
             yield Button("Launch", variant="primary", compact=True)
-            yield Static("reading …", id="plan")
+            yield Static("reading ...", id="plan")
         yield FieldList(self.written)
         yield Static(id="hint")
 
@@ -105,6 +109,9 @@ The run is a process of its own: it goes on when this is closed, or when the lin
             self.groups = groups
             self._texts = self._texts or {path: field.text for path, field in fields.items()}
             self.query_one(FieldList).show(groups)
+            ahead, self._ahead = self._ahead, 0
+            if ahead > 0:
+                self.action_next(ahead)
 
     @on(Input.Changed)
     def _typed(self, event: Input.Changed) -> None:
@@ -117,21 +124,27 @@ The run is a process of its own: it goes on when this is closed, or when the lin
             for path in [path for path in changes if path.startswith(f"{owner}.")]:
                 del changes[path]
         changes.pop(field.path, None)
-        first = self._texts.get(field.path, "")
-        if text and text != first:
+        if text and text != self._texts.get(field.path, ""):
             changes[field.path] = text
         faults = self.written.faults
         faults.clear() if self._error else faults.pop(field.path, None)  # what the whole study said of it is old
-        fault = field.fault(text) if text and text != first else ""
+        for timer in (self._typing, self._timer):
+            if timer:
+                timer.stop()
+        self._typing = self.set_timer(SOON, lambda: self._look_at(field))
+        self._timer = self.set_timer(PAUSE, self._check)
+
+    def _look_at(self, field: Field) -> None:
+        """Tell what is wrong with what stands in a field, and show what comes of it."""
+        text = self.written.changes.get(field.path, "")
+        fault = field.fault(text) if text else ""
         if fault:
-            faults[field.path] = fault
+            self.written.faults[field.path] = fault
         self.query_one(FieldList).redraw()
         self._show_command()
-        self._show_hint(field)
-        self._tell(fault or "checking …", bool(fault))
-        if self._timer:
-            self._timer.stop()
-        self._timer = self.set_timer(PAUSE, self._check)
+        if field is self.query_one(FieldList).field:
+            self._show_hint(field)
+        self._tell(fault or "checking ...", bool(fault))
 
     def _check(self) -> None:
         self.run_worker(self._build_and_plan(), group="load", exclusive=True)
@@ -178,7 +191,7 @@ The run is a process of its own: it goes on when this is closed, or when the lin
 
     def _tell(self, text: str, error: bool = False) -> None:
         plan = self.query_one("#plan", Static)
-        plan.update(Text(printable(f"! {text}" if error else text)))
+        plan.update(Text(printable(shortened(f"! {text}" if error else text))))
         plan.set_class(error, "-error")
 
     def _show_command(self) -> None:
@@ -202,15 +215,18 @@ The run is a process of its own: it goes on when this is closed, or when the lin
             fault = self.written.faults.get(field.path, "")
             text = Text(printable(field.path), style="bold")
             text.append(f"  {printable(field.hint)}", style="not bold")
-            text.append(f"\n! {printable(fault)}" if fault else "", style="not bold")
+            text.append(f"\n! {printable(shortened(fault))}" if fault else "", style="not bold")
         self.query_one("#hint", Static).update(text)
 
     def action_next(self, lines: int) -> None:
         """Go some lines on; before the first one is the button."""
         form_ = self.query_one(FieldList)
         fields = form_.fields
+        if not fields:
+            self._ahead += lines  # they are being read
+            return
         at = lines + (fields.index(form_.field) if form_.field in fields else -1)
-        if at < 0 or not fields:
+        if at < 0:
             self.query_one(Button).focus()
         else:
             form_.choose(fields[min(at, len(fields) - 1)])
@@ -232,8 +248,9 @@ The run is a process of its own: it goes on when this is closed, or when the lin
             self.run_worker(self._launch(), group="launch")
 
     async def _launch(self) -> None:
-        if self._timer:
-            self._timer.stop()
+        for timer in (self._typing, self._timer):
+            if timer:
+                timer.stop()
         try:
             if self._planned_for != (self._overrides, self._options[1]):
                 await self._plan()

@@ -1,6 +1,7 @@
 """What all screens have in common: where one is, the command line that does the same, the keys, and what went wrong."""
 
 import asyncio
+import re
 from collections.abc import Awaitable, Callable
 from typing import TYPE_CHECKING, ClassVar, TypeVar
 
@@ -22,6 +23,19 @@ Answer = TypeVar("Answer")
 
 PLACES = {"studies": "Studies", "runs": "Runs", "sweeps": "Sweeps", "compare": "Compare", "plugins": "Plugins"}
 """The screens between which a key leads from anywhere, by the name of their mode; their first letter but for sweeps."""
+
+
+LONG = 60
+"""Characters of a quoted value that are told."""
+MOST = 800
+"""Characters of a message that are told: it must leave room for the rest of the screen."""
+QUOTED = re.compile(rf"(?<!\w)(['\"])((?:(?!\1).){{{LONG + 1},}})\1", re.DOTALL)
+
+
+def shortened(text: str) -> str:
+    """Return a message in which long quoted values are cut, and the end if it is long even so."""
+    text = QUOTED.sub(lambda found: f"{found[1]}{found[2][: LONG - 3]}...{found[1]}", text)
+    return text if len(text) <= MOST else f"{text[:MOST]}..."
 
 
 class Changed(Message):
@@ -63,7 +77,7 @@ class Notice(Static):
 
     def tell(self, text: str, error: bool = False) -> None:
         """Show a text, or nothing."""
-        self.update(Text("\n".join(printable(line) for line in text.splitlines())))
+        self.update(Text("\n".join(printable(line) for line in shortened(text).splitlines())))
         self.set_class(bool(text), "-shown")
         self.set_class(error, "-error")
 

@@ -8,6 +8,8 @@ from rich.markup import escape
 from textual_hires_canvas import Canvas
 from textual_plot import AxisFormatter, HiResMode, NumericAxisFormatter, PlotWidget
 
+from fraexp.tui.axes import Ticks
+
 Line = tuple[np.ndarray, np.ndarray]
 """Abscissa and ordinate, each of shape (n,)."""
 PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"), (1e-12, "p"))
@@ -71,6 +73,12 @@ class Panel(PlotWidget, can_focus=False):
         for x, y in lines:
             if x.size:
                 self.plot(x, y, line_style=_rich(colour), hires_mode=HiResMode.BRAILLE)
+
+    def _render_y_ticks(self) -> None:
+        """Leave as many ticks as have rows of their own."""
+        if not isinstance(self._y_formatter, Decades):
+            self.set_y_formatter(Ticks(self._scale_rectangle.height, upright=True))
+        super()._render_y_ticks()
 
     def _render_y_label(self) -> None:
         """Write the title from the left; its brackets are no markup."""

@@ -6,9 +6,11 @@ from typing import ClassVar, TypeVar
 
 import numpy as np
 from rich.markup import escape
+from rich.style import Style
 from textual.app import ComposeResult
 from textual.containers import Grid
 from textual.events import Click, MouseDown
+from textual.geometry import Region
 from textual.message import Message
 from textual.strip import Strip
 from textual.widgets import Static
@@ -32,6 +34,8 @@ DIGITS = 3
 """Times that a curve's digit stands on it where colours do not tell curves apart."""
 MOST_POINTS = 2000
 """Points that are looked at one by one; more than a terminal has cells across."""
+Cells = list[tuple[int, int, str]]
+"""Column, row and character."""
 Phase = TypeVar("Phase", float, np.ndarray)
 LEFT, RIGHT = 8, 2
 """Cells beside a plot: for its ticks, and for the end of the last label."""
@@ -70,10 +74,34 @@ class Sight:
 class Ground(Canvas):
     """A canvas whose lines have a style even before it has a size, as a terminal without colours needs."""
 
+    _style: Style | None = None
+
+    def render_lines(self, crop: Region) -> list[Strip]:
+        """Return lines; the style of their ground is looked up once, not for each of them."""
+        self._style = super().rich_style
+        try:
+            return super().render_lines(crop)
+        finally:
+            self._style = None
+
+    @property
+    def rich_style(self) -> Style:
+        """The style of the ground."""
+        return self._style or super().rich_style
+
     def render_line(self, y: int) -> Strip:
         """Return one line."""
         strip = super().render_line(y)
         return strip if strip.cell_length else Strip.blank(self.size.width, self.rich_style)
+
+    def paint(self, cells: Cells, style: str) -> None:
+        """Write characters into the frame, without the test and the call that each would cost by itself."""
+        width, height = self._canvas_size
+        for column, row, character in cells:
+            if column + 1 < width and row + 1 < height:
+                self._buffer[row + 1][column + 1] = character
+                self._styles[row + 1][column + 1] = style
+        self.refresh()
 
 
 class Plot(PlotWidget, can_focus=False, inherit_bindings=False):
@@ -99,6 +127,11 @@ class Plot(PlotWidget, can_focus=False, inherit_bindings=False):
         self.panel: Panel | None = None
         self.sight, self.look, self.upright = Sight(), Look(), True
         self._pressed: tuple[int, int] | None = None
+        self._made_of: Panel | None = None
+        self._made_for: tuple[object, ...] = ()
+        self._made: dict[tuple[int, str], Cells] = {}
+        """What the parts of a panel's traces have become in the cells, by the trace's id and part: as long as it is
+        seen so, whatever the cursor, the focus and what is hidden."""
         self._waiting = False
         """Whether more is to come before it is drawn: once a change, straight into the canvases."""
         self.set_reactive(Plot.margin_top, 0)
@@ -156,7 +189,7 @@ class Plot(PlotWidget, can_focus=False, inherit_bindings=False):
         self.set_y_formatter(Ticks(rows, upright=True, logarithmic=panel.decades, angle=panel.angle))
         self.query_one("#margin-bottom", Canvas).reset()
         super()._render_plot()
-        canvas = self.query_one("#plot", Canvas)
+        canvas = self.query_one("#plot", Ground)
         with canvas.batch_refresh():
             self._draw(canvas, panel, (columns, rows))
             title = f" {printable(panel.title)} "[:columns]
@@ -164,32 +197,48 @@ class Plot(PlotWidget, can_focus=False, inherit_bindings=False):
         if self.margin_bottom:
             self.query_one("#margin-bottom", Canvas).write_text(1, 0, escape(panel.abscissa)[: LEFT - 2])
 
-    def _draw(self, canvas: Canvas, panel: Panel, cells: tuple[int, int]) -> None:
+    def _draw(self, canvas: Ground, panel: Panel, cells: tuple[int, int]) -> None:
         window, traces = self.window, self.sight.order(panel.traces)
-        plain = PLAIN[self.look.dark]
+        wrapped = panel.angle and self.sight.wrapped
+        made_for = (window, cells, wrapped)
+        if panel is not self._made_of or made_for != self._made_for:
+            self._made_of, self._made_for, self._made = panel, made_for, {}
         across = np.array(window[:2])
         for mark in panel.marks:
-            _paint(canvas, sparse(line(across, np.full(2, mark), window, cells), 1, 4), f"dim {plain}")
+            dots = sparse(line(across, np.full(2, mark), window, cells), 1, 4)
+            canvas.paint(characters(dots), f"dim {PLAIN[self.look.dark]}")
         self._draw_cursor_line(canvas)
-        wrapped = panel.angle and self.sight.wrapped
-        drawn = [(trace, *line_of(trace, wrapped)) for trace in traces]
-        if self.sight.bands:
-            for trace, x, _, band in drawn:
-                for limit in () if band is None else band:
-                    edge = np.where(np.isnan(limit), np.nan, np.clip(limit, window[2] - 1e3, window[3] + 1e3))
-                    _paint(canvas, sparse(line(x, edge, window, cells), 1, 3), self.look.style(trace.of))
-        for trace, x, y, _ in drawn:
-            dots = line(x, y, window, cells)
-            on, of = (3, 6) if trace.of == REFERENCE else (1, 2) if trace.model else (1, 1)
-            _paint(canvas, sparse(dots, on, of), self.look.style(trace.of))
+        for trace in traces if self.sight.bands else ():
+            canvas.paint(self._cells(trace, "band", cells, wrapped), self.look.style(trace.of))
+        for trace in traces:
+            canvas.paint(self._cells(trace, "line", cells, wrapped), self.look.style(trace.of))
             self._draw_points(canvas, trace, wrapped)
-        for place, (trace, x, y, _) in enumerate(drawn):
+        for place, trace in enumerate(traces):
             if self.look.digits and trace.of != REFERENCE and not trace.model:
-                self._draw_digits(canvas, trace.of, (x, y), (place, len(drawn)))
+                self._draw_digits(canvas, trace.of, line_of(trace, wrapped)[:2], (place, len(traces)))
             if not self.upright and self.sight.cursor is not None:
                 nearest = nearest_point(trace, self.sight.cursor)
                 if nearest is not None:
                     self._mark(canvas, trace.x[nearest], trace.y[nearest], HERE, f"bold {self.look.style(trace.of)}")
+
+    def _cells(self, trace: Trace, part: str, cells: tuple[int, int], wrapped: bool) -> Cells:
+        """Return the characters of a trace's line, or of its band."""
+        key = (id(trace), part)
+        if key not in self._made:
+            x, y, band = line_of(trace, wrapped)
+            if part == "line":
+                on, of = (3, 6) if trace.of == REFERENCE else (1, 2) if trace.model else (1, 1)
+                self._made[key] = characters(sparse(line(x, y, self.window, cells), on, of))
+            else:
+                low, high = self.window[2] - 1e3, self.window[3] + 1e3
+                edges = (
+                    []
+                    if band is None
+                    else [np.where(np.isnan(edge), np.nan, np.clip(edge, low, high)) for edge in band]
+                )
+                drawn = (characters(sparse(line(x, edge, self.window, cells), 1, 3)) for edge in edges)
+                self._made[key] = [cell for found in drawn for cell in found]
+        return self._made[key]
 
     def _draw_cursor_line(self, canvas: Canvas) -> None:
         cursor = self.sight.cursor
@@ -282,8 +331,3 @@ def span_of(values: Sequence[np.ndarray]) -> tuple[float, float] | None:
     known = np.concatenate([np.ravel(of) for of in values]) if values else np.zeros(0)
     known = known[np.isfinite(known)]
     return (float(known.min()), float(known.max())) if known.size else None
-
-
-def _paint(canvas: Canvas, dots: np.ndarray, style: str) -> None:
-    for column, row, character in characters(dots):
-        canvas.set_pixel(column + 1, row + 1, character, style)

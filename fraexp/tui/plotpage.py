@@ -1,5 +1,7 @@
 """A page with plots: the keys that move the cursor, the focus and what is seen, and the readout of the curves."""
 
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import ClassVar
 
 from textual import on
@@ -12,11 +14,16 @@ from fraexp.tui.page import Page
 from fraexp.tui.plot import digit
 from fraexp.tui.plots import PlotStack
 from fraexp.tui.readout import readout
+from fraexp.views.words import plural
 
 ZOOM = 1.5
 """Factor of one zoom."""
+ROWS, HIGH = 3, 16
+"""Least rows of the readout in a terminal from so many rows on; in a lower one it has one."""
 PAN = 0.2
 """Share of what is seen by which one pan moves."""
+DIGITS = 9
+"""Curves that have a digit; the letters of others are no keys."""
 FAST = 10
 """Columns by which the cursor moves fast."""
 
@@ -33,6 +40,7 @@ class PlotPage(Page):
         Binding("right_square_bracket,down,j", "focus_curve(1)", show=False, id="compare.next", tooltip="next curve"),
         *(Binding(str(n), f"curve({n - 1})", show=False, id=f"compare.curve-{n}", tooltip="hide or show this curve")
           for n in range(1, 10)),
+        Binding("full_stop", "hide", show=False, id="compare.hide", tooltip="hide or show the focused curve"),
         Binding("0", "all", show=False, id="compare.all", tooltip="show all curves"),
         Binding("x", "zoom(True,False,True)", show=False, id="compare.zoom-x", tooltip="zoom into x"),
         Binding("X", "zoom(True,False,False)", show=False, id="compare.unzoom-x", tooltip="zoom out of x"),
@@ -64,16 +72,36 @@ class PlotPage(Page):
         """Tell what is seen now, after it has changed."""
         self.tell_cursor()
 
+    def rows(self, labels: Mapping[int, str]) -> int:
+        """Return the number of rows that the readout has for curves."""
+        return min(len(labels), max(ROWS, self.size.height // 4) if self.size.height >= HIGH else 1)
+
+    def hints(self, labels: Mapping[int, str]) -> list[str]:
+        """Return what is not seen of the curves and of the plots, and the key that shows it."""
+        stack = self.stack
+        before, after = stack.beyond()
+        keys = [key for count, key in ((before, "page up"), (after, "page down")) if count]
+        hints = [f"{plural(before + after, 'more panel')}: {', '.join(keys)}"] if keys else []
+        if labels and stack.sight.hidden >= labels.keys():
+            hints.append("all of these curves are hidden: 0 shows them")
+        if self.rows(labels) < len(labels):
+            hints.append(f"{self.rows(labels)} of {len(labels)} curves listed: up, down")
+        if max(labels, default=0) >= DIGITS:
+            hints.append(". hides or shows the focused one")
+        return hints
+
     def tell_cursor(self) -> None:
-        """Tell what is at the cursor."""
+        """Tell what is at the cursor; values of the panels that are seen come first."""
         labels, stack = self.labels(), self.stack
         if not labels or stack.picture is None:
             return
-        place, rows = self.query_one("#readout", Static), min(len(labels), max(3, self.size.height // 4))
+        place, rows = self.query_one("#readout", Static), self.rows(labels)
         if place.styles.height is None or place.styles.height.value != rows:
             place.styles.height = rows
         columns = place.content_size.width or self.size.width - 2
-        place.update(readout(stack.picture, labels, stack.sight, stack.look, (columns, rows)), layout=False)
+        panels = stack.picture.panels
+        picture = replace(stack.picture, panels=panels[stack.first :] + panels[: stack.first])
+        place.update(readout(picture, labels, stack.sight, stack.look, (columns, rows)), layout=False)
 
     @on(PlotStack.Moved)
     def _moved(self) -> None:
@@ -104,6 +132,11 @@ class PlotPage(Page):
     def _toggle(self, place: int) -> None:
         self.stack.sight.hidden ^= {place}
         self._redraw()
+
+    def action_hide(self) -> None:
+        """Hide or show the focused curve: beyond nine no digit does."""
+        if self.stack.sight.focus in self.labels():
+            self._toggle(self.stack.sight.focus)
 
     def action_all(self) -> None:
         """Show all curves."""

@@ -85,6 +85,11 @@ class PlotStack(Vertical):
         self.first = max(0, min(self.first, len(every) - fitting))
         return every[self.first : self.first + fitting]
 
+    def beyond(self) -> tuple[int, int]:
+        """Return how many panels are before and after those that fit."""
+        shown, every = len(self.panels()), len(self.picture.panels if self.picture else ())
+        return self.first, every - self.first - shown
+
     def turn(self, panels: int) -> None:
         """Show later panels, or earlier ones."""
         self.first += panels

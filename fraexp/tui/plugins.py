@@ -1,6 +1,6 @@
 """Plugins: every component with its parameters, its source and its state; what is broken stands first."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 from rich.console import Group, RenderableType
@@ -52,7 +52,7 @@ class PluginTable(PagedTable):
             Column("kind", tuple(printable(of.kind) for of in seen), "key"),
             Column("name", tuple(printable(of.name) for of in seen), "key"),
             Column("v", tuple(printable(of.version) for of in seen), rank=3),
-            Column("state", tuple(printable(of.reason or of.state(self.sources)) for of in seen), rank=1, most=60),
+            Column("state", tuple(of.state(self.sources) for of in seen), rank=1),
             Column("from", tuple(printable(of.origin) for of in seen), rank=2, most=30),
         ]
         return Rows(tuple(f"{of.kind} {of.name} {of.origin}" for of in seen), columns, len(self.offers))
@@ -251,12 +251,42 @@ class ComponentPage(Page):
 
     def body(self) -> ComposeResult:
         """Show it."""
-        self.heading = f"{self._offer.kind} {self._offer.name}"
-        self.command = f"fraexp check {self._offer.name} --kind {self._offer.kind}" if self._offer.supply else (
-            f"fraexp check plugins/{self._offer.name}"
-        )  # fmt: skip
-        yield VerticalScroll(Static(described(self._offer, self._sources)))
+        yield VerticalScroll(Static())
+        self._show()
+
+    def _show(self) -> None:
+        offer = self._offer
+        self.heading = f"{offer.kind} {offer.name}"
+        named = f"{offer.name} --kind {offer.kind}" if offer.supply else f"plugins/{offer.name}"
+        self.command = f"fraexp check {named}"
+
+    async def load(self) -> None:
+        """Show it as it is now: its file may have been mended, broken or removed."""
+        found = await self.fetch(self.app.desk.work(_offers))
+        if found is None:
+            return
+        now = _same(self._offer, found)
+        self.tell("" if now else "It is not there any more. Esc leads to the list.")
+        self._offer = now or self._offer
+        self._show()
+        self.query_one(VerticalScroll).display = now is not None
+        self.query_one(VerticalScroll).query_one(Static).update(described(self._offer, self._sources))
+
+    @on(PluginsChanged)
+    def _loaded_anew(self) -> None:
+        self.reload()
 
     def action_scroll(self, lines: int) -> None:
         """Scroll by lines."""
         self.query_one(VerticalScroll).scroll_relative(y=lines, animate=False)
+
+
+def _same(offer: Offer, found: Sequence[Offer]) -> Offer | None:
+    """Return what has become of an offer: itself, what is in its file by now, or why that is broken."""
+    file = offer.supply.file.name if offer.supply else offer.name
+
+    def of_file(one: Offer) -> bool:
+        return one.origin == f"plugins/{file}" if one.supply else one.name == file
+
+    same = [one for one in found if (one.kind, one.name) == (offer.kind, offer.name)]
+    return next((one for one in [*same, *filter(of_file, found)]), None)

@@ -13,8 +13,9 @@ from fraexp.tui.plot import Look, Sight, digit, nearest_point, turned
 DECIMALS = {"dB": 2, "deg": 1}
 ROUNDING = 1e-12
 """Values below this share of the greatest one are those of rounding."""
-LEAST_NAME = 12
-"""Least width of a curve's name; what does not fit beside it is left out from the right."""
+LEAST_NAME, SHARE = 12, 6
+"""Least width of a curve's name, or this part of a narrow line; what does not fit beside it is left out from the
+right."""
 
 
 def readout(picture: Picture, labels: dict[int, str], sight: Sight, look: Look, size: tuple[int, int]) -> Text:
@@ -26,7 +27,7 @@ def readout(picture: Picture, labels: dict[int, str], sight: Sight, look: Look, 
     lines = {of: [] if of in sight.hidden else _values(picture, of, sight) for of in places}
     widths = [max(len(texts[index]) for texts in lines.values() if index < len(texts))
               for index in range(max((len(texts) for texts in lines.values()), default=0))]  # fmt: skip
-    while widths and sum(widths) + 2 * len(widths) + LEAST_NAME + 7 > columns:
+    while widths and sum(widths) + 2 * len(widths) + min(LEAST_NAME, columns // SHARE) + 7 > columns:
         widths.pop()
     named = columns - 7 - sum(widths) - 2 * len(widths)
     longest = max((cell_len(printable(label)) for label in labels.values()), default=0)
@@ -46,10 +47,20 @@ def _line(
     line = Text(f"{'>' if focused else ' '}{sign} ", style="bold" if focused else "dim" if hidden else "")
     line.append(sample, style=look.style(of))
     name = printable(label)
-    line.append(" " + set_cell_size(name, named), style="bold" if focused else "dim" if hidden else "")
+    line.append(" " + cut(name, named), style="bold" if focused else "dim" if hidden else "")
     for width, value in zip(widths, values, strict=False):
         line.append(f"  {value:>{width}}")
     return line
+
+
+def cut(name: str, cells: int) -> str:
+    """Return a name in so many cells; of one that is longer both ends are left, which tell what it is."""
+    if cell_len(name) <= cells:
+        return set_cell_size(name, cells)
+    tail = name[-1:]
+    while len(tail) < len(name) and cell_len(name[-len(tail) - 1 :]) <= (cells - 1) // 2:
+        tail = name[-len(tail) - 1 :]
+    return set_cell_size(set_cell_size(name, max(cells - 1 - cell_len(tail), 0)) + "…" + tail, cells)
 
 
 def _window(places: Sequence[int], focus: int, rows: int) -> list[int]:

@@ -19,7 +19,7 @@ from fraexp.store import RunSummary, Store
 from fraexp.study import find_studies
 from fraexp.tui.ask import Ask, Confirm
 from fraexp.tui.logtail import LogTail
-from fraexp.tui.page import Page
+from fraexp.tui.page import Page, shortened
 from fraexp.tui.table import SweepTable
 from fraexp.views.fields import took
 from fraexp.views.listing import when
@@ -37,6 +37,7 @@ COMPARED = 12
 """Sweeps that are compared at once, at most."""
 TOLD = 2
 """Failures that are told above the table; the table has all."""
+COMPILES = "No sweep has ended yet. What is new to this machine is compiled first, once: that takes up to a minute."
 
 
 class RunPage(Page):
@@ -73,7 +74,7 @@ Enter opens a sweep, Space marks it; c compares the marked ones, or all sweeps o
 
     def body(self) -> ComposeResult:
         """Put the state above the sweeps and the log."""
-        yield Static("starting …" if self.started else "reading …", id="state")
+        yield Static("starting ..." if self.started else "reading ...", id="state")
         yield Container(id="sweeps", classes="-none")
         yield LogTail()
 
@@ -120,8 +121,10 @@ Enter opens a sweep, Space marks it; c compares the marked ones, or all sweeps o
             self._show_log()
             last = self.query_one(LogTail).last or "it has said nothing"
             self.live = False
-            self.query_one("#state", Static).update(Text(f"ended before it began (exit code {started.process.poll()})"))
-            self.tell_error(f"{last}\nEsc leads back to the study.")
+            code = started.process.poll()
+            how = "stopped before it began" if self._stopping else f"ended before it began (exit code {code})"
+            self.query_one("#state", Static).update(Text(how))
+            self.tell_error(f"{last}\nNothing was computed. Esc leads to the runs, s to the studies.")
         return found
 
     async def _show_sweeps(self, run: RunSummary) -> None:
@@ -143,7 +146,7 @@ Enter opens a sweep, Space marks it; c compares the marked ones, or all sweeps o
         rate = None
         if run.state == "running":
             self._speed.see(run.heartbeat.timestamp(), done(run))
-            rate = self._speed.rate
+            rate = None if _prepares(run) else self._speed.rate
         wide = max(10, min(40, self.size.width - 66))
         state = "stopping" if self._stopping and run.state == "running" else run.state
         text = Text(f"{state}", style="bold")
@@ -151,6 +154,8 @@ Enter opens a sweep, Space marks it; c compares the marked ones, or all sweeps o
         text.append(f"  since {when(run.started)}" if not run.ended else f"  {when(run.started)}{time}", "not bold")
         text.append(f"  {counts_text(run)}\n", "not bold")
         text.append(progress_text(run, rate, wide), "not bold")
+        if _prepares(run):
+            text.append(f"\n{COMPILES}", "not bold")
         for line in await self._failures(run):
             text.append(f"\n{printable(line)}", "not bold")
         hint = {"interrupted": "\nIts process has ended before its work was done. R goes on from there."}
@@ -162,7 +167,7 @@ Enter opens a sweep, Space marks it; c compares the marked ones, or all sweeps o
             return []
         asked = self.app.desk.read(lambda store: store.page("state=failed", "-position", 0, TOLD, run.number))
         page = await self.fetch(asked)
-        return [f"! {short(row.key)} failed: {row.message}" for row in page.rows] if page else []
+        return [shortened(f"! {short(row.key)} failed: {row.message}") for row in page.rows] if page else []
 
     def _show_log(self) -> None:
         tail = self.query_one(LogTail)
@@ -262,6 +267,12 @@ def show_run(app: "FraexpApp", run: int | Started) -> None:
         await app.push_screen(RunPage(run))
 
     app.run_worker(go(), group="place")
+
+
+def _prepares(run: RunSummary) -> bool:
+    """Return whether it may be compiling: nothing has come to its end, and nothing is seen to go on."""
+    moving = run.progress and any(0 < part < 1 for part in run.progress.running.values())
+    return run.state == "running" and not (run.computed or run.failed or moving)
 
 
 def _of_log(store: Store, log: Path) -> RunSummary | None:

@@ -38,6 +38,8 @@ def read(file: Path) -> Settings:
         keys = data.get("keys")
         if isinstance(keys, Mapping):  # table.mark = "m" is a table in a table, where it is not in quotes
             data = {**data, "keys": flat(keys)}
+        if not isinstance(data.get("ascii", False), bool):
+            raise FraexpError(f"settings.ascii is {data['ascii']!r}; expected true or false")
         settings = Settings.parse(data, "settings")
     except (OSError, ValueError) as error:  # no TOML, or no text
         raise FraexpError(f"{file}: cannot be read as TOML: {error}") from None

@@ -9,6 +9,7 @@ from textual import on
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Container, VerticalScroll
+from textual.timer import Timer
 from textual.widgets import DataTable, Input, Static
 
 from fraexp.catalogue import FIRST, Entry
@@ -22,6 +23,10 @@ from fraexp.tui.table import PagedTable, Rows
 from fraexp.views.listing import Column
 from fraexp.views.study import Surveyed, newest, study_fields, study_row
 
+LOOKING = "..."
+"""State of a study while it is worked out."""
+MOMENT = 0.5
+"""Seconds that the list is shown before it is worked out what running the studies would do: that takes a processor."""
 WELCOME = """\
 A study is a file: a machine with friction, what excites it, what is
 estimated, and what is varied. Running it puts its results into a database.
@@ -41,6 +46,7 @@ class StudyTable(PagedTable):
         """Return studies from a place on."""
         entries, rows = self.entries[first : first + most], self.rows_of[first : first + most]
         study, title, state, sweeps, _ = zip(*rows, strict=True) if rows else ((),) * 5
+        state = tuple(of or LOOKING for of in state)
         runs = [self.last.get(entry.name) for entry in entries]
         last = tuple(f"{run.number} {run.state}" if run else "" for run in runs)
         columns = [
@@ -65,6 +71,7 @@ Studies: those of this workspace, then the examples that come along.
   stale     all or some are stored, but a plugin has changed since
   running   its newest run has not come to its end
   broken    it cannot be run, for the reason beside it
+  ...       that is being worked out
 Enter opens a study, to change what it says and to launch it."""
     DEFAULT_CSS = """
     StudiesPage #split { layout: vertical; height: 1fr; }
@@ -89,6 +96,8 @@ Enter opens a study, to change what it says and to launch it."""
         self.found: dict[str, Surveyed] = {}
         self.last: dict[str, RunSummary] = {}
         self._surveyor: Surveyor | None = None
+        self._wanted: set[str] | None = None  # that are looked at first, once somebody looks at the list
+        self._soon: Timer | None = None
         self._asked: object = None
 
     def body(self) -> ComposeResult:
@@ -120,7 +129,9 @@ Enter opens a study, to change what it says and to launch it."""
         asked = (entries, [entry.stamp for entry in entries], ended, self._plugins())
         if asked != self._asked:
             self._asked = asked
-            self.survey({FIRST, *moved})
+            self._wanted = {FIRST, *moved, *(self._wanted or ())}
+        if self._wanted is not None and self._soon is None:
+            self._soon = self.set_timer(MOMENT, self._survey_if_seen)
 
     async def _runs(self) -> list[RunSummary]:
         try:
@@ -137,6 +148,12 @@ Enter opens a study, to change what it says and to launch it."""
     def _plugins(self) -> list[tuple[str, int]]:
         folder = self.app.desk.workspace.folder / "plugins"
         return [(file.name, file.stat().st_mtime_ns) for file in sorted(folder.glob("*.py")) if file.exists()]
+
+    def _survey_if_seen(self) -> None:
+        self._soon = None
+        if self.is_current and self._wanted is not None:  # else it is asked for again when the screen is shown
+            wanted, self._wanted = self._wanted, None
+            self.survey(wanted)
 
     def survey(self, first: Collection[str]) -> None:
         """Work out anew what running the studies would do."""

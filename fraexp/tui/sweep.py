@@ -29,7 +29,7 @@ SECTIONS = {
     "provenance": "Provenance",
     "log": "Log",
 }
-READING = "reading …"
+READING = "reading ..."
 WIDE = 110
 """Columns from which on parameters are a table."""
 

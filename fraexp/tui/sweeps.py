@@ -11,6 +11,7 @@ from textual.timer import Timer
 from textual.widgets import Input, Static
 
 from fraexp.figures.labels import printable
+from fraexp.store import shown
 from fraexp.tui.curating import CuratingPage
 from fraexp.tui.filtering import EXAMPLE, SweepFilter
 from fraexp.tui.table import PagedTable, SweepTable
@@ -69,12 +70,16 @@ not be. A word alone is searched everywhere. Tab completes names.
         """Show the sweeps, or why there are none."""
         self._command()
         if self.app.desk.workspace.has_database():
+            if not self.table.display:  # something was wrong: what is read is not shown before it can be read
+                if await self.fetch(self.app.desk.read(lambda store: store.page("", "", 0, 1))) is None:
+                    return
+                self.tell()
             self._show_rest(True)
             self.call_after_refresh(self.table.reload)
         else:
             self._show_rest(False)
             self.tell(
-                f"There is no database yet: {self.app.desk.workspace.database}\n\n"
+                f"There is no database yet: {shown(self.app.desk.workspace.database)}\n\n"
                 "The first run makes it. Press s for the studies; the quick one takes seconds."
             )
 

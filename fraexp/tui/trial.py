@@ -16,7 +16,7 @@ from textual.widgets import Input, Static
 from fraexp.components import FrictionModel
 from fraexp.figures.labels import printable
 from fraexp.parameters import unit_of
-from fraexp.tui.page import Page
+from fraexp.tui.page import Page, shortened
 from fraexp.tui.panels import Panel, scaled
 from fraexp.tui.watch import PluginsChanged
 from fraexp.views.entries import Entry, entries, example, told, written
@@ -237,7 +237,7 @@ The law is computed in plain Python, at once; the command at the top drives it i
 
     def _complain(self, text: str) -> None:
         """Tell what is wrong, and by which value."""
-        self.query_one("#wrong", Static).update(Text(printable(text)))
+        self.query_one("#wrong", Static).update(Text(printable(shortened(text))))
         self.query_one("#numbers", Static).update(Text(f"before: {self._numbers}" if text else self._numbers))
         named = [field for field in self.query(Field) if _names(text, field.entry.path)]
         worst = max(named, key=lambda field: len(field.entry.path), default=None)

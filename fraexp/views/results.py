@@ -34,4 +34,4 @@ def fit_section(fit: Fit) -> list[str]:
 def curve_text(curve: Curve) -> str:
     """Return what a curve holds."""
     columns = ", ".join(f"{name} [{curve.units.get(name, '')}]" for name in curve.columns)
-    return f"{curve.name}: {columns}, {len(next(iter(curve.columns.values())))} points"
+    return f"{curve.name}: {columns}, {len(next(iter(curve.columns.values()), ()))} points"

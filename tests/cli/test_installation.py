@@ -1,10 +1,14 @@
 import json
+import sqlite3
 from pathlib import Path
 
 import pytest
 
+from fraexp import selftest
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
+from fraexp.store import Store
+from fraexp.sweep import Sweep
 
 GOOD = '''
 """A plant of my own."""
@@ -70,3 +74,37 @@ def test_doctor_looks_before_the_first_run(tmp_path: Path, capsys: pytest.Captur
     assert main(["doctor", "--workspace", str(tmp_path)]) == ExitCode.OK
     assert "not there yet; the first run makes it" in capsys.readouterr().out
     assert list(tmp_path.iterdir()) == []
+
+
+def test_doctor_tells_of_size_journal_extras_and_tests_the_numbers(
+    workspace: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["doctor", "--workspace", str(workspace), "--json"]) == ExitCode.OK
+    found = json.loads(capsys.readouterr().out)
+    stored = found["database"]
+    assert (stored["sweeps"], stored["size"]) == (5, (workspace / "results.db").stat().st_size)
+    assert stored["journal"].startswith("wal")
+    assert stored["hanging"] == []
+    assert set(found["extras"]) == {"postgresql", "dask"}
+    assert found["self_test"]["sound"]
+    assert found["self_test"]["difference"] < selftest.TOLERANCE
+    assert "steps per sample" in found["self_test"]["kernel"]
+
+
+def test_doctor_finds_wrong_numbers(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(selftest, "TRUTH", {key: 1.00001 * value for key, value in selftest.TRUTH.items()})
+    assert main(["doctor", "--workspace", str(tmp_path)]) == ExitCode.INCOMPLETE
+    assert "wrong numbers: the response differs by 1.0e-05 of the truth" in capsys.readouterr().out
+
+
+def test_doctor_names_a_run_that_was_broken_off(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    sweep = Sweep({"source": "loop"}, {"name": "proposed"})
+    with Store.open(str(tmp_path / "results.db"), create=True) as store:
+        run = store.begin_run("bench", "bench.toml", "fraexp run bench", {}, [sweep])
+        assert store.claim(run, [sweep.key]) == {sweep.key}
+    with sqlite3.connect(tmp_path / "results.db") as connection:
+        connection.execute("UPDATE run SET pid = 4194305")  # above the greatest that there can be
+    assert main(["doctor", "--workspace", str(tmp_path)]) == ExitCode.OK
+    assert "run 1 was broken off, and holds 1 sweep; fraexp run bench goes on from there" in capsys.readouterr().err

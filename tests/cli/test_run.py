@@ -1,4 +1,5 @@
 import json
+import sqlite3
 from pathlib import Path
 
 import pytest
@@ -53,6 +54,43 @@ def test_a_dry_run_tells_and_writes_nothing(folder: Path, capsys: pytest.Capture
     assert printed.out == ""
     assert printed.err.startswith("methods: 2 sweeps, 0 reused, 2 to compute, about ")
     assert [path.name for path in folder.iterdir()] == ["studies"]
+
+
+def test_a_dry_run_says_why_and_names_what_differs(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    def told(*options: str) -> list[str]:
+        capsys.readouterr()
+        assert main(["run", "methods", "--dry-run", *options]) == ExitCode.OK
+        return capsys.readouterr().err.splitlines()[1:]
+
+    assert told() == ["  2 new: no run of this study is stored"]
+    assert main(["run", "methods", "--executor", "serial"]) == ExitCode.OK
+    assert told() == ["  2 reused: stored, computed by the same sources"]
+    assert told("--rerun", "all") == ["  2 computed again: stored, computed by the same sources"]
+    assert told("--set", "grid.excitation.amplitude=[12, 30, 50]") == [
+        "  2 reused: stored, computed by the same sources",
+        "  4 new: excitation.amplitude = 30, 50, stored 12 (compared with the nearest sweep of run 1)",
+    ]
+    (line,) = told("--set", "plant.gain=0.2", "--set", "estimator.name=proposed", "--set", "estimator.force_scale=2")
+    assert "plant.gain = 0.2, stored 0.132" in line
+    assert "estimator.force_scale = 2, stored 1" in line
+
+    with sqlite3.connect("results.db") as connection:
+        connection.execute("UPDATE supplied_component SET source_hash = 'c0ffee00' WHERE name = 'proposed'")
+        connection.execute("UPDATE sweep SET outcome = 'DIVERGED' WHERE estimator_name = 'conventional'")
+    stale, failed = sorted(told(), key=len, reverse=True)
+    assert stale.startswith("  1 reused, stale: the source has changed since of estimator proposed (version 1 of ")
+    assert stale.endswith(", then c0ffee00); --rerun stale computes them")
+    assert failed.startswith("  1 reused, failed: stored, but without a result of use: ")
+    assert failed.endswith(" diverged; --rerun failed computes them")
+    assert any(line.startswith("  1 computed again, stale: ") for line in told("--rerun", "stale"))
+    assert any(line.startswith("  1 to be tried again: ") for line in told("--rerun", "failed"))
+
+    assert main(["run", "methods", "--dry-run", "--json", "--set", "excitation.amplitude=30"]) == ExitCode.OK
+    (planned,) = json.loads(capsys.readouterr().out)["planned"]
+    (why,) = planned["why"]
+    assert (why["computed"], why["state"], why["count"], len(why["sweeps"])) == (True, "new", 2, 2)
+    assert why["sweeps"][0]["labels"] == {"estimator.name": "conventional"}
+    assert why["sweeps"][0]["why"].startswith("excitation.amplitude = 30, stored 12 in sweep ")
 
 
 @pytest.mark.parametrize(

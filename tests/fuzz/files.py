@@ -35,17 +35,50 @@ TABLES = (
     "1\n2\n3\n",
 )
 CELLS = (",", ";", "\t", '"', "#", "%", "\n", "\r", "\x00", "[mm]", "(N)", "nan", "1e400", "1,5", "u [N]")
+LIKELY = 7
+"""Refusals of a file in which some of the columns are there."""
 SUFFIXES = (".csv", ".json", ".mat", ".h5", ".unv")
 ESCAPE = "\x1b"
 COMMANDS = (
-    ["list"], ["list", "--json"], ["show", "1"], ["show", "1", "--json"], ["compare", "1"], ["list", "state=computed"],
-    ["list", "laser"], ["doctor"],
-)  # fmt: skip
+    ["list"],
+    ["list", "--json"],
+    ["show", "1"],
+    ["show", "1", "--json"],
+    ["compare", "1"],
+    ["list", "state=computed"],
+    ["list", "laser"],
+)
 ODD = (
-    None, 0, -1, 2**62, 10**9, 1.5, float("inf"), "", "x", ESCAPE + "[2J" + ESCAPE + "]0;t\x07", "\u202egnp", "[" * 3000, "null",
-    '{"a": NaN, "b": Infinity}', "[1,2]", '{"\\u001b[31m": "\\u001b[0m"}', '"text"', '{"a":' * 60 + "1" + "}" * 60, b"", b"\xff\xfe",
-    b"\x93NUMPY\x01\x00", "1" * 4000, '{"x": ' + "1" * 400 + "}", "2026-13-45", "OK", "FAILED", "complete", "../../x", "9" * 30,
-)  # fmt: skip
+    None,
+    0,
+    -1,
+    2**62,
+    10**9,
+    1.5,
+    float("inf"),
+    "",
+    "x",
+    ESCAPE + "[2J" + ESCAPE + "]0;t\x07",
+    "\u202egnp",
+    "[" * 3000,
+    "null",
+    '{"a": NaN, "b": Infinity}',
+    "[1,2]",
+    '{"\\u001b[31m": "\\u001b[0m"}',
+    '"text"',
+    '{"a":' * 60 + "1" + "}" * 60,
+    b"",
+    b"\xff\xfe",
+    b"\x93NUMPY\x01\x00",
+    "1" * 4000,
+    '{"x": ' + "1" * 400 + "}",
+    "2026-13-45",
+    "OK",
+    "FAILED",
+    "complete",
+    "../../x",
+    "9" * 30,
+)
 
 
 def targets(folder: Path, registry: Registry) -> list[Target]:
@@ -55,16 +88,18 @@ def targets(folder: Path, registry: Registry) -> list[Target]:
     fill(folder / "model.db")
     for name in ("model.db-wal", "model.db-shm"):
         (folder / name).unlink(missing_ok=True)
+    with contextlib.suppress(FraexpError):
+        _database(folder, [], plot=True)  # what is imported once, and takes its time
     tables = [table.encode() for table in (*TABLES, TABLES[0].encode("utf-16").decode("latin-1"))]
     return [
-        Target("CSV as text", _texts(TABLES), partial(_csv, folder, registry), 0.008),
-        Target("CSV as bytes", _octets(tables), partial(_read, folder, registry, "b.csv"), 0.006),
-        Target("MATLAB 4 to 7", _octets(classic), partial(_read, folder, registry, "b.mat"), 0.012),
-        Target("MATLAB 7.3", _octets(hdf5), partial(_read, folder, registry, "c.mat"), 0.004),
-        Target("stored arrays", _octets(arrays), decode, 0.05),
-        Target("stored JSON", _json, _plain_data, 0.05),
-        Target("database rows", _rows, partial(_database, folder), 0.0005),
-        Target("database files", _octets([(folder / "model.db").read_bytes()]), partial(_file, folder), 0.0005),
+        Target("CSV as text", _texts(TABLES), partial(_csv, folder, registry), 0.003),
+        Target("CSV as bytes", _octets(tables), partial(_read, folder, registry, "b.csv"), 0.003),
+        Target("MATLAB 4 to 7", _octets(classic), partial(_read, folder, registry, "b.mat"), 0.004),
+        Target("MATLAB 7.3", _octets(hdf5), partial(_read, folder, registry, "c.mat"), 0.001),
+        Target("stored arrays", _octets(arrays), decode, 0.1),
+        Target("stored JSON", _json, _plain_data, 0.1),
+        Target("database rows", _rows, partial(_database, folder), 0.0002),
+        Target("database files", _octets([(folder / "model.db").read_bytes()]), partial(_file, folder), 0.0002),
     ]
 
 
@@ -104,7 +139,7 @@ def _read(folder: Path, registry: Registry, name: str, data: bytes) -> None:
     file.write_bytes(data)
     reader = reader_of("", file, registry)
     refusals: list[FraexpError] = []
-    for columns in (["t", "u"], ["y"], ["s.a", "s.c.1"], ["1"], ["u.2"], ["g.u.1", "r.1"], ["big"]):
+    for columns in (["t"], ["u"], ["y"], ["s.a", "s.c.1"], ["1"], ["u.2"], ["g.u.1", "r.1"], ["big"]):
         try:
             reader.read(file, columns)
         except FraexpError as error:
@@ -114,7 +149,7 @@ def _read(folder: Path, registry: Registry, name: str, data: bytes) -> None:
         proposal(file, found, registry)
     except FraexpError as error:
         refusals.append(error)
-    if refusals:
+    if len(refusals) > LIKELY:
         raise refusals[0]
 
 
@@ -140,24 +175,62 @@ def _rows(rng: Random) -> list[tuple[str, str, Any]]:
 
 
 COLUMNS = {
-    "run": ("study", "study_file", "command", "state", "started", "ended", "heartbeat", "host", "pid", "process_start", "provenance",
-            "progress"),
-    "sweep": ("key", "outcome", "message", "elapsed", "numerics", "created", "source", "plant_name", "estimator_name", "rest_part",
-              "record_part", "estimator_part"),
+    "run": (
+        "study",
+        "study_file",
+        "command",
+        "state",
+        "started",
+        "ended",
+        "heartbeat",
+        "host",
+        "pid",
+        "process_start",
+        "provenance",
+        "progress",
+    ),
+    "sweep": (
+        "key",
+        "outcome",
+        "message",
+        "elapsed",
+        "numerics",
+        "created",
+        "source",
+        "plant_name",
+        "estimator_name",
+        "rest_part",
+        "record_part",
+        "estimator_part",
+    ),
     "part": ("section", "content", "lists", "number"),
     "run_sweep": ("labels", "state", "message", "log", "standing", "position", "run"),
-    "frequency_response": ("unit", "input", "output", "points", "frequency", "response", "covariance", "input_amplitude", "settled",
-                           "residual", "harmonics", "freedom", "coherence", "model_covariance"),
+    "frequency_response": (
+        "unit",
+        "input",
+        "output",
+        "points",
+        "frequency",
+        "response",
+        "covariance",
+        "input_amplitude",
+        "settled",
+        "residual",
+        "harmonics",
+        "freedom",
+        "coherence",
+        "model_covariance",
+    ),
     "metric": ("name", "value", "unit", "position"),
     "curve": ("name", "position"),
     "curve_column": ("name", "unit", "samples", "position"),
     "supplied_component": ("kind", "name", "version", "source_hash", "distribution"),
     "field": ("kind", "name"),
     "alembic_version": ("version_num",),
-}  # fmt: skip
+}
 
 
-def _database(folder: Path, changes: Sequence[tuple[str, str, Any]]) -> None:
+def _database(folder: Path, changes: Sequence[tuple[str, str, Any]], plot: bool = False) -> None:
     file = folder / "rows.db"
     shutil.copyfile(folder / "model.db", file)
     with contextlib.closing(sqlite3.connect(file)) as connection:
@@ -167,7 +240,7 @@ def _database(folder: Path, changes: Sequence[tuple[str, str, Any]]) -> None:
                 value = new.encode("utf-8", "replace").decode() if isinstance(new, str) else new
                 connection.execute(f"UPDATE OR IGNORE {table} SET {column} = ?", (value,))
         connection.commit()
-    _shown(folder, file)
+    _shown(folder, file, plot or len(changes) > 1)
 
 
 def _file(folder: Path, data: bytes) -> None:
@@ -178,7 +251,7 @@ def _file(folder: Path, data: bytes) -> None:
     _shown(folder, file)
 
 
-def _shown(folder: Path, file: Path) -> None:
+def _shown(folder: Path, file: Path, plot: bool = False) -> None:
     """Show all that a database holds; no command fails but in a line, and none lets escape codes through."""
     place = ["--db", str(file), "--workspace", str(folder)]
     codes = [_command([*command, *place]) for command in COMMANDS]
@@ -189,7 +262,7 @@ def _shown(folder: Path, file: Path) -> None:
         codes.append(_command(["show", key, *place]))
         target = folder / f"out{SUFFIXES[len(key) % 5]}"
         codes.append(_command(["export", key, "-o", str(target), "--force", *place]))
-    if file.name.startswith("rows") and file.stat().st_mtime_ns % 10 == 0:
+    if plot:
         codes.append(_command(["plot", "1", "-o", str(folder / "out.png"), *place]))
     for code, text in codes:
         if code == ExitCode.INTERNAL:

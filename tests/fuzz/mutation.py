@@ -8,20 +8,104 @@ from random import Random
 from typing import Any
 
 NUMBERS = (
-    "0", "-1", "1e12", "1e400", "-1e308", "5e-324", "nan", "inf", "-inf", "1" * 30, "1" * 5000, "9**9**9", "1e", "0x1f",
-    "1_0", "2**63", "18446744073709551616", "-0.0", "1e-400", "٣", "½",
-)  # fmt: skip
+    "0",
+    "-1",
+    "1e12",
+    "1e400",
+    "-1e308",
+    "5e-324",
+    "nan",
+    "inf",
+    "-inf",
+    "1" * 30,
+    "1" * 5000,
+    "9**9**9",
+    "1e",
+    "0x1f",
+    "1_0",
+    "2**63",
+    "18446744073709551616",
+    "-0.0",
+    "1e-400",
+    "٣",
+    "½",
+)
 HOSTILE = (
-    "", " ", "\x1b[2J\x1b]0;title\x07", "\x00", "\u202e", "\ud800", "😀", "\x7f", "a" * 3000, "(" * 2000, "[" * 2000,
-    " " * 3000, "../../../etc/passwd", "/etc/passwd", "~root", "$(id)", "__import__('os').system('id')", "%s%n", "{level}",
-    "'; DROP TABLE run; --", "a.b" + ".c" * 60, "\r\n", "\ufeff", '"""', "'", "\\", "µ", "=", "[", "]", "{", "}", "\t",
-)  # fmt: skip
+    "",
+    " ",
+    "\x1b[2J\x1b]0;title\x07",
+    "\x00",
+    "\u202e",
+    "\ud800",
+    "😀",
+    "\x7f",
+    "a" * 3000,
+    "(" * 2000,
+    "[" * 2000,
+    " " * 3000,
+    "../../../etc/passwd",
+    "/etc/passwd",
+    "~root",
+    "$(id)",
+    "__import__('os').system('id')",
+    "%s%n",
+    "{level}",
+    "'; DROP TABLE run; --",
+    "a.b" + ".c" * 60,
+    "\r\n",
+    "\ufeff",
+    '"""',
+    "'",
+    "\\",
+    "µ",
+    "=",
+    "[",
+    "]",
+    "{",
+    "}",
+    "\t",
+)
 PIECE = re.compile(r"\s+|[\w.+-]+|.", re.DOTALL)
 VALUES: tuple[Any, ...] = (
-    None, True, 0, -1, 1, 2**63, -(2**63), 2**70, 10**400, 1e12, 1e308, -1e308, 5e-324, math.nan, math.inf, 0.0, [], {}, "",
-    "1e12", "1 um", "1 kg", "9**9**9 m", "nan", [[]], [1, "a", None], {"name": "x"}, {"fit": "plant"}, {"fit": []}, [{}],
-    date(2020, 1, 1), ["x"] * 1000, [1.0] * 1000, "\x1b[2J", "../../x", [[[[[[1]]]]]], {"name": ["a"]}, {"a": {"b": {}}},
-)  # fmt: skip
+    None,
+    True,
+    0,
+    -1,
+    1,
+    2**63,
+    -(2**63),
+    2**70,
+    10**400,
+    1e12,
+    1e308,
+    -1e308,
+    5e-324,
+    math.nan,
+    math.inf,
+    0.0,
+    [],
+    {},
+    "",
+    "1e12",
+    "1 um",
+    "1 kg",
+    "9**9**9 m",
+    "nan",
+    [[]],
+    [1, "a", None],
+    {"name": "x"},
+    {"fit": "plant"},
+    {"fit": []},
+    [{}],
+    date(2020, 1, 1),
+    ["x"] * 1000,
+    [1.0] * 1000,
+    "\x1b[2J",
+    "../../x",
+    [[[[[[1]]]]]],
+    {"name": ["a"]},
+    {"a": {"b": {}}},
+)
 
 
 def text(rng: Random, seed: str, others: Sequence[str], words: Sequence[str]) -> str:
@@ -86,28 +170,29 @@ def plain(rng: Random, data: Any, names: Sequence[str], depth: int = 0) -> Any:
 
 def _changed(rng: Random, data: Any, names: Sequence[str]) -> Any:
     if isinstance(data, dict) and data and rng.random() < 0.9:
-        key = rng.choice(list(data))
-        match rng.randrange(9):
-            case 0:
-                return {other: value for other, value in data.items() if other != key}
-            case 1:
-                return {**data, rng.choice(names) if rng.random() < 0.8 else rng.choice(HOSTILE): rng.choice(VALUES)}
-            case 2:
-                return {**data, rng.choice(names): data[key]}
-            case 3:
-                return {**data, key: data[rng.choice(list(data))]}
-        return {**data, key: _changed(rng, data[key], names)}
+        return _changed_table(rng, data, names)
     if isinstance(data, list) and data and rng.random() < 0.8:
         place = rng.randrange(len(data))
-        match rng.randrange(5):
-            case 0:
-                return data[:place] + data[place + 1 :]
-            case 1:
-                return data + data[: rng.randrange(1, 4)]
-        return [*data[:place], _changed(rng, data[place], names), *data[place + 1 :]]
-    if isinstance(data, float | int) and not isinstance(data, bool) and rng.random() < 0.6:
-        factor = rng.choice((0.0, -1.0, 1e-3, 1e3, 1e-9, 1e9, 1e300, 0.999, 2.0))
-        return type(data)(data * factor) if abs(data) < 1e5 and not (isinstance(data, int) and factor > 1e10) else 0
+        ways = [data[:place] + data[place + 1 :], data + data[: rng.randrange(1, 4)]]
+        deeper = [*data[:place], _changed(rng, data[place], names), *data[place + 1 :]]
+        return rng.choice([*ways, deeper, deeper, deeper])
+    if isinstance(data, float | int) and not isinstance(data, bool) and abs(data) < 1e5 and rng.random() < 0.6:
+        changed = data * rng.choice((0.0, -1.0, 1e-3, 1e3, 1e-9, 1e9, 0.999, 2.0) + (1e300,) * isinstance(data, float))
+        return type(data)(changed)
     if isinstance(data, str) and rng.random() < 0.6:
         return text(rng, data, names, names)
     return rng.choice(VALUES) if rng.random() < 0.7 else rng.choice(names)
+
+
+def _changed_table(rng: Random, data: dict[str, Any], names: Sequence[str]) -> dict[str, Any]:
+    key = rng.choice(list(data))
+    match rng.randrange(9):
+        case 0:
+            return {other: value for other, value in data.items() if other != key}
+        case 1:
+            return {**data, rng.choice(names) if rng.random() < 0.8 else rng.choice(HOSTILE): rng.choice(VALUES)}
+        case 2:
+            return {**data, rng.choice(names): data[key]}
+        case 3:
+            return {**data, key: data[rng.choice(list(data))]}
+    return {**data, key: _changed(rng, data[key], names)}

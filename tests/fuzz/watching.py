@@ -13,8 +13,8 @@ from typing import Any
 
 from fraexp.errors import FraexpError
 
-LONGEST = 5.0
-"""Time that an input may take [s]."""
+LONGEST, ASLEEP = 5.0, 60.0
+"""Time that an input may take [s]: of the processor, and by the clock, which other work on the machine slows."""
 GROWTH = 500
 """Memory by which the process may grow at one [MB]."""
 
@@ -54,10 +54,10 @@ def feed(target: Target, seed: int, inputs: int) -> Tally:
         warnings.simplefilter("ignore")
         for _ in range(inputs):
             made = target.make(rng)
-            before, started = _memory(), time.monotonic()
+            before, started = _memory(), time.process_time()
             finding = _one(target, made, tally)
             tally.inputs += 1
-            took, growth = time.monotonic() - started, _memory() - before
+            took, growth = time.process_time() - started, _memory() - before
             tally.slowest, tally.growth = max(tally.slowest, took), max(tally.growth, growth)
             if took > LONGEST:
                 finding = finding or f"took {took:.1f} s"
@@ -70,7 +70,8 @@ def feed(target: Target, seed: int, inputs: int) -> Tally:
 
 def _one(target: Target, made: Any, tally: Tally) -> str:
     """Return what is found, or nothing."""
-    signal.setitimer(signal.ITIMER_REAL, LONGEST)
+    signal.setitimer(signal.ITIMER_PROF, LONGEST)
+    signal.setitimer(signal.ITIMER_REAL, ASLEEP)
     try:
         target.parse(made)
         tally.accepted += 1
@@ -82,6 +83,7 @@ def _one(target: Target, made: Any, tally: Tally) -> str:
     except Exception as error:
         return _place(error)
     finally:
+        signal.setitimer(signal.ITIMER_PROF, 0)
         signal.setitimer(signal.ITIMER_REAL, 0)
     return ""
 
@@ -104,11 +106,12 @@ def alarmed() -> Iterator[None]:
     def ring(number: int, frame: object) -> None:
         raise HangError
 
-    before = signal.signal(signal.SIGALRM, ring)
+    before = {number: signal.signal(number, ring) for number in (signal.SIGALRM, signal.SIGPROF)}
     try:
         yield
     finally:
-        signal.signal(signal.SIGALRM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _memory() -> float:
@@ -119,4 +122,5 @@ def _memory() -> float:
 def short(made: Any) -> str:
     """Return an input in one short line, with a digest."""
     told = repr(made)
-    return f"{told[:300]} ({len(told)} letters, {hashlib.blake2b(told.encode('utf-8', 'replace'), digest_size=4).hexdigest()})"
+    digest = hashlib.blake2b(told.encode("utf-8", "replace"), digest_size=4).hexdigest()
+    return f"{told[:300]} ({len(told)} letters, {digest})"

@@ -88,7 +88,7 @@ def under_way(folder: Path, *arguments: str, before: str = "") -> Iterator["subp
         yield process
     finally:
         process.kill()
-        process.wait()
+        process.communicate()  # closes the pipe
 
 
 def until(holds: Callable[[], object], patience: float = 120.0) -> None:
@@ -299,14 +299,12 @@ def test_a_database_that_moves_to_a_network_file_system_and_back_changes_its_way
 
 
 HALF_DONE = """
-import pathlib, sqlite3, sys
+import sqlite3, sys
 connection = sqlite3.connect(sys.argv[1], isolation_level=None)
 connection.execute("PRAGMA cache_size = 1")  # so that pages reach the file before the end
 connection.execute("BEGIN IMMEDIATE")
-connection.execute("UPDATE run SET command = hex(zeroblob(200000)), study = 'half-done'")
 connection.execute("UPDATE alembic_version SET version_num = 'half-done'")
-connection.execute("INSERT INTO run SELECT number + 100, study, study_file, command, state, started, ended, heartbeat, "
-    "host, boot, pid, process_start, provenance, progress FROM run")
+connection.execute("UPDATE run SET command = hex(zeroblob(2000000)), study = 'half-done'")
 print("ready", flush=True)
 sys.stdin.read()
 """

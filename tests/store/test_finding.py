@@ -81,6 +81,10 @@ def filled(store):
         ("message:killed", {"d"}),
         ("elapsed>1s", {"c_%"}),
         ("elapsed>1min", set()),
+        ("elapsed<1m", {"a", "b", "c_%"}),
+        ("elapsed>0.03m", {"c_%"}),
+        ('metric."peak force">0.014kN', {"c_%"}),
+        ("friction.curve.coulomb>0.001kg", {"a", "b", "c_%", "d"}),  # of which no unit is known here
         ("created:today", {"a", "b", "c_%"}),
         ("created<2020-01-01", set()),
         ('metric."peak force">14', {"c_%"}),
@@ -113,11 +117,21 @@ def test_a_filter_lets_through_what_it_says(filled, text, cases):
         ("=3", "has no field"),
         ("-", "says nothing"),
         ("elapsed>1e999", "is no number"),
+        ("elapsed>1mm", "'elapsed>1mm': 'mm' is not a unit of the same kind as 's'"),
+        ("run>1m", "'m' is not a unit of the same kind as '1'"),
+        ('metric."peak force">14kg', "'kg' is not a unit of the same kind as 'N'"),
+        ("excitation.amplitude>=12kg", "'kg' is not a unit of the same kind as 'N'"),
+        ("excitation.amplitude=12kg", "'kg' is not a unit of the same kind as 'N'"),
+        ("estimator=propsed", "no sweep has the estimator 'propsed'; did you mean 'proposed'"),
+        ("-friction=roling", "no sweep has the friction 'roling'; did you mean 'rolling'"),
     ],
 )
-def test_a_filter_that_cannot_be_understood_is_refused_in_one_line(filled, text, says):
-    with pytest.raises(StoreError, match=says) as caught:
-        filled.page(text)
+def test_a_filter_that_cannot_be_understood_is_refused_in_one_line(filled, url, text, says):
+    units = {"excitation.amplitude": ["N", "m"]}
+    with Store.open(url, read_only=True, units=lambda path: units.get(path, ())) as store:
+        with pytest.raises(StoreError, match=says) as caught:
+            store.page(text)
+        assert store.page("excitation.amplitude>=0.012kN excitation.amplitude>1um").total == 2
     assert "\n" not in str(caught.value)
 
 
@@ -159,8 +173,9 @@ def test_a_long_list_comes_back_although_it_is_kept_apart(filled):
     assert "case" in filled.fields()
 
 
+NAMES = ["a", "A%", "b_", "é", 'q"', "proposed"]
+WORDS = st.sampled_from(NAMES)
 AMPLITUDES = st.sampled_from([1.0, 2, 12.0, "12 N", True, None])
-WORDS = st.sampled_from(["a", "A%", "b_", "é", 'q"', "proposed"])
 ROWS = st.lists(st.tuples(AMPLITUDES, WORDS, WORDS, st.sampled_from([*Outcome, None])), max_size=6)
 TERMS = st.one_of(
     st.tuples(
@@ -225,13 +240,14 @@ def test_sql_and_python_agree(another, rows, terms):
     # something that has every field, so that none is unknown, and that no term is asked of
     rest = Sweep({"x": {"amplitude": 0}}, {"name": "n"}, {"case": "n"})
     with Store.open(another(), create=True) as store:
-        store.begin_run("s", "f", "c", {}, [rest])
+        others = [Sweep({"y": 1}, {"name": name}, {"case": "n"}) for name in NAMES]
+        store.begin_run("s", "f", "c", {}, [rest, *others])
         run = store.begin_run("s", "f", "c", {}, [sweep for sweep, _ in grid.values()])
         store.save(run, [(sweep, Result(row[3]), {}) for sweep, row in grid.values() if row[3]])
         quote = lambda text: '"' + text.replace('"', '\\"') + '"'  # noqa: E731
         text = " ".join(f"{sign}{field}{operator}{quote(value)}" for sign, field, operator, value in terms)
         wanted = {key for key, (_, row) in grid.items() if all(expected(row, term) for term in terms)}
-        assert set(store.keys(text)) - {rest.key} == wanted
+        assert set(store.keys(text)) - {sweep.key for sweep in (rest, *others)} == wanted
         assert store.page(text, run=run).total == len(wanted)
 
 

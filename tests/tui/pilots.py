@@ -13,12 +13,15 @@ PATIENCE = 60.0
 """Seconds to wait for what must come."""
 
 
-def pilot_of(app: FraexpApp | Path, steps: Steps, size: tuple[int, int] = (80, 24)) -> None:
-    """Run an application, or one on a workspace folder, in a terminal of a size, and take steps in it."""
+def pilot_of(app: FraexpApp | Path, steps: Steps, size: tuple[int, int] = (80, 24), notices: bool = False) -> None:
+    """Run an application, or one on a workspace folder, in a terminal of a size, and take steps in it.
+
+    `notices`: messages are drawn, too.
+    """
 
     async def drive() -> None:
         shown = FraexpApp(app) if isinstance(app, Path) else app
-        async with shown.run_test(size=size) as pilot:
+        async with shown.run_test(size=size, notifications=notices) as pilot:
             await steps(shown, pilot)
 
     asyncio.run(drive())

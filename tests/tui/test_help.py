@@ -1,9 +1,11 @@
 """Help tells the keys as they are, on every screen."""
 
 import pytest
+from textual.widgets import Static
 
 from fraexp.tui import keys
 from fraexp.tui.ask import Ask, Confirm
+from fraexp.tui.help import HelpPage
 from fraexp.tui.page import PLACES
 from fraexp.tui.trial import TrialPage
 from tests.tui.pilots import pilot_of, shows, until
@@ -95,3 +97,33 @@ def test_a_line_that_is_wrong_is_not_taken(workspace):
 
     pilot_of(workspace, steps)
     assert answers == ["a.png"]
+
+
+def test_help_leads_to_its_end_and_tells_our_keys_alone(workspace):
+    async def steps(app, pilot):
+        await pilot.press("c")
+        await until(pilot, lambda: app.screen.PLACE == "compare")
+        await pilot.press("question_mark")
+        await until(pilot, lambda: isinstance(app.screen, HelpPage))
+        await pilot.press("G")
+        await shows(pilot, "finds commands by name")
+        lines = app.screen.query(Static)[1].render_line
+        rows = [lines(row).text for row in range(app.screen.query(Static)[1].size.height)]
+        assert sum("hide or show this curve" in row for row in rows) == 1
+        assert any(row.split()[:3] == ["1", "to", "9"] for row in rows)
+        assert not any(
+            ("ocus" in row and "revious" in row) or "Copy selected" in row or "Quit the app" in row for row in rows
+        )
+        await pilot.press("g")
+        await shows(pilot, "marked sweeps")
+
+    pilot_of(workspace, steps)
+
+
+def test_the_palette_offers_our_commands_alone(workspace):
+    async def steps(app, pilot):
+        names = [command.title for command in app.get_system_commands(app.screen)]
+        assert "filter" in names
+        assert not {"Focus Next", "Focus Previous", "Copy selected text"} & set(names)
+
+    pilot_of(workspace, steps)

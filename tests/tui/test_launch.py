@@ -8,6 +8,8 @@ import time
 from pathlib import Path
 
 import pytest
+from textual import events
+from textual.widgets import Input
 
 from fraexp.store import Store
 from fraexp.tui.fieldlist import FieldList
@@ -186,5 +188,50 @@ def test_enter_enter_launches_and_the_run_comes_to_its_end(tmp_path):
         await shows(pilot, "complete", "4 of 4 sweeps", "100 %", "4 computed")
         await pilot.press("escape")
         await shows(pilot, "$ fraexp list", "complete")
+
+    pilot_of(tmp_path, steps)
+
+
+def test_what_is_pasted_over_several_lines_is_one_value(tmp_path):
+    async def steps(app, pilot):
+        lines = await opened(app, pilot)
+        await write(pilot, lines, "grid.excitation.amplitude", "")
+        lines.query_one(Input).post_message(events.Paste("[\n  12,\n  24,\n]\n"))
+        await until(pilot, lambda: lines.query_one(Input).value == "[ 12, 24, ]")
+        await shows(pilot, "4 sweeps: 0 reused, 4 to compute")
+
+    pilot_of(tmp_path, steps)
+
+
+def test_many_letters_at_once_are_checked_once_and_a_long_one_leaves_room(tmp_path):
+    checked = []
+
+    async def steps(app, pilot):
+        lines = await opened(app, pilot)
+        await write(pilot, lines, "excitation.points", "")
+        fault = lines.field.fault
+        object.__setattr__(lines.field, "fault", lambda text: checked.append(text) or fault(text))
+        for _ in range(300):
+            app.post_message(events.Key("x", "x"))
+        await shows(pilot, "! stepped_sine", "xxx...")
+        assert len(checked) < 30
+        lines.query_one(Input).post_message(events.Paste("x" * 20_000))
+        await until(pilot, lambda: len(checked[-1]) > 20_000)
+        await shows(pilot, "! stepped_sine", "excitation.points  ")
+        assert app.screen.query_one("#plan").size.height <= 6
+
+    pilot_of(tmp_path, steps)
+
+
+def test_an_arrow_that_is_pressed_before_the_form_is_there_counts(tmp_path):
+    async def steps(app, pilot):
+        await until(pilot, lambda: app.screen.entry)
+        await pilot.press("enter")
+        await until(pilot, lambda: isinstance(app.screen, LaunchPage))
+        page = app.screen
+        page.action_next(1)
+        await until(pilot, lambda: page.groups)
+        fields = page.query_one(FieldList).fields
+        await until(pilot, lambda: page.query_one(FieldList).field is fields[0])
 
     pilot_of(tmp_path, steps)

@@ -23,7 +23,16 @@ def test_a_text_keeps_its_width(text):
 
 @pytest.mark.parametrize(
     ("text", "plain"),
-    [("┃µm│", "|um|"), ("⣿⡀⠀", "#. "), ("Å", "A"), ("频率", "????"), ("3 ± 1", "3 ~ 1"), ("…", "."), ("✓", "x")],
+    [
+        ("┃µm│", "|um|"),
+        ("⣿⡀⠀", "#. "),
+        ("Å", "A"),
+        ("频率", "????"),
+        ("3 ± 1", "3 ~ 1"),
+        ("…", "~"),
+        ("⏎ open", "< open"),
+        ("✓", "x"),
+    ],
 )
 def test_what_stands_for_what(text, plain):
     assert ascii_text(text) == plain
@@ -124,3 +133,10 @@ def test_without_colours_all_is_still_told(workspace, keys, monkeypatch):
         assert all(colour.red == colour.green == colour.blue for colour in colours)
 
     pilot_of(workspace, steps)
+
+
+def test_the_keys_in_the_last_line_are_read_in_ascii_too(workspace):
+    async def steps(app, pilot):
+        await shows(pilot, "Enter open", "? help")
+
+    pilot_of(FraexpApp(workspace, plain=True), steps)

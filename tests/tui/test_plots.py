@@ -9,17 +9,19 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from rich.cells import cell_len
 from textual.app import App, ComposeResult
 from textual.color import Color
 from textual.pilot import Pilot
 
-from fraexp.results import FrequencyResponse
+from fraexp.figures.shown import Shown
+from fraexp.results import FrequencyResponse, Outcome, Result
 from fraexp.tui.axes import Ticks, tick_text
 from fraexp.tui.curves import Trace, bode
 from fraexp.tui.plot import ALONE, ON_DARK, ON_LIGHT, UNSETTLED, Look, Plot, line_of
 from fraexp.tui.plots import BodeView
 from fraexp.tui.raster import ACROSS, BLANK, DOWN, characters, line, sparse
-from fraexp.tui.readout import readout
+from fraexp.tui.readout import cut, readout
 from tests.tui.pilots import screen_text, until
 from tests.tui.responses import RESONANCE, gap, resonant
 
@@ -82,19 +84,20 @@ def test_a_line_has_the_dots_that_walking_along_it_meets(
 ) -> None:
     x, y = np.array(points).T
     width, height = ACROSS * cells[0], DOWN * cells[1]
-    expected = np.zeros((height, width), dtype=bool)
+    expected, sure = np.zeros((2, height, width), dtype=bool)
     for (x0, y0), (x1, y1) in pairwise(points):
         along = np.linspace(0, 1, 20_000)
         column, row = (x0 + along * (x1 - x0)) / 10 * width, (10 - y0 - along * (y1 - y0)) / 10 * height
-        inside = (column > -1e-3) & (column < width + 1e-3) & (row > -1e-3) & (row < height + 1e-3)
-        places = np.floor(row[inside]).astype(int), np.floor(column[inside]).astype(int)
-        expected[np.clip(places[0], 0, height - 1), np.clip(places[1], 0, width - 1)] = True
+        for seen, room in ((expected, 1e-3), (sure, -1e-3)):  # with what lies on the edge, and without it
+            inside = (column > -room) & (column < width + room) & (row > -room) & (row < height + room)
+            places = np.floor(row[inside]).astype(int), np.floor(column[inside]).astype(int)
+            seen[np.clip(places[0], 0, height - 1), np.clip(places[1], 0, width - 1)] = True
     drawn = line(x, y, WINDOW, cells)
     grown = np.pad(expected, 1)
     near = np.any([np.roll(grown, (i, j), (0, 1)) for i in (-1, 0, 1) for j in (-1, 0, 1)], axis=0)[1:-1, 1:-1]
     assert not (drawn & ~near).any()  # no dot where the line does not pass
-    if expected.any(axis=0).sum() > 2:
-        assert (drawn.any(axis=0) | ~expected.any(axis=0))[1:-1].all()  # and none of its columns is empty
+    if sure.any(axis=0).sum() > 2:
+        assert (drawn.any(axis=0) | ~sure.any(axis=0))[1:-1].all()  # and none of its columns is empty
 
 
 def test_gaps_are_not_bridged_and_nothing_is_drawn_of_nothing() -> None:
@@ -235,6 +238,39 @@ def test_the_focused_curve_covers_the_others() -> None:
     shown(pair, steps)
 
 
+def test_lines_are_made_anew_when_they_are_seen_otherwise(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = []
+
+    def counted(*args):
+        made.append(args)
+        return line(*args)
+
+    monkeypatch.setattr("fraexp.tui.plot.line", counted)
+
+    async def steps(view: BodeView, pilot: Pilot[None]) -> None:
+        async def lines_of(change: Callable[[], object]) -> int:
+            made.clear()
+            change()
+            await pilot.pause(0.1)
+            return len(made)
+
+        assert await lines_of(lambda: view.step(1)) == 0
+        before = drawn_rows(plots_of(view)[0])
+        assert await lines_of(lambda: view.zoom(x=2)) > 0
+        assert drawn_rows(plots_of(view)[0]) != before
+        other = bode([Shown("a", Result(Outcome.OK, response=resonant(GRID, at=70.0)))], None)
+        assert await lines_of(lambda: view.display_picture(other)) > 0
+
+    shown([("a", resonant(GRID))], steps)
+
+
+def test_labels_of_a_wide_span_are_found_soon() -> None:
+    ticks, labels = Ticks(13, upright=True).get_ticks_and_labels(-6.3, 6.3)
+    assert labels == ["-6", "-4", "-2", "0", "2", "4", "6"]
+    assert Ticks(3, upright=True).get_ticks_and_labels(0.0, 1000.0)[1] == ["0", "500", "1k"]
+    assert ticks == [-6.0, -4.0, -2.0, 0.0, 2.0, 4.0, 6.0]
+
+
 def test_without_colours_curves_carry_their_digits(monkeypatch: pytest.MonkeyPatch) -> None:
     async def steps(view: BodeView, pilot: Pilot[None]) -> None:
         for plot in plots_of(view):
@@ -294,6 +330,21 @@ def test_the_cursor_steps_over_points_and_tells_all_curves() -> None:
         assert text.startswith(">1 ")  # the focused one is always shown
 
     shown(pair, steps)
+
+
+@pytest.mark.parametrize(
+    ("name", "cells", "expected"),
+    [
+        ("short", 8, "short   "),
+        ("estimator.window 12", 9, "esti…w 12"),
+        ("力力力力 12", 9, "力力 … 12"),
+        ("estimator", 1, "…"),
+        ("estimator", 0, ""),
+    ],
+)
+def test_of_long_names_both_ends_are_left(name: str, cells: int, expected: str) -> None:
+    assert cut(name, cells) == expected
+    assert cell_len(expected) == cells
 
 
 def test_a_wrapped_phase_has_gaps_where_it_jumps() -> None:

@@ -186,3 +186,33 @@ def test_the_watch_tells_what_happened_to_files(tmp_path, there):
     folder.rmdir()
     assert watch.changes() == {"mine.py": "removed"}
     assert watch.changes() == {}
+
+
+def test_the_page_of_a_broken_file_follows_the_file(workspace):
+    drop(workspace, "import [nowhere\n")
+
+    async def steps(app, pilot):
+        await pilot.press("p")
+        await shows(pilot, "1 broken")
+        await pilot.press("enter")
+        await shows(pilot, "broken: SyntaxError", "fraexp check plugins/mine.py")
+        drop(workspace, LAW.format(stiffness=2.0))
+        await shows(pilot, "A third paragraph", "fraexp check mine --kind friction")
+        drop(workspace, "1/0")
+        await shows(pilot, "broken: ZeroDivisionError")
+        (workspace / "plugins/mine.py").unlink()
+        await shows(pilot, "It is not there any more")
+
+    pilot_of(workspace, steps)
+
+
+def test_a_long_reason_leaves_the_list_its_columns(workspace):
+    drop(workspace, f"raise ValueError('{'because ' * 30}')", "bad.py")
+
+    async def steps(app, pilot):
+        await pilot.press("p")
+        await shows(pilot, "1 broken", "because")
+        head = next(line for line in screen_text(app).splitlines() if "kind" in line)
+        assert head.split() == ["kind", "name", "v", "state", "from"]
+
+    pilot_of(workspace, steps)

@@ -2,13 +2,15 @@
 
 import os
 import signal
+from dataclasses import replace
 
 import pytest
 
 from fraexp import detached
-from fraexp.store import Store
+from fraexp.store import RunProgress, Store
 from fraexp.tui.logtail import LogTail
 from fraexp.tui.run import RunPage, _command_of, show_run
+from fraexp.tui.runs import RunsPage
 from fraexp.views.progress import bar, progress_text
 from fraexp.workspace import Workspace
 from tests.tui.pilots import pilot_of, screen_text, shows, until
@@ -161,3 +163,55 @@ def test_progress_tells_speed_and_time_left(workspace):
     with Store.open(str(workspace / "results.db"), read_only=True) as store:
         run = store.run(1)
     assert progress_text(run, None, 4) == "████ 100 %  4 of 4 sweeps"
+
+
+def test_a_run_that_is_stopped_before_it_began_says_where_the_keys_lead(workspace):
+    started = Workspace.open(workspace).launch("quick", SLOW)
+
+    async def steps(app, pilot):
+        show_run(app, started)
+        await until(pilot, lambda: isinstance(app.screen, RunPage))
+        page = app.screen
+        await pilot.press("x")
+        await until(pilot, lambda: not page.live)
+        if page.run is None:  # it may have been quicker
+            await shows(pilot, "stopped before it began", "Esc leads to the runs, s to the studies")
+        await pilot.press("escape")
+        await until(pilot, lambda: isinstance(app.screen, RunsPage))
+
+    pilot_of(workspace, steps)
+    started.process.wait()
+
+
+@pytest.mark.parametrize(
+    ("done", "parts", "computed", "compiles"),
+    [(0, [], 0, True), (2, [1.0, 1.0], 0, True), (0.1, [0.1], 0, False), (2, [], 1, False)],
+)
+def test_while_nothing_ends_or_moves_it_says_that_it_compiles_and_no_time_left(
+    workspace, done, parts, computed, compiles
+):
+    shares = {str(number): part for number, part in enumerate(parts)}
+    with Store.open(str(workspace / "results.db"), read_only=True) as store:
+        over = store.run(1)
+    run = replace(
+        over,
+        state="running",
+        ended=None,
+        computed=computed,
+        reused=0,
+        failed=0,
+        progress=RunProgress(done, 4, 1, shares),
+    )
+
+    async def steps(app, pilot):
+        show_run(app, 1)
+        await shows(pilot, "4 of 4 sweeps")
+        page = app.screen
+        page._speed.see(run.heartbeat.timestamp() - 3, 1e-3)
+        await page._show(run)
+        await pilot.pause()
+        text = str(page.query_one("#state").render())
+        assert ("compiled first" in text) is compiles
+        assert not compiles or "left" not in text
+
+    pilot_of(workspace, steps)

@@ -71,6 +71,12 @@ WRONG = [
     ("phase = 'up'", "phase is 'up'; expected unwrapped or wrapped"),
     ("ascii = 'maybe'", "settings.ascii is 'maybe'"),
     ("theme = ", "cannot be read as TOML"),
+    ("ascii = 'yes'", "settings.ascii is 'yes'; expected true or false"),
+    ("ascii = 1", "settings.ascii is 1; expected true or false"),
+    ("[keys]\nsweeps = 'r'", "keys.sweeps has 'r', which is 'runs' on the same screen; choose another key"),
+    ("[keys]\nsweeps = 't'", "keys.sweeps has 't', which is '"),
+    ("[keys]\n'table.mark' = 'D'", "keys.table.mark has 'D', which is 'delete' on the same screen"),
+    ("[keys]\n'table.mark' = '?'", "keys.table.mark has 'question_mark', which is 'help' on the same screen"),
     ("keys = 3", "settings.keys is 3"),
     ("[keys]\nsweps = 'w'", "keys has no 'sweps'; did you mean 'sweeps'?"),
     ("[keys]\ntable.mrk = 'w'", "keys has no 'table.mrk'; did you mean 'table.mark'?"),
@@ -122,4 +128,9 @@ def test_the_command_ends_with_2_and_one_line(workspace, write):
 
 @pytest.mark.parametrize("text", ["m", "M", "+", "ctrl+k", "f5", "space", "question_mark", "shift+up", "comma", "plus"])
 def test_names_of_keys(text):
-    keys.check({"sweeps": text}, "settings")
+    assert keys.is_key(text)
+
+
+def test_a_key_that_another_one_gives_up_may_be_taken():
+    keys.check({"sweeps": "r", "runs": "w"}, "settings")
+    keys.check({"launch.start": "f6"}, "settings")  # of another screen's

@@ -5,7 +5,8 @@ import shutil
 from fraexp.tui.app import FraexpApp
 from fraexp.tui.filterline import FilterLine
 from fraexp.tui.launch import LaunchPage
-from fraexp.tui.studies import FilePage, StudiesPage
+from fraexp.tui.studies import MOMENT, FilePage, StudiesPage
+from fraexp.tui.survey import Surveyor
 from tests.tui.pilots import pilot_of, screen_text, shows, until
 
 
@@ -78,5 +79,22 @@ def test_a_database_that_is_deleted_is_no_traceback(workspace):
         await shows(pilot, "1 complete")
         (workspace / "results.db").unlink()
         await shows(pilot, "There is none here yet")
+
+    pilot_of(workspace, steps)
+
+
+def test_a_state_that_is_not_known_yet_is_told_and_only_worked_out_for_who_looks(workspace, monkeypatch):
+    begun = []
+    monkeypatch.setattr(Surveyor, "survey", lambda *_: begun.append(1))
+
+    async def steps(app, pilot):
+        page = studies(app)
+        await until(pilot, lambda: page.entry)
+        await pilot.press("r")
+        await pilot.pause(2 * MOMENT)
+        assert not begun
+        await pilot.press("s")
+        await shows(pilot, "...")
+        await until(pilot, lambda: begun)
 
     pilot_of(workspace, steps)

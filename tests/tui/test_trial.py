@@ -240,3 +240,18 @@ def test_keys_do_not_wait_for_a_slow_law(workspace):
         await shows(pilot, "/cycle")
 
     pilot_of(workspace, steps)
+
+
+@pytest.mark.parametrize("height", range(18, 26))
+def test_every_tick_has_a_row_of_its_own_and_zero_is_among_them(workspace, height):
+    async def steps(app, pilot):
+        await opened(pilot, "rolling")
+        panel = app.screen.query_one("#loop")
+        await pilot.pause()
+        low, high = panel._y_min, panel._y_max
+        ticks = [tick for tick in panel._y_formatter.get_ticks(low, high) if low <= tick <= high]
+        rows = [panel.get_pixel_from_coordinate(0.0, tick)[1] for tick in ticks]
+        assert len(set(rows)) == len(rows)
+        assert 0.0 in ticks
+
+    pilot_of(workspace, steps, size=(80, height))

@@ -17,7 +17,7 @@ from fraexp_plugins.readers.measured import check_size, missing_column
 DELIMITERS = ("\t", ";", ",", None)
 """In the order in which they are tried; None is any run of blanks."""
 COMMENTS = ("#", "%")
-BRACKETS = ("[]", "()")
+BRACKETS = (("[", "]"), ("(", ")"))
 """Around a unit."""
 PEEK = 65536
 """Bytes from which the encoding is told."""

@@ -3,12 +3,15 @@
 import struct
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from math import prod
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 
 from fraexp.api import RecordError
+from fraexp_plugins.readers.mat_elements import matrix
 from fraexp_plugins.readers.measured import LARGEST, check_size, missing_column
 
 COMPRESSED, MATRIX, INT8 = 15, 14, 1
@@ -39,64 +42,103 @@ def shapes(path: Path) -> dict[str, tuple[int, ...]]:
 
 def _loaded(path: Path, tops: set[str] | None) -> tuple[Mapping[str, Any], dict[str, int]]:
     """Return the variables of these names, or all, and the decoded sizes of all [bytes]."""
-    import scipy.io
-
     try:
-        sizes = _variables(path)
-        wanted = sizes.keys() if tops is None else tops
-        for top in wanted & sizes.keys():
+        found, order = _variables(path)
+        sizes = {name: variable.size for name, variable in found.items()}
+        wanted = [name for name in found if tops is None or name in tops]
+        for top in wanted:
             check_size(path, f"variable '{top}'", sizes[top])
-        check_size(path, "what is read of it", sum(sizes[top] for top in wanted & sizes.keys()))
-        return scipy.io.loadmat(path, variable_names=list(wanted), verify_compressed_data_integrity=True), sizes
+        check_size(path, "what is read of it", sum(sizes[top] for top in wanted))
+        if order is None:
+            return _version_4(path, wanted), sizes
+        with path.open("rb") as stream:
+            return {name: matrix(_content(stream, found[name]), order) for name in wanted}, sizes
     except RecordError:
         raise
-    except Exception as error:  # a damaged file makes scipy raise almost anything
+    except Exception as error:  # a damaged file makes its parts anything
         text = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise RecordError(f"{path.name}: this cannot be read as a MATLAB file: {text}; save it again") from None
 
 
-def _variables(path: Path) -> dict[str, int]:
-    """Return name and decoded size [bytes] of each variable, from the headers alone."""
+@dataclass(frozen=True)
+class _Variable:
+    """Where a variable is in the file."""
+
+    size: int
+    """Decoded [bytes]."""
+    start: int = 0
+    length: int = 0
+    compressed: bool = False
+
+
+def _version_4(path: Path, wanted: Sequence[str]) -> dict[str, Any]:
+    import scipy.io
+
+    content: dict[str, Any] = scipy.io.loadmat(path, variable_names=list(wanted))
+    return content
+
+
+def _variables(path: Path) -> tuple[dict[str, _Variable], str | None]:
+    """Return each variable, from the headers alone, and the byte order; None for version 4."""
     import scipy.io.matlab
 
+    end = path.stat().st_size
     major, _ = scipy.io.matlab.matfile_version(path)
     if major == 0:  # version 4 is not compressed: nothing in it is larger than the file
-        check_size(path, "the file", path.stat().st_size)
-        return {name: 0 for name, _, _ in scipy.io.whosmat(path)}
+        check_size(path, "the file", end)
+        for name, sides, _ in (found := scipy.io.whosmat(path)):
+            if min(sides) < 0 or prod(sides) > end:
+                raise ValueError(f"'{name}' has the sides {sides}")
+        return {name: _Variable(0) for name, _, _ in found}, None
     with path.open("rb") as stream:
         head = stream.read(HEADER)
         order = "<" if head[126:128] == b"IM" else ">"
-        return {name: size for name, size in _elements(stream, order, path.stat().st_size) if name}
+        return {name: variable for name, variable in _elements(stream, order, end) if name}, order
 
 
-def _elements(stream: BinaryIO, order: str, end: int) -> Iterator[tuple[str, int]]:
+def _elements(stream: BinaryIO, order: str, end: int) -> Iterator[tuple[str, _Variable]]:
     while stream.tell() + 8 <= end:
         kind, size = struct.unpack(f"{order}II", stream.read(8))
-        after = stream.tell() + size
+        start = stream.tell()
+        if start + size > end:
+            raise ValueError("the file ends within a variable")
         body = stream.read(min(size, PEEK))
-        if kind == COMPRESSED:
+        if compressed := kind == COMPRESSED:
             inner = zlib.decompressobj().decompress(body, PEEK)
             kind, _ = struct.unpack(f"{order}II", inner[:8])
-            stream.seek(after - size)
-            size = _inflated(stream, size)  # what it says of itself need not be true
             body = inner[8:]
         if kind == MATRIX:
-            yield _name(body, order), size
-        stream.seek(after)
+            decoded = size
+            if compressed:  # what it says of its size need not be true
+                stream.seek(start)
+                decoded = sum(map(len, _inflated(stream, size)))
+            yield _name(body, order), _Variable(decoded, start, size, compressed)
+        stream.seek(start + size)
 
 
-def _inflated(stream: BinaryIO, size: int) -> int:
-    """Return to how many bytes the next `size` bytes inflate; somewhat more than `LARGEST` if to more than that."""
-    inflater, total, left = zlib.decompressobj(), 0, size
-    while left and total <= LARGEST:
-        piece = stream.read(min(left, CHUNK))
-        if not piece:
-            break
-        left -= len(piece)
-        while piece and total <= LARGEST:
-            total += len(inflater.decompress(piece, CHUNK))
-            piece = inflater.unconsumed_tail
-    return total
+def _inflated(stream: BinaryIO, size: int) -> Iterator[bytes]:
+    """Yield what the next `size` bytes inflate to, piece by piece, up to somewhat more than `LARGEST`."""
+    inflater, total = zlib.decompressobj(), 0
+    while size and not inflater.eof:
+        packed = stream.read(min(size, CHUNK))
+        size -= len(packed)
+        while packed and total <= LARGEST:
+            piece = inflater.decompress(packed, CHUNK)
+            total += len(piece)
+            yield piece
+            packed = inflater.unconsumed_tail
+        if total > LARGEST:
+            return
+    if not inflater.eof:
+        raise ValueError("a compressed variable is cut off")
+
+
+def _content(stream: BinaryIO, variable: _Variable) -> memoryview:
+    """Return the body of a variable's MATRIX element."""
+    stream.seek(variable.start)
+    if not variable.compressed:
+        return memoryview(stream.read(variable.length))
+    return memoryview(b"".join(_inflated(stream, variable.length)))[8:]
 
 
 def _name(body: bytes, order: str) -> str:

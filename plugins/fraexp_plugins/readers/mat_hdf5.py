@@ -16,8 +16,8 @@ from fraexp_plugins.readers.measured import check_size, missing_column
 Found = TypeVar("Found")
 REFERENCE = 8
 """Times that a reference takes more room than in the file."""
-MOST = 10_000
-"""Nodes that are looked at for names: groups may hold themselves."""
+MOST = 5000
+"""Nodes that are looked at for names."""
 DEEPEST = 6
 """Levels of structs and cells that are looked through for names."""
 
@@ -125,21 +125,22 @@ def _item(node: Any, number: int) -> tuple[Any, int | None]:
 
 def _leaves(node: Any, place: str) -> list[str]:
     """Return the paths of the arrays of numbers below a node."""
-    return list(_found(node, place, iter(range(MOST)), 0))
+    return list(_found(node, place, set(), 0))
 
 
-def _found(node: Any, place: str, budget: Iterator[int], depth: int) -> Iterator[str]:
-    if depth > DEEPEST or next(budget, None) is None:
+def _found(node: Any, place: str, seen: set[Any], depth: int) -> Iterator[str]:
+    if depth > DEEPEST or node in seen or len(seen) > MOST:  # groups may hold themselves
         return
+    seen.add(node)
     if _is_table(node):
-        parts = [(str(number), _item(node, number)[0]) for number in range(1, min(node.size, DEEPEST) + 1)]
+        parts = ((str(number), _item(node, number)[0]) for number in range(1, min(node.size, DEEPEST) + 1))
     elif _is_dataset(node):
         if _is_array(node):
             yield place
         return
     else:
         names = itertools.islice((name for name in node if not name.startswith("#")), MOST)
-        parts = [(name, _child(node, name)) for name in names]
+        parts = ((name, _child(node, name)) for name in names)
     for name, part in parts:
         if part is not None:
-            yield from _found(part, f"{place}.{name}".strip("."), budget, depth + 1)
+            yield from _found(part, f"{place}.{name}".strip("."), seen, depth + 1)

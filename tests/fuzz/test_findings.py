@@ -1,0 +1,375 @@
+"""What hostile inputs have found: each was a traceback, a hang, a crash, or memory without end."""
+
+import contextlib
+import sqlite3
+import struct
+import time
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from fraexp_plugins.readers import measured
+from scipy.io import savemat
+
+from fraexp import toml, units
+from fraexp.cli.exits import ExitCode
+from fraexp.cli.main import main
+from fraexp.errors import FraexpError, ParameterError, RecordError, StoreError, StudyError
+from fraexp.plugins import Registry
+from fraexp.records import RecordSettings, resolve
+from fraexp.records.channels import channel_of
+from fraexp.records.contents import contents
+from fraexp.records.source import reader_of
+from fraexp.sections import override
+from fraexp.store import Store
+from fraexp.store.checked import json_data
+from fraexp.store.codec import decode
+from fraexp.study import load, read
+from fraexp.tui.form import parsed
+from fraexp.tui.settings import read as read_settings
+from tests.cli.conftest import fill
+
+SOON = 5.0
+"""Time that a refusal may take [s]; those that were found took minutes, or for ever."""
+
+
+@pytest.fixture(autouse=True)
+def soon() -> object:
+    started = time.process_time()
+    yield
+    assert time.process_time() - started < SOON
+
+
+TOWERS = (
+    "9**9**9**9",
+    "9**9 **9",
+    "(9**9)**9**9",
+    "((9**9)**9)**9",
+    "9⁹⁹⁹⁹⁹⁹⁹⁹",
+    "9 cubed cubed cubed cubed",
+    "9**9_999_999_999",
+    "9**(9**9)",
+    "m" * 100_000,
+    "a_" * 200_000,
+    "(" * 10_000,
+    "9^9^9^9",
+)
+
+
+@pytest.mark.parametrize("text", TOWERS, ids=lambda text: text[:12])
+def test_a_unit_that_takes_for_ever_is_none(text: str) -> None:
+    with pytest.raises(ParameterError, match=r"is no known unit|is not a number with a unit") as found:
+        units.number(f"1 {text}", "m")
+    assert len(str(found.value)) < 300
+
+
+@pytest.mark.parametrize("text", ["m/s**2", "kg*m^2/s^2", "(m/s)**2", "m**0.5", "N/m**(1/2)", "m²", "s⁻¹", "m squared"])
+def test_the_powers_of_units_are_known(text: str) -> None:
+    assert units.si(text)[0] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("text", ["a" + " " * 20_000 + "*", " [ " * 20_000, "a * " + "1" * 5000, "(" * 5000])
+def test_a_long_channel_is_refused(text: str) -> None:
+    with pytest.raises(ParameterError, match=r"letters; expected 1,000 at most"):
+        channel_of(text, "channels.u")
+
+
+def test_a_channel_divided_by_infinity_is_refused() -> None:
+    with pytest.raises(ParameterError, match="divides by inf"):
+        channel_of("(a - b) / 1e400", "channels.u")
+
+
+DEEP = {
+    "lists": "[" * 10_000 + "1" + "]" * 10_000,
+    "tables": "{a=" * 5000,
+    "long number": "1" * 5000,
+    "hexadecimal": "0x" + "f" * 5000,
+    "65 bits": str(2**64),
+}
+
+
+@pytest.mark.parametrize("text", DEEP.values(), ids=DEEP)
+def test_deep_and_long_values_are_texts(text: str, tmp_path: Path) -> None:
+    assert parsed(text) == text
+    assert override(f"plant.gain={text}") == ("plant.gain", text)
+    (tmp_path / "tui.toml").write_text(f"theme = {text}")
+    with pytest.raises(FraexpError, match="cannot be read as TOML"):
+        read_settings(tmp_path / "tui.toml")
+
+
+LARGE = {
+    "name of many parts": ("a" + ".a" * 20_000 + " = 1", "a name has more than 32 parts"),
+    "header of many parts": ("[a" + ".a" * 20_000 + "]", "a name has more than 32 parts"),
+    "lists in lists": (f"a = {'[' * 33}{']' * 33}", "nested deeper than 32"),
+    "millions of characters": ("# " + "x" * toml.LONGEST, "expected 4,000,000 at most"),
+    "bytes": ("#" * (4 * toml.LONGEST + 1), "expected a study"),
+}
+
+
+@pytest.mark.parametrize(("text", "message"), LARGE.values(), ids=LARGE)
+def test_absurd_studies_are_refused_before_they_are_parsed(text: str, message: str, tmp_path: Path) -> None:
+    (tmp_path / "a.toml").write_text(text)
+    with pytest.raises(StudyError, match=message):
+        read(tmp_path / "a.toml")
+
+
+def test_paths_of_many_parts_are_refused() -> None:
+    with pytest.raises(StudyError, match="a path has 20001 parts; expected 32 at most"):
+        override("plant" + ".a" * 20_000 + "=1")
+
+
+ABSURD = {
+    "grid": ('[grid]\n"excitation.amplitude" = [{values}]\n"excitation.ramp" = [{values}]', "has 1,002,001 points"),
+    "draws": (
+        '[random]\ncount = 1000000000000\ndraw = [{{ paths = "plant.gain", relative = 0.1 }}]',
+        "1,000,000,000,000 sweeps",
+    ),
+    "points": ("[excitation]\npoints = 1000000000000", "points is 1000000000000"),
+    "points as float": ("[excitation]\npoints = 1e12", "points is 1e12|points is 1000000000000"),
+    "all samples": ("[excitation]\npoints = 100000\nlowest = 0.01", r"records .* samples at 100,000 frequencies"),
+    "record time": ("[excitation]\npoints = 100000\nrecord_time = 10000", r"records .* samples at 100,000 frequencies"),
+    "table": ("[excitation]\npreset = [[]]", "has no preset"),
+    "loop": ("loop = 'x'", "expected a table"),
+    "machine": ("machine = '" + "x" * 5000 + "'", "expected the name of a file"),
+}
+
+
+@pytest.mark.parametrize(("text", "message"), ABSURD.values(), ids=ABSURD)
+def test_absurd_sizes_are_refused_with_the_number(text: str, message: str, tmp_path: Path, registry: Registry) -> None:
+    text = text.format(values=", ".join(str(number + 1) for number in range(1001))) if "{values}" in text else text
+    head = "" if text.startswith("machine") else 'machine = "linear_motor_table"\n'
+    lead = text if text.startswith(("machine", "loop")) else ""
+    rest = "" if lead else text.replace("{{", "{").replace("}}", "}")
+    section = '[excitation]\nname = "stepped_sine"\namplitude = 12.0\n'
+    body = rest.replace("[excitation]\n", section) if "[excitation]" in rest else f"{section}{rest}"
+    (tmp_path / "a.toml").write_text(f'{head}{lead}\n{body}\n[estimator]\nname = "conventional"\n')
+    with pytest.raises(FraexpError, match=message):
+        load("a", tmp_path / "a.toml", tmp_path, registry)
+
+
+RECORD = {"file": "a.csv", "channels": {"u": "u [N]", "y": "y [m]"}, "sample_rate": 100.0}
+RECORDS = {
+    "huge period": ({"period": 10**400}, "period is"),
+    "tiny period": ({"period_time": 5e-324}, "a period of .* samples; expected from 2"),
+    "no time": ({"period": 10, "time": ""}, "column is empty"),
+    "no segment": ({"period": 10, "segment": ""}, "column is empty"),
+    "long name": ({"file": "x" * 5000, "period": 10}, "File name too long"),
+}
+
+
+@pytest.mark.parametrize(("change", "message"), RECORDS.values(), ids=RECORDS)
+def test_absurd_records_are_refused(
+    change: dict[str, object], message: str, tmp_path: Path, registry: Registry
+) -> None:
+    (tmp_path / "a.csv").write_text("u,y\n" + "1,2\n2,1\n" * 50)
+    with pytest.raises(FraexpError, match=message):
+        resolve(RecordSettings.parse({**RECORD, **change}, "record"), tmp_path, registry)
+
+
+def read_file(path: Path, registry: Registry, column: str) -> np.ndarray:
+    return reader_of("", path, registry).read(path, [column]).columns[column]
+
+
+TEXTS = {
+    "a line without end": ("u,y\n1,2\n" + "1," * 3_000_000, "it has more than 4,194,304 letters"),
+    "a header without end": ("u [" * 2_000_000 + "\n1,2\n", "it has more than 4,194,304 letters"),
+    "brackets": ("u" + "[" * 100_000 + ",y\n1,2\n", "no column is called"),
+    "a million columns": (
+        ",".join(f"c{n}" for n in range(300_000)) + "\n" + "1," * 299_999 + "1\n",
+        "no column is called 'u'",
+    ),
+}
+
+
+@pytest.mark.parametrize(("text", "message"), TEXTS.values(), ids=TEXTS)
+def test_absurd_texts_are_refused(text: str, message: str, tmp_path: Path, registry: Registry) -> None:
+    (tmp_path / "a.csv").write_text(text)
+    with pytest.raises(RecordError, match=message):
+        read_file(tmp_path / "a.csv", registry, "u")
+
+
+def matlab(path: Path, change: Callable[[bytearray], None]) -> Path:
+    savemat(path, {"t": np.arange(40.0), "s": {"a": np.arange(3)}})
+    data = bytearray(path.read_bytes())
+    change(data)
+    path.write_bytes(data)
+    return path
+
+
+def one_byte(place: int, value: int) -> Callable[[bytearray], None]:
+    return lambda data: data.__setitem__(place, value)
+
+
+@pytest.mark.parametrize("place", range(128, 220))
+def test_no_damaged_matlab_file_crashes(place: int, tmp_path: Path, registry: Registry) -> None:
+    """scipy's reader ends the process for some of these."""
+    for value in (0, 9, 63, 255):
+        path = matlab(tmp_path / "a.mat", one_byte(place, value))
+        with contextlib.suppress(RecordError):
+            assert read_file(path, registry, "t").size <= 40
+        with contextlib.suppress(RecordError):
+            contents(path, registry)
+
+
+def test_a_compressed_variable_larger_than_it_says_is_refused(
+    tmp_path: Path, registry: Registry, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(measured, "MODEST", 1 << 20)
+    path = matlab(tmp_path / "a.mat", lambda data: None)
+    zeros = struct.pack("<II", 14, 100) + path.read_bytes()[136:184] + struct.pack("<II", 9, 1 << 26) + bytes(1 << 26)
+    packed = zlib.compress(zeros)
+    path.write_bytes(path.read_bytes()[:128] + struct.pack("<II", 15, len(packed)) + packed)
+    with pytest.raises(
+        RecordError, match=r"would take 0.1 GiB, .* times the file; expected measured numbers, 50 times"
+    ):
+        read_file(path, registry, "t")
+
+
+def test_a_huge_array_in_a_small_hdf5_file_is_refused(tmp_path: Path, registry: Registry) -> None:
+    with h5py.File(tmp_path / "a.mat", "w", userblock_size=512) as file:
+        file.create_dataset("x", (2**27,), float, chunks=True, compression="gzip")
+        file.create_dataset("y", (2**40, 2**10), float, chunks=True)
+        file.create_dataset("r", (2**30,), h5py.ref_dtype, chunks=True)
+    for name, message in (("x", "times the file"), ("y", "at most 2 GiB are read"), ("r.1", "at most|times the file")):
+        with pytest.raises(RecordError, match=message):
+            read_file(tmp_path / "a.mat", registry, name)
+
+
+def test_groups_that_hold_themselves_are_listed_in_time(tmp_path: Path, registry: Registry) -> None:
+    with h5py.File(tmp_path / "a.mat", "w", userblock_size=512) as file:
+        group = file.create_group("g")
+        for number in range(30):
+            group[f"again{number}"] = group
+        file["x"] = np.arange(3.0)
+    assert [found.name for found in contents(tmp_path / "a.mat", registry)] == ["x"]
+
+
+NPY = b"\x93NUMPY\x01\x00"
+HEADERS = (
+    "{'descr':'<f8','fortran_order':False,'shape':(1180591620717411303424,)}",
+    "{'descr':'|O','fortran_order':False,'shape':(1,)}",
+    "{'descr':'<f8','fortran_order':False,'shape':(-1,)}",
+    "(" * 5000,
+    "{'descr':'|V0','fortran_order':False,'shape':(9,)}",
+    "{'descr':[('a','<f8')],'fortran_order':False,'shape':()}",
+    "__import__('os').system('true')",
+    "{",
+    "\x00",
+    "'" * 3,
+)
+
+
+@pytest.mark.parametrize("header", HEADERS, ids=range(len(HEADERS)))
+def test_no_header_of_an_array_gets_through(header: str) -> None:
+    with pytest.raises(StoreError, match="a stored array is damaged"):
+        decode(NPY + len(header).to_bytes(2, "little") + header.encode() + bytes(64))
+
+
+def test_deep_and_large_json_is_refused() -> None:
+    for text in ('{"a":' * 70 + "1" + "}" * 70, f'{{"a": {2**70}}}', "[" * 100_000):
+        with pytest.raises((ValueError, RecursionError)):
+            json_data(text)
+
+
+@pytest.fixture
+def database(tmp_path: Path) -> Path:
+    fill(tmp_path / "results.db")
+    return tmp_path / "results.db"
+
+
+def change(path: Path, *statements: str) -> None:
+    with contextlib.closing(sqlite3.connect(path)) as connection:
+        for statement in statements:
+            connection.execute(statement)
+        connection.commit()
+
+
+FOREIGN = {
+    "trigger": "CREATE TRIGGER t AFTER UPDATE ON run BEGIN DELETE FROM sweep; END",
+    "view": "CREATE VIEW v AS WITH RECURSIVE c(x) AS (SELECT 1 UNION ALL SELECT x FROM c) SELECT x FROM c",
+    "computed column": "ALTER TABLE note ADD COLUMN more AS (zeroblob(1000000000))",
+}
+
+
+@pytest.mark.parametrize(("what", "statement"), FOREIGN.items(), ids=FOREIGN)
+def test_a_database_with_code_of_its_own_is_refused(what: str, statement: str, database: Path) -> None:
+    change(database, statement)
+    for read_only in (True, False):
+        with pytest.raises(StoreError, match=f"it has a {what} '.*', which fraexp does not make"):
+            Store.open(str(database), read_only=read_only)
+
+
+STRANGE = {
+    "a number of bytes": "UPDATE frequency_response SET response = 1000000000000",
+    "a text of bytes": "UPDATE frequency_response SET frequency = 'x'",
+    "fewer frequencies": "UPDATE frequency_response SET settled = frequency",
+    "an outcome": "UPDATE sweep SET outcome = 'x'",
+    "a time": "UPDATE run SET started = 'yesterday'",
+    "a key": "UPDATE run_sweep SET labels = '[1]'",
+    "deep labels": f"UPDATE run_sweep SET labels = '{'[' * 900 + ']' * 900}'",
+    "no JSON": "UPDATE part SET content = '{'",
+    "a host": "UPDATE run SET pid = 'x'",
+    "an origin": "UPDATE supplied_component SET source_hash = x'00'",
+    "a message": "UPDATE sweep SET message = x'00'",
+}
+
+
+@pytest.mark.parametrize("statement", STRANGE.values(), ids=STRANGE)
+def test_a_database_of_other_contents_is_refused_in_a_line(
+    statement: str, database: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    change(database, "PRAGMA foreign_keys = OFF", statement)
+    place = ["--db", str(database), "--workspace", str(database.parent)]
+    codes = [
+        main([*command, *place]) for command in (["list"], ["show", "1"], ["compare", "1"], ["show", "1", "--json"])
+    ]
+    codes.append(main(["plot", "1", "-o", str(database.parent / "a.svg"), *place]))
+    assert ExitCode.STORE in codes and ExitCode.INTERNAL not in codes
+    said = capsys.readouterr().err
+    assert "Traceback" not in said and "\x1b" not in said
+
+
+def test_escape_codes_in_a_database_do_not_command_the_terminal(
+    database: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    evil = "'a' || char(27) || '[2J' || char(8238)"
+    change(
+        database,
+        f"UPDATE run SET study = {evil}, command = {evil}, host = {evil}",
+        f"UPDATE metric SET name = {evil}, unit = {evil}",
+        f"UPDATE sweep SET message = {evil}",
+        f"UPDATE curve SET name = {evil}",
+        f"UPDATE curve_column SET unit = {evil}",
+    )
+    place = ["--db", str(database), "--workspace", str(database.parent)]
+    for command in (
+        ["list"],
+        ["list", "state=computed"],
+        ["show", "1"],
+        ["compare", "1"],
+        ["list", "--json"],
+        ["show", "1", "--json"],
+    ):
+        assert main([*command, *place]) == ExitCode.OK
+    captured = capsys.readouterr()
+    assert "\\x1b[2J" in captured.out
+    assert not {"\x1b", "\u202e"} & set(captured.out + captured.err)
+
+
+def test_a_study_writes_nowhere_but_in_its_workspace(tmp_path: Path) -> None:
+    """A study's name, a link below figures/, and links in studies/ lead nowhere else."""
+    workspace, outside = tmp_path / "workspace", tmp_path / "outside"
+    (workspace / "studies").mkdir(parents=True)
+    outside.mkdir()
+    (outside / "evil.toml").write_text(Path("studies/quick.toml").read_text())
+    (workspace / "studies" / "sub").symlink_to(outside)
+    (workspace / "figures").symlink_to(outside)
+    for name in ("../outside/evil", "sub/evil"):
+        before = {path.name for path in outside.iterdir()}
+        words = ["run", name, "--workspace", str(workspace), "--set", "excitation.points=2", "--executor", "serial"]
+        assert main(words) in (ExitCode.OK, ExitCode.INCOMPLETE)
+        assert {path.name for path in outside.iterdir()} == before
+    assert {path.name for path in tmp_path.iterdir()} == {"workspace", "outside"}

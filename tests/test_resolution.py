@@ -1,0 +1,77 @@
+"""Sweeps of a grid are those of its points, one by one: what they share is resolved once and changes no key."""
+
+import itertools
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from fraexp.errors import FraexpError
+from fraexp.identity import key_of
+from fraexp.plugins import discover
+from fraexp.study import resolve
+from fraexp.sweep import Keys
+
+FILE = Path("study.toml")
+BASE: dict[str, Any] = {
+    "machine": "linear_motor_table",
+    "excitation": {"name": "stepped_sine", "amplitude": 15.0, "frequencies": [20.0, 40.0]},
+    "estimator": {"name": "conventional"},
+}
+AXES: dict[str, list[Any]] = {
+    "estimator": [{"name": "conventional"}, {"name": "proposed"}, {"name": "proposed", "force_scale": 0.5}],
+    "plant.gain": [0.1, 0.132],
+    "excitation.amplitude": [12, "20 N", 12.0],
+    "friction.viscous_coefficient": [4.0, 5.0],
+    "loop.sample_time": [5e-4, "1 ms"],
+    "excitation.settle_limit": [1.0, 2.0],
+    "limits": [{"force": 100.0}, {"force": 1000.0}],
+    "compensation": [{"gain": 0.5}, {"gain": 0.0}],
+}
+
+
+def sweeps_of(data: dict[str, Any], overrides: list[str] | tuple[str, ...] = ()) -> Any:
+    return resolve("study", FILE, data, Path(), REGISTRY, overrides).sweeps
+
+
+REGISTRY = discover()
+
+
+@pytest.mark.parametrize(
+    "paths",
+    [*itertools.permutations(("estimator", "plant.gain", "excitation.amplitude")), *itertools.combinations(AXES, 2)],
+)
+def test_a_grid_gives_the_sweeps_of_its_points(paths: tuple[str, ...]) -> None:
+    grid = {path: AXES[path] for path in paths}
+    singles: dict[str, Any] = {}
+    for values in itertools.product(*grid.values()):
+        point = {path: [value] for path, value in zip(grid, values, strict=True)}
+        (one,) = sweeps_of({**BASE, "grid": point})
+        singles.setdefault(one.key, one)
+    found = sweeps_of({**BASE, "grid": grid})
+    assert [sweep.key for sweep in found] == list(singles)
+    for sweep, single in zip(found, singles.values(), strict=True):
+        assert (sweep.experiment, sweep.estimator, sweep.labels) == (single.experiment, single.estimator, single.labels)
+        assert list(sweep.experiment) == list(single.experiment)
+        assert sweep.key == key_of({"experiment": sweep.experiment, "estimator": sweep.estimator})
+
+
+def test_a_point_that_does_not_fit_is_found_wherever_it_stands() -> None:
+    for path, values in {"excitation.amplitude": [12, 20, -3], "excitation.frequencies": [[20.0], [1500.0]]}.items():
+        for other in ("plant.gain", "estimator"):
+            for grid in ({path: values, other: AXES[other]}, {other: AXES[other], path: values}):
+                with pytest.raises(FraexpError, match=r"study.toml, \[excitation\]: "):
+                    sweeps_of({**BASE, "grid": grid})
+    with pytest.raises(FraexpError, match="is predicted to need a force"):
+        sweeps_of({**BASE, "limits": {"force": 15.0}, "grid": {"excitation.amplitude": [12, 20]}})
+
+
+def test_keys_by_parts_are_keys_of_the_whole() -> None:
+    keys, one, other = Keys(), {"x": [1.5, "é"]}, {"y": {"b": 1, "a": None}}
+    experiment = {"source": "loop", "plant": one, "excitation": other}
+    for estimator in (one, other, one):
+        assert keys.of(experiment, estimator) == key_of({"experiment": experiment, "estimator": estimator})
+        for section, value in (("plant", other), ("excitation", one), ("plant", one), ("source", "drive")):
+            experiment = {**experiment, section: value}
+            assert keys.beside(section, value) == key_of({"experiment": experiment, "estimator": estimator})
+    assert keys.of({"record": one}, other) == key_of({"experiment": {"record": one}, "estimator": other})

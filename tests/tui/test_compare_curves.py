@@ -1,0 +1,151 @@
+"""Compare: kinds of curves, many curves, small terminals, what is asked for too early, and names of files."""
+
+from pathlib import Path
+from threading import Event
+
+import numpy as np
+import pytest
+from textual.pilot import Pilot
+from textual.widgets import DataTable
+
+from fraexp.results import Curve, Outcome, Result
+from fraexp.tui import compare as compare_module
+from fraexp.tui.app import FraexpApp
+from fraexp.tui.compared import compare_command, plot_command
+from fraexp.tui.drawn import wrong_file
+from fraexp.views.words import short
+from fraexp.workspace import Workspace
+from tests.tui.pilots import pilot_of, screen_text, shows
+from tests.tui.responses import found, loop, resonant, store_results
+from tests.tui.test_compare import GRID, compare
+
+
+def motion() -> Curve:
+    """Return a motion to a target."""
+    time = np.linspace(0, 0.1, 50)
+    columns = {"time": time, "position": 1e-3 * (1 - np.exp(-100 * time)), "reference": np.full(50, 1e-3),
+               "target": np.full(50, 1e-3), "band": np.full(50, 1e-6)}  # fmt: skip
+    return Curve("motion", columns, {"time": "s"} | dict.fromkeys(list(columns)[1:], "m"))
+
+
+def fit() -> Curve:
+    """Return a curve that is neither a motion nor a loop."""
+    return Curve(
+        "modal_fit", {"order": np.arange(1.0, 9), "error": np.geomspace(1, 0.01, 8)}, {"order": "", "error": "dB"}
+    )
+
+
+def test_kinds_of_curves_are_shown_one_after_another(tmp_path: Path) -> None:
+    results = [Result(Outcome.OK, curves=(of,)) for of in (motion(), loop(1e-5), loop(2e-5), fit())]
+    keys = store_results(tmp_path, results)
+
+    async def steps(app: FraexpApp, pilot: Pilot[None]) -> None:
+        page = await compare(app, pilot, keys)
+        for kind, places, text, others in (
+            ("positioning", [0], "Position less target", "hysteresis loops of 2 sweeps, other curves of 1 sweep: g"),
+            ("hysteresis", [1, 2], "Friction force [N] over", "motions of 1 sweep, other curves of 1 sweep: g"),
+            ("curves", [3], "Error [dB]", "motions of 1 sweep, hysteresis loops of 2 sweeps: g"),
+            ("positioning", [0], "Position less target", "Curves: motions"),
+        ):
+            await shows(pilot, text, others)
+            assert list(page.labels()) == places
+            assert page.stack.picture is not None
+            assert {trace.of for panel in page.stack.picture.panels for trace in panel.traces} == set(places)
+            assert page.command.split()[2 : 2 + len(places)] == [short(keys[place]) for place in places]
+            assert f"--kind {kind} " in page.command
+            await pilot.press("g")
+
+    pilot_of(tmp_path, steps)
+
+
+def test_what_is_hidden_or_not_listed_is_told_and_reached(tmp_path: Path) -> None:
+    keys = store_results(tmp_path, [found(resonant(GRID, at=at)) for at in np.linspace(30, 60, 13)])
+
+    async def steps(app: FraexpApp, pilot: Pilot[None]) -> None:
+        page = await compare(app, pilot, keys)
+        await shows(pilot, "6 of 13 curves listed: up, down", ". hides or shows the focused one")
+        await pilot.press("up", "full_stop")  # the last one, which no digit stands for
+        assert page.stack.sight.hidden == {12}
+        await shows(pilot, "d off case 12")
+        await pilot.press("full_stop")
+        assert page.stack.sight.hidden == set()
+        page.stack.sight.hidden = set(range(13))
+        page.tell_view()
+        await shows(pilot, "all of these curves are hidden: 0 shows them")
+
+    pilot_of(tmp_path, steps)
+
+
+def test_a_view_that_is_asked_for_while_reading_is_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    keys = store_results(tmp_path, [found(resonant(GRID)), found(resonant(GRID, at=60.0))])
+    go_on, gather = Event(), compare_module.gather
+
+    def slowly(*args):
+        go_on.wait(30)
+        return gather(*args)
+
+    monkeypatch.setattr(compare_module, "gather", slowly)
+
+    async def steps(app: FraexpApp, pilot: Pilot[None]) -> None:
+        app.marks.add(keys)
+        await pilot.press("c")
+        await shows(pilot, "Reading the marked sweeps")
+        await pilot.press("n")
+        go_on.set()
+        await shows(pilot, "Imaginary over real part")
+        assert app.screen.view == "nyquist"
+
+    pilot_of(tmp_path, steps)
+
+
+def test_beside_the_plots_the_table_has_room_for_its_values(tmp_path: Path) -> None:
+    title = "what_is_of_a_long_name_that_says_little." * 2 + "gain"
+    keys = store_results(tmp_path, [found(resonant(GRID, at=at)) for at in (30.0, 40.0, 50.0)], title)
+
+    async def at_120(app: FraexpApp, pilot: Pilot[None]) -> None:
+        page = await compare(app, pilot, keys)
+        assert not page.query_one(DataTable).display
+        assert page.stack.size.width > 110
+        await pilot.press("i")
+        await shows(pilot, "what differs", "gain")
+        await pilot.press("i")
+        await shows(pilot, "Magnitude")
+
+    async def at_160(app: FraexpApp, pilot: Pilot[None]) -> None:
+        page = await compare(app, pilot, keys)
+        table = page.query_one(DataTable)
+        name, *values = table.ordered_columns
+        assert table.display
+        assert name.get_render_width(table) <= 0.4 * table.size.width
+        assert sum(column.get_render_width(table) for column in table.ordered_columns) <= table.size.width
+        assert all(column.get_render_width(table) >= 3 for column in values)
+        await shows(pilot, "gain")  # the end of the name, which tells
+
+    pilot_of(tmp_path, at_120, (120, 40))
+    pilot_of(tmp_path, at_160, (160, 45))
+
+
+def test_in_a_small_terminal_there_are_plot_and_value(tmp_path: Path) -> None:
+    keys = store_results(tmp_path, [found(resonant(GRID)), found(resonant(GRID, at=60.0))])
+
+    async def steps(app: FraexpApp, pilot: Pilot[None]) -> None:
+        await compare(app, pilot, keys)
+        await shows(pilot, "Magnitude", "1 more panel: page down", "Hz", " dB")
+        assert any(0x2800 < ord(character) < 0x2900 for character in screen_text(app))
+        await pilot.press("pagedown")
+        await shows(pilot, "Phase", " deg", "1 more panel: page up")
+
+    pilot_of(tmp_path, steps, (40, 10))
+
+
+def test_a_file_in_a_folder_that_is_not_there_is_refused(tmp_path: Path) -> None:
+    assert wrong_file(str(tmp_path / "x.png")) == ""
+    assert wrong_file("x.png") == ""
+    assert wrong_file(str(tmp_path / "absent" / "x.png")) == f"{tmp_path / 'absent'}: there is no such folder"
+
+
+def test_commands_do_not_show_a_password(tmp_path: Path) -> None:
+    workspace = Workspace.open(tmp_path, "postgresql+psycopg://lab:secret@host/results")
+    for command in (compare_command(workspace, ["v1:0-1"]), plot_command(workspace, ["v1:0-1"], "bode", "a.png")):
+        assert "secret" not in command
+        assert "***@host/results" in command

@@ -1,0 +1,99 @@
+"""The keys of the places, and messages, on whatever screen."""
+
+import pytest
+from textual.widgets._toast import Toast
+
+from fraexp.errors import StoreError
+from fraexp.tui.desk import Desk
+from fraexp.tui.page import MOST, shortened
+from fraexp.tui.run import RunPage
+from fraexp.tui.runs import RunsPage
+from fraexp.tui.sweep import SweepPage
+from fraexp.tui.sweeps import SweepsPage
+from fraexp.workspace import Workspace
+from tests.tui.pilots import pilot_of, screen_text, shows, until
+
+SECRET = "postgresql://somebody:hunter2@host/lab"
+
+
+def test_a_places_key_leads_to_its_list_from_within_and_from_elsewhere(workspace):
+    async def steps(app, pilot):
+        await pilot.press("w")
+        await shows(pilot, "rows 1-5")
+        await pilot.press("enter")
+        await until(pilot, lambda: isinstance(app.screen, SweepPage))
+        await pilot.press("w", "j")
+        assert isinstance(app.screen, SweepsPage)
+        await until(pilot, lambda: app.screen.table.cursor_row == 1)  # what follows is for the list
+        await pilot.press("r")
+        await shows(pilot, "failing")
+        await pilot.press("enter")
+        await until(pilot, lambda: isinstance(app.screen, RunPage))
+        await pilot.press("s", "r")
+        assert isinstance(app.screen, RunsPage)
+        await shows(pilot, "failing", "$ fraexp list")
+
+    pilot_of(workspace, steps)
+
+
+def test_one_message_at_a_time_stands_above_what_is_drawn(workspace):
+    async def steps(app, pilot):
+        await shows(pilot, "quick")
+        app.notify("the first", timeout=60)
+        app.notify("the second", timeout=60)
+        await shows(pilot, "the second")
+        assert "the first" not in screen_text(app)
+        (toast,) = app.screen.query(Toast)
+        assert toast.region.bottom <= 5
+
+    pilot_of(workspace, steps, notices=True)
+
+
+def test_long_values_are_cut_in_what_is_told():
+    assert shortened(f"points is '{'x' * 100_000}'; expected a number").startswith("points is 'xxx")
+    assert len(shortened(f"points is '{'x' * 100_000}'; expected a number")) < 120
+    assert shortened(f"points is '{'x' * 100_000}'; expected a number").endswith("...'; expected a number")
+    assert len(shortened("[1, " * 10_000)) <= MOST + 3
+    assert shortened("it's 'short', isn't it") == "it's 'short', isn't it"
+
+
+def test_no_password_is_told(tmp_path, monkeypatch):
+    monkeypatch.setattr(Workspace, "has_database", lambda _: False)
+    desk = Desk(tmp_path, SECRET)
+    for asked in (desk._asked, desk._changed):
+        with pytest.raises(StoreError, match="no database") as raised:
+            asked(lambda store: store.version())
+        assert "hunter2" not in str(raised.value)
+    desk.close()
+
+
+def test_the_list_of_sweeps_tells_no_password(workspace, monkeypatch):
+    async def steps(app, pilot):
+        monkeypatch.setattr(Workspace, "has_database", lambda _: False)
+        app.desk.workspace = Workspace(workspace, SECRET)
+        await pilot.press("w")
+        await shows(pilot, "There is no database yet: postgresql://somebody:")
+        assert "hunter2" not in screen_text(app)
+
+    pilot_of(workspace, steps)
+
+
+@pytest.mark.parametrize(("key", "right"), [("r", "complete"), ("w", "rows 1-5")])
+def test_a_database_that_is_damaged_and_restored_in_its_place_is_noticed(workspace, key, right):
+    file = workspace / "results.db"
+    good = file.read_bytes()
+
+    async def steps(app, pilot):
+        await pilot.press(key)
+        await shows(pilot, right)
+        for damage in (good[:100] + b"damage" * 20_000, b"damage" * 20_000):
+            file.write_bytes(damage)
+            for beside in ("-wal", "-shm"):
+                file.with_name(f"{file.name}{beside}").unlink(missing_ok=True)
+            await until(pilot, lambda: any(t in screen_text(app) for t in ("is damaged", "is no database")))
+            await until(pilot, lambda: right not in screen_text(app))
+            assert "no sweep yet" not in screen_text(app)
+            file.write_bytes(good)
+            await shows(pilot, right)
+
+    pilot_of(workspace, steps)
