@@ -23,21 +23,21 @@ import tempfile
 import termios
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from fcntl import ioctl
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("FRAEXP_TUI_SETTINGS", os.devnull)
 
-from store import make_database
+from store import make
 from textual.pilot import Pilot
+from textual.worker import WorkerCancelled
 
 from fraexp.tui.app import LOOK, FraexpApp
 from fraexp.tui.page import Page
 
 FRAEXP = [sys.executable, "-m", "fraexp"]
-SWEEPS = 100_000
 HOUR = 3600
 PATIENCE = 60.0
 STUDY = """
@@ -136,7 +136,8 @@ async def growth(app: FraexpApp, pilot: Pilot[None]) -> float:
             await app.look()
             if isinstance(app.screen, Page):
                 app.screen.reload()
-                await app.workers.wait_for_complete()
+                with suppress(WorkerCancelled):  # by the next look, as in life
+                    await app.workers.wait_for_complete()
 
     await looks(500)
     before = memory()
@@ -192,7 +193,7 @@ def main() -> int:
         for folder in (empty, full, busy):
             folder.mkdir()
         missed += row("fraexp tui, start to first paint, fresh process", first_paint(empty, 3 if few else 7), "s", 1.0)
-        make_database(full / "results.db", SWEEPS)
+        make(full / "results.db")
         missed += row("first paint with 100,000 sweeps", first_paint(full, 3 if few else 7), "s", 1.0)
         missed += row("key to repaint, 100,000 sweeps in the table, 95 %", in_pilot(full, key_times), "s", 0.1)
         ratio = slowdown(busy, 3 if few else 7, 1000 if few else 3000)

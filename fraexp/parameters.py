@@ -81,6 +81,8 @@ class Parameters(BaseModel):
     @classmethod
     def parse(cls, data: Mapping[str, Any], title: str) -> Self:
         """Build from plain data; ParameterError says in one line what does not fit. `title` names the owner."""
+        if not isinstance(data, Mapping):
+            raise ParameterError(f"{title} is {data!r:.60}; expected a table")
         try:
             return cls.model_validate(dict(data))
         except ValidationError as error:

@@ -94,6 +94,8 @@ class Resolver:
         self._sampled = _Once(self._check_sampled, self._looked)
         self._looped = _Once(lambda loop, around, place: {"sample_time": loop["sample_time"]}, self._looked)
         self._within = _Once(self._check_limits, self._looked)
+        self._fit: dict[tuple[int, int], bool] = {}
+        """What `_sampled` has said of an excitation and a loop."""
         self._numerics = Numerics().plain()
         self._shared: dict[str, Any] = {}
         self._keys = Keys()
@@ -135,7 +137,11 @@ class Resolver:
             return self._keys.of(beside.experiment, found), beside.experiment, found
         resolved[section] = found
         if section == EXCITATION:
-            if self._sampled(found, resolved, place) != (beside.experiment["source"] == "drive"):
+            both = id(found), id(resolved.get("loop"))  # which stay their own, for `_sections` keeps them
+            drives = self._fit.get(both)
+            if drives is None:
+                drives = self._fit[both] = self._sampled(found, resolved, place)
+            if drives != (beside.experiment["source"] == "drive"):
                 return None
             if "limits" in resolved:
                 self._within(found, resolved, place)

@@ -278,10 +278,14 @@ def _every(
     """Return the sweeps of all cases, points and draws, in their order."""
     resolver = Resolver(file, registry)
     every = (
-        (case.place, sweep, written)
-        for case in cases
-        for one, written in resolver.points(case.place, case.sections, case.labels, grid)
-        for sweep in (drawn(case.place, one, draws, registry) if draws else [one])
+        (case, *found) for case in cases for found in resolver.points(case.place, case.sections, case.labels, grid)
     )
     refers = any(references.within(case.sections, grid) for case in cases)
-    return references.laid_in(list(every)) if refers else (sweep for _, sweep, _ in every)
+    if not refers and not draws:
+        return (sweep for _, sweep, _ in every)
+    all_drawn = (
+        (case.place, sweep, written)
+        for case, one, written in every
+        for sweep in (drawn(case.place, one, draws, registry) if draws else [one])
+    )
+    return references.laid_in(list(all_drawn)) if refers else (sweep for _, sweep, _ in all_drawn)

@@ -30,8 +30,13 @@ class Sweep:
     @classmethod
     def with_key(cls, key: str, experiment: Plain, estimator: Plain, labels: Plain, files: Mapping[str, str]) -> Self:
         """Return the sweep of which the key is known."""
-        sweep = cls(experiment, estimator, labels, files)
-        object.__setattr__(sweep, "_key", key)
+        sweep, put = object.__new__(cls), object.__setattr__  # a million of them: twice as fast as by the constructor
+        put(sweep, "experiment", experiment)
+        put(sweep, "estimator", estimator)
+        put(sweep, "labels", labels)
+        put(sweep, "files", files)
+        put(sweep, "_key", key)
+        put(sweep, "_experiment_key", "")
         return sweep
 
     @property

@@ -282,6 +282,8 @@ class Workspace:
         groups: dict[str | None, list[StoredSweep]] = {}
         for sweep in sweeps:
             result = results.get(sweep.key)
+            if result and result.response and not all(0 < f < np.inf for f in result.response.frequency):
+                raise StoreError(f"sweep {sweep.key[4:12]}: a stored frequency is not above 0; compute it again")
             if result and (result.response or result.curves or kind in OF_METRICS):
                 groups.setdefault(result.response.unit if result.response else None, []).append(sweep)
         drawn: dict[Path, bool] = {}

@@ -124,6 +124,11 @@ def whole_cut(settings: RecordSettings, rate: float, run: tuple[int, int], place
         raise RecordError(f"{place}: {key} counts periods, and the record has none; give skip_time, lowest and highest")
     if samples < FEWEST:
         raise RecordError(f"{place}: {max(samples, 0)} samples are left; expected at least {FEWEST}")
+    if max(settings.lowest or 0.0, settings.highest or 0.0) > rate / 2:
+        raise RecordError(
+            f"{place}: lowest and highest reach {max(settings.lowest or 0.0, settings.highest or 0.0):g} Hz; "
+            f"expected {rate / 2:g} Hz at most, half the sample rate"
+        )
     first = max(round((settings.lowest or 10 * rate / samples) * samples / rate), 1)
     last = min(round((settings.highest or rate / 5) * samples / rate), (samples - 1) // 2)
     if last < first:

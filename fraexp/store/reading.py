@@ -17,6 +17,7 @@ from fraexp.store.clock import now
 from fraexp.store.liveness import Process, alive
 from fraexp.store.records import RunProgress, RunSummary, StoredState, StoredSweep, Supplied
 from fraexp.store.tables import (
+    CHUNK,
     PARTS,
     chunks,
     curve,
@@ -37,13 +38,21 @@ LARGEST = 2**31 - 1
 def known(connection: Connection, keys: Iterable[str]) -> dict[str, StoredState]:
     """Return the state of those sweeps that have a result."""
     found: dict[str, StoredState] = {}
-    for chunk in chunks(keys):
-        query = select(sweep.c.key, sweep.c.outcome, sweep.c.elapsed)
-        for row in connection.execute(query.where(sweep.c.key.in_(chunk), sweep.c.outcome.is_not(None))):
-            found[row.key] = StoredState(Outcome[row.outcome], {}, row.elapsed)
-        sources = select(supplied.c.key, supplied.c.kind, supplied.c.name, supplied.c.source_hash)
-        for origin in connection.execute(sources.where(supplied.c.key.in_(chunk))):
-            found[origin.key].sources[f"{origin.kind}:{origin.name}"] = origin.source_hash
+    wanted = set(keys)
+    stored = select(sweep.c.key, sweep.c.outcome, sweep.c.elapsed).where(sweep.c.outcome.is_not(None))
+    sources = select(supplied.c.key, supplied.c.kind, supplied.c.name, supplied.c.source_hash)
+    # More than there are: all are read, which takes less than asking for each.
+    few = len(wanted) <= CHUNK or len(wanted) < (connection.scalar(select(func.count()).select_from(sweep)) or 0)
+    for chunk in chunks(wanted) if few else [None]:
+        for key, outcome, elapsed in connection.execute(
+            stored if chunk is None else stored.where(sweep.c.key.in_(chunk))
+        ):
+            if key in wanted:
+                found[key] = StoredState(Outcome[outcome], {}, elapsed)
+        asked = sources if chunk is None else sources.where(supplied.c.key.in_(chunk))
+        for key, kind, name, source_hash in connection.execute(asked):
+            if key in found:
+                found[key].sources[f"{kind}:{name}"] = source_hash
     return found
 
 
@@ -109,7 +118,10 @@ def find(connection: Connection, prefix: str) -> StoredSweep:
 def log(connection: Connection, key: str) -> str:
     """Return the log of a sweep's latest attempt; empty if it did not fail."""
     query = select(run_sweep.c.log).where(run_sweep.c.key == key).order_by(run_sweep.c.run.desc()).limit(1)
-    return connection.scalar(query) or ""
+    text = connection.scalar(query) or ""
+    if not isinstance(text, str):
+        raise TypeError(f"a log is a {type(text).__name__}")
+    return text
 
 
 def results(connection: Connection, keys: Iterable[str]) -> dict[str, Result]:

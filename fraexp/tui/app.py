@@ -81,7 +81,7 @@ class FraexpApp(App[None]):
         wished = self.settings.ascii if plain is None else plain
         self._ascii = AsciiOnly(settings.plain_terminal(os.environ) if wished is None else wished)
         self._tracing = tracing
-        self._version: object = None
+        self._version: object = "not looked yet"
         self._looks = 0
         self._choose()
 

@@ -63,7 +63,7 @@ def test_a_list_of_sweeps_as_json_says_how_many_there_are(folder, capsys):
 
 
 def test_a_filter_that_finds_nothing_says_so(folder, capsys):
-    assert said(capsys, "list", "estimator=nobody") == ("", "no sweep matches estimator=nobody\n")
+    assert said(capsys, "list", "estimator:nobody") == ("", "no sweep matches estimator:nobody\n")
 
 
 @pytest.mark.parametrize(

@@ -1,12 +1,12 @@
 """What hostile inputs have found: each was a traceback, a hang, a crash, or memory without end."""
 
 import contextlib
-import sqlite3
 import struct
 import time
 import zlib
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -24,13 +24,12 @@ from fraexp.records.channels import channel_of
 from fraexp.records.contents import contents
 from fraexp.records.source import reader_of
 from fraexp.sections import override
-from fraexp.store import Store
 from fraexp.store.checked import json_data
 from fraexp.store.codec import decode
 from fraexp.study import load, read
+from fraexp.study import resolve as study_of_data
 from fraexp.tui.form import parsed
 from fraexp.tui.settings import read as read_settings
-from tests.cli.conftest import fill
 
 SOON = 5.0
 """Time that a refusal may take [s]; those that were found took minutes, or for ever."""
@@ -133,6 +132,8 @@ ABSURD = {
     "record time": ("[excitation]\npoints = 100000\nrecord_time = 10000", r"records .* samples at 100,000 frequencies"),
     "table": ("[excitation]\npreset = [[]]", "has no preset"),
     "loop": ("loop = 'x'", "expected a table"),
+    "record": ("record = -1", "expected a table"),
+    "no frequency": ("[excitation]\nlowest = 5e-324", "samples per period"),
     "machine": ("machine = '" + "x" * 5000 + "'", "expected the name of a file"),
 }
 
@@ -141,7 +142,7 @@ ABSURD = {
 def test_absurd_sizes_are_refused_with_the_number(text: str, message: str, tmp_path: Path, registry: Registry) -> None:
     text = text.format(values=", ".join(str(number + 1) for number in range(1001))) if "{values}" in text else text
     head = "" if text.startswith("machine") else 'machine = "linear_motor_table"\n'
-    lead = text if text.startswith(("machine", "loop")) else ""
+    lead = text if text.startswith(("machine", "loop", "record")) else ""
     rest = "" if lead else text.replace("{{", "{").replace("}}", "}")
     section = '[excitation]\nname = "stepped_sine"\namplitude = 12.0\n'
     body = rest.replace("[excitation]\n", section) if "[excitation]" in rest else f"{section}{rest}"
@@ -154,6 +155,7 @@ RECORD = {"file": "a.csv", "channels": {"u": "u [N]", "y": "y [m]"}, "sample_rat
 RECORDS = {
     "huge period": ({"period": 10**400}, "period is"),
     "tiny period": ({"period_time": 5e-324}, "a period of .* samples; expected from 2"),
+    "far lines": ({"periodic": False, "lowest": 1e308}, "reach 1e\\+308 Hz; expected 50 Hz at most"),
     "no time": ({"period": 10, "time": ""}, "column is empty"),
     "no segment": ({"period": 10, "segment": ""}, "column is empty"),
     "long name": ({"file": "x" * 5000, "period": 10}, "File name too long"),
@@ -274,89 +276,14 @@ def test_deep_and_large_json_is_refused() -> None:
             json_data(text)
 
 
-@pytest.fixture
-def database(tmp_path: Path) -> Path:
-    fill(tmp_path / "results.db")
-    return tmp_path / "results.db"
-
-
-def change(path: Path, *statements: str) -> None:
-    with contextlib.closing(sqlite3.connect(path)) as connection:
-        for statement in statements:
-            connection.execute(statement)
-        connection.commit()
-
-
-FOREIGN = {
-    "trigger": "CREATE TRIGGER t AFTER UPDATE ON run BEGIN DELETE FROM sweep; END",
-    "view": "CREATE VIEW v AS WITH RECURSIVE c(x) AS (SELECT 1 UNION ALL SELECT x FROM c) SELECT x FROM c",
-    "computed column": "ALTER TABLE note ADD COLUMN more AS (zeroblob(1000000000))",
-}
-
-
-@pytest.mark.parametrize(("what", "statement"), FOREIGN.items(), ids=FOREIGN)
-def test_a_database_with_code_of_its_own_is_refused(what: str, statement: str, database: Path) -> None:
-    change(database, statement)
-    for read_only in (True, False):
-        with pytest.raises(StoreError, match=f"it has a {what} '.*', which fraexp does not make"):
-            Store.open(str(database), read_only=read_only)
-
-
-STRANGE = {
-    "a number of bytes": "UPDATE frequency_response SET response = 1000000000000",
-    "a text of bytes": "UPDATE frequency_response SET frequency = 'x'",
-    "fewer frequencies": "UPDATE frequency_response SET settled = frequency",
-    "an outcome": "UPDATE sweep SET outcome = 'x'",
-    "a time": "UPDATE run SET started = 'yesterday'",
-    "a key": "UPDATE run_sweep SET labels = '[1]'",
-    "deep labels": f"UPDATE run_sweep SET labels = '{'[' * 900 + ']' * 900}'",
-    "no JSON": "UPDATE part SET content = '{'",
-    "a host": "UPDATE run SET pid = 'x'",
-    "an origin": "UPDATE supplied_component SET source_hash = x'00'",
-    "a message": "UPDATE sweep SET message = x'00'",
-}
-
-
-@pytest.mark.parametrize("statement", STRANGE.values(), ids=STRANGE)
-def test_a_database_of_other_contents_is_refused_in_a_line(
-    statement: str, database: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    change(database, "PRAGMA foreign_keys = OFF", statement)
-    place = ["--db", str(database), "--workspace", str(database.parent)]
-    codes = [
-        main([*command, *place]) for command in (["list"], ["show", "1"], ["compare", "1"], ["show", "1", "--json"])
-    ]
-    codes.append(main(["plot", "1", "-o", str(database.parent / "a.svg"), *place]))
-    assert ExitCode.STORE in codes and ExitCode.INTERNAL not in codes
-    said = capsys.readouterr().err
-    assert "Traceback" not in said and "\x1b" not in said
-
-
-def test_escape_codes_in_a_database_do_not_command_the_terminal(
-    database: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    evil = "'a' || char(27) || '[2J' || char(8238)"
-    change(
-        database,
-        f"UPDATE run SET study = {evil}, command = {evil}, host = {evil}",
-        f"UPDATE metric SET name = {evil}, unit = {evil}",
-        f"UPDATE sweep SET message = {evil}",
-        f"UPDATE curve SET name = {evil}",
-        f"UPDATE curve_column SET unit = {evil}",
-    )
-    place = ["--db", str(database), "--workspace", str(database.parent)]
-    for command in (
-        ["list"],
-        ["list", "state=computed"],
-        ["show", "1"],
-        ["compare", "1"],
-        ["list", "--json"],
-        ["show", "1", "--json"],
-    ):
-        assert main([*command, *place]) == ExitCode.OK
-    captured = capsys.readouterr()
-    assert "\\x1b[2J" in captured.out
-    assert not {"\x1b", "\u202e"} & set(captured.out + captured.err)
+@pytest.mark.parametrize(
+    "change", [{"duration": 1e308}, {"hold": 160.0}, {"duration": 0.1, "targets": [1e-3, 2e-3] * 9999}]
+)
+def test_a_long_motion_is_refused_before_it_is_planned(change: dict[str, Any], registry: Registry) -> None:
+    motion = {"name": "point_to_point", "targets": [1e-3], **change}
+    data = {"machine": "linear_motor_table", "excitation": motion, "estimator": {"name": "positioning"}}
+    with pytest.raises(FraexpError, match="samples; expected 250,000 at most"):
+        study_of_data("a", Path("a.toml"), data, Path(), registry)
 
 
 def test_a_study_writes_nowhere_but_in_its_workspace(tmp_path: Path) -> None:

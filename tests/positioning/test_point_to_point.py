@@ -128,9 +128,9 @@ def test_a_move_that_is_too_short_for_the_limit_is_refused_with_the_least_number
         ),
         (
             {"hold": 1000.0, "targets": (1e-3, 2e-3)},
-            "4,000,160 samples; expected 2,000,000.*shorten 'hold', or take fewer",
+            "4,000,160 samples; expected 250,000.*shorten 'hold', or take fewer",
         ),
-        ({"duration": 1000.0}, "2,000,400 samples; expected 2,000,000 at most: shorten 'duration'$"),
+        ({"duration": 1000.0}, "2,000,400 samples; expected 250,000 at most: shorten 'duration'$"),
         ({"targets": ()}, "targets must be one position at least"),
         ({"targets": (1e-3, 1e-3)}, "each another than the last one"),
         ({"input_lags": (0.0,)}, "a first-order lag must be above 0 s"),

@@ -122,6 +122,7 @@ def test_help_leads_to_its_end_and_tells_our_keys_alone(workspace):
 
 def test_the_palette_offers_our_commands_alone(workspace):
     async def steps(app, pilot):
+        await shows(pilot, "quick")
         names = [command.title for command in app.get_system_commands(app.screen)]
         assert "filter" in names
         assert not {"Focus Next", "Focus Previous", "Copy selected text"} & set(names)

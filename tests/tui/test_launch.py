@@ -1,5 +1,6 @@
 """The form of a study: what it offers, what it says of what is typed, and that it launches what it shows."""
 
+import asyncio
 import os
 import signal
 import subprocess
@@ -223,7 +224,15 @@ def test_many_letters_at_once_are_checked_once_and_a_long_one_leaves_room(tmp_pa
     pilot_of(tmp_path, steps)
 
 
-def test_an_arrow_that_is_pressed_before_the_form_is_there_counts(tmp_path):
+def test_an_arrow_that_is_pressed_before_the_form_is_there_counts(tmp_path, monkeypatch):
+    build = LaunchPage._build
+
+    async def later(page):
+        await asyncio.sleep(0.5)
+        await build(page)
+
+    monkeypatch.setattr(LaunchPage, "_build", later)
+
     async def steps(app, pilot):
         await until(pilot, lambda: app.screen.entry)
         await pilot.press("enter")

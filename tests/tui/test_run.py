@@ -2,11 +2,14 @@
 
 import os
 import signal
+import subprocess
+import sys
 from dataclasses import replace
 
 import pytest
 
 from fraexp import detached
+from fraexp.detached import Started
 from fraexp.store import RunProgress, Store
 from fraexp.tui.logtail import LogTail
 from fraexp.tui.run import RunPage, _command_of, show_run
@@ -166,16 +169,16 @@ def test_progress_tells_speed_and_time_left(workspace):
 
 
 def test_a_run_that_is_stopped_before_it_began_says_where_the_keys_lead(workspace):
-    started = Workspace.open(workspace).launch("quick", SLOW)
+    log = workspace / "run.log"
+    log.touch()
+    process = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"])  # as long as it is read
+    started = Started(process, log)
 
     async def steps(app, pilot):
         show_run(app, started)
-        await until(pilot, lambda: isinstance(app.screen, RunPage))
-        page = app.screen
+        await shows(pilot, "starting ...")
         await pilot.press("x")
-        await until(pilot, lambda: not page.live)
-        if page.run is None:  # it may have been quicker
-            await shows(pilot, "stopped before it began", "Esc leads to the runs, s to the studies")
+        await shows(pilot, "stopped before it began", "Esc leads to the runs, s to the studies")
         await pilot.press("escape")
         await until(pilot, lambda: isinstance(app.screen, RunsPage))
 
@@ -207,6 +210,8 @@ def test_while_nothing_ends_or_moves_it_says_that_it_compiles_and_no_time_left(
         show_run(app, 1)
         await shows(pilot, "4 of 4 sweeps")
         page = app.screen
+        page.reload = lambda: None
+        page.workers.cancel_group(page, "load")
         page._speed.see(run.heartbeat.timestamp() - 3, 1e-3)
         await page._show(run)
         await pilot.pause()

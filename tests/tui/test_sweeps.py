@@ -92,8 +92,8 @@ def test_nothing_that_matches_says_what_to_do(workspace):
     async def steps(app, pilot):
         await opened(app, pilot)
         await pilot.press("slash")
-        await write(pilot, "estimator=nobody")
-        await shows(pilot, "No sweep matches estimator=nobody", "Esc clears the filter")
+        await write(pilot, "estimator:nobody")
+        await shows(pilot, "No sweep matches estimator:nobody", "Esc clears the filter")
         await pilot.press("escape")
         await shows(pilot, "rows 1-5 of 5")
         assert "No sweep matches" not in screen_text(app)

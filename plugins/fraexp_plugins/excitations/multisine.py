@@ -7,7 +7,7 @@ import numpy as np
 from fraexp.api import ParameterError, Period, param
 from fraexp_plugins.excitations.broadband import BroadbandExcitation
 from fraexp_plugins.excitations.crest import compressed
-from fraexp_plugins.excitations.sampling import even_samples
+from fraexp_plugins.excitations.sampling import LEAST_CYCLES, even_samples
 from fraexp_plugins.excitations.shaping import MEANING, Shape, check_shape, shaped
 
 FIRST_AND_STEP = {"odd": (1, 2), "even": (2, 2), "full": (1, 1)}
@@ -63,7 +63,7 @@ class Multisine(BroadbandExcitation, name="multisine", version=1):
 
     def check(self, sample_time: float) -> None:
         """Refuse a band without lines, or too few for detection, and what exceeds Nyquist frequency or memory."""
-        self.check_size(1 / (self.resolution * sample_time), sample_time, self.realisations)
+        self.check_size(1 / max(self.resolution * sample_time, LEAST_CYCLES), sample_time, self.realisations)
         there = self.grid().size
         if 0 < there < self.detection:
             raise ParameterError(

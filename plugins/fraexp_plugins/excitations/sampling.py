@@ -11,6 +11,8 @@ LEAST, MOST = 16, 2_000_000
 """Samples per period that make a wave, and that fit into memory: half a gigabyte of channels."""
 MOST_RECORDED = 20_000_000
 """Samples that an experiment records in all, at most: about a gigabyte of channels."""
+LEAST_CYCLES = 1e-18
+"""Cycles per sample, of which fewer are none."""
 NEAR = 1e-3
 """Relative distance at which a frequency counts as met by whole periods in whole samples."""
 SHORTEST, LONGEST = 400, 1 << 16
@@ -27,7 +29,7 @@ SMALL = 13
 
 def samples_per_period(name: str, frequency: float, sample_time: float) -> int:
     """Return the whole number nearest to 1/(f Ts); ParameterError if `LEAST` are not reached."""
-    samples = round(1 / (frequency * sample_time))
+    samples = round(1 / max(frequency * sample_time, LEAST_CYCLES))
     if samples > MOST:
         raise ParameterError(
             f"{name} has {samples:,} samples per period at {frequency:g} Hz and a sample time of {sample_time:g} s; "

@@ -8,7 +8,7 @@ from operator import itemgetter
 import numpy as np
 
 from fraexp.api import ParameterError, Schedule, param
-from fraexp_plugins.excitations.sampling import MOST, MOST_RECORDED
+from fraexp_plugins.excitations.sampling import LEAST_CYCLES, MOST, MOST_RECORDED
 from fraexp_plugins.excitations.settled import SettledExcitation
 
 
@@ -45,7 +45,7 @@ class SteppedExcitation(SettledExcitation, ABC):
 
     def check(self, sample_time: float) -> None:
         """Refuse frequencies from the Nyquist frequency on, and periods that do not fit into memory."""
-        longest = 1 / (self.grid.min() * sample_time)
+        longest = 1 / max(self.grid.min() * sample_time, LEAST_CYCLES)
         if longest > MOST:
             raise ParameterError(
                 f"{self.name} has {longest:.3g} samples per period at {self.grid.min():g} Hz and a sample time of "

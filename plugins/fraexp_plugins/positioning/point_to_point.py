@@ -14,8 +14,8 @@ ORDERS = {"energy": 0, "jerk": 1, "snap": 2}
 """Differences of the thrust that each cost makes small: of a rigid body the thrust is the acceleration."""
 CARRIED = 0.99
 """Share of the thrust's energy that the stated lines carry."""
-LONGEST = 2_000_000
-"""Samples of a motion at most."""
+LONGEST = 250_000
+"""Samples of a motion at most: it is planned when its study is read, in a second or two for so many."""
 
 
 class PointToPoint(Excitation, name="point_to_point", version=1):
@@ -97,7 +97,8 @@ class PointToPoint(Excitation, name="point_to_point", version=1):
 @lru_cache(64)
 def _planned(motion: PointToPoint, sample_time: float) -> Plan:
     """Return the plan: a study checks a motion before it is run, and runs the same one on many machines."""
-    moving, resting = (int(np.ceil(time / sample_time - 1e-9)) for time in (motion.duration, motion.hold))
+    times = (min(time / sample_time, 1e18) for time in (motion.duration, motion.hold))
+    moving, resting = (int(np.ceil(time - 1e-9)) for time in times)
     samples = len(motion.targets) * (moving + resting)
     if samples > LONGEST:
         culprit = "'duration'" if moving > resting else "'hold'"

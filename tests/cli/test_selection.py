@@ -1,0 +1,51 @@
+"""From what is typed to runs and sweeps."""
+
+from pathlib import Path
+
+import pytest
+
+from fraexp.cli.exits import ExitCode
+from fraexp.cli.main import main
+from fraexp.store import Store
+from fraexp.sweep import Sweep
+
+
+@pytest.fixture
+def digits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """A database whose one sweep has a key that begins with four digits or more."""
+    sweeps = (Sweep({"source": "loop", "n": n}, {"name": "proposed"}) for n in range(10_000))
+    sweep = next(of for of in sweeps if of.key[4:8].isdigit() and of.key[4] not in "01")
+    with Store.open(str(tmp_path / "results.db"), create=True) as store:
+        run = store.begin_run("bench", "bench.toml", "fraexp run bench", {}, [sweep])
+        store.fail(run, sweep.key, "it broke off", "")
+        store.end_run(run, "partial")
+    monkeypatch.chdir(tmp_path)
+    return sweep.key[4:8]
+
+
+def test_digits_that_no_run_has_are_how_a_key_begins(digits: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["show", digits]) == ExitCode.OK
+    assert f"fx1-{digits}" in capsys.readouterr().out
+    assert main(["tag", "baseline", digits]) == ExitCode.OK
+    assert main(["show", "1"]) == ExitCode.OK
+    assert "bench" in capsys.readouterr().out
+
+
+def test_digits_that_nothing_has_are_a_run_if_few_and_a_key_if_many(
+    digits: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for given, sentence in (("77", "there is no run 77"), ("99999999", "no sweep's key starts with '99999999'")):
+        if not digits.startswith(given):
+            assert main(["show", given]) == ExitCode.STORE
+            assert sentence in capsys.readouterr().err
+
+
+def test_a_unit_of_another_kind_is_refused_in_a_filter(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    sweep = Sweep({"source": "loop", "plant": {"name": "modal", "gain": 0.1}}, {"name": "proposed"})
+    database = str(tmp_path / "results.db")
+    with Store.open(database, create=True) as store:
+        store.begin_run("bench", "bench.toml", "fraexp run bench", {}, [sweep])
+    assert main(["list", "plant.gain>1kg", "--db", database]) == ExitCode.STORE
+    assert "'plant.gain>1kg': 'kg' is not a unit of the same kind as 'm/(N s**2)'" in capsys.readouterr().err
+    assert main(["list", "plant.gain>1mm/(N*s**2)", "--db", database]) == ExitCode.OK
+    assert "1 sweep" not in capsys.readouterr().err

@@ -1,0 +1,112 @@
+"""What databases from strangers have found: each was an internal error, a hang, or code of somebody else."""
+
+import contextlib
+import sqlite3
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fraexp.cli.exits import ExitCode
+from fraexp.cli.main import main
+from fraexp.errors import StoreError
+from fraexp.store import Store
+from fraexp.store.codec import encode
+from tests.cli.conftest import fill
+
+
+@pytest.fixture
+def database(tmp_path: Path) -> Path:
+    fill(tmp_path / "results.db")
+    return tmp_path / "results.db"
+
+
+def change(path: Path, *statements: str) -> None:
+    with contextlib.closing(sqlite3.connect(path)) as connection:
+        for statement in statements:
+            connection.execute(statement)
+        connection.commit()
+
+
+FOREIGN = {
+    "trigger": "CREATE TRIGGER t AFTER UPDATE ON run BEGIN DELETE FROM sweep; END",
+    "view": "CREATE VIEW v AS WITH RECURSIVE c(x) AS (SELECT 1 UNION ALL SELECT x FROM c) SELECT x FROM c",
+    "computed column": "ALTER TABLE note ADD COLUMN more AS (zeroblob(1000000000))",
+}
+
+
+@pytest.mark.parametrize(("what", "statement"), FOREIGN.items(), ids=FOREIGN)
+def test_a_database_with_code_of_its_own_is_refused(what: str, statement: str, database: Path) -> None:
+    change(database, statement)
+    for read_only in (True, False):
+        with pytest.raises(StoreError, match=f"it has a {what} '.*', which fraexp does not make"):
+            Store.open(str(database), read_only=read_only)
+
+
+STRANGE = {
+    "a number of bytes": "UPDATE frequency_response SET response = 1000000000000",
+    "a text of bytes": "UPDATE frequency_response SET frequency = 'x'",
+    "fewer frequencies": "UPDATE frequency_response SET settled = frequency",
+    "an outcome": "UPDATE sweep SET outcome = 'x'",
+    "a time": "UPDATE run SET started = 'yesterday'",
+    "a key": "UPDATE run_sweep SET labels = '[1]'",
+    "deep labels": f"UPDATE run_sweep SET labels = '{'[' * 900 + ']' * 900}'",
+    "no JSON": "UPDATE part SET content = '{'",
+    "a host": "UPDATE run SET pid = 'x'",
+    "an origin": "UPDATE supplied_component SET source_hash = x'00'",
+    "a message": "UPDATE sweep SET message = x'00'",
+}
+
+
+@pytest.mark.parametrize("statement", STRANGE.values(), ids=STRANGE)
+def test_a_database_of_other_contents_is_refused_in_a_line(
+    statement: str, database: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    change(database, "PRAGMA foreign_keys = OFF", statement)
+    place = ["--db", str(database), "--workspace", str(database.parent)]
+    codes = [
+        main([*command, *place]) for command in (["list"], ["show", "1"], ["compare", "1"], ["show", "1", "--json"])
+    ]
+    codes.append(main(["plot", "1", "-o", str(database.parent / "a.svg"), *place]))
+    assert ExitCode.STORE in codes and ExitCode.INTERNAL not in codes
+    said = capsys.readouterr().err
+    assert "Traceback" not in said and "\x1b" not in said
+
+
+def test_a_log_of_bytes_and_frequencies_below_0_are_no_error_of_ours(database: Path) -> None:
+    change(database, "UPDATE run_sweep SET log = x'00'")
+    with Store.open(str(database), read_only=True) as store, pytest.raises(StoreError, match="a log is a bytes"):
+        store.log(store.sweeps(1)[0].key)
+    still = encode(np.append(-1.0, np.arange(39.0)), "")
+    with contextlib.closing(sqlite3.connect(database)) as connection:
+        connection.execute("UPDATE frequency_response SET frequency = ?", (still,))
+        connection.commit()
+    place = ["--db", str(database), "--workspace", str(database.parent)]
+    assert main(["plot", "1", "-o", str(database.parent / "a.svg"), *place]) == ExitCode.STORE
+
+
+def test_escape_codes_in_a_database_do_not_command_the_terminal(
+    database: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    evil = "'a' || char(27) || '[2J' || char(8238)"
+    change(
+        database,
+        f"UPDATE run SET study = {evil}, command = {evil}, host = {evil}",
+        f"UPDATE metric SET name = {evil}, unit = {evil}",
+        f"UPDATE sweep SET message = {evil}",
+        f"UPDATE curve SET name = {evil}",
+        f"UPDATE curve_column SET unit = {evil}",
+    )
+    place = ["--db", str(database), "--workspace", str(database.parent)]
+    for command in (
+        ["list"],
+        ["list", "state=computed"],
+        ["show", "1"],
+        ["compare", "1"],
+        ["list", "--json"],
+        ["show", "1", "--json"],
+    ):
+        assert main([*command, *place]) == ExitCode.OK
+    captured = capsys.readouterr()
+    assert "\\x1b[2J" in captured.out
+    assert not {"\x1b", "\u202e"} & set(captured.out + captured.err)
