@@ -8,7 +8,7 @@ UV    ?= uv
 CANDIDATES := $(or $(PYTHON),python3 python3.13 python3.12 python3.11)
 RECENT     := import sys; sys.exit(sys.version_info < (3, 11))
 
-.PHONY: run test check format bench docs-figures wheel lock clean
+.PHONY: run test test-long check format bench docs-figures wheel lock clean
 .DEFAULT_GOAL := run
 
 # A copied checkout, or one whose Python is gone, must not go on with the old environment.
@@ -20,13 +20,16 @@ run: $(STAMP)
 	@$(BIN)/python -m fraexp run paper/fig12 $(ARGS)
 
 test: check
-	@$(BIN)/python -m pytest $(ARGS)
+	@$(BIN)/python -m pytest -n auto --dist loadfile $(ARGS)
 
 check: $(STAMP)
 	@$(BIN)/ruff format --quiet --check . || { echo "not formatted: run make format" >&2; exit 1; }
 	@$(BIN)/ruff check --quiet .
 	@$(BIN)/python -m mypy --no-error-summary
 	@$(BIN)/lint-imports --no-logo > $(ENV)/imports.log || { cat $(ENV)/imports.log >&2; exit 1; }
+
+test-long: $(STAMP)
+	@$(BIN)/python -m pytest -m long $(ARGS)
 
 format: $(STAMP)
 	@$(BIN)/ruff format --quiet .

@@ -25,7 +25,7 @@ from fraexp.results import Result
 from fraexp.store import Store
 from tests.dask_cluster import PATIENCE, Cluster, distribution, until
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 PLUGIN = '''
 import os
 import signal

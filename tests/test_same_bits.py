@@ -72,4 +72,4 @@ def test_results_are_the_same_to_the_last_bit(tmp_path: Path) -> None:
     assert not differing
 
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long

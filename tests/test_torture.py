@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.long
+
 
 @pytest.mark.skipif(sys.platform != "linux", reason="finds processes through /proc")
 def test_whatever_is_killed_the_answer_stays_right(checkout: Path, tmp_path: Path) -> None:

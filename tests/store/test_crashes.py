@@ -21,7 +21,10 @@ from fraexp.store import Store, file_system
 from fraexp.store.sqlite import SqliteFile
 from tests.trouble import study
 
-pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="needs the limits and mounts of Linux")
+pytestmark = [
+    pytest.mark.long,
+    pytest.mark.skipif(sys.platform != "linux", reason="needs the limits and mounts of Linux"),
+]
 ROOT = Path(__file__).parents[2]
 PLUGIN = '''
 import time

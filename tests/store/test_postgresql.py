@@ -176,7 +176,7 @@ def test_a_store_survives_a_restart_of_the_server(sweep):
             assert "\n" not in str(caught.value)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_commands_work_on_a_server_and_keep_its_password(server, guarded, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     told = ""
