@@ -1,5 +1,6 @@
 """How many modes a response tells: by an information criterion, or by points that are held out."""
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
@@ -37,7 +38,7 @@ def information(solution: Solution, alike: float = 1.0) -> float:
     """
     data, size = solution.data, solution.model.size
     cost, count = max(solution.cost, data.expected), data.count / alike
-    price = size * np.log(max(count, np.e)) + 2 * solution.model.modes * np.log(data.frequency.size)
+    price = size * np.log(max(count, math.e)) + 2 * solution.model.modes * np.log(data.frequency.size)
     return float(count * np.log(cost / data.count) + price)
 
 
