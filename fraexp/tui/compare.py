@@ -165,35 +165,39 @@ The table has only what differs. A file has the visible curves as 'fraexp plot' 
         self.tell()
         self.query_one("#both").display = True
         self._fill_table()
-        usual = "bode" if found.units else "curves"
-        wanted = self.view if self.view and found.groups(self.view) else usual
-        if not await self._show(wanted) and wanted != usual:
-            await self._show(usual)
+        if not await self._show() and self.view not in ("", _usual(found)):
+            await self._show(_usual(found))
         self._gathered = gathered  # not before: if other sweeps come meanwhile, these have not been shown
 
-    async def _show(self, view: str, group: str = "") -> bool:
-        """Show a view, and return whether it can be shown; if not it says why, and the one before stays."""
+    async def _show(self, view: str = "", group: str = "") -> bool:
+        """Show a view, or the last one, and return whether it can be shown.
+
+        If not it says why, and the one before stays. If other sweeps come meanwhile, it is shown of them.
+        """
         async with self._turn:
-            found, pictures = self.compared, self._pictures
-            if found is None:
-                return False
-            group = group or self._group(found, view)
-            first = self.first
-            if view == "difference" and first != REFERENCE and found.unit_of(first) != group:
-                first = next(iter(found.places(view, group)), 0)
-            key = (view, group, first)
-            if key not in pictures:
-                try:
-                    pictures[key] = await asyncio.to_thread(found.picture, *key)
-                except FraexpError as error:
-                    self.app.notify(printable(str(error)), severity="warning", markup=False)
-                    if self._gathered is None:
-                        self.tell_error(str(error))  # there is no view before
-                    return False
-            if found is not self.compared:
-                return True  # other sweeps have come meanwhile, and are shown next
-            self._display(key, pictures[key])
-            return True
+            while (found := self.compared) is not None:
+                key, pictures = self._asked_for(found, view, group), self._pictures
+                if key not in pictures:
+                    try:
+                        pictures[key] = await asyncio.to_thread(found.picture, *key)
+                    except FraexpError as error:
+                        self.app.notify(printable(str(error)), severity="warning", markup=False)
+                        if self._gathered is None:
+                            self.tell_error(str(error))  # there is no view before
+                        return False
+                if found is self.compared:
+                    self._display(key, pictures[key])
+                    return True
+            return False
+
+    def _asked_for(self, found: Compared, view: str, group: str) -> tuple[str, str, int]:
+        """Return view, group and reference of what is to be shown."""
+        view = view or (self.view if self.view and found.groups(self.view) else _usual(found))
+        group = group if group in found.groups(view) else self._group(found, view)
+        first = self.first
+        if view == "difference" and first != REFERENCE and found.unit_of(first) != group:
+            first = next(iter(found.places(view, group)), 0)
+        return view, group, first
 
     def _display(self, key: tuple[str, str, int], picture: Picture) -> None:
         self.view, group, self.first = key
@@ -360,6 +364,10 @@ The table has only what differs. A file has the visible curves as 'fraexp plot' 
         ended, text = await draw(self.app.desk.workspace, keys, kind, file)
         self.app.notify(printable(text), title="written" if ended else "not written",
                         severity="information" if ended else "error", markup=False)  # fmt: skip
+
+
+def _usual(found: Compared) -> str:
+    return "bode" if found.units else "curves"
 
 
 def _same(before: Gathered | None, now: Gathered) -> bool:

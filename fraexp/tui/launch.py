@@ -64,6 +64,7 @@ The run is a process of its own: it goes on when this is closed, or when the lin
         self._typing: Timer | None = None
         self._ahead = 0  # lines that were gone on before there were any
         self._error: FraexpError | None = None
+        self._built_for: object = None
         self._planned_for: object = None
         self._launching = False
 
@@ -83,7 +84,7 @@ The run is a process of its own: it goes on when this is closed, or when the lin
 
     async def load(self) -> None:
         """Make the form, then look what launching would do, also when the database has changed since."""
-        if not self.groups:
+        if not self.groups or (self._built_for != self._overrides and not self.written.faults):
             await self._build()
         await self._plan()
 
@@ -99,11 +100,11 @@ The run is a process of its own: it goes on when this is closed, or when the lin
     async def _build(self) -> None:
         """Show the fields of the study with what is changed; a change that does not fit is told by the plan."""
         name, random, changed = self.entry.name, self.entry.data.get("random"), self._overrides
-        try:
-            groups = await self.app.desk.work(lambda w: form(*w.outline(name, changed), random, w.registry))
-        except FraexpError as error:
-            self._tell(str(error), error=True)
+        asked = self.app.desk.work(lambda w: form(*w.outline(name, changed), random, w.registry))
+        groups = await self.fetch(asked, lambda text: self._tell(text, error=True))
+        if groups is None:
             return
+        self._built_for = changed
         fields = {field.path: field for group in groups for field in group.fields}
         if list(fields) != [field.path for group in self.groups for field in group.fields]:
             self.groups = groups
@@ -147,12 +148,7 @@ The run is a process of its own: it goes on when this is closed, or when the lin
         self._tell(fault or "checking ...", bool(fault))
 
     def _check(self) -> None:
-        self.run_worker(self._build_and_plan(), group="load", exclusive=True)
-
-    async def _build_and_plan(self) -> None:
-        if not self.written.faults:
-            await self._build()
-        await self._plan()
+        self.reload()
 
     async def _plan(self) -> None:
         """Tell what launching would do, or why it cannot be done."""
@@ -165,7 +161,7 @@ The run is a process of its own: it goes on when this is closed, or when the lin
         name, changed, (_, rerun) = self.entry.name, self._overrides, self._options
         self._error = None
         try:
-            _, (planned,) = await self.app.desk.work(lambda w: w.plan(name, changed, rerun))
+            _, (planned,) = await self.here(self.app.desk.work(lambda w: w.plan(name, changed, rerun)))
         except StoreError as error:  # the run may well bring the database up to date
             self._tell(str(error), error=True)
         except FraexpError as error:

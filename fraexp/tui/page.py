@@ -100,6 +100,7 @@ class Page(Screen[None]):
     ]
     live: bool = False
     """Whether something runs that is shown, so that time matters."""
+    _reading = _once_more = False
     command: reactive[str] = reactive("fraexp tui", repaint=False)
     heading: reactive[str] = reactive("", repaint=False)
 
@@ -120,12 +121,11 @@ class Page(Screen[None]):
         """Read what the screen shows."""
 
     def on_mount(self) -> None:
-        """Show the head at once, the rest when it is there."""
+        """Show the head at once; the rest is read when the screen is shown, which is next."""
         self.head()
-        self.reload()
 
     def on_screen_resume(self) -> None:
-        """Look again at what may have changed meanwhile."""
+        """Read what the screen shows, or look again at what may have changed meanwhile."""
         self.head()
         self.reload()
 
@@ -135,22 +135,37 @@ class Page(Screen[None]):
             self.reload()
 
     def reload(self) -> None:
-        """Start reading; an earlier reading that has not ended is forgotten."""
-        self.run_worker(self.load, group="load", exclusive=True)  # type: ignore[arg-type]
+        """Start reading; what is being read already is read once more afterwards, and never left half shown."""
+        if self._reading:
+            self._once_more = True
+            return
+        self._reading = True
+        self.run_worker(self._read_all(), group="load")
+
+    async def _read_all(self) -> None:
+        self._once_more = True
+        try:
+            while self._once_more:
+                self._once_more = False
+                await self.load()
+        finally:
+            self._reading = False
 
     async def fetch(self, asked: Awaitable[Answer], instead: Callable[[str], None] | None = None) -> Answer | None:
         """Return what was asked for; None if it cannot be had, which is told in the notice, or by `instead`."""
-        problem = ""
         try:
-            answer = await asked
+            return await self.here(asked)
         except FraexpError as error:
-            problem = str(error)
-        if self.app._exit or self._pruning or not self.is_running:
-            raise asyncio.CancelledError  # the screen has been left meanwhile: there is nothing to show it in
-        if problem:
-            (instead or self.tell_error)(problem)
+            (instead or self.tell_error)(str(error))
             return None
-        return answer
+
+    async def here(self, asked: Awaitable[Answer]) -> Answer:
+        """Return what was asked for, or raise what came of it; what asks ends if the screen has been left meanwhile."""
+        try:
+            return await asked
+        finally:
+            if self.app._exit or self._pruning or not self.is_running:
+                raise asyncio.CancelledError  # there is nothing to show it in
 
     def tell_error(self, text: str) -> None:
         """Show an error in place of what the screen shows."""

@@ -114,7 +114,7 @@ Enter opens a sweep, Space marks it; c compares the marked ones, or all sweeps o
             return None
         ended = started.ended()  # asked before the database: what it has written is there then
         try:
-            found = await self.app.desk.read(lambda store: _of_log(store, started.log))
+            found = await self.here(self.app.desk.read(lambda store: _of_log(store, started.log)))
         except FraexpError:
             found = None  # no database yet, or one that the run is about to bring up to date
         if found is None and ended:

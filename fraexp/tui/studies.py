@@ -135,7 +135,7 @@ Enter opens a study, to change what it says and to launch it."""
 
     async def _runs(self) -> list[RunSummary]:
         try:
-            runs = await self.app.desk.read(lambda store: store.runs())
+            runs = await self.here(self.app.desk.read(lambda store: store.runs()))
         except FraexpError as error:
             runs = []
             if self.app.desk.workspace.has_database():
@@ -263,7 +263,7 @@ class FilePage(Page):
     async def load(self) -> None:
         """Read the file."""
         self.heading, self.command = self.file.name, f"cat {self.file}"
-        text = await self.app.desk.work(lambda _: _text(self.file))
+        text = await self.here(self.app.desk.work(lambda _: _text(self.file)))
         self.query_one("#lines", Static).update(Text("\n".join(map(printable, text.splitlines()))))
 
     def action_scroll(self, lines: int) -> None:

@@ -172,17 +172,19 @@ plugins that computed it are still the same.
             table.put([], [])
             return
         bode.show([(short(self.key), response)])
-        columns, rows, _ = await self.app.desk.read(lambda _: response_table(response, None))
+        columns, rows, _ = await self.here(self.app.desk.work(lambda _: response_table(response, None)))
         table.put(columns, rows)
 
     async def _show_parameters(self, found: Found) -> None:
         from fraexp.views.provenance import provenance_fields, sources_now
 
         sweep = found.sweep
-        rows, sources = await self.app.desk.work(
-            lambda workspace: (
-                resolved_parameters(sweep, workspace.registry),
-                sources_now(sweep, workspace.registry),
+        rows, sources = await self.here(
+            self.app.desk.work(
+                lambda workspace: (
+                    resolved_parameters(sweep, workspace.registry),
+                    sources_now(sweep, workspace.registry),
+                )
             )
         )
         self._parameters = rows
