@@ -37,8 +37,14 @@ async def until(pilot: Pilot[None], holds: Callable[[], object]) -> None:
 
 
 async def shows(pilot: Pilot[None], *texts: str) -> None:
-    """Wait until all texts are on the screen."""
-    await until(pilot, lambda: all(text in screen_text(pilot.app) for text in texts))
+    """Wait until all texts are on the screen, wherever their lines are broken."""
+
+    def shown() -> bool:
+        lines = screen_text(pilot.app)
+        joined = " ".join(lines.split())
+        return all(text in lines or text in joined for text in texts)
+
+    await until(pilot, shown)
 
 
 def screen_text(app) -> str:
