@@ -1,5 +1,6 @@
 """The terminal UI in a browser: a session of ``fraexp tui`` for each page, for those who have the token."""
 
+import asyncio
 import hmac
 import ipaddress
 import logging
@@ -12,6 +13,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from aiohttp import web
+from textual_serve.app_service import AppService
 from textual_serve.server import Server
 
 from fraexp.errors import FraexpError
@@ -22,6 +24,8 @@ POLICY = (
     "img-src 'self' data:; connect-src 'self'; frame-ancestors 'none'"
 )
 """What a page may load: nothing from other places, also not the letters that the template asks for there."""
+PATIENCE = 5.0
+"""Seconds that a session may take to quit."""
 DENIED = "This fraexp wants a token: open the address that 'fraexp serve' has printed, with its token at the end.\n"
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
@@ -92,10 +96,28 @@ class FraexpServer(Server):
         self.public_url = f"{request.scheme}://{request.host}"
         return await super().handle_index(request)
 
+    async def _process_messages(self, websocket: web.WebSocketResponse, app_service: AppService) -> None:
+        try:
+            await super()._process_messages(websocket, app_service)
+        finally:
+            await app_service.stop()
+            await _ended(app_service._process)
+
     async def on_startup(self, app: web.Application) -> None:
         """Tell the address."""
         print(f"fraexp is at {self._address}", flush=True)
         print("Ctrl-C ends the sessions; runs go on", file=sys.stderr, flush=True)
+
+
+async def _ended(process: asyncio.subprocess.Process | None) -> None:
+    """Wait for a session that was asked to quit, and end it if it does not: none outlives its page or the server."""
+    if process is None:
+        return
+    try:
+        await asyncio.wait_for(process.wait(), PATIENCE)
+    except TimeoutError:
+        process.kill()
+        await process.wait()
 
 
 async def _guarded(request: web.Request, response: web.StreamResponse) -> None:
