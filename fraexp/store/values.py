@@ -148,21 +148,21 @@ def number(text: str, kinds: Kinds = unknown) -> float | None:
             value *= units.si(unit)[0]
         except ParameterError:
             return None
-        _check_kind(unit, list(kinds()))
+        _check_kind(unit, sorted(kinds()))
     return value if math.isfinite(value) else None
 
 
 def _check_kind(unit: str, kinds: Sequence[str]) -> None:
     """Raise StoreError if a unit is of another kind than each of some units."""
-    unfit = []
+    unfit = ""
     for kind in kinds:
         try:
             units.factor(unit, kind)
             return
         except ParameterError as error:
-            unfit.append(str(error))
+            unfit = f"{unfit} or '{kind}'" if unfit else str(error)
     if unfit:
-        raise StoreError(unfit[0])
+        raise StoreError(unfit)
 
 
 def compared(column: ColumnElement[Any], operator: str, value: float) -> ColumnElement[bool]:
