@@ -1,7 +1,6 @@
 """Where the true response lies with a probability of 95 %: from covariance and degrees of freedom."""
 
 import numpy as np
-from scipy.special import stdtrit
 
 from fraexp.results import FrequencyResponse
 
@@ -12,6 +11,8 @@ CORNERS = 180
 
 def interval_factor(freedom: np.ndarray | float) -> np.ndarray:
     """Return how many standard deviations of one part hold 95 % on both sides: Student's t, 1.96 for known ones."""
+    from scipy.special import stdtrit  # slow to import: most screens and commands need none of it
+
     freedom = np.asarray(freedom, dtype=float)
     with np.errstate(invalid="ignore"):
         return np.where(np.isinf(freedom), 1.959964, stdtrit(np.where(np.isinf(freedom), 1e9, freedom), 0.975))

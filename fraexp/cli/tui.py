@@ -12,6 +12,9 @@ def execute(arguments: Namespace) -> ExitCode:
     """Show the terminal UI until it is left."""
     if not (sys.stdin.isatty() and sys.stdout.isatty()) and not _served():
         raise FraexpError("tui: there is no terminal here; every screen has its command: fraexp list, show, compare")
+    from fraexp.tui import garbage
+
+    garbage.put_off()
     from fraexp.tui.app import FraexpApp
 
     app = FraexpApp(arguments.workspace, arguments.db, arguments.ascii or None, arguments.debug)

@@ -36,17 +36,31 @@ def page(
     order = order or (NEWEST if number is None else POSITION)
     conditions = _conditions(text, names, number)
     query, by = _asked(conditions, order, names, number)
+    first, most = max(offset, 0), max(limit, 0)
     if conditions and (order.removeprefix("-") != "created" or _searches(text)):
         # What they let through is found once, to be counted and to be sorted. Sorting by an index stops at the page.
         found = query.add_columns(*(item.label(f"by{index}") for index, item in enumerate(by))).cte("found")
-        query, by = select(found.c.key), [found.c[f"by{index}"] for index in range(len(by))]
+        by = [found.c[f"by{index}"] for index in range(len(by))]
         count = select(func.count()).select_from(found)
-    else:
-        count = _from(select(func.count()), conditions, [], number)
-    cut = query.add_columns(count.scalar_subquery()).order_by(*_sorting(by, order, query.selected_columns.key))
-    rows = connection.execute(cut.offset(max(offset, 0)).limit(max(limit, 0))).all()
-    total = rows[0][1] if rows else connection.scalar(count)
-    return Page(_rows(connection, [row[0] for row in rows], number), int(total or 0))
+        cut = select(found.c.key, count.scalar_subquery()).order_by(*_sorting(by, order, found.c.key))
+        rows = connection.execute(cut.offset(first).limit(most)).all()
+        total = int((rows[0][1] if rows else connection.scalar(count)) or 0)
+        return Page(_rows(connection, [row[0] for row in rows], number), total)
+    total = int(connection.scalar(_from(select(func.count()), conditions, [], number)) or 0)
+    return Page(_rows(connection, _cut(connection, query, by, order, total, first, most), number), total)
+
+
+def _cut(
+    connection: Connection, query: Select[Any], by: Sequence[ColumnElement[Any]], order: str,
+    total: int, first: int, most: int,
+) -> list[str]:  # fmt: skip
+    """Return the keys of a page, read from the nearer end: rows that are left out take their time, too."""
+    if first <= total // 2:
+        return list(connection.scalars(query.order_by(*_sorting(by, order, KEY)).offset(first).limit(most)))
+    count = min(most, max(total - first, 0))
+    turned = [(item.asc() if order.startswith("-") else item.desc()).nulls_first() for item in by]
+    found = connection.scalars(query.order_by(*turned, KEY.desc()).offset(total - first - count).limit(count))
+    return list(found)[::-1]
 
 
 def keys(connection: Connection, text: str, number: int | None, declared: Declared = undeclared) -> list[str]:

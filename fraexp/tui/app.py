@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from rich.text import Text
+from textual import events
 from textual.app import App, SystemCommand
 from textual.binding import Binding, BindingType
 from textual.filter import LineFilter
@@ -18,6 +19,7 @@ from fraexp.errors import FraexpError, did_you_mean
 from fraexp.figures.labels import printable
 from fraexp.tui import settings
 from fraexp.tui.desk import Desk
+from fraexp.tui.garbage import Collector
 from fraexp.tui.letters import AsciiOnly
 from fraexp.tui.marks import Marks
 from fraexp.tui.page import PLACES, Changed, Page, shortened
@@ -33,6 +35,8 @@ AGAIN = 4
 """Looks after which a screen is told even so: a run whose process dies changes nothing in the database."""
 LOOK_AT_PLUGINS = 2.0
 """Seconds between two looks whether a file in the plugins folder has changed."""
+TIDY = 15.0
+"""Seconds between two looks whether garbage may be collected."""
 SCREENS = {
     "studies": ("fraexp.tui.studies", "StudiesPage"),
     "runs": ("fraexp.tui.runs", "RunsPage"),
@@ -83,6 +87,7 @@ class FraexpApp(App[None]):
         self._tracing = tracing
         self._version: object = "not looked yet"
         self._looks = 0
+        self._collector = Collector()
         self._choose()
 
     def _choose(self) -> None:
@@ -115,6 +120,13 @@ class FraexpApp(App[None]):
         self.switch_mode("studies")
         self.set_interval(LOOK, self.look)
         self.set_interval(LOOK_AT_PLUGINS, self.look_at_plugins)
+        self.set_interval(TIDY, self._collector.look)
+
+    async def on_event(self, event: events.Event) -> None:
+        """Take what the terminal tells."""
+        if isinstance(event, events.Key):
+            self._collector.typed()
+        await super().on_event(event)
 
     async def look(self) -> None:
         """Tell the screen if the database has changed since the last look, or a while has passed."""
