@@ -234,16 +234,19 @@ class Torture:
         """Look at the database after a death."""
         try:
             found = self.asked("PRAGMA integrity_check")
-            living = self.numbers()  # one may come to its end, and one may begin, while they are listed
-            listed = self.listed() if self.asked("SELECT 1 FROM run WHERE state = 'running'") else []
-            living |= self.numbers()
+            lying = self.lying() if self.asked("SELECT 1 FROM run WHERE state = 'running'") else set()
+            lying = lying & self.lying() if lying else lying  # one may have begun and ended while they were listed
         except sqlite3.OperationalError:  # nothing has been made yet
             return
         if found != [("ok",)]:
             self.findings.append(f"after {dict(self.given)}: {found}")
-        for run in listed:
-            if run["state"] == "running" and run["number"] not in living:
-                self.findings.append(f"after {dict(self.given)}: run {run['number']} seems to go on")
+        self.findings += [f"after {dict(self.given)}: run {number} seems to go on" for number in lying]
+
+    def lying(self) -> set[int]:
+        """Return the runs that are listed as running though their process is gone."""
+        living = self.numbers()
+        listed = {run["number"] for run in self.listed() if run["state"] == "running"}
+        return listed - living - self.numbers()
 
     def numbers(self) -> set[int]:
         """Return the runs whose process lives."""

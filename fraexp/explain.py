@@ -31,12 +31,13 @@ class Origins:
     def changed(self, sweep: Sweep, state: StoredState) -> list[str]:
         """Return in a few words each component of which the source has changed since a result was stored."""
         stored = state.sources
-        return [
+        told = (  # the same law may be in the machine and in the observer
             f"{name.replace(':', ' ')} (version {now.component.version} of {now.distribution}: source "
-            f"{now.source_hash[:8]}, then {stored[name][:8]})"
+            f"{now.source_hash[:8]}, stored {stored[name][:8]})"
             for name, now in self._now(sweep)
             if stored.get(name, now.source_hash) != now.source_hash
-        ]
+        )
+        return list(dict.fromkeys(told))
 
     def _now(self, sweep: Sweep) -> Iterator[tuple[str, Supply]]:
         sections = [*sweep.experiment.items(), ("estimator", sweep.estimator)]

@@ -254,6 +254,8 @@ class SqliteFile(Database):
             raise StoreError(f"{self.path}: {_sentence(error.orig)}") from error
         except sqlite3.Error as error:
             raise StoreError(f"{self.path}: {_sentence(error)}") from error
+        except UnicodeDecodeError as error:  # what SQLite says of a damaged file names what it finds there
+            raise StoreError(f"{self.path}: {_DAMAGED.format('a name in it is no text')}") from error
         except OSError as error:
             raise StoreError(f"{self.path}: {error.strerror or error}; check the folder, or choose another") from error
         except PoolTimeoutError as error:
@@ -276,6 +278,9 @@ def _may_write(path: Path) -> bool:
     return os.access(path, os.W_OK, effective_ids=os.access in os.supports_effective_ids)
 
 
+_DAMAGED = "the database is damaged ({}); restore a copy, or name another file"
+
+
 def _sentence(error: BaseException | None) -> str:
     code = getattr(error, "sqlite_errorcode", None) or 0
     match code & 0xFF:  # the low byte is the kind
@@ -288,7 +293,7 @@ def _sentence(error: BaseException | None) -> str:
         case sqlite3.SQLITE_FULL | sqlite3.SQLITE_IOERR:
             return f"the disk is full or fails ({error}); make room and run again"
         case sqlite3.SQLITE_CORRUPT | sqlite3.SQLITE_NOTADB:
-            return f"the database is damaged ({error}); restore a copy, or name another file"
+            return _DAMAGED.format(error)
     return " ".join(str(error).split()) or "the database failed"
 
 

@@ -1,5 +1,6 @@
 """Launching a study: what it says can be changed, what running it would do is always told, one key starts it."""
 
+from contextlib import suppress
 from typing import ClassVar
 
 from rich.text import Text
@@ -9,8 +10,10 @@ from textual.binding import Binding, BindingType
 from textual.containers import Horizontal
 from textual.timer import Timer
 from textual.widgets import Button, Input, Static
+from textual.worker import WorkerCancelled
 
 from fraexp.catalogue import Entry
+from fraexp.detached import Started
 from fraexp.errors import FraexpError, StoreError
 from fraexp.figures.labels import printable
 from fraexp.tui.fieldlist import FieldList, Written
@@ -66,7 +69,6 @@ The run is a process of its own: it goes on when this is closed, or when the lin
         self._error: FraexpError | None = None
         self._built_for: object = None
         self._planned_for: object = None
-        self._launching = False
 
     def body(self) -> ComposeResult:
         """Put what would be done above the form, and what a line means below it."""
@@ -234,32 +236,31 @@ The run is a process of its own: it goes on when this is closed, or when the lin
             form_.query_one(Input).value = self._texts.get(form_.field.path, "")
 
     @on(Button.Pressed)
-    def _pressed(self) -> None:
-        self.action_launch()
+    async def _pressed(self) -> None:
+        await self.action_launch()
 
-    def action_launch(self) -> None:
-        """Start the run."""
-        if not self._launching:
-            self._launching = True
-            self.run_worker(self._launch(), group="launch")
+    async def action_launch(self) -> None:
+        """Start the run; keys wait until it is shown, as they are meant for it."""
+        from fraexp.tui.run import show_run
 
-    async def _launch(self) -> None:
+        with suppress(WorkerCancelled):
+            started = await self.run_worker(self._launch(), group="launch").wait()
+            if started is not None and self.is_current:
+                self.app.pop_screen()
+                await show_run(self.app, started).wait()
+            elif started is not None:  # a key that was typed before has led elsewhere
+                self.app.notify(f"{self.entry.name} is launched; r shows the runs", markup=False)
+
+    async def _launch(self) -> Started | None:
+        """Start the run, unless something is wrong, which is told."""
         for timer in (self._typing, self._timer):
             if timer:
                 timer.stop()
-        try:
-            if self._planned_for != (self._overrides, self._options[1]):
-                await self._plan()
-            wrong = next(iter(self.written.faults.values()), "") or self._error
-            if wrong:
-                self.app.notify(printable(str(wrong)), title="not launched", severity="error", markup=False)
-                return
-            name, changed, options = self.entry.name, self._overrides, self._options
-            started = await self.fetch(self.app.desk.work(lambda w: w.launch(name, changed, *options)))
-        finally:
-            self._launching = False
-        if started is not None:
-            from fraexp.tui.run import show_run
-
-            self.app.pop_screen()
-            show_run(self.app, started)
+        if self._planned_for != (self._overrides, self._options[1]):
+            await self._plan()
+        wrong = next(iter(self.written.faults.values()), "") or self._error
+        if wrong:
+            self.app.notify(printable(str(wrong)), title="not launched", severity="error", markup=False)
+            return None
+        name, changed, options = self.entry.name, self._overrides, self._options
+        return await self.fetch(self.app.desk.work(lambda w: w.launch(name, changed, *options)))

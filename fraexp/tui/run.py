@@ -10,6 +10,7 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Container
 from textual.widgets import Static
+from textual.worker import Worker
 
 from fraexp import detached
 from fraexp.detached import Started
@@ -236,6 +237,7 @@ Enter opens a sweep, Space marks it; c compares the marked ones, or all sweeps o
         """Go to compare the marked sweeps of the run, or else all of them."""
         number, marks = self.number, self.app.marks
         if number is None:
+            self.app.notify("the run has not begun yet; its results can be compared when there are some")
             return
         asked = self.app.desk.read(lambda store: store.keys("-state=pending -state=failed", number))
         keys = await self.fetch(asked, self._refused)
@@ -257,8 +259,8 @@ Enter opens a sweep, Space marks it; c compares the marked ones, or all sweeps o
             self.app.push_screen(ask, lambda text: None if text is None else setattr(table, "filter", text.strip()))
 
 
-def show_run(app: "FraexpApp", run: int | Started) -> None:
-    """Go to a run, among the runs; what was opened there before is left."""
+def show_run(app: "FraexpApp", run: int | Started) -> Worker[None]:
+    """Go to a run, among the runs; what was opened there before is left. Returns who goes, to be waited for."""
 
     async def go() -> None:
         await app.switch_mode(RunPage.PLACE)
@@ -266,7 +268,7 @@ def show_run(app: "FraexpApp", run: int | Started) -> None:
             await app.pop_screen()
         await app.push_screen(RunPage(run))
 
-    app.run_worker(go(), group="place")
+    return app.run_worker(go(), group="place")
 
 
 def _prepares(run: RunSummary) -> bool:

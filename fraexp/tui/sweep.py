@@ -11,6 +11,7 @@ from rich.text import Text
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, VerticalScroll
+from textual.events import DescendantFocus
 from textual.widgets import Static, TabbedContent, TabPane
 
 from fraexp.figures.labels import label_text, printable
@@ -64,6 +65,14 @@ class Section(VerticalScroll):
         self.query_one(Static).update(Group(*parts))
 
 
+class Pane(TabPane):
+    """A section's place, which is not turned to by the focus: that follows the section, and may be late."""
+
+    def on_descendant_focus(self, event: DescendantFocus) -> None:
+        """Leave out what the toolkit does."""
+        event.prevent_default()
+
+
 class SweepPage(CuratingPage):
     """All that is known of one sweep."""
 
@@ -109,7 +118,7 @@ plugins that computed it are still the same.
             yield BodeView(id="bode")
         with TabbedContent():
             for index, (name, title) in enumerate(SECTIONS.items(), 1):
-                with TabPane(f"{index} {title}", id=name):
+                with Pane(f"{index} {title}", id=name):
                     yield PointsTable() if name == "points" else Section(id=f"{name}-text")
 
     def current(self) -> str:
@@ -220,7 +229,7 @@ plugins that computed it are still the same.
         """Let keys scroll the section that is seen now."""
         self._command()
         inside = event.pane.query("PointsTable, Section")
-        if inside:
+        if inside and event.pane.id == event.tabbed_content.active:
             inside.first().focus()
 
     def action_section(self, name: str) -> None:

@@ -256,7 +256,7 @@ def _shown(folder: Path, file: Path, plot: bool = False) -> None:
     place = ["--db", str(file), "--workspace", str(folder)]
     codes = [_command([*command, *place]) for command in COMMANDS]
     keys = [line.split()[0] for line in codes[0][1].splitlines()[1:2] if line.split()]
-    with contextlib.closing(sqlite3.connect(file)) as connection, contextlib.suppress(sqlite3.Error):
+    with contextlib.closing(sqlite3.connect(file)) as connection, contextlib.suppress(sqlite3.Error, UnicodeError):
         keys += [str(key)[4:] for (key,) in connection.execute("SELECT key FROM sweep LIMIT 3")]
     for key in keys:
         codes.append(_command(["show", key, *place]))

@@ -17,6 +17,7 @@ from fraexp.tui.fieldlist import FieldList
 from fraexp.tui.form import concerned, form
 from fraexp.tui.launch import LaunchPage
 from fraexp.tui.run import RunPage
+from fraexp.tui.runs import RunsPage
 from fraexp.workspace import Workspace
 from tests.tui.pilots import pilot_of, shows, until
 
@@ -141,6 +142,7 @@ LAUNCHED = """
 import asyncio, sys, time
 from fraexp.tui.app import FraexpApp
 from fraexp.tui.run import RunPage
+from fraexp.tui.runs import RunsPage
 
 async def main():
     async with FraexpApp(sys.argv[1]).run_test(size=(80, 24)) as pilot:
@@ -174,6 +176,20 @@ def test_a_run_outlives_the_ui_that_is_killed(tmp_path):
     assert (run.state, run.computed) == ("complete", 4)
     log = Path(run.provenance["log"]).read_text(encoding="utf-8")
     assert "4 to compute" in log
+
+
+@pytest.mark.parametrize("pause", [0.0, 0.05, 0.5])
+def test_keys_that_follow_the_launch_at_once_neither_stop_it_nor_are_lost(tmp_path, pause):
+    async def steps(app, pilot):
+        await opened(app, pilot)
+        for key in ("enter", "w", "r"):  # posted, not waited for
+            app.post_message(events.Key(key, "\r" if key == "enter" else key))
+            await asyncio.sleep(pause)
+        await until(pilot, lambda: app.screen.PLACE == "runs" and isinstance(app.screen, RunsPage))
+        await shows(pilot, "1 of 1")
+        await until(pilot, lambda: app.screen.runs[0].state == "complete")
+
+    pilot_of(tmp_path, steps, (120, 40))
 
 
 def test_enter_enter_launches_and_the_run_comes_to_its_end(tmp_path):

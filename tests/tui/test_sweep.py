@@ -1,9 +1,11 @@
 """One sweep: its sections, and what is told when something has changed."""
 
 import pytest
+from textual import events
+from textual.widgets import TabbedContent
 
 from fraexp.store import Store
-from fraexp.tui.sweep import SweepPage
+from fraexp.tui.sweep import SECTIONS, SweepPage
 from tests.tui.pilots import pilot_of, screen_text, shows, until
 
 
@@ -140,6 +142,18 @@ def test_brackets_lead_through_the_sections_that_have_something(workspace):
         await shows(pilot, "plant.gain")
         await pilot.press("left_square_bracket", "left_square_bracket")
         await shows(pilot, "Traceback")
+
+    pilot_of(workspace, steps)
+
+
+def test_of_digits_typed_at_once_the_last_one_counts(workspace, keys):
+    async def steps(app, pilot):
+        await opened(app, pilot, keys[1])
+        for burst in ("451", "321", "2514", "13"):
+            for key in burst:
+                app.post_message(events.Key(key, key))
+            await pilot.pause(0.5)
+            assert app.screen.query_one(TabbedContent).active == list(SECTIONS)[int(burst[-1]) - 1]
 
     pilot_of(workspace, steps)
 
