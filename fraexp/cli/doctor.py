@@ -81,7 +81,8 @@ def _database(arguments: Namespace) -> dict[str, Any]:
     document: dict[str, Any] = {"url": shown(url), "exists": False, "runs": 0, "error": ""}
     document |= {"sweeps": 0, "size": 0, "journal": "", "hanging": []}
     is_file = "://" not in url or url.startswith("sqlite:")
-    document["file_system"] = file_system(Path(url.removeprefix("sqlite:///")).parent) if is_file else ""
+    file = Path(url.removeprefix("sqlite:///"))
+    document["file_system"] = file_system(file.parent) if is_file else ""
     try:
         document["exists"] = Store.exists(url)
         if document["exists"]:
@@ -91,6 +92,7 @@ def _database(arguments: Namespace) -> dict[str, Any]:
                 document["error"] = "" if finding == "sound" else f"{store.name}: {finding}; restore a backup"
     except StoreError as error:
         document["error"] = str(error)
+        document["exists"] |= is_file and file.exists()  # though it may be none of ours
     return document
 
 

@@ -12,6 +12,7 @@ from textual import events
 from textual.app import App, SystemCommand
 from textual.binding import Binding, BindingType
 from textual.filter import LineFilter
+from textual.message import Message
 from textual.notifications import SeverityLevel
 from textual.screen import Screen
 
@@ -136,8 +137,13 @@ class FraexpApp(App[None]):
             version = None  # none yet, or gone: the screen will say so when it asks
         self._looks += 1
         changed, self._version = version != self._version, version
-        if (changed or self._looks % AGAIN == 0) and isinstance(self.screen, Page):
-            self.screen.post_message(Changed(changed))
+        if changed or self._looks % AGAIN == 0:
+            self._tell(Changed(changed))
+
+    def _tell(self, message: Message) -> None:
+        """Tell the screen that is seen; there is none while places are changed, and when all ends."""
+        if self.screen_stack and isinstance(self.screen_stack[-1], Page):
+            self.screen_stack[-1].post_message(message)
 
     async def look_at_plugins(self) -> None:
         """Load plugins anew if their files have changed, and tell what became of them."""
@@ -148,7 +154,7 @@ class FraexpApp(App[None]):
         text = "\n".join(printable(shortened(str(change))) for change in found)
         broken = any(change.reason for change in found)
         self.notify(text, title="plugins", severity="warning" if broken else "information", markup=False)
-        self.screen.post_message(PluginsChanged())
+        self._tell(PluginsChanged())
 
     def action_place(self, place: str) -> None:
         """Go to a place: to its list, as it was left."""

@@ -79,7 +79,7 @@ def test_a_dry_run_says_why_and_names_what_differs(folder: Path, capsys: pytest.
         connection.execute("UPDATE sweep SET outcome = 'DIVERGED' WHERE estimator_name = 'conventional'")
     stale, failed = sorted(told(), key=len, reverse=True)
     assert stale.startswith("  1 reused, stale: the source has changed since of estimator proposed (version 1 of ")
-    assert stale.endswith(", then c0ffee00); --rerun stale computes them")
+    assert stale.endswith(", stored c0ffee00); --rerun stale computes them")
     assert failed.startswith("  1 reused, failed: stored, but without a result of use: ")
     assert failed.endswith(" diverged; --rerun failed computes them")
     assert any(line.startswith("  1 computed again, stale: ") for line in told("--rerun", "stale"))
