@@ -69,6 +69,7 @@ The run is a process of its own: it goes on when this is closed, or when the lin
         self._error: FraexpError | None = None
         self._built_for: object = None
         self._planned_for: object = None
+        self._launched = False
 
     def body(self) -> ComposeResult:
         """Put what would be done above the form, and what a line means below it."""
@@ -243,8 +244,11 @@ The run is a process of its own: it goes on when this is closed, or when the lin
         """Start the run; keys wait until it is shown, as they are meant for it."""
         from fraexp.tui.run import show_run
 
+        if self._launched:
+            return  # it was pressed twice
         with suppress(WorkerCancelled):
             started = await self.run_worker(self._launch(), group="launch").wait()
+            self._launched = started is not None
             if started is not None and self.is_current:
                 self.app.pop_screen()
                 await show_run(self.app, started).wait()

@@ -182,7 +182,7 @@ def test_a_run_outlives_the_ui_that_is_killed(tmp_path):
 def test_keys_that_follow_the_launch_at_once_neither_stop_it_nor_are_lost(tmp_path, pause):
     async def steps(app, pilot):
         await opened(app, pilot)
-        for key in ("enter", "w", "r"):  # posted, not waited for
+        for key in ("enter", "enter", "w", "r"):  # posted, not waited for
             app.post_message(events.Key(key, "\r" if key == "enter" else key))
             await asyncio.sleep(pause)
         await until(pilot, lambda: app.screen.PLACE == "runs" and isinstance(app.screen, RunsPage))
