@@ -63,6 +63,8 @@ async def compare_keys(folder: Path, curves: int = 4, points: int = 5000) -> lis
     keys = store_responses(folder, curves, points)
     app = Painted(folder)
     async with app.run_test(size=SIZE) as pilot:
+        while app.current_mode != "studies" or not app.screen.is_mounted:
+            await pilot.pause(0.02)
         app.marks.add(keys)
         await pilot.press("c")
         await _until(pilot, lambda: getattr(getattr(app.screen, "stack", None), "picture", None) is not None)

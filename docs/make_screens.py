@@ -25,6 +25,8 @@ async def draw() -> str:
     """Return the screen as SVG."""
     app = FraexpApp(".")
     async with app.run_test(size=SIZE) as pilot:
+        while app.current_mode != "studies" or not app.screen.is_mounted:
+            await pilot.pause(0.02)
         with Store.open("results.db", read_only=True) as store:
             app.marks.add(sweep.key for sweep in store.sweeps(1))
         await pilot.press("c")

@@ -6,6 +6,7 @@ from typing import Any
 
 from fraexp.events import Why
 from fraexp.identity import canonical
+from fraexp.paths import unit_at
 from fraexp.plugins import Registry, Supply
 from fraexp.results import Outcome
 from fraexp.store import RunSummary, Store, StoredState, StoredSweep
@@ -60,6 +61,7 @@ def reasons(
     stale: Mapping[str, Sequence[str]],
     store: Store | None,
     study: str,
+    registry: Registry,
 ) -> tuple[Why, ...]:
     """Return every sweep under a reason: what is reused, what is stored but computed again, what is new."""
     groups: dict[tuple[bool, str, str], list[Sweep]] = defaultdict(list)
@@ -84,10 +86,10 @@ def reasons(
         Why(anew, state, reason, of, {sweep.key: each[sweep.key] for sweep in of if sweep.key in each})
         for (anew, state, reason), of in groups.items()
     ]
-    return (*found, *_of_new(new, store, study))
+    return (*found, *_of_new(new, store, study, registry))
 
 
-def _of_new(new: list[Sweep], store: Store | None, study: str) -> Iterator[Why]:
+def _of_new(new: list[Sweep], store: Store | None, study: str, registry: Registry) -> Iterator[Why]:
     """Yield the reasons of new sweeps: in what they differ from the nearest one of the study's newest run."""
     if not new:
         return
@@ -106,12 +108,14 @@ def _of_new(new: list[Sweep], store: Store | None, study: str) -> Iterator[Why]:
         yield Why(True, "failed", f"not stored, for the attempt of run {run.number} broke off", again, told)
     new = [sweep for sweep in new if sweep.key not in broken]
     if new:
-        yield from _compared(new[:MOST_COMPARED], [of for of in stored if of.outcome is not None], run)
+        yield from _compared(new[:MOST_COMPARED], [of for of in stored if of.outcome is not None], run, registry)
     if new[MOST_COMPARED:]:
         yield Why(True, "new", "not stored; too many to be compared with others", new[MOST_COMPARED:])
 
 
-def _compared(new: Sequence[Sweep], stored: Sequence[StoredSweep], run: RunSummary) -> Iterator[Why]:
+def _compared(
+    new: Sequence[Sweep], stored: Sequence[StoredSweep], run: RunSummary, registry: Registry
+) -> Iterator[Why]:
     near = _Nearest(stored)
     groups: dict[tuple[str, ...], list[tuple[Sweep, StoredSweep, dict[str, tuple[Any, Any]]]]] = defaultdict(list)
     for sweep in new:
@@ -121,23 +125,29 @@ def _compared(new: Sequence[Sweep], stored: Sequence[StoredSweep], run: RunSumma
             return
         groups[tuple(differing)].append((sweep, nearest, differing))
     for paths, found in groups.items():
+        units = {path: unit_at(_sections(found[0][0]), path, registry) for path in paths}
         told = []
         for path in paths:
             values = [differing[path] for _, _, differing in found]
-            told.append(_told(path, [now for now, _ in values], [then for _, then in values]))
-        each = {sweep.key: _single(nearest, differing) for sweep, nearest, differing in found}
+            told.append(_told(path, [now for now, _ in values], [then for _, then in values], units[path]))
+        each = {sweep.key: _single(nearest, differing, units) for sweep, nearest, differing in found}
         reason = f"{', '.join(told)} (compared with the nearest sweep of run {run.number})"
         yield Why(True, "new", reason, [sweep for sweep, _, _ in found], each)
 
 
-def _told(path: str, now: Sequence[Any], then: Sequence[Any]) -> str:
-    return f"{path} = {_some(now)}, stored {_some(then)}"
+def _told(path: str, now: Sequence[Any], then: Sequence[Any], unit: str) -> str:
+    return f"{path} = {_some(now, unit)}, stored {_some(then, unit)}"
 
 
-def _some(values: Iterable[Any]) -> str:
-    distinct = list(dict.fromkeys(_short(value) for value in values))
+def _some(values: Iterable[Any], unit: str) -> str:
+    distinct = list(dict.fromkeys(map(_short, values := list(values))))
     more = len(distinct) - VALUES
-    return ", ".join(distinct[:VALUES]) + (f" and {more} more" if more > 0 else "")
+    of = (
+        f" {unit.replace('**2', '²')}"
+        if unit not in ("", "1") and any(type(value) in (int, float, list) for value in values)
+        else ""
+    )
+    return ", ".join(distinct[:VALUES]) + (f" and {more} more" if more > 0 else "") + of
 
 
 def _short(value: Any) -> str:
@@ -147,9 +157,9 @@ def _short(value: Any) -> str:
     return text if len(text) <= 30 else f"{text[:27]}..."
 
 
-def _single(nearest: StoredSweep, differing: Mapping[str, tuple[Any, Any]]) -> str:
-    told = ", ".join(f"{path} = {_short(now)}, stored {_short(then)}" for path, (now, then) in differing.items())
-    return f"{told} in sweep {nearest.key[4:12]}"
+def _single(nearest: StoredSweep, differing: Mapping[str, tuple[Any, Any]], units: Mapping[str, str]) -> str:
+    told = (_told(path, [now], [then], units[path]) for path, (now, then) in differing.items())
+    return f"{', '.join(told)} in sweep {nearest.key[4:12]}"
 
 
 class _Nearest:

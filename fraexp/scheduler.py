@@ -41,7 +41,8 @@ def plan(
     planned = Planned(study.name, study.title, len(study.sweeps), reused, len(missing), kept, seconds)
     if not explain:
         return missing, planned
-    return missing, replace(planned, whys=reasons(study.sweeps, known, again, stale, store, study.name))
+    whys = reasons(study.sweeps, known, again, stale, store, study.name, registry)
+    return missing, replace(planned, whys=whys)
 
 
 def _expected(missing: Sequence[Sweep], sweeps: Sequence[Sweep], known: Mapping[str, StoredState]) -> float:

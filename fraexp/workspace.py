@@ -126,7 +126,7 @@ class Workspace:
             limits=limits,
             rerun=rerun,
             command=command,
-            provenance=provenance.gather(),
+            provenance=provenance.gather() | ({"executor": executor} if executor else {}),
             plugins=str(self.folder / "plugins"),
         )
         for event in events:

@@ -3,6 +3,7 @@
 import os
 import sys
 from argparse import Namespace
+from pathlib import Path
 
 from fraexp.cli.exits import ExitCode
 from fraexp.errors import FraexpError
@@ -12,6 +13,10 @@ def execute(arguments: Namespace) -> ExitCode:
     """Show the terminal UI until it is left."""
     if not (sys.stdin.isatty() and sys.stdout.isatty()) and not _served():
         raise FraexpError("tui: there is no terminal here; every screen has its command: fraexp list, show, compare")
+    if not Path(arguments.workspace).is_dir():
+        from fraexp.workspace import Workspace  # which takes its time, and would be imported later
+
+        Workspace.open(arguments.workspace)  # tells what is wrong
     from fraexp.tui import garbage
 
     garbage.put_off()

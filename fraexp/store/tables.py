@@ -26,7 +26,7 @@ from sqlalchemy import (
     Table,
     Text,
 )
-from sqlalchemy.dialects import postgresql, sqlite
+from sqlalchemy.dialects import sqlite
 from sqlalchemy.types import TypeDecorator
 
 from fraexp.store.checked import Bytes
@@ -292,8 +292,11 @@ RESULT_TABLES = (curve_column, curve, metric, fit, frequency_response, supplied_
 
 def insert_or_ignore(connection: Connection, table: Table) -> Any:
     """Return an INSERT that leaves rows alone which are there already."""
-    dialect = postgresql if connection.dialect.name == "postgresql" else sqlite
-    return dialect.insert(table).on_conflict_do_nothing()
+    if connection.dialect.name == "postgresql":
+        from sqlalchemy.dialects import postgresql  # which takes its time to import
+
+        return postgresql.insert(table).on_conflict_do_nothing()
+    return sqlite.insert(table).on_conflict_do_nothing()
 
 
 def chunks(keys: Iterable[Key]) -> Iterator[list[Key]]:

@@ -3,9 +3,10 @@
 import os
 import sys
 from collections.abc import Callable, Iterable, Sequence
+from functools import cached_property
 from importlib import import_module
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from rich.text import Text
 from textual import events
@@ -19,13 +20,17 @@ from textual.screen import Screen
 from fraexp.errors import FraexpError, did_you_mean
 from fraexp.figures.labels import printable
 from fraexp.tui import settings
-from fraexp.tui.desk import Desk
+from fraexp.tui.ahead import Ahead
 from fraexp.tui.garbage import Collector
 from fraexp.tui.letters import AsciiOnly
 from fraexp.tui.marks import Marks
 from fraexp.tui.page import PLACES, Changed, Page, shortened
 from fraexp.tui.terminal import end_with_terminal
 from fraexp.tui.watch import PluginsChanged, PluginsWatch, loaded_anew
+
+if TYPE_CHECKING:
+    from fraexp.tui.desk import Desk
+    from fraexp.tui.fieldlist import Written
 
 TURN = 0.5e-3
 """Seconds after which a thread that computes lets keys have their turn: Python's own 5 ms, at each of the many small
@@ -53,6 +58,17 @@ def _screen(place: str) -> Callable[[], Screen[Any]]:
     return lambda: getattr(import_module(module), name)()  # noqa: PLW0108 - imported when it is first shown
 
 
+class Opening(Page):
+    """What is seen until the studies are there: whether anything is installed and at work shall be seen at once."""
+
+    PLACE: ClassVar[str] = "studies"
+    ready = False  # keys are meant for what comes
+
+    async def load(self) -> None:
+        """Tell what is waited for."""
+        self.tell("reading the studies ...")
+
+
 class FraexpApp(App[None]):
     """fraexp in a terminal."""
 
@@ -74,22 +90,32 @@ class FraexpApp(App[None]):
     def __init__(
         self, folder: str | Path, database: str | None = None, plain: bool | None = None, tracing: bool = False
     ) -> None:
-        """Open a workspace; FraexpError if it or the settings are wrong.
+        """Open a workspace; FraexpError if the settings are wrong.
 
         `plain` draws with ASCII alone, `tracing` shows the traceback of an error of its own.
         """
         super().__init__()
         self.settings = settings.read(settings.place())
-        self.desk = Desk(folder, database)
+        self._place = (folder, database)
         self.marks = Marks()
-        self._plugins = PluginsWatch(self.desk.workspace.folder / "plugins")
+        self.drafts: dict[str, Written] = {}
+        """What is written in the forms of studies, and not launched yet, by study."""
+        self._plugins = PluginsWatch(Path(folder) / "plugins")
         wished = self.settings.ascii if plain is None else plain
         self._ascii = AsciiOnly(settings.plain_terminal(os.environ) if wished is None else wished)
         self._tracing = tracing
         self._version: object = "not looked yet"
         self._looks = 0
         self._collector = Collector()
+        self._ahead = Ahead(self)
         self._choose()
+
+    @cached_property
+    def desk(self) -> "Desk":
+        """The workspace and its database; FraexpError if there is no such folder."""
+        from fraexp.tui.desk import Desk  # and with it all that computes and stores: what is seen first need not wait
+
+        return Desk(*self._place)
 
     def _choose(self) -> None:
         """Take the user's theme and keys."""
@@ -113,11 +139,19 @@ class FraexpApp(App[None]):
         """Return what every line goes through before it is shown."""
         return [*super().get_line_filters(), *([self._ascii] if self._ascii.enabled else [])]
 
+    def get_default_screen(self) -> Screen[Any]:
+        """Return what is seen first."""
+        return Opening()
+
     def on_mount(self) -> None:
-        """Begin with the studies, and look at the database from now on."""
+        """Show a first frame, then begin."""
         sys.setswitchinterval(TURN)
         if not self.is_headless:
             end_with_terminal()
+        self.call_after_refresh(self._begin)
+
+    def _begin(self) -> None:
+        """Begin with the studies, and look at the database from now on."""
         self.switch_mode("studies")
         self.set_interval(LOOK, self.look)
         self.set_interval(LOOK_AT_PLUGINS, self.look_at_plugins)
@@ -125,8 +159,12 @@ class FraexpApp(App[None]):
 
     async def on_event(self, event: events.Event) -> None:
         """Take what the terminal tells."""
-        if isinstance(event, events.Key):
+        if isinstance(event, events.Key) and not event.is_forwarded:  # else it comes back from a screen
             self._collector.typed()
+            key = events.Key("enter", "\r") if event.key == "ctrl+j" else event  # as Enter comes until all keys do
+            if not self._ahead.takes(key, super().on_event):
+                await super().on_event(key)
+            return
         await super().on_event(event)
 
     async def look(self) -> None:

@@ -20,6 +20,7 @@ from fraexp.tui.fieldlist import FieldList, Written
 from fraexp.tui.form import EXECUTOR, RERUN, Field, Group, concerned, form, overrides
 from fraexp.tui.page import Page, shortened
 from fraexp.views.study import Surveyed, would_do
+from fraexp.views.words import plural
 
 PAUSE = 0.3
 """Seconds without a key after which the whole study is checked."""
@@ -53,19 +54,26 @@ The run is a process of its own: it goes on when this is closed, or when the lin
         Binding("up", "next(-1)", "line before", show=False, id="launch.before", tooltip="line before"),
         Binding("pagedown", "next(8)", "on", show=False, id="launch.on", tooltip="eight lines on"),
         Binding("pageup", "next(-8)", "back", show=False, id="launch.back", tooltip="eight lines back"),
-        Binding("ctrl+r", "restore", "as it was", id="launch.restore", tooltip="give a line its first text again"),
+        Binding(
+            "ctrl+r",
+            "restore",
+            "as it was",
+            id="launch.restore",
+            tooltip="give a line its first text again; on Launch, all lines",
+        ),
     ]
     AUTO_FOCUS = "Button"
 
-    def __init__(self, entry: Entry) -> None:
+    def __init__(self, entry: Entry, written: Written) -> None:
+        """Show a study's form, with what was written in it before."""
         super().__init__()
         self.entry = entry
-        self.written = Written()
+        self.written = written
+        written.faults.clear()  # what was wrong is found again
         self.groups: list[Group] = []
         self._texts: dict[str, str] = {}  # what the study itself has, by path
         self._timer: Timer | None = None
         self._typing: Timer | None = None
-        self._ahead = 0  # lines that were gone on before there were any
         self._error: FraexpError | None = None
         self._built_for: object = None
         self._planned_for: object = None
@@ -87,8 +95,10 @@ The run is a process of its own: it goes on when this is closed, or when the lin
 
     async def load(self) -> None:
         """Make the form, then look what launching would do, also when the database has changed since."""
-        if not self.groups or (self._built_for != self._overrides and not self.written.faults):
-            await self._build()
+        if not self.groups:
+            await self._build([])  # what the study itself says
+        if self._built_for != self._overrides and not self.written.faults:
+            await self._build(self._overrides)
         await self._plan()
 
     @property
@@ -100,9 +110,9 @@ The run is a process of its own: it goes on when this is closed, or when the lin
         changes = self.written.changes
         return changes.get(EXECUTOR) or None, changes.get(RERUN) or None
 
-    async def _build(self) -> None:
+    async def _build(self, changed: list[str]) -> None:
         """Show the fields of the study with what is changed; a change that does not fit is told by the plan."""
-        name, random, changed = self.entry.name, self.entry.data.get("random"), self._overrides
+        name, random = self.entry.name, self.entry.data.get("random")
         asked = self.app.desk.work(lambda w: form(*w.outline(name, changed), random, w.registry))
         groups = await self.fetch(asked, lambda text: self._tell(text, error=True))
         if groups is None:
@@ -113,9 +123,6 @@ The run is a process of its own: it goes on when this is closed, or when the lin
             self.groups = groups
             self._texts = self._texts or {path: field.text for path, field in fields.items()}
             self.query_one(FieldList).show(groups)
-            ahead, self._ahead = self._ahead, 0
-            if ahead > 0:
-                self.action_next(ahead)
 
     @on(Input.Changed)
     def _typed(self, event: Input.Changed) -> None:
@@ -222,8 +229,7 @@ The run is a process of its own: it goes on when this is closed, or when the lin
         form_ = self.query_one(FieldList)
         fields = form_.fields
         if not fields:
-            self._ahead += lines  # they are being read
-            return
+            return  # the study cannot be read
         at = lines + (fields.index(form_.field) if form_.field in fields else -1)
         if at < 0:
             self.query_one(Button).focus()
@@ -231,10 +237,22 @@ The run is a process of its own: it goes on when this is closed, or when the lin
             form_.choose(fields[min(at, len(fields) - 1)])
 
     def action_restore(self) -> None:
-        """Give the line its first text again."""
+        """Give the line its first text again; from the button, all lines."""
         form_ = self.query_one(FieldList)
         if form_.field is not None:
             form_.query_one(Input).value = self._texts.get(form_.field.path, "")
+        elif self.written.changes:
+            self.written.changes.clear()
+            self.written.faults.clear()
+            self._show_command()
+            self.reload()
+
+    def action_back(self) -> None:
+        """Leave; what is written stays for the next time."""
+        if self.written.changes:
+            changed = plural(len(self.written.changes), "changed line")
+            self.app.notify(f"{changed} kept until fraexp tui is left; ^r on Launch restores all", markup=False)
+        super().action_back()
 
     @on(Button.Pressed)
     async def _pressed(self) -> None:
@@ -249,6 +267,8 @@ The run is a process of its own: it goes on when this is closed, or when the lin
         with suppress(WorkerCancelled):
             started = await self.run_worker(self._launch(), group="launch").wait()
             self._launched = started is not None
+            if self._launched:
+                self.app.drafts.pop(self.entry.name, None)
             if started is not None and self.is_current:
                 self.app.pop_screen()
                 await show_run(self.app, started).wait()

@@ -2,6 +2,7 @@
 
 import asyncio
 import re
+import time
 from collections.abc import Awaitable, Callable
 from typing import TYPE_CHECKING, ClassVar, TypeVar
 
@@ -25,6 +26,10 @@ PLACES = {"studies": "Studies", "runs": "Runs", "sweeps": "Sweeps", "compare": "
 """The screens between which a key leads from anywhere, by the name of their mode; their first letter but for sweeps."""
 
 
+PATIENCE = 2.0
+"""Seconds for which keys wait while a screen reads what it shows at first."""
+LOAD, PAGE = READING = "load", "page"
+"""Groups of the workers that read what is shown: by the screen, and by its tables."""
 LONG = 60
 """Characters of a quoted value that are told."""
 MOST = 800
@@ -100,7 +105,8 @@ class Page(Screen[None]):
     ]
     live: bool = False
     """Whether something runs that is shown, so that time matters."""
-    _reading = _once_more = False
+    _reading = _once_more = _ready = False
+    _began: float | None = None  # when it began to read
     command: reactive[str] = reactive("fraexp tui", repaint=False)
     heading: reactive[str] = reactive("", repaint=False)
 
@@ -134,13 +140,22 @@ class Page(Screen[None]):
         if event.data or self.live:
             self.reload()
 
+    @property
+    def ready(self) -> bool:
+        """Whether all that it shows at first has been read, and keys find what they are meant for; or takes long."""
+        if not self._ready and self._began is not None:
+            reading = any(of.group in READING and not of.is_finished and of.node.screen is self for of in self.workers)
+            self._ready = not reading or time.monotonic() > self._began + PATIENCE
+        return self._ready
+
     def reload(self) -> None:
         """Start reading; what is being read already is read once more afterwards, and never left half shown."""
+        self._began = self._began or time.monotonic()
         if self._reading:
             self._once_more = True
             return
         self._reading = True
-        self.run_worker(self._read_all(), group="load")
+        self.run_worker(self._read_all(), group=LOAD)
 
     async def _read_all(self) -> None:
         self._once_more = True

@@ -224,7 +224,7 @@ Enter opens a sweep, Space marks it; c compares the marked ones, or all sweeps o
 
     async def _again(self, run: RunSummary) -> None:
         def launch(workspace: Workspace) -> Started:
-            return workspace.launch(*_command_of(run, workspace))
+            return workspace.launch(*_command_of(run, workspace), run.provenance.get("executor"))
 
         started = await self.fetch(self.app.desk.work(launch), self._refused)
         if started is not None:

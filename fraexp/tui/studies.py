@@ -47,6 +47,7 @@ class StudyTable(PagedTable):
         entries, rows = self.entries[first : first + most], self.rows_of[first : first + most]
         study, title, state, sweeps, _ = zip(*rows, strict=True) if rows else ((),) * 5
         state = tuple(of or LOOKING for of in state)
+        sweeps = tuple(f"{int(count):,}" if count else "" for count in sweeps)
         runs = [self.last.get(entry.name) for entry in entries]
         last = tuple(f"{run.number} {run.state}" if run else "" for run in runs)
         columns = [
@@ -207,10 +208,11 @@ Enter opens a study, to change what it says and to launch it."""
 
     @on(DataTable.RowSelected)
     def _opened(self) -> None:
+        from fraexp.tui.fieldlist import Written
         from fraexp.tui.launch import LaunchPage
 
         if self.entry is not None:
-            self.app.push_screen(LaunchPage(self.entry))
+            self.app.push_screen(LaunchPage(self.entry, self.app.drafts.setdefault(self.entry.name, Written())))
 
     @on(Input.Changed)
     def _narrowed(self) -> None:

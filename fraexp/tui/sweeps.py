@@ -77,11 +77,14 @@ not be. A word alone is searched everywhere. Tab completes names.
             self._show_rest(True)
             self.call_after_refresh(self.table.reload)
         else:
-            self._show_rest(False)
-            self.tell(
-                f"There is no database yet: {shown(self.app.desk.workspace.database)}\n\n"
-                "The first run makes it. Press s for the studies; the quick one takes seconds."
-            )
+            self._show_none()
+
+    def _show_none(self) -> None:
+        self._show_rest(False)
+        self.tell(
+            f"There is no database yet: {shown(self.app.desk.workspace.database)}\n\n"
+            "The first run makes it. Press s for the studies; the quick one takes seconds."
+        )
 
     @on(PagedTable.Shown)
     def _shown(self, event: PagedTable.Shown) -> None:
@@ -89,6 +92,9 @@ not be. A word alone is searched everywhere. Tab completes names.
         about_filter = event.error.startswith(("filter", "order"))
         wrong.update(Text(printable(event.error)))
         wrong.set_class(about_filter, "-shown")
+        if event.error and not self.app.desk.workspace.has_database():
+            self._show_none()
+            return
         if event.error and not about_filter:
             self._show_rest(False)
             self.tell_error(event.error)

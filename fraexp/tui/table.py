@@ -16,7 +16,7 @@ from textual.widgets import DataTable
 from fraexp.errors import FraexpError, did_you_mean
 from fraexp.figures.labels import printable
 from fraexp.tui.ask import Ask, Confirm
-from fraexp.tui.page import Page
+from fraexp.tui.page import PAGE, Page
 from fraexp.views.listing import GAP, Column, fitted, listing_columns
 
 if TYPE_CHECKING:
@@ -126,7 +126,7 @@ class PagedTable(DataTable[Text]):
 
     def _start(self, first: int, key: str | None) -> None:
         reading: Callable[[], object] = partial(self._read, first, key)
-        self.run_worker(reading, group="page", exclusive=True)
+        self.run_worker(reading, group=PAGE, exclusive=True)
 
     async def _read(self, first: int, key: str | None) -> None:
         """Read a page, and put the cursor on a key if one is given and still there."""

@@ -2,10 +2,12 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from textual.message import Message
 
-from fraexp.workspace import Workspace
+if TYPE_CHECKING:
+    from fraexp.workspace import Workspace
 
 Stamp = tuple[int, int]
 """Time of the last change [ns] and size of a file."""
@@ -54,7 +56,7 @@ class PluginsWatch:
         return stamps
 
 
-def loaded_anew(workspace: Workspace, changes: dict[str, str]) -> list[Change]:
+def loaded_anew(workspace: "Workspace", changes: dict[str, str]) -> list[Change]:
     """Load the plugins as they are now, and return what has become of the files that changed."""
     workspace.reload()
     broken = {failure.file.name: failure.reason for failure in workspace.registry.failures if failure.file}

@@ -68,10 +68,10 @@ def test_a_dry_run_says_why_and_names_what_differs(folder: Path, capsys: pytest.
     assert told("--rerun", "all") == ["  2 computed again: stored, computed by the same sources"]
     assert told("--set", "grid.excitation.amplitude=[12, 30, 50]") == [
         "  2 reused: stored, computed by the same sources",
-        "  4 new: excitation.amplitude = 30, 50, stored 12 (compared with the nearest sweep of run 1)",
+        "  4 new: excitation.amplitude = 30, 50 N, stored 12 N (compared with the nearest sweep of run 1)",
     ]
     (line,) = told("--set", "plant.gain=0.2", "--set", "estimator.name=proposed", "--set", "estimator.force_scale=2")
-    assert "plant.gain = 0.2, stored 0.132" in line
+    assert "plant.gain = 0.2 m/(N s²), stored 0.132 m/(N s²)" in line
     assert "estimator.force_scale = 2, stored 1" in line
 
     with sqlite3.connect("results.db") as connection:
@@ -90,7 +90,7 @@ def test_a_dry_run_says_why_and_names_what_differs(folder: Path, capsys: pytest.
     (why,) = planned["why"]
     assert (why["computed"], why["state"], why["count"], len(why["sweeps"])) == (True, "new", 2, 2)
     assert why["sweeps"][0]["labels"] == {"estimator.name": "conventional"}
-    assert why["sweeps"][0]["why"].startswith("excitation.amplitude = 30, stored 12 in sweep ")
+    assert why["sweeps"][0]["why"].startswith("excitation.amplitude = 30 N, stored 12 N in sweep ")
 
 
 @pytest.mark.parametrize(

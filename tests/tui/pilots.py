@@ -22,6 +22,7 @@ def pilot_of(app: FraexpApp | Path, steps: Steps, size: tuple[int, int] = (80, 2
     async def drive() -> None:
         shown = FraexpApp(app) if isinstance(app, Path) else app
         async with shown.run_test(size=size, notifications=notices) as pilot:
+            await until(pilot, lambda: shown.current_mode == "studies" and shown.screen.is_mounted)
             await steps(shown, pilot)
 
     asyncio.run(drive())

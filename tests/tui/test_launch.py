@@ -18,6 +18,7 @@ from fraexp.tui.form import concerned, form
 from fraexp.tui.launch import LaunchPage
 from fraexp.tui.run import RunPage
 from fraexp.tui.runs import RunsPage
+from fraexp.tui.studies import StudiesPage
 from fraexp.workspace import Workspace
 from tests.tui.pilots import pilot_of, shows, until
 
@@ -52,6 +53,24 @@ def test_what_is_typed_is_checked_at_once_and_the_plan_follows(tmp_path):
         assert app.screen.command == "fraexp run quick --set=excitation.points=9"
         await pilot.press("ctrl+r")
         await until(pilot, lambda: app.screen.command == "fraexp run quick")
+
+    pilot_of(tmp_path, steps)
+
+
+def test_what_is_written_is_kept_when_the_form_is_left_and_all_can_be_restored(tmp_path):
+    async def steps(app, pilot):
+        lines = await opened(app, pilot)
+        await write(pilot, lines, "excitation.points", "9")
+        await write(pilot, lines, "excitation.lowest", "-1")
+        await shows(pilot, "stepped_sine.lowest is -1")
+        await pilot.press("escape")
+        await until(pilot, lambda: isinstance(app.screen, StudiesPage))
+        await pilot.press("enter")
+        await shows(pilot, "stepped_sine.lowest is -1", "* excitation.points")
+        assert app.screen.command == "fraexp run quick --set=excitation.points=9 --set=excitation.lowest=-1"
+        await pilot.press("ctrl+r")
+        await shows(pilot, "4 sweeps: 0 reused, 4 to compute")
+        assert app.screen.command == "fraexp run quick"
 
     pilot_of(tmp_path, steps)
 
@@ -146,7 +165,7 @@ from fraexp.tui.runs import RunsPage
 
 async def main():
     async with FraexpApp(sys.argv[1]).run_test(size=(80, 24)) as pilot:
-        while not pilot.app.screen.entry:
+        while not getattr(pilot.app.screen, "entry", None):
             await pilot.pause(0.05)
         await pilot.press("enter")
         while "to compute" not in str(pilot.app.screen.query_one("#plan").render()):
@@ -240,23 +259,31 @@ def test_many_letters_at_once_are_checked_once_and_a_long_one_leaves_room(tmp_pa
     pilot_of(tmp_path, steps)
 
 
-def test_an_arrow_that_is_pressed_before_the_form_is_there_counts(tmp_path, monkeypatch):
+def test_what_is_typed_before_the_form_is_there_is_written_in_it(tmp_path, monkeypatch):
     build = LaunchPage._build
 
-    async def later(page):
+    async def later(page, changed):
         await asyncio.sleep(0.5)
-        await build(page)
+        await build(page, changed)
 
     monkeypatch.setattr(LaunchPage, "_build", later)
 
     async def steps(app, pilot):
-        await until(pilot, lambda: app.screen.entry)
-        await pilot.press("enter")
+        await pilot.press("enter", "down", "down", "down", *"serial")
         await until(pilot, lambda: isinstance(app.screen, LaunchPage))
-        page = app.screen
-        page.action_next(1)
-        await until(pilot, lambda: page.groups)
-        fields = page.query_one(FieldList).fields
-        await until(pilot, lambda: page.query_one(FieldList).field is fields[0])
+        await until(pilot, lambda: app.screen.written.changes == {"--executor": "serial"})
+
+    pilot_of(tmp_path, steps)
+
+
+def test_keys_do_not_wait_for_ever_for_what_is_slow(tmp_path, monkeypatch):
+    async def never(page, changed):
+        await asyncio.sleep(3600.0)
+
+    monkeypatch.setattr(LaunchPage, "_build", never)
+
+    async def steps(app, pilot):
+        await pilot.press("enter", "escape", "r")
+        await until(pilot, lambda: app.current_mode == "runs")
 
     pilot_of(tmp_path, steps)

@@ -91,6 +91,7 @@ def test_a_run_is_watched_stopped_and_goes_on(workspace, living):
         try:
             await until(pilot, lambda: app.screen.number == page.number + 1)
             assert app.screen.run.command == page.run.command
+            assert app.screen.run.provenance["executor"] == "processes:1"
             app.screen._stopping = True  # it would end before a second x
             await pilot.press("x")
             await shows(pilot, "End its processes at once?")

@@ -25,6 +25,30 @@ def test_the_ui_ends_with_its_terminal_where_no_signal_ends_it(workspace):
         watch.cancel()
 
 
+def test_keys_that_are_typed_before_the_ui_is_up_count(workspace):
+    ours, theirs = pty.openpty()
+    with subprocess.Popen(
+        [sys.executable, "-m", "fraexp", "tui", f"--workspace={workspace}"], stdin=theirs, stdout=theirs, stderr=theirs,
+        start_new_session=True,
+    ) as ui:  # fmt: skip
+        os.close(theirs)
+        os.write(ours, b"\r")  # which the terminal makes a line feed of until the UI has taken it over
+        watch = threading.Timer(PATIENCE, ui.kill)
+        watch.start()
+        shown = b""
+        while b"Launch" not in shown:
+            shown += os.read(ours, 4096)
+        watch.cancel()
+        ui.kill()
+        os.close(ours)
+
+
+def test_the_first_frame_needs_neither_the_database_nor_what_computes():
+    heavy = ("sqlalchemy", "numba", "matplotlib", "fraexp.workspace")
+    code = f"import sys, fraexp.tui.app; print([name for name in {heavy} if name in sys.modules])"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
+
+
 IGNORING = """
 import signal, sys
 from fraexp.tui.app import FraexpApp
