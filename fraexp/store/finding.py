@@ -153,7 +153,8 @@ def _of_its_own(condition: Condition, names: Names) -> ColumnElement[bool]:
     if name in names.parameters:
         section, place = place_of(name)
         fits = _value(condition, part.c.content, place, lambda: names.units(name))
-        return sweep.c[f"{section}_part"].in_(select(part.c.number).where(part.c.section == section, fits))
+        fitting = select(part.c.number).where(part.c.section == section, fits).cte().prefix_with("MATERIALIZED")
+        return sweep.c[f"{section}_part"].in_(select(fitting.c.number))  # asked once, and each part looked into once
     if name in names.labels:
         return _value(condition, seen.c.labels, [name])
     raise names.unknown(name)

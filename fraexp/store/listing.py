@@ -20,6 +20,8 @@ from fraexp.store.values import at, sorted_at, text_sorted_at
 SHOWN = ("key", "state", "outcome", "message", *NAMES, "source", "elapsed", "created", "run", "study")
 POSITION, NEWEST = "position", "-created"
 """How the sweeps of a run, and all sweeps, are sorted unless told otherwise."""
+FAR = 10_000
+"""Rows from which on it pays to count first, and to read a page from the nearer end."""
 
 
 def page(
@@ -37,17 +39,21 @@ def page(
     conditions = _conditions(text, names, number)
     query, by = _asked(conditions, order, names, number)
     first, most = max(offset, 0), max(limit, 0)
+    count = _from(select(func.count()), conditions, [], number)
     if conditions and (order.removeprefix("-") != "created" or _searches(text)):
         # What they let through is found once, to be counted and to be sorted. Sorting by an index stops at the page.
         found = query.add_columns(*(item.label(f"by{index}") for index, item in enumerate(by))).cte("found")
         by = [found.c[f"by{index}"] for index in range(len(by))]
         count = select(func.count()).select_from(found)
         cut = select(found.c.key, count.scalar_subquery()).order_by(*_sorting(by, order, found.c.key))
-        rows = connection.execute(cut.offset(first).limit(most)).all()
-        total = int((rows[0][1] if rows else connection.scalar(count)) or 0)
-        return Page(_rows(connection, [row[0] for row in rows], number), total)
-    total = int(connection.scalar(_from(select(func.count()), conditions, [], number)) or 0)
-    return Page(_rows(connection, _cut(connection, query, by, order, total, first, most), number), total)
+    elif conditions and first < FAR:  # what a condition finds first of all is found once for both
+        cut = query.add_columns(count.correlate(None).scalar_subquery()).order_by(*_sorting(by, order, KEY))
+    else:
+        total = int(connection.scalar(count) or 0)
+        return Page(_rows(connection, _cut(connection, query, by, order, total, first, most), number), total)
+    rows = connection.execute(cut.offset(first).limit(most)).all()
+    total = int((rows[0][1] if rows else connection.scalar(count)) or 0)
+    return Page(_rows(connection, [row[0] for row in rows], number), total)
 
 
 def _cut(
@@ -95,12 +101,8 @@ def _asked(
         by = _sorted_by(name, names, number)
         return _from(query, conditions, by, number), by
     section, place = place_of(name)
-    values = (at(kind, part.c.content, place) for kind in (sorted_at, text_sorted_at))
-    # Each part is looked into once, however many sweeps have it.
-    looked = select(part.c.number, *(value.label(f"v{index}") for index, value in enumerate(values)))
-    of = looked.where(part.c.section == section).cte("of").prefix_with("MATERIALIZED")
-    beside = (of, of.c.number == sweep.c[f"{section}_part"])
-    return _from(query, conditions, [], number, beside), [of.c.v0, of.c.v1]
+    by = [at(kind, part.c.content, place) for kind in (sorted_at, text_sorted_at)]
+    return _from(query, conditions, [], number, (part, part.c.number == sweep.c[f"{section}_part"])), by
 
 
 def _sorting(by: Sequence[ColumnElement[Any]], order: str, key: ColumnElement[Any]) -> list[ColumnElement[Any]]:
