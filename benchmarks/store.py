@@ -1,7 +1,7 @@
 """How long pages of a database of 100,000 sweeps take, computing and by the clock: filtered, sorted, counted; its size.
 
 Half of the sweeps are a grid of amplitudes, friction forces, seeds and estimators with a list of 100 frequencies;
-the other half are drawn machines, no two alike. ``benchmarks/store.py [FILE]`` keeps the database.
+the other half are drawn machines, no two alike. ``benchmarks/store.py [FILE or URL]`` keeps the database.
 """
 
 import statistics
@@ -68,16 +68,20 @@ QUESTIONS: dict[str, Callable[[Store], Any]] = {
 
 def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
-        file = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(folder) / "results.db"
-        if not file.exists():
+        database = sys.argv[1] if len(sys.argv) > 1 else str(Path(folder) / "results.db")
+        served = "://" in database
+        if not (Store.exists(database) if served else Path(database).exists()):
             began = time.perf_counter()
-            make(file)
+            make(database)
             print(f"made {SWEEPS} sweeps in {time.perf_counter() - began:.1f} s")
-        print(f"{file.stat().st_size / 2**20:.0f} MiB, {file.stat().st_size / SWEEPS / 1024:.2f} KiB a sweep")
-        missed = sum(show_size(points) for points in (2, 30, 40, 100))
+        missed = 0
+        if not served:
+            size = Path(database).stat().st_size
+            print(f"{size / 2**20:.0f} MiB, {size / SWEEPS / 1024:.2f} KiB a sweep")
+            missed += sum(show_size(points) for points in (2, 30, 40, 100))
         print()
-        with Store.open(str(file), read_only=True) as store:
-            return missed + sum(report(store, name, ask) for name, ask in QUESTIONS.items()) > 0
+        with Store.open(database, read_only=True) as store:
+            return missed + sum(report(store, name, ask, served) for name, ask in QUESTIONS.items()) > 0
 
 
 def show_size(points: int, sweeps: int = 2000) -> bool:
@@ -96,8 +100,8 @@ def show_size(points: int, sweeps: int = 2000) -> bool:
     return missed
 
 
-def report(store: Store, name: str, ask: Callable[[Store], Any]) -> bool:
-    """Print how long a question takes; return whether it is too long."""
+def report(store: Store, name: str, ask: Callable[[Store], Any], served: bool) -> bool:
+    """Print how long a question takes, here and by the clock; return whether it is too long."""
     times, waited = [], []
     for _ in range(6):
         began, clock = time.process_time(), time.perf_counter()
@@ -105,17 +109,17 @@ def report(store: Store, name: str, ask: Callable[[Store], Any]) -> bool:
         times.append(time.process_time() - began)
         waited.append(time.perf_counter() - clock)
     warm, clock = statistics.median(times[1:]), statistics.median(waited[1:])
-    missed = warm > (FIRST_BOUND if name == "first page" else BOUND)
+    missed = (clock if served else warm) > (FIRST_BOUND if name == "first page" else BOUND)
     total = answer.total if hasattr(answer, "total") else ""
     print(f"{name:45} {1e3 * warm:7.1f} ms {1e3 * clock:7.1f} ms {total:>8}{'  missed' if missed else ''}", flush=True)
     return missed
 
 
-def make(file: Path) -> None:
+def make(database: str) -> None:
     """Write the database: sweeps and runs as a run writes them, small results at once."""
     grid = [*crossed(SWEEPS // 2), *drawn(SWEEPS // 2)]
     size = len(grid) // RUNS
-    with Store.open(str(file), create=True) as store:
+    with Store.open(database, create=True) as store:
         for number in range(RUNS):
             study = "grid/amplitudes" if number < RUNS // 2 else "robustness/drawn"
             part = grid[number * size : (number + 1) * size]

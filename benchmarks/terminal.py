@@ -215,7 +215,7 @@ def main() -> int:
         empty, full, busy = (Path(name) / part for part in ("empty", "full", "busy"))
         for folder in (empty, full, busy):
             folder.mkdir()
-        make(full / "results.db")
+        make(str(full / "results.db"))
         for folder, what in (empty, "no database"), (full, "100,000 sweeps"):
             frame, listed = first_paint(folder, 3 if few else 7)
             missed += row(f"fraexp tui with {what}, start to first paint, fresh process", frame, "s", 1.0)
