@@ -31,7 +31,7 @@ async def draw() -> str:
             app.marks.add(sweep.key for sweep in store.sweeps(1))
         await pilot.press("c")
         await app.workers.wait_for_complete()
-        await pilot.press("tab", "right", "right")
+        await pilot.press("right", "right")
         await pilot.pause(1.0)
         return FONT.sub("", app.export_screenshot(title="fraexp tui"))
 

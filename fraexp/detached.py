@@ -25,6 +25,8 @@ class Started:
 
     process: "subprocess.Popen[bytes]"
     log: Path
+    arguments: tuple[str, ...] = ()
+    """Its command line, without ``fraexp``."""
 
     @property
     def pid(self) -> int:
@@ -53,7 +55,7 @@ def start(arguments: Sequence[str], folder: Path) -> Started:
     except OSError as error:
         raise StudyError(f"{log}: the run cannot be started ({error.strerror}); choose a folder of yours") from None
     _started[:] = [process, *(one for one in _started if one.poll() is None)]
-    return Started(process, log)
+    return Started(process, log, tuple(arguments))
 
 
 def stop(pid: int, hard: bool = False) -> None:

@@ -29,6 +29,10 @@ class RecordError(FraexpError):
     """A measured record cannot be read or is not what the study says."""
 
 
+class UnreachedError(FraexpError):
+    """Those who compute are gone for good, in mid-run: sweeps are left that were not reached."""
+
+
 class StoreError(FraexpError):
     """A database is locked, foreign, newer, or lacks what was asked for."""
 

@@ -41,6 +41,14 @@ class Planned:
 
 
 @dataclass(frozen=True)
+class Begun:
+    """The run has been recorded in the database."""
+
+    run: int
+    """Its number."""
+
+
+@dataclass(frozen=True)
 class Preparing:
     """Something that takes its time before the first sweep."""
 
@@ -86,4 +94,4 @@ class Ended:
     """Why there is no figure, where there should be one."""
 
 
-Event = Planned | Preparing | Noticed | Progress | Finished | Ended
+Event = Planned | Begun | Preparing | Noticed | Progress | Finished | Ended

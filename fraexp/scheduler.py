@@ -1,7 +1,8 @@
 """Running a study: what is missing is computed, what is there is reused; events tell how it goes."""
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import cache
 from statistics import median
@@ -9,7 +10,7 @@ from statistics import median
 from fraexp import references
 from fraexp.computing import Computation, Pulse, Setting
 from fraexp.errors import FraexpError
-from fraexp.events import Ended, Event, Finished, Noticed, Planned, Preparing, Progress
+from fraexp.events import Begun, Ended, Event, Finished, Noticed, Planned, Preparing, Progress
 from fraexp.executors import Limits, Workers, make
 from fraexp.explain import FRUITLESS, Origins, reasons
 from fraexp.plugins import Registry
@@ -86,31 +87,38 @@ def run(
         yield Noticed(store.advice)
     quick = (planned.seconds or 0.0) <= SHORT and limits.memory is None
     executor = executor or ("serial" if quick else "processes")
-    number = store.begin_run(study.name, str(study.file), command, provenance, study.sweeps)
+    # Before a run is recorded, for it may be refused; what has nothing to compute needs none.
+    with make(executor, len(missing), limits) if missing else nullcontext() as workers:
+        number = store.begin_run(study.name, str(study.file), command, provenance, study.sweeps)
+        setting = Setting(number, store, registry, plugins, rerun is not None)
+        state = yield from _recorded(study, missing, setting, workers)
+    yield Ended(number, state)
+
+
+def _recorded(
+    study: Study, missing: Sequence[Sweep], setting: Setting, workers: Workers | None
+) -> Generator[Event, None, str]:
+    """Compute the sweeps of a run that has been begun, and return how it ended; the database has that in any case."""
     computed = {sweep.key for sweep in missing}
     reused = [sweep for sweep in study.sweeps if sweep.key not in computed]
-    state = "interrupted"
+    state, failures = "interrupted", 0
     try:
-        store.reuse(number, [sweep.key for sweep in reused])
+        yield Begun(setting.run)
+        setting.store.reuse(setting.run, [sweep.key for sweep in reused])
         for sweep in reused:
             yield Finished(sweep, None, "reused")
-        failures = 0
-        if missing:
-            with make(executor, len(missing), limits) as workers:
-                setting = Setting(number, store, registry, plugins, rerun is not None)
-                yield Preparing(
-                    f"{workers.count} at once; a friction law that is new to this machine is compiled first"
-                )
-                for event in _in_turn(missing, setting, workers):
-                    failures += isinstance(event, Finished) and event.state == "failed"
-                    yield event
+        if workers:
+            yield Preparing(f"{workers.count} at once; a friction law that is new to this machine is compiled first")
+            for event in _in_turn(missing, setting, workers):
+                failures += isinstance(event, Finished) and event.state == "failed"
+                yield event
         state = "partial" if failures else "complete"
     except FraexpError:  # nothing can be computed any more, such as when a cluster is gone
         state = "partial"
         raise
     finally:
-        store.end_run(number, state)
-    yield Ended(number, state)
+        setting.store.end_run(setting.run, state)
+    return state
 
 
 def _in_turn(missing: Sequence[Sweep], setting: Setting, workers: Workers) -> Iterator[Event]:

@@ -23,6 +23,7 @@ from fraexp.figures.label_units import label_units
 from fraexp.figures.labels import curve_names, drawn_names, group_names
 from fraexp.figures.shown import Shown
 from fraexp.figures.stamp import digest, is_current
+from fraexp.figures.view import View
 from fraexp.identity import key_of
 from fraexp.paths import units_of
 from fraexp.plugins import Registry, discover
@@ -271,6 +272,7 @@ class Workspace:
         title: str,
         kind: str = "",
         tell: Callable[[str], object] = lambda _: None,
+        view: View | None = None,
     ) -> dict[Path, bool]:
         """Draw sweeps into a file for each unit of their responses: the first is `path`, then ``<name>-2`` and so on.
 
@@ -291,7 +293,7 @@ class Workspace:
         for group in groups.values():
             target = path.with_stem(f"{path.stem}-{len(drawn) + 1}") if drawn else path
             try:
-                drawn[target] = self._draw_group(group, results, target, title, kind, tell)
+                drawn[target] = self._draw_group(group, results, target, title, kind, tell, view or View())
             except FraexpError as error:  # a kind need not fit what other sweeps of the study have found
                 unfit.append(error)
         if unfit and not (drawn and kind):
@@ -306,10 +308,12 @@ class Workspace:
         title: str,
         kind: str,
         tell: Callable[[str], object],
+        view: View,
     ) -> bool:
         stamp = [f"{sweep.key} {sweep.created} {sorted(sweep.labels.items())}" for sweep in sweeps] + [title]
         stamp += group_names([sweep.labels for sweep in sweeps]) if len(sweeps) > MANY else []
         stamp += [f"as {kind}"] if kind else []
+        stamp += view.options()
         if is_current(path, digest(stamp)):
             return False
         try:
@@ -320,7 +324,7 @@ class Workspace:
         from fraexp.figures.drawing import figure_for, save  # matplotlib: only when something is drawn
 
         shown = self.shown(sweeps, results, kind in AGAINST_PLANT)
-        save(figure_for(shown, reference, title, kind), path, stamp)
+        save(figure_for(shown, reference, title, kind, view), path, stamp)
         return True
 
     def report(self, store: Store, runs: Sequence[int], path: Path, title: str) -> list[Compared]:

@@ -188,6 +188,9 @@ def test_a_place_without_a_cluster_is_one_line(tmp_path, name, said):
     assert told.returncode == ExitCode.USAGE, told.stderr
     assert said in told.stderr.splitlines()[-1]
     assert "Traceback" not in told.stderr
+    if (tmp_path / "results.db").exists():
+        with Store.open(str(tmp_path / "results.db"), read_only=True) as store:
+            assert store.runs() == []
 
 
 def test_workers_of_another_version_are_left_out_by_name(doomed, tmp_path):
@@ -326,7 +329,7 @@ def test_a_scheduler_that_stays_away_ends_the_run_as_partial_and_it_can_go_on(do
     until(lambda: (tmp_path / "results.db").exists() and results(tmp_path))
     doomed.kill(doomed.scheduler)
     _, told = process.communicate(timeout=PATIENCE)
-    assert process.returncode == ExitCode.USAGE
+    assert process.returncode == ExitCode.INCOMPLETE
     gone = f"the Dask scheduler at {doomed.address} was gone for 2 s; what is computed is stored, and the same command"
     assert gone in told.splitlines()[-1]
     with Store.open(str(tmp_path / "results.db"), read_only=True) as store:

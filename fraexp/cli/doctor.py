@@ -79,12 +79,13 @@ def _memory() -> dict[str, int]:
 def _database(arguments: Namespace) -> dict[str, Any]:
     url = database(arguments)
     document: dict[str, Any] = {"url": shown(url), "exists": False, "runs": 0, "error": ""}
-    document |= {"sweeps": 0, "size": 0, "journal": "", "hanging": []}
+    document |= {"sweeps": 0, "size": 0, "journal": "", "hanging": [], "read_only": ""}
     is_file = "://" not in url or url.startswith("sqlite:")
     file = Path(url.removeprefix("sqlite:///"))
     document["file_system"] = file_system(file.parent) if is_file else ""
     try:
         document["exists"] = Store.exists(url)
+        document["read_only"] = Store.refusal(url)
         if document["exists"]:
             with open_store(arguments) as store:
                 document |= _stored(store)
@@ -98,7 +99,10 @@ def _database(arguments: Namespace) -> dict[str, Any]:
 
 def _stored(store: Store) -> dict[str, Any]:
     runs, leases = store.runs(), store.leases()
-    hanging = [_hangs(run, leases.get(run.number, 0)) for run in runs]
+    complete = {run.study: run.number for run in reversed(runs) if run.state == "complete"}
+    hanging = [
+        _hangs(run, leases.get(run.number, 0)) for run in runs if run.number > complete.get(run.study, 0)
+    ]  # what a later run has completed needs no care
     return {
         "runs": len(runs),
         "sweeps": store.page(limit=0).total,
@@ -110,7 +114,7 @@ def _stored(store: Store) -> dict[str, Any]:
 
 def _hangs(run: RunSummary, leases: int) -> str:
     """Return what is wrong with a run that has not ended as runs do; nothing if all is well."""
-    holds = f", and holds {plural(leases, 'sweep')}" if leases else ""
+    holds = f", with {plural(leases, 'sweep')} leased to it" if leases else ""
     if run.state == "running":
         silence = (datetime.now(UTC) - run.heartbeat).total_seconds()
         if silence < SILENT.total_seconds():
@@ -136,7 +140,7 @@ def _print(document: dict[str, Any], tested: selftest.SelfTest) -> None:
         ("cores", str(document["cores"])),
         ("memory", f"{memory['total'] / 1e9:.1f} GB, {memory['available'] / 1e9:.1f} GB left" if memory else "unknown"),
         ("platform", document["platform"]),
-        ("database", f"{stored['url']}: {stored['error'] or sound}"),
+        ("database", _placed(stored["error"] or sound, stored["url"])),
         ("journal", stored["journal"]),
         ("file system", stored["file_system"]),
         ("plugins", f"{plural(plugins['components'], 'component')}, {len(plugins['broken'])} broken"),
@@ -144,10 +148,17 @@ def _print(document: dict[str, Any], tested: selftest.SelfTest) -> None:
     ])  # fmt: skip
     for reason in plugins["broken"]:
         say(f"broken: {reason}")
+    if stored["read_only"]:
+        say(f"read-only: {stored['read_only']}" if stored["exists"] else stored["read_only"])
     for text in stored["hanging"]:
         say(text)
     if stored["file_system"].startswith(NETWORK):
         say("the database lies on a network file system, where locks are unreliable; put it on a local disk with --db")
+
+
+def _placed(text: str, url: str) -> str:
+    """Return what is said of a database, with its place: an error mostly begins with that."""
+    return text if text.startswith(url.removeprefix("sqlite:///")) else f"{url}: {text}"
 
 
 def _told(tested: selftest.SelfTest) -> str:

@@ -16,7 +16,7 @@ class ExitCode(IntEnum):
         return member
 
     OK = 0, "all is well"
-    INCOMPLETE = 1, "some sweeps failed or did not come to a result, or a check failed"
+    INCOMPLETE = 1, "some sweeps failed, did not come to a result or were not reached, or a check failed"
     USAGE = 2, "wrong command line, study, plugin, record or file"
     STORE = 3, "the database cannot be used, or lacks what was asked for"
     INTERNAL = 70, "an error of fraexp itself; --debug shows the traceback"

@@ -10,10 +10,10 @@ from fraexp.cli.against_plant import print_errors
 from fraexp.cli.documents import plain, run_document, sweep_document
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.progress import Meter
-from fraexp.cli.selection import open_store
+from fraexp.cli.selection import open_store, place
 from fraexp.cli.summary import print_summary, to_summarise
 from fraexp.cli.terminal import print_json, print_path, print_table, say
-from fraexp.events import Ended, Event, Finished, Noticed, Planned, Preparing, Progress
+from fraexp.events import Begun, Ended, Event, Finished, Noticed, Planned, Preparing, Progress
 from fraexp.figures.errors import errors_info
 from fraexp.figures.labels import printable
 from fraexp.results import Outcome, Result
@@ -38,8 +38,9 @@ class Story:
     """What the events have told."""
 
     planned: list[Planned] = field(default_factory=list)
+    begun: list[int] = field(default_factory=list)
+    """Numbers of the runs that have been recorded."""
     ended: list[Ended] = field(default_factory=list)
-    computed: int = 0
     failed: int = 0
     interrupted: bool = False
 
@@ -64,6 +65,8 @@ def _take(event: Event, story: Story, meter: Meter) -> None:
             say(_plan(event))
             for line in why_lines(event):
                 say(printable(line))
+        case Begun():
+            story.begun.append(event.run)
         case Preparing():
             meter.note(event.what)
         case Noticed():
@@ -71,7 +74,6 @@ def _take(event: Event, story: Story, meter: Meter) -> None:
         case Progress():
             meter.move(event.done, event.total, event.running)
         case Finished():
-            story.computed += event.state == "computed"
             meter.finish()
             if event.error:
                 story.failed += 1
@@ -109,9 +111,10 @@ def report(story: Story, arguments: Namespace, workspace: Workspace) -> ExitCode
                 print()
             if len(runs) > 1:
                 print(printable(_heading(run.study, titles)))
-            _print(ended, run, sweeps, results, workspace)
+            _print(ended, run, sweeps, results, workspace, place(arguments))
     if story.interrupted:
-        say(f"interrupted: {plural(story.computed, 'sweep')} computed and kept; the same command goes on from there")
+        kept = plural(_computed(story, arguments), "sweep")
+        say(f"interrupted: {kept} computed and kept; the same command goes on from there")
         return ExitCode.INTERRUPTED
     failed = any(_fruitless(sweep) for _, _, sweeps, _ in runs for sweep in sweeps)
     return ExitCode.INCOMPLETE if failed else ExitCode.OK
@@ -125,6 +128,14 @@ def _stored(number: int, arguments: Namespace) -> tuple[RunSummary, list[StoredS
     with open_store(arguments) as store:
         sweeps = store.sweeps(number)
         return store.run(number), sweeps, store.results(sweep.key for sweep in sweeps)
+
+
+def _computed(story: Story, arguments: Namespace) -> int:
+    """Return how many sweeps the runs have stored: more than was told, as the last ones are stored when all ends."""
+    if not story.begun:
+        return 0
+    with open_store(arguments) as store:
+        return sum(store.run(number).computed for number in story.begun)
 
 
 def _fruitless(sweep: StoredSweep) -> bool:
@@ -153,22 +164,28 @@ def _document(story: Story, runs: list[tuple[Ended, RunSummary, list[StoredSweep
 
 
 def _print(
-    ended: Ended, run: RunSummary, sweeps: list[StoredSweep], results: dict[str, Result], workspace: Workspace
+    ended: Ended,
+    run: RunSummary,
+    sweeps: list[StoredSweep],
+    results: dict[str, Result],
+    workspace: Workspace,
+    here: str,
 ) -> None:
+    """Print a run; `here` are the options with which it is found."""
     if to_summarise(len(sweeps)):
         print_summary(sweeps, results, workspace.registry)
-        say(f"fraexp show {run.number} --all shows each sweep")
+        say(f"fraexp show {run.number} --all{here} shows each sweep")
     else:
         print_table(*sweep_table(sweeps[:SHOWN], results, workspace.registry))
         _print_errors(sweeps[:SHOWN], results, workspace)
         if len(sweeps) > SHOWN:
-            say(f"{plural(len(sweeps) - SHOWN, 'more sweep')}; see fraexp show {run.number}")
+            say(f"{plural(len(sweeps) - SHOWN, 'more sweep')}; see fraexp show {run.number}{here}")
     for remedy in remedies(sweeps):
         say(remedy)
     print(f"\nrun {run.number} {run.state}: {_counts(run)}")
     for path in ended.figures:
         print_path(path, "figure ")
-    say(_next(run, sweeps, results))
+    say(_next(run, sweeps, results, here))
 
 
 def _print_errors(sweeps: list[StoredSweep], results: dict[str, Result], workspace: Workspace) -> None:
@@ -182,11 +199,11 @@ def _print_errors(sweeps: list[StoredSweep], results: dict[str, Result], workspa
         print_errors(errors_info(comparable))
 
 
-def _next(run: RunSummary, sweeps: list[StoredSweep], results: dict[str, Result]) -> str:
+def _next(run: RunSummary, sweeps: list[StoredSweep], results: dict[str, Result], here: str) -> str:
     steps = [f"fraexp show {run.number}", f"fraexp show {short(sweeps[0].key)}" if sweeps else "fraexp list"]
     if any(result.response or result.curves for result in results.values()):
         steps.append(f"fraexp plot {run.number} -o FILE.pdf")
-    return f"next: {', '.join(steps)}"
+    return f"next: {', '.join(f'{step}{here}' for step in steps)}"
 
 
 def _counts(run: RunSummary) -> str:

@@ -15,7 +15,7 @@ from fraexp.cli.arguments import COMMANDS, parse
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.parser import UsageError
 from fraexp.cli.terminal import say
-from fraexp.errors import FraexpError, StoreError
+from fraexp.errors import FraexpError, StoreError, UnreachedError
 
 
 def console() -> None:
@@ -82,13 +82,19 @@ def _guarded(parsed: Namespace) -> int:
         if parsed.debug:
             traceback.print_exc()
         say(f"fraexp: {error}")
-        return ExitCode.STORE if isinstance(error, StoreError) else ExitCode.USAGE
+        return _code_of(error)
     except Exception as error:
         if parsed.debug:
             traceback.print_exc()
         more = "please report it" if parsed.debug else "run with --debug for the traceback"
         say(f"fraexp: internal error: {type(error).__name__}: {error}; {more}")
         return ExitCode.INTERNAL
+
+
+def _code_of(error: FraexpError) -> ExitCode:
+    if isinstance(error, UnreachedError):
+        return ExitCode.INCOMPLETE
+    return ExitCode.STORE if isinstance(error, StoreError) else ExitCode.USAGE
 
 
 def _execute(parsed: Namespace) -> int:

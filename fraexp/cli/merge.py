@@ -5,13 +5,15 @@ import time
 from argparse import Namespace
 from collections.abc import Generator
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 from fraexp.cli.documents import plain
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.selection import database
 from fraexp.cli.terminal import print_json, say
-from fraexp.store import Merged, Store
+from fraexp.errors import StoreError
+from fraexp.store import Merged, Store, shown
 from fraexp.views.words import plural
 
 PATIENCE = 2.0
@@ -21,6 +23,7 @@ MOST_SHOWN = 20
 
 def execute(arguments: Namespace) -> ExitCode:
     """Add it, and tell what was added and what differs."""
+    _check_there(arguments.other)
     with Store.open(arguments.other, read_only=True) as other, Store.open(database(arguments), create=True) as store:
         merged = _followed(store.merge(other))
         names = {"from": other.name, "into": store.name}
@@ -29,6 +32,16 @@ def execute(arguments: Namespace) -> ExitCode:
     else:
         _print(merged, names["into"])
     return ExitCode.INCOMPLETE if merged.conflicts else ExitCode.OK
+
+
+def _check_there(url: str) -> None:
+    """Raise StoreError where there is nothing to add: no run would make that database."""
+    if Store.exists(url):
+        return
+    file = url.removeprefix("sqlite:///")
+    missing = "://" not in file and not Path(file).exists()
+    found = "there is no such file" if missing else "it holds no database"
+    raise StoreError(f"{shown(url)}: {found}; name the database that is to be added")
 
 
 def _followed(steps: Generator[tuple[int, int], None, Merged]) -> Merged:

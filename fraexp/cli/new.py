@@ -1,6 +1,7 @@
 """``fraexp new``: a plugin to start from, that works as it stands, and what to do with it."""
 
 import keyword
+import os
 import shlex
 from argparse import Namespace
 from collections.abc import Iterator, Mapping
@@ -37,15 +38,23 @@ def execute(arguments: Namespace) -> ExitCode:
     }  # fmt: skip
     texts = dict(_package(kind, words) if arguments.package else _drop_in(kind, words))
     for path in texts:
-        if (workspace / path).exists():
+        if os.path.lexists(workspace / path):
             raise PluginError(f"{workspace / path}: is there already; choose another name, or remove it")
     for path, text in texts.items():
-        (workspace / path).parent.mkdir(parents=True, exist_ok=True)
-        (workspace / path).write_text(text, encoding="utf-8")
+        _write(workspace / path, text)
         print_path(workspace / path)
     print("next:")
     _print_steps(list(_steps(kind, words, arguments)))
     return ExitCode.OK
+
+
+def _write(path: Path, text: str) -> None:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        reason = error.strerror or error
+        raise PluginError(f"{path}: cannot be written ({reason}); name a folder of yours with --workspace") from None
 
 
 def _check_name(kind: str, name: str, registry: Registry) -> None:

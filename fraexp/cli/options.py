@@ -138,6 +138,8 @@ def _plot(parser: Parser) -> None:
         "--kind", metavar="KIND", choices=FIGURES, default="",
         help=f"kind of figure: {', '.join(FIGURES)} (default: what fits the results)",
     )  # fmt: skip
+    parser.add_argument("--band", metavar="LOW:HIGH", default="", help="frequencies [Hz] to show, such as 4.5:45")
+    parser.add_argument("--wrapped", action="store_true", help="phase of a Bode plot within ±180 degrees")
 
 
 def _fit(parser: Parser) -> None:

@@ -8,6 +8,7 @@ from fraexp.cli.selection import chosen, database, open_store, run_of
 from fraexp.cli.terminal import print_path, say
 from fraexp.errors import FraexpError
 from fraexp.figures.stamp import check_suffix
+from fraexp.figures.view import View
 from fraexp.store import Store
 from fraexp.views.comparison import named_alike
 from fraexp.views.words import plural
@@ -17,13 +18,14 @@ from fraexp.workspace import Workspace
 def execute(arguments: Namespace) -> ExitCode:
     """Draw sweeps, unless the file shows them already, and print the file's path."""
     check_suffix(arguments.output)
+    view = View.of(arguments.band, arguments.wrapped)
     workspace = Workspace.open(arguments.workspace, database(arguments))
     with open_store(arguments) as store:
         sweeps = chosen(store, arguments.ids)
         if all(run_of(store, identifier) is None for identifier in arguments.ids):
             sweeps = named_alike(store, sweeps)
         title = arguments.title or _study(store, arguments.ids)
-        drawn = workspace.draw(store, sweeps, arguments.output, title, arguments.kind, tell=say)
+        drawn = workspace.draw(store, sweeps, arguments.output, title, arguments.kind, say, view)
     if not drawn:
         raise FraexpError(
             f"plot: found nothing to draw in {plural(len(sweeps), 'sweep')}; see their outcomes with show"

@@ -5,7 +5,7 @@ from argparse import Namespace
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.follow import follow, report
 from fraexp.cli.report import report_folders
-from fraexp.cli.selection import database
+from fraexp.cli.selection import database, place
 from fraexp.cli.terminal import print_json, print_path, say
 from fraexp.errors import StudyError
 from fraexp.executors import Limits, workers_of
@@ -41,6 +41,7 @@ def _detach(arguments: Namespace, workspace: Workspace) -> ExitCode:
     if arguments.json:
         print_json({"started": {"pid": started.pid, "log": str(started.log)}})
         return ExitCode.OK
-    say(f"started as process {started.pid}; fraexp list has its run, fraexp stop RUN ends it")
+    here = place(arguments)
+    say(f"started as process {started.pid}; fraexp list{here} has its run, fraexp stop RUN{here} ends it")
     print_path(started.log, "log ")
     return ExitCode.OK

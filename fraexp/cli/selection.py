@@ -1,12 +1,13 @@
 """From identifiers on the command line to sweeps in the database."""
 
+import shlex
 from argparse import Namespace
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
 from fraexp.errors import StoreError
-from fraexp.store import Store, StoredSweep
+from fraexp.store import Store, StoredSweep, shown
 
 KEY_DIGITS = 8
 """So many digits, and a number that no run has is meant as the beginning of a key."""
@@ -17,6 +18,14 @@ LONGEST = 18
 def database(arguments: Namespace) -> str:
     """Return the database that the command line names: by default results.db in the workspace."""
     return str(arguments.db or Path(arguments.workspace) / "results.db")
+
+
+def place(arguments: Namespace) -> str:
+    """Return the options that name workspace and database as the command line did, for commands that are proposed."""
+    given = {"--workspace": arguments.workspace, "--db": arguments.db}
+    return "".join(
+        f" {option} {shlex.quote(shown(str(value)))}" for option, value in given.items() if str(value or ".") != "."
+    )
 
 
 def open_store(arguments: Namespace) -> Store:

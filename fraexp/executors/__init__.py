@@ -15,17 +15,19 @@ KINDS = ("serial", "processes", "dask")
 def make(name: str, jobs: int, limits: Limits | None = None) -> Workers:
     """Return the workers of an executor such as ``serial`` or ``processes:4`` for at most `jobs` jobs at a time."""
     count = min(workers_of(name), max(jobs, 1))
+    limits = limits or Limits()
+    limits.check(name)
     if name == "serial":
         from fraexp.executors.serial import Serial
 
-        return Serial(limits or Limits())
+        return Serial(limits)
     if name.startswith("dask:"):
         from fraexp.executors.dask import Dask
 
-        return Dask(name, limits or Limits())
+        return Dask(name, limits)
     from fraexp.executors.processes import Processes
 
-    return Processes(count, limits or Limits())
+    return Processes(count, limits)
 
 
 def workers_of(name: str) -> int:

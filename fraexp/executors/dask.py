@@ -17,9 +17,9 @@ from dataclasses import dataclass
 from typing import Any
 from uuid import uuid4
 
-from fraexp.errors import StudyError
+from fraexp.errors import StudyError, UnreachedError
 from fraexp.executors.dask_check import need_of, quiet, unfit
-from fraexp.executors.dask_place import address_of, check_name
+from fraexp.executors.dask_place import address_of, cause, check_name, first_line
 from fraexp.executors.dask_remote import TOPIC, Done, Lack, compute, end
 from fraexp.executors.dask_work import BATCH, Batch, Task, Work
 from fraexp.executors.limits import Limits
@@ -73,11 +73,11 @@ class Dask(Workers):
 
     def __init__(self, name: str, limits: Limits) -> None:
         self._place = check_name(name)
-        if limits.memory is not None:
-            raise StudyError("the memory of Dask workers is capped where they are started: dask worker --memory-limit")
         self._limits = limits
         self._notes: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._broken = ""
+        self._left_alone = False
+        """Whether nobody is there to do the work: an end that is no fault of what was asked for."""
         self._members: dict[str, _Member] = {}
         self._batches: dict[int, Batch] = {}
         self._numbers = itertools.count()
@@ -111,7 +111,7 @@ class Dask(Workers):
 
     def reports(self) -> Iterator[tuple[int, float]]:
         if self._broken:
-            raise StudyError(self._broken)
+            raise (UnreachedError if self._left_alone else StudyError)(self._broken)
         while not self._work.reports.empty():
             yield self._work.reports.get()
 
@@ -134,7 +134,7 @@ class Dask(Workers):
         except asyncio.CancelledError:
             pass
         except Exception as error:  # it must not be waited for in vain
-            self._broken = self._broken or f"Dask at {self._place}: {type(error).__name__}: {_line(error)}"
+            self._broken = self._broken or f"Dask at {self._place}: {type(error).__name__}: {first_line(error)}"
         finally:
             self._ready.set()
             with suppress(Exception):
@@ -158,9 +158,11 @@ class Dask(Workers):
             try:
                 await self._session(client)
             except _DisconnectedError:
+                self._left_alone = True
                 self._notes.put(f"the Dask scheduler at {self._place} is gone; waiting for it up to {PATIENCE:g} s")
                 gone = f"the Dask scheduler at {self._place} was gone for {PATIENCE:g} s; {KEPT}"
                 client = await self._connected(PATIENCE, gone)
+                self._left_alone = client is None
 
     async def _connected(self, patience: float, otherwise: str) -> Any:
         """Return a connection to the scheduler; None if there is none after some time, which breaks all off."""
@@ -177,11 +179,11 @@ class Dask(Workers):
                 )
                 return await client
             except OSError as error:
-                reason = _cause(error)
+                reason = cause(error)
             except StudyError as error:
                 otherwise, reason = str(error), ""
             except Exception as error:  # such as an unknown protocol, or a certificate that does not fit
-                self._broken = f"Dask at {self._place}: {type(error).__name__}: {_line(error)}"
+                self._broken = f"Dask at {self._place}: {type(error).__name__}: {first_line(error)}"
                 return None
             finally:
                 if client is not None and client.status != "running":
@@ -263,6 +265,7 @@ class Dask(Workers):
             more = f"; and {len(members) - TOLD} more" if len(members) > TOLD else ""
             self._broken = f"no worker of Dask at {self._place} can compute this study: {told}{more}"
         elif alone > PATIENCE and self._work.open:
+            self._left_alone = True
             self._broken = f"Dask at {self._place} had no worker for {PATIENCE:g} s; start one: dask worker; {KEPT}"
 
     async def _attend(self, client: Any, member: _Member) -> None:
@@ -273,7 +276,7 @@ class Dask(Workers):
                     sharers = sum(other.fit for other in self._members.values())
                     await self._give(client, member, await self._work.take(sharers))
         except Exception as error:  # it must not be waited for in vain
-            self._broken = f"Dask at {self._place}: {type(error).__name__}: {_line(error)}"
+            self._broken = f"Dask at {self._place}: {type(error).__name__}: {first_line(error)}"
 
     async def _check(self, client: Any, member: _Member) -> bool:
         """Say whether a worker is fit, and take note of it."""
@@ -345,7 +348,7 @@ class Dask(Workers):
             self._work.give_back(batch)
             await asyncio.sleep(LOOK)
         else:
-            self._refuse(member, f"cannot compute ({type(said).__name__}: {_line(said)})")
+            self._refuse(member, f"cannot compute ({type(said).__name__}: {first_line(said)})")
             self._work.give_back(batch)
 
     async def _end_overdue(self, client: Any, member: _Member, batch: Batch) -> None:
@@ -384,16 +387,3 @@ def _opened(came: "bytes | BaseException") -> Any:
 
 def _lost(member: _Member) -> str:
     return f"its Dask worker {member} was lost, as by a crash or for lack of memory; the worker's log may tell more"
-
-
-def _cause(error: BaseException | None) -> str:
-    """Return in brackets what the system said; empty if it just took too long."""
-    while error is not None:
-        if isinstance(error, OSError) and error.strerror:
-            return f" ({error.strerror})"
-        error = error.__cause__
-    return ""
-
-
-def _line(error: BaseException) -> str:
-    return next(iter(str(error).splitlines()), "")

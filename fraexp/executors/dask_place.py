@@ -1,4 +1,4 @@
-"""Where a Dask cluster is: an address, or the file in which its scheduler has written it."""
+"""Where a Dask cluster is: an address, or the file in which its scheduler has written it; why it is not reached."""
 
 import importlib.util
 import json
@@ -36,3 +36,17 @@ def address_of(place: str) -> str:
     except (ValueError, KeyError, TypeError):
         reason = f"{place}: it is no scheduler file; expected what dask scheduler --scheduler-file writes"
     raise StudyError(f"executor 'dask:{place}': {reason}")
+
+
+def cause(error: BaseException | None) -> str:
+    """Return in brackets what the system said; empty if it just took too long."""
+    while error is not None:
+        if isinstance(error, OSError) and error.strerror:
+            return f" ({error.strerror})"
+        error = error.__cause__
+    return ""
+
+
+def first_line(error: BaseException) -> str:
+    """Return the first line of what an error says."""
+    return next(iter(str(error).splitlines()), "")

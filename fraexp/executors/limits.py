@@ -50,6 +50,8 @@ class Limits:
 
     def check(self, executor: str | None) -> None:
         """Raise StudyError for an executor that cannot keep to these limits."""
+        if self.memory is not None and executor is not None and executor.startswith("dask:"):
+            raise StudyError("the memory of Dask workers is capped where they are started: dask worker --memory-limit")
         if self.memory is not None and executor == "serial":
             raise StudyError("executor 'serial' cannot cap memory, as it computes in this process; take processes:1")
 

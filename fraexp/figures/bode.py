@@ -12,6 +12,7 @@ from fraexp.figures.branches import continuous_phases
 from fraexp.figures.bundles import MANY, Bundle, draw_bundles, split, stacked
 from fraexp.figures.lines import draw_bands, draw_fitted, draw_line, joined, name_fitted, name_model
 from fraexp.figures.scales import continuous_phase, decibel, decibel_limits, degrees, readable_unit
+from fraexp.figures.view import wrap
 from fraexp.results import Curve, FrequencyResponse
 
 if TYPE_CHECKING:
@@ -105,25 +106,42 @@ def bode_info(
     title: str = "",
     groups: Sequence[str] = (),
     fitted: Sequence[Curve | None] = (),
+    wrapped: bool = False,
 ) -> BodeInfo:
     """Return the numbers of a Bode plot of labelled responses; FraexpError if their units differ.
 
     The phases lie on the branch nearest to the reference, or to the first curve if there is none. More than `MANY`
     responses are told apart by the names of their `groups` alone; without names they are one group. `fitted` are the
     plants that were fitted to the responses (see `Shown.fitted`), which are drawn where the responses are few.
+    `wrapped` phases lie within ±180°.
     """
     unit = _common_unit(curves)
     factor, shown = readable_unit(unit)
     drawn_reference = _reference_curve(reference, factor) if reference else None
     heading = title or _title(curves)
     if len(curves) > MANY:
-        return BodeInfo((), _groups(curves, groups, factor, drawn_reference), drawn_reference, shown, heading)
+        many = _groups(curves, groups, factor, drawn_reference)
+        return _wrapped(BodeInfo((), many, drawn_reference, shown, heading), wrapped)
     anchor, drawn = drawn_reference, []
     for (label, response), model in zip(curves, fitted or [None] * len(curves), strict=True):
         curve = _curve(label, response, factor, anchor)
         drawn.append(replace(curve, model=_model(model, factor, curve)) if model else curve)
         anchor = anchor or drawn[0]
-    return BodeInfo(tuple(drawn), (), drawn_reference, shown, heading)
+    return _wrapped(BodeInfo(tuple(drawn), (), drawn_reference, shown, heading), wrapped)
+
+
+def _wrapped(info: BodeInfo, wanted: bool) -> BodeInfo:
+    if not wanted:
+        return info
+    groups = tuple(replace(of, phase=wrap(of.phase)) for of in info.groups)
+    reference = _wrapped_curve(info.reference) if info.reference else None
+    return replace(info, curves=tuple(map(_wrapped_curve, info.curves)), groups=groups, reference=reference)
+
+
+def _wrapped_curve(of: BodeCurve) -> BodeCurve:
+    phase = wrap(of.phase)
+    model = replace(of.model, phase=wrap(of.model.phase)) if of.model else None
+    return replace(of, phase=phase, phase_band=of.phase_band + (phase - of.phase), model=model)
 
 
 def _common_unit(curves: Sequence[tuple[str, FrequencyResponse]]) -> str:

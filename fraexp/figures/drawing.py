@@ -23,8 +23,10 @@ from fraexp.figures.nyquist import draw_nyquist, nyquist_info
 from fraexp.figures.positioning import draw_positioning, is_positioning, positioning_info
 from fraexp.figures.shown import Shown
 from fraexp.figures.stamp import check_suffix, digest
+from fraexp.figures.view import View, interrupt_wrapped, show_band
 from fraexp.results import Curve
 
+ALL = View()
 OF_CURVES = ("hysteresis", "positioning", "curves")
 """Kinds of figure that show the curves of results."""
 OF_SHOWN: dict[str, Callable[[Sequence[Shown], str], Figure]] = {
@@ -38,13 +40,25 @@ OF_SHOWN: dict[str, Callable[[Sequence[Shown], str], Figure]] = {
 """How the kinds are drawn that need nothing but what is shown and a title."""
 
 
-def figure_for(shown: Sequence[Shown], reference: Reference | None = None, title: str = "", kind: str = "") -> Figure:
+def figure_for(
+    shown: Sequence[Shown], reference: Reference | None = None, title: str = "", kind: str = "", view: View = ALL
+) -> Figure:
     """Return a figure of results: of a kind (see `kinds`), or of the one that fits them.
 
     A Bode plot fits them if any has a response, else hysteresis loops if each has one, else positioning motions, else
-    curves.
+    curves. FraexpError if there is nothing of a `view` in it.
     """
     chosen = kind or _fitting(shown)
+    view.check(chosen)
+    figure = _whole(shown, reference, title, chosen, view)
+    if view.wrapped:
+        interrupt_wrapped(figure)
+    if view.band:
+        show_band(figure, view.band)
+    return figure
+
+
+def _whole(shown: Sequence[Shown], reference: Reference | None, title: str, chosen: str, view: View) -> Figure:
     if chosen in OF_CURVES:
         return _of_curves(_curves(shown), title, chosen)
     if chosen in OF_SHOWN:
@@ -54,7 +68,7 @@ def figure_for(shown: Sequence[Shown], reference: Reference | None = None, title
     responses = [(of, of.response) for of in shown if of.response is not None]
     curves = [(of.label, response) for of, response in responses]
     groups, fitted = [of.group for of, _ in responses], [of.fitted for of, _ in responses]
-    return draw_bode(bode_info(curves, reference, title, groups, fitted))
+    return draw_bode(bode_info(curves, reference, title, groups, fitted, view.wrapped))
 
 
 def _of_curves(found: Sequence[tuple[str, Curve, str]], title: str, kind: str) -> Figure:

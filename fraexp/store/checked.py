@@ -24,6 +24,13 @@ FOREIGN = (ValueError, TypeError, LookupError, ArithmeticError, AttributeError, 
 """What reading raises where the database does not hold what fraexp writes."""
 
 
+class DamagedError(StoreError):
+    """What is stored of a sweep cannot be read; whoever knows of which database adds its name."""
+
+    def __init__(self, key: str, finding: str) -> None:
+        super().__init__(f"sweep {key[4:12]}: {finding}" if key else finding)
+
+
 def sound(record: Record) -> Record:
     """Return a dataclass whose values are of the types that it declares, inside of containers aside; else TypeError."""
     record_type: Any = type(record)

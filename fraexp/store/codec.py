@@ -10,7 +10,7 @@ import numpy as np
 
 from fraexp.errors import StoreError
 from fraexp.results import Curve, Fit, FrequencyResponse, Metric, Result
-from fraexp.store.checked import sound
+from fraexp.store.checked import DamagedError, sound
 
 DTYPES: dict[str, type] = {
     "frequency": np.float64,
@@ -33,6 +33,7 @@ OPTIONAL = ("freedom", "noise_variance", "nonlinear_variance", "coherence", "mod
 NUMBERS = "biufc"
 """Kinds of types that are numbers."""
 MAGIC = b"\x93NUMPY\x01\x00"
+AGAIN = "compute the sweep again with --rerun all"
 HEADER = 10
 """Bytes of the .npy format's first part: magic, version, and the length of the second in the last two."""
 
@@ -52,14 +53,14 @@ def encode(array: Any, what: str, dtype: type | None = None) -> bytes:
     return MAGIC + len(layout).to_bytes(2, "little") + layout + values.tobytes()
 
 
-def decode(data: bytes) -> np.ndarray:
-    """Return the array in .npy bytes; StoreError if they are damaged."""
+def decode(data: bytes, key: str = "") -> np.ndarray:
+    """Return the array in .npy bytes; DamagedError, with the key of the sweep that has it, if they are damaged."""
     try:
         begin = HEADER + int.from_bytes(data[HEADER - 2 : HEADER], "little")
         shape, dtype = _layout(data[:begin])
         array: np.ndarray = np.frombuffer(data, dtype, offset=begin).reshape(shape).copy()
     except Exception as error:  # parsing what a header says raises whatever it leads it into
-        raise StoreError(f"a stored array is damaged ({error}); compute the sweep again with --rerun all") from error
+        raise DamagedError(key, f"a stored array is damaged ({error}); {AGAIN}") from error
     return array
 
 
@@ -89,16 +90,15 @@ def response_rows(key: str, response: FrequencyResponse | None) -> list[dict[str
 def response_of(row: Mapping[Any, Any]) -> FrequencyResponse:
     """Return the frequency response in a row."""
     values: dict[str, Any] = {name: row[name] for name in ("unit", "input", "output")}
-    values |= {name: decode(row[name]) for name in DTYPES}
-    values |= {name: decode(row[name]) for name in OPTIONAL if row[name] is not None}
+    key = row["key"]
+    values |= {name: decode(row[name], key) for name in DTYPES}
+    values |= {name: decode(row[name], key) for name in OPTIONAL if row[name] is not None}
     points = values["frequency"].shape
     for name, dtype in {**DTYPES, **dict.fromkeys(OPTIONAL, np.float64)}.items():
         array, sides = values.get(name), SIDES.get(name, ())
         if array is not None and (array.dtype != dtype or array.shape != (*points, *sides) or len(points) != 1):
-            raise StoreError(
-                f"a stored {name} is {array.dtype} {array.shape}; expected {np.dtype(dtype)} {(*points, *sides)}: "
-                "compute the sweep again with --rerun all"
-            )
+            expected = f"{np.dtype(dtype)} {(*points, *sides)}"
+            raise DamagedError(key, f"a stored {name} is {array.dtype} {array.shape}; expected {expected}: {AGAIN}")
     return sound(FrequencyResponse(**values))
 
 
@@ -140,7 +140,7 @@ def curve_of(name: str, columns: Iterable[Mapping[Any, Any]]) -> Curve:
     """Return the curve of a name from the rows of its columns, in order."""
     rows = list(columns)
     units = {row["name"]: row["unit"] for row in rows if row["unit"] is not None}
-    found = {row["name"]: decode(row["samples"]) for row in rows}
+    found = {row["name"]: decode(row["samples"], row["key"]) for row in rows}
     if not all(isinstance(text, str) for text in (*found, *units.values())):
         raise TypeError("a column's name or unit is no text")
     return sound(Curve(name, found, units))
@@ -166,10 +166,12 @@ def fit_rows(key: str, fits: Iterable[Fit]) -> list[dict[str, Any]]:
 def fit_of(row: Mapping[Any, Any]) -> Fit:
     """Return the fit in a row."""
     texts = (tuple(row["parameters"]), tuple(row["units"]))
-    found = Fit(row["kind"], row["component"], *texts, decode(row["values"]), decode(row["covariance"]))
+    arrays = (decode(row[name], row["key"]) for name in ("values", "covariance"))
+    found = Fit(row["kind"], row["component"], *texts, *arrays)
     count = len(found.parameters)
     if found.values.shape != (count,) or found.covariance.shape != (count, count) or len(found.units) != count:
-        raise StoreError(f"the stored fit of {found.kind!r} has not as many values as parameters; compute it again")
+        unlike = f"the stored fit of {found.kind!r} has not as many values as parameters; {AGAIN}"
+        raise DamagedError(row["key"], unlike)
     if not all(isinstance(text, str) for of in texts for text in of):
         raise TypeError("the name or unit of a fitted parameter is no text")
     return sound(found)

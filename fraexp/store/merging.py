@@ -57,10 +57,11 @@ class _Tally:
         return Merged(self.sweeps, self.results, self.same, self.runs, self.known_runs, tuple(self.conflicts))
 
 
-def merge(source: Opened, target: Opened) -> Generator[tuple[int, int], None, Merged]:
+def merge(source: Opened, ours: Opened, target: Opened) -> Generator[tuple[int, int], None, Merged]:
     """Add to `target` what `source` has: each batch in a transaction; yield how many of how many sweeps are done.
 
-    Doing it again adds nothing, so that an interrupted merge is completed by another one.
+    `ours` opens the same database as `target`, for reading. Doing it again adds nothing, so that an interrupted merge
+    is completed by another one.
     """
     tally = _Tally()
     with source() as connection:
@@ -72,7 +73,11 @@ def merge(source: Opened, target: Opened) -> Generator[tuple[int, int], None, Me
             with source() as connection:
                 bundle = _Bundle.of(connection, keys)
             with target() as connection:
-                _add(connection, bundle, tally)
+                both = _add(connection, bundle, tally)
+            with source():  # which names its database where something in it cannot be read
+                theirs = {key: bundle.result(key) for key in both}
+            with ours() as connection:
+                _compare(reading.results(connection, both), theirs, tally)
             begin, done = keys[-1], done + len(keys)
             yield done, total
     for number in numbers:
@@ -128,7 +133,7 @@ class _Bundle:
         resolved = parts.load(connection, found)
         return cls(
             {key: Sweep(*resolved[key], {}) for key in keys},
-            {row["key"]: {name: row[name] for name in LEARNT} for row in found if row["outcome"]},
+            {row["key"]: _learnt(row) for row in found if row["outcome"] is not None},
             _rows(connection, keys),
             marks.tags_of(connection, keys),
             marks.notes(connection, keys),
@@ -151,6 +156,11 @@ class _Bundle:
         )
 
 
+def _learnt(row: Mapping[Any, Any]) -> dict[str, Any]:
+    """Return the columns of a result; KeyError if its outcome is none."""
+    return {name: row[name] for name in LEARNT} | {"outcome": Outcome[row["outcome"]].name}
+
+
 def _rows(connection: Connection, keys: Iterable[str]) -> dict[str, dict[str, list[dict[str, Any]]]]:
     found: dict[str, dict[str, list[dict[str, Any]]]] = defaultdict(lambda: defaultdict(list))
     for table in RESULT_TABLES:
@@ -160,7 +170,8 @@ def _rows(connection: Connection, keys: Iterable[str]) -> dict[str, dict[str, li
     return found
 
 
-def _add(connection: Connection, bundle: _Bundle, tally: _Tally) -> None:
+def _add(connection: Connection, bundle: _Bundle, tally: _Tally) -> list[str]:
+    """Add what is lacking, and return the keys of those sweeps of which both have a result."""
     wrong = [key for key, item in bundle.grid.items() if item.key != key]
     tally.conflicts += [
         Conflict(key, ("key",), "its key is not that of its parameters; it is left out") for key in wrong
@@ -173,14 +184,16 @@ def _add(connection: Connection, bundle: _Bundle, tally: _Tally) -> None:
     fresh = [key for key in keys if key in bundle.learnt and there.get(key) is None]
     _write_results(connection, bundle, fresh)
     tally.results += len(fresh)
-    both = [key for key in keys if key in bundle.learnt and there.get(key) is not None]
-    ours = reading.results(connection, both)
-    for key in both:
-        what, how = differences(ours[key], bundle.result(key))
+    _write_marks(connection, bundle, keys)
+    return [key for key in keys if key in bundle.learnt and there.get(key) is not None]
+
+
+def _compare(ours: Mapping[str, Result], theirs: Mapping[str, Result], tally: _Tally) -> None:
+    for key in (key for key in theirs if key in ours):
+        what, how = differences(ours[key], theirs[key])
         if what:
             tally.conflicts.append(Conflict(key, what, how))
         tally.same += not what
-    _write_marks(connection, bundle, keys)
 
 
 def _write_results(connection: Connection, bundle: _Bundle, keys: Sequence[str]) -> None:

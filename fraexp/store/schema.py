@@ -1,6 +1,7 @@
 """Making a new database, and bringing an older one up to date."""
 
 import os
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -73,7 +74,7 @@ def check_readable(database: Database, schema: Schema) -> None:
         raise _nothing(database)
     revision = _checked_revision(database, schema)
     if revision != schema.head:
-        remedy = "any 'fraexp run'" if database.upgrades_itself else "'fraexp migrate'"
+        remedy = f"'fraexp migrate --db {shlex.quote(database.name)}'"
         raise StoreError(
             f"{database.name}: its schema {revision} is older than {schema.head}; {remedy} brings it up to date"
         )

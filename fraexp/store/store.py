@@ -9,8 +9,8 @@ from sqlalchemy import Connection, Engine
 
 from fraexp.errors import StoreError
 from fraexp.results import Result
-from fraexp.store import leases, listing, marks, merging, reading, writing
-from fraexp.store.checked import FOREIGN, foreign
+from fraexp.store import leases, listing, marks, merging, reading, soundness, writing
+from fraexp.store.checked import FOREIGN, DamagedError, foreign
 from fraexp.store.engine import ALONE, BESIDE, WRITE, Database
 from fraexp.store.finding import Declared, undeclared
 from fraexp.store.places import locate
@@ -67,6 +67,15 @@ class Store:
     def exists(url: str, timeout: float = TIMEOUT) -> bool:
         """Return whether there is a database, of whatever schema; StoreError if there is something else."""
         return locate(url, timeout).exists()
+
+    @staticmethod
+    def refusal(url: str, timeout: float = TIMEOUT) -> str:
+        """Return why nothing can be written there, as far as that is plain beforehand; empty if it may be."""
+        try:
+            locate(url, timeout).check_writable()
+        except StoreError as error:
+            return str(error)
+        return ""
 
     @staticmethod
     def migrate(url: str, timeout: float = TIMEOUT) -> Migrated:
@@ -281,9 +290,10 @@ class Store:
             return self._database.journal(connection)
 
     def health(self) -> str:
-        """Return ``sound``, or the first finding of the database's own check of its structure."""
+        """Return ``sound``, or the first finding: of the database's own check of its structure, or in what it holds."""
         with self._reading() as connection:
-            return self._database.health(connection)
+            found = self._database.health(connection)
+            return found if found != "sound" else soundness.finding(connection) or found
 
     def merge(self, other: "Store") -> Generator[tuple[int, int], None, Merged]:
         """Add what another database has; yield how many of how many sweeps are done, and return what came of it.
@@ -293,7 +303,7 @@ class Store:
         """
         if other.name == self.name or (self._identity is not None and other._identity == self._identity):
             raise StoreError(f"{self.name}: a database cannot be merged into itself; name another one")
-        return merging.merge(other._reading, self._writing)
+        return merging.merge(other._reading, self._reading, self._writing)
 
     def version(self) -> int:
         """Return a number that changes when anything is written, by this process or another: cheap enough to poll."""
@@ -315,6 +325,8 @@ class Store:
         with self._database.sentences(), self._reader.connect() as connection:
             try:
                 yield connection
+            except DamagedError as error:
+                raise StoreError(f"{self.name}: {error}") from error
             except FOREIGN as error:
                 raise foreign(self.name, error) from error
 

@@ -15,6 +15,7 @@ from textual.widgets import DataTable, Static
 
 from fraexp.errors import FraexpError
 from fraexp.figures.labels import printable
+from fraexp.figures.view import View
 from fraexp.tui.ask import Ask, Confirm
 from fraexp.tui.compared import (
     OF_RESPONSES,
@@ -124,6 +125,7 @@ The table has only what differs. A file has the visible curves as 'fraexp plot' 
             return
         if self.compared is None:
             self.tell("Reading the marked sweeps …")
+            self.command = compare_command(self.app.desk.workspace, marked)
         gathered = await self.fetch(self.app.desk.read(lambda store: gather(store, marked)), self._failed)
         if gathered is None:
             return
@@ -162,8 +164,7 @@ The table has only what differs. A file has the visible curves as 'fraexp plot' 
         sight.hidden = {old[place] for place in sight.hidden if place in old}
         sight.focus, self.first = old.get(sight.focus, 0), old.get(self.first, 0)
         self.compared, self._pictures = found, {}
-        self.tell()
-        self.query_one("#both").display = True
+        self.query_one("#both").display = True  # laid out while the picture is made
         self._fill_table()
         if not await self._show() and self.view not in ("", _usual(found)):
             await self._show(_usual(found))
@@ -234,10 +235,10 @@ The table has only what differs. A file has the visible curves as 'fraexp plot' 
         self.heading = VIEWS[self.view] if self.view in OF_RESPONSES else f"{VIEWS[self.view]}: {KINDS[self.kind]}"
         keys = self._keys() or [found.sweeps[place].key for place in found.places(self.view, self.group)]
         workspace = self.app.desk.workspace
-        tabular = self.view == "bode" or self.has_class("-table")
-        plain = tabular and len(keys) > 1
         self.command = (
-            compare_command(workspace, keys) if plain else plot_command(workspace, keys, picture.kind, self._file())
+            compare_command(workspace, keys)
+            if self.has_class("-table") and len(keys) > 1
+            else plot_command(workspace, keys, picture.kind, self._file(), self.stack.view())
         )
         notes = [f"against {self._reference()}"] if self.view == "difference" else []
         notes += [*self.hints(self.labels()), *found.notes(self.view, self.group), picture.note]
@@ -338,7 +339,7 @@ The table has only what differs. A file has the visible curves as 'fraexp plot' 
         """Write what is seen as a figure, as ``fraexp plot`` does."""
         if self.compared is None or self.stack.picture is None:
             return
-        kind, keys = self.stack.picture.kind, self._keys()
+        kind, keys, view = self.stack.picture.kind, self._keys(), self.stack.view()
         if not keys:
             self.app.notify("All curves are hidden; 0 shows them", severity="warning")
             return
@@ -348,20 +349,20 @@ The table has only what differs. A file has the visible curves as 'fraexp plot' 
             file = Path(answer.strip()).expanduser() if answer else None
             if file and file.exists():
                 self.app.push_screen(
-                    Confirm(f"{file} exists. Replace it?"), lambda yes: self._write(keys, kind, file, yes)
+                    Confirm(f"{file} exists. Replace it?"), lambda yes: self._write(keys, kind, file, yes, view)
                 )
             elif file:
-                self._write(keys, kind, file, True)
+                self._write(keys, kind, file, True, view)
 
         self.app.push_screen(Ask(question, self._file(), wrong_file), named)
 
-    def _write(self, keys: Sequence[str], kind: str, file: Path, wanted: bool | None) -> None:
+    def _write(self, keys: Sequence[str], kind: str, file: Path, wanted: bool | None, view: View) -> None:
         if wanted:
             self.app.notify(f"drawing {printable(str(file))} …", timeout=3, markup=False)
-            self.run_worker(self._drawn(keys, kind, file), group="export")
+            self.run_worker(self._drawn(keys, kind, file, view), group="export")
 
-    async def _drawn(self, keys: Sequence[str], kind: str, file: Path) -> None:
-        ended, text = await draw(self.app.desk.workspace, keys, kind, file)
+    async def _drawn(self, keys: Sequence[str], kind: str, file: Path, view: View) -> None:
+        ended, text = await draw(self.app.desk.workspace, keys, kind, file, view)
         self.app.notify(printable(text), title="written" if ended else "not written",
                         severity="information" if ended else "error", markup=False)  # fmt: skip
 

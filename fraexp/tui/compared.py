@@ -9,6 +9,7 @@ from fraexp.errors import FraexpError
 from fraexp.figures.bundles import MANY
 from fraexp.figures.scales import readable_unit
 from fraexp.figures.shown import Shown
+from fraexp.figures.view import View
 from fraexp.results import Result
 from fraexp.store import Store, StoredSweep, shown
 from fraexp.tui import curves
@@ -159,14 +160,14 @@ def compare_command(workspace: Workspace, keys: Sequence[str]) -> str:
     return shlex.join(["fraexp", "compare", *map(short, keys), *_place(workspace)])
 
 
-def plot_command(workspace: Workspace, keys: Sequence[str], kind: str, file: str) -> str:
+def plot_command(workspace: Workspace, keys: Sequence[str], kind: str, file: str, view: View) -> str:
     """Return the command line that draws a figure of sweeps."""
-    return shlex.join(["fraexp", *plot_arguments(keys, kind, file), *_place(workspace)])
+    return shlex.join(["fraexp", *plot_arguments(keys, kind, file, view), *_place(workspace)])
 
 
-def plot_arguments(keys: Sequence[str], kind: str, file: str) -> list[str]:
-    """Return the arguments that draw a figure of sweeps."""
-    return ["plot", *map(short, keys), "--kind", kind, "-o", file]
+def plot_arguments(keys: Sequence[str], kind: str, file: str, view: View) -> list[str]:
+    """Return the arguments that draw a figure of sweeps, or what is seen of it."""
+    return ["plot", *map(short, keys), "--kind", kind, *view.options(), "-o", file]
 
 
 def _place(workspace: Workspace) -> list[str]:

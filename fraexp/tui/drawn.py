@@ -7,6 +7,7 @@ from pathlib import Path
 
 from fraexp.errors import FraexpError
 from fraexp.figures.stamp import check_suffix
+from fraexp.figures.view import View
 from fraexp.tui.compared import plot_arguments
 from fraexp.workspace import Workspace
 
@@ -27,9 +28,9 @@ def wrong_file(text: str) -> str:
     return ""
 
 
-async def draw(workspace: Workspace, keys: Sequence[str], kind: str, file: Path) -> tuple[bool, str]:
-    """Draw sweeps into a file; return whether that went well, and the path or the error."""
-    arguments = [*plot_arguments(keys, kind, str(file)), *workspace.place()]
+async def draw(workspace: Workspace, keys: Sequence[str], kind: str, file: Path, view: View) -> tuple[bool, str]:
+    """Draw what is seen of sweeps into a file; return whether that went well, and the path or the error."""
+    arguments = [*plot_arguments(keys, kind, str(file), view), *workspace.place()]
     process = await asyncio.create_subprocess_exec(
         sys.executable, "-m", "fraexp", *arguments,
         stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,

@@ -162,14 +162,17 @@ class PlotPage(Page):
         """Zoom."""
         factor = ZOOM if closer else 1 / ZOOM
         self.stack.zoom(factor if x else 1.0, factor if y else 1.0)
+        self.tell_view()
 
     def action_pan(self, x: int, y: int) -> None:
         """Move what is seen."""
         self.stack.pan(PAN * x, PAN * y)
+        self.tell_view()
 
     def action_home(self) -> None:
         """Show all again."""
         self.stack.home()
+        self.tell_view()
 
     def action_panels(self, by: int) -> None:
         """Show other panels."""

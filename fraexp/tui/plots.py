@@ -12,6 +12,7 @@ from textual.message import Message
 from textual_plot import PlotWidget
 
 from fraexp.figures.shown import Shown
+from fraexp.figures.view import OVER_FREQUENCY, View
 from fraexp.results import FrequencyResponse, Outcome, Result
 from fraexp.tui.curves import Panel, Picture, Reference, Trace, bode
 from fraexp.tui.plot import LEFT, RIGHT, Look, Plot, Sight, line_of, nearest_point, span_of
@@ -170,6 +171,14 @@ class PlotStack(Vertical):
             if y:
                 self._y[index] = bottom + y * (top - bottom), top + y * (top - bottom)
         self.draw()
+
+    def view(self) -> View:
+        """Return what of the figure is seen: of the axes the frequencies, and the phase."""
+        if self.picture is None or self.picture.kind not in OVER_FREQUENCY:
+            return View()
+        zoomed = next((self._x[of.axis] for of in self.picture.panels if of.axis in self._x), None)
+        band = (float(10 ** zoomed[0]), float(10 ** zoomed[1])) if zoomed else None
+        return View(band, self.sight.wrapped and self.picture.kind == "bode")
 
     def home(self) -> None:
         """Show all again."""

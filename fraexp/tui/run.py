@@ -190,8 +190,9 @@ Enter opens a sweep, Space marks it; c compares the marked ones, or all sweeps o
         """Ask the run to end; the second time end it at once, if that is confirmed."""
         if self.run is None and self.started is None:
             return
-        if self.run is not None and self.run.state != "running":
-            self.app.notify(f"it is {self.run.state}; there is nothing to stop", markup=False)
+        if not self.live:
+            state = self.run.state if self.run else "over"
+            self.app.notify(f"it is {state}; there is nothing to stop", markup=False)
         elif self._stopping:
             question = "End its processes at once? What is stored stays; what is being computed is lost."
             self.app.push_screen(Confirm(question), lambda yes: self._stop(hard=True) if yes else None)
@@ -219,12 +220,15 @@ Enter opens a sweep, Space marks it; c compares the marked ones, or all sweeps o
         """Compute what is missing, or run it once more."""
         if self.run is not None and self.run.state == "running":
             self.app.notify("it still runs; x asks it to end", markup=False)
-        elif self.run is not None:
-            self.run_worker(self._again(self.run), group="again")
+        elif self.run is not None or not self.live:
+            self.run_worker(self._again(self.run, self.started), group="again")
 
-    async def _again(self, run: RunSummary) -> None:
+    async def _again(self, run: RunSummary | None, before: Started | None) -> None:
         def launch(workspace: Workspace) -> Started:
-            return workspace.launch(*_command_of(run, workspace), run.provenance.get("executor"))
+            if run is not None:
+                return workspace.launch(*_command_of(run, workspace), run.provenance.get("executor"))
+            assert before is not None  # it ended before it had a number
+            return detached.start(before.arguments, workspace.folder)
 
         started = await self.fetch(self.app.desk.work(launch), self._refused)
         if started is not None:

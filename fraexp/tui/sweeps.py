@@ -117,7 +117,8 @@ not be. A word alone is searched everywhere. Tab completes names.
         text, order = self.table.filter.strip(), self.table.order
         terms = [text] if '"' in text else text.split()
         options = [f"--order={order}"] if order else []
-        self.command = shlex.join(["fraexp", "list", *(terms or ["--sweeps"]), *options])
+        options += ["--"] if terms and terms[0].startswith("-") else []  # a term that excludes is no option
+        self.command = shlex.join(["fraexp", "list", *options, *(terms or ["--sweeps"])])
 
     async def action_filter(self) -> None:
         """Write a filter."""

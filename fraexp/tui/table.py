@@ -1,7 +1,8 @@
 """A table of which only the page that is seen exists: the database sorts, filters and counts the rest."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from difflib import get_close_matches
 from functools import partial
 from typing import TYPE_CHECKING, ClassVar, Literal
 
@@ -13,7 +14,7 @@ from textual.message import Message
 from textual.reactive import reactive
 from textual.widgets import DataTable
 
-from fraexp.errors import FraexpError, did_you_mean
+from fraexp.errors import FraexpError
 from fraexp.figures.labels import printable
 from fraexp.tui.ask import Ask, Confirm
 from fraexp.tui.page import PAGE, Page
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
 
 MARK = "✓"
 UP, DOWN = "▲", "▼"
+NEAR = 4
+"""Names that are offered in place of one that there is not."""
 MANY = 50
 """More sweeps than these are marked only if that is confirmed."""
 WHEEL = 3
@@ -367,8 +370,9 @@ class SweepTable(PagedTable):
             self.tell_error(str(error))
             return
         question = "Sort by which column, parameter or metric? With - before it, falling; nothing: as at first"
-        known = {"", *fields}
-        ask = Ask(question, self.order, lambda text: _unknown(text, known), [*fields, *(f"-{name}" for name in fields)])
+        ask = Ask(
+            question, self.order, lambda text: _unknown(text, fields), [*fields, *(f"-{name}" for name in fields)]
+        )
         self.app.push_screen(ask, lambda text: None if text is None else setattr(self, "order", text.strip()))
 
     def action_turn_order(self) -> None:
@@ -376,6 +380,9 @@ class SweepTable(PagedTable):
         self.order = self._by[1:] if self._by.startswith("-") else f"-{self._by}"
 
 
-def _unknown(text: str, known: set[str]) -> str:
+def _unknown(text: str, known: Sequence[str]) -> str:
     name = text.strip().removeprefix("-")
-    return "" if name in known else f"there is no field '{name}'{did_you_mean(name, known)}"
+    if not name or name in known:
+        return ""
+    near = [of for of in known if name.lower() in of.lower()] or get_close_matches(name, known, NEAR)
+    return f"there is no field '{name}'" + (f"; with a name like that: {', '.join(near[:NEAR])}" if near else "")

@@ -7,7 +7,7 @@ import pytest
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.follow import Story, follow, report
-from fraexp.events import Ended, Event, Finished, Planned, Preparing, Progress
+from fraexp.events import Begun, Ended, Event, Finished, Planned, Preparing, Progress
 from fraexp.results import Outcome, Result
 from fraexp.store import Store
 from fraexp.sweep import Sweep
@@ -25,6 +25,7 @@ def arguments(workspace: Path) -> Namespace:
 def test_events_become_talk_on_stderr(sweeps: list[Sweep], capsys: pytest.CaptureFixture[str]) -> None:
     events: list[Event] = [
         PLANNED,
+        Begun(1),
         Preparing("starting 2 workers"),
         Progress(0.5, 2),
         Finished(sweeps[0], None, "reused"),
@@ -40,7 +41,7 @@ def test_events_become_talk_on_stderr(sweeps: list[Sweep], capsys: pytest.Captur
         "starting 2 workers",
         rf"{short(sweeps[4].key)} failed: ZeroDivisionError: \x1b[31mdivision",
     ]
-    assert (story.ended, story.computed, story.interrupted) == ([Ended(1, "partial")], 0, False)
+    assert (story.begun, story.ended, story.interrupted) == ([1], [Ended(1, "partial")], False)
 
 
 def told(story: Story, arguments: Namespace) -> ExitCode:
@@ -55,6 +56,7 @@ def test_ctrl_c_closes_the_events_and_tells_what_is_kept(
     def events() -> Generator[Event, None, None]:
         try:
             yield PLANNED
+            yield Begun(1)
             yield Finished(sweeps[0], None, "computed")
             raise KeyboardInterrupt
         finally:
@@ -62,7 +64,8 @@ def test_ctrl_c_closes_the_events_and_tells_what_is_kept(
 
     assert told(follow(events()), arguments) == ExitCode.INTERRUPTED
     assert closed == [True]
-    assert "interrupted: 1 sweep computed and kept; the same command goes on" in capsys.readouterr().err
+    # Four are stored of the run, though one was told of.
+    assert "interrupted: 4 sweeps computed and kept; the same command goes on" in capsys.readouterr().err
 
 
 def test_the_end_is_a_table_the_run_and_its_figure(
@@ -77,8 +80,8 @@ def test_the_end_is_a_table_the_run_and_its_figure(
     assert [line.split()[0] for line in lines[2:7]] == [short(sweep.key) for sweep in sweeps]
     assert lines[-3].startswith("run 1 partial: 5 sweeps, 4 computed, 0 reused, 1 failed")
     assert lines[-2:] == ["figure figures/bench.png", "figure figures/bench-2.png"]
-    assert "next: fraexp show 1, " in printed.err
-    assert "fraexp plot 1" in printed.err
+    here = f" --workspace {arguments.workspace}"
+    assert f"next: fraexp show 1{here}, fraexp show {short(sweeps[0].key)}{here}, fraexp plot 1 -o" in printed.err
 
 
 def test_a_run_as_json_is_one_document(arguments: Namespace, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,5 +1,7 @@
 import json
+import os
 import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -9,6 +11,7 @@ from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
 from fraexp.store import Store
 from fraexp.sweep import Sweep
+from tests.cli.conftest import fill
 
 GOOD = '''
 """A plant of my own."""
@@ -67,7 +70,46 @@ def test_doctor_finds_everything_sound(workspace: Path, capsys: pytest.CaptureFi
 def test_doctor_names_a_foreign_database(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "results.db").write_text("this is no database")
     assert main(["doctor", "--workspace", str(tmp_path)]) == ExitCode.STORE
-    assert "results.db" in capsys.readouterr().out
+    (line,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("database")]
+    assert line.split(maxsplit=1)[1].startswith(f"{tmp_path / 'results.db'}: this is no database; ")
+    assert line.count("results.db") == 1
+
+
+@pytest.mark.parametrize(
+    ("statement", "finding"),
+    [
+        ("UPDATE frequency_response SET response = x'00'", "its frequency response has an array that is none"),
+        ("UPDATE frequency_response SET harmonics = 'text'", "its frequency response has an array that is none"),
+        ("UPDATE curve_column SET samples = zeroblob(1000)", "its curve column has an array that is none"),
+        ("UPDATE sweep SET outcome = 'ok' WHERE outcome IS NOT NULL", "it has an unknown outcome 'ok'"),
+    ],
+)
+def test_doctor_finds_what_is_no_result(
+    statement: str, finding: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    fill(tmp_path / "results.db")
+    with closing(sqlite3.connect(tmp_path / "results.db")) as connection, connection:
+        connection.execute(statement)
+    assert main(["doctor", "--workspace", str(tmp_path), "--json"]) == ExitCode.STORE
+    error = json.loads(capsys.readouterr().out)["database"]["error"]
+    assert error.startswith(f"{tmp_path / 'results.db'}: sweep ")
+    assert error.endswith(f": {finding}; restore a backup")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="permissions of POSIX")
+@pytest.mark.parametrize(
+    ("part", "finding"), [("results.db", "the file is read-only"), ("", "the folder is read-only")]
+)
+def test_doctor_tells_what_cannot_be_written(
+    part: str, finding: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fill(tmp_path / "results.db")
+    # Whoever runs the tests may be one who may write everywhere.
+    monkeypatch.setattr("fraexp.store.sqlite._may_write", lambda path: path != tmp_path / part)
+    assert main(["doctor", "--workspace", str(tmp_path)]) == ExitCode.OK
+    printed = capsys.readouterr()
+    assert f"read-only: {tmp_path / 'results.db'}: {finding}; " in printed.err
+    assert "5 sweeps" in printed.out
 
 
 def test_doctor_looks_before_the_first_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -99,6 +141,25 @@ def test_doctor_finds_wrong_numbers(
     assert "wrong numbers: the response differs by 1.0e-05 of the truth" in capsys.readouterr().out
 
 
+def broken_off_and_run_again(folder: Path, end: str) -> None:
+    """Write a run that was broken off, and a later one of the same study that ended in this way."""
+    sweep = Sweep({"source": "loop"}, {"name": "proposed"})
+    with Store.open(str(folder / "results.db"), create=True) as store:
+        store.begin_run("bench", "bench.toml", "fraexp run bench", {}, [sweep])
+        store.end_run(store.begin_run("bench", "bench.toml", "fraexp run bench", {}, [sweep]), end)
+    with closing(sqlite3.connect(folder / "results.db")) as connection, connection:
+        connection.execute("UPDATE run SET pid = 4194305 WHERE number = 1")  # above the greatest that there can be
+
+
+@pytest.mark.parametrize(("end", "count"), [("complete", 0), ("partial", 1)])
+def test_doctor_says_nothing_of_a_run_that_a_later_one_has_completed(
+    end: str, count: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    broken_off_and_run_again(tmp_path, end)
+    assert main(["doctor", "--workspace", str(tmp_path), "--json"]) == ExitCode.OK
+    assert len(json.loads(capsys.readouterr().out)["database"]["hanging"]) == count
+
+
 def test_doctor_names_a_run_that_was_broken_off(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     sweep = Sweep({"source": "loop"}, {"name": "proposed"})
     with Store.open(str(tmp_path / "results.db"), create=True) as store:
@@ -107,4 +168,21 @@ def test_doctor_names_a_run_that_was_broken_off(tmp_path: Path, capsys: pytest.C
     with sqlite3.connect(tmp_path / "results.db") as connection:
         connection.execute("UPDATE run SET pid = 4194305")  # above the greatest that there can be
     assert main(["doctor", "--workspace", str(tmp_path)]) == ExitCode.OK
-    assert "run 1 was broken off, and holds 1 sweep; fraexp run bench goes on from there" in capsys.readouterr().err
+    assert (
+        "run 1 was broken off, with 1 sweep leased to it; fraexp run bench goes on from there"
+        in capsys.readouterr().err
+    )
+
+
+@pytest.mark.skipif(os.name != "posix", reason="permissions of POSIX")
+@pytest.mark.parametrize("options", [[], ["--package"]])
+def test_a_plugin_that_cannot_be_written_is_one_line(
+    options: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "plugins").touch()  # which nobody can make a folder, whoever runs the tests
+    (tmp_path / "fraexp-foo").touch()
+    assert main(["new", "friction", "foo", "--workspace", str(tmp_path), *options]) == ExitCode.USAGE
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"fraexp: {tmp_path}")
+    assert "cannot be written (" in line
+    assert line.endswith("; name a folder of yours with --workspace")

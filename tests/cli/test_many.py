@@ -102,7 +102,7 @@ def test_a_run_ends_with_the_summary(folder: Path, capsys: pytest.CaptureFixture
     report(Story(ended=[Ended(1, "complete")]), arguments(folder), Workspace.open(folder))
     printed = capsys.readouterr()
     assert "outcomes   59 ok, 1 diverged" in printed.out
-    assert "fraexp show 1 --all shows each sweep" in printed.err
+    assert f"fraexp show 1 --all --workspace {folder} shows each sweep" in printed.err
     assert "run 1 complete: 60 sweeps" in printed.out
 
 

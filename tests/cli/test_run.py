@@ -1,11 +1,15 @@
 import json
 import sqlite3
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
+from fraexp.errors import UnreachedError
+from fraexp.executors.serial import Serial
+from fraexp.store import Store
 
 STUDY = """
 title = "Two methods"
@@ -46,6 +50,53 @@ def test_a_run_prints_its_table_and_figure_and_is_reused(folder: Path, capsys: p
     (run,) = document["runs"]
     assert (run["number"], run["reused"], run["figures"]) == (2, 2, ["figures/methods.png"])
     assert figure.stat().st_mtime_ns == drawn
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--executor=dask:tcp://127.0.0.1:1"], "no Dask scheduler answers at tcp://127.0.0.1:1"),
+        (["--executor=dask:tcp://127.0.0.1:1", "--memory=2GB"], "capped where they are started"),
+        (["--executor=serial", "--memory=2GB"], "cannot cap memory"),
+    ],
+)
+def test_an_executor_that_cannot_be_had_leaves_no_run(
+    options: list[str],
+    said: str,
+    folder: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    dask = pytest.importorskip("fraexp.executors.dask", reason="Dask is not installed: pip install 'fraexp[dask]'")
+    pytest.importorskip("distributed", reason="Dask is not installed: pip install 'fraexp[dask]'")
+    monkeypatch.setattr(dask, "CONNECT", 0.1)
+    assert main(["run", "methods", *options]) == ExitCode.USAGE
+    assert said in capsys.readouterr().err.splitlines()[-1]
+    main(["list", "--json"])
+    listed = capsys.readouterr().out
+    assert not listed or json.loads(listed)["runs"] == []
+
+
+def test_a_study_with_nothing_to_compute_needs_no_executor(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("distributed", reason="Dask is not installed: pip install 'fraexp[dask]'")
+    assert main(["run", "methods", "--executor", "serial"]) == ExitCode.OK
+    assert main(["run", "methods", "--executor", "dask:tcp://127.0.0.1:1"]) == ExitCode.OK
+    assert "run 2 complete: 2 sweeps, 0 computed, 2 reused" in capsys.readouterr().out
+
+
+def test_workers_that_are_gone_for_good_are_sweeps_that_were_not_reached(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def gone(_: Serial) -> Iterator[tuple[int, float]]:
+        raise UnreachedError("the scheduler was gone for 120 s; what is computed is stored")
+
+    monkeypatch.setattr(Serial, "reports", gone)
+    assert main(["run", "methods", "--executor", "serial"]) == ExitCode.INCOMPLETE
+    assert capsys.readouterr().err.endswith("fraexp: the scheduler was gone for 120 s; what is computed is stored\n")
+    with Store.open("results.db", read_only=True) as store:
+        assert store.run(1).state == "partial"
 
 
 def test_a_dry_run_tells_and_writes_nothing(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,11 +1,13 @@
 """From what is typed to runs and sweeps."""
 
+from argparse import Namespace
 from pathlib import Path
 
 import pytest
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
+from fraexp.cli.selection import place
 from fraexp.store import Store
 from fraexp.sweep import Sweep
 
@@ -49,3 +51,16 @@ def test_a_unit_of_another_kind_is_refused_in_a_filter(tmp_path: Path, capsys: p
     assert "'plant.gain>1kg': 'kg' is not a unit of the same kind as 'm/(N s**2)'" in capsys.readouterr().err
     assert main(["list", "plant.gain>1mm/(N*s**2)", "--db", database]) == ExitCode.OK
     assert "1 sweep" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("workspace", "url", "told"),
+    [
+        (".", None, ""),
+        (".", "other.db", " --db other.db"),
+        ("my bench", None, " --workspace 'my bench'"),
+        ("bench", "postgresql://me:secret@host/base", " --workspace bench --db 'postgresql://me:***@host/base'"),
+    ],
+)
+def test_commands_that_are_proposed_name_the_place_that_was_given(workspace: str, url: str | None, told: str) -> None:
+    assert place(Namespace(workspace=Path(workspace), db=url)) == told

@@ -1,6 +1,8 @@
 """Joining two databases of any kind: what is added, what stays, and that doing it again adds nothing."""
 
 import math
+import sqlite3
+from contextlib import closing
 from dataclasses import replace
 
 import numpy as np
@@ -118,13 +120,11 @@ def test_many_sweeps_and_large_ones_are_joined_in_parts(store, other, sweep, res
 
 
 def test_a_sweep_whose_key_is_not_that_of_its_parameters_is_left_out(store, path, sweep, result, tmp_path):
-    import sqlite3
-    from contextlib import closing
-
     with Store.open(str(tmp_path / "forged.db"), create=True) as forged:
         forged.save(begin_in(forged, [sweep(0), sweep(1)]), [(sweep(0), result(), {})])
-    with closing(sqlite3.connect(tmp_path / "forged.db")) as connection, connection:
-        connection.execute(f"UPDATE sweep SET excitation_part = {other_part(sweep)} WHERE key = '{sweep(0).key}'")
+    spoil(
+        tmp_path / "forged.db", f"UPDATE sweep SET excitation_part = {other_part(sweep)} WHERE key = '{sweep(0).key}'"
+    )
     with Store.open(str(tmp_path / "forged.db"), read_only=True) as forged:
         merged = joined(store, forged)
     assert [(conflict.key, conflict.what) for conflict in merged.conflicts] == [(sweep(0).key, ("key",))]
@@ -138,6 +138,38 @@ def other_part(sweep) -> str:
 def test_a_database_is_not_merged_into_itself(store, url):
     with Store.open(url, read_only=True) as again, pytest.raises(StoreError, match="cannot be merged into itself"):
         store.merge(again)
+
+
+def spoil(file, statement) -> None:
+    with closing(sqlite3.connect(file)) as connection, connection:
+        connection.execute(statement)
+
+
+@pytest.mark.parametrize("known", [False, True])
+def test_an_outcome_that_is_none_is_refused_with_the_name_of_its_database(store, sweep, result, tmp_path, known):
+    if known:
+        store.save(begin_in(store, [sweep()]), [(sweep(), result(), {})])
+    file = tmp_path / "theirs.db"
+    with Store.open(str(file), create=True) as theirs:
+        theirs.save(begin_in(theirs, [sweep()]), [(sweep(), result(), {})])
+    spoil(file, "UPDATE sweep SET outcome = 'ok'")
+    with (
+        Store.open(str(file), read_only=True) as theirs,
+        pytest.raises(StoreError, match=r"theirs\.db: it holds what fraexp does not write \(KeyError: 'ok'\)"),
+    ):
+        joined(store, theirs)
+
+
+@pytest.mark.parametrize("spoilt", ["results.db", "theirs.db"])
+def test_a_damaged_array_is_told_with_its_database_and_its_sweep(store, path, sweep, result, tmp_path, spoilt):
+    theirs = Store.open(str(tmp_path / "theirs.db"), create=True)
+    for one in (store, theirs):
+        one.save(begin_in(one, [sweep()]), [(sweep(), result(), {})])
+    theirs.close()
+    spoil(tmp_path / spoilt, "UPDATE frequency_response SET response = x'00'")
+    where = rf"{spoilt}: sweep {sweep().key[4:12]}: a stored array is damaged \(.*\); compute the sweep again"
+    with Store.open(str(tmp_path / "theirs.db"), read_only=True) as theirs, pytest.raises(StoreError, match=where):
+        joined(store, theirs)
 
 
 def test_nan_is_equal_to_itself_and_the_distance_is_relative(result):

@@ -174,3 +174,19 @@ def test_text_that_no_encoding_holds_is_escaped(store, begin, sweep):
     store.fail(run, sweep().key, "no file 'a\udcff'", "log \0 end")
     assert store.sweeps(run)[0].message == r"no file 'a\udcff'"
     assert store.log(sweep().key) == r"log \x00 end"
+
+
+@pytest.mark.parametrize(
+    ("statement", "found"),
+    [
+        ("UPDATE frequency_response SET response = :bytes", "its frequency response has an array that is none"),
+        ("UPDATE frequency_response SET covariance = :bytes", "its frequency response has an array that is none"),
+        ("UPDATE curve_column SET samples = :bytes", "its curve column has an array that is none"),
+        ("UPDATE sweep SET outcome = 'ok'", "it has an unknown outcome 'ok'"),
+    ],
+)
+def test_what_is_no_result_is_found(store, begin, sweep, result, sql, statement, found):
+    store.save(begin([sweep()]), [(sweep(), result(), {})])
+    assert store.health() == "sound"
+    sql(statement, **({"bytes": b"\0"} if ":bytes" in statement else {}))
+    assert store.health() == f"sweep {sweep().key[4:12]}: {found}"

@@ -136,7 +136,7 @@ def test_a_reader_does_not_migrate(store, path, next_schema):
     store.close()
     before = path.read_bytes()
     with pytest.raises(
-        StoreError, match=f"its schema {HISTORY[-1]} is older than next; any 'fraexp run' brings it up to date"
+        StoreError, match=f"its schema {HISTORY[-1]} is older than next; 'fraexp migrate --db {path}' brings it up"
     ):
         check_readable(SqliteFile(path, 1.0), next_schema())
     assert path.read_bytes() == before

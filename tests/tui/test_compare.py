@@ -56,7 +56,8 @@ def test_without_a_database_it_says_so(tmp_path: Path) -> None:
 def test_marked_sweeps_are_overlaid_with_the_plant(workspace: Path, keys: list[str], size: tuple[int, int]) -> None:
     async def steps(app: FraexpApp, pilot: Pilot[None]) -> None:
         page = await compare(app, pilot, keys)
-        assert page.command == f"fraexp compare {' '.join(short(key) for key in keys)} --workspace={workspace}"
+        shorts = " ".join(short(key) for key in keys)
+        assert page.command == f"fraexp plot {shorts} --kind bode -o bode.png --workspace={workspace}"
         text = screen_text(app)
         for part in (
             "1 ━━━ 12 N, conventional",
@@ -79,6 +80,9 @@ def test_every_view_has_a_kind_of_figure_and_its_command_draws_it(
     async def steps(app: FraexpApp, pilot: Pilot[None]) -> None:
         page = await compare(app, pilot, keys)
         commands.append(page.command)
+        await pilot.press("i")
+        await until(pilot, lambda: page.command.startswith(f"fraexp compare {short(keys[0])} "))
+        commands.append(page.command)
         for key, kind in (("d", "difference"), ("n", "nyquist"), ("t", "coherence")):
             await pilot.press(key)
             await until(pilot, lambda kind=kind: f"--kind {kind}" in page.command)
@@ -91,7 +95,12 @@ def test_every_view_has_a_kind_of_figure_and_its_command_draws_it(
         program, *arguments = command.split()
         assert program == "fraexp"
         assert main(arguments) == ExitCode.OK
-    assert {file.name for file in tmp_path.glob("*.png")} == {"difference.png", "nyquist.png", "coherence.png"}
+    assert {file.name for file in tmp_path.glob("*.png")} == {
+        "bode.png",
+        "difference.png",
+        "nyquist.png",
+        "coherence.png",
+    }
 
 
 def test_digits_hide_curves_and_the_command_names_what_is_seen(workspace: Path, keys: list[str]) -> None:
@@ -99,7 +108,7 @@ def test_digits_hide_curves_and_the_command_names_what_is_seen(workspace: Path, 
         page = await compare(app, pilot, keys)
         await pilot.press("2", "3")
         assert page.stack.sight.hidden == {1, 2}
-        assert f"compare {short(keys[0])} {short(keys[3])}" in page.command
+        assert f"plot {short(keys[0])} {short(keys[3])}" in page.command
         await shows(pilot, "2 off 12 N, proposed")
         await pilot.press("9")  # there is none
         assert page.stack.sight.hidden == {1, 2}
@@ -171,6 +180,24 @@ def test_the_table_has_only_what_differs(workspace: Path, keys: list[str]) -> No
         assert "━" not in screen_text(app)
         await pilot.press("escape")
         await shows(pilot, "Magnitude")
+
+    pilot_of(workspace, steps)
+
+
+def test_the_command_draws_the_band_and_the_phase_that_are_seen(workspace: Path, keys: list[str]) -> None:
+    async def steps(app: FraexpApp, pilot: Pilot[None]) -> None:
+        page = await compare(app, pilot, keys)
+        whole = page.command
+        page.stack._x[page.stack.picture.panels[0].axis] = (1.0, 2.0)  # as zooming does, to the decade above 10 Hz
+        await pilot.press("W")
+        await until(pilot, lambda: "--kind bode --band=10:100 --wrapped -o bode.png" in page.command)
+        await pilot.press("d")  # the same frequencies; there is no phase to wrap
+        await until(pilot, lambda: "--kind difference --band=10:100 -o" in page.command)
+        await pilot.press("n")
+        await until(pilot, lambda: "--kind nyquist -o" in page.command)
+        await pilot.press("b", "W")
+        page.action_home()
+        await until(pilot, lambda: page.command == whole)
 
     pilot_of(workspace, steps)
 

@@ -8,6 +8,7 @@ import pytest
 from textual.pilot import Pilot
 from textual.widgets import DataTable
 
+from fraexp.figures.view import View
 from fraexp.results import Curve, Outcome, Result
 from fraexp.tui import compare as compare_module
 from fraexp.tui.app import FraexpApp
@@ -146,6 +147,7 @@ def test_a_file_in_a_folder_that_is_not_there_is_refused(tmp_path: Path) -> None
 
 def test_commands_do_not_show_a_password(tmp_path: Path) -> None:
     workspace = Workspace.open(tmp_path, "postgresql+psycopg://lab:secret@host/results")
-    for command in (compare_command(workspace, ["v1:0-1"]), plot_command(workspace, ["v1:0-1"], "bode", "a.png")):
+    drawn = plot_command(workspace, ["v1:0-1"], "bode", "a.png", View())
+    for command in (compare_command(workspace, ["v1:0-1"]), drawn):
         assert "secret" not in command
         assert "***@host/results" in command

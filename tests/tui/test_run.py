@@ -173,13 +173,19 @@ def test_a_run_that_is_stopped_before_it_began_says_where_the_keys_lead(workspac
     log = workspace / "run.log"
     log.touch()
     process = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"])  # as long as it is read
-    started = Started(process, log)
+    started = Started(process, log, ("run", "nothing", f"--workspace={workspace}"))
 
     async def steps(app, pilot):
         show_run(app, started)
         await shows(pilot, "starting ...")
         await pilot.press("x")
         await shows(pilot, "stopped before it began", "Esc leads to the runs, s to the studies")
+        page = app.screen
+        page._stopped = None  # nobody is asked to end any more
+        await pilot.press("x", "R")
+        await until(pilot, lambda: isinstance(app.screen, RunPage) and app.screen is not page)
+        app.screen.started.process.wait()
+        await shows(pilot, "there is no study 'nothing'")
         await pilot.press("escape")
         await until(pilot, lambda: isinstance(app.screen, RunsPage))
 

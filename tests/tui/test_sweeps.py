@@ -3,8 +3,12 @@
 import shutil
 
 import pytest
-from textual.widgets import Static
+from textual import events
+from textual.keys import _character_to_key
+from textual.widgets import Input, Static
 
+from fraexp.cli.exits import ExitCode
+from fraexp.cli.main import main
 from fraexp.store import Store
 from fraexp.tui import table as table_module
 from fraexp.tui.app import FraexpApp
@@ -52,6 +56,42 @@ def test_a_filter_is_tried_while_it_is_written(workspace):
         assert app.focused is table
         await pilot.press("escape")
         await shows(pilot, "rows 1-5 of 5", "$ fraexp list --sweeps")
+
+    pilot_of(workspace, steps)
+
+
+def test_a_command_with_a_term_that_excludes_can_be_typed(workspace, capsys):
+    async def steps(app, pilot):
+        table = await opened(app, pilot)
+        await pilot.press("slash")
+        app.screen.line.value = "-estimator=proposed"
+        await until(pilot, lambda: table.filter == "-estimator=proposed")
+        await until(pilot, lambda: app.screen.command == "fraexp list -- -estimator=proposed")
+        table.order = "elapsed"
+        await until(pilot, lambda: app.screen.command == "fraexp list --order=elapsed -- -estimator=proposed")
+
+    pilot_of(workspace, steps)
+    assert main(["list", f"--workspace={workspace}", "--order=elapsed", "--", "-estimator=proposed"]) == ExitCode.OK
+    assert "conventional" in (printed := capsys.readouterr().out)
+    assert "proposed" not in printed
+
+
+def test_keys_that_come_at_once_take_effect_in_their_order(workspace):
+    async def steps(app, pilot):
+        await opened(app, pilot)
+
+        def typed(*keys: str) -> None:
+            for key in keys:
+                letter = key if len(key) == 1 else None
+                event = events.Key(_character_to_key(key) if letter else key, letter)
+                event.set_sender(app)
+                app.post_message(event)
+
+        for _ in range(3):
+            typed("/", "home", "ctrl+k", "ctrl+u", *"run=1")  # none of which is for the table
+            await until(pilot, lambda: app.screen.line.value == "run=1")
+            typed(*["backspace"] * 7, *"tag:x", "enter", "k", "j")
+            await until(pilot, lambda: app.screen.line.value == "tag:x" and app.focused is app.screen.table)
 
     pilot_of(workspace, steps)
 
@@ -108,7 +148,10 @@ def test_rows_are_sorted_by_a_field_that_is_asked_for_and_turned(workspace):
         await shows(pilot, "Sort by which")
         await write(pilot, "nonsense")
         await shows(pilot, "there is no field 'nonsense'")
-        await pilot.press("enter", "ctrl+u")
+        app.screen.query_one(Input).value = "-peak"
+        await shows(pilot, "there is no field 'peak'; with a name like that: metric.peak force")
+        await pilot.press("enter")  # not by that
+        app.screen.query_one(Input).value = ""
         await write(pilot, "excitation.amplitude")
         await pilot.press("enter")
         await shows(pilot, "amplitude ▲", "rows 1-5 of 5, by excitation.amplitude", "--order=excitation.amplitude")

@@ -1,0 +1,43 @@
+"""What ``fraexp merge`` says of a database that cannot be added."""
+
+import sqlite3
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from fraexp.cli.exits import ExitCode
+from fraexp.cli.main import main
+from tests.cli.conftest import fill
+
+
+def refused(folder: Path, capsys: pytest.CaptureFixture[str], other: str) -> str:
+    """Return the one line with which a database is refused."""
+    assert main(["merge", str(folder / other), "--db", str(folder / "mine.db")]) == ExitCode.STORE
+    (line,) = capsys.readouterr().err.splitlines()
+    return line
+
+
+def test_a_file_without_a_database_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "empty.db").touch()
+    remedy = "name the database that is to be added"
+    missing = refused(tmp_path, capsys, "missing.db")
+    assert missing == f"fraexp: {tmp_path / 'missing.db'}: there is no such file; {remedy}"
+    assert refused(tmp_path, capsys, "empty.db") == f"fraexp: {tmp_path / 'empty.db'}: it holds no database; {remedy}"
+    assert not (tmp_path / "mine.db").exists()
+
+
+def test_an_older_database_is_told_with_what_brings_it_up_to_date(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    fill(tmp_path / "old.db")
+    with closing(sqlite3.connect(tmp_path / "old.db")) as connection, connection:
+        connection.execute("UPDATE alembic_version SET version_num = '0001'")
+    assert f"'fraexp migrate --db {tmp_path / 'old.db'}' brings it up to date" in refused(tmp_path, capsys, "old.db")
+
+
+def test_a_stored_outcome_that_is_none_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    fill(tmp_path / "odd.db")
+    with closing(sqlite3.connect(tmp_path / "odd.db")) as connection, connection:
+        connection.execute("UPDATE sweep SET outcome = 'ok' WHERE outcome IS NOT NULL")
+    assert f"{tmp_path / 'odd.db'}: it holds what fraexp does not write" in refused(tmp_path, capsys, "odd.db")
