@@ -21,6 +21,8 @@ from fraexp.store import Store, codec
 from fraexp.store.parts import learn
 from fraexp.store.tables import frequency_response, metric, run_sweep, sweep
 from fraexp.sweep import Sweep
+from fraexp.tui.compared import gather
+from fraexp.views.comparison import rows_that_differ
 
 SWEEPS = 100_000
 RUNS = 20
@@ -57,6 +59,8 @@ QUESTIONS: dict[str, Callable[[Store], Any]] = {
     "loop.resolution<=1um": lambda store: store.page("loop.resolution<=1um"),
     "a word": lambda store: store.page("proposed"),
     "a word that nothing has": lambda store: store.page("nowhere"),
+    "show a sweep": lambda store: store.results([store.find(store.page(limit=1).rows[0].key[4:12]).key]),
+    "compare four sweeps": lambda store: differing(store, [row.key for row in store.page(limit=4).rows]),
     "a run of 5000": lambda store: store.page(run=3),
     "a run, filtered and sorted": lambda store: store.page("estimator=proposed", "-elapsed", run=3),
     "study:drawn": lambda store: store.page("study:drawn"),
@@ -82,6 +86,12 @@ def main() -> int:
         print()
         with Store.open(database, read_only=True) as store:
             return missed + sum(report(store, name, ask, served) for name, ask in QUESTIONS.items()) > 0
+
+
+def differing(store: Store, keys: list[str]) -> list[list[str]]:
+    """Return in what sweeps differ, as the terminal UI and ``fraexp compare`` show it."""
+    found = gather(store, keys)
+    return rows_that_differ(found.sweeps, found.results)
 
 
 def show_size(points: int, sweeps: int = 2000) -> bool:
