@@ -1,7 +1,7 @@
 """Why a sweep is computed or reused: which outcome, which plugin's source, which parameter, compared to what."""
 
 from collections import defaultdict
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any
 
 from fraexp.events import Why
@@ -11,6 +11,7 @@ from fraexp.plugins import Registry, Supply
 from fraexp.results import Outcome
 from fraexp.store import RunSummary, Store, StoredState, StoredSweep
 from fraexp.sweep import Plain, Sweep
+from fraexp.units import with_powers
 
 FRUITLESS = (Outcome.NO_SIGNAL, Outcome.DIVERGED, Outcome.FAILED)
 """Outcomes that ``rerun = "failed"`` computes again."""
@@ -139,14 +140,11 @@ def _told(path: str, now: Sequence[Any], then: Sequence[Any], unit: str) -> str:
     return f"{path} = {_some(now, unit)}, stored {_some(then, unit)}"
 
 
-def _some(values: Iterable[Any], unit: str) -> str:
-    distinct = list(dict.fromkeys(map(_short, values := list(values))))
+def _some(values: Sequence[Any], unit: str) -> str:
+    distinct = list(dict.fromkeys(map(_short, values)))
     more = len(distinct) - VALUES
-    of = (
-        f" {unit.replace('**2', '²')}"
-        if unit not in ("", "1") and any(type(value) in (int, float, list) for value in values)
-        else ""
-    )
+    measured = unit not in ("", "1") and any(type(value) in (int, float, list) for value in values)
+    of = f" {with_powers(unit)}" if measured else ""
     return ", ".join(distinct[:VALUES]) + (f" and {more} more" if more > 0 else "") + of
 
 

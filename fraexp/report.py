@@ -19,7 +19,7 @@ from fraexp.printed import HALF_WIDTH, Candidate, Compared, half_widths, readabl
 from fraexp.results import Result
 from fraexp.store import RunSummary, Store, StoredSweep
 from fraexp.study import Study, described, find_studies
-from fraexp.units import factor
+from fraexp.units import factor, with_powers
 
 MOST = 50
 """Sweeps of a run that are shown one by one."""
@@ -301,7 +301,7 @@ def _title(name: str, unit: str) -> str:
 
 
 def _unit(unit: str) -> str:
-    shown = unit.replace("**2", "²").replace("**3", "³")
+    shown = with_powers(unit)
     return "" if unit == "1" else f"µ{shown[1:]}" if shown.startswith("u") and len(shown) > 1 else shown
 
 

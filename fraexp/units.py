@@ -66,6 +66,11 @@ SPELLINGS = {"": "dimensionless", "1": "dimensionless", "Nm": "N*m", "mNm": "mN*
 """What people write, and pint reads otherwise (its Nm is a measure of yarn)."""
 
 
+def with_powers(unit: str) -> str:
+    """Return a unit with its powers as people read them: ``m/(N s²)``."""
+    return unit.replace("**2", "²").replace("**3", "³")
+
+
 LONGEST, LONGEST_NUMBER = 80, 500
 """Letters of a unit, and of a number with one."""
 EXPONENT = re.compile(r"\s*(?:[+-]?\d{1,2}(?:\.\d{1,4})?|\([+-]?\d{1,2}(?:[./]\d{1,2})?\))(?![\d(._])")

@@ -23,7 +23,7 @@ from fraexp.figures.label_units import label_units
 from fraexp.figures.labels import curve_names, drawn_names, group_names
 from fraexp.figures.shown import Shown
 from fraexp.figures.stamp import digest, is_current
-from fraexp.figures.view import View
+from fraexp.figures.view import ALL, View
 from fraexp.identity import key_of
 from fraexp.paths import units_of
 from fraexp.plugins import Registry, discover
@@ -272,7 +272,7 @@ class Workspace:
         title: str,
         kind: str = "",
         tell: Callable[[str], object] = lambda _: None,
-        view: View | None = None,
+        view: View = ALL,
     ) -> dict[Path, bool]:
         """Draw sweeps into a file for each unit of their responses: the first is `path`, then ``<name>-2`` and so on.
 
@@ -293,7 +293,7 @@ class Workspace:
         for group in groups.values():
             target = path.with_stem(f"{path.stem}-{len(drawn) + 1}") if drawn else path
             try:
-                drawn[target] = self._draw_group(group, results, target, title, kind, tell, view or View())
+                drawn[target] = self._draw_group(group, results, target, title, kind, tell, view)
             except FraexpError as error:  # a kind need not fit what other sweeps of the study have found
                 unfit.append(error)
         if unfit and not (drawn and kind):

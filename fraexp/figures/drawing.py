@@ -23,10 +23,9 @@ from fraexp.figures.nyquist import draw_nyquist, nyquist_info
 from fraexp.figures.positioning import draw_positioning, is_positioning, positioning_info
 from fraexp.figures.shown import Shown
 from fraexp.figures.stamp import check_suffix, digest
-from fraexp.figures.view import View, interrupt_wrapped, show_band
+from fraexp.figures.view import ALL, View, interrupt_wrapped, show_band
 from fraexp.results import Curve
 
-ALL = View()
 OF_CURVES = ("hysteresis", "positioning", "curves")
 """Kinds of figure that show the curves of results."""
 OF_SHOWN: dict[str, Callable[[Sequence[Shown], str], Figure]] = {

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from fraexp.sweep import DRAW
+from fraexp.units import with_powers
 
 COMMANDING = ("Cc", "Cf", "Cs", "Zl", "Zp")
 """Unicode categories that move the cursor, turn the writing direction or break lines."""
@@ -180,4 +181,4 @@ def _part(title: str, value: Any, text: str, unit: str, alone: bool) -> str:
     factor, shown = (
         (1.0, unit) if unit != "m" or abs(value) >= 1 else (1e3, "mm") if abs(value) >= 1e-3 else (1e6, "µm")
     )
-    return f"{'' if alone else f'{title} '}{value * factor:.6g} {shown.replace('**2', '²')}"
+    return f"{'' if alone else f'{title} '}{value * factor:.6g} {with_powers(shown)}"

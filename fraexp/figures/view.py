@@ -39,7 +39,7 @@ class View:
 
     def options(self) -> list[str]:
         """Return the options of ``fraexp plot`` that give the view; they also tell it from others."""
-        band = [f"--band={self.band[0]:.4g}:{self.band[1]:.4g}"] if self.band else []
+        band = [f"--band={self.band[0]:.6g}:{self.band[1]:.6g}"] if self.band else []
         return [*band, *(["--wrapped"] if self.wrapped else [])]
 
     def check(self, kind: str) -> None:
@@ -48,6 +48,10 @@ class View:
             raise FraexpError(f"--band: the kind {kind} is not drawn over frequency; {', '.join(OVER_FREQUENCY)} are")
         if self.wrapped and kind != "bode":
             raise FraexpError(f"--wrapped: the kind {kind} has no phase to wrap; bode has")
+
+
+ALL = View()
+"""All of a figure."""
 
 
 def wrap(phase: np.ndarray) -> np.ndarray:

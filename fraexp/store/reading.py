@@ -143,7 +143,7 @@ def results(connection: Connection, keys: Iterable[str]) -> dict[str, Result]:
             key = row["key"]
             parts = (responses.get(key), tuple(metrics[key]), tuple(curves[key]), tuple(fits[key]))
             state = {"numerics": row["numerics"], "elapsed": row["elapsed"]}
-            found[key] = Result(Outcome[row["outcome"]], row["message"], *parts, **state)
+            found[key] = sound(Result(Outcome[row["outcome"]], row["message"], *parts, **state))
     return found
 
 

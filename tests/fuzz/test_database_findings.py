@@ -55,6 +55,7 @@ STRANGE = {
     "a host": "UPDATE run SET pid = 'x'",
     "an origin": "UPDATE supplied_component SET source_hash = x'00'",
     "a message": "UPDATE sweep SET message = x'00'",
+    "how it was computed": "UPDATE sweep SET numerics = x'00'",
 }
 
 
