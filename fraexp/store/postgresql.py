@@ -74,16 +74,17 @@ class PostgresqlServer(Database):
 
     def exists(self) -> bool:
         with self._asking() as connection:
-            if connection.scalar(text("SELECT to_regclass('alembic_version')")):
-                if connection.scalar(text("SELECT to_regclass('run_sweep')")):
-                    return True
-                raise StoreError(f"{self.name}: another program keeps its tables here; make a database for fraexp")
+            # Asked first: whatever another process makes meanwhile must be known as ours below.
             foreign = connection.scalar(
                 text(
                     "SELECT relname FROM pg_class WHERE relnamespace = to_regnamespace(current_schema()) "
                     "AND relkind IN ('r', 'p', 'v', 'm') LIMIT 1"
                 )
             )
+            if connection.scalar(text("SELECT to_regclass('alembic_version')")):
+                if connection.scalar(text("SELECT to_regclass('run_sweep')")):
+                    return True
+                raise StoreError(f"{self.name}: another program keeps its tables here; make a database for fraexp")
         if foreign:
             raise StoreError(f"{self.name}: there is a table '{foreign}' of others; make a database for fraexp")
         return False
