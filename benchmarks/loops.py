@@ -24,10 +24,7 @@ class Loops:
 
     setup: Setup
     batches: int
-    jobs: kernel.Jobs
-    table: kernel.Table
-    lanes: kernel.Lanes
-    results: kernel.Results
+    work: kernel.Work
     pool: np.ndarray
 
     @classmethod
@@ -37,42 +34,36 @@ class Loops:
         schedule = Schedule(ramp=RISE * setup.sample_time, settle_limit=0.0)
         made = [Experiment(setup, _period(setup, i % width), schedule, i) for i in range(width * batches)]
         plans = [experiments._Plan.of(each) for each in made]
-        table = experiments._table(plans, setup)
-        jobs = experiments._jobs(plans)._replace(
-            ramp=np.full(len(plans), RAMP),
-            record=np.full(len(plans), RECORD),
-            base=np.zeros(len(plans)),
-            rate=np.full(len(plans), 1 / RISE),
-        )
-        lanes = experiments._lanes(plans, setup, table)._replace(
+        work = experiments.prepare(plans, setup)._replace(
             history=np.empty((width, RAMP + RECORD)), others=np.empty((width, 3, RECORD))
         )
-        pool = np.zeros(len(plans) * (RAMP + 4 * RECORD))
-        return cls(setup, batches, jobs, table, lanes, experiments._results(len(plans)), pool)
+        for name, value in {"ramp": RAMP, "record": RECORD, "base": 0.0, "rate": 1 / RISE}.items():
+            work.jobs[name] = value
+        work = work._replace(frame=experiments.frame_of(work, setup))
+        return cls(setup, batches, work, np.zeros(len(plans) * (RAMP + 4 * RECORD)))
 
     def run(self) -> int:
         """Run all jobs."""
-        self.lanes.counters[:] = 0
-        self.lanes.queue[:] = 0
-        self.results.place[:] = -1
-        laws = (self.setup.friction.law,) * 2
-        return kernel.advance(laws, self.jobs, self.table, self.lanes, self.results, self.pool, 1 << 60)
+        for array in (self.work.lanes, self.work.queue):
+            array[:] = 0
+        self.work.results["place"] = -1
+        return kernel.advance(self.setup.laws, self.setup.wide, self.work, self.pool, 1 << 60)
 
     @property
     def steps(self) -> int:
         """Steps of all jobs together."""
-        return self.jobs.begin.size * (RAMP + RECORD) * int(self.table.sizes[1])
+        return self.work.jobs.size * (RAMP + RECORD) * self.setup.steps
 
     @property
     def stayed(self) -> bool:
         """Whether no job left the stroke."""
-        return bool(np.all(self.results.place >= 0))
+        return bool(np.all(self.work.results["place"] >= 0))
 
     @property
     def sizes(self) -> dict[str, int]:
         """What C calls the loop's sizes."""
-        n, m, _, order, late, held, _ = self.table.sizes
-        return {"STATES": n, "STEPS": m, "ORDER": order, "LATE": late, "HELD": held}
+        frame = self.work.frame[0]
+        return {name.upper(): int(frame[name]) for name in ("states", "steps", "order", "late", "held")}
 
     def channels(self, pool: np.ndarray | None = None) -> np.ndarray:
         """Return measured position, then control input, displacement and force of the records, each of the same size.

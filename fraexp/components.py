@@ -166,9 +166,9 @@ class FrictionModel(Component, ABC):
     @cached_property
     def vectorises(self) -> bool:
         """Whether the law can be computed for several machines at once: it takes no branch on a value."""
-        from fraexp.kernels.wide import vectorises  # numba: imported only when a law is run
+        from fraexp.kernels.drive import vectorises  # numba: imported only when a law is run
 
-        return vectorises(self.law, self.law_arguments(), self.state_size)
+        return vectorises(self.law, self.law_arguments())
 
     def law_arguments(self) -> tuple[Any, ...]:
         """Return the values that the law takes after z_next: floats, and float64 arrays for sequences."""

@@ -34,6 +34,8 @@ MOST_AHEAD = 256
 """Jobs that are sent ahead to each worker, at most: another run may claim what has not been sent."""
 LOOK = 1.0
 """Seconds between two looks at what another run computes."""
+COMPILE_S = 5
+"""Time that a friction law takes to be compiled, about [s]."""
 ALONE = 2
 """Lost workers after which a sweep is computed with nothing beside it, for all the memory that there is."""
 
@@ -73,12 +75,12 @@ class Pulse:
         self.before = 0
         """Sweeps of turns that are over."""
 
-    def beat(self, done: float, workers: int, running: Iterable[tuple[str, float]]) -> None:
+    def beat(self, done: float, workers: int, running: Iterable[tuple[str, float]], doing: str) -> None:
         """Tell it if it is time to; `running` are keys of sweeps that are being computed, with the fraction done."""
         waited = time.monotonic() - self._last
         if waited < TELL:
             return
-        now = RunProgress(self.before + done, self._total, workers, dict(islice(running, MOST_TOLD)))
+        now = RunProgress(self.before + done, self._total, workers, dict(islice(running, MOST_TOLD)), doing)
         if now != self._told or waited > BEAT:
             self._store.beat(self._run, now)
             self._last, self._told = time.monotonic(), now
@@ -124,6 +126,9 @@ class Computation:
         """Which another run has claimed."""
         self._running: dict[int, _Group] = {}
         self._fractions: dict[int, float] = {}
+        self._compiling: dict[int, str] = {}
+        """What jobs compile, by their number."""
+        self._announced: set[str] = set()
         self._answers: queue.SimpleQueue[tuple[_Group, Future[Answer]]] = queue.SimpleQueue()
         self._answered: list[tuple[Sweep, Result | Failure]] = []
         self._finished = 0
@@ -146,6 +151,7 @@ class Computation:
             yield from self._store_answers()
             yield from self._look_at_held()
             yield from (Noticed(text) for text in self._workers.notes())
+            yield from self._tell_compiling()
             if time.monotonic() - self._told > POLL:
                 yield self._tell()
         yield self._tell()
@@ -220,10 +226,21 @@ class Computation:
             timeout = None
             del self._running[group.number]
             self._fractions.pop(group.number, None)
+            self._compiling.pop(group.number, None)
             self._take(group, future)
         for number, fraction in self._workers.reports():
             if number in self._running:
                 self._fractions[number] = fraction
+                self._compiling.pop(number, None)
+
+    def _tell_compiling(self) -> Iterator[Event]:
+        """Say once of each friction law that it is compiled."""
+        for number, laws in self._workers.compiles():
+            if number in self._running:
+                self._compiling[number] = f"compiling friction law {laws}"
+        for text in set(self._compiling.values()) - self._announced:
+            self._announced.add(text)
+            yield Preparing(f"{text} (once per machine, about {COMPILE_S} s)")
 
     def _take(self, group: _Group, future: "Future[Answer]") -> None:
         error = future.exception()
@@ -288,5 +305,6 @@ class Computation:
         done = self._finished + len(self._answered)
         share = done + sum(len(self._running[number].sweeps) * part for number, part in fractions.items())
         started = ((sweep.key, part) for number, part in fractions.items() for sweep in self._running[number].sweeps)
-        self._pulse.beat(share, self._workers.count, started)
-        return Progress(share, self._total, sum(len(self._running[number].sweeps) for number in fractions))
+        doing = next(iter(self._compiling.values()), "")
+        self._pulse.beat(share, self._workers.count, started, doing)
+        return Progress(share, self._total, sum(len(self._running[number].sweeps) for number in fractions), doing)

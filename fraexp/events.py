@@ -70,6 +70,8 @@ class Progress:
     total: float
     running: int | None = None
     """Sweeps that are being computed; None if that is not told."""
+    doing: str = ""
+    """What is done before a first sweep gets on, such as compiling."""
 
 
 @dataclass(frozen=True)

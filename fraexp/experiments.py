@@ -13,7 +13,7 @@ from fraexp.parameters import Parameters, param
 from fraexp.signals import Segment, Settling
 
 if TYPE_CHECKING:
-    from fraexp.kernels.experiments import Jobs, Lanes, Results, Table
+    from fraexp.kernels.experiments import Laws, Work
 
 LEAST_COMPARED = 0.1
 """Time [s] over which periods are compared at least: at 200 Hz a slow transient hardly changes in one period."""
@@ -72,6 +72,19 @@ class Setup:
         return self.compensation.law_arguments(self.sample_time) if self.compensation else ()
 
     @property
+    def laws(self) -> "Laws":
+        """What is compiled for it."""
+        from fraexp.kernels.arguments import structure
+        from fraexp.kernels.experiments import Laws
+
+        alone = Laws(self.friction.law, structure(self.friction.law_arguments()))
+        if self.compensation is None:
+            return alone
+        return alone._replace(
+            observer_law=self.compensation.friction.law, observer_kinds=structure(self.feedback_arguments)
+        )
+
+    @property
     def steps(self) -> int:
         """Steps per sample."""
         return int(self.discrete.compliance.shape[0])
@@ -105,26 +118,23 @@ def run(experiments: Sequence[Experiment], progress: Progress) -> list[Segment |
     order = sorted(range(len(plans)), key=lambda k: -plans[k].expected)  # the longest first: lanes end together
     plans = [plans[k] for k in order]
     setup = experiments[0].setup
-    jobs, table = _jobs(plans), _table(plans, setup)
-    lanes = _lanes(plans, setup, table)
-    results = _results(len(plans))
-    friction, fed_back = setup.friction, setup.compensation
-    laws, budget = (friction.law, (fed_back or setup).friction.law), max(AT_ONCE // setup.steps, 1)
+    work, laws, budget = prepare(plans, setup), setup.laws, max(AT_ONCE // setup.steps, 1)
+    results = work.results
     weights = np.array([plan.expected for plan in plans]) / sum(plan.expected for plan in plans)
     pools: list[np.ndarray] = []
     owner = np.full(len(plans), -1)
     status = kernel.FULL
     while status != kernel.DONE:
         if status == kernel.FULL:
-            pools.append(np.empty(_room(plans, lanes, pools)))
-            lanes.queue[kernel.USED] = 0
-        status = kernel.advance(laws, jobs, table, lanes, results, pools[-1], budget)
-        owner[(results.place >= 0) & (owner < 0)] = len(pools) - 1
-        progress(_share(weights, plans, results, lanes))
+            pools.append(np.empty(_room(plans, work, pools)))
+            work.queue["used"] = 0
+        status = kernel.advance(laws, setup.wide, work, pools[-1], budget)
+        owner[(results["place"] >= 0) & (owner < 0)] = len(pools) - 1
+        progress(_share(weights, plans, work))
     segments: list[Segment | None] = [None] * len(plans)
     for number, plan in enumerate(plans):
-        if results.place[number] >= 0:
-            segments[order[number]] = plan.segment(results, number, pools[owner[number]])
+        if results["place"][number] >= 0:
+            segments[order[number]] = plan.segment(results[number], pools[owner[number]])
     return segments
 
 
@@ -174,19 +184,17 @@ class _Plan:
         scatter = np.sqrt(2 * (setup.noise**2 + setup.resolution**2 / 12))
         return float(scatter * (1 + 3 / np.sqrt(2 * self.stretch))) if self.stretch else 0.0
 
-    def segment(self, results: "Results", number: int, pool: np.ndarray) -> Segment:
+    def segment(self, result: np.void, pool: np.ndarray) -> Segment:
         """Return the recorded periods from the pool."""
         from fraexp.kernels.experiments import SETTLED
 
         sample_time, period = self.experiment.setup.sample_time, self.experiment.period
-        begin, before, record = results.place[number], results.lead_in[number], self.record
+        begin, before, record = int(result["place"]), int(result["lead_in"]), self.record
         lead_in, first = pool[begin : begin + before], begin + before
         count = self.experiment.setup.channels
         numbers = pool[first : first + count * record].reshape(count, self.count, period.waveform.size)
-        waited = int(results.settling[number])
-        settling = Settling(
-            bool(results.status[number] == SETTLED), waited * sample_time, float(results.residual[number])
-        )
+        waited = int(result["settling"])
+        settling = Settling(bool(result["status"] == SETTLED), waited * sample_time, float(result["residual"]))
         channels = dict(zip(("y", "u", "displacement", "friction", "compensation"), numbers, strict=False))
         channels["excitation"] = _repeated(period.waveform, waited, self.count)
         if period.reference is not None:
@@ -201,25 +209,114 @@ def _repeated(period: np.ndarray, waited: int, count: int) -> np.ndarray:
     return np.broadcast_to(shifted, (count, period.size)) if count > 1 else shifted.reshape(1, -1)
 
 
-def _jobs(plans: list[_Plan]) -> "Jobs":
-    from fraexp.kernels.experiments import Jobs
+def prepare(plans: list[_Plan], setup: Setup) -> "Work":
+    """Return experiments of like machines in numbers, with lanes at rest that have nothing to do."""
+    from fraexp.kernels.arguments import aligned_zeros, sizes
+    from fraexp.kernels.block import DRIVE_ROWS, TRACE_ROWS
+    from fraexp.kernels.experiments import IDLE, LANE, NOISE_ROWS, QUEUE, Work
+    from fraexp.kernels.lanes import WIDTH
 
-    setups = _setups(plans)
-    sizes = [plan.experiment.period.waveform.size for plan in plans]
-    return Jobs(
-        machine=np.array([setups[id(plan.experiment.setup)] for plan in plans]),
-        begin=np.cumsum([0, *sizes[:-1]]),
-        period=np.array(sizes),
-        ramp=np.array([plan.ramp for plan in plans]),
-        stretch=np.array([plan.stretch for plan in plans]),
-        limit=np.array([plan.limit for plan in plans]),
-        record=np.array([plan.record for plan in plans]),
-        base=np.array([plan.base for plan in plans]),
-        rate=np.array([plan.rate for plan in plans]),
-        tolerance=np.array([plan.experiment.schedule.tolerance for plan in plans]),
-        floor=np.array([plan.floor for plan in plans]),
-        seed=np.array([_seed(plan.experiment) for plan in plans], dtype=np.uint64),
+    width = WIDTH if setup.wide else 1
+    machines, waves = _machines(plans), [plan.experiment.period.waveform for plan in plans]
+    silence = np.zeros(max(wave.size for wave in waves))
+    memory = _memory_rows(setup)
+    compared = max(2 * plan.stretch + plan.record for plan in plans)
+    room = max(min(max(plan.longest for plan in plans), REMEMBERED), compared)
+    lanes = np.zeros(width, LANE)
+    lanes["stage"] = IDLE
+    work = Work(
+        jobs=_jobs(plans),
+        results=_no_results(len(plans)),
+        machines=machines,
+        waves=np.concatenate([*waves, silence]),
+        goals=_goals(plans, silence),
+        sigma=setup.noise,
+        store=aligned_zeros(machines.shape[1] + sum(memory.values()), width),
+        drive=aligned_zeros(DRIVE_ROWS, width),
+        trace=aligned_zeros(TRACE_ROWS, width),
+        noise=aligned_zeros(NOISE_ROWS if setup.noise else 1, width),
+        lanes=lanes,
+        places=np.zeros((3, width), dtype=np.int64),
+        history=np.empty((width, room)),
+        others=np.empty((width, setup.channels - 1, max(plan.record for plan in plans))),
+        queue=np.zeros(1, QUEUE),
+        frame=np.empty(0),
+        argument_sizes=np.array([*sizes(setup.friction.law_arguments()), *sizes(setup.feedback_arguments)], np.int64),
     )
+    return work._replace(frame=frame_of(work, setup))
+
+
+def frame_of(work: "Work", setup: Setup) -> np.ndarray:
+    """Return what a block of samples needs: sizes, addresses in the arrays of the work, and settings."""
+    from fraexp.kernels.arguments import sizes
+    from fraexp.kernels.block import FRAME
+    from fraexp.kernels.experiments import FILLED, SOURCE, START
+
+    frame, own = np.zeros(1, FRAME), len(sizes(setup.friction.law_arguments()))
+    n, late, held = setup.discrete.transition.shape[0], *setup.dead_samples
+    values: dict[str, float] = {
+        "states": n, "steps": setup.steps, "friction_states": setup.friction.state_size,
+        "order": setup.discrete.numerator.size, "late": late, "held": held,
+        "observer_states": setup.compensation.friction.state_size if setup.compensation else 0,
+        "channels": work.others.shape[1], "history_row": work.history.shape[1], "others_row": work.others.shape[2],
+        "step": setup.sample_time / setup.steps, "resolution": setup.resolution, "limit": setup.stroke,
+        **{name: getattr(work, name).ctypes.data for name in (
+            "drive", "trace", "noise", "waves", "goals", "history", "others",
+        )},
+        "source": work.places[SOURCE].ctypes.data, "start": work.places[START].ctypes.data,
+        "filled": work.places[FILLED].ctypes.data,
+        "argument_sizes": work.argument_sizes.ctypes.data,
+        "compensation_sizes": work.argument_sizes[own:].ctypes.data,
+    }  # fmt: skip
+    row = 0
+    for name, rows in {**_constant_rows(setup), **_memory_rows(setup)}.items():
+        values[name] = work.store.ctypes.data + row * work.store.strides[0]
+        row += rows
+    for name, value in values.items():
+        frame[name] = value
+    return frame
+
+
+def _constant_rows(setup: Setup) -> dict[str, int]:
+    """Return how many numbers each part of a machine's constants and laws has, in their order."""
+    from fraexp.kernels.arguments import flatten
+
+    names = ("matrix", "compliance", "responses", "numerator", "denominator")
+    parts = {name: part.size for name, part in zip(names, setup.discrete.constants, strict=True)}
+    arguments, feedback = flatten(setup.friction.law_arguments()), flatten(setup.feedback_arguments)
+    return {**parts, "arguments": arguments.size, "compensation": feedback.size}
+
+
+def _memory_rows(setup: Setup) -> dict[str, int]:
+    """Return how many numbers each part of the loop's memory has, in their order."""
+    from fraexp.kernels.block import CONTACT_ROWS
+
+    n, m, (late, held) = setup.discrete.transition.shape[0], setup.steps, setup.dead_samples
+    observed = setup.compensation.friction.state_size if setup.compensation else 0
+    return {
+        "known": n + 3, "linear": m + 1 + n, "friction": 2 * setup.friction.state_size,
+        "filter": setup.discrete.numerator.size, "inputs": late + 2, "outputs": held + 1, "contact": CONTACT_ROWS,
+        "observer": 2 * observed + 1,
+    }  # fmt: skip
+
+
+def _jobs(plans: list[_Plan]) -> np.ndarray:
+    from fraexp.kernels.experiments import JOB
+
+    setups, jobs, begin = _setups(plans), np.zeros(len(plans), JOB), 0
+    for job, plan in zip(jobs, plans, strict=True):
+        setup, schedule = plan.experiment.setup, plan.experiment.schedule
+        samples = plan.experiment.period.waveform.size
+        values = {
+            "machine": setups[id(setup)], "begin": begin, "period": samples, "ramp": plan.ramp, "stretch": plan.stretch,
+            "limit": plan.limit, "record": plan.record, "base": plan.base, "rate": plan.rate,
+            "tolerance": schedule.tolerance, "floor": plan.floor, "reference": setup.reference,
+            "seed": _seed(plan.experiment),
+        }  # fmt: skip
+        for name, value in values.items():
+            job[name] = value
+        begin += samples
+    return jobs
 
 
 def _setups(plans: list[_Plan]) -> dict[int, int]:
@@ -237,32 +334,18 @@ def _seed(experiment: Experiment) -> int:
     return int(sequence.generate_state(1, np.uint64)[0])
 
 
-def _table(plans: list[_Plan], setup: Setup) -> "Table":
-    from fraexp.kernels.experiments import Table
-
+def _machines(plans: list[_Plan]) -> np.ndarray:
+    """Return constants of the loop and parameters of the laws, one machine a row."""
     different = {id(plan.experiment.setup): plan.experiment.setup for plan in plans}
-    machines = np.array([_numbers(each) for each in different.values()])
-    waves = [plan.experiment.period.waveform for plan in plans]
-    silence = np.zeros(max(wave.size for wave in waves))
-    states = setup.discrete.transition.shape[0]
-    return Table(
-        machines=machines,
-        waves=np.concatenate([*waves, silence]),
-        goals=_goals(plans, silence),
-        settings=(setup.sample_time / setup.steps, setup.resolution, setup.noise, setup.stroke),
-        sizes=(
-            states, setup.steps, setup.friction.state_size, setup.discrete.numerator.size, *setup.dead_samples,
-            setup.compensation.friction.state_size if setup.compensation else 0,
-        ),
-    )  # fmt: skip
+    return np.array([_numbers(each) for each in different.values()])
 
 
 def _goals(plans: list[_Plan], silence: np.ndarray) -> np.ndarray:
-    """Return one reference per job [m], or all their samples where one of them moves."""
+    """Return the reference of all samples [m]; nothing where none moves."""
     rest = [plan.experiment.setup.reference for plan in plans]
     periods = [plan.experiment.period for plan in plans]
     if all(period.reference is None for period in periods):
-        return np.array(rest)
+        return np.zeros(0)
     for period in periods:
         if period.reference is not None and period.reference.shape != period.waveform.shape:
             found = f"a reference of shape {period.reference.shape} beside a waveform of {period.waveform.shape}"
@@ -273,76 +356,34 @@ def _goals(plans: list[_Plan], silence: np.ndarray) -> np.ndarray:
 
 def _numbers(setup: Setup) -> np.ndarray:
     """Return constants and parameters of a machine, one after another."""
-    from fraexp.kernels.storage import numbers
+    from fraexp.kernels.arguments import flatten
 
     parts = [part.ravel() for part in setup.discrete.constants]
-    return np.concatenate([*parts, *numbers((setup.friction.law_arguments(), setup.feedback_arguments))])
+    return np.concatenate([*parts, flatten(setup.friction.law_arguments()), flatten(setup.feedback_arguments)])
 
 
-def _lanes(plans: list[_Plan], setup: Setup, table: "Table") -> "Lanes":
-    """Return lanes at rest with nothing to do."""
-    from fraexp.kernels.experiments import IDLE, LEFT, STAGE, Lanes
-    from fraexp.kernels.lanes import WIDTH
-    from fraexp.kernels.loop import CONTACT, TRACED
-    from fraexp.kernels.storage import views, zeros
+def _no_results(jobs: int) -> np.ndarray:
+    from fraexp.kernels.experiments import RESULT, WAITING
 
-    width = WIDTH if setup.wide else 1
-    n, m, states, order, late, held, observed = table.sizes
-    store = zeros(table.machines.shape[1], setup.wide)
-    parts, used = [], 0
-    for part in setup.discrete.constants:
-        parts.append(store[used : used + part.size])
-        used += part.size
-    arguments, used = views(setup.friction.law_arguments(), store, used)
-    compensation, _ = views(setup.feedback_arguments, store, used)
-    memory = (n + 3, m + 1 + n, 2 * states, order, late + 2, held + 1, CONTACT, 2 * observed + 1)
-    counters = np.zeros((width, 7), dtype=np.int64)
-    counters[:, STAGE] = IDLE
-    compared = max(2 * plan.stretch + plan.record for plan in plans)
-    room = max(min(max(plan.longest for plan in plans), REMEMBERED), compared)
-    counters[:, LEFT] = 0
-    return Lanes(
-        constants=tuple(parts),
-        arguments=arguments,
-        compensation=compensation,
-        store=store,
-        memory=tuple(zeros(size, setup.wide) for size in memory),
-        drive=zeros(5, setup.wide),
-        trace=zeros(TRACED, setup.wide),
-        counters=counters,
-        agreement=np.zeros((width, 2)),
-        history=np.empty((width, room)),
-        others=np.empty((width, setup.channels - 1, max(plan.record for plan in plans))),
-        queue=np.zeros(3, dtype=np.int64),
-    )
+    results = np.zeros(jobs, RESULT)
+    results["status"], results["place"], results["residual"] = WAITING, -1, np.nan
+    return results
 
 
-def _results(jobs: int) -> "Results":
-    from fraexp.kernels.experiments import WAITING, Results
-
-    return Results(
-        status=np.full(jobs, WAITING),
-        place=np.full(jobs, -1),
-        lead_in=np.zeros(jobs, dtype=np.int64),
-        settling=np.zeros(jobs, dtype=np.int64),
-        residual=np.full(jobs, np.nan),
-    )
-
-
-def _room(plans: list[_Plan], lanes: "Lanes", pools: list[np.ndarray]) -> int:
+def _room(plans: list[_Plan], work: "Work", pools: list[np.ndarray]) -> int:
     """Return the numbers that the next results need, as far as can be guessed: one of them at least."""
-    greatest = lanes.history.shape[1] + lanes.others[0].size
-    guess = sum(plan.expected + lanes.others.shape[1] * plan.record for plan in plans)
+    greatest = work.history.shape[1] + work.others[0].size
+    guess = sum(plan.expected + work.others.shape[1] * plan.record for plan in plans)
     return max(greatest, min(guess, MOST_POOLED)) if pools or len(plans) == 1 else min(guess, MOST_POOLED)
 
 
-def _share(weights: np.ndarray, plans: list[_Plan], results: "Results", lanes: "Lanes") -> float:
+def _share(weights: np.ndarray, plans: list[_Plan], work: "Work") -> float:
     """Return what is done at least of all experiments."""
-    from fraexp.kernels.experiments import DIVERGED, ELAPSED, IDLE, JOB, STAGE
+    from fraexp.kernels.experiments import DIVERGED, IDLE
 
-    done = float(np.sum(weights[(results.place >= 0) | (results.status == DIVERGED)]))
-    for counters in lanes.counters:
-        if counters[STAGE] != IDLE:
-            job = counters[JOB]
-            done += weights[job] * min(counters[ELAPSED] / max(plans[job].longest, 1), 0.9)
+    done = float(np.sum(weights[(work.results["place"] >= 0) | (work.results["status"] == DIVERGED)]))
+    for lane in work.lanes:
+        if lane["stage"] != IDLE:
+            job = int(lane["job"])
+            done += weights[job] * min(int(lane["elapsed"]) / max(plans[job].longest, 1), 0.9)
     return min(done, 1.0)

@@ -2,7 +2,7 @@
 
 import time
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
@@ -12,6 +12,7 @@ from fraexp import records, simulation
 from fraexp.components import Controller, Estimator, Excitation, FrictionModel, Plant
 from fraexp.errors import FraexpError, PluginError
 from fraexp.experiments import Compensation
+from fraexp.kernels.announcement import announced
 from fraexp.plugins import Registry, create, discover
 from fraexp.results import Result
 from fraexp.signals import Signals
@@ -22,6 +23,8 @@ Progress = Callable[[float], None]
 """Is told the fraction of the experiment that is done."""
 Begins = Callable[[int], None]
 """Is told which estimator begins."""
+Compiles = Callable[[str], None]
+"""Is told which friction law is about to be compiled."""
 
 
 @dataclass(frozen=True)
@@ -43,8 +46,15 @@ class Failure:
     log: str
 
 
-def perform(job: Job, progress: Progress, begins: Begins = lambda _: None) -> list[Result | Failure]:
+def perform(
+    job: Job, progress: Progress, begins: Begins = lambda _: None, compiles: Compiles = lambda _: None
+) -> list[Result | Failure]:
     """Return a result or a failure per estimator, in their order."""
+    with announced(lambda: compiles(_laws(job))):
+        return _performed(job, progress, begins)
+
+
+def _performed(job: Job, progress: Progress, begins: Begins) -> list[Result | Failure]:
     began = time.perf_counter()
     try:
         registry = _registry(job.plugins)
@@ -57,6 +67,24 @@ def perform(job: Job, progress: Progress, begins: Begins = lambda _: None) -> li
         begins(number)
         answers.append(_estimate(registry, estimator, signals, shared))
     return answers
+
+
+def _laws(job: Job) -> str:
+    """Return the names of the friction laws that a job uses, for people."""
+    names = dict.fromkeys(_named([job.experiment, *job.estimators]))
+    return " and ".join(f"'{name}'" for name in names) or "of the study"
+
+
+def _named(value: Any) -> Iterator[str]:
+    """Yield the names of all friction models in plain data."""
+    if isinstance(value, Mapping):
+        for key, part in value.items():
+            if key == "friction" and isinstance(part, Mapping) and "name" in part:
+                yield str(part["name"])
+            yield from _named(part)
+    elif isinstance(value, list | tuple):
+        for part in value:
+            yield from _named(part)
 
 
 @cache

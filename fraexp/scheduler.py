@@ -108,7 +108,7 @@ def _recorded(
         for sweep in reused:
             yield Finished(sweep, None, "reused")
         if workers:
-            yield Preparing(f"{workers.count} at once; a friction law that is new to this machine is compiled first")
+            yield Preparing("1 worker" if workers.count == 1 else f"{workers.count} workers")
             for event in _in_turn(missing, setting, workers):
                 failures += isinstance(event, Finished) and event.state == "failed"
                 yield event

@@ -43,19 +43,18 @@ def prepared(function: Any, loops: Loops, pool: np.ndarray, shared: bool) -> Cal
 
     `shared`: the constants are not given once per lane.
     """
-    jobs, table, memory = loops.jobs, loops.table, loops.lanes
-    n, m, _, order, late, held, _ = table.sizes
-    width = memory.counters.shape[0]
-    store = aligned(np.repeat(table.machines[0], 1 if shared else width))
-    ramp, record = int(jobs.ramp[0]), int(jobs.record[0])
-    sizes = np.array([n, m, order, late, held])
+    work, jobs = loops.work, loops.work.jobs
+    width, record = work.lanes.size, int(jobs["record"][0])
+    store = aligned(np.repeat(work.machines[0], 1 if shared else width))
+    ramp, goals = int(jobs["ramp"][0]), np.ascontiguousarray(jobs["reference"])
+    begin, period = np.ascontiguousarray(jobs["begin"]), np.ascontiguousarray(jobs["period"])
+    sizes = np.array(list(loops.sizes.values()))
     history, others = np.empty(width * (ramp + record)), np.empty(width * 3 * record)
-    _, resolution, _, stroke = table.settings
 
     def action() -> int:
         done: int = function(
-            store, sizes, table.waves, table.goals, jobs.begin, jobs.period, loops.batches, ramp, record,
-            float(jobs.base[0]), float(jobs.rate[0]), resolution, stroke, history, others, pool,
+            store, sizes, work.waves, goals, begin, period, loops.batches, ramp, record, float(jobs["base"][0]),
+            float(jobs["rate"][0]), loops.setup.resolution, loops.setup.stroke, history, others, pool,
         )  # fmt: skip
         return done
 

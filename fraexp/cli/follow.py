@@ -72,7 +72,7 @@ def _take(event: Event, story: Story, meter: Meter) -> None:
         case Noticed():
             say(event.what)
         case Progress():
-            meter.move(event.done, event.total, event.running)
+            meter.move(event.done, event.total, event.running, event.doing)
         case Finished():
             meter.finish()
             if event.error:

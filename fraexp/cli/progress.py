@@ -63,7 +63,7 @@ class Meter:
         else:
             say(text)
 
-    def move(self, done: float, total: float, running: int | None = None) -> None:
+    def move(self, done: float, total: float, running: int | None = None, doing: str = "") -> None:
         """Show that the work of `done` of `total` sweeps is done, parts of those that are `running` included."""
         now, finished = time.monotonic(), max(self._finished, 0)
         self._work.see(now, done)
@@ -76,11 +76,13 @@ class Meter:
         told = [_under_way(done - finished, int(total) - finished, running), *self._pace(now, done, total)]
         if self._bar and self._task is not None:
             text = ", ".join(filter(None, [f"{finished}/{int(total)} sweeps", *told]))
-            self._bar.update(self._task, description="", completed=share, total=1.0, count=text, visible=True)
+            self._bar.update(
+                self._task, description=printable(doing), completed=share, total=1.0, count=text, visible=True
+            )
         elif now - self._said >= PAUSE:
             self._said = now
             counted = f"{finished} of {plural(int(total), 'sweep')}"
-            say(", ".join(filter(None, [counted, told[0], duration(now - self._started), *told[1:]])))
+            say(", ".join(filter(None, [counted, printable(doing), told[0], duration(now - self._started), *told[1:]])))
 
     def _pace(self, now: float, done: float, total: float) -> list[str]:
         """Return the measured speed and the time left at this speed, or what is left to do that is no simulation."""

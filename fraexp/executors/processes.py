@@ -81,6 +81,7 @@ class Processes(Workers):
         self._workers: list[_Worker] = []
         self._waiting: deque[_Task] = deque()
         self._told: queue.SimpleQueue[tuple[int, float]] = queue.SimpleQueue()
+        self._compiles: queue.SimpleQueue[tuple[int, str]] = queue.SimpleQueue()
         self._heard, self._wake = SPAWN.Pipe(duplex=False)
         self._lock = threading.Lock()
         """Held where workers are added or all of them ended, and where the thread is woken."""
@@ -103,6 +104,10 @@ class Processes(Workers):
             raise StudyError(self._broken)
         while not self._told.empty():
             yield self._told.get()
+
+    def compiles(self) -> Iterator[tuple[int, str]]:
+        while not self._compiles.empty():
+            yield self._compiles.get()
 
     def stop(self) -> None:
         with self._lock:
@@ -169,6 +174,8 @@ class Processes(Workers):
         if isinstance(said, Ready):
             worker.ready = True
             self._stillborn = 0
+        elif isinstance(said, At) and said.compiles:
+            self._compiles.put((worker.tasks[0].number, said.compiles))
         elif isinstance(said, At):
             self._told.put((worker.tasks[0].number, said.done))
             if said.estimator is not None:

@@ -36,6 +36,7 @@ class Serial(Workers):
         self._limits = limits
         self._tasks: queue.SimpleQueue[_Task | None] = queue.SimpleQueue()
         self._told: queue.SimpleQueue[tuple[int, float]] = queue.SimpleQueue()
+        self._compiles: queue.SimpleQueue[tuple[int, str]] = queue.SimpleQueue()
         self._current: _Task | None = None
         self._stopped = False
         self._lock = threading.Lock()
@@ -56,6 +57,10 @@ class Serial(Workers):
         self._end_overdue()
         while not self._told.empty():
             yield self._told.get()
+
+    def compiles(self) -> Iterator[tuple[int, str]]:
+        while not self._compiles.empty():
+            yield self._compiles.get()
 
     def _end_overdue(self) -> None:
         task = self._current
@@ -97,8 +102,12 @@ class Serial(Workers):
             if estimator > 0:
                 task.since = time.monotonic()
 
+        def compiles(laws: str) -> None:
+            self._go_on(task)
+            self._compiles.put((task.number, laws))
+
         try:
-            answer, error = perform(task.job, progress, begins), None
+            answer, error = perform(task.job, progress, begins, compiles), None
         except Cancelled:
             raise
         except BaseException as raised:  # such as a plugin's sys.exit()

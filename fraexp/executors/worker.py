@@ -26,10 +26,12 @@ class Ready:
 
 @dataclass(frozen=True)
 class At:
-    """How far a job has come: the fraction of its experiment, and the estimator that begins."""
+    """How far a job has come: the fraction of its experiment, the estimator that begins, what it compiles."""
 
     done: float
     estimator: int | None = None
+    compiles: str = ""
+    """Friction laws that are about to be compiled."""
 
 
 def work(jobs: Connection, told: Connection, memory: int | None) -> None:
@@ -60,8 +62,11 @@ def _answer(job: Job, told: Connection) -> Answer:
         if len(job.estimators) > 1:
             told.send(At(1.0, estimator))
 
+    def compiles(laws: str) -> None:
+        told.send(At(0.0, compiles=laws))
+
     try:
-        return perform(job, progress, begins)
+        return perform(job, progress, begins, compiles)
     except GONE:
         raise
     except BaseException as error:  # such as a plugin's sys.exit(): the worker is there for others too

@@ -41,6 +41,10 @@ class Workers(ABC):
     def reports(self) -> Iterator[tuple[int, float]]:
         """Yield the number and the fraction done of jobs that have told it since the last call; called often."""
 
+    def compiles(self) -> Iterator[tuple[int, str]]:
+        """Yield the number of each job that began to compile since the last call, and its laws; called often."""
+        yield from ()
+
     def notes(self) -> Iterator[str]:
         """Yield what people should know of the workers, such as one that is left out; called often."""
         yield from ()

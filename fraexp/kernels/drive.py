@@ -1,42 +1,45 @@
 """Friction force along prescribed displacements: as many side by side as there are lanes."""
 
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from functools import cache
+from typing import Any
 
 import numpy as np
-from numba import njit
+from numba import from_dtype, njit, types
 
-from fraexp.kernels.lanes import WIDTH
-from fraexp.kernels.law import Law, cached, call
-from fraexp.kernels.loop import bound, bound_argument, bound_state, get_number, part, put_number, taken_from
-from fraexp.kernels.storage import stored, zeros
+from fraexp.kernels.addresses import array_at, floats_at, integers_at, number_at, numbers_at, rows_at, run_at
+from fraexp.kernels.arguments import aligned_zeros, argument_reader, flatten, sizes, structure
+from fraexp.kernels.lanes import WIDTH, taken_at
+from fraexp.kernels.law import Law, LawError, compilable, explained, fingerprint, kernel_sources
+from fraexp.kernels.machine_code import address, compile_kernel
 
-PASSES = 500
+MAX_PASSES = 500
 """Times that a periodic record is run through at most."""
 CLOSED = 1e-10
 """Change of the force from one pass to the next, relative to the greatest force, that counts as periodic."""
 FOREVER = 1 << 62
 LEAD, PASS, IDLE = range(3)
-JOB, STAGE, AT, LEFT, DONE = range(5)
-
-
-class Records(NamedTuple):
-    """Displacements, one after another: of each a lead-in from rest, then the record, then its first value again."""
-
-    displacement: np.ndarray
-    """All samples [m], and a place for lanes that have nothing to do."""
-    begin: np.ndarray
-    """First sample of each lead-in, shape (records,)."""
-    lead_in: np.ndarray
-    """Samples of each lead-in."""
-    size: np.ndarray
-    """Samples of each record."""
-    passes: np.ndarray
-    """Times that each record is run through at most: once, or until its force repeats itself."""
-    lead_in_step: np.ndarray
-    """Time step of each lead-in [s]."""
-    step: np.ndarray
-    """Time step of each record [s]."""
+"""Stage of a lane."""
+REACHED, STEP, FORCE = range(3)
+"""Rows of a motion: displacement [m], time step [s], friction force [N]."""
+MOTION_ROWS = 3
+RECORD = np.dtype(
+    [(name, np.int64) for name in ("begin", "lead_in", "size", "passes")]
+    + [(name, np.float64) for name in ("lead_in_step", "step")]
+)
+"""A displacement: first sample of its lead-in from rest, samples of that and of the record, times that the record is
+run through at most (once, or until its force repeats itself), time steps of both [s]."""
+LANE = np.dtype([(name, np.int64) for name in ("record", "stage", "at", "left", "done")])
+"""What a lane is at: its record, the stage of it, the next sample, samples left of the stage, passes done."""
+FRAME = np.dtype(
+    [(name, np.int64) for name in (
+        # states of the law, samples wanted, the valid half of the law's memory
+        "states", "samples", "now",
+        # addresses; the places are those where each lane reads and writes
+        "arguments", "argument_sizes", "memory", "motion", "displacement", "force", "places",
+    )]
+)  # fmt: skip
+"""What a block of samples needs to know."""
 
 
 def drive(law: Law, arguments: Any, states: int, motions: Sequence[Any], wide: bool) -> list[np.ndarray]:
@@ -46,100 +49,146 @@ def drive(law: Law, arguments: Any, states: int, motions: Sequence[Any], wide: b
     force repeats itself, from its end to its beginning the displacement moves by their difference.
     """
     width = WIDTH if wide else 1
-    records = _records(motions)
-    force = np.empty_like(records.displacement)
-    counters = np.zeros((width, 5), dtype=np.int64)
-    counters[:, STAGE] = IDLE
-    z, motion = zeros(2 * states, wide), zeros(3, wide)
-    call(_make_drive, law, tuple(records), stored(arguments, wide), states, z, motion, counters, force)
-    first = records.begin + records.lead_in
-    return [force[begin : begin + size] for begin, size in zip(first, records.size, strict=True)]
+    displacement, records = _records(motions)
+    force = np.empty_like(displacement)
+    lanes, places = np.zeros(width, LANE), np.zeros(width, np.int64)
+    lanes["stage"] = IDLE
+    memory, motion = aligned_zeros(2 * states, width), aligned_zeros(MOTION_ROWS, width)
+    numbers = flatten(arguments)
+    store, counts = aligned_zeros(numbers.size, width), np.array(sizes(arguments), dtype=np.int64)
+    store[:] = numbers[:, None]
+    pointed = {
+        "memory": memory, "motion": motion, "displacement": displacement, "force": force, "places": places,
+        "arguments": store, "argument_sizes": counts,
+    }  # fmt: skip
+    frame = np.zeros(1, FRAME)
+    frame["states"] = states
+    for name, array in pointed.items():
+        frame[name] = array.ctypes.data
+    block = address(block_of(law, structure(arguments), wide))
+    _drive()(block, frame, displacement, records, lanes, places, memory, motion, force)
+    first = records["begin"] + records["lead_in"]
+    return [force[begin : begin + size] for begin, size in zip(first, records["size"], strict=True)]
 
 
-def _records(motions: Sequence[Any]) -> Records:
-    parts, begin, used = [], [], 0
-    for displacement, _, _, lead_in, _ in motions:
+def vectorises(law: Law, arguments: tuple[Any, ...]) -> bool:
+    """Return whether a law can be computed in lanes: not if it branches on a value, or uses what lanes lack."""
+    try:
+        block_of(law, structure(arguments), True)
+    except LawError:
+        return False
+    return True
+
+
+@cache
+def block_of(law: Law, kinds: Any, wide: bool) -> Any:
+    """Return the compiled block of samples of a law, in lanes or not."""
+    made, name = compilable(law), f"{law.__qualname__} driven {'in lanes' if wide else 'alone'} {kinds}"
+    with explained(law):
+        return compile_kernel(
+            name,
+            kernel_sources() + fingerprint(law),
+            lambda: _make_block(made, kinds, wide),
+            _BLOCK,
+            error_model="numpy",
+        )
+
+
+def _records(motions: Sequence[Any]) -> tuple[np.ndarray, np.ndarray]:
+    """Return all samples, with a place for lanes that have nothing to do, and the records."""
+    parts, used = [], 0
+    records = np.zeros(len(motions), RECORD)
+    for number, (displacement, step, periodic, lead_in, lead_in_step) in enumerate(motions):
         parts += [lead_in, displacement, displacement[:1]]
-        begin.append(used)
+        passes = MAX_PASSES if periodic else 1
+        records[number] = (used, lead_in.size, displacement.size, passes, lead_in_step, step)
         used += lead_in.size + displacement.size + 1
-    columns = list(zip(*motions, strict=True))
     parts.append(np.zeros(max(part.size for part in parts) + 1))
-    return Records(
-        np.concatenate(parts, dtype=float),
-        np.array(begin),
-        np.array([lead_in.size for lead_in in columns[3]]),
-        np.array([displacement.size for displacement in columns[0]]),
-        np.where(columns[2], PASSES, 1),
-        np.array(columns[4], dtype=float),
-        np.array(columns[1], dtype=float),
-    )
+    return np.concatenate(parts, dtype=float), records
 
 
-def _make_drive(law: Law, fingerprint: str) -> Any:
-    def drive(records, arguments_of, states, z_of, motion_of, counters, force):  # type: ignore[no-untyped-def]
-        _ = fingerprint  # a cell of the closure: an edited law is compiled again
-        displacement = records[0]
-        width, now, following = counters.shape[0], 0, 0
-        place = np.zeros(width, np.int64)
-        z, motion = bound_state(z_of), bound(motion_of)  # motion: displacement, time step, force
-        arguments = bound_argument(arguments_of, motion)
-        while True:
-            rows, busy = FOREVER, False
+def _make_block(law: Law, kinds: Any, wide: bool) -> Callable[..., None]:
+    width = WIDTH if wide else 1
+    view, state_view = (rows_at, rows_at) if wide else (numbers_at, array_at)
+    read = argument_reader(kinds, wide)
+    take = taken_at if wide else number_at
+
+    def block(frames):  # type: ignore[no-untyped-def]
+        frame = frames[0]
+        motion, forces = view(frame.motion, 0), floats_at(frame.motion)
+        force, places = floats_at(frame.force), integers_at(frame.places)
+        arguments = read(frame.arguments, frame.argument_sizes)
+        z, states, now = frame.memory, frame.states, frame.now
+        half = 8 * width * states
+        for row in range(frame.samples):
+            reached = take(frame.displacement, frame.places, row)
+            z_now, z_next = state_view(z + now * half, states), state_view(z + (1 - now) * half, states)
+            motion[FORCE] = law(z_now, reached - motion[REACHED], motion[STEP], z_next, *arguments)
+            motion[REACHED] = reached
+            now = 1 - now
             for lane in range(width):
-                while counters[lane, LEFT] == 0:
-                    following = _turn(lane, following, records, counters, z_of, motion_of, force)
-                rows = min(rows, counters[lane, LEFT])
-                place[lane] = counters[lane, AT]
-                busy = busy or counters[lane, STAGE] != IDLE
-            if not busy:
-                return
-            for row in range(rows):
-                reached = taken_from(displacement, place, row, motion)
-                z_now, z_next = part(z, now * states, states), part(z, (1 - now) * states, states)
-                motion[2] = law(z_now, reached - motion[0], motion[1], z_next, *arguments)
-                motion[0] = reached
-                now = 1 - now
-                for lane in range(width):
-                    force[place[lane] + row] = get_number(motion_of, 2, lane)
-            for lane in range(width):
-                counters[lane, LEFT] -= rows
-                counters[lane, AT] += rows if counters[lane, STAGE] != IDLE else 0
+                force[places[lane] + row] = forces[FORCE * width + lane]
+        frame.now = now
 
-    return cached(drive, error_model="numpy")
+    return block
+
+
+@cache
+def _drive() -> Any:
+    return compile_kernel("driven records", kernel_sources(), lambda: _go_on, _SIGNATURE, error_model="numpy")
+
+
+def _go_on(block, frames, displacement, records, lanes, places, memory, motion, force):  # type: ignore[no-untyped-def]
+    frame, width, following = frames[0], lanes.size, 0
+    while True:
+        samples, busy = FOREVER, False
+        for k in range(width):
+            lane = lanes[k]
+            while lane.left == 0:
+                following = _turn(k, following, records, lane, displacement, memory, motion, force)
+            samples = min(samples, lane.left)
+            places[k] = lane.at
+            busy = busy or lane.stage != IDLE
+        if not busy:
+            return
+        frame.samples = samples
+        run_at(block, frames)
+        for k in range(width):
+            lane = lanes[k]
+            lane.left -= samples
+            lane.at += samples if lane.stage != IDLE else 0
 
 
 @njit
-def _turn(lane, following, records, counters, z, motion, force):  # type: ignore[no-untyped-def]
+def _turn(k, following, records, lane, displacement, memory, motion, force):  # type: ignore[no-untyped-def]
     """Take a lane from its lead-in to its record, to another pass of it, or to the next one; return the one after."""
-    displacement, begin, lead_in, size, passes, lead_in_step, step = records
-    job, stage = counters[lane, JOB], counters[lane, STAGE]
-    if stage == LEAD:
-        first = begin[job] + lead_in[job]
-        if lead_in[job] == 0:
-            put_number(motion, 0, lane, displacement[first])
-        put_number(motion, 1, lane, step[job])
-        counters[lane, STAGE], counters[lane, AT], counters[lane, LEFT] = PASS, first, size[job]
-        if passes[job] > 1:
-            counters[lane, LEFT] += 1
+    record = records[lane.record]
+    first = record.begin + record.lead_in
+    if lane.stage == LEAD:
+        if record.lead_in == 0:
+            motion[REACHED, k] = displacement[first]
+        motion[STEP, k] = record.step
+        lane.stage, lane.at, lane.left = PASS, first, record.size
+        if record.passes > 1:
+            lane.left += 1
         return following
-    if stage == PASS:
-        counters[lane, DONE] += 1
-        first = begin[job] + lead_in[job]
-        begun = counters[lane, DONE] > 1 or lead_in[job] > 0  # before, the force came from rest
-        if counters[lane, DONE] < passes[job] and not (begun and _closed(force, first, size[job])):
-            force[first] = force[first + size[job]]
-            counters[lane, AT], counters[lane, LEFT] = first + 1, size[job]
+    if lane.stage == PASS:
+        lane.done += 1
+        begun = lane.done > 1 or record.lead_in > 0  # before, the force came from rest
+        if lane.done < record.passes and not (begun and _closed(force, first, record.size)):
+            force[first] = force[first + record.size]
+            lane.at, lane.left = first + 1, record.size
             return following
-    for row in range(z.shape[0]):
-        put_number(z, row, lane, 0.0)
-    if following == begin.size:
-        counters[lane, STAGE], counters[lane, LEFT] = IDLE, FOREVER
-        counters[lane, AT] = begin[-1] + lead_in[-1] + size[-1] + 1
+    for row in range(memory.shape[0]):
+        memory[row, k] = 0.0
+    if following == records.size:
+        last = records[-1]
+        lane.stage, lane.left, lane.at = IDLE, FOREVER, last.begin + last.lead_in + last.size + 1
         return following
-    counters[lane, JOB], counters[lane, STAGE], counters[lane, DONE] = following, LEAD, 0
-    counters[lane, AT], counters[lane, LEFT] = begin[following], lead_in[following]
-    put_number(motion, 0, lane, displacement[begin[following]])
-    put_number(motion, 1, lane, lead_in_step[following])
+    record = records[following]
+    lane.record, lane.stage, lane.done = following, LEAD, 0
+    lane.at, lane.left = record.begin, record.lead_in
+    motion[REACHED, k], motion[STEP, k] = displacement[record.begin], record.lead_in_step
     return following + 1
 
 
@@ -150,3 +199,15 @@ def _closed(force, first, size):  # type: ignore[no-untyped-def]
     for k in range(first, first + size):
         greatest = max(greatest, abs(force[k]))
     return abs(force[first + size] - force[first]) <= CLOSED * greatest
+
+
+def _array(kind: types.Type, dimensions: int = 1) -> types.Type:
+    return types.Array(kind, dimensions, "C")
+
+
+_BLOCK = (_array(from_dtype(FRAME)),)
+_SIGNATURE = (
+    types.int64, *_BLOCK, _array(types.float64), _array(from_dtype(RECORD)), _array(from_dtype(LANE)),
+    _array(types.int64), _array(types.float64, 2), _array(types.float64, 2), _array(types.float64),
+)  # fmt: skip
+"""Of `_go_on`: the block's address, and the rest."""

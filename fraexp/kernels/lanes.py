@@ -42,21 +42,16 @@ class MaskType(types.Type):
 
 
 class RowsType(types.Type):
-    """A float64 array of shape (n, 8), seen as n lanes; an index below 0 counts from the end, if it may.
+    """A float64 array of shape (n, 8), seen as n lanes; an index below 0 counts from the end, if it may."""
 
-    Of width 1 it is an array of shape (n,), seen as numbers without a look at the index.
-    """
-
-    def __init__(self, name: str, wraps: bool, width: int = WIDTH) -> None:
+    def __init__(self, name: str, wraps: bool) -> None:
         super().__init__(name)
-        self.width = width
         self.wraps = wraps
 
 
 lanes = LanesType("lanes")
 mask = MaskType("mask")
 rows, bare = RowsType("rows", wraps=True), RowsType("bare", wraps=False)
-column = RowsType("column", wraps=False, width=1)
 
 
 @register_model(LanesType)
@@ -234,12 +229,15 @@ def all_within(typingctx: Any, value: Any, limit: Any) -> Any:
 
 
 @intrinsic
-def taken(typingctx: Any, array: Any, places: Any, offset: Any) -> Any:
-    """Return array[places[lane] + offset] for each lane, in registers: numbers written one by one are waited for."""
+def taken_at(typingctx: Any, numbers: Any, places: Any, offset: Any) -> Any:
+    """Return numbers[places[lane] + offset] for each lane, in registers: numbers written one by one are waited for.
+
+    The numbers and the places are given by their addresses.
+    """
 
     def emit(context: Any, builder: Any, sig: Any, values: Any) -> Any:
-        source = context.make_array(array)(context, builder, values[0]).data
-        index = context.make_array(places)(context, builder, values[1]).data
+        source = builder.inttoptr(values[0], ir.DoubleType().as_pointer())
+        index = builder.inttoptr(values[1], ir.IntType(64).as_pointer())
         result = ir.Constant(VECTOR, ir.Undefined)
         for lane in range(WIDTH):
             at = ir.Constant(ir.IntType(32), lane)
@@ -247,32 +245,10 @@ def taken(typingctx: Any, array: Any, places: Any, offset: Any) -> Any:
             result = builder.insert_element(result, builder.load(builder.gep(source, [place])), at)
         return result
 
-    return lanes(array, places, types.intp), emit
+    return lanes(types.int64, types.int64, types.int64), emit
 
 
 # rows of arrays
-
-
-def _seen_as(kind: RowsType) -> Callable[..., Any]:
-    def seen(typingctx: Any, array: Any) -> Any:
-        """Return a contiguous float64 array of shape (n, 8) as n lanes; the array must live on."""
-        if array != types.Array(types.float64, 2 if kind.width > 1 else 1, "C"):
-            return None
-
-        def emit(context: Any, builder: Any, sig: Any, values: Any) -> Any:
-            source = context.make_array(array)(context, builder, values[0])
-            made = cgutils.create_struct_proxy(kind)(context, builder)
-            made.data = source.data
-            made.size = builder.extract_value(source.shape, 0)
-            return made._getvalue()
-
-        return kind(array), emit
-
-    return seen
-
-
-rows_of, bare_rows_of = intrinsic(_seen_as(rows)), intrinsic(_seen_as(bare))
-column_of = intrinsic(_seen_as(column))
 
 
 @infer_getattr
@@ -290,7 +266,7 @@ def _size(context: Any, builder: Any, typ: Any, value: Any) -> Any:
 
 @infer_global(len)
 class _Length(ConcreteTemplate):
-    cases = tuple(signature(types.intp, kind) for kind in (rows, bare, column))
+    cases = tuple(signature(types.intp, kind) for kind in (rows, bare))
 
 
 @lower_builtin(len, RowsType)
@@ -304,9 +280,7 @@ def _address(context: Any, builder: Any, kind: RowsType, value: Any, index: Any)
     if kind.wraps:
         negative = builder.icmp_signed("<", index, ir.Constant(index.type, 0))
         index = builder.select(negative, builder.add(index, view.size), index)
-    place = builder.gep(view.data, [builder.mul(index, ir.Constant(index.type, kind.width))])
-    if kind.width == 1:
-        return place
+    place = builder.gep(view.data, [builder.mul(index, ir.Constant(index.type, WIDTH))])
     return builder.bitcast(place, VECTOR.as_pointer())
 
 
@@ -317,7 +291,6 @@ class _GetItem(ConcreteTemplate):
         signature(lanes, bare, types.intp),
         signature(rows, rows, types.slice2_type),
         signature(rows, bare, types.slice2_type),
-        signature(types.float64, column, types.intp),
     )
 
 
@@ -330,7 +303,6 @@ class _SetItem(ConcreteTemplate):
             (rows, types.float64),
             (bare, lanes),
             (bare, types.float64),
-            (column, types.float64),
         )
     )
 
@@ -344,7 +316,7 @@ def _get(context: Any, builder: Any, sig: Any, values: Any) -> Any:
 @lower_builtin(operator.setitem, RowsType, types.intp, types.float64)
 def _set(context: Any, builder: Any, sig: Any, values: Any) -> Any:
     array, index, value = values
-    vector = value if sig.args[2] == lanes or sig.args[0].width == 1 else _fill(builder, value)
+    vector = value if sig.args[2] == lanes else _fill(builder, value)
     builder.store(vector, _address(context, builder, sig.args[0], array, index), align=ALIGNED)
     return context.get_dummy_value()
 

@@ -1,13 +1,13 @@
 """Making a friction law, written as a plain function, callable from compiled code."""
 
+import contextlib
 import hashlib
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
-from typing import Any
 
-from numba import njit
+import numpy as np
 from numba.core.errors import NumbaError
 from numba.extending import register_jitable
 
@@ -24,45 +24,43 @@ def compilable(law: Law) -> Law:
 
 
 def helpers(law: Law) -> list[Law]:
-    """Return the plain Python functions that a law calls: of its module, and those that it closes over."""
-    called = [law.__globals__[name] for name in law.__code__.co_names if name in law.__globals__]
-    closed = [cell.cell_contents for cell in law.__closure__ or ()]
-    return [value for value in called + closed if inspect.isfunction(value)]
+    """Return the plain Python functions that a law calls."""
+    return [value for value in _used(law) if inspect.isfunction(value)]
 
 
 def fingerprint(law: Law) -> str:
-    """Return a hash of the source that decides what the law computes: its file and those of its helpers.
+    """Return a hash of all that decides what the law computes: its file, the constants and the functions it uses.
 
-    A kernel closes over it, because the compiler's disk cache compares the cells of a closure but not the
-    source of the functions that it calls: without it an edited law would run as it was before.
+    It is part of a kernel's identity: an edited law is compiled again.
     """
     path = Path(inspect.getfile(law))
-    source = path.read_bytes() if path.is_file() else law.__code__.co_code
-    parts = [hashlib.blake2b(source, digest_size=16).hexdigest(), *(fingerprint(helper) for helper in helpers(law))]
-    return parts[0] if len(parts) == 1 else hashlib.blake2b("".join(parts).encode(), digest_size=16).hexdigest()
+    digest = hashlib.blake2b(law.__qualname__.encode(), digest_size=16)
+    digest.update(path.read_bytes() if path.is_file() else law.__code__.co_code)
+    for value in _used(law):
+        if inspect.isfunction(value):
+            digest.update(fingerprint(value).encode())
+        elif isinstance(value, np.ndarray):
+            digest.update(value.tobytes())
+        elif isinstance(value, int | float | tuple):
+            digest.update(repr(value).encode())
+    return digest.hexdigest()
 
 
-def cached(function: Callable[..., Any], **options: Any) -> Any:
-    """Compile a function when it is first called, and keep the machine code on disk where there is a place for it.
-
-    It lets other threads run: a law that never returns must not keep the process from being ended.
-    """
-    options["nogil"] = True
-    try:
-        return njit(cache=True, **options)(function)
-    except RuntimeError:  # no folder can be written, as in a container: compile again in each process
-        return njit(**options)(function)
+def _used(law: Law) -> list[object]:
+    """Return what a law uses beside its arguments: of its module, and what it closes over."""
+    named = [law.__globals__[name] for name in law.__code__.co_names if name in law.__globals__]
+    return named + [cell.cell_contents for cell in law.__closure__ or ()]
 
 
 class LawError(Exception):
     """A law is not written in the part of Python that can be compiled."""
 
 
-def call(factory: Callable[..., Any], laws: Law | tuple[Law, ...], *arguments: Any) -> Any:
-    """Call the kernel that a factory makes for laws; LawError tells in one line why one cannot be compiled."""
-    laws = laws if isinstance(laws, tuple) else (laws,)
+@contextlib.contextmanager
+def explained(*laws: Law) -> Iterator[None]:
+    """Turn what the compiler says of a law into a LawError of one line."""
     try:
-        return specialised(factory, *laws)(*arguments)
+        yield
     except NumbaError as error:
         lines = [line.strip() for line in str(error).splitlines()]
         said = [line for line in lines if line.startswith(TELLING)] or [line for line in lines if line][-1:]
@@ -85,14 +83,7 @@ TELLING = (
 
 
 @cache
-def specialised(factory: Callable[..., Any], *laws: Law) -> Any:
-    """Return the kernel that a factory makes for laws, the same one for the same laws."""
-    source = "".join(fingerprint(law) for law in laws)
-    return factory(*(compilable(law) for law in laws), source + _kernels())
-
-
-@cache
-def _kernels() -> str:
-    """Return a hash of all kernels' sources: the compiler looks at the file of the one that it keeps alone."""
+def kernel_sources() -> str:
+    """Return a hash of all kernels' sources."""
     sources = [path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py"))]
     return hashlib.blake2b(b"".join(sources), digest_size=16).hexdigest()

@@ -44,6 +44,8 @@ class RunProgress:
     """How many are computed at once, at most."""
     running: dict[str, float]
     """Fraction done of sweeps that are being computed, by key; of the first MOST_TOLD of them."""
+    doing: str = ""
+    """What is done before a first sweep gets on, such as compiling."""
 
 
 @dataclass(frozen=True)

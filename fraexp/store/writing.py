@@ -57,7 +57,11 @@ def begin_run(
 
 def beat(connection: Connection, number: int, progress: RunProgress | None) -> None:
     """Note that the run is still being worked on, and how far it came."""
-    told = {} if progress is None else {"progress": asdict(progress)}
+    told = (
+        {}
+        if progress is None
+        else {"progress": {name: value for name, value in asdict(progress).items() if value != ""}}
+    )
     connection.execute(update(run).where(run.c.number == number).values(heartbeat=now(connection), **told))
 
 

@@ -35,6 +35,8 @@ def progress_text(run: RunSummary, rate: float | None, width: int = 20) -> str:
     part, count = share(run), finished(run)
     parts = [f"{count} of {plural(run.total, 'sweep')}"]
     if run.state == "running":
+        if run.progress and run.progress.doing:
+            parts.append(run.progress.doing)
         if run.progress and run.progress.running:
             running = len(run.progress.running)
             parts.append(f"{running} or more under way" if running >= MOST_TOLD else f"{running} under way")

@@ -13,7 +13,7 @@ from fraexp_plugins.friction.rolling import Rolling
 from fraexp_plugins.plants.modal import Modal
 from numba import njit
 
-from fraexp.kernels.law import specialised
+from fraexp.kernels.law import compilable
 from fraexp.simulation import Loop, Machine, Numerics, simulate_loop
 
 SAMPLE, STEPS = 5e-4, 20
@@ -50,10 +50,9 @@ def test_dahl_creeps_too():
     assert drift(Dahl(stiffness=1e5, coulomb=1.0)) > 100e-6
 
 
-def _make_backward_euler(law, fingerprint):
+def _make_backward_euler(law):
     @njit
     def run(force, step, z, arguments):
-        _ = fingerprint
         position, velocity = np.zeros(force.size), 0.0
         for k in range(1, force.size):
             old, new = z[(k - 1) % 2], z[k % 2]
@@ -78,7 +77,7 @@ def test_the_creep_of_lugre_is_the_same_in_a_loop_of_another_kind():
     step = 1e-4
     time = np.arange(100_001) * step
     force = 0.4 + 0.2 * np.sin(2 * np.pi * 5 * time)
-    run = specialised(_make_backward_euler, LUGRE.law)
+    run = _make_backward_euler(compilable(LUGRE.law))
     position = run(force, step, np.zeros((2, LUGRE.state_size)), LUGRE.law_arguments())
     means = position[1:].reshape(50, -1).mean(axis=1)
     assert means[-1] - means[1] == pytest.approx(drift(LUGRE), rel=0.02)

@@ -1,0 +1,127 @@
+"""Compiled kernels: kept in the cache folder, compiled once, and again where anything behind them has changed."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+USE = """
+import sys, time
+from pathlib import Path
+import numpy as np
+from fraexp.kernels.announcement import announced
+from fraexp.plugins import create, discover
+from fraexp.components import FrictionModel
+
+said = []
+with announced(lambda: said.append(1)):
+    model = create(discover(Path(sys.argv[1])), FrictionModel, {"name": "spring", "stiffness": 2.0})
+    force = model.force(np.array([0.0, 1.0, 2.0]), 1e-3)
+print(force.tolist(), len(said))
+"""
+LAW = '''
+"""A law in a file of its own."""
+
+from fraexp.api import FrictionModel, param
+
+FACTOR = {factor}
+
+
+class Spring(FrictionModel, name="spring", version=1):
+    """A spring."""
+
+    states = ("deflection [m]",)
+    stiffness: float = param("N/m", "stiffness", above=0)
+
+    @staticmethod
+    def advance(z, dy, dt, z_next, stiffness):
+        """Friction force [N]."""
+        z_next[0] = z[0] + dy
+        {line}
+        return FACTOR * stiffness * z_next[0]
+'''
+
+
+class Bench:
+    """A folder with a law, and a cache of its own."""
+
+    def __init__(self, folder: Path) -> None:
+        self.plugins, self.cache = folder / "plugins", folder / "cache"
+        self.plugins.mkdir()
+        self.write()
+
+    def write(self, factor: str = "1.0", line: str = "pass") -> None:
+        (self.plugins / "spring.py").write_text(LAW.format(factor=factor, line=line), encoding="utf-8")
+
+    def start(self) -> "subprocess.Popen[str]":
+        command = [sys.executable, "-W", "error", "-c", USE, str(self.plugins)]
+        environment = {**os.environ, "FRAEXP_CACHE_DIR": str(self.cache)}
+        return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+    def use(self) -> tuple[str, int]:
+        """Return the force as a fresh process computes it, and how much it has compiled."""
+        return answer(self.start())
+
+    def kernels(self) -> list[Path]:
+        return sorted(self.cache.rglob("*.kernel"))
+
+
+def answer(process: "subprocess.Popen[str]") -> tuple[str, int]:
+    said, error = process.communicate()
+    assert process.returncode == 0, error
+    force, _, compiled = said.strip().rpartition(" ")
+    return force, int(compiled)
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Bench:
+    return Bench(tmp_path)
+
+
+def test_a_second_process_loads_what_the_first_one_has_compiled(bench: Bench) -> None:
+    assert bench.use() == ("[0.0, 2.0, 4.0]", 2)  # what all laws share, and the law
+    assert bench.use() == ("[0.0, 2.0, 4.0]", 0)
+
+
+def test_an_edited_law_or_constant_is_compiled_again_and_nothing_else(bench: Bench) -> None:
+    bench.use()
+    before = {path: path.stat().st_mtime_ns for path in bench.kernels()}
+    bench.write(factor="3.0")
+    assert bench.use() == ("[0.0, 6.0, 12.0]", 1)
+    bench.write(line="dt = dt + 0.0")
+    assert bench.use() == ("[0.0, 2.0, 4.0]", 1)
+    assert {path: path.stat().st_mtime_ns for path in before} == before
+    assert len(bench.kernels()) == len(before) + 2
+
+
+def test_processes_that_start_together_compile_once(bench: Bench) -> None:
+    found = [answer(process) for process in [bench.start() for _ in range(3)]]
+    assert {force for force, _ in found} == {"[0.0, 2.0, 4.0]"}
+    assert sum(compiled for _, compiled in found) == 2
+
+
+@pytest.mark.parametrize("damage", [b"", b"nonsense"])
+def test_a_damaged_kernel_is_compiled_again(bench: Bench, damage: bytes) -> None:
+    bench.use()
+    for path in bench.kernels():
+        path.write_bytes(damage)
+    assert bench.use()[0] == "[0.0, 2.0, 4.0]"
+    assert bench.use() == ("[0.0, 2.0, 4.0]", 0)
+
+
+def test_without_a_folder_to_write_each_process_compiles(bench: Bench) -> None:
+    bench.cache.write_text("not a folder", encoding="utf-8")
+    assert bench.use() == ("[0.0, 2.0, 4.0]", 2)
+
+
+def test_what_a_law_raises_in_compiled_code_is_raised(tmp_path: Path) -> None:
+    bench = Bench(tmp_path)
+    bench.write(line='if dy > 1e9:\n            raise ValueError("too far")')
+    code = USE.replace("2.0])", "2e10])")
+    command = [sys.executable, "-c", code, str(bench.plugins)]
+    environment = {**os.environ, "FRAEXP_CACHE_DIR": str(bench.cache)}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr.splitlines()[-1] == "ValueError: too far"
