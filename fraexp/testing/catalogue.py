@@ -38,9 +38,9 @@ FRICTION = (
     of_examples(of_laws.compiled, drives, 20, is_compiled=True),
     of_examples(of_laws.translation, drives, 12, quick=3, is_compiled=True),
     of_examples(of_laws.order, drives, 6, quick=3, is_compiled=True),
-    of_examples(of_friction.continuous, of_friction.waves, 12, quick=3, is_compiled=True),
-    of_examples(of_friction.refinement, of_friction.waves, 12, quick=3, is_compiled=True),
-    of_examples(of_friction.energy, of_friction.closed, 100, quick=12, is_compiled=True),
+    of_examples(of_friction.continuous, of_friction.waves, 12, quick=2, is_compiled=True),
+    of_examples(of_friction.refinement, of_friction.waves, 12, quick=2, is_compiled=True),
+    of_examples(of_friction.energy, of_friction.closed, 100, quick=8, is_compiled=True),
     of_examples(of_friction.elsewhere, turns, 1, is_compiled=True),
     of_examples(of_observers.observer, of_observers.exposures, 4, is_compiled=True),
 )

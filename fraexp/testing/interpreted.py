@@ -9,7 +9,7 @@ import numpy as np
 from fraexp.components import Component, FrictionModel, Motion
 from fraexp.testing.walk import Walk
 
-MAX_PASSES = 12
+MAX_PASSES = 6
 """Times that a periodic record is run through."""
 CLOSED = 1e-10
 """Change of the force from one pass to the next, relative to the greatest force, that counts as periodic."""

@@ -23,7 +23,7 @@ from fraexp.testing.walk import Drive, described, loops, slip_length, to_and_fro
 
 STEPS = (200, 3200, 51200)
 """Steps per period, in which errors and jumps of the force must shrink."""
-QUICK_STEPS = (100, 1600, 6400)
+QUICK_STEPS = (100, 800, 3200)
 """Those that plain Python takes at once."""
 FINER, QUICK_FINER = 16, 2
 """Parts into which the steps of a closed loop are divided, so that its energy is that of the law."""
