@@ -183,9 +183,10 @@ class FrictionModel(Component, ABC):
         """Walk with the law in plain Python; PluginError where compiled code would go wrong without a word.
 
         Indices beyond `state_size`, writes to `z` or to a parameter, and a force that is no number are found here,
-        also where the law goes only after it has slipped, turned, or moved fast or slowly for long.
+        also where the law goes only after it has slipped, turned, or moved fast or slowly for long, and a law that
+        never returns.
         """
-        rehearse(self.name, self.law, self.law_arguments(), self.state_size)
+        rehearse(self.name, self.law, self.law_arguments(), self.state_size, lambda: self.greatest_stiffness)
 
     def force(self, displacement: np.ndarray, time_step: float, periodic: bool = False) -> np.ndarray:
         """Return the law's force [N], shape (n,), along a displacement record [m], shape (n,), without `viscous`.

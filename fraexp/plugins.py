@@ -27,6 +27,8 @@ hookspec = pluggy.HookspecMarker("fraexp")
 hookimpl = pluggy.HookimplMarker("fraexp")
 
 AnyComponent = TypeVar("AnyComponent", bound=Component)
+LOCAL = "workspace"
+"""Distribution of what dropped-in files supply."""
 DROP_IN = "fraexp_drop_in_"
 """Prefix of the module names of dropped-in files: stable, so that compiled laws are found again."""
 
@@ -196,7 +198,7 @@ def discover(folder: Path | None = None) -> Registry:
         origin = _Origin(f"{owner} ({entry.value})", owner)
         _attempt(registry, origin, lambda e=entry, o=origin: _register(manager, origins, e.load(), o))
     for file in sorted(folder.glob("*.py")) if folder and folder.is_dir() else []:
-        origin = _Origin(str(file), "workspace", file)
+        origin = _Origin(str(file), LOCAL, file)
         _attempt(registry, origin, lambda f=file, o=origin: _register(manager, origins, load_file(f), o))
     for plugin, origin in list(origins.items()):  # in the order of finding: pluggy keeps a set
         _attempt(registry, origin, lambda p=plugin, o=origin: _collect(manager, registry, p, o.owner))

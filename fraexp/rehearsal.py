@@ -2,12 +2,14 @@
 
 import traceback
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from fraexp.errors import PluginError
+from fraexp.watchdog import LAW_TIME_LIMIT_S, OverdueError, place_of, time_limit
 
 STEPS = [
     (share * size, dt)
@@ -23,20 +25,38 @@ _passed: set[tuple[object, ...]] = set()
 """Laws that have been tried, each with the sizes of its arrays: these decide which elements it may reach."""
 
 
-def rehearse(name: str, law: Callable[..., float], arguments: tuple[Any, ...], states: int) -> None:
+def rehearse(
+    name: str, law: Callable[..., float], arguments: tuple[Any, ...], states: int, stiffness: Callable[[], float]
+) -> None:
     """Walk with a law, once per process; PluginError if it reaches beyond z, writes anything else, or gives no number.
 
-    A composite's law is tried as a whole, with the sizes that it passes on.
+    So it is if the law does not return, or its greatest `stiffness`, which may try the law too. A composite's law is
+    tried as a whole, with the sizes that it passes on.
     """
     values = tuple(_read_only(value) for value in arguments)
     tried = (law, states, *(np.size(value) for value in values if not isinstance(value, tuple)))
     if tried in _passed:
         return
-    z = np.zeros(states)
-    for dy, dt in STEPS:
-        z_next = _step(name, law, values, z, dy, dt)
-        z = z_next if np.all(np.isfinite(z_next)) else np.zeros(states)
+    at = "when asked for its greatest stiffness"
+    try:
+        with time_limit(LAW_TIME_LIMIT_S):
+            with suppress(Exception):  # whatever is wrong with it is said where it is needed
+                stiffness()
+            z = np.zeros(states)
+            for dy, dt in STEPS:
+                at = f"on dy = {dy:g} m in {dt:g} s"
+                z_next = _step(name, law, values, z, dy, dt)
+                z = z_next if np.all(np.isfinite(z_next)) else np.zeros(states)
+    except OverdueError as error:
+        raise PluginError(f"the law of {name} {overdue(error, law, at)}") from None
     _passed.add(tried)
+
+
+def overdue(error: OverdueError, law: Callable[..., float], at: str) -> str:
+    """Return what is said of a law that does not return, after its name; `at` is what it was asked for."""
+    place = place_of(error, law.__code__.co_filename, law.__code__.co_firstlineno)
+    found = f"({place}) has not returned after {LAW_TIME_LIMIT_S:g} s {at}"
+    return f"{found}; expected a force at once: mend what ends its loops"
 
 
 def _step(

@@ -179,6 +179,7 @@ def _new(parser: Parser) -> None:
 def _check(parser: Parser) -> None:
     parser.add_argument("name", metavar="NAME", help="name of a component, or a plugin's file")
     parser.add_argument("--kind", metavar="KIND", choices=KINDS, help="its kind, if several have the name")
+    parser.add_argument("--quick", action="store_true", help="look at few examples, and compile nothing")
     _json(parser)
 
 

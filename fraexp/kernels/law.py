@@ -3,13 +3,15 @@
 import contextlib
 import hashlib
 import inspect
-from collections.abc import Callable, Iterator
+import re
+from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from pathlib import Path
 
 import numpy as np
-from numba.core.errors import NumbaError
 from numba.extending import register_jitable
+
+from fraexp.watchdog import OverdueError, time_limit
 
 Law = Callable[..., float]
 
@@ -58,18 +60,33 @@ class LawError(Exception):
 
 @contextlib.contextmanager
 def explained(*laws: Law) -> Iterator[None]:
-    """Turn what the compiler says of a law into a LawError of one line."""
+    """Turn what goes wrong while laws are compiled into a LawError of one line, with the place in the law."""
+    names = " or ".join(dict.fromkeys(law.__qualname__ for law in laws))
     try:
-        yield
-    except NumbaError as error:
-        lines = [line.strip() for line in str(error).splitlines()]
-        said = [line for line in lines if line.startswith(TELLING)] or [line for line in lines if line][-1:]
-        where = [line.removeprefix("File ").replace('"', "") for line in lines if line.startswith('File "')]
-        place = where[-1].rstrip(":") if where else inspect.getfile(laws[0])
-        names = " or ".join(dict.fromkeys(law.__qualname__ for law in laws))
-        raise LawError(f"{names} cannot be compiled: {said[0]} ({place})") from None
+        with time_limit(COMPILE_LIMIT_S, of_processor=True):
+            yield
+    except OverdueError:
+        why = f"the compiler has not returned after {COMPILE_LIMIT_S:g} s; expected seconds: make the law simpler"
+        raise LawError(f"{names} ({_place('', laws)}) cannot be compiled: {why}") from None
+    except Exception as error:  # the compiler raises what it likes
+        lines = [line.strip() for line in str(error).splitlines() if line.strip()] or [type(error).__name__]
+        said = [line for line in lines if line.startswith(TELLING)] or lines[-1:]
+        raise LawError(f"{names} ({_place(str(error), laws)}) cannot be compiled: {said[0]}") from None
 
 
+def _place(message: str, laws: Sequence[Law]) -> str:
+    """Return file and line of a law: the last that the compiler's message names there, or where the law begins."""
+    files = {Path(inspect.getfile(law)).name for top in laws for law in (top, *helpers(top))}
+    named = [(Path(found[1]).name, found[2]) for found in NAMED_PLACE.finditer(message)]
+    inside = [place for place in named if place[0] in files]
+    file, line = inside[-1] if inside else (Path(inspect.getfile(laws[0])).name, laws[0].__code__.co_firstlineno)
+    return f"{file}, line {line}"
+
+
+COMPILE_LIMIT_S = 20.0
+"""Processor time that one kernel may take to be compiled [s]: four times what the longest built-in law takes."""
+NAMED_PLACE = re.compile(r'File "([^"]+)", line (\d+)')
+"""How the compiler names a place."""
 TELLING = (
     "NameError",
     "Cannot",

@@ -2,7 +2,7 @@
 
 import inspect
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from fraexp.components import Component
@@ -33,16 +33,29 @@ class Check:
     """Strategy of the examples; None for a check of the class itself."""
     examples: int = 1
     """Examples that are looked at."""
+    quick_examples: int = 1
+    """Examples that are looked at when the check is quick and nothing is compiled; 0 if it is left out then."""
+    is_compiled: bool = False
+    """Whether it compiles a law, or asks for signals that compiled code has made."""
+
+    shrinks: bool = True
+    """Whether the smallest example is looked for once one was found."""
+
+    def quick(self) -> "Check":
+        """Return the check as it is when it is to be quick."""
+        return replace(self, examples=self.quick_examples, is_compiled=False, shrinks=False)
 
 
-def of_class(body: Callable[[Any], None]) -> Check:
-    """Return the check of a class that a function with a docstring makes."""
-    return Check(_name(body), _sentence(body), body)
+def of_class(body: Callable[[Any], None], is_compiled: bool = False) -> Check:
+    """Return the check of a class that a function with a docstring makes; a compiled one is not quick."""
+    return Check(_name(body), _sentence(body), body, quick_examples=int(not is_compiled), is_compiled=is_compiled)
 
 
-def of_examples(body: Callable[[Any], None], draws: Draws, examples: int) -> Check:
-    """Return the check of drawn examples that a function with a docstring makes."""
-    return Check(_name(body), _sentence(body), body, draws, examples)
+def of_examples(
+    body: Callable[[Any], None], draws: Draws, examples: int, quick: int = 0, is_compiled: bool = False
+) -> Check:
+    """Return the check of drawn examples that a function with a docstring makes, fewer of them when it is quick."""
+    return Check(_name(body), _sentence(body), body, draws, examples, quick, is_compiled)
 
 
 def _name(body: Callable[..., None]) -> str:

@@ -12,7 +12,7 @@ from pydantic.fields import FieldInfo
 from fraexp import units as unit_texts
 from fraexp.components import Component, nested_kind
 from fraexp.errors import FraexpError
-from fraexp.parameters import Parameters, unit_of
+from fraexp.parameters import TYPICAL, Parameters, unit_of
 from fraexp.plugins import Registry, Supply
 from fraexp.testing.check import require
 from fraexp.testing.examples import installed
@@ -31,7 +31,8 @@ def units(component: type[Component]) -> None:
         require(info.description, f"{place} has no meaning")
         if nested_kind(info) is None and {float, int} & set(_flat(info.annotation)):
             require(unit_of(info), f"{place} has no unit")
-            unit_texts.si(unit_of(info))
+            if unit_of(info) not in ("1", *TYPICAL):  # the others are looked up among all units that there are
+                unit_texts.si(unit_of(info))
 
 
 def source(component: type[Component]) -> None:

@@ -17,11 +17,16 @@ from fraexp.components import Component, FrictionModel
 from fraexp.errors import FraexpError
 from fraexp.testing.check import NotApplicableError, require
 from fraexp.testing.examples import strategy
+from fraexp.testing.interpreted import Interpreted
 from fraexp.testing.of_laws import NEAR
-from fraexp.testing.walk import Drive, described, slip_length
+from fraexp.testing.walk import Drive, described, loops, slip_length, to_and_fro
 
-COARSE, FINE, FINEST = 200, 3200, 51200
+STEPS = (200, 3200, 51200)
 """Steps per period, in which errors and jumps of the force must shrink."""
+QUICK_STEPS = (100, 800, 3200)
+"""Those that plain Python takes at once."""
+FINER, QUICK_FINER = 16, 2
+"""Parts into which the steps of a closed loop are divided, so that its energy is that of the law."""
 LOST = 1e-3
 """Energy that a closed loop may give, relative to the work done in it: what the steps leave undecided."""
 
@@ -37,6 +42,8 @@ class Wave:
     """Third harmonic's share of the fundamental."""
     period: float
     """Duration [s]."""
+    steps: tuple[int, int, int] = STEPS
+    """Steps per period: coarse, fine, and those that count as exact."""
 
     def record(self, steps: int) -> np.ndarray:
         """Return one period of the displacement [m], shape (steps,)."""
@@ -54,6 +61,11 @@ class Wave:
         return f"{described(self.model)}; a sine of {length:.3g} m, period {self.period:g} s, third {self.harmonic:g}"
 
 
+def closed(component: type[Component]) -> Any:
+    """Return the strategy of drives to and fro of a friction model: short ones where plain Python has to do."""
+    return to_and_fro(component) if issubclass(component, Interpreted) else loops(component)
+
+
 def waves(component: type[Component]) -> Any:
     """Return the strategy of waves of a friction model."""
     return st.builds(
@@ -62,35 +74,40 @@ def waves(component: type[Component]) -> Any:
         st.sampled_from([4.0, 1.0, 0.25, 20.0]),
         st.sampled_from([0.0, 0.3, 0.9]),
         st.sampled_from([1.0, 0.1, 10.0, 0.01]),
+        st.just(QUICK_STEPS if issubclass(component, Interpreted) else STEPS),
     )
 
 
 def continuous(wave: Wave) -> None:
     """The force does not jump at a reversal: steps of it shrink with the steps of the motion."""
     jumps = []
-    for steps in (COARSE, FINE):
+    coarse, fine, _ = wave.steps
+    for steps in (coarse, fine):
         record, force = wave.record(steps), wave.force(steps)
         turning = np.flatnonzero(np.diff(np.sign(np.diff(record))) != 0)
         near = np.unique(np.clip(turning[:, None] + np.arange(-1, 4), 1, steps - 1))
         jumps.append(float(np.max(np.abs(np.diff(force)[near - 1]), initial=0.0)))
     scale = float(np.max(np.abs(force))) or 1.0
-    jump = f"{jumps[0]:.4g} N with {COARSE} steps, {jumps[1]:.4g} N with {FINE}"
+    jump = f"{jumps[0]:.4g} N with {coarse} steps, {jumps[1]:.4g} N with {fine}"
     require(jumps[1] <= 0.5 * jumps[0] + NEAR * scale, f"it jumps at a reversal by {jump}")
 
 
 def refinement(wave: Wave) -> None:
     """Smaller steps of the same motion converge: to the same force at once where no rate matters."""
-    forces = [wave.force(steps, periodic=False)[:: steps // COARSE] for steps in (COARSE, FINE, FINEST)]
+    coarse, fine, _ = wave.steps
+    forces = [wave.force(steps, periodic=False)[:: steps // coarse] for steps in wave.steps]
     scale = float(np.max(np.abs(forces[-1]))) or 1.0
-    errors = [float(np.sqrt(np.mean((coarse - forces[-1]) ** 2))) / scale for coarse in forces[:2]]
-    change = f"they differ by {errors[0]:.2e} of the force with {COARSE} steps, by {errors[1]:.2e} with {FINE}"
+    errors = [float(np.sqrt(np.mean((force - forces[-1]) ** 2))) / scale for force in forces[:2]]
+    change = f"they differ by {errors[0]:.2e} of the force with {coarse} steps, by {errors[1]:.2e} with {fine}"
     require(errors[1] <= max(0.5 * errors[0], NEAR), f"smaller steps do not converge: {change}")
 
 
 def energy(drive: Drive) -> None:
     """No closed loop gives energy: ∮ f dy ≥ 0."""
-    record = np.interp(np.arange(16 * drive.record.size) / 16, np.arange(drive.record.size + 1), [*drive.record, 0.0])
-    step = drive.time_step / 16
+    finer = QUICK_FINER if isinstance(drive.model, Interpreted) else FINER
+    at = np.arange(finer * drive.record.size) / finer
+    record = np.interp(at, np.arange(drive.record.size + 1), [*drive.record, 0.0])
+    step = drive.time_step / finer
     force = drive.model.force(record, step, periodic=True)
     dy = np.roll(record, -1) - record
     viscous = drive.model.viscous * float(np.sum(dy**2)) / step

@@ -29,14 +29,18 @@ FRICTIONLESS = {"name": "none"}
 @cache
 def _linear() -> tuple[Mapping[str, Any], Signals]:
     """Return a frictionless experiment and its signals."""
-    parts = bench.experiment(MASS, PUSH, FRICTIONLESS)
+    parts = _experiment()
     return parts, bench.simulated(parts, create(installed(), FrictionModel, FRICTIONLESS))
+
+
+def _experiment() -> dict[str, Any]:
+    return bench.experiment(MASS, PUSH, FRICTIONLESS)
 
 
 def _made(component: type[Component]) -> Any:
     """Return an estimator with its defaults, which inherits from the experiment what a study would give it."""
     try:
-        return registry_with(component).create(component.kind, {"name": component.name}, _linear()[0])
+        return registry_with(component).create(component.kind, {"name": component.name}, _experiment())
     except FraexpError as error:
         raise NotApplicableError(f"it has no defaults: {error}") from None
 

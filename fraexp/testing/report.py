@@ -1,6 +1,7 @@
 """Running checks, and what came out of each."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any
@@ -9,9 +10,15 @@ import numpy as np
 
 from fraexp.components import Component
 from fraexp.errors import PluginError, did_you_mean
-from fraexp.testing.catalogue import checks_for
+from fraexp.testing.catalogue import checks_for, quick_checks_for
 from fraexp.testing.check import Check, NotApplicableError, ViolationError
+from fraexp.testing.interpreted import interpreted
+from fraexp.testing.overdue import overdue, uncompiled
 from fraexp.testing.walk import described
+from fraexp.watchdog import LAW_TIME_LIMIT_S, OverdueError, time_limit
+
+Begins = Callable[[Check, Any], None]
+"""Is told of each check's examples, before it is looked at."""
 
 
 class Verdict(Enum):
@@ -22,6 +29,7 @@ class Verdict(Enum):
     EXPECTED = "expected failure"
     FAILED = "FAIL"
     UNEXPECTED = "FAIL: passes, though declared to fail"
+    NOT_RUN = "not run"
 
 
 @dataclass(frozen=True)
@@ -34,6 +42,8 @@ class Finding:
     """Why it failed, was skipped, or is expected to fail; in one line."""
     example: str = ""
     """The smallest example that was found; empty for a check of the class itself."""
+    ends: str = ""
+    """Why checks that follow are in vain: all of them, or those that are compiled; empty if they are not."""
 
     @property
     def wrong(self) -> bool:
@@ -76,11 +86,33 @@ def findings(
     component: type[Component],
     checks: Iterable[Check] | None = None,
     expected_failures: Mapping[str, str] | None = None,
+    begins: Begins = lambda check, example: None,
 ) -> Iterator[Finding]:
-    """Yield the findings one after another, as `run_checks` reports them."""
+    """Yield the findings one after another, as `run_checks` reports them; `begins` is told each example first."""
     expected = expectations(component, expected_failures)
+    last: Finding | None = None
     for check in checks if checks is not None else checks_for(component):
-        yield run_check(check, component, expected.get(check.name))
+        if last and (check.is_compiled or not last.check.is_compiled):
+            yield Finding(check, Verdict.NOT_RUN, last.ends)
+            continue
+        finding = run_check(check, component, expected.get(check.name), begins)
+        last = finding if finding.ends else last
+        yield finding
+
+
+def quick_findings(component: type[Component], begins: Begins = lambda check, example: None) -> Iterator[Finding]:
+    """Yield what the quick checks of a component find: fewer examples, and nothing compiled."""
+    expected, last = expectations(component), ""
+    for check in quick_checks_for(component):
+        if last:
+            yield Finding(check, Verdict.NOT_RUN, last)
+            continue
+        looked_at = interpreted(component) if check.draws else component
+        finding = run_check(check, looked_at, expected.get(check.name), begins)
+        if finding.verdict is Verdict.UNEXPECTED:  # a few examples are no proof that it passes
+            finding = Finding(check, Verdict.SKIPPED, f"declared to fail: {expected[check.name]}")
+        last = finding.ends
+        yield finding
 
 
 def expectations(component: type[Component], more: Mapping[str, str] | None = None) -> dict[str, str]:
@@ -93,11 +125,16 @@ def expectations(component: type[Component], more: Mapping[str, str] | None = No
     return expected
 
 
-def run_check(check: Check, component: type[Component], expected: str | None = None) -> Finding:
+def run_check(
+    check: Check,
+    component: type[Component],
+    expected: str | None = None,
+    begins: Begins = lambda check, example: None,
+) -> Finding:
     """Run one check; `expected` is the reason why it must fail, if it must."""
     with np.errstate(all="ignore"):  # what overflows shows as an infinite force
-        found = _Search(check, component).finding()
-    if expected is None or found.verdict is Verdict.SKIPPED:
+        found = _Search(check, component, begins).finding()
+    if expected is None or found.ends or found.verdict is Verdict.SKIPPED:
         return found
     if found.verdict is Verdict.FAILED:
         return Finding(check, Verdict.EXPECTED, expected, found.example)
@@ -110,6 +147,7 @@ class _Search:
 
     check: Check
     component: type[Component]
+    begins: Begins
     example: Any = None
     looked_at: int = 0
     skipped: str = field(default="")
@@ -120,8 +158,14 @@ class _Search:
             self._search() if self.check.draws else self._look(self.component)
         except ViolationError as violation:
             return Finding(self.check, Verdict.FAILED, _line(str(violation)), self._example)
+        except OverdueError as error:
+            reason = overdue(error, self.example)
+            return Finding(self.check, Verdict.FAILED, reason, self._owner, f"{self.component.name} does not return")
         except Exception as error:  # a stranger's component may raise anything
-            return Finding(self.check, Verdict.FAILED, _line(f"{type(error).__name__}: {error}"), self._example)
+            reason = _line(f"{type(error).__name__}: {error}")
+            if "cannot be compiled" in reason or type(error).__module__.startswith("numba"):
+                return Finding(self.check, Verdict.FAILED, uncompiled(error, self.example), self._owner, NOT_COMPILED)
+            return Finding(self.check, Verdict.FAILED, reason, self._example)
         if not self.looked_at:
             return Finding(self.check, Verdict.SKIPPED, self.skipped)
         return Finding(self.check, Verdict.PASSED)
@@ -141,13 +185,15 @@ class _Search:
             report_multiple_bugs=False,
             verbosity=Verbosity.quiet,
             suppress_health_check=list(HealthCheck),
-            phases=(Phase.generate, Phase.target, Phase.shrink),
+            phases=(Phase.generate, Phase.target, *([Phase.shrink] if self.check.shrinks else [])),
         )(found)()
 
     def _look(self, example: Any) -> None:
         self.example = example
+        self.begins(self.check, example)
         try:
-            self.check.body(example)
+            with nullcontext() if self.check.is_compiled else time_limit(LAW_TIME_LIMIT_S):
+                self.check.body(example)
             self.looked_at += 1
         except NotApplicableError as reason:
             self.skipped = str(reason)
@@ -159,7 +205,17 @@ class _Search:
         try:
             return described(self.example) if isinstance(self.example, Component) else str(self.example)
         except Exception:  # the component may be too broken to be described further
-            return described(getattr(self.example, "model", self.example))
+            return self._owner
+
+    @property
+    def _owner(self) -> str:
+        """The component of the example, described without trying it."""
+        owner = getattr(self.example, "model", self.example)
+        return described(owner) if isinstance(owner, Component) else ""
+
+
+NOT_COMPILED = "the law cannot be compiled"
+"""Why the checks that need the compiled law are not run."""
 
 
 def _line(text: str) -> str:

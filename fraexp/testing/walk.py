@@ -41,7 +41,7 @@ class Walk:
 
     def along(self, record: np.ndarray) -> np.ndarray:
         """Return the forces [N] along a displacement record [m], from rest at its beginning."""
-        return np.array([self.step(dy) for dy in np.diff(record, prepend=record[0]).tolist()])
+        return np.array([self.step(dy) for dy in np.diff(record, prepend=record[:1]).tolist()])
 
 
 @dataclass(frozen=True)
@@ -129,9 +129,14 @@ def loops(component: type[Component]) -> Any:
     creep, dash = st.integers(4, 24), st.integers(4, 24)
     creeping = st.tuples(creep, dash).map(lambda to: ((to[0], 1024), (sum(to), 1), (to[1], 1024), (0, 1)))
     return st.one_of(
-        _drives(component, st.sampled_from([8, 1, 64])),
+        to_and_fro(component),
         st.builds(Drive, strategy(component), creeping, st.sampled_from([1e-4, 1e-5])),
     )
+
+
+def to_and_fro(component: type[Component]) -> Any:
+    """Return the strategy of drives to and fro, in few steps and in many."""
+    return _drives(component, st.sampled_from([8, 1, 64]))
 
 
 def _drives(component: type[Component], steps: Any) -> Any:

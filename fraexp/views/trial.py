@@ -11,8 +11,11 @@ import numpy as np
 from fraexp.components import FrictionModel
 from fraexp.errors import FraexpError, PluginError
 from fraexp.parameters import Parameters, param
-from fraexp.plugins import Registry, reason_of
+from fraexp.plugins import LOCAL, Registry, reason_of
+from fraexp.rehearsal import overdue
 from fraexp.views.fields import toml_value
+from fraexp.views.first_trial import first_trial
+from fraexp.watchdog import LAW_TIME_LIMIT_S, OverdueError, time_limit
 
 Answer = TypeVar("Answer")
 STUDY = "friction/hysteresis"
@@ -79,8 +82,11 @@ class Trial:
         model = registry.create(FrictionModel.kind, spec)
         if not isinstance(model, FrictionModel):
             raise PluginError(f"{spec.get('name')} is no friction model")
-        self._file = registry.supply(FrictionModel.kind, str(spec["name"])).file
+        supply = registry.supply(FrictionModel.kind, str(spec["name"]))
+        self._file = supply.file
         self.model, self.sine = model, sine
+        if supply.distribution == LOCAL:
+            first_trial(spec, supply)
         self._ends = time.monotonic() + LONGEST
         self._guarded(model.rehearse)
         self._law, self._arguments, self._viscous = self._guarded(
@@ -102,6 +108,15 @@ class Trial:
         return amplitudes[: len(found)], np.array(found, dtype=complex)
 
     def _loop(self, amplitude: float, steps: int) -> Loop:
+        """Return the loop of an amplitude [m]; PluginError if the law does not return from a step."""
+        try:
+            with time_limit(LAW_TIME_LIMIT_S):
+                return self._closed_loop(amplitude, steps)
+        except OverdueError as error:
+            at = f"in steps of a sine of {amplitude:g} m"
+            raise PluginError(f"the law of {self.model.name} {overdue(error, self._law, at)}") from None
+
+    def _closed_loop(self, amplitude: float, steps: int) -> Loop:
         angle = 2 * np.pi * np.arange(steps) / steps
         displacement = amplitude * np.sin(angle)
         changes = (displacement - np.roll(displacement, 1)).tolist()

@@ -1,0 +1,39 @@
+"""The components that a user names: by their own name, or by their plugin's file."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from fraexp.components import Component
+from fraexp.errors import PluginError
+from fraexp.plugins import Registry, components_in, discover, load_file, reason_of
+
+
+def named_components(name: str, kind: str | None, workspace: Path) -> Iterator[type[Component]]:
+    """Yield the component of a name, or all that a plugin's file defines; PluginError if there is none."""
+    if name.endswith(".py"):
+        return _of_file(Path(name), kind)
+    return _named(name, kind, discover(workspace / "plugins"))
+
+
+def _of_file(file: Path, kind: str | None) -> Iterator[type[Component]]:
+    if not file.is_file():
+        raise PluginError(f"{file}: there is no such file")
+    try:
+        found = components_in(load_file(file))
+    except (Exception, SystemExit) as error:  # a stranger's file may raise anything
+        raise PluginError(f"{file} cannot be loaded: {reason_of(error, file)}") from error
+    chosen = [component for component in found if kind in (None, component.kind)]
+    if not chosen:
+        what = f"{kind} component" if kind else "component"
+        raise PluginError(f"{file}: defines no {what}; expected a class such as class Mine(FrictionModel, name=...)")
+    yield from chosen
+
+
+def _named(name: str, kind: str | None, registry: Registry) -> Iterator[type[Component]]:
+    kinds = sorted({of for of, known in registry.supplies if known == name and kind in (None, of)})
+    if len(kinds) > 1:
+        raise PluginError(f"'{name}' is the name of a {' and of a '.join(kinds)}; choose one with --kind")
+    if not kinds:
+        names = {known for of, known in registry.supplies if kind in (None, of)}
+        raise PluginError(f"no {kind or 'component'} is called '{name}'{registry.instead(name, names)}")
+    yield registry.supply(kinds[0], name).component

@@ -1,0 +1,102 @@
+"""The quick check: what it finds in plain Python, what it leaves out, and what it says of both."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fraexp.cli.exits import ExitCode
+from fraexp.cli.main import main
+from fraexp.components import Component
+from fraexp.plugins import discover
+from fraexp.testing.catalogue import checks_for, quick_checks_for
+from fraexp.testing.interpreted import interpreted
+from fraexp.testing.report import Verdict, quick_findings
+from tests.testing import defects, other_defects
+
+SLOW_TO_SEE = {"elsewhere", "compiled", "linear-plant", "result-units", "outcome", "covariance"}
+"""Checks of what takes another process, compiled code or a simulation."""
+SEEDED = [*defects.FRICTION.items(), *other_defects.OTHERS]
+QUICK = [(component, name) for component, name in SEEDED if name not in SLOW_TO_SEE]
+
+
+def named(part: object) -> str:
+    return part if isinstance(part, str) else part.name
+
+
+def test_the_quick_check_sees_most_of_the_seeded_defects() -> None:
+    assert len(QUICK) == 35
+    assert len(SEEDED) == 41
+
+
+@pytest.mark.parametrize(("component", "name"), QUICK, ids=named)
+def test_a_seeded_defect_is_found_quickly_by_name(component: type[Component], name: str) -> None:
+    found = {finding.check.name: finding for finding in quick_findings(component)}
+    assert found[name].verdict is Verdict.FAILED
+    assert found[name].reason
+
+
+@pytest.mark.parametrize("component", [defects.Element, *other_defects.SOUND], ids=named)
+def test_nothing_is_found_in_a_component_without_defect(component: type[Component]) -> None:
+    assert [finding.reason for finding in quick_findings(component) if finding.verdict is not Verdict.PASSED] == []
+
+
+@pytest.mark.parametrize("supply", discover().supplies.values(), ids=lambda supply: f"{supply.component.name}")
+def test_nothing_is_found_in_what_is_built_in(supply) -> None:
+    assert [str(finding) for finding in quick_findings(supply.component) if finding.wrong] == []
+
+
+def test_only_what_needs_the_compiler_or_a_simulation_is_left_out() -> None:
+    for component in {component for component, _ in SEEDED}:
+        quick = {check.name for check in quick_checks_for(component)}
+        assert {check.name for check in checks_for(component)} - quick <= {*SLOW_TO_SEE, "observer"}
+
+
+def test_an_interpreted_model_gives_the_force_of_the_compiled_one() -> None:
+    values = {"stiffness": 4e5, "limit": 18.0}
+    record = np.array([0.0, 2e-5, 7e-5, 3e-5, -6e-5, -1e-5])
+    forces = [
+        kind.parse(values, "element").force(record, 1e-3, periodic=periodic).tolist()
+        for kind in (defects.Element, interpreted(defects.Element))
+        for periodic in (False, True)
+    ]
+    assert forces[:2] == forces[2:]
+
+
+def test_the_command_compiles_nothing_and_says_what_it_leaves_out(tmp_path: Path) -> None:
+    code = (
+        "import sys, json; sys.argv[1:] = ["
+        f"json.dumps({{'name': 'dahl', 'kind': None, 'workspace': '.', 'quick': True, 'folder': {str(tmp_path)!r}}})]\n"
+        "from fraexp.testing.check_process import main; main(); assert 'numba' not in sys.modules"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path, check=False)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout.splitlines()[-1]) == {"end": True}
+
+
+def test_failures_stand_first_and_what_was_left_out_last(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["new", "friction", "mine"]) == ExitCode.OK
+    file = tmp_path / "plugins/mine.py"
+    capsys.readouterr()
+    assert main(["check", "mine", "--quick"]) == ExitCode.OK
+    printed = capsys.readouterr()
+    assert "  left out  compiled, elsewhere, observer" in printed.out
+    assert "friction mine: nothing found in a quick look" in printed.err
+    file.write_text(file.read_text().replace("-limit", "-0.9 * limit"))
+    assert main(["check", "mine", "--quick"]) == ExitCode.INCOMPLETE
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[1].startswith("  FAIL      odd ")
+    assert lines[-2].startswith("  left out  compiled")
+
+
+def test_one_document_names_what_was_left_out(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", "conventional", "--quick", "--json"]) == ExitCode.OK
+    (report,) = json.loads(capsys.readouterr().out)
+    assert report["sound"]
+    assert report["left_out"] == ["linear-plant", "result-units", "covariance", "outcome"]
