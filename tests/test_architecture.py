@@ -20,7 +20,8 @@ from pydantic.fields import FieldInfo
 from fraexp import units
 from fraexp.components import Component, RecordReader, nested_kind
 from fraexp.parameters import Parameters, unit_of
-from fraexp.plugins import Registry, Supply
+from fraexp.plugins import Registry
+from fraexp.supplies import Supply
 
 ROOT = Path(__file__).parents[1]
 SOURCES = sorted([*(ROOT / "fraexp").rglob("*.py"), *(ROOT / "plugins").rglob("*.py")])
