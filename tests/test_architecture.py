@@ -88,6 +88,13 @@ def test_finding_components_loads_no_heavy_package() -> None:
     assert loaded & {"numba", "llvmlite", "matplotlib", "sqlalchemy", "textual"} == set()
 
 
+def test_a_list_of_runs_loads_neither_parameters_nor_plugins() -> None:
+    loaded = loaded_by("import fraexp.cli.list")
+    assert (
+        loaded & {"numba", "scipy", "pydantic", "pluggy", "alembic", "matplotlib", "textual", "fraexp_plugins"} == set()
+    )
+
+
 def test_the_command_line_loads_nothing_heavy_before_it_is_needed() -> None:
     loaded = loaded_by("import fraexp.cli.main")
     assert loaded & {"numba", "numpy", "scipy", "pydantic", "sqlalchemy", "matplotlib", "textual"} == set()
