@@ -102,6 +102,6 @@ $(TOOLS): $(STAMP) requirements-dev.lock
 	mv $(STAMP) $(STAMP).kept; \
 	$$(cat $(ENV)/.pip) $(PIP_INSTALL) --require-hashes --requirement requirements-dev.lock || \
 	  { mv $(STAMP).kept $(STAMP); exit 1; }; \
-	$(BIN)/python -m compileall -qq -j 0 $(ENV)/lib > /dev/null 2>&1 || true; \
+	$(BIN)/python -m compileall -qq -j 0 $(CURDIR)/$(ENV)/lib > /dev/null 2>&1 || true; \
 	mv $(STAMP).kept $(STAMP); \
 	touch $@
