@@ -1,8 +1,17 @@
-# make run, make test: either sets up .venv first. ARGS are passed on: make test ARGS="-k store".
+# make run, make test: either sets up .venv first, the latter with the tools of development as well.
+# ARGS are passed on: make test ARGS="-k store".
 ENV   := .venv
 BIN   := $(ENV)/bin
 STAMP := $(ENV)/.ready
+TOOLS := $(ENV)/.tools
 UV    ?= uv
+
+# Running needs a quarter of the packages' bytecode: the first import writes it, whatever the environment says.
+unexport PYTHONDONTWRITEBYTECODE
+PIP_INSTALL := install --quiet --quiet --no-compile
+export PIP_DISABLE_PIP_VERSION_CHECK=1
+export PIP_NO_INPUT=1
+export PIP_ROOT_USER_ACTION=ignore
 
 # Without PYTHON=..., the first of these that is new enough.
 CANDIDATES := $(or $(PYTHON),python3 python3.13 python3.12 python3.11)
@@ -10,6 +19,7 @@ RECENT     := import sys; sys.exit(sys.version_info < (3, 11))
 
 .PHONY: run test test-long check format bench docs-figures wheel lock clean
 .DEFAULT_GOAL := run
+.NOTPARALLEL:  # make -j run test: both would set up one environment
 
 # A copied checkout, or one whose Python is gone, must not go on with the old environment.
 ifneq ($(shell $(BIN)/python -c "print(open('$(STAMP)').read())" 2>/dev/null),$(CURDIR))
@@ -22,46 +32,50 @@ run: $(STAMP)
 test: check
 	@$(BIN)/python -m pytest -n auto --dist loadfile $(ARGS)
 
-check: $(STAMP)
+check: $(TOOLS)
 	@$(BIN)/ruff format --quiet --check . || { echo "not formatted: run make format" >&2; exit 1; }
 	@$(BIN)/ruff check --quiet .
 	@$(BIN)/python -m mypy --no-error-summary
 	@$(BIN)/lint-imports --no-logo > $(ENV)/imports.log || { cat $(ENV)/imports.log >&2; exit 1; }
 
-test-long: $(STAMP)
+test-long: $(TOOLS)
 	@$(BIN)/python -m pytest -m long $(ARGS)
 
-format: $(STAMP)
+format: $(TOOLS)
 	@$(BIN)/ruff format --quiet .
 	@$(BIN)/ruff check --quiet --fix .
 
 # Each prints a table and fails where a bound is missed; all are run. The peers are those that are installed.
 BENCHMARKS := accuracy friction band_coverage friction_band plant_fit friction_identification positioning autonomous \
-              kernel compilation peer_table scaling monte_carlo timing store planning tui terminal
+              kernel compilation peer_table scaling monte_carlo set_up timing store planning tui terminal
 
-bench: $(STAMP)
+bench: $(TOOLS)
 	@failed=; for name in $(BENCHMARKS); do echo; echo "== benchmarks/$$name.py"; \
 	  $(BIN)/python benchmarks/$$name.py $(ARGS) || failed="$$failed $$name"; done; \
 	if test -n "$$failed"; then echo "missed a bound:$$failed" >&2; exit 1; fi
 
-docs-figures: $(STAMP)
+docs-figures: $(TOOLS)
 	@$(BIN)/python -m fraexp run paper/fig12 $(ARGS)
 	@cp figures/paper/fig12.png docs/figures/fig12.png
 	@$(BIN)/python docs/make_screens.py
 
-wheel: $(STAMP)
+wheel: $(TOOLS)
 	@$(BIN)/hatchling build --target wheel
+
+# All is resolved at once, and running needs a part of it: both locks pin the same versions.
+COMPILE := pip compile pyproject.toml --universal --python-version 3.11 --fork-strategy fewest --generate-hashes \
+           --no-emit-index-url --no-annotate --no-header --quiet
 
 lock:
 	@command -v $(UV) > /dev/null || { echo "make lock: uv not found; install it, for example with pip install uv" >&2; exit 1; }
-	@$(UV) pip compile pyproject.toml --group dev --universal --python-version 3.11 --fork-strategy fewest \
-	  --generate-hashes --no-emit-index-url --no-annotate --no-header --quiet $(ARGS) --output-file requirements.lock
+	@$(UV) $(COMPILE) --group dev $(ARGS) --output-file requirements-dev.lock
+	@$(UV) $(COMPILE) --group build --constraint requirements-dev.lock --output-file requirements.lock
 
 clean:
 	rm -rf $(ENV) build dist .pytest_cache .hypothesis .mypy_cache .ruff_cache .import_linter_cache
 	find fraexp plugins tests benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +
 
-# The stamp is written last: a set-up that was interrupted starts afresh, one that is out of date is brought up to date.
+# A stamp is written last: a set-up that was interrupted starts afresh, one that is out of date is brought up to date.
 $(STAMP): pyproject.toml requirements.lock
 	@set -e; \
 	for candidate in $(CANDIDATES); do \
@@ -75,7 +89,19 @@ $(STAMP): pyproject.toml requirements.lock
 	pip="$(BIN)/python -m pip"; \
 	$$pip --version > /dev/null 2>&1 || pip="$$python -m pip --python $(BIN)/python"; \
 	$$pip --version > /dev/null 2>&1 || { echo "$$python has no pip; install it (Debian: python3-pip or python3-venv)" >&2; exit 1; }; \
-	export PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_NO_INPUT=1 PIP_ROOT_USER_ACTION=ignore; \
-	$$pip install --quiet --quiet --require-hashes --requirement requirements.lock; \
-	$$pip install --quiet --quiet --no-deps --no-build-isolation --editable .; \
+	$$pip $(PIP_INSTALL) --require-hashes --requirement requirements.lock; \
+	$$pip $(PIP_INSTALL) --no-deps --no-build-isolation --editable .; \
+	printf %s "$$pip" > $(ENV)/.pip; \
 	printf %s "$(CURDIR)" > $@
+
+# Tests start hundreds of processes, all of which find the bytecode there.
+# Meanwhile the stamp is away: an interruption leaves what is half installed, a failure (no network) does not.
+$(TOOLS): $(STAMP) requirements-dev.lock
+	@echo "adding the tools of development to $(ENV), once: about a minute" >&2
+	@set -e; \
+	mv $(STAMP) $(STAMP).kept; \
+	$$(cat $(ENV)/.pip) $(PIP_INSTALL) --require-hashes --requirement requirements-dev.lock || \
+	  { mv $(STAMP).kept $(STAMP); exit 1; }; \
+	$(BIN)/python -m compileall -qq -j 0 $(CURDIR)/$(ENV)/lib > /dev/null 2>&1 || true; \
+	mv $(STAMP).kept $(STAMP); \
+	touch $@

@@ -1,5 +1,7 @@
 """Measure the times that the README states: a warm sweep, start-up, a first result, a reused study.
 
+Start-up is also told as a share of what importing numpy, sqlalchemy and pydantic takes, in turn with it.
+
     python benchmarks/timing.py            medians of several runs
     python benchmarks/timing.py --reduced  of fewer runs
 
@@ -35,17 +37,26 @@ next(event for event in events if isinstance(event, Finished))
 events.close()
 """
 """Stops at the first result."""
+IMPORTS = ["-c", "import numpy, sqlalchemy, pydantic"]
+STARTS = {
+    "fraexp list": ([*FRAEXP, "list"], 1.3),
+    "fraexp plugins": ([*FRAEXP, "plugins"], None),
+    "study paper/fig12 reused": ([*FRAEXP, "run", "paper/fig12"], 2.0),
+}
+"""Commands, and the share of the time of `IMPORTS` that they may take."""
 
 
 def median_time(action: Callable[[], object], runs: int) -> float:
     """Return the median time [s] of an action over several runs, after one that is not counted."""
     action()
-    times = []
-    for _ in range(runs):
-        began = time.perf_counter()
-        action()
-        times.append(time.perf_counter() - began)
-    return statistics.median(times)
+    return statistics.median(timed(action) for _ in range(runs))
+
+
+def timed(action: Callable[[], object]) -> float:
+    """Return the time [s] that an action takes."""
+    began = time.perf_counter()
+    action()
+    return time.perf_counter() - began
 
 
 def sweep_job(amplitude: float, quick: bool = False) -> Job:
@@ -80,13 +91,33 @@ def greatest_error(job: Job) -> float:
 
 def command(*arguments: str, folder: str) -> Callable[[], object]:
     """Return an action that runs Python with these arguments in a folder, in a fresh process."""
-    return lambda: subprocess.run([sys.executable, *arguments], cwd=folder, check=True, capture_output=True)
+    kept = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    return lambda: subprocess.run([sys.executable, *arguments], cwd=folder, check=True, capture_output=True, env=kept)
 
 
-def row(what: str, taken: float, bound: float | None) -> bool:
-    """Print a time [s] with its bound; return whether the bound is missed."""
+def shares(runs: int) -> int:
+    """Time commands in turn with the imports that they cannot do without; return how many bounds are missed."""
+    with tempfile.TemporaryDirectory() as folder:
+        actions = {name: command(*said, folder=folder) for name, (said, _) in STARTS.items()}
+        actions = {"imports": command(*IMPORTS, folder=folder)} | actions
+        command(*FRAEXP, "run", "paper/fig12", folder=folder)()
+        for action in actions.values():
+            action()
+        times = [{name: timed(action) for name, action in actions.items()} for _ in range(runs)]
+    missed = 0
+    for name, (_, bound) in STARTS.items():
+        share = statistics.median(turn[name] for turn in times) / statistics.median(turn["imports"] for turn in times)
+        missed += row(f"{name} over importing numpy, sqlalchemy, pydantic", share, bound, "×")
+    return missed
+
+
+def row(what: str, taken: float, bound: float | None, unit: str = "s") -> bool:
+    """Print a time [s], or a share [×], with its bound; return whether the bound is missed."""
     missed = bound is not None and taken > bound
-    print(f"{what:<72s}{taken:8.3f} s" + (f" ({bound:g})" if bound else "") + (" MISSED" if missed else ""), flush=True)
+    print(
+        f"{what:<72s}{taken:8.3f} {unit}" + (f" ({bound:g})" if bound else "") + (" MISSED" if missed else ""),
+        flush=True,
+    )
     return missed
 
 
@@ -126,6 +157,7 @@ def main() -> int:
     taken = median_time(lambda: perform(job, lambda _: None), 5 * runs)
     missed += row(f"the same at 12 N, both methods, to {greatest_error(job):.3f} dB", taken, 0.02)
     missed += fresh_processes(runs)
+    missed += shares(3 * runs)
     print(f"{missed} missed")
     return min(missed, 1)
 

@@ -22,6 +22,7 @@ from fraexp.plugins import hookimpl
 from fraexp.response import response_result
 from fraexp.results import HARMONICS, Curve, Fit, FrequencyResponse, Metric, Outcome, Result
 from fraexp.signals import Segment, Settling, Signals
+from fraexp.supplies import component_modules
 
 __all__ = [
     "HARMONICS",
@@ -49,6 +50,7 @@ __all__ = [
     "Signals",
     "StateSpace",
     "Table",
+    "component_modules",
     "did_you_mean",
     "fourier_sums",
     "hold_response",

@@ -7,9 +7,10 @@ from typing import Any
 from fraexp.events import Why
 from fraexp.identity import canonical
 from fraexp.paths import unit_at
-from fraexp.plugins import Registry, Supply
+from fraexp.plugins import Registry
 from fraexp.results import Outcome
 from fraexp.store import RunSummary, Store, StoredState, StoredSweep
+from fraexp.supplies import Supply
 from fraexp.sweep import Plain, Sweep
 from fraexp.units import with_powers
 

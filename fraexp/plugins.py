@@ -1,5 +1,6 @@
 """Finding components: installed packages and files dropped in the workspace, collected through one pluggy hook."""
 
+import importlib
 import importlib.util
 import inspect
 import os
@@ -8,7 +9,7 @@ import traceback
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import redirect_stdout
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import partial
 from importlib.machinery import SourceFileLoader
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -20,8 +21,8 @@ import pydantic
 
 from fraexp.components import KINDS, Component, nested_kind
 from fraexp.errors import FraexpError, ParameterError, PluginError, did_you_mean
-from fraexp.identity import file_hash
 from fraexp.parameters import Parameters, inherited_from
+from fraexp.supplies import Supplies, Supply
 
 hookspec = pluggy.HookspecMarker("fraexp")
 hookimpl = pluggy.HookimplMarker("fraexp")
@@ -39,19 +40,10 @@ def fraexp_components() -> Iterable[type[Component]]:
     raise NotImplementedError  # a specification, never called
 
 
-@dataclass(frozen=True)
-class Supply:
-    """A component class and where it comes from."""
-
-    component: type[Component]
-    file: Path
-    distribution: str
-    """Name and version of the installed package, or ``workspace`` for a dropped-in file."""
-
-    @cached_property
-    def source_hash(self) -> str:
-        """Content hash of the file that defines the component."""
-        return file_hash(self.file)
+@hookspec
+def fraexp_component_modules() -> Mapping[str, Iterable[str]]:
+    """Return modules of a plugin with the names of their components: each is imported when one is asked for."""
+    raise NotImplementedError
 
 
 @dataclass(frozen=True)
@@ -75,20 +67,26 @@ class Failure:
 class Registry:
     """All components found, by kind and name, and the plugins that failed."""
 
-    supplies: dict[tuple[str, str], Supply] = field(default_factory=dict)
-    failures: list[Failure] = field(default_factory=list)
+    supplies: Supplies = field(default_factory=Supplies)
     clashes: dict[tuple[str, str], str] = field(default_factory=dict)
+    failed: list[Failure] = field(default_factory=list)
+    """Plugins that failed when they were loaded; there may be others that have not been loaded yet."""
+
+    @property
+    def failures(self) -> list[Failure]:
+        """All plugins that fail: those not loaded yet are loaded for it."""
+        self.supplies.load()
+        return self.failed
 
     def add(self, component: type[Component], distribution: str) -> None:
         """Take up a component class; a second one of the same kind and name makes the name unusable."""
         supply = Supply(component, Path(inspect.getfile(component)).resolve(), distribution)
-        key = (component.kind, component.name)
-        other = self.supplies.setdefault(key, supply)
+        other = self.supplies.add(supply)
         if other.component is not component:
             name = f"'{component.name}' ({component.kind})"
             reason = f"{name} is supplied by both {_defined(other.component)} and {_defined(component)}; rename one"
-            self.clashes[key] = reason
-            self.failures.append(Failure(_from_here(supply.file), reason, supply.file))
+            self.clashes[component.kind, component.name] = reason
+            self.failed.append(Failure(_from_here(supply.file), reason, supply.file))
 
     def names(self, kind: str) -> list[str]:
         """Return the names of all components of a kind, sorted."""
@@ -96,11 +94,12 @@ class Registry:
 
     def supply(self, kind: str, name: str) -> Supply:
         """Return the supply of a component; PluginError if there is none, or two."""
+        supply = self.supplies.get((kind, name))
         if (kind, name) in self.clashes:
             raise PluginError(self.clashes[kind, name])
-        if (kind, name) not in self.supplies:
+        if supply is None:
             raise PluginError(f"no {kind} is called '{name}'{self.instead(name, self.names(kind))}")
-        return self.supplies[kind, name]
+        return supply
 
     def instead(self, name: str, options: Iterable[str]) -> str:
         """Return what helps where a name is not there: the broken plugin that may supply it, or the nearest name."""
@@ -219,7 +218,7 @@ def _attempt(registry: Registry, origin: _Origin, action: Any) -> None:
         with redirect_stdout(sys.stderr):  # what a plugin prints is no data
             action()
     except (Exception, SystemExit) as error:  # a stranger's plugin may raise anything; the rest goes on
-        registry.failures.append(Failure(origin.place, reason_of(error, origin.file), origin.file))
+        registry.failed.append(Failure(origin.place, reason_of(error, origin.file), origin.file))
 
 
 def reason_of(error: BaseException, file: Path | None = None) -> str:
@@ -253,18 +252,33 @@ def _defined(cls: type) -> str:
 
 
 def _register(manager: pluggy.PluginManager, origins: dict[Any, _Origin], module: ModuleType, origin: _Origin) -> None:
-    plugin = module if hasattr(module, "fraexp_components") else _Classes(module)
+    plugin = module if any(hasattr(module, hook) for hook in HOOKS) else _Classes(module)
     manager.register(plugin)
     origins[plugin] = origin
 
 
+HOOKS = (fraexp_components.__name__, fraexp_component_modules.__name__)
+
+
 def _collect(manager: pluggy.PluginManager, registry: Registry, plugin: Any, owner: str) -> None:
     others = [other for other in manager.get_plugins() if other is not plugin]
-    for components in manager.subset_hook_caller("fraexp_components", remove_plugins=others)():
-        for component in components:
-            if not (inspect.isclass(component) and issubclass(component, KINDS) and component.name):
-                raise PluginError(f"fraexp_components() returned {component!r}; expected named component classes")
+    classes, modules = (manager.subset_hook_caller(hook, remove_plugins=others)() for hook in HOOKS)
+    for module, names in (pair for answer in modules for pair in answer.items()):
+        registry.supplies.postpone(partial(_load_module, registry, module, owner), names)
+    for component in (component for answer in classes for component in answer):
+        if not (inspect.isclass(component) and issubclass(component, KINDS) and component.name):
+            raise PluginError(f"fraexp_components() returned {component!r}; expected named component classes")
+        registry.add(component, owner)
+
+
+def _load_module(registry: Registry, module: str, owner: str) -> None:
+    """Add the components of a module; one that fails takes no other with it."""
+
+    def load() -> None:
+        for component in components_in(importlib.import_module(module)):
             registry.add(component, owner)
+
+    _attempt(registry, _Origin(f"{owner} ({module})", owner), load)
 
 
 class _Classes:

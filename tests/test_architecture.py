@@ -20,7 +20,8 @@ from pydantic.fields import FieldInfo
 from fraexp import units
 from fraexp.components import Component, RecordReader, nested_kind
 from fraexp.parameters import Parameters, unit_of
-from fraexp.plugins import Registry, Supply
+from fraexp.plugins import Registry
+from fraexp.supplies import Supply
 
 ROOT = Path(__file__).parents[1]
 SOURCES = sorted([*(ROOT / "fraexp").rglob("*.py"), *(ROOT / "plugins").rglob("*.py")])
@@ -85,6 +86,13 @@ def test_finding_components_loads_no_heavy_package() -> None:
     loaded = loaded_by("import fraexp.plugins; assert fraexp.plugins.discover().supplies")
     assert "fraexp_plugins" in loaded
     assert loaded & {"numba", "llvmlite", "matplotlib", "sqlalchemy", "textual"} == set()
+
+
+def test_a_list_of_runs_loads_neither_parameters_nor_plugins() -> None:
+    loaded = loaded_by("import fraexp.cli.list")
+    assert (
+        loaded & {"numba", "scipy", "pydantic", "pluggy", "alembic", "matplotlib", "textual", "fraexp_plugins"} == set()
+    )
 
 
 def test_the_command_line_loads_nothing_heavy_before_it_is_needed() -> None:

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 import sysconfig
@@ -9,10 +10,12 @@ import tarfile
 import tomllib
 import venv
 import zipfile
-from importlib.metadata import distribution
+from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 
 import pytest
+
+from fraexp.export import WRITERS
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
@@ -65,6 +68,76 @@ def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     site = Path(sysconfig.get_path("purelib", "venv", place))
     (site / "needs.pth").write_text(sysconfig.get_path("purelib") + "\n")
     return python.with_name("fraexp")
+
+
+def pinned(lock: str) -> set[str]:
+    """The blocks of a lock: version, platforms and hashes of each package."""
+    text = (ROOT / lock).read_text("utf-8").replace("\\\n", "")
+    assert " --hash=" in text
+    return set(text.splitlines())
+
+
+def names_in(lock: str) -> set[str]:
+    return {name_of(line) for line in pinned(lock)}
+
+
+def name_of(requirement: str) -> str:
+    found = re.match(r"[\w.-]+", requirement)
+    assert found
+    return re.sub(r"[-_.]+", "-", found.group()).lower()
+
+
+def test_what_running_needs_is_a_part_of_what_developing_needs_in_the_same_versions() -> None:
+    assert pinned("requirements.lock") < pinned("requirements-dev.lock")
+
+
+def test_running_needs_what_is_declared_and_no_tool_of_development() -> None:
+    groups = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["dependency-groups"]
+    needed, tools = ({name_of(of) for of in wanted if isinstance(of, str)} for wanted in (
+        [*PROJECT["dependencies"], *groups["build"]], groups["dev"],
+    ))  # fmt: skip
+    assert needed <= names_in("requirements.lock")
+    assert not tools & names_in("requirements.lock")
+    assert tools <= names_in("requirements-dev.lock")
+
+
+@pytest.fixture(scope="module")
+def lean(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Python of an environment with this checkout and the packages that running needs: links, nothing is downloaded."""
+    folder = tmp_path_factory.mktemp("lean")
+    venv.create(folder, with_pip=False, symlinks=os.name != "nt")
+    place = {"base": str(folder), "platbase": str(folder)}
+    site = Path(sysconfig.get_path("purelib", "venv", place))
+    for name in ("fraexp", *names_in("requirements.lock")):
+        try:
+            files = distribution(name).files or []
+        except PackageNotFoundError:  # of another platform
+            continue
+        for top in {file.parts[0] for file in files} - {"..", "__pycache__"}:
+            (site / top).symlink_to(Path(sysconfig.get_path("purelib")) / top)
+    return Path(sysconfig.get_path("scripts", "venv", place)) / Path(sys.executable).name
+
+
+@pytest.mark.long
+def test_with_what_running_needs_everything_runs_without_a_warning(lean: Path, tmp_path: Path) -> None:
+    fraexp = (lean, "-W", "error", "-m", "fraexp")
+    run(*fraexp, "run", "quick", cwd=tmp_path)
+    assert list(tmp_path.glob("figures/**/*.png"))
+    (key, *_) = (
+        sweep["key"] for sweep in json.loads(run(*fraexp, "list", "--sweeps", "--json", cwd=tmp_path).stdout)["sweeps"]
+    )
+    for suffix in WRITERS:
+        run(*fraexp, "export", key, "-o", f"result{suffix}", cwd=tmp_path)
+    run(*fraexp, "report", "1", "-o", "report.html", cwd=tmp_path)
+    run(*fraexp, "doctor", cwd=tmp_path)
+    run(lean, "-W", "error", "-c", "import fraexp.testing.report, fraexp.tui.app, fraexp.tui.serve", cwd=tmp_path)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("tool", ["control", "distributed", "mypy", "playwright", "psycopg", "pytest"])
+def test_what_running_needs_is_no_tool_of_development(lean: Path, tmp_path: Path, tool: str) -> None:
+    found = "import importlib.util, sys; sys.exit(importlib.util.find_spec(sys.argv[1]) is not None)"
+    run(lean, "-c", found, tool, cwd=tmp_path)
 
 
 def test_what_is_installed_here_is_what_pyproject_declares() -> None:

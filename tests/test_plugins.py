@@ -1,8 +1,10 @@
 """Plugins from strangers: found, reported, and never the end of the rest."""
 
+import sys
 import time
 from pathlib import Path
 
+import fraexp_plugins
 import pytest
 
 from fraexp.errors import ParameterError, PluginError
@@ -170,6 +172,72 @@ def test_two_plugins_of_one_name_are_both_named_whenever_it_is_asked_for(tmp_pat
         registry.create("friction", {"name": "twice"})
     with pytest.raises(PluginError, match=r"'rolling' .* both .*rolling.py, line \d+ and .*first.py, line 4"):
         registry.create("friction", {"name": "rolling"})
+
+
+PACKAGE = """
+from fraexp.api import component_modules, hookimpl
+
+@hookimpl
+def fraexp_component_modules():
+    return component_modules(__name__, __path__)
+"""
+
+
+@pytest.fixture
+def package(tmp_path, monkeypatch):
+    """A folder of an installed package whose modules are imported when they are needed."""
+    metadata = tmp_path / "laws-1.0.dist-info"
+    metadata.mkdir()
+    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: laws\nVersion: 1.0\n")
+    (metadata / "entry_points.txt").write_text("[fraexp]\nmine = some_laws\n")
+    folder = tmp_path / "some_laws"
+    folder.mkdir()
+    (folder / "__init__.py").write_text(PACKAGE)
+    monkeypatch.syspath_prepend(tmp_path)
+    yield folder
+    for name in [name for name in sys.modules if name.partition(".")[0] == "some_laws"]:
+        del sys.modules[name]
+
+
+def test_a_module_of_a_package_is_imported_when_one_of_its_components_is_asked_for(package):
+    drop(package, "one.py", name="first")
+    drop(package, "two.py", name="second")
+    registry = discover()
+    assert registry.supply("friction", "first").distribution == "laws 1.0"
+    assert {name for name in sys.modules if name.startswith("some_laws.")} == {"some_laws.one"}
+    assert {"first", "second"} <= set(registry.names("friction"))
+
+
+def test_a_component_whose_name_no_text_tells_is_found_all_the_same(package):
+    drop(package, "hidden.py", name="unseen")
+    file = package / "hidden.py"
+    text = file.read_text("utf-8")
+    file.write_text("NAME = 'unseen'\n" + text.replace('name="unseen"', "name=NAME"), encoding="utf-8")
+    assert discover().create("friction", {"name": "unseen"}).k == 2.0
+
+
+def test_a_module_of_a_package_that_fails_takes_no_other_with_it(package):
+    drop(package, "one.py", name="first")
+    (package / "broken.py").write_text("1/0")
+    registry = discover()
+    assert registry.create("friction", {"name": "first"}).k == 2.0
+    (failure,) = registry.failures
+    assert failure.place == "laws 1.0 (some_laws.broken)"
+    assert failure.reason == "ZeroDivisionError: division by zero (broken.py, line 1)"
+
+
+def test_a_file_and_a_package_that_supply_one_name_are_both_named(package, tmp_path):
+    drop(package, "one.py", name="twice")
+    drop(tmp_path, "own.py", name="twice")
+    with pytest.raises(PluginError, match=r"'twice' .* both .*one.py, line 4 and .*own.py, line 4; rename one"):
+        discover(tmp_path).create("friction", {"name": "twice"})
+
+
+def test_the_built_in_modules_tell_their_components_without_being_imported(registry):
+    found = {(supply.component.__module__, name) for (_, name), supply in registry.supplies.items()}
+    told = fraexp_plugins.fraexp_component_modules()
+    built_in = {(module, name) for module, name in found if module.startswith("fraexp_plugins.")}
+    assert built_in == {(module, name) for module, names in told.items() for name in names}
 
 
 def test_presets_can_be_named_and_changed_in_part(registry):

@@ -6,7 +6,6 @@ from contextlib import closing
 from dataclasses import dataclass, field
 from typing import Any
 
-from fraexp.cli.against_plant import print_errors
 from fraexp.cli.documents import plain, run_document, sweep_document
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.progress import Meter
@@ -14,7 +13,6 @@ from fraexp.cli.selection import open_store, place
 from fraexp.cli.summary import print_summary, to_summarise
 from fraexp.cli.terminal import print_json, print_path, print_table, say
 from fraexp.events import Begun, Ended, Event, Finished, Noticed, Planned, Preparing, Progress
-from fraexp.figures.errors import errors_info
 from fraexp.figures.labels import printable
 from fraexp.results import Outcome, Result
 from fraexp.store import RunSummary, StoredSweep
@@ -193,6 +191,9 @@ def _print_errors(sweeps: list[StoredSweep], results: dict[str, Result], workspa
     labels = [sweep.labels for sweep in sweeps]
     if not any("case" in of for of in labels):
         return
+    from fraexp.cli.against_plant import print_errors
+    from fraexp.figures.errors import errors_info
+
     comparable = [of for of in workspace.shown(sweeps, results) if of.truth is not None]
     if len(comparable) > 1:
         print()

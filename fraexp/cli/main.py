@@ -1,5 +1,6 @@
 """From the command line to an exit code; an error is one line on stderr."""
 
+import gc
 import importlib
 import io
 import os
@@ -10,6 +11,7 @@ import traceback
 from argparse import Namespace
 from collections.abc import Sequence
 from contextlib import suppress
+from types import ModuleType
 
 from fraexp.cli.arguments import COMMANDS, parse
 from fraexp.cli.exits import ExitCode
@@ -103,5 +105,17 @@ def _execute(parsed: Namespace) -> int:
 
         print(gather()["fraexp"])
         return ExitCode.OK
-    module = importlib.import_module(f"fraexp.cli.{COMMANDS[parsed.command][0]}")
-    return int(module.execute(parsed))
+    return int(_module(COMMANDS[parsed.command][0]).execute(parsed))
+
+
+def _module(command: str) -> ModuleType:
+    """Import a command and what it needs; garbage is looked for neither meanwhile nor later in what was imported."""
+    name = f"fraexp.cli.{command}"
+    if name in sys.modules or not gc.isenabled():
+        return importlib.import_module(name)
+    gc.disable()
+    try:
+        return importlib.import_module(name)
+    finally:
+        gc.freeze()
+        gc.enable()

@@ -15,7 +15,8 @@ from fraexp.plugins import Registry
 from fraexp.results import Metric, Outcome, Result
 from fraexp.store import StoredSweep
 from fraexp.sweep import DRAW
-from fraexp.views.tables import level_near, outcome_text, spots_of, sweep_table
+from fraexp.views.fields import outcome_text
+from fraexp.views.tables import level_near, spots_of, sweep_table
 from fraexp.views.words import fixed, number, plural, short, value_text
 
 MOST = 40

@@ -11,7 +11,7 @@ from typing import Any
 from fraexp import perform
 from fraexp.executors.dask_remote import Need, code_hashes, hello
 from fraexp.perform import Job
-from fraexp.plugins import Supply
+from fraexp.supplies import Supply
 
 PACKAGES = ("fraexp", "numpy", "scipy", "numba")
 """What numbers may depend on."""

@@ -13,7 +13,8 @@ from fraexp import units as unit_texts
 from fraexp.components import Component, nested_kind
 from fraexp.errors import FraexpError
 from fraexp.parameters import TYPICAL, Parameters, unit_of
-from fraexp.plugins import Registry, Supply
+from fraexp.plugins import Registry
+from fraexp.supplies import Supplies, Supply
 from fraexp.testing.check import require
 from fraexp.testing.examples import installed
 
@@ -63,7 +64,7 @@ def plain_data(model: Any) -> None:
 def registry_with(component: type[Component]) -> Registry:
     """Return all installed components and this one, which need not be installed."""
     supply = Supply(component, Path(inspect.getfile(component)), "under test")
-    return Registry({**installed().supplies, (component.kind, component.name): supply})
+    return Registry(Supplies({**installed().supplies, (component.kind, component.name): supply}))
 
 
 def _difference(first: dict[str, Any], second: dict[str, Any]) -> str:

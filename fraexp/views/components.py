@@ -9,7 +9,8 @@ from pydantic.fields import FieldInfo
 
 from fraexp.components import KINDS
 from fraexp.parameters import inherited_from, unit_of
-from fraexp.plugins import Registry, Supply
+from fraexp.plugins import Registry
+from fraexp.supplies import Supply
 from fraexp.views.words import plural, value_text
 
 BOUNDS = {"gt": ">", "ge": "≥", "lt": "<", "le": "≤"}

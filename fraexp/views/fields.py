@@ -6,7 +6,6 @@ from typing import Any
 
 from fraexp.figures.labels import label_text
 from fraexp.store import RunSummary, StoredSweep
-from fraexp.views.tables import outcome_text
 from fraexp.views.words import duration, moment, short
 
 
@@ -40,6 +39,11 @@ def remedies(sweeps: Sequence[StoredSweep]) -> list[str]:
     for outcome in dict.fromkeys(outcomes):
         lines.append(f"{outcomes.count(outcome)} {outcome.name.lower().replace('_', ' ')}: {outcome.value}")
     return lines
+
+
+def outcome_text(sweep: StoredSweep) -> str:
+    """Return a sweep's outcome in words; empty while there is none."""
+    return sweep.outcome.name.lower().replace("_", " ") if sweep.outcome else ""
 
 
 def sweep_fields(sweep: StoredSweep) -> list[tuple[str, str]]:

@@ -11,7 +11,8 @@ from typing import Any
 from fraexp.components import FrictionModel
 from fraexp.errors import FraexpError, PluginError
 from fraexp.identity import file_hash
-from fraexp.plugins import Supply, create, discover
+from fraexp.plugins import create, discover
+from fraexp.supplies import Supply
 from fraexp.watchdog import LAW_TIME_LIMIT_S, place_in_dump
 
 GRACE_S = 2.0

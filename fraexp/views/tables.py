@@ -13,6 +13,7 @@ from fraexp.figures.scales import continuous_phase, decibel, decibel_limits, deg
 from fraexp.plugins import Registry
 from fraexp.results import EFFORT, FrequencyResponse, Result
 from fraexp.store import StoredSweep
+from fraexp.views.fields import outcome_text
 from fraexp.views.words import fixed, number, plural, short
 
 SPOTS = (1.0, 10.0, 40.0, 80.0)
@@ -66,11 +67,6 @@ def _telling(result: Result) -> list[tuple[str, str]]:
     """Return names and units of the metrics that a row has room for: beside a response not what it took."""
     beside = EFFORT if result.response is not None else ()
     return [(metric.name, metric.unit) for metric in result.metrics if metric.name not in beside]
-
-
-def outcome_text(sweep: StoredSweep) -> str:
-    """Return a sweep's outcome in words; empty while there is none."""
-    return sweep.outcome.name.lower().replace("_", " ") if sweep.outcome else ""
 
 
 def spots_of(responses: Sequence[FrequencyResponse]) -> tuple[dict[str, float], str]:

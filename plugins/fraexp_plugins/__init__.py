@@ -1,15 +1,9 @@
-"""The built-in components: ordinary plugins, one method a file, found by walking this package."""
+"""The built-in components: ordinary plugins, one method a file, each imported when one of its components is used."""
 
-import importlib
-import pkgutil
-
-from fraexp.api import hookimpl
-from fraexp.components import Component
-from fraexp.plugins import components_in
+from fraexp.api import component_modules, hookimpl
 
 
 @hookimpl
-def fraexp_components() -> list[type[Component]]:
-    """Return the components of every module in this package."""
-    modules = [importlib.import_module(info.name) for info in pkgutil.walk_packages(__path__, f"{__name__}.")]
-    return [component for module in modules for component in components_in(module)]
+def fraexp_component_modules() -> dict[str, list[str]]:
+    """Return every module in this package, with the names of its components."""
+    return component_modules(__name__, __path__)

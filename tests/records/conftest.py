@@ -4,21 +4,17 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, ClassVar
 
-import fraexp_plugins
 import numpy as np
 import pytest
 
-from fraexp.plugins import Registry
+from fraexp.plugins import Registry, discover
 from fraexp.records import RecordSettings, load, resolve
 from fraexp.signals import Signals
 
 
 @pytest.fixture(scope="session")
 def registry() -> Registry:
-    found = Registry()
-    for component in fraexp_plugins.fraexp_components():
-        found.add(component, "tests")
-    return found
+    return discover()
 
 
 class Bench:
