@@ -14,6 +14,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.waiting import HANG_TIMEOUT_S
+
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
 DECLARED = {("console_scripts", name, value) for name, value in PROJECT["scripts"].items()} | {
@@ -30,7 +32,7 @@ def run(*command: object, cwd: Path) -> subprocess.CompletedProcess[str]:
         capture_output=True,
         text=True,
         check=False,
-        timeout=120,
+        timeout=HANG_TIMEOUT_S,
     )
     assert done.returncode == 0, f"{done.stdout}\n{done.stderr}"
     return done
@@ -73,7 +75,7 @@ def test_what_is_installed_here_is_what_pyproject_declares() -> None:
     assert (metadata.version, found) == (PROJECT["version"], DECLARED), "installed before a change: run make clean test"
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_wheel_holds_the_code_the_plugins_and_the_studies_and_nothing_else(wheel: Path) -> None:
     names = set(zipfile.ZipFile(wheel).namelist())
     wanted = {path.relative_to(ROOT) for name in ("fraexp", "studies") for path in (ROOT / name).rglob("*.*")}
@@ -83,7 +85,7 @@ def test_the_wheel_holds_the_code_the_plugins_and_the_studies_and_nothing_else(w
     assert {name for name in expected if "__pycache__" not in name} == shipped
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_installed_wheel_declares_what_pyproject_declares(wheel: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
         (name,) = (name for name in archive.namelist() if name.endswith("entry_points.txt"))
@@ -92,12 +94,12 @@ def test_the_installed_wheel_declares_what_pyproject_declares(wheel: Path) -> No
         assert f"{name} = {value}" in text
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_installed_command_explains_itself(installed: Path, tmp_path: Path) -> None:
     assert "run" in run(installed, "--help", cwd=tmp_path).stdout
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_installed_command_finds_the_plugins_of_the_wheel(installed: Path, tmp_path: Path) -> None:
     text = run(installed, "plugins", "--json", cwd=tmp_path).stdout
     assert json.loads(text)
@@ -105,7 +107,7 @@ def test_the_installed_command_finds_the_plugins_of_the_wheel(installed: Path, t
     assert str(ROOT) not in text
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_installed_command_finds_the_studies_of_the_wheel(installed: Path, tmp_path: Path) -> None:
     done = run(installed, "run", "quick", "--dry-run", cwd=tmp_path)
     assert "sweep" in done.stdout + done.stderr
