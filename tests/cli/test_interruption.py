@@ -15,6 +15,13 @@ from tests.waiting import HANG_TIMEOUT_S, wait_until
 SLOW = {"lowest": 1e-3, "points": 3, "tolerance": 1e-15, "settle_limit": 10_000}
 LONG = ["run", "quick", *(f"--set=excitation.{name}={value}" for name, value in SLOW.items())]
 
+OTHER_SIGNALS = [
+    ("processes", signal.SIGTERM),
+    ("processes", signal.SIGHUP),
+    ("serial", signal.SIGINT),
+    ("serial", signal.SIGHUP),
+]
+
 
 @pytest.fixture(scope="module", autouse=True)
 def compiled(tmp_path_factory):
@@ -52,8 +59,14 @@ def is_gone(group: int) -> bool:
     return False
 
 
-@pytest.mark.parametrize("executor", ["processes", "serial"])
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize(
+    ("executor", "number"),
+    [
+        ("processes", signal.SIGINT),
+        ("serial", signal.SIGTERM),
+        *(pytest.param(*pair, marks=pytest.mark.thorough) for pair in OTHER_SIGNALS),
+    ],
+)
 def test_a_run_that_is_asked_to_end_does_so_at_once(executor, number, tmp_path):
     process = started(tmp_path, "--executor", executor)
     process.send_signal(number)

@@ -30,6 +30,7 @@ def told(tally: Tally) -> str:
     return "\n".join(f"{finding}: {short(made)}" for finding, made in tally.findings.items())
 
 
+@pytest.mark.thorough
 def test_no_parser_raises_hangs_or_grows(every: dict[str, Target]) -> None:
     for target in every.values():
         tally = feed(target, SEED, max(round(portion(INPUTS) * target.share), 2))

@@ -17,6 +17,7 @@ from fraexp.sweep import Sweep
 from tests.postgresql import running
 from tests.waiting import HANG_TIMEOUT_S
 
+pytestmark = pytest.mark.thorough
 SECRET = "s3/cr@t word"
 NEXT = """
 import sqlalchemy as sa
@@ -177,7 +178,6 @@ def test_a_store_survives_a_restart_of_the_server(sweep):
             assert "\n" not in str(caught.value)
 
 
-@pytest.mark.thorough
 def test_the_commands_work_on_a_server_and_keep_its_password(server, guarded, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     told = ""

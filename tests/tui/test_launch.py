@@ -195,7 +195,7 @@ def test_a_run_outlives_the_ui_that_is_killed(tmp_path):
     assert "4 to compute" in log
 
 
-@pytest.mark.parametrize("pause", [0.0, 0.05, 0.5])
+@pytest.mark.parametrize("pause", [0.0, *(pytest.param(of, marks=pytest.mark.thorough) for of in (0.05, 0.5))])
 def test_keys_that_follow_the_launch_at_once_neither_stop_it_nor_are_lost(tmp_path, pause):
     async def steps(app, pilot):
         await opened(app, pilot)

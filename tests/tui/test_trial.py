@@ -21,6 +21,7 @@ from tests.tui.pilots import pilot_of, screen_text, shows, until
 from tests.tui.test_plugins import LAW, drop
 from tests.waiting import HANG_TIMEOUT_S
 
+LUGRE = {"name": "lugre", "preset": "linear_motor_table"}
 DAHL = {"name": "dahl", "stiffness": 3.9e5, "coulomb": 17.9, "viscous_coefficient": 20.0}
 
 
@@ -52,7 +53,7 @@ def test_viscous_friction_is_part_of_the_force(registry):
     assert trial.loop().describing == pytest.approx(1j * 2 * np.pi * 2.0 * 3.0, rel=1e-3)
 
 
-@pytest.mark.parametrize("spec", [DAHL, {"name": "lugre", "preset": "linear_motor_table"}])
+@pytest.mark.parametrize("spec", [DAHL, pytest.param(LUGRE, marks=pytest.mark.thorough)])
 def test_the_study_at_the_top_gives_the_same_loop(tmp_path, spec):
     workspace, sine = Workspace.open(tmp_path), Sine(amplitude=5e-5, frequency=2.0)
     loop = Trial(spec, sine, workspace.registry).loop()
@@ -249,10 +250,12 @@ def test_keys_do_not_wait_for_a_slow_law(workspace, monkeypatch):
     pilot_of(workspace, steps)
 
 
-@pytest.mark.parametrize("height", range(18, 26))
+@pytest.mark.parametrize(
+    "height", [18, 25, *(pytest.param(rows, marks=pytest.mark.thorough) for rows in range(19, 25))]
+)
 def test_every_tick_has_a_row_of_its_own_and_zero_is_among_them(workspace, height):
     async def steps(app, pilot):
-        await opened(pilot, "rolling")
+        await opened(pilot, "dahl")
         panel = app.screen.query_one("#loop")
         await pilot.pause()
         low, high = panel._y_min, panel._y_max
