@@ -17,7 +17,7 @@ export PIP_ROOT_USER_ACTION=ignore
 CANDIDATES := $(or $(PYTHON),python3 python3.13 python3.12 python3.11)
 RECENT     := import sys; sys.exit(sys.version_info < (3, 11))
 
-.PHONY: run test test-long check format bench docs-figures wheel lock clean
+.PHONY: run test test-all coverage endurance check format bench docs-figures wheel lock clean
 .DEFAULT_GOAL := run
 .NOTPARALLEL:  # make -j run test: both would set up one environment
 
@@ -29,17 +29,27 @@ endif
 run: $(STAMP)
 	@$(BIN)/python -m fraexp run paper/fig12 $(ARGS)
 
+# What a change must pass, in minutes; and the whole suite, of which that is a part, the kernel's ratios to C with room
+# for a machine that has other work to do.
 test: check
-	@$(BIN)/python -m pytest -n auto --dist loadfile $(ARGS)
+	@$(BIN)/python -m pytest -n auto --dist worksteal $(ARGS)
+
+test-all: check
+	@$(BIN)/python benchmarks/kernel.py --reduced --slack 1.5
+	@$(BIN)/python -m pytest -n auto --dist worksteal -m "" --hypothesis-profile thorough $(ARGS)
+
+# Lines and branches that either suite runs; and how often and in which time `make test` passes beside other work.
+coverage: $(TOOLS)
+	@$(BIN)/python benchmarks/suite_coverage.py $(ARGS)
+
+endurance: check
+	@$(BIN)/python benchmarks/suite_endurance.py $(ARGS)
 
 check: $(TOOLS)
 	@$(BIN)/ruff format --quiet --check . || { echo "not formatted: run make format" >&2; exit 1; }
 	@$(BIN)/ruff check --quiet .
 	@$(BIN)/python -m mypy --no-error-summary
 	@$(BIN)/lint-imports --no-logo > $(ENV)/imports.log || { cat $(ENV)/imports.log >&2; exit 1; }
-
-test-long: $(TOOLS)
-	@$(BIN)/python -m pytest -m long $(ARGS)
 
 format: $(TOOLS)
 	@$(BIN)/ruff format --quiet .

@@ -7,11 +7,18 @@ import pytest
 from hypothesis import settings
 
 from fraexp.plugins import Registry, discover
+from tests.examples import QUICK, THOROUGH
 
 # The first example compiles the law, so that no deadline fits; elsewhere a search that differs each time finds more.
-settings.register_profile("local", deadline=None)
-settings.register_profile("ci", deadline=None, derandomize=True, print_blob=True)
-settings.load_profile("ci" if os.environ.get("CI") else "local")
+COMMON = settings(deadline=None, **({"derandomize": True, "print_blob": True} if os.environ.get("CI") else {}))
+settings.register_profile("quick", COMMON, max_examples=QUICK)
+settings.register_profile("thorough", COMMON, max_examples=THOROUGH)
+settings.load_profile("quick")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the tests that take longest, so that no process is left alone with one at the end."""
+    items.sort(key=lambda item: item.get_closest_marker("thorough") is None)
 
 
 @pytest.fixture(scope="session")

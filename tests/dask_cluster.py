@@ -5,22 +5,11 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-PATIENCE = 120.0
-"""Seconds after which something is not going to happen any more."""
-
-
-def until(holds: Callable[[], Any], patience: float = PATIENCE) -> Any:
-    """Return what is asked for as soon as it is true."""
-    deadline = time.monotonic() + patience
-    while not (found := holds()):
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
-    return found
+from tests.waiting import wait_until
 
 
 class Cluster:
@@ -40,7 +29,7 @@ class Cluster:
         """Start the scheduler, and return it when it listens."""
         options = [f"--port={self.port}", "--host=127.0.0.1", "--no-dashboard", f"--scheduler-file={self.file}"]
         self.scheduler = self._start("scheduler", options)
-        until(self._listens)
+        wait_until(self._listens)
         return self.scheduler
 
     def start_worker(self, name: str, *options: str, environment: Mapping[str, str] | None = None) -> subprocess.Popen:
@@ -49,7 +38,7 @@ class Cluster:
         process = self._start(
             "worker", [self.address, "--name", name, "--nthreads=1", "--no-dashboard", *options], environment
         )
-        until(lambda: any(worker["name"].startswith(name) for worker in self.workers().values()))
+        wait_until(lambda: any(worker["name"].startswith(name) for worker in self.workers().values()))
         return process
 
     def _start(self, what: str, options: list[str], environment: Mapping[str, str] | None = None) -> subprocess.Popen:

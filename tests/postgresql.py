@@ -14,6 +14,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.waiting import HANG_TIMEOUT_S
+
 ACCESS = "host all guarded 127.0.0.1/32 scram-sha-256\nhost all all 127.0.0.1/32 trust\n"
 SETTINGS = {"fsync": "off", "max_connections": "50", "unix_socket_directories": "", "listen_addresses": "127.0.0.1"}
 
@@ -80,14 +82,14 @@ def running() -> Iterator[Server]:
         yield server
     finally:
         process.send_signal(signal.SIGQUIT)  # its fastest way to end
-        process.wait(30)
+        process.wait(HANG_TIMEOUT_S)
         shutil.rmtree(folder, ignore_errors=True)
 
 
 def _wait(server: Server, log: Path) -> None:
     import psycopg
 
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + HANG_TIMEOUT_S
     while True:
         try:
             server.sql("SELECT 1")

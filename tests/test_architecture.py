@@ -22,6 +22,7 @@ from fraexp.components import Component, RecordReader, nested_kind
 from fraexp.parameters import Parameters, unit_of
 from fraexp.plugins import Registry
 from fraexp.supplies import Supply
+from tests.waiting import HANG_TIMEOUT_S
 
 ROOT = Path(__file__).parents[1]
 SOURCES = sorted([*(ROOT / "fraexp").rglob("*.py"), *(ROOT / "plugins").rglob("*.py")])
@@ -45,14 +46,22 @@ def lint_imports(checkout: Path) -> subprocess.CompletedProcess[str]:
     command = [Path(sys.executable).with_name("lint-imports"), "--no-logo", "--no-cache"]
     paths = f"{checkout}:{checkout / 'plugins'}"
     return subprocess.run(
-        command, cwd=checkout, env={"PYTHONPATH": paths}, capture_output=True, text=True, check=False, timeout=60
+        command,
+        cwd=checkout,
+        env={"PYTHONPATH": paths},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=HANG_TIMEOUT_S,
     )
 
 
 def loaded_by(code: str) -> set[str]:
     """Return the top-level packages that a fresh interpreter has imported after running `code`."""
     report = f"{code}\nimport sys, json; print(json.dumps(sorted({{name.partition('.')[0] for name in sys.modules}})))"
-    done = subprocess.run([sys.executable, "-c", report], capture_output=True, text=True, check=False, timeout=60)
+    done = subprocess.run(
+        [sys.executable, "-c", report], capture_output=True, text=True, check=False, timeout=HANG_TIMEOUT_S
+    )
     assert done.returncode == 0, done.stderr
     return set(json.loads(done.stdout.splitlines()[-1]))
 

@@ -6,7 +6,6 @@ import random
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
 from pathlib import Path
@@ -23,6 +22,7 @@ from fraexp.results import Outcome, Result
 from fraexp.store import Store, StoredSweep
 from fraexp.sweep import Sweep
 from tests.trouble import study, trouble, write_plugin
+from tests.waiting import HANG_TIMEOUT_S, wait_until
 
 ROOT = Path(__file__).parents[1]
 Answering = Callable[[Job, int], Answer | Exception]
@@ -183,7 +183,7 @@ def test_a_sweep_that_kills_its_worker_fails_after_three_attempts_and_all_others
     notes = notes_of(tmp_path)
     deadly = trouble("os.kill(os.getpid(), 9)", folder=str(notes))
     process = begun(tmp_path, study(6, deadly), "--executor=processes:2", "--set=grid.excitation.amplitude=[1e-6]")
-    told, _ = process.communicate(timeout=120)
+    told, _ = process.communicate(timeout=HANG_TIMEOUT_S)
     assert process.returncode == ExitCode.INCOMPLETE
     sweeps = {sweep["labels"]["case"]: sweep for sweep in json.loads(told)["runs"][0]["sweeps"]}
     assert sweeps["trouble 0"]["state"] == "failed"
@@ -195,7 +195,7 @@ def test_a_sweep_that_kills_its_worker_fails_after_three_attempts_and_all_others
 def test_a_sweep_that_dies_once_is_computed(tmp_path):
     unlucky = trouble("os._exit(1)", folder=str(notes_of(tmp_path)), times=1)
     process = begun(tmp_path, study(1, unlucky), "--executor=processes:2")
-    _, talk = process.communicate(timeout=120)
+    _, talk = process.communicate(timeout=HANG_TIMEOUT_S)
     assert process.returncode == ExitCode.OK, talk
     assert states(tmp_path, 1) == ["computed"] * 2
 
@@ -204,7 +204,7 @@ def test_two_runs_at_once_compute_each_sweep_once(tmp_path):
     slow = trouble("time.sleep(0.1)", folder=str(notes_of(tmp_path)))
     runs = [begun(tmp_path, study(60, slow), "--executor=processes:1") for _ in range(2)]
     for process in runs:
-        _, talk = process.communicate(timeout=240)
+        _, talk = process.communicate(timeout=HANG_TIMEOUT_S)
         assert process.returncode == ExitCode.OK, talk
     found = [states(tmp_path, 1), states(tmp_path, 2)]
     assert all(sorted(pair) == ["computed", "reused"] for pair in zip(*found, strict=True))
@@ -215,15 +215,13 @@ def test_what_a_run_that_is_killed_had_claimed_is_taken_over_at_once(tmp_path):
     notes = notes_of(tmp_path)
     text = study(12, trouble("time.sleep(3600)", folder=str(notes), times=1))
     stuck = begun(tmp_path, text, "--executor=serial")
-    deadline = time.monotonic() + 60
-    while not list(notes.iterdir()) and time.monotonic() < deadline:
-        time.sleep(0.1)
+    wait_until(lambda: list(notes.iterdir()))
     other = begun(tmp_path, text, "--executor=serial")
     while "waiting for sweeps that run 1 computes" not in (line := other.stderr.readline()):
         assert line
     stuck.kill()
     stuck.communicate()
-    _, talk = other.communicate(timeout=60)
+    _, talk = other.communicate(timeout=HANG_TIMEOUT_S)
     assert other.returncode == ExitCode.OK, talk
     assert set(states(tmp_path, 2)) <= {"computed", "reused"}
     with Store.open(str(tmp_path / "results.db"), read_only=True) as store:
@@ -238,7 +236,7 @@ def test_a_disk_that_is_full_ends_the_run_in_one_line_and_loses_nothing(tmp_path
         resource.setrlimit(resource.RLIMIT_FSIZE, (900_000, 900_000))
 
     process = begun(tmp_path, study(4000), "--executor=processes:1", preexec_fn=limited)
-    told, talk = process.communicate(timeout=240)
+    told, talk = process.communicate(timeout=HANG_TIMEOUT_S)
     assert process.returncode == ExitCode.STORE, talk
     assert told == ""
     (line,) = [line for line in talk.splitlines() if line.startswith("fraexp: ")]
@@ -248,24 +246,30 @@ def test_a_disk_that_is_full_ends_the_run_in_one_line_and_loses_nothing(tmp_path
         assert store.health() == "sound"
         assert [run.state for run in store.runs()] in ([], ["interrupted"])
     process = begun(tmp_path, study(4000), "--executor=processes:1")
-    _, talk = process.communicate(timeout=240)
+    _, talk = process.communicate(timeout=HANG_TIMEOUT_S)
     assert process.returncode == ExitCode.OK, talk
 
 
 def test_a_law_that_never_returns_can_be_interrupted_and_is_ended_by_the_time_limit(tmp_path):
+    process = begun(tmp_path, study(1, friction="endless"), "--executor=serial")
+    process.communicate(timeout=HANG_TIMEOUT_S)
+    assert process.returncode == ExitCode.OK  # the law is compiled, and returns from small steps
     text = study(1, friction="endless", least=10.0)
     process = begun(tmp_path, text, "--executor=serial")
-    while "at once" not in (line := process.stderr.readline()):
-        assert line
-    time.sleep(15)  # the law is compiled, and has been called
+    wait_until(lambda: begins(tmp_path, 2))
     process.send_signal(signal.SIGINT)
-    began = time.monotonic()
-    process.communicate(timeout=60)
-    assert time.monotonic() - began < 10
+    process.communicate(timeout=HANG_TIMEOUT_S)
     assert process.returncode == ExitCode.INTERRUPTED
-    assert states(tmp_path, 1) == ["pending"]
+    assert states(tmp_path, 2) == ["pending"]
     for executor in ("serial", "processes:1"):
-        process = begun(tmp_path, text, f"--executor={executor}", "--time-limit=15")
-        _, talk = process.communicate(timeout=90)
+        process = begun(tmp_path, text, f"--executor={executor}", "--time-limit=3")
+        _, talk = process.communicate(timeout=HANG_TIMEOUT_S)
         assert process.returncode == ExitCode.INCOMPLETE
-        assert "failed: it took longer than the time limit of 15 s; see --time-limit" in talk
+        assert "failed: it took longer than the time limit of 3 s; see --time-limit" in talk
+
+
+def begins(folder: Path, run: int) -> bool:
+    """Say whether a run has told that it computes something."""
+    with Store.open(str(folder / "results.db"), read_only=True) as store:
+        newest = store.runs()[0]
+    return newest.number == run and newest.progress is not None and bool(newest.progress.running)

@@ -16,6 +16,7 @@ from pathlib import Path
 import pytest
 
 from fraexp.export import WRITERS
+from tests.waiting import HANG_TIMEOUT_S
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
@@ -33,7 +34,7 @@ def run(*command: object, cwd: Path) -> subprocess.CompletedProcess[str]:
         capture_output=True,
         text=True,
         check=False,
-        timeout=120,
+        timeout=HANG_TIMEOUT_S,
     )
     assert done.returncode == 0, f"{done.stdout}\n{done.stderr}"
     return done
@@ -118,7 +119,7 @@ def lean(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return Path(sysconfig.get_path("scripts", "venv", place)) / Path(sys.executable).name
 
 
-@pytest.mark.long
+@pytest.mark.thorough
 def test_with_what_running_needs_everything_runs_without_a_warning(lean: Path, tmp_path: Path) -> None:
     fraexp = (lean, "-W", "error", "-m", "fraexp")
     run(*fraexp, "run", "quick", cwd=tmp_path)
@@ -133,7 +134,7 @@ def test_with_what_running_needs_everything_runs_without_a_warning(lean: Path, t
     run(lean, "-W", "error", "-c", "import fraexp.testing.report, fraexp.tui.app, fraexp.tui.serve", cwd=tmp_path)
 
 
-@pytest.mark.long
+@pytest.mark.thorough
 @pytest.mark.parametrize("tool", ["control", "distributed", "mypy", "playwright", "psycopg", "pytest"])
 def test_what_running_needs_is_no_tool_of_development(lean: Path, tmp_path: Path, tool: str) -> None:
     found = "import importlib.util, sys; sys.exit(importlib.util.find_spec(sys.argv[1]) is not None)"
@@ -146,7 +147,7 @@ def test_what_is_installed_here_is_what_pyproject_declares() -> None:
     assert (metadata.version, found) == (PROJECT["version"], DECLARED), "installed before a change: run make clean test"
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_wheel_holds_the_code_the_plugins_and_the_studies_and_nothing_else(wheel: Path) -> None:
     names = set(zipfile.ZipFile(wheel).namelist())
     wanted = {path.relative_to(ROOT) for name in ("fraexp", "studies") for path in (ROOT / name).rglob("*.*")}
@@ -156,7 +157,7 @@ def test_the_wheel_holds_the_code_the_plugins_and_the_studies_and_nothing_else(w
     assert {name for name in expected if "__pycache__" not in name} == shipped
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_installed_wheel_declares_what_pyproject_declares(wheel: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
         (name,) = (name for name in archive.namelist() if name.endswith("entry_points.txt"))
@@ -165,12 +166,12 @@ def test_the_installed_wheel_declares_what_pyproject_declares(wheel: Path) -> No
         assert f"{name} = {value}" in text
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_installed_command_explains_itself(installed: Path, tmp_path: Path) -> None:
     assert "run" in run(installed, "--help", cwd=tmp_path).stdout
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_installed_command_finds_the_plugins_of_the_wheel(installed: Path, tmp_path: Path) -> None:
     text = run(installed, "plugins", "--json", cwd=tmp_path).stdout
     assert json.loads(text)
@@ -178,7 +179,7 @@ def test_the_installed_command_finds_the_plugins_of_the_wheel(installed: Path, t
     assert str(ROOT) not in text
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_installed_command_finds_the_studies_of_the_wheel(installed: Path, tmp_path: Path) -> None:
     done = run(installed, "run", "quick", "--dry-run", cwd=tmp_path)
     assert "sweep" in done.stdout + done.stderr

@@ -381,7 +381,7 @@ def test_units_are_those_that_people_use(unit: str, values: list[float], expecte
     assert (factor, name) == (pytest.approx(expected[0]), expected[1])
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_paper_comes_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     assert main(["run", "paper"]) == 0

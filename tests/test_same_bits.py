@@ -12,6 +12,7 @@ from fraexp.executors import make
 from fraexp.perform import Job
 from fraexp.results import Result
 from fraexp.workspace import Workspace
+from tests.waiting import HANG_TIMEOUT_S
 
 STUDIES = [
     "friction/drift",
@@ -65,11 +66,11 @@ def test_results_are_the_same_to_the_last_bit(tmp_path: Path) -> None:
         random.Random(seed).shuffle(order)
         with make(executor, len(jobs)) as workers:
             futures = {name: workers.submit(number, jobs[name]) for number, name in enumerate(order)}
-            answers = {name: bits(future.result(timeout=300)[0]) for name, future in futures.items()}
+            answers = {name: bits(future.result(timeout=HANG_TIMEOUT_S)[0]) for name, future in futures.items()}
         for name, answer in answers.items():
             found.setdefault(name, {})[f"{executor}, {seed}"] = answer
     differing = {name: list(of) for name, of in found.items() if len(set(of.values())) > 1}
     assert not differing
 
 
-pytestmark = pytest.mark.long
+pytestmark = pytest.mark.thorough

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_all_installed_peers_meet_their_stated_errors(checkout: Path) -> None:
     script = checkout / "benchmarks" / "peer_table.py"
     done = subprocess.run([sys.executable, str(script), "--reduced"], capture_output=True, text=True, check=False)

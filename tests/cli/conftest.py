@@ -11,6 +11,7 @@ import pytest
 from fraexp.results import Curve, FrequencyResponse, Metric, Outcome, Result
 from fraexp.store import Store, Supplied
 from fraexp.sweep import Sweep
+from tests.waiting import HANG_TIMEOUT_S
 
 ROOT = Path(__file__).parents[2]
 Command = Callable[..., subprocess.CompletedProcess[str]]
@@ -92,6 +93,6 @@ def fraexp(workspace: Path, tmp_path: Path) -> Command:
         command = [sys.executable, "-W", "error", "-m", "fraexp", *arguments]
         environment = {**os.environ, "PYTHONPATH": f"{ROOT}:{ROOT / 'plugins'}", **variables}
         pipes = {"capture_output": True, "text": True, "encoding": "utf-8"}
-        return subprocess.run(command, cwd=tmp_path, env=environment, check=False, timeout=60, **pipes)
+        return subprocess.run(command, cwd=tmp_path, env=environment, check=False, timeout=HANG_TIMEOUT_S, **pipes)
 
     return run

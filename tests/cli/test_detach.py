@@ -4,14 +4,14 @@ import json
 import os
 import subprocess
 import sys
-import time
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from fraexp.cli.exits import ExitCode
+from fraexp.errors import StoreError
 from fraexp.store import Store
+from tests.waiting import HANG_TIMEOUT_S, wait_until
 
 SLOW = ["quick", "--set=excitation.lowest=1e-3", "--set=excitation.points=3", "--set=excitation.tolerance=1e-15"]
 SLOW += ["--set=excitation.settle_limit=10000", "--executor=processes:1"]
@@ -19,29 +19,23 @@ SLOW += ["--set=excitation.settle_limit=10000", "--executor=processes:1"]
 
 def fraexp(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "fraexp", *arguments]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=60)
-
-
-def until(holds: Callable[[], object], patience: float = 60.0) -> None:
-    deadline = time.monotonic() + patience
-    while not holds():
-        assert time.monotonic() < deadline
-        time.sleep(0.1)
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=HANG_TIMEOUT_S)
 
 
 def state(folder: Path) -> str:
     """Return the state of run 1; empty while there is none."""
-    if not (folder / "results.db").exists():
+    try:
+        with Store.open(str(folder / "results.db"), read_only=True) as store:
+            return next((run.state for run in store.runs()), "")
+    except StoreError:  # there is no database yet, or it is being made
         return ""
-    told = json.loads(fraexp(folder, "list", "--json").stdout or '{"runs": []}')
-    return next((run["state"] for run in told["runs"]), "")
 
 
 def test_a_run_in_the_background_comes_to_its_end_and_notes_its_log(tmp_path):
     told = fraexp(tmp_path, "run", "quick", "--detach", "--set", "excitation.points=2", "--json")
     assert told.returncode == ExitCode.OK
     started = json.loads(told.stdout)["started"]
-    until(lambda: state(tmp_path) == "complete")
+    wait_until(lambda: state(tmp_path) == "complete")
     with Store.open(str(tmp_path / "results.db"), read_only=True) as store:
         run = store.run(1)
     assert run.process.pid == started["pid"]
@@ -54,13 +48,13 @@ def test_a_run_in_the_background_comes_to_its_end_and_notes_its_log(tmp_path):
 @pytest.mark.parametrize("hard", [(), ("--hard",)])
 def test_a_run_in_the_background_can_be_stopped(tmp_path, hard):
     started = json.loads(fraexp(tmp_path, "run", *SLOW, "--detach", "--json").stdout)["started"]
-    until(lambda: "at once" in Path(started["log"]).read_text(encoding="utf-8"))
+    wait_until(lambda: "at once" in Path(started["log"]).read_text(encoding="utf-8"))
     assert state(tmp_path) == "running"
     told = fraexp(tmp_path, "stop", "1", *hard)
     assert told.returncode == ExitCode.OK, told.stderr
     assert "run 1 is " in told.stderr
-    until(lambda: state(tmp_path) == "interrupted", 15)
-    until(lambda: not _lives(started["pid"]), 15)
+    wait_until(lambda: state(tmp_path) == "interrupted")
+    wait_until(lambda: not _lives(started["pid"]))
     again = fraexp(tmp_path, "stop", "1")
     assert again.returncode == ExitCode.USAGE
     assert again.stderr == "fraexp: run 1 is interrupted; there is nothing to stop\n"

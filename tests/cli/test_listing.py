@@ -14,6 +14,7 @@ from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
 from fraexp.store import Store
 from tests.cli.conftest import ROOT
+from tests.waiting import HANG_TIMEOUT_S
 
 
 @pytest.fixture
@@ -170,7 +171,7 @@ def test_on_a_terminal_deletion_is_asked_about(folder, sweeps, answer, left):
     environment = {**os.environ, "PYTHONPATH": f"{ROOT}:{ROOT / 'plugins'}"}
     with subprocess.Popen(command, cwd=folder, env=environment, stdin=terminal, stderr=subprocess.PIPE) as process:
         os.write(controller, f"{answer}\n".encode())
-        told = process.communicate(timeout=30)[1].decode()
+        told = process.communicate(timeout=HANG_TIMEOUT_S)[1].decode()
     os.close(controller)
     os.close(terminal)
     assert process.returncode == ExitCode.OK

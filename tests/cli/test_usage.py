@@ -11,6 +11,7 @@ from fraexp.cli.arguments import COMMANDS
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
 from tests.cli.conftest import Command
+from tests.waiting import HANG_TIMEOUT_S
 
 HEAVY = {"numpy", "pydantic", "sqlalchemy", "alembic", "matplotlib", "numba", "scipy", "pint", "pluggy", "rich"}
 
@@ -126,7 +127,9 @@ def test_a_reader_that_goes_away_is_no_error(workspace: Path) -> None:
     reading, writing = os.pipe()
     os.close(reading)
     command = [sys.executable, "-m", "fraexp", "show", "1", "--points", "--json", "--workspace", str(workspace)]
-    done = subprocess.run(command, stdout=writing, stderr=subprocess.PIPE, text=True, check=False, timeout=60)
+    done = subprocess.run(
+        command, stdout=writing, stderr=subprocess.PIPE, text=True, check=False, timeout=HANG_TIMEOUT_S
+    )
     os.close(writing)
     assert (done.returncode, done.stderr) == (ExitCode.PIPE_CLOSED, "")
 

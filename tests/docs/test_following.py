@@ -10,6 +10,7 @@ import scipy.io
 
 from tests.docs.conftest import MAKE_RUN, ROOT, Follow, blocks, commands
 from tests.records.strangers_files import check_strangers, write_strangers
+from tests.waiting import HANG_TIMEOUT_S
 
 NEAR = {"1 Hz": 3.0}
 """How far the README's numbers may be off [dB] where the scale hides the motion; elsewhere half of what they show."""
@@ -22,7 +23,6 @@ def multisine(periods: int, samples: int) -> np.ndarray:
     return np.tile(wave, periods)
 
 
-@pytest.mark.slow
 def test_the_readme(follow: Follow, tmp_path: Path) -> None:
     u = multisine(4, 2500)
     rows = np.column_stack([u, 0.5 * np.roll(u, 3)])
@@ -50,7 +50,7 @@ def compare_tables(shown: list[str], printed: list[str]) -> None:
     assert shown[-1] == printed[-1]
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_page_on_studies(follow: Follow) -> None:
     printed = follow("docs/studies.md")
     first = printed["fraexp run drive wrong"]
@@ -58,7 +58,7 @@ def test_the_page_on_studies(follow: Follow) -> None:
     assert " diverged " not in first
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_page_on_records(follow: Follow, tmp_path: Path) -> None:
     u = multisine(4, 2500)
     columns = {"iq_adx": u, "theta_mx": 0.5 * np.roll(u, 3), "theta_my": -0.1 * np.roll(u, 5)}
@@ -73,7 +73,7 @@ def test_the_page_on_records(follow: Follow, tmp_path: Path) -> None:
     assert "proposed" in printed["fraexp run record"]
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_page_on_writing_plugins(follow: Follow, tmp_path: Path) -> None:
     u = multisine(3, 100)
     np.savez(tmp_path / "bench.npz", force=u, position=np.roll(u, 2))
@@ -84,7 +84,7 @@ def test_the_page_on_writing_plugins(follow: Follow, tmp_path: Path) -> None:
     assert "third harmonic" in printed["fraexp run own_machine own_multisine"]
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_page_on_the_command_line(follow: Follow, tmp_path: Path) -> None:
     follow("docs/command-line.md")
     assert '"response"' not in (tmp_path / "quick.json").read_text("utf-8")
@@ -108,7 +108,9 @@ def test_a_record_is_refused_in_the_words_of_its_page(tmp_path: Path) -> None:
             "--channel",
             *changes,
         ]
-        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=60)
+        done = subprocess.run(
+            command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=HANG_TIMEOUT_S
+        )
         assert done.returncode == 2
         assert done.stderr.rstrip().endswith(expected.pop(0))
     assert list(tmp_path.iterdir()) == []

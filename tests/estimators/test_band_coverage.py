@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_every_band_covers_the_truth(checkout: Path) -> None:
     command = [sys.executable, str(checkout / "benchmarks" / "band_coverage.py"), "--reduced"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)

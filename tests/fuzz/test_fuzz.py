@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from fraexp.plugins import Registry
 from fraexp.views.words import flat
+from tests.examples import portion
 from tests.fuzz import files, targets
 from tests.fuzz.watching import LONGEST, Tally, Target, feed, short
 
@@ -29,9 +30,10 @@ def told(tally: Tally) -> str:
     return "\n".join(f"{finding}: {short(made)}" for finding, made in tally.findings.items())
 
 
+@pytest.mark.thorough
 def test_no_parser_raises_hangs_or_grows(every: dict[str, Target]) -> None:
     for target in every.values():
-        tally = feed(target, SEED, max(round(INPUTS * target.share), 2))
+        tally = feed(target, SEED, max(round(portion(INPUTS) * target.share), 2))
         assert not tally.findings, f"{target.name}: {told(tally)}"
         assert tally.inputs == tally.refused + tally.accepted
 
@@ -48,7 +50,7 @@ VALID = {
 }
 
 
-@settings(max_examples=200, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=portion(200), suppress_health_check=[HealthCheck.too_slow])
 @given(name=st.sampled_from(sorted(VALID)), data=st.data(), value=PLAIN)
 def test_any_value_in_place_of_a_valid_one_is_taken_or_refused(
     every: dict[str, Target], name: str, data: st.DataObject, value: Any
@@ -85,5 +87,5 @@ def test_what_is_looked_for_is_found() -> None:
 
     assert list(feed(Target("raises", Random.random, raises, 1.0), 1, 2).findings) == ["ZeroDivisionError at ?: '1/0'"]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("tests.fuzz.watching.LONGEST", LONGEST / 100)
+        patch.setattr("tests.fuzz.watching.LONGEST", LONGEST / 300)
         assert "hang in hangs" in feed(Target("hangs", Random.random, hangs, 1.0), 1, 1).findings

@@ -13,8 +13,8 @@ from typing import Any
 
 from fraexp.errors import FraexpError
 
-LONGEST, ASLEEP = 5.0, 60.0
-"""Time that an input may take [s]: of the processor, and by the clock, which other work on the machine slows."""
+LONGEST, ASLEEP = 30.0, 300.0
+"""Time after which an input hangs [s]: of the processor, however slow it is, and by the clock, as others work too."""
 GROWTH = 500
 """Memory by which the process may grow at one [MB]."""
 

@@ -262,7 +262,7 @@ def test_whiteness():
     assert whiteness(np.sin(np.arange(200) / 10), 1) < 1e-6
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_stated_intervals_hold_the_truth(checkout: Path) -> None:
     command = [sys.executable, str(checkout / "benchmarks" / "plant_fit.py"), "--reduced"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)

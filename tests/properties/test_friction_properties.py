@@ -12,6 +12,8 @@ from fraexp_plugins.friction.rolling_force_slider import RollingForceSlider
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.examples import portion
+
 number = st.floats
 positive = number(1e-2, 1e2)
 GRID = 2.0**-12
@@ -21,7 +23,7 @@ walks = st.lists(st.integers(-4000, 4000).filter(bool), min_size=3, max_size=60)
 )
 elements = st.lists(st.tuples(positive, positive), min_size=1, max_size=6)
 steps = st.sampled_from([1e-5, 1e-3, 0.1, 10.0])
-few = settings(max_examples=60)
+few = settings(max_examples=portion(60))
 
 
 @st.composite

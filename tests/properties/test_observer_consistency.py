@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fraexp.periodic import phasors
+from tests.examples import portion
 from tests.machines import FRICTIONLESS, TABLE, guide, simulated
 
 FREQUENCIES = (4.0, 23.0, 61.0)
@@ -46,7 +47,7 @@ def built(values: dict[str, float]):
     return plant, friction, controller, delays
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=portion(25))
 @given(machines)
 def test_matched_model_recovers_plant_and_effective_input(values):
     plant, friction, controller, delays = built(values)
@@ -62,7 +63,7 @@ def test_matched_model_recovers_plant_and_effective_input(values):
     assert np.allclose(response.input_amplitude, true_input, rtol=6e-4 * weight.max())
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=portion(15))
 @given(machines)
 def test_the_estimated_friction_is_the_delayed_true_one(values):
     plant, friction, controller, delays = built(values)
@@ -78,7 +79,7 @@ def test_the_estimated_friction_is_the_delayed_true_one(values):
         assert np.all(np.abs(estimated - delayed) < 2e-3 * scale)  # the true force is only known at the samples
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=portion(15))
 @given(machines)
 def test_without_friction_both_methods_agree(values):
     plant, _, controller, delays = built(values)
@@ -91,7 +92,7 @@ def test_without_friction_both_methods_agree(values):
     assert np.allclose(proposed.response, conventional.response, rtol=1e-12, atol=0)
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=portion(10))
 @given(number(5.0, 100.0), number(5.0, 100.0))
 def test_the_amplitude_drops_out(first, second):
     friction = guide()

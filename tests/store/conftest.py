@@ -17,6 +17,8 @@ from fraexp.sweep import Sweep
 from tests.postgresql import Server, running
 
 ROOT = Path(__file__).parents[2]
+KINDS = ["sqlite", pytest.param("postgresql", marks=pytest.mark.thorough)]
+"""Kinds of database; what holds for a file must hold on a server, which the whole suite checks."""
 ORIGIN = {
     "friction:rolling": Supplied("hash-of-rolling", "fraexp 0.1.0"),
     "estimator:proposed": Supplied("hash-of-proposed", "workspace"),
@@ -77,7 +79,7 @@ def origin() -> dict[str, Supplied]:
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     """Run each test on every kind of database, except those that look into the file."""
     if "kind" in metafunc.fixturenames:
-        kinds = ["sqlite"] if "path" in metafunc.fixturenames else ["sqlite", "postgresql"]
+        kinds = ["sqlite"] if "path" in metafunc.fixturenames else KINDS
         metafunc.parametrize("kind", kinds, scope="session")
 
 

@@ -7,8 +7,7 @@ import shutil
 import sqlite3
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
@@ -20,9 +19,10 @@ from fraexp.errors import StoreError
 from fraexp.store import Store, file_system
 from fraexp.store.sqlite import SqliteFile
 from tests.trouble import study
+from tests.waiting import HANG_TIMEOUT_S, wait_until
 
 pytestmark = [
-    pytest.mark.long,
+    pytest.mark.thorough,
     pytest.mark.skipif(sys.platform != "linux", reason="needs the limits and mounts of Linux"),
 ]
 ROOT = Path(__file__).parents[2]
@@ -68,7 +68,7 @@ def environment() -> dict[str, str]:
 
 def fraexp(folder: Path, *arguments: str, before: str = "", **more: Any) -> subprocess.CompletedProcess[str]:
     line = command(*arguments, before=before)
-    pipes = {"capture_output": True, "text": True, "timeout": 180}
+    pipes = {"capture_output": True, "text": True, "timeout": HANG_TIMEOUT_S}
     return subprocess.run(line, cwd=folder, env=environment(), check=False, **pipes, **more)
 
 
@@ -86,19 +86,12 @@ def under_way(folder: Path, *arguments: str, before: str = "") -> Iterator["subp
     line = command("run", "bulky", "--executor=processes:1", *arguments, before=before)
     process = subprocess.Popen(line, cwd=folder, env=environment(), stderr=subprocess.PIPE, text=True)
     try:
-        until(lambda: stored(folder / "results.db") > 0 or process.poll() is not None)
+        wait_until(lambda: stored(folder / "results.db") > 0 or process.poll() is not None)
         assert process.poll() is None
         yield process
     finally:
         process.kill()
         process.communicate()  # closes the pipe
-
-
-def until(holds: Callable[[], object], patience: float = 120.0) -> None:
-    deadline = time.monotonic() + patience
-    while not holds():
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
 
 
 def told(text: str) -> str:
@@ -183,7 +176,7 @@ def test_a_database_that_becomes_read_only_ends_a_run_and_the_next_goes_on(folde
     path = folder / "results.db"
     with under_way(folder) as process:
         with immutable(path, Path(f"{path}-wal")):
-            _, text = process.communicate(timeout=120)
+            _, text = process.communicate(timeout=HANG_TIMEOUT_S)
         assert process.returncode == ExitCode.STORE
         assert told(text)
     goes_on(folder, path)
@@ -211,9 +204,9 @@ IMPATIENT = "from fraexp.store import Store; Store.open.__func__.__kwdefaults__[
 def test_a_database_that_somebody_locks_for_too_long_ends_a_run_and_the_next_goes_on(folder):
     path = folder / "results.db"
     with under_way(folder, before=IMPATIENT) as process:
-        with closing(sqlite3.connect(path, isolation_level=None, timeout=60)) as other:
+        with closing(sqlite3.connect(path, isolation_level=None, timeout=HANG_TIMEOUT_S)) as other:
             other.execute("BEGIN IMMEDIATE")
-            _, text = process.communicate(timeout=120)
+            _, text = process.communicate(timeout=HANG_TIMEOUT_S)
             other.execute("ROLLBACK")
         assert process.returncode == ExitCode.STORE
         assert "the database is locked by another process that writes; wait until it has ended" in told(text)
@@ -251,7 +244,7 @@ def test_two_runs_whose_clock_jumps_compute_the_same_as_one_in_peace(folder):
     pipes = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True}
     both = [subprocess.Popen(line, cwd=folder, env=environment(), **pipes) for _ in range(2)]
     for process in both:
-        _, text = process.communicate(timeout=180)
+        _, text = process.communicate(timeout=HANG_TIMEOUT_S)
         assert process.returncode == ExitCode.OK, text
     assert fraexp(folder, "run", "bulky", "--db=peace.db").returncode == ExitCode.OK
     results = []

@@ -12,6 +12,7 @@ from fraexp.results import Metric, Outcome, Result
 from fraexp.store import Store
 from fraexp.store.filters import Condition, parse
 from fraexp.sweep import Sweep
+from tests.examples import portion
 
 OK = Result(Outcome.OK)
 
@@ -229,7 +230,7 @@ def another(tmp_path_factory, kind, request):
     return make
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=portion(60))
 @given(rows=ROWS, terms=st.lists(TERMS, max_size=3))
 def test_sql_and_python_agree(another, rows, terms):
     grid = {

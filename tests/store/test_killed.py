@@ -14,7 +14,7 @@ from fraexp.store import Store
 from fraexp.store.migrations import HISTORY
 from fraexp.store.sqlite import SqliteFile
 
-pytestmark = pytest.mark.long
+pytestmark = pytest.mark.thorough
 ROOT = Path(__file__).parents[2]
 ASSETS = Path(__file__).parent / "assets"
 

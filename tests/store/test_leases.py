@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.waiting import HANG_TIMEOUT_S
+
 ROOT = Path(__file__).parents[2]
 CLAIMS = """
 import sys
@@ -112,6 +114,6 @@ def test_racing_processes_share_without_overlap(store, url):
     code = CLAIMS.replace("sys.stdin.read()", "")
     pipes = {"stdout": subprocess.PIPE, "stdin": subprocess.PIPE, "text": True}
     racers = [subprocess.Popen([sys.executable, "-c", code, url], cwd=ROOT, **pipes) for _ in range(3)]
-    told = [racer.communicate(timeout=120)[0].split("\n") for racer in racers]
+    told = [racer.communicate(timeout=HANG_TIMEOUT_S)[0].split("\n") for racer in racers]
     assert all(lines[0] == "ready" for lines in told)
     assert set().union(*(lines[1].split() for lines in told)) == {row.key for row in store.page().rows}

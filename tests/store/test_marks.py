@@ -9,6 +9,7 @@ import pytest
 
 from fraexp.errors import StoreError
 from fraexp.store import RunProgress, Store
+from tests.waiting import HANG_TIMEOUT_S
 
 WRITES = """
 import sys
@@ -146,5 +147,5 @@ def test_tags_can_be_given_while_a_run_writes(store, begin, sweep, url, program)
             marker.tag([sweep().key], f"t{number}")
         assert process.stdin is not None
         process.stdin.close()
-        assert process.wait(30) == 0
+        assert process.wait(HANG_TIMEOUT_S) == 0
         assert (marker.run(2).state, marker.run(2).computed, len(marker.tags())) == ("complete", 200, 50)

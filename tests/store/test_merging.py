@@ -12,9 +12,10 @@ from fraexp.errors import StoreError
 from fraexp.results import Metric, Outcome, Result
 from fraexp.store import Merged, Store, merging
 from fraexp.store.differing import differences
+from tests.store.conftest import KINDS
 
 
-@pytest.fixture(params=["sqlite", "postgresql"])
+@pytest.fixture(params=KINDS)
 def other(request, tmp_path):
     """A second database, of either kind."""
     of_sqlite = request.param == "sqlite"

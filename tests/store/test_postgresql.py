@@ -15,7 +15,9 @@ from fraexp.store.postgresql import LOCK
 from fraexp.store.schema import Schema, migrate, prepare
 from fraexp.sweep import Sweep
 from tests.postgresql import running
+from tests.waiting import HANG_TIMEOUT_S
 
+pytestmark = pytest.mark.thorough
 SECRET = "s3/cr@t word"
 NEXT = """
 import sqlalchemy as sa
@@ -165,18 +167,17 @@ def test_the_tables_are_those_that_the_code_uses(base):
 def test_a_store_survives_a_restart_of_the_server(sweep):
     with running() as server:
         url = server.new()
-        with Store.open(url, create=True, timeout=5) as store:
+        with Store.open(url, create=True, timeout=HANG_TIMEOUT_S) as store:
             store.begin_run("s", "f", "c", {}, [sweep()])
             server.sql("SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE application_name = 'fraexp'")
             assert store.begin_run("s", "f", "c", {}, [sweep()]) == 2
             server.process.send_signal(signal.SIGINT)
-            server.process.wait(30)
+            server.process.wait(HANG_TIMEOUT_S)
             with pytest.raises(StoreError, match=r"the server cannot be reached|has been shut down") as caught:
                 store.runs()
             assert "\n" not in str(caught.value)
 
 
-@pytest.mark.long
 def test_the_commands_work_on_a_server_and_keep_its_password(server, guarded, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     told = ""

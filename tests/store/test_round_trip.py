@@ -13,6 +13,7 @@ from fraexp.errors import StoreError
 from fraexp.results import Curve, FrequencyResponse, Metric, Outcome, Result
 from fraexp.store import Store, StoredState
 from fraexp.sweep import Sweep
+from tests.examples import portion
 
 
 def same(one: Any, other: Any) -> bool:
@@ -102,7 +103,7 @@ def shared(tmp_path_factory, kind, request):
         yield opened
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=portion(30))
 @given(kept=results)
 def test_every_result_comes_back_and_replaces_the_one_before(shared, kept):
     shared.save(1, [(POINT, kept, {})])

@@ -1,6 +1,5 @@
 import os
 import signal
-import time
 from datetime import UTC, datetime, timedelta
 
 import pytest
@@ -8,6 +7,7 @@ import pytest
 from fraexp.errors import StoreError
 from fraexp.results import Outcome, Result
 from fraexp.store import Store
+from tests.waiting import wait_until
 
 DIES = """
 import sys
@@ -95,9 +95,7 @@ def test_a_run_whose_process_died_shows_as_interrupted(store, url, program):
 def test_a_killed_process_that_nobody_waited_for_counts_as_dead(store, url, program):
     with program(DIES, url) as process:
         os.kill(process.pid, signal.SIGKILL)  # a zombie until it is waited for
-        deadline = time.monotonic() + 5
-        while store.run(1).state == "running" and time.monotonic() < deadline:
-            time.sleep(0.01)
+        wait_until(lambda: store.run(1).state != "running")
         assert store.run(1).state == "interrupted"
 
 

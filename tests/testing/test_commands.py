@@ -15,6 +15,7 @@ from fraexp.components import KINDS as CLASSES
 from fraexp.testing import checks_for
 from tests.docs.conftest import Follow, follow
 from tests.testing.defects import Element
+from tests.waiting import HANG_TIMEOUT_S
 
 __all__ = ["follow"]  # a fixture
 
@@ -27,6 +28,9 @@ BROKEN = (
 )
 
 
+OTHER_KINDS = [kind for kind in KINDS if kind not in ("estimator", "friction")]
+
+
 def steps(printed: str) -> list[str]:
     """Return the commands that are printed after ``next:``."""
     return [line.partition("#")[0].strip() for line in printed.partition("next:\n")[2].splitlines()]
@@ -35,7 +39,8 @@ def steps(printed: str) -> list[str]:
 def shell(command: str, folder: Path) -> subprocess.CompletedProcess[str]:
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     return subprocess.run(
-        command, shell=True, cwd=folder, env={**os.environ, "PATH": path}, capture_output=True, text=True, check=False
+        command, shell=True, cwd=folder, env={**os.environ, "PATH": path}, capture_output=True, text=True, check=False,
+        timeout=HANG_TIMEOUT_S,
     )  # fmt: skip
 
 
@@ -65,8 +70,9 @@ def test_the_next_steps_are_true_whatever_was_run_and_written_before(
         assert steps(capsys.readouterr().out)[-1] == f"fraexp plot {name} -o {name}.pdf"
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "friction"])
+@pytest.mark.parametrize(
+    "kind", ["estimator", *(pytest.param(kind, marks=pytest.mark.thorough) for kind in OTHER_KINDS)]
+)
 def test_a_new_plugin_of_any_kind_works_as_printed(kind: str, tmp_path: Path) -> None:
     made = shell(f"fraexp new {kind} my_own", tmp_path)
     for step in steps(made.stdout):
@@ -155,7 +161,7 @@ def test_every_check_has_its_own_name_and_a_sentence() -> None:
     assert [check.name for check in checks if not check.meaning.endswith(".")] == []
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_page_about_checking(follow: Follow, tmp_path: Path) -> None:
     printed = follow("docs/checking-a-model.md")
     assert "  expected  odd " in printed["fraexp check one_way"]

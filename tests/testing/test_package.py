@@ -11,6 +11,7 @@ import pytest
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
+from tests.waiting import HANG_TIMEOUT_S
 
 ROOT = Path(__file__).parents[2]
 
@@ -19,7 +20,7 @@ def run(*command: object, cwd: Path) -> str:
     environment = {key: value for key, value in os.environ.items() if not key.startswith(("PYTHON", "VIRTUAL_ENV"))}
     done = subprocess.run(
         [str(part) for part in command], cwd=cwd, env=environment, capture_output=True, text=True, check=False,
-        timeout=180,
+        timeout=HANG_TIMEOUT_S,
     )  # fmt: skip
     assert done.returncode == 0, f"{done.stdout}\n{done.stderr}"
     return done.stdout
@@ -37,7 +38,7 @@ def python(tmp_path: Path) -> Path:
     return Path(sysconfig.get_path("scripts", "venv", place)) / Path(sys.executable).name
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_new_package_is_installed_found_and_tested(
     python: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

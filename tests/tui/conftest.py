@@ -6,7 +6,11 @@ from pathlib import Path
 import pytest
 
 from fraexp.store import Store
+from fraexp.tui import ahead, page
+from fraexp.tui.survey import Surveyor
+from fraexp.views import trial
 from fraexp.workspace import Workspace
+from tests.waiting import HANG_TIMEOUT_S
 
 RAISING = '''
 """An estimator that fails."""
@@ -34,6 +38,26 @@ estimator = { name = "raising" }
 def no_settings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whoever runs the tests may have settings; they shall not matter."""
     monkeypatch.setenv("FRAEXP_TUI_SETTINGS", str(tmp_path / "none.toml"))
+
+
+@pytest.fixture(autouse=True)
+def patient_screens(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Keys wait until what is slow is there, and a law may take its time: how long is the benchmarks' matter."""
+    monkeypatch.setattr(page, "PATIENCE", HANG_TIMEOUT_S)
+    monkeypatch.setattr(ahead, "LONGEST", HANG_TIMEOUT_S)
+    monkeypatch.setattr(trial, "LONGEST", HANG_TIMEOUT_S)
+
+
+@pytest.fixture
+def survey() -> None:
+    """Let the list of studies work out what running them would do."""
+
+
+@pytest.fixture(autouse=True)
+def no_survey(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Do without the process that resolves all studies in the background, seconds for each test, unless it matters."""
+    if "survey" not in request.fixturenames:
+        monkeypatch.setattr(Surveyor, "survey", lambda *_: None)
 
 
 @pytest.fixture(scope="session")

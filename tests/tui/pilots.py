@@ -4,13 +4,15 @@ import asyncio
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 
+from textual.app import App
 from textual.pilot import Pilot
+from textual.timer import Timer
+from textual.widgets._toast import Toast
 
 from fraexp.tui.app import FraexpApp
+from tests.waiting import HANG_TIMEOUT_S
 
 Steps = Callable[[FraexpApp, Pilot[None]], Awaitable[None]]
-PATIENCE = 60.0
-"""Seconds to wait for what must come."""
 
 
 def pilot_of(app: FraexpApp | Path, steps: Steps, size: tuple[int, int] = (80, 24), notices: bool = False) -> None:
@@ -24,6 +26,9 @@ def pilot_of(app: FraexpApp | Path, steps: Steps, size: tuple[int, int] = (80, 2
         async with shown.run_test(size=size, notifications=notices) as pilot:
             await until(pilot, lambda: shown.current_mode == "studies" and shown.screen.is_mounted)
             await steps(shown, pilot)
+            if not shown._exit:  # keys that are still on their way would find no screen as all ends
+                await until(pilot, lambda: not shown._ahead._held)
+                await pilot.pause()
 
     asyncio.run(drive())
 
@@ -31,10 +36,34 @@ def pilot_of(app: FraexpApp | Path, steps: Steps, size: tuple[int, int] = (80, 2
 async def until(pilot: Pilot[None], holds: Callable[[], object]) -> None:
     """Wait until something holds."""
     loop = asyncio.get_running_loop()
-    deadline = loop.time() + PATIENCE
+    deadline = loop.time() + HANG_TIMEOUT_S
     while not holds():
         assert loop.time() < deadline, screen_text(pilot.app)
         await pilot.pause(0.02)
+
+
+async def settle(pilot: Pilot[None]) -> None:
+    """Wait until all that has been asked for is done: no key, message, worker or timer is left that would change it."""
+    await pilot.pause()
+    await until(pilot, lambda: not is_busy(pilot.app))
+    await pilot.pause()
+
+
+def is_busy(app: App[None]) -> bool:
+    """Say whether something is still to come: what repeats itself and what takes messages away do not count."""
+    nodes = [app, *app.screen.walk_children(with_self=True)]
+    return (
+        bool(getattr(app, "_ahead", None) and app._ahead._held)
+        or any(node.message_queue_size for node in nodes)
+        or any(not worker.is_finished for worker in app.workers if worker.group != "survey")
+        or any(is_pending(timer) for node in nodes if not isinstance(node, Toast) for timer in node._timers)
+    )
+
+
+def is_pending(timer: Timer) -> bool:
+    """Say whether a timer will go off, once."""
+    task = timer._task
+    return timer._repeat == 0 and task is not None and not task.done()
 
 
 async def shows(pilot: Pilot[None], *texts: str) -> None:

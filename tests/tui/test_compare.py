@@ -16,7 +16,7 @@ from fraexp.tui.app import FraexpApp
 from fraexp.tui.compare import ComparePage
 from fraexp.tui.curves import REFERENCE
 from fraexp.views.words import short
-from tests.tui.pilots import pilot_of, screen_text, shows, until
+from tests.tui.pilots import pilot_of, screen_text, settle, shows, until
 from tests.tui.responses import found, gap, loop, resonant, store_results
 
 GRID = np.geomspace(1.0, 400.0, 200)
@@ -28,7 +28,7 @@ async def compare(app: FraexpApp, pilot: Pilot[None], keys: list[str]) -> Compar
     await pilot.press("c")
     await until(pilot, lambda: isinstance(app.screen, ComparePage) and app.screen.stack.picture is not None)
     assert isinstance(app.screen, ComparePage)
-    await pilot.pause(0.1)
+    await settle(pilot)
     return app.screen
 
 
@@ -228,7 +228,7 @@ def test_export_asks_for_a_name_and_draws_what_is_seen(
         await pilot.press("enter")
         await shows(pilot, "exists. Replace it?")
         await pilot.press("enter")  # no
-        await pilot.pause(0.2)
+        await settle(pilot)
         assert target.stat().st_mtime_ns == first
 
     pilot_of(workspace, steps)
@@ -253,7 +253,7 @@ def test_responses_in_other_units_and_without_any_are_told_and_reached(tmp_path:
         assert short(keys[2]) in page.command
         assert short(keys[0]) not in page.command
         await pilot.press("d")  # one response in this unit: nothing to compare it with
-        await pilot.pause(0.3)
+        await settle(pilot)
         assert page.view == "curves"
         assert any("choose two sweeps" in note.message for note in app._notifications)
 
@@ -270,7 +270,7 @@ def test_marks_may_change_and_sweeps_may_go_while_it_is_shown(tmp_path: Path) ->
         with Store.open(str(tmp_path / "results.db")) as store:
             store.delete_sweeps([keys[0]])
         await until(pilot, lambda: page.compared is not None and len(page.compared.sweeps) == 2)
-        await pilot.pause(0.1)
+        await settle(pilot)
         assert page.stack.sight.hidden == {0}  # the second one is the first now, and stays hidden
         assert page.stack.sight.focus == 1
         assert list(app.marks) == keys[1:]
@@ -307,7 +307,7 @@ def test_in_ascii_all_is_ascii_and_curves_carry_digits(workspace: Path, keys: li
         page.stack.draw()
         for key in ("b", "d", "n", "t", "i"):
             await pilot.press(key)
-            await pilot.pause(0.3)
+            await settle(pilot)
             strips = app.screen._compositor.render_strips()
             shown = [strip.apply_filter(app._ascii, app.screen.background_colors[1]).text for strip in strips]
             assert "\n".join(shown).isascii()

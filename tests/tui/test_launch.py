@@ -5,7 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -13,6 +12,7 @@ from textual import events
 from textual.widgets import Input
 
 from fraexp.store import Store
+from fraexp.tui import launch, page
 from fraexp.tui.fieldlist import FieldList
 from fraexp.tui.form import concerned, form
 from fraexp.tui.launch import LaunchPage
@@ -20,7 +20,8 @@ from fraexp.tui.run import RunPage
 from fraexp.tui.runs import RunsPage
 from fraexp.tui.studies import StudiesPage
 from fraexp.workspace import Workspace
-from tests.tui.pilots import pilot_of, shows, until
+from tests.tui.pilots import pilot_of, settle, shows, until
+from tests.waiting import wait_until
 
 
 async def opened(app, pilot) -> FieldList:
@@ -46,7 +47,7 @@ def test_what_is_typed_is_checked_at_once_and_the_plan_follows(tmp_path):
         await write(pilot, lines, "excitation.points", "0")
         await shows(pilot, "! stepped_sine.points is 0", "must be at least 1", "! excitation.points")
         await pilot.press("f5")
-        await pilot.pause(0.2)
+        await settle(pilot)
         assert isinstance(app.screen, LaunchPage)
         await pilot.press("backspace", "9")
         await shows(pilot, "4 sweeps: 0 reused, 4 to compute", "* excitation.points")
@@ -186,18 +187,15 @@ def test_a_run_outlives_the_ui_that_is_killed(tmp_path):
         assert ui.stdout is not None
         number = int(ui.stdout.readline())
         os.kill(ui.pid, signal.SIGKILL)
-    deadline = time.monotonic() + 60
     with Store.open(str(tmp_path / "results.db"), read_only=True) as store:
-        while store.run(number).state == "running":
-            assert time.monotonic() < deadline
-            time.sleep(0.1)
+        wait_until(lambda: store.run(number).state != "running")
         run = store.run(number)
     assert (run.state, run.computed) == ("complete", 4)
     log = Path(run.provenance["log"]).read_text(encoding="utf-8")
     assert "4 to compute" in log
 
 
-@pytest.mark.parametrize("pause", [0.0, 0.05, 0.5])
+@pytest.mark.parametrize("pause", [0.0, *(pytest.param(of, marks=pytest.mark.thorough) for of in (0.05, 0.5))])
 def test_keys_that_follow_the_launch_at_once_neither_stop_it_nor_are_lost(tmp_path, pause):
     async def steps(app, pilot):
         await opened(app, pilot)
@@ -217,10 +215,7 @@ def test_enter_enter_launches_and_the_run_comes_to_its_end(tmp_path):
         await pilot.press("enter")
         await until(pilot, lambda: isinstance(app.screen, RunPage))
         page = app.screen
-        for _ in range(120):  # as long as a law takes to compile
-            if page.run and page.run.state != "running":
-                break
-            await pilot.pause(0.5)
+        await until(pilot, lambda: page.run and page.run.state != "running")
         await shows(pilot, "complete", "4 of 4 sweeps", "100 %", "4 computed")
         await pilot.press("escape")
         await shows(pilot, "$ fraexp list", "complete")
@@ -239,8 +234,9 @@ def test_what_is_pasted_over_several_lines_is_one_value(tmp_path):
     pilot_of(tmp_path, steps)
 
 
-def test_many_letters_at_once_are_checked_once_and_a_long_one_leaves_room(tmp_path):
+def test_many_letters_at_once_are_checked_once_and_a_long_one_leaves_room(tmp_path, monkeypatch):
     checked = []
+    monkeypatch.setattr(launch, "SOON", 1.0)  # also where a letter takes longer than between two that are typed
 
     async def steps(app, pilot):
         lines = await opened(app, pilot)
@@ -280,6 +276,7 @@ def test_keys_do_not_wait_for_ever_for_what_is_slow(tmp_path, monkeypatch):
     async def never(page, changed):
         await asyncio.sleep(3600.0)
 
+    monkeypatch.setattr(page, "PATIENCE", 0.1)
     monkeypatch.setattr(LaunchPage, "_build", never)
 
     async def steps(app, pilot):

@@ -11,7 +11,7 @@ from fraexp.tui.letters import ascii_text
 from fraexp.tui.page import PLACES
 from fraexp.tui.settings import plain_terminal
 from fraexp.tui.trial import TrialPage
-from tests.tui.pilots import pilot_of, screen_text, shows, until
+from tests.tui.pilots import pilot_of, screen_text, settle, shows, until
 
 
 @given(st.text(st.characters(exclude_categories=["Cc", "Cs", "Cn", "Co"]), max_size=20))
@@ -38,38 +38,38 @@ def test_what_stands_for_what(text, plain):
     assert ascii_text(text) == plain
 
 
-@pytest.mark.parametrize("size", [(80, 24), (160, 50)])
+@pytest.mark.parametrize("size", [(80, 24), pytest.param((160, 50), marks=pytest.mark.thorough)])
 def test_every_screen_is_ascii_where_that_is_wished(workspace, keys, size):
     async def steps(app, pilot):
         app.marks.add(keys)
         for place in PLACES:
             app.action_place(place)
             await until(pilot, lambda place=place: getattr(app.screen, "PLACE", "") == place)
-            await pilot.pause(0.5)
+            await settle(pilot)
             assert screen_text(app).isascii(), place
             await pilot.press("f1")
-            await pilot.pause(0.1)
+            await settle(pilot)
             assert screen_text(app).isascii(), place
             await pilot.press("escape")
-        for screen in (TrialPage("rolling"), Ask("± ✓ µ?", "→"), Confirm("± ✓ µ?")):
+        for screen in (TrialPage("dahl"), Ask("± ✓ µ?", "→"), Confirm("± ✓ µ?")):
             await app.push_screen(screen)
-            await pilot.pause(0.7)
+            await settle(pilot)
             assert screen_text(app).isascii(), screen
             await pilot.press("escape")
         app.action_place("sweeps")
         await shows(pilot, "rows 1-")
         await pilot.press("enter")
-        await pilot.pause(0.7)
+        await settle(pilot)
         assert screen_text(app).isascii()
         app.action_place("runs")
-        await pilot.pause(0.3)
+        await settle(pilot)
         await pilot.press("enter")
-        await pilot.pause(0.7)
+        await settle(pilot)
         assert screen_text(app).isascii()
         app.action_place("studies")
-        await pilot.pause(0.3)
+        await settle(pilot)
         await pilot.press("enter")
-        await pilot.pause(0.7)
+        await settle(pilot)
         assert screen_text(app).isascii()
 
     pilot_of(FraexpApp(workspace, plain=True), steps, size=size)

@@ -12,10 +12,10 @@ from typing import NamedTuple
 import pytest
 
 from fraexp.store import Store
+from tests.waiting import HANG_TIMEOUT_S, wait_until
 
-PATIENCE = 90.0
 TMUX = shutil.which("tmux")
-pytestmark = [pytest.mark.slow, pytest.mark.skipif(TMUX is None, reason="there is no tmux on this machine")]
+pytestmark = [pytest.mark.thorough, pytest.mark.skipif(TMUX is None, reason="there is no tmux on this machine")]
 
 
 class Terminal(NamedTuple):
@@ -25,7 +25,7 @@ class Terminal(NamedTuple):
 
     def tmux(self, *arguments: str) -> str:
         command = [str(TMUX), "-L", self.server, *arguments]
-        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=PATIENCE).stdout
+        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=HANG_TIMEOUT_S).stdout
 
     def type(self, *keys: str) -> None:
         self.tmux("send-keys", "-t", "fraexp", *keys)
@@ -38,7 +38,7 @@ class Terminal(NamedTuple):
         return self.until(lambda shown: all(text in shown for text in texts))
 
     def until(self, holds: Callable[[str], bool]) -> str:
-        end = time.monotonic() + PATIENCE
+        end = time.monotonic() + HANG_TIMEOUT_S
         while not holds(shown := self.text):
             assert time.monotonic() < end, shown
             time.sleep(0.1)
@@ -53,7 +53,7 @@ def terminal(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Termina
     environment = ["-e", f"FRAEXP_TUI_SETTINGS={os.devnull}", "-e", "LANG=C.UTF-8", "-e", "LC_ALL=C.UTF-8"]
     checkout = [f"-ePYTHONPATH={os.environ['PYTHONPATH']}"] if "PYTHONPATH" in os.environ else []
     start = ["-f", os.devnull, "new-session", "-d", "-s", "fraexp", "-x", width, "-y", height, *environment, *checkout]
-    found.tmux(*start, f"{place}; echo left with $?; sleep 100")
+    found.tmux(*start, f"{place}; echo left with $?; cat")
     yield found
     found.tmux("kill-server")
 
@@ -82,12 +82,9 @@ def test_a_closed_terminal_ends_nothing(terminal: Terminal, tmp_path: Path) -> N
     terminal.shows("4 sweeps: 0 reused, 4 to compute")
     terminal.type("Enter")
     terminal.until(lambda shown: "Launch" not in shown)
-    terminal.tmux("respawn-pane", "-k", "-t", "fraexp", "sleep 100")  # the line is lost
+    terminal.tmux("respawn-pane", "-k", "-t", "fraexp", "cat")  # the line is lost
 
-    end = time.monotonic() + PATIENCE
-    while not finished(tmp_path):
-        assert time.monotonic() < end
-        time.sleep(0.2)
+    wait_until(lambda: finished(tmp_path))
 
 
 def finished(folder: Path) -> bool:

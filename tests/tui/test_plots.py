@@ -22,7 +22,8 @@ from fraexp.tui.plot import ALONE, ON_DARK, ON_LIGHT, UNSETTLED, Look, Plot, lin
 from fraexp.tui.plots import BodeView
 from fraexp.tui.raster import ACROSS, BLANK, DOWN, characters, line, sparse
 from fraexp.tui.readout import cut, readout
-from tests.tui.pilots import screen_text, until
+from tests.examples import portion
+from tests.tui.pilots import screen_text, settle, until
 from tests.tui.responses import RESONANCE, gap, resonant
 
 GRID = np.geomspace(1.0, 400.0, 3000)
@@ -52,7 +53,7 @@ def shown(responses: Labelled, steps: Callable[[BodeView, Pilot[None]], Awaitabl
         async with app.run_test(size=size) as pilot:
             view = app.query_one(BodeView)
             await until(pilot, lambda: view.picture is not None)
-            await pilot.pause(0.1)
+            await settle(pilot)
             await steps(view, pilot)
 
     asyncio.run(drive())
@@ -78,7 +79,7 @@ def is_dots(character: str) -> bool:
     st.lists(st.tuples(st.floats(-5, 15), st.floats(-5, 15)), min_size=2, max_size=12),
     st.tuples(st.integers(3, 30), st.integers(2, 12)),
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=portion(60))
 def test_a_line_has_the_dots_that_walking_along_it_meets(
     points: list[tuple[float, float]], cells: tuple[int, int]
 ) -> None:
@@ -144,7 +145,7 @@ def test_frequencies_are_named_as_far_as_there_is_room(span: tuple[float, float]
 
 
 @given(st.floats(-9, 9), st.floats(1e-4, 15), st.integers(8, 200), st.booleans())
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=portion(200))
 def test_labels_never_touch(low: float, width: float, room: int, logarithmic: bool) -> None:
     ticks, labels = Ticks(room, logarithmic=logarithmic).get_ticks_and_labels(low, low + width)
     assert all(low - 1e-9 <= tick <= low + width + 1e-9 for tick in ticks)
@@ -191,7 +192,7 @@ def test_points_that_had_not_settled_are_hollow_and_not_joined() -> None:
         view.sight.bands = False
         view.sight.cursor = None
         view.draw()
-        await pilot.pause(0.1)
+        await settle(pilot)
         plot = plots_of(view)[0]
         left, right = plot.column(np.log10(4.0)) - 1, plot.column(np.log10(15.0)) - 1
         text = "".join(row[left + 2 : right - 1] for row in drawn_rows(plot))
@@ -209,7 +210,7 @@ def test_limits_are_drawn_around_a_line_until_they_are_taken_away() -> None:
     async def steps(view: BodeView, pilot: Pilot[None]) -> None:
         async def count() -> int:
             view.draw()
-            await pilot.pause(0.1)
+            await settle(pilot)
             return sum(is_dots(character) for plot in plots_of(view) for row in drawn_rows(plot) for character in row)
 
         view.zoom(y=8)
@@ -229,7 +230,7 @@ def test_the_focused_curve_covers_the_others() -> None:
         for focus in (0, 1):
             view.sight.focus = focus
             view.draw()
-            await pilot.pause(0.1)
+            await settle(pilot)
             canvas = plots_of(view)[0].query_one("#plot", Canvas)
             styles = {style for row in canvas._styles for style in row}
             assert view.look.style(focus) in styles
@@ -251,7 +252,7 @@ def test_lines_are_made_anew_when_they_are_seen_otherwise(monkeypatch: pytest.Mo
         async def lines_of(change: Callable[[], object]) -> int:
             made.clear()
             change()
-            await pilot.pause(0.1)
+            await settle(pilot)
             return len(made)
 
         assert await lines_of(lambda: view.step(1)) == 0
@@ -293,7 +294,7 @@ def test_zoom_keeps_both_panels_together_and_home_shows_all() -> None:
         assert upper[1] - upper[0] == pytest.approx((home[0][1] - home[0][0]) / 2)
         assert upper[2:] == home[0][2:]
         plots_of(view)[0].action_zoom_x_in()  # as the mouse wheel does
-        await pilot.pause(0.1)
+        await settle(pilot)
         upper, lower = (plot.window for plot in plots_of(view))
         assert upper[:2] == lower[:2]
         view.home()

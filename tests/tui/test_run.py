@@ -16,7 +16,7 @@ from fraexp.tui.run import RunPage, _command_of, show_run
 from fraexp.tui.runs import RunsPage
 from fraexp.views.progress import bar, progress_text
 from fraexp.workspace import Workspace
-from tests.tui.pilots import pilot_of, screen_text, shows, until
+from tests.tui.pilots import pilot_of, screen_text, settle, shows, until
 
 SLOW = ["excitation.lowest=1e-3", "excitation.points=3", "excitation.tolerance=1e-15", "excitation.settle_limit=10000"]
 
@@ -37,10 +37,7 @@ def living(workspace):
 async def begun(app, pilot) -> None:
     """Wait until a run computes: a law that is new to the machine is compiled first."""
     await until(pilot, lambda: isinstance(app.screen, RunPage))
-    for _ in range(120):
-        if app.screen.run and (app.screen.run.progress or app.screen.run.state != "running"):
-            break
-        await pilot.pause(0.5)
+    await until(pilot, lambda: app.screen.run and (app.screen.run.progress or app.screen.run.state != "running"))
     await shows(pilot, "running")
 
 
@@ -62,7 +59,7 @@ def test_failures_are_told_without_commanding_the_terminal(workspace):
         show_run(app, 2)
         await shows(pilot, "partial", "1 failed", "failed: ValueError: nothing to [bold]divide\\x1b[31m by")
         await pilot.press("c")
-        await pilot.pause(0.2)
+        await settle(pilot)
         assert isinstance(app.screen, RunPage)  # there is nothing to compare
 
     pilot_of(workspace, steps, (120, 30))
@@ -172,7 +169,7 @@ def test_progress_tells_speed_and_time_left(workspace):
 def test_a_run_that_is_stopped_before_it_began_says_where_the_keys_lead(workspace):
     log = workspace / "run.log"
     log.touch()
-    process = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"])  # as long as it is read
+    process = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)  # as long as we are there
     started = Started(process, log, ("run", "nothing", f"--workspace={workspace}"))
 
     async def steps(app, pilot):
@@ -189,8 +186,8 @@ def test_a_run_that_is_stopped_before_it_began_says_where_the_keys_lead(workspac
         await pilot.press("escape")
         await until(pilot, lambda: isinstance(app.screen, RunsPage))
 
-    pilot_of(workspace, steps)
-    started.process.wait()
+    with process:
+        pilot_of(workspace, steps)
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,7 @@
 """The list of runs."""
 
 from fraexp.tui.run import RunPage
-from tests.tui.pilots import pilot_of, screen_text, shows, until
+from tests.tui.pilots import pilot_of, screen_text, settle, shows, until
 
 
 def test_runs_are_listed_newest_first_and_opened(workspace):
@@ -26,7 +26,7 @@ def test_a_run_is_deleted_only_if_that_is_confirmed(workspace):
         await pilot.press("D")
         await shows(pilot, "Delete run 2 of failing", "with their results, tags and notes?")
         await pilot.press("enter")
-        await pilot.pause(0.2)
+        await settle(pilot)
         assert "failing" in screen_text(app)
         await pilot.press("D", "y")
         await until(pilot, lambda: len(app.screen.runs) == 1)

@@ -19,10 +19,10 @@ import pytest
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
 from fraexp.tui.serve import is_local
+from tests.waiting import HANG_TIMEOUT_S
 
 TOKEN = "abcdefghij0123456789"
 BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-PATIENCE = 30.0
 
 
 class Served(NamedTuple):
@@ -46,15 +46,15 @@ def served(tmp_path: Path) -> Iterator[Served]:
         assert process.stdout.readline().startswith(f"fraexp is at http://127.0.0.1:{port}/?token=")
         yield Served(process, port)
         process.send_signal(signal.SIGINT)
-        _, errors = process.communicate(timeout=PATIENCE)
+        _, errors = process.communicate(timeout=HANG_TIMEOUT_S)
         assert TOKEN not in errors
         assert "Traceback" not in errors
 
 
 def answer(port: int, path: str = "/", **headers: str) -> tuple[int, str]:
-    end = time.monotonic() + PATIENCE
+    end = time.monotonic() + HANG_TIMEOUT_S
     while True:
-        connection = HTTPConnection("127.0.0.1", port, timeout=PATIENCE)
+        connection = HTTPConnection("127.0.0.1", port, timeout=HANG_TIMEOUT_S)
         try:
             connection.request("GET", path, headers=headers)
             reply = connection.getresponse()
@@ -141,13 +141,13 @@ class Shown:
 
 
 def until(holds: Callable[[], bool], step: Callable[[], object]) -> bool:
-    end = time.monotonic() + PATIENCE
+    end = time.monotonic() + HANG_TIMEOUT_S
     while not holds() and time.monotonic() < end:
         step()
     return holds()
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.skipif(BROWSER is None, reason="there is no Chromium on this machine")
 def test_a_browser_shows_the_studies_and_takes_keys(served: Served, tmp_path: Path) -> None:
     playwright = pytest.importorskip("playwright.sync_api")

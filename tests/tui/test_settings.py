@@ -13,7 +13,8 @@ from fraexp.errors import FraexpError
 from fraexp.tui import keys
 from fraexp.tui.app import FraexpApp
 from fraexp.tui.settings import place, read
-from tests.tui.pilots import pilot_of, until
+from tests.tui.pilots import pilot_of, settle, until
+from tests.waiting import HANG_TIMEOUT_S
 
 GUIDE = Path(__file__).parents[2] / "docs/terminal-ui.md"
 
@@ -53,7 +54,7 @@ def test_keys_do_what_they_are_told_and_the_old_ones_no_longer(workspace, write)
 
     async def steps(app, pilot):
         await pilot.press("w")
-        await pilot.pause(0.2)
+        await settle(pilot)
         assert app.screen.PLACE == "studies"
         await pilot.press("f2")
         await until(pilot, lambda: app.screen.PLACE == "sweeps")
@@ -118,7 +119,9 @@ def test_the_command_ends_with_2_and_one_line(workspace, write):
     write("[keys]\nsweps = 'w'")
     ours, theirs = pty.openpty()
     command = [sys.executable, "-m", "fraexp", "tui", "--workspace", str(workspace)]
-    done = subprocess.run(command, stdin=theirs, stdout=theirs, stderr=subprocess.PIPE, timeout=60, check=False)
+    done = subprocess.run(
+        command, stdin=theirs, stdout=theirs, stderr=subprocess.PIPE, timeout=HANG_TIMEOUT_S, check=False
+    )
     os.close(theirs)
     os.close(ours)
     assert done.returncode == 2

@@ -2,10 +2,11 @@
 
 import shutil
 
+from fraexp.tui import studies as studies_module
 from fraexp.tui.app import FraexpApp
 from fraexp.tui.filterline import FilterLine
 from fraexp.tui.launch import LaunchPage
-from fraexp.tui.studies import MOMENT, FilePage, StudiesPage
+from fraexp.tui.studies import FilePage, StudiesPage
 from fraexp.tui.survey import Surveyor
 from tests.tui.pilots import pilot_of, screen_text, shows, until
 
@@ -27,7 +28,7 @@ def test_without_a_database_it_explains_itself_and_offers_the_quick_study(tmp_pa
     pilot_of(tmp_path, steps)
 
 
-def test_states_come_one_by_one_and_the_preview_tells_what_a_study_asks(workspace):
+def test_states_come_one_by_one_and_the_preview_tells_what_a_study_asks(workspace, survey):
     (workspace / "studies" / "broken.toml").write_text('"[bold]" = 1\n', encoding="utf-8")
 
     async def steps(app, pilot):
@@ -86,13 +87,17 @@ def test_a_database_that_is_deleted_is_no_traceback(workspace):
 def test_a_state_that_is_not_known_yet_is_told_and_only_worked_out_for_who_looks(workspace, monkeypatch):
     begun = []
     monkeypatch.setattr(Surveyor, "survey", lambda *_: begun.append(1))
+    monkeypatch.setattr(studies_module, "MOMENT", 3600.0)  # the moment comes when we say so
 
     async def steps(app, pilot):
         page = studies(app)
-        await until(pilot, lambda: page.entry)
+        await until(pilot, lambda: page.entry and page._soon)
         await pilot.press("r")
-        await pilot.pause(2 * MOMENT)
+        await until(pilot, lambda: app.current_mode == "runs")
+        page._soon.stop()
+        page._survey_if_seen()
         assert not begun
+        monkeypatch.setattr(studies_module, "MOMENT", 0.01)
         await pilot.press("s")
         await shows(pilot, "...")
         await until(pilot, lambda: begun)

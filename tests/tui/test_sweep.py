@@ -6,7 +6,7 @@ from textual.widgets import TabbedContent
 
 from fraexp.store import Store
 from fraexp.tui.sweep import SECTIONS, SweepPage
-from tests.tui.pilots import pilot_of, screen_text, shows, until
+from tests.tui.pilots import pilot_of, screen_text, settle, shows, until
 
 
 async def opened(app, pilot, key: str) -> None:
@@ -152,7 +152,7 @@ def test_of_digits_typed_at_once_the_last_one_counts(workspace, keys):
         for burst in ("451", "321", "2514", "13"):
             for key in burst:
                 app.post_message(events.Key(key, key))
-            await pilot.pause(0.5)
+            await settle(pilot)
             assert app.screen.query_one(TabbedContent).active == list(SECTIONS)[int(burst[-1]) - 1]
 
     pilot_of(workspace, steps)

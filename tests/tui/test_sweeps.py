@@ -100,7 +100,7 @@ def test_what_is_wrong_with_a_filter_is_told_below_it_and_the_rows_stay(workspac
     async def steps(app, pilot):
         table = await opened(app, pilot)
         await pilot.press("slash")
-        await write(pilot, "estimato=proposed")
+        app.screen.line.value = "estimato=proposed"  # letter by letter, its beginnings would be tried
         await shows(pilot, "nothing in the database has 'estimato'; did you mean 'estimator'?", "rows 1-5 of 5")
         assert len(table.keys) == 5
         await pilot.press("escape")

@@ -7,7 +7,7 @@ import subprocess
 import sys
 import threading
 
-PATIENCE = 60.0
+from tests.waiting import HANG_TIMEOUT_S
 
 
 def test_the_ui_ends_with_its_terminal_where_no_signal_ends_it(workspace):
@@ -19,7 +19,7 @@ def test_the_ui_ends_with_its_terminal_where_no_signal_ends_it(workspace):
         while b"Studies" not in shown:
             shown += os.read(ours, 4096)
         os.close(ours)
-        watch = threading.Timer(PATIENCE, ui.kill)
+        watch = threading.Timer(HANG_TIMEOUT_S, ui.kill)
         watch.start()
         assert ui.wait() != -signal.SIGKILL
         watch.cancel()
@@ -33,7 +33,7 @@ def test_keys_that_are_typed_before_the_ui_is_up_count(workspace):
     ) as ui:  # fmt: skip
         os.close(theirs)
         os.write(ours, b"\r")  # which the terminal makes a line feed of until the UI has taken it over
-        watch = threading.Timer(PATIENCE, ui.kill)
+        watch = threading.Timer(HANG_TIMEOUT_S, ui.kill)
         watch.start()
         shown = b""
         while b"Launch" not in shown:
