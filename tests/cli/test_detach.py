@@ -48,7 +48,7 @@ def test_a_run_in_the_background_comes_to_its_end_and_notes_its_log(tmp_path):
 @pytest.mark.parametrize("hard", [(), ("--hard",)])
 def test_a_run_in_the_background_can_be_stopped(tmp_path, hard):
     started = json.loads(fraexp(tmp_path, "run", *SLOW, "--detach", "--json").stdout)["started"]
-    wait_until(lambda: "at once" in Path(started["log"]).read_text(encoding="utf-8"))
+    wait_until(lambda: " worker" in Path(started["log"]).read_text(encoding="utf-8"))
     assert state(tmp_path) == "running"
     told = fraexp(tmp_path, "stop", "1", *hard)
     assert told.returncode == ExitCode.OK, told.stderr

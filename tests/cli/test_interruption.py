@@ -37,7 +37,7 @@ def started(folder: Path, *more: str) -> subprocess.Popen[str]:
     process = subprocess.Popen(command, cwd=folder, stderr=subprocess.PIPE, text=True, start_new_session=True)
     assert process.stderr is not None
     for line in process.stderr:
-        if "at once" in line:
+        if " worker" in line:
             break
     wait_until(lambda: has_begun(folder))
     return process

@@ -113,7 +113,7 @@ def test_a_trial_by_hand_ends_in_one_line(line: str, tmp_path: Path) -> None:
     assert "\n" not in str(raised.value)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_compiled_code_that_never_returns_ends_with_its_process(tmp_path: Path) -> None:
     line = "while abs(dt - 1e-3 / 16) < 1e-6: z_next[0] += 1e-9"  # a step that only closed loops take
     done = fraexp(dropped(tmp_path, line), "check", "mine")

@@ -77,7 +77,7 @@ def test_a_run_is_watched_stopped_and_goes_on(workspace, living):
     async def steps(app, pilot):
         show_run(app, living)
         await begun(app, pilot)
-        await shows(pilot, "0 of 4 sweeps", "1 worker", "at once")
+        await shows(pilot, "0 of 4 sweeps", "1 worker")
         page = app.screen
         await pilot.press("x")
         await shows(pilot, "interrupted", "R goes on from there")
