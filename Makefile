@@ -37,7 +37,7 @@ format: $(STAMP)
 
 # Each prints a table and fails where a bound is missed; all are run. The peers are those that are installed.
 BENCHMARKS := accuracy friction band_coverage friction_band plant_fit friction_identification positioning autonomous \
-              kernel plugin_cost peer_table scaling monte_carlo timing store planning tui terminal
+              kernel plugin_cost peer_table scaling monte_carlo timing store planning estimates tui terminal
 
 bench: $(STAMP)
 	@failed=; for name in $(BENCHMARKS); do echo; echo "== benchmarks/$$name.py"; \

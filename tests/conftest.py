@@ -12,6 +12,8 @@ from fraexp.plugins import Registry, discover
 settings.register_profile("local", deadline=None)
 settings.register_profile("ci", deadline=None, derandomize=True, print_blob=True)
 settings.load_profile("ci" if os.environ.get("CI") else "local")
+# What tests teach about the machine's speed is not for the user's own runs.
+os.environ.setdefault("FRAEXP_CACHE_DIR", str(Path(__file__).parents[1] / ".pytest_cache" / "fraexp"))
 
 
 @pytest.fixture(scope="session")
