@@ -3,7 +3,7 @@
     python benchmarks/estimates.py               first on a machine that knows nothing, then on one that has learned
     python benchmarks/estimates.py --compiled    without compiling: kernels are there, and known to be
     python benchmarks/estimates.py --processor   processor time in one process, where other programs share the machine
-    python benchmarks/estimates.py chirp record  these studies alone
+    python benchmarks/estimates.py quick record  these studies alone
 
 Each study runs in a fresh process and a fresh workspace. Cold, its cache folder is empty, too, so that its laws are
 compiled and nothing is known about the machine. Learned, all studies have run before with one cache folder. Measured
@@ -30,7 +30,7 @@ FACTOR, SHARE = 2.0, 0.9
 """An estimate holds within this factor, and so many do at least."""
 MACHINE = 'machine = "linear_motor_table"\n'
 GUIDE = "stiffness = 3.9e5, coulomb = 17.9"
-SAMPLES = (10, 40)
+SAMPLES = (4, 12)
 """Sweeps of the samples of a study that would run for long."""
 FROM_TREE = (
     "quick", "paper/fig12", "methods/amplitude_map", "methods/comparison", "methods/response_controlled",
@@ -198,13 +198,15 @@ def _child(name: str, cache: Path, count: int, compiled: bool, processor: bool) 
     return json.loads(done.stdout.splitlines()[-1])
 
 
-def rows(names: Sequence[str], folder: Path, options: argparse.Namespace) -> Iterator[tuple[str, Compared]]:
+def studies(names: Sequence[str], folder: Path, options: argparse.Namespace) -> Iterator[tuple[str, Compared]]:
     """Yield each study with what the machine knows: nothing, then what all of them have taught."""
-    for name in names:
+    for name in names if options.machine != "learned" else ():
         yield "cold", compare(name, Path(tempfile.mkdtemp(dir=folder)), options.compiled, options.processor)
+    if options.machine == "cold":
+        return
     shared = folder / "shared"
     for name in names:
-        compare(name, shared, options.compiled, options.processor)
+        _child(name, shared, SAMPLES[0] if name in SAMPLED else 0, options.compiled, options.processor)
     for name in names:
         yield "learned", compare(name, shared, options.compiled, options.processor)
 
@@ -215,13 +217,14 @@ def main() -> int:
     options.add_argument("names", nargs="*", help="studies, all by default", default=NAMES)
     options.add_argument("--compiled", action="store_true", help="leave out compiling")
     options.add_argument("--processor", action="store_true", help="processor time of one process")
+    options.add_argument("--machine", choices=["cold", "learned"], help="one of the two alone")
     given = options.parse_args()
     print(
         f"{'study':<38s} {'machine':<8s} {'executor':<10s} {'expected':>9s} {'compiling':>9s} {'measured':>9s}  ratio"
     )
     held: dict[str, list[bool]] = {}
     with tempfile.TemporaryDirectory() as folder:
-        for machine, one in rows(given.names, Path(folder), given):
+        for machine, one in studies(given.names, Path(folder), given):
             held.setdefault(machine, []).append(one.holds)
             numbers = f"{one.expected:7.1f} s {one.compiling:7.1f} s {one.measured:7.1f} s  {one.ratio:5.2f}"
             print(
