@@ -11,7 +11,7 @@ from fraexp.executors import Limits, workers_of
 from fraexp.plugins import Registry
 from fraexp.reference_costs import run_cost
 from fraexp.sampling import SEED, Group, sampled_groups
-from fraexp.speeds import Speeds
+from fraexp.speeds import PARALLEL, Speeds
 from fraexp.sweep import Sweep
 from fraexp.work import Work
 from fraexp.workload import estimator_work, experiment_work
@@ -79,7 +79,7 @@ def _turn(tasks: Sequence[Task], workers: int, speeds: Speeds) -> float:
     stored = known_seconds("sweep", speeds)
     total = sum(task.weight * (one + stored * task.sweeps) for task, one in zip(tasks, each, strict=True))
     count = sum(task.weight for task in tasks)
-    shared = total / min(workers, max(count, 1.0)) * (speeds.ratio("parallel") if workers > 1 else 1.0)
+    shared = total / min(workers, max(count, 1.0)) * (speeds.ratio(PARALLEL) if workers > 1 else 1.0)
     return max(shared, *each)
 
 

@@ -67,7 +67,7 @@ class Lessons:
     def learn(self, executor: str) -> None:
         """Keep what a run by an executor, which ends now, has taught; nothing if it cannot be told."""
         took = time.monotonic() - self._began[0], time.process_time() - self._began[1]
-        if not self.count:
+        if not self.count or not executor.startswith((SERIAL, PROCESSES)):  # those of a cluster are other machines
             return
         try:
             measured, kernels = self._measured(took[executor == SERIAL], executor, read_speeds())
@@ -84,9 +84,8 @@ class Lessons:
             _learn_work(lesson, of, own, speeds, ratios, is_new)
         known = speeds.learned(ratios)
         spent = [_excess(lesson, of, own, known) for lesson, (of, own) in counts if not all(lesson.timing.is_warm)]
-        if executor == SERIAL or executor.startswith(PROCESSES):
-            run = RunTimes(took, executor, self.count, self.computing, sum(spent), kernels)
-            learn_run(run, speeds, known, ratios)
+        run = RunTimes(took, executor, self.count, self.computing, sum(spent), kernels)
+        learn_run(run, speeds, known, ratios)
         return ratios, kernels
 
     def _counted(self, lesson: _Lesson) -> tuple[Counted, tuple[Work, ...]]:
@@ -123,7 +122,7 @@ def _learn_work(
         _attribute(works, timing.experiment, speeds, ratios)
     if _tells(timing.estimator, timing.is_warm[1], is_new):
         _attribute(own, timing.estimator, speeds, ratios)
-    if of.rounds > 1 and timing.is_warm[0]:  # how often it is run, and how long it settles, is learned as one
+    if of.rounds > 1 and of.work[0].settling and timing.is_warm[0]:  # rounds and settling are learned as one
         expected = work_seconds([of.work[0]._replace(settling="")], speeds)
         ratios[of.work[0].settling].append(timing.experiment / expected)
 

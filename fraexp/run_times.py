@@ -6,7 +6,7 @@ from fraexp.compile_time import compile_seconds
 from fraexp.estimate import PROCESSES, SERIAL, known_seconds
 from fraexp.executors import workers_of
 from fraexp.reference_costs import run_cost
-from fraexp.speeds import Speeds
+from fraexp.speeds import PARALLEL, Speeds
 
 MANY = 50
 """Sweeps in a run from which on the time of storing one shows."""
@@ -54,4 +54,4 @@ def learn_run(run: RunTimes, before: Speeds, speeds: Speeds, ratios: Ratios) -> 
         if spent < MOST_SURPRISE * (known_seconds(start, speeds) + loading):
             ratios[start].append(spent / run_cost(start))
     elif workers > 1:
-        ratios["parallel"].append((run.took - known_seconds(start, speeds) - loading) / (work + stored))
+        ratios[PARALLEL].append((run.took - known_seconds(start, speeds) - loading) / (work + stored))

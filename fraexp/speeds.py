@@ -24,8 +24,8 @@ LEAST_WEIGHT = 0.25
 """Least weight of a run's measurements against all earlier ones: what changes on a machine is learned in a few runs."""
 SMALLEST_RATIO, GREATEST_RATIO = 1e-3, 1e3
 """Ratios beyond these come from a stopped clock or a suspended machine, not from a processor."""
-SETTLING = "settling"
-"""Family of the ratios that tell how long loops settle: these are samples, and say nothing about the processor."""
+SETTLING, PARALLEL = "settling", "parallel"
+"""Families of ratios that say nothing about the processor: of samples until a loop is settled, of work over workers."""
 
 
 class Learned(NamedTuple):
@@ -53,9 +53,9 @@ class Speeds:
         """
         if kind in self.ratios:
             return math.exp(self.ratios[kind].log)
-        if _family(kind) == SETTLING:
+        if not _is_speed(kind):
             return 1.0
-        known = [learned.log for other, learned in self.ratios.items() if _family(other) != SETTLING]
+        known = [learned.log for other, learned in self.ratios.items() if _is_speed(other)]
         return math.exp(median(known)) if known else 1.0
 
     def learned(self, measured: Mapping[str, Sequence[float]], kernels: Iterable[str] = ()) -> "Speeds":
@@ -68,8 +68,8 @@ class Speeds:
         return Speeds(found, self.kernels | frozenset(kernels))
 
 
-def _family(kind: str) -> str:
-    return kind.partition("/")[0]
+def _is_speed(kind: str) -> bool:
+    return kind.partition("/")[0] not in (SETTLING, PARALLEL)
 
 
 def _moved(before: Learned | None, log: float) -> Learned:

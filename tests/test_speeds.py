@@ -34,6 +34,7 @@ def test_a_measured_law_tells_how_fast_the_machine_is_at_others() -> None:
     assert speeds.ratio("loop/rolling/lanes") == pytest.approx(3.0)
     assert speeds.ratio("loop/dahl/lanes") == speeds.ratio("estimate/proposed") == pytest.approx(3.0)
     assert speeds.ratio("settling/chirp/dahl") == 1.0, "how long one loop settles says nothing about another one"
+    assert speeds.ratio("parallel") == 1.0, "nor about how work is divided"
 
 
 def test_a_run_counts_as_one_and_an_outlier_in_it_as_nothing() -> None:
