@@ -108,7 +108,7 @@ def work_seconds(works: Iterable[Work], speeds: Speeds) -> float:
     """Return the time that work takes on this machine [s]."""
     return sum(
         work.seconds
-        * (speeds.ratio(work.kind) if work.kind else 1.0)
+        * (speeds.ratio(work.sized) if work.kind else 1.0)
         * (speeds.ratio(work.settling) if work.settling else 1.0)
         for work in works
     )

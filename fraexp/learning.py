@@ -137,7 +137,8 @@ def _attribute(works: Sequence[Work], measured: float, speeds: Speeds, ratios: R
     expected = sum(each)
     for work, seconds in zip(works, each, strict=True):
         if work.kind and seconds > LEAST_SHARE * expected:
-            ratios[work.kind].append(speeds.ratio(work.kind) * measured / expected)
+            for kind in (work.kind, work.sized):
+                ratios[kind].append(speeds.ratio(work.sized) * measured / expected)
 
 
 def _excess(lesson: _Lesson, of: Counted, own: Sequence[Work], speeds: Speeds) -> float:

@@ -27,6 +27,9 @@ SMALLEST_RATIO, GREATEST_RATIO = 1e-3, 1e3
 SETTLING, PARALLEL = "settling", "parallel"
 """Families of ratios that say nothing about the processor: of samples until a loop is settled, of work over workers."""
 
+SIZE = "@"
+"""Stands between a kind of work and the order of magnitude of its amount, which is learned besides."""
+
 
 class Learned(NamedTuple):
     """A ratio of measured to reference time."""
@@ -49,10 +52,13 @@ class Speeds:
     def ratio(self, kind: str) -> float:
         """Return measured over reference time of a kind of work.
 
-        One that has not been measured yet takes the median of those that have: the processor is the same.
+        Of an amount that has not been measured yet it is that of other amounts, of a kind that has not been it is the
+        median of those that have: the processor is the same.
         """
         if kind in self.ratios:
             return math.exp(self.ratios[kind].log)
+        if SIZE in kind:
+            return self.ratio(kind.partition(SIZE)[0])
         if not _is_speed(kind):
             return 1.0
         known = [learned.log for other, learned in self.ratios.items() if _is_speed(other)]
@@ -69,7 +75,7 @@ class Speeds:
 
 
 def _is_speed(kind: str) -> bool:
-    return kind.partition("/")[0] not in (SETTLING, PARALLEL)
+    return kind.partition("/")[0] not in (SETTLING, PARALLEL) and SIZE not in kind
 
 
 def _moved(before: Learned | None, log: float) -> Learned:

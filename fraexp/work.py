@@ -1,10 +1,15 @@
 """Amounts of work: how long the reference core takes, and what a machine's speed at it depends on."""
 
 from dataclasses import dataclass
+from math import floor, log10
 from typing import NamedTuple
+
+from fraexp.speeds import SIZE
 
 LANES = 8
 """Experiments that are computed side by side."""
+LEAST_AMOUNT = 1e-3
+"""Time of the reference core [s] below which amounts are not told apart."""
 SCALAR, VECTOR = "scalar", "lanes"
 """How a kernel computes: one experiment after another, or side by side."""
 
@@ -18,6 +23,11 @@ class Work(NamedTuple):
     """Time that the reference core takes [s]."""
     settling: str = ""
     """Kind of the ratio of samples until the loop is settled; empty if nothing settles."""
+
+    @property
+    def sized(self) -> str:
+        """The kind with the amount's order of magnitude: what fits into a cache is faster than what does not."""
+        return f"{self.kind}{SIZE}{floor(log10(max(self.seconds, LEAST_AMOUNT)))}"
 
 
 class Shape(NamedTuple):

@@ -96,7 +96,7 @@ def test_the_faster_executor_is_chosen(registry: Registry, monkeypatch: pytest.M
     assert estimate(long, registry, KNOWN, SERIAL).executor == SERIAL
     assert estimate(long, registry, KNOWN).seconds < estimate(long, registry, KNOWN, SERIAL).seconds
     assert estimate(short, registry, KNOWN, limits=Limits(memory=10**9)).executor == PROCESSES
-    slow = KNOWN.learned({"start_processes": [20.0]})
+    slow = KNOWN.learned({"start_processes": [20.0], "loop/rolling/lanes": [1.0], "estimate/proposed": [1.0]})
     assert estimate(long, registry, slow).executor == SERIAL
 
 

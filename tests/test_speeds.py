@@ -37,6 +37,13 @@ def test_a_measured_law_tells_how_fast_the_machine_is_at_others() -> None:
     assert speeds.ratio("parallel") == 1.0, "nor about how work is divided"
 
 
+def test_a_large_amount_may_be_slower_than_a_small_one() -> None:
+    speeds = Speeds().learned({"drive/rolling/lanes": [1.0], "drive/rolling/lanes@0": [2.0]})
+    assert speeds.ratio("drive/rolling/lanes@0") == pytest.approx(2.0)
+    assert speeds.ratio("drive/rolling/lanes@-2") == pytest.approx(1.0)
+    assert speeds.ratio("drive/dahl/lanes@0") == pytest.approx(1.0), "the median is that of the kinds"
+
+
 def test_a_run_counts_as_one_and_an_outlier_in_it_as_nothing() -> None:
     speeds = Speeds().learned({"estimate/proposed": [2.0, 2.0, 2.0, 90.0]})
     assert speeds.ratio("estimate/proposed") == pytest.approx(2.0)
