@@ -57,7 +57,7 @@ format: $(TOOLS)
 
 # Each prints a table and fails where a bound is missed; all are run. The peers are those that are installed.
 BENCHMARKS := accuracy friction band_coverage friction_band plant_fit friction_identification positioning autonomous \
-              kernel compilation peer_table scaling monte_carlo set_up timing store planning tui terminal
+              kernel compilation peer_table scaling monte_carlo set_up timing store planning estimates tui terminal
 
 bench: $(TOOLS)
 	@failed=; for name in $(BENCHMARKS); do echo; echo "== benchmarks/$$name.py"; \

@@ -35,7 +35,11 @@ class Planned:
     stale: int
     """Sweeps that are reused although a plugin's source has changed since."""
     seconds: float | None
-    """Expected time [s]; None if nothing is missing."""
+    """Expected time, compiling included [s]; None if nothing is missing."""
+    compiling: float = 0.0
+    """Part of it in which friction laws are compiled [s]."""
+    executor: str = ""
+    """The executor that computes what is missing; empty if nothing is."""
     whys: tuple[Why, ...] = ()
     """Why sweeps are computed or reused, each sweep under one reason; empty if that was not asked for."""
 

@@ -14,10 +14,10 @@ from fraexp.errors import FraexpError, PluginError
 from fraexp.experiments import Compensation
 from fraexp.kernels.announcement import announced
 from fraexp.plugins import Registry, create, discover
-from fraexp.results import Result
+from fraexp.results import Result, Timing
 from fraexp.signals import Signals
 from fraexp.simulation import Loop, Machine, Numerics
-from fraexp.sweep import Plain
+from fraexp.sweep import Plain, component_names
 
 Progress = Callable[[float], None]
 """Is told the fraction of the experiment that is done."""
@@ -55,17 +55,19 @@ def perform(
 
 
 def _performed(job: Job, progress: Progress, begins: Begins) -> list[Result | Failure]:
-    began = time.perf_counter()
+    began, computing = time.perf_counter(), time.thread_time()
+    is_warm = _has_done(job.experiment)
     try:
         registry = _registry(job.plugins)
         signals = source(job, registry, progress)
     except Exception as error:  # whatever a plugin or a file does, the other experiments go on
         return [failure(error)] * len(job.estimators)
     shared = (time.perf_counter() - began) / len(job.estimators)
+    timing = Timing(time.thread_time() - computing, len(job.estimators), 0.0, (is_warm, False))
     answers = []
     for number, estimator in enumerate(job.estimators):
         begins(number)
-        answers.append(_estimate(registry, estimator, signals, shared))
+        answers.append(_estimate(registry, estimator, signals, shared, timing))
     return answers
 
 
@@ -85,6 +87,19 @@ def _named(value: Any) -> Iterator[str]:
     elif isinstance(value, list | tuple):
         for part in value:
             yield from _named(part)
+
+
+_DONE: set[tuple[str, ...]] = set()
+"""Names of the components with which this process has computed something."""
+
+
+def _has_done(spec: Plain) -> bool:
+    """Say whether this process has computed with these components before, and remember that it has now."""
+    names = tuple(component_names(spec))
+    if names in _DONE:
+        return True
+    _DONE.add(names)
+    return False
 
 
 @cache
@@ -122,8 +137,9 @@ def _compensation(section: Plain | None, registry: Registry) -> Compensation | N
     return Compensation.parse(registry.filled(Compensation, section, {}), "compensation")
 
 
-def _estimate(registry: Registry, spec: Plain, signals: Signals, shared: float) -> Result | Failure:
-    began = time.perf_counter()
+def _estimate(registry: Registry, spec: Plain, signals: Signals, shared: float, timing: Timing) -> Result | Failure:
+    began, computing = time.perf_counter(), time.thread_time()
+    is_warm = _has_done(spec)
     try:
         estimator = create(registry, Estimator, spec)  # type: ignore[type-abstract]
         result = estimator.estimate(signals)
@@ -136,6 +152,7 @@ def _estimate(registry: Registry, spec: Plain, signals: Signals, shared: float) 
         metrics=result.metrics + signals.metrics,
         numerics=signals.numerics,
         elapsed=shared + time.perf_counter() - began,
+        timing=replace(timing, estimator=time.thread_time() - computing, is_warm=(timing.is_warm[0], is_warm)),
     )
 
 

@@ -1,35 +1,37 @@
 """Running a study: what is missing is computed, what is there is reused; events tell how it goes."""
 
-import itertools
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import cache
-from statistics import median
 
 from fraexp import references
 from fraexp.computing import Computation, Pulse, Setting
 from fraexp.errors import FraexpError
+from fraexp.estimate import estimate
 from fraexp.events import Begun, Ended, Event, Finished, Noticed, Planned, Preparing, Progress
 from fraexp.executors import Limits, Workers, make
 from fraexp.explain import FRUITLESS, Origins, reasons
+from fraexp.learning import Lessons
 from fraexp.plugins import Registry
+from fraexp.speeds import read_speeds
 from fraexp.store import Store, StoredState
 from fraexp.study import Study
 from fraexp.sweep import Plain, Sweep
 
-GUESS = 0.1
-"""Seconds assumed for a sweep when nothing like it has been computed yet."""
-SHORT = 1.0
-"""Seconds of work that one process does itself: to start others takes as long."""
-
 
 def plan(
-    study: Study, store: Store | None, registry: Registry, rerun: str | None, explain: bool = False
+    study: Study,
+    store: Store | None,
+    registry: Registry,
+    rerun: str | None,
+    explain: bool = False,
+    executor: str | None = None,
+    limits: Limits | None = None,
 ) -> "tuple[list[Sweep], Planned]":
     """Return the sweeps to compute, and the plan; `rerun` is None, ``stale``, ``failed`` or ``all``.
 
-    With `explain` the plan says why.
+    With `explain` the plan says why. Its time is that of the `executor`, by default the faster one within `limits`.
     """
     known = store.known([sweep.key for sweep in study.sweeps]) if store else {}
     stale = _stale(study.sweeps, known, registry)
@@ -37,24 +39,15 @@ def plan(
     again = {None: set[str](), "stale": set(stale), "failed": fruitless, "all": set(known)}[rerun]
     missing = [sweep for sweep in study.sweeps if sweep.key not in known or sweep.key in again]
     reused = len(study.sweeps) - len(missing)
-    seconds = _expected(missing, study.sweeps, known) if missing else None
     kept = len(set(stale) - again)
-    planned = Planned(study.name, study.title, len(study.sweeps), reused, len(missing), kept, seconds)
+    planned = Planned(study.name, study.title, len(study.sweeps), reused, len(missing), kept, None)
+    if missing:
+        found = estimate(missing, registry, read_speeds(), executor, limits)
+        planned = replace(planned, seconds=found.seconds, compiling=found.compiling, executor=found.executor)
     if not explain:
         return missing, planned
     whys = reasons(study.sweeps, known, again, stale, store, study.name, registry)
     return missing, replace(planned, whys=whys)
-
-
-def _expected(missing: Sequence[Sweep], sweeps: Sequence[Sweep], known: Mapping[str, StoredState]) -> float:
-    """Return the time that sweeps take [s]: each the median of those with its estimator, or of all that are known."""
-    times: dict[str, list[float]] = {}
-    for sweep in sweeps:
-        if sweep.key in known and known[sweep.key].elapsed > 0:
-            times.setdefault(sweep.estimator["name"], []).append(known[sweep.key].elapsed)
-    each = {name: median(found) for name, found in times.items()}
-    typical = median(itertools.chain(*times.values())) if times else GUESS
-    return sum(each.get(sweep.estimator["name"], typical) for sweep in missing)
 
 
 def _stale(sweeps: Sequence[Sweep], known: Mapping[str, StoredState], registry: Registry) -> dict[str, list[str]]:
@@ -78,25 +71,25 @@ def run(
 ) -> Iterator[Event]:
     """Compute what is missing of a study and yield events; closing the iterator interrupts the run.
 
-    Without an `executor` all cores are used, unless the work is done before other processes would be there.
+    Without an `executor` all cores are used, unless one process is expected to be done before.
     """
     limits = limits or Limits()
-    missing, planned = plan(study, store, registry, rerun)
+    missing, planned = plan(study, store, registry, rerun, executor=executor, limits=limits)
     yield planned
     if store.advice:
         yield Noticed(store.advice)
-    quick = (planned.seconds or 0.0) <= SHORT and limits.memory is None
-    executor = executor or ("serial" if quick else "processes")
+    lessons = Lessons(registry)
     # Before a run is recorded, for it may be refused; what has nothing to compute needs none.
-    with make(executor, len(missing), limits) if missing else nullcontext() as workers:
+    with make(planned.executor, len(missing), limits) if missing else nullcontext() as workers:
         number = store.begin_run(study.name, str(study.file), command, provenance, study.sweeps)
         setting = Setting(number, store, registry, plugins, rerun is not None)
-        state = yield from _recorded(study, missing, setting, workers)
+        state = yield from _recorded(study, missing, setting, workers, lessons)
+    lessons.learn(planned.executor)
     yield Ended(number, state)
 
 
 def _recorded(
-    study: Study, missing: Sequence[Sweep], setting: Setting, workers: Workers | None
+    study: Study, missing: Sequence[Sweep], setting: Setting, workers: Workers | None, lessons: Lessons
 ) -> Generator[Event, None, str]:
     """Compute the sweeps of a run that has been begun, and return how it ended; the database has that in any case."""
     computed = {sweep.key for sweep in missing}
@@ -110,7 +103,9 @@ def _recorded(
         if workers:
             yield Preparing("1 worker" if workers.count == 1 else f"{workers.count} workers")
             for event in _in_turn(missing, setting, workers):
-                failures += isinstance(event, Finished) and event.state == "failed"
+                if isinstance(event, Finished):
+                    failures += event.state == "failed"
+                    lessons.take(event.sweep, event.result)
                 yield event
         state = "partial" if failures else "complete"
     except FraexpError:  # nothing can be computed any more, such as when a cluster is gone

@@ -1,6 +1,6 @@
 """One point of a study's grid as plain data: an experiment and an estimator, identified by content."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from hashlib import blake2b
 from typing import Any, Self
@@ -136,3 +136,15 @@ def _written(known: Written, before: str, value: Any) -> bytes:
     text = f"{before}{canonical(value)}".encode()
     known[id(value)] = (value, text)
     return text
+
+
+def component_names(spec: Any) -> Iterator[str]:
+    """Yield the names of a component in plain data and of those that it holds."""
+    if isinstance(spec, Mapping):
+        if isinstance(spec.get("name"), str):
+            yield spec["name"]
+        for value in spec.values():
+            yield from component_names(value)
+    elif isinstance(spec, list | tuple):
+        for value in spec:
+            yield from component_names(value)

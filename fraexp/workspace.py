@@ -25,6 +25,7 @@ from fraexp.figures.shown import Shown
 from fraexp.figures.stamp import digest, is_current
 from fraexp.figures.view import ALL, View
 from fraexp.identity import key_of
+from fraexp.learning import timed_figures
 from fraexp.paths import units_of
 from fraexp.plugins import Registry, discover
 from fraexp.printed import Compared
@@ -103,7 +104,7 @@ class Workspace:
         limits.check(executor)
         resolved = self.studies(names := list(studies), overrides)
         if dry_run:
-            yield from self._plans(resolved, rerun)
+            yield from self._plans(resolved, rerun, executor=executor, limits=limits)
             return
         command = shlex.join(["fraexp", "run", *names, *(f"--set={text}" for text in overrides)])
         with Store.open(self.database, create=True) as store:
@@ -181,13 +182,13 @@ class Workspace:
         yield from self.run([str(path.resolve())])
 
     def plan(
-        self, study: str, overrides: Sequence[str] = (), rerun: str | None = None
+        self, study: str, overrides: Sequence[str] = (), rerun: str | None = None, executor: str | None = None
     ) -> tuple[list[Study], list[Planned]]:
         """Return studies by name, file or folder, resolved, and what running them would do; nothing is written."""
         resolved = self.studies([study], overrides)
         store = Store.open(self.database, read_only=True) if self.has_database() else None
         try:
-            return resolved, [scheduler.plan(of, store, self.registry, rerun)[1] for of in resolved]
+            return resolved, [scheduler.plan(of, store, self.registry, rerun, executor=executor)[1] for of in resolved]
         finally:
             if store:
                 store.close()
@@ -240,23 +241,22 @@ class Workspace:
             raise StudyError(f"run {run.number} runs on {run.process.host}; stop it there")
         detached.stop(run.process.pid, hard)
 
-    def _plans(self, studies: Sequence[Study], rerun: str | None) -> Generator[Event, None, None]:
+    def _plans(self, studies: Sequence[Study], rerun: str | None, **how: Any) -> Generator[Event, None, None]:
         store = Store.open(self.database, read_only=True) if self.has_database() else None
         for study in studies:
-            yield scheduler.plan(study, store, self.registry, rerun, explain=True)[1]
-            yield Ended(None, "dry")
+            yield from (scheduler.plan(study, store, self.registry, rerun, True, **how)[1], Ended(None, "dry"))
         if store:
             store.close()
 
     def _illustrated(self, ended: Ended, study: Study, store: Store) -> Ended:
         try:
-            return replace(ended, figures=tuple(self._figures(study, store, ended.run)))
+            return replace(ended, figures=timed_figures(lambda: self._figures(study, store, ended.run)))
         except FraexpError as error:
             return replace(ended, note=str(error))
         except Exception as error:  # whatever drawing runs into, the numbers are there and are worth more
             return replace(ended, note=f"{type(error).__name__}: {error}")
 
-    def _figures(self, study: Study, store: Store, run: int | None) -> Iterable[Path]:
+    def _figures(self, study: Study, store: Store, run: int | None) -> dict[Path, bool]:
         path = self.folder / "figures" / f"{study.name}.png"
         if not path.parent.resolve().is_relative_to(self.folder.resolve()):  # a workspace may come from a stranger
             raise FraexpError(f"{path}: it lies outside of the workspace, by a link; draw it with 'fraexp plot'")

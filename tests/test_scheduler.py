@@ -4,34 +4,36 @@ from pathlib import Path
 
 import pytest
 
-from fraexp.plugins import discover
+from fraexp.plugins import Registry
 from fraexp.results import Outcome
-from fraexp.scheduler import GUESS, plan
+from fraexp.scheduler import plan
 from fraexp.store import StoredState
 from fraexp.study import Study
 from fraexp.sweep import Sweep
 
-ELAPSED = {"quick": (0.1, 0.3, 0.2), "slow": (10.0,), "new": ()}
 
+class Stored:
+    """Of a database nothing but that it has some sweeps."""
 
-class Times:
-    """Of a database nothing but how long sweeps took."""
-
-    def __init__(self, took: list[tuple[Sweep, float]]) -> None:
-        self.states = {sweep.key: StoredState(Outcome.OK, {}, time) for sweep, time in took}
+    def __init__(self, sweeps: list[Sweep]) -> None:
+        self.states = {sweep.key: StoredState(Outcome.OK, {}, 0.1) for sweep in sweeps}
 
     def known(self, _: list[str]) -> dict[str, StoredState]:
         return self.states
 
 
-def test_each_estimator_is_expected_to_take_what_it_took() -> None:
-    registry = discover()
-    took = [
-        (Sweep({"n": n}, {"name": name}, {}), time) for name, times in ELAPSED.items() for n, time in enumerate(times)
-    ]
-    missing = [Sweep({"n": 100 + n}, {"name": name}, {}) for n, name in enumerate(["quick", "slow", "slow", "new"])]
-    study = Study("study", Path("study.toml"), "", "", (*(sweep for sweep, _ in took), *missing))
-    found, planned = plan(study, Times(took), registry, None)  # type: ignore[arg-type]
-    assert [sweep.key for sweep in found] == [sweep.key for sweep in missing]
-    assert planned.seconds == pytest.approx(0.2 + 10 + 10 + 0.25)  # the new one as the median of all
-    assert plan(study, Times([]), registry, None)[1].seconds == pytest.approx(8 * GUESS)  # type: ignore[arg-type]
+def test_what_is_missing_takes_time_and_what_is_stored_none(registry: Registry) -> None:
+    sweeps = [Sweep({"n": number}, {"name": "unknown"}) for number in range(40)]
+    study = Study("study", Path("study.toml"), "", "", tuple(sweeps))
+
+    def expected(stored: int) -> float | None:
+        found, planned = plan(study, Stored(sweeps[:stored]), registry, None, executor="serial")  # type: ignore[arg-type]
+        assert [sweep.key for sweep in found] == [sweep.key for sweep in sweeps[stored:]]
+        return planned.seconds
+
+    assert expected(40) is None
+    none, half = expected(0), expected(20)
+    assert none is not None
+    assert half is not None
+    assert none == pytest.approx(half + (none - half))
+    assert none > half > 0

@@ -17,6 +17,7 @@ from fraexp.figures.labels import printable
 from fraexp.results import Outcome, Result
 from fraexp.store import RunSummary, StoredSweep
 from fraexp.views.fields import remedies
+from fraexp.views.pace import expected_time
 from fraexp.views.plan import why_document, why_lines
 from fraexp.views.tables import sweep_table
 from fraexp.views.words import duration, plural, short
@@ -26,7 +27,7 @@ SHOWN = 50
 """Sweeps in the table at the end where no terminal is; `show` has all."""
 ERRORS = 20
 """Failed sweeps that are told one by one; `show` has all."""
-PLANNED = ("study", "title", "total", "reused", "missing", "stale", "seconds")
+PLANNED = ("study", "title", "total", "reused", "missing", "stale", "seconds", "compiling")
 FRUITLESS = (Outcome.NO_SIGNAL, Outcome.DIVERGED, Outcome.FAILED)
 """Outcomes without a result to use."""
 
@@ -89,7 +90,7 @@ def _tell_failure(event: Finished, count: int) -> None:
 
 def _plan(planned: Planned) -> str:
     stale = f" ({planned.stale} stale: a plugin's source has changed; --rerun stale)" if planned.stale else ""
-    time = f", about {duration(planned.seconds)}" if planned.seconds else ""
+    time = expected_time(planned.seconds, planned.compiling)
     sweeps = plural(planned.total, "sweep")
     return f"{planned.study}: {sweeps}, {planned.reused} reused{stale}, {planned.missing} to compute{time}"
 

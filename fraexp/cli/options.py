@@ -81,7 +81,7 @@ def _run(parser: Parser) -> None:
     parser.add_argument(
         "--executor",
         metavar="NAME",
-        help="serial, processes[:N] or dask:ADDRESS (default: all cores, or one for what takes a second)",
+        help="serial, processes[:N] or dask:ADDRESS (default: all cores, or one where that is faster)",
     )
     parser.add_argument(
         "--set", metavar="PATH=VALUE", dest="overrides", action="append", default=[], help="override a study's value"

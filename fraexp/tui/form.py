@@ -234,7 +234,7 @@ def _no_rerun(text: str) -> str:
 
 OPTIONS = (
     Field(
-        EXECUTOR, hint="serial, or processes:N for N at once", instead="all cores, or one for what takes a second",
+        EXECUTOR, hint="serial, or processes:N for N at once", instead="all cores, or one where that is faster",
         choices=("serial", "processes"), fault=_no_executor,
     ),
     Field(

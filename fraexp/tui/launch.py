@@ -19,7 +19,7 @@ from fraexp.figures.labels import printable
 from fraexp.tui.fieldlist import FieldList, Written
 from fraexp.tui.form import EXECUTOR, RERUN, Field, Group, concerned, form, overrides
 from fraexp.tui.page import Page, shortened
-from fraexp.views.study import Surveyed, would_do
+from fraexp.views.study import surveyed_plan, would_do
 from fraexp.views.words import plural
 
 PAUSE = 0.3
@@ -168,10 +168,10 @@ The run is a process of its own: it goes on when this is closed, or when the lin
         if wrong:
             self._tell(wrong, error=True)
             return
-        name, changed, (_, rerun) = self.entry.name, self._overrides, self._options
+        name, changed, (executor, rerun) = self.entry.name, self._overrides, self._options
         self._error = None
         try:
-            _, (planned,) = await self.here(self.app.desk.work(lambda w: w.plan(name, changed, rerun)))
+            _, (planned,) = await self.here(self.app.desk.work(lambda w: w.plan(name, changed, rerun, executor)))
         except StoreError as error:  # the run may well bring the database up to date
             self._tell(str(error), error=True)
         except FraexpError as error:
@@ -179,8 +179,7 @@ The run is a process of its own: it goes on when this is closed, or when the lin
         except Exception as error:  # a stranger's plugin may raise anything
             self._blame(FraexpError(f"{type(error).__name__}: {' '.join(str(error).split())}"))
         else:
-            found = Surveyed(name, planned.total, planned.reused, planned.missing, planned.stale, planned.seconds)
-            self._tell(would_do(found))
+            self._tell(would_do(surveyed_plan(name, planned)))
         self._planned_for = (changed, rerun)
         self.query_one(FieldList).redraw()
 

@@ -1,11 +1,25 @@
-"""How fast work goes: sweeps per second over the last seconds."""
+"""How long work will take, and how fast it goes: an estimate in words, sweeps per second over the last seconds."""
 
 from collections import deque
+
+from fraexp.views.words import duration
 
 WINDOW = 30.0
 """Time over which the speed is measured [s]: long against a sweep, short against a change of speed."""
 SURE = 1.0
 """Time after which a measured speed is told [s]."""
+
+
+LEAST_COMPILING = 1.0
+"""Time of compiling that is told [s]."""
+
+
+def expected_time(seconds: float | None, compiling: float) -> str:
+    """Return the end of a plan's line: how long it will take, and how long of that is compiling; may be empty."""
+    if not seconds:
+        return ""
+    part = f", of which {duration(compiling)} compiling" if compiling >= LEAST_COMPILING else ""
+    return f", about {duration(seconds)}{part}"
 
 
 class Speed:

@@ -6,10 +6,12 @@ from typing import Any
 
 from fraexp.catalogue import FIRST, Entry
 from fraexp.errors import FraexpError, StoreError
+from fraexp.events import Planned
 from fraexp.sections import SECTIONS
 from fraexp.store import RunSummary
 from fraexp.views.fields import toml_value, took
-from fraexp.views.words import duration, moment, plural
+from fraexp.views.pace import expected_time
+from fraexp.views.words import moment, plural
 from fraexp.workspace import Workspace
 
 STUDY_COLUMNS = ["study", "title", "state", "sweeps", "last run"]
@@ -27,6 +29,9 @@ class Surveyed:
     missing: int = 0
     stale: int = 0
     seconds: float | None = None
+    """Expected time, compiling included [s]; None if nothing is missing."""
+    compiling: float = 0.0
+    """Part of it in which friction laws are compiled [s]."""
     error: str = ""
     """Why the study cannot be run; empty if it can."""
 
@@ -55,7 +60,13 @@ def surveyed(workspace: Workspace, entry: Entry) -> Surveyed:
         return Surveyed(entry.name, error=str(error))
     except Exception as error:  # a stranger's plugin may raise anything; the other studies are listed
         return Surveyed(entry.name, error=f"{type(error).__name__}: {' '.join(str(error).split())}")
-    return Surveyed(entry.name, planned.total, planned.reused, planned.missing, planned.stale, planned.seconds)
+    return surveyed_plan(entry.name, planned)
+
+
+def surveyed_plan(name: str, planned: Planned) -> Surveyed:
+    """Return what a plan says of a study."""
+    numbers = (planned.total, planned.reused, planned.missing, planned.stale, planned.seconds, planned.compiling)
+    return Surveyed(name, *numbers)
 
 
 def survey(workspace: Workspace, entries: Iterable[Entry], first: Collection[str] = (FIRST,)) -> Iterator[Surveyed]:
@@ -114,7 +125,7 @@ def study_document(entry: Entry, found: Surveyed | None, last: RunSummary | None
 
 def would_do(found: Surveyed) -> str:
     """Return in one line what running a study would do."""
-    time = f", about {duration(found.seconds)}" if found.seconds else ""
+    time = expected_time(found.seconds, found.compiling)
     stale = f" ({found.stale} stale)" if found.stale else ""
     return f"{plural(found.total, 'sweep')}: {found.reused} reused{stale}, {found.missing} to compute{time}"
 

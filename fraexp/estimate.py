@@ -1,0 +1,136 @@
+"""How long a run will take: the work of its sweeps at this machine's speed, over its workers, with what is compiled."""
+
+import random
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from fraexp import references
+from fraexp.compile_time import compile_seconds, kernels_of
+from fraexp.executors import Limits, workers_of
+from fraexp.plugins import Registry
+from fraexp.reference_costs import run_cost
+from fraexp.sampling import SEED, Group, sampled_groups
+from fraexp.speeds import PARALLEL, Speeds
+from fraexp.sweep import Sweep
+from fraexp.work import Work
+from fraexp.workload import estimator_work, experiment_work
+
+MAX_ESTIMATORS = 512
+"""Estimators that are counted for a study; of more, some of each experiment stand for all."""
+ADVANTAGE = 0.9
+"""Share of the time of one process at which several are worth being started."""
+SERIAL, PROCESSES = "serial", "processes"
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What a run is expected to take."""
+
+    seconds: float
+    """From the plan to the run's figure [s], compiling included."""
+    compiling: float
+    """Time for what is compiled first [s]."""
+    executor: str
+    """The executor that is used: the one that was asked for, or the faster one."""
+
+
+class Task(NamedTuple):
+    """What one worker does in one go: an experiment and its estimators, counted."""
+
+    experiment: tuple[Work, ...]
+    estimators: tuple[Work, ...]
+    share: float
+    """Estimators of the experiment over those that were counted."""
+    weight: float
+    """Tasks for which it stands."""
+    sweeps: int
+
+    def seconds(self, speeds: Speeds) -> float:
+        """Return the time that a worker of this machine takes [s]."""
+        return work_seconds(self.experiment, speeds) + self.share * work_seconds(self.estimators, speeds)
+
+
+@dataclass(frozen=True)
+class Workload:
+    """The tasks of a run, in turns: those of a later turn need what earlier ones have identified."""
+
+    turns: Sequence[Sequence[Task]]
+
+    @property
+    def kernels(self) -> frozenset[str]:
+        """Compiled kernels that it needs."""
+        tasks = [task for turn in self.turns for task in turn]
+        return kernels_of(work.kind for task in tasks for work in (*task.experiment, *task.estimators))
+
+    def seconds(self, executor: str, speeds: Speeds) -> float:
+        """Return the time from the first task to the last result [s], without what is compiled."""
+        workers = workers_of(executor)
+        kind = SERIAL if executor == SERIAL else PROCESSES
+        loaded = known_seconds("kernel", speeds) * len(self.kernels)
+        return (
+            known_seconds(f"start_{kind}", speeds) + loaded + sum(_turn(turn, workers, speeds) for turn in self.turns)
+        )
+
+
+def _turn(tasks: Sequence[Task], workers: int, speeds: Speeds) -> float:
+    """Return the time of tasks that are divided over workers: that of the longest one, at least."""
+    each = [task.seconds(speeds) for task in tasks]
+    stored = known_seconds("sweep", speeds)
+    total = sum(task.weight * (one + stored * task.sweeps) for task, one in zip(tasks, each, strict=True))
+    count = sum(task.weight for task in tasks)
+    shared = total / min(workers, max(count, 1.0)) * (speeds.ratio(PARALLEL) if workers > 1 else 1.0)
+    return max(shared, *each)
+
+
+def estimate(
+    missing: Sequence[Sweep],
+    registry: Registry,
+    speeds: Speeds,
+    executor: str | None = None,
+    limits: Limits | None = None,
+) -> Estimate:
+    """Return what computing sweeps takes; without an `executor` the faster one of those of this machine is chosen."""
+    workload = counted(missing, registry)
+    asked = executor or (PROCESSES if limits and limits.memory is not None else None)
+    times = {name: workload.seconds(name, speeds) for name in ([asked] if asked else [SERIAL, PROCESSES])}
+    chosen = asked or (PROCESSES if times[PROCESSES] < ADVANTAGE * times[SERIAL] else SERIAL)
+    compiling = compile_seconds(workload.kernels, speeds)
+    return Estimate(times[chosen] + compiling + known_seconds("figure", speeds), compiling, chosen)
+
+
+def known_seconds(name: str, speeds: Speeds) -> float:
+    """Return a time of a run as a whole on this machine [s]."""
+    return run_cost(name) * speeds.ratio(name)
+
+
+def work_seconds(works: Iterable[Work], speeds: Speeds) -> float:
+    """Return the time that work takes on this machine [s]."""
+    return sum(
+        work.seconds
+        * (speeds.ratio(work.sized) if work.kind else 1.0)
+        * (speeds.ratio(work.settling) if work.settling else 1.0)
+        for work in works
+    )
+
+
+def counted(missing: Sequence[Sweep], registry: Registry) -> Workload:
+    """Return the work of sweeps, in turns where some need the fits of others."""
+    groups = sampled_groups(missing)
+    most = max(MAX_ESTIMATORS // max(len(groups), 1), 1)
+    turns: dict[bool, list[Task]] = {}
+    for group in groups:
+        first = group.sweeps[0]
+        needs_fits = any(references.found_in([first.experiment, first.estimator]))
+        turns.setdefault(needs_fits, []).append(_task(group, most, registry))
+    return Workload([turns[needs_fits] for needs_fits in sorted(turns)])
+
+
+def _task(group: Group, most: int, registry: Registry) -> Task:
+    """Return a group as a task, of which at most so many estimators are counted."""
+    sweeps, first = group.sweeps, group.sweeps[0]
+    experiment = experiment_work(first.experiment, registry)
+    chosen = sweeps if len(sweeps) <= most else random.Random(SEED).sample(sweeps, most)
+    work = [estimator_work(one.estimator, first.experiment, experiment.shape, registry) for one in chosen]
+    estimators = tuple(one for each in work for one in each)
+    return Task(experiment.work, estimators, len(sweeps) / len(chosen), group.weight, len(sweeps))
