@@ -34,8 +34,6 @@ MOST_AHEAD = 256
 """Jobs that are sent ahead to each worker, at most: another run may claim what has not been sent."""
 LOOK = 1.0
 """Seconds between two looks at what another run computes."""
-COMPILE_S = 5
-"""Time that a friction law takes to be compiled, about [s]."""
 ALONE = 2
 """Lost workers after which a sweep is computed with nothing beside it, for all the memory that there is."""
 
@@ -63,6 +61,8 @@ class Setting:
     """Folder of the workspace's own plugins; empty for none."""
     again: bool
     """Whether sweeps are computed although there is a result, if it is older than the run."""
+    compiling: float = 0.0
+    """Time that compiling is expected to take [s]."""
 
 
 class Pulse:
@@ -240,7 +240,8 @@ class Computation:
                 self._compiling[number] = f"compiling friction law {laws}"
         for text in set(self._compiling.values()) - self._announced:
             self._announced.add(text)
-            yield Preparing(f"{text} (once per machine, about {COMPILE_S} s)")
+            about = f", about {self._setting.compiling:.0f} s" if self._setting.compiling >= 1 else ""
+            yield Preparing(f"{text} (once per machine{about})")
 
     def _take(self, group: _Group, future: "Future[Answer]") -> None:
         error = future.exception()

@@ -1,7 +1,7 @@
 """How long a run will take: the work of its sweeps at this machine's speed, over its workers, with what is compiled."""
 
 import random
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -18,6 +18,8 @@ from fraexp.workload import estimator_work, experiment_work
 
 MAX_ESTIMATORS = 512
 """Estimators that are counted for a study; of more, some of each experiment stand for all."""
+HASH_DIGITS = 12
+"""Digits of a source's hash that tell it from others."""
 ADVANTAGE = 0.9
 """Share of the time of one process at which several are worth being started."""
 SERIAL, PROCESSES = "serial", "processes"
@@ -56,12 +58,15 @@ class Workload:
     """The tasks of a run, in turns: those of a later turn need what earlier ones have identified."""
 
     turns: Sequence[Sequence[Task]]
+    source: Callable[[str], str]
+    """Returns a hash of a friction law's source by its name."""
 
     @property
     def kernels(self) -> frozenset[str]:
         """Compiled kernels that it needs."""
         tasks = [task for turn in self.turns for task in turn]
-        return kernels_of(work.kind for task in tasks for work in (*task.experiment, *task.estimators))
+        kinds = (work.kind for task in tasks for work in (*task.experiment, *task.estimators))
+        return kernels_of(kinds, self.source)
 
     def seconds(self, executor: str, speeds: Speeds) -> float:
         """Return the time from the first task to the last result [s], without what is compiled."""
@@ -123,7 +128,18 @@ def counted(missing: Sequence[Sweep], registry: Registry) -> Workload:
         first = group.sweeps[0]
         needs_fits = any(references.found_in([first.experiment, first.estimator]))
         turns.setdefault(needs_fits, []).append(_task(group, most, registry))
-    return Workload([turns[needs_fits] for needs_fits in sorted(turns)])
+    return Workload([turns[needs_fits] for needs_fits in sorted(turns)], law_source(registry))
+
+
+def law_source(registry: Registry) -> Callable[[str], str]:
+    """Return what tells a hash of a friction law's source by its name: an edited law is compiled again."""
+    supplies = registry.supplies
+
+    def source(name: str) -> str:
+        supply = supplies.get(("friction", name))
+        return supply.source_hash[:HASH_DIGITS] if supply else ""
+
+    return source
 
 
 def _task(group: Group, most: int, registry: Registry) -> Task:

@@ -8,7 +8,7 @@ from itertools import chain
 from pathlib import Path
 
 from fraexp.compile_time import kernels_of
-from fraexp.estimate import PROCESSES, SERIAL, work_seconds
+from fraexp.estimate import PROCESSES, SERIAL, law_source, work_seconds
 from fraexp.plugins import Registry
 from fraexp.reference_costs import run_cost
 from fraexp.results import EFFORT, Result, Timing
@@ -78,7 +78,8 @@ class Lessons:
     def _measured(self, took: float, executor: str, speeds: Speeds) -> tuple[Ratios, frozenset[str]]:
         ratios: Ratios = defaultdict(list)
         counts = [(lesson, self._counted(lesson)) for lesson in [*chain(*self.warm.values()), *self.cold]]
-        kernels = kernels_of(work.kind for _, (of, own) in counts for work in (*of.work, *own))
+        kinds = (work.kind for _, (of, own) in counts for work in (*of.work, *own))
+        kernels = kernels_of(kinds, law_source(self.registry))
         is_new = bool(kernels - speeds.kernels)
         for lesson, (of, own) in counts:
             _learn_work(lesson, of, own, speeds, ratios, is_new)

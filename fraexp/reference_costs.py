@@ -43,7 +43,7 @@ def run_cost(name: str) -> float:
 
 
 def compile_cost(kernel: str) -> float:
-    """Return the time [s] to compile a kind of kernel, ``loop`` or ``drive``."""
+    """Return the time [s] to compile a kind of kernel: ``loop``, ``drive``, or what they share."""
     return float(_table()["compile"][kernel])
 
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from fraexp.compile_time import compile_seconds
+from fraexp.compile_time import compile_seconds, new_families
 from fraexp.estimate import PROCESSES, SERIAL, known_seconds
 from fraexp.executors import workers_of
 from fraexp.reference_costs import run_cost
@@ -48,7 +48,7 @@ def learn_run(run: RunTimes, before: Speeds, speeds: Speeds, ratios: Ratios) -> 
     compiling = compile_seconds(run.kernels, before)
     if compiling and spent > COMPILED_SHARE * compiling:
         ratio = (spent - known_seconds(start, speeds)) / compile_seconds(run.kernels, Speeds(kernels=before.kernels))
-        for family in {kernel.partition("/")[0] for kernel in run.kernels - before.kernels}:
+        for family in set(new_families(run.kernels, before.kernels)):
             ratios[f"compile/{family}"].append(ratio)
     elif work < LONG * known_seconds(start, speeds):
         if spent < MOST_SURPRISE * (known_seconds(start, speeds) + loading):

@@ -82,7 +82,7 @@ def run(
     # Before a run is recorded, for it may be refused; what has nothing to compute needs none.
     with make(planned.executor, len(missing), limits) if missing else nullcontext() as workers:
         number = store.begin_run(study.name, str(study.file), command, provenance, study.sweeps)
-        setting = Setting(number, store, registry, plugins, rerun is not None)
+        setting = Setting(number, store, registry, plugins, rerun is not None, planned.compiling)
         state = yield from _recorded(study, missing, setting, workers, lessons)
     lessons.learn(planned.executor)
     yield Ended(number, state)

@@ -8,9 +8,9 @@ import pytest
 
 from fraexp import estimate as estimates
 from fraexp.compile_time import compile_seconds
-from fraexp.estimate import PROCESSES, SERIAL, Task, Workload, counted, estimate, known_seconds
+from fraexp.estimate import PROCESSES, SERIAL, Task, Workload, counted, estimate, known_seconds, law_source
 from fraexp.executors import Limits
-from fraexp.plugins import Registry
+from fraexp.plugins import Registry, discover
 from fraexp.sampling import FEW, MAX_EXPERIMENTS, sampled_groups
 from fraexp.speeds import Speeds
 from fraexp.sweep import Sweep
@@ -18,7 +18,8 @@ from fraexp.views.pace import expected_time
 from fraexp.work import Work
 from fraexp.workspace import Workspace
 
-KERNELS = frozenset({"loop/rolling/lanes", "drive/rolling/lanes"})
+SOURCE = law_source(discover())("rolling")
+KERNELS = frozenset(f"{family}/rolling/lanes/{SOURCE}" for family in ("loop", "drive"))
 KNOWN = Speeds(kernels=KERNELS)
 
 
@@ -79,7 +80,7 @@ def free(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("free")
 def test_workers_share_tasks_but_none_is_cut_in_two() -> None:
     def seconds(executor: str, *turns: list[Task]) -> float:
-        return Workload(turns).seconds(executor, Speeds())
+        return Workload(turns, lambda name: "").seconds(executor, Speeds())
 
     assert seconds("serial", [task(3.0), task(1.0)]) == pytest.approx(4.0)
     assert seconds("processes:2", [task(1.0, weight=8)]) == pytest.approx(4.0)
@@ -111,8 +112,10 @@ def test_compiling_is_counted_until_it_is_done(registry: Registry) -> None:
     assert known.compiling == 0.0
     assert new.compiling == compile_seconds(KERNELS, Speeds()) > 0
     assert new.seconds == pytest.approx(known.seconds + new.compiling, rel=0.05)
-    slower = Speeds().learned({"compile/loop": [3.0], "compile/drive": [3.0]})
+    slower = Speeds().learned({"compile/shared": [3.0], "compile/loop": [3.0], "compile/drive": [3.0]})
     assert compile_seconds(KERNELS, slower) == pytest.approx(3 * new.compiling)
+    edited = Speeds(kernels=frozenset(kernel.replace(SOURCE, "before") for kernel in KERNELS))
+    assert 0 < estimate(sweeps(), registry, edited).compiling < new.compiling, "what all laws share is there"
 
 
 def test_a_slow_machine_takes_longer(registry: Registry) -> None:

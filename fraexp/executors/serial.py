@@ -86,6 +86,7 @@ class Serial(Workers):
         while (task := self._tasks.get()) is not None and not self._stopped:
             task.since = time.monotonic()
             self._current = task
+            self._told.put((task.number, 0.0))
             try:
                 self._answer(task)
             except Cancelled:
