@@ -6,10 +6,12 @@ from pathlib import Path
 
 import pytest
 
+from tests.examples import thorough
+
 
 @pytest.mark.parametrize(
     ("script", "arguments"),
-    [("accuracy.py", []), ("friction.py", ["rolling", "gms", "elastoplastic"])],
+    [("accuracy.py", []), thorough("friction.py", ["rolling", "gms", "elastoplastic"])],
 )
 def test_no_stated_accuracy_is_missed(checkout: Path, script: str, arguments: list[str]) -> None:
     command = [sys.executable, str(checkout / "benchmarks" / script), *arguments]

@@ -17,6 +17,7 @@ from fraexp.executors import Limits, WorkerLostError, Workers, make, workers_of
 from fraexp.executors.limits import LONGEST
 from fraexp.perform import Failure
 from fraexp.results import Result
+from tests.examples import thorough
 from tests.trouble import job, trouble, write_plugin
 from tests.waiting import HANG_TIMEOUT_S, wait_until
 
@@ -52,8 +53,8 @@ def lost(workers: Workers, number: int, plugins: str, *estimators: dict[str, obj
     ("code", "reason"),
     [
         ("os.kill(os.getpid(), 9)", "killed by signal 9 (SIGKILL), as a system does that is out of memory"),
-        ("import ctypes; ctypes.string_at(0)", "killed by signal 11 (SIGSEGV)"),
-        ("os.abort()", "killed by signal 6 (SIGABRT)"),
+        thorough("import ctypes; ctypes.string_at(0)", "killed by signal 11 (SIGSEGV)"),
+        thorough("os.abort()", "killed by signal 6 (SIGABRT)"),
         ("os._exit(3)", "its worker exited with code 3"),
     ],
 )

@@ -255,6 +255,7 @@ def test_a_report_does_without_the_study_and_without_a_figure(folder: Path, monk
     assert page(folder / "x.html").sources == []
 
 
+@pytest.mark.thorough
 def test_many_sweeps_are_shown_in_part(folder: Path) -> None:
     values = ", ".join(f"{n}e-4" for n in range(2, 62))
     text = STUDY.partition("[[printed]]")[0].replace('["0.5 mm", "1 mm"]', f"[{values}]")

@@ -6,7 +6,7 @@ from typing import TypeVar
 
 Answer = TypeVar("Answer")
 HANG_TIMEOUT_S = 300.0
-POLL_INTERVAL_S = 0.02
+POLL_INTERVAL_S = 0.05
 
 
 def wait_until(condition: Callable[[], Answer]) -> Answer:

@@ -183,6 +183,7 @@ def test_a_matrix_that_is_no_correlation_is_refused(matrix):
         Proposed.parse({"friction": Rolling(curve=CURVE), "deviations": names, "correlation": matrix}, "proposed")
 
 
+@pytest.mark.thorough
 def test_the_plant_lies_in_the_band_when_friction_is_drawn_from_it(checkout):
     """At 95 % of the frequencies at least, with and without sensor noise, in all three ways to read the band."""
     command = [sys.executable, str(checkout / "benchmarks" / "friction_band.py"), "--reduced"]

@@ -133,6 +133,7 @@ def test_two_amplitudes_give_plant_and_friction(registry, found):
     check_bands(registry, found)
 
 
+@pytest.mark.thorough
 def test_realisations_of_one_level_give_them_as_well(registry, recorded):
     result = identified(recorded(multisine(12.0), force_noise=FORCE_NOISE))
     check_machine(result)
@@ -162,6 +163,7 @@ def test_the_friction_model_is_ready_for_the_proposed_method(registry, two_ampli
     assert variances[0] > -1e-9 * variances[-1]
 
 
+@pytest.mark.thorough
 def test_without_noise_and_scale_little_is_left(recorded):
     exact = {"noise": 0.0, "resolution": 0.0}
     metrics = numbers(identified(recorded(stepped(12.0, 24.0), **exact), **exact))
@@ -192,12 +194,14 @@ def test_presliding_alone_tells_the_plant_and_says_what_it_does_not_tell(recorde
     ],
     ids=lambda friction: friction["name"],
 )
+@pytest.mark.thorough
 def test_friction_of_another_kind_is_not_explained(recorded, friction):
     result = identified(recorded(stepped(12.0, 24.0, points=30), friction))
     assert numbers(result)["verdict"] == 0
     assert "do not explain" in result.message
 
 
+@pytest.mark.thorough
 def test_a_wrong_dead_time_is_seen(two_amplitudes):
     result = identified(two_amplitudes, input_dead_time=1.5e-3)
     assert numbers(result)["verdict"] == 0

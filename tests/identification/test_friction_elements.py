@@ -13,6 +13,7 @@ from fraexp.errors import ParameterError, RecordError
 from fraexp.plugins import create
 from fraexp.results import Outcome
 from fraexp.signals import Segment, Signals
+from tests.examples import thorough
 from tests.identification.friction_records import THREE, driven, motion, record, signals, values
 from tests.machines import guide
 
@@ -37,7 +38,7 @@ def test_known_thresholds_give_every_stiffness_to_rounding(registry):
     assert fit.covariance.shape == (fit.values.size, fit.values.size)
 
 
-@pytest.mark.parametrize("estimator", [RollingIdentification(), BackPropagation()], ids=lambda one: one.name)
+@pytest.mark.parametrize("estimator", [RollingIdentification(), thorough(BackPropagation())], ids=lambda one: one.name)
 def test_with_noise_the_coulomb_force_is_found_and_held_out_cycles_are_met_to_the_noise(estimator):
     y = motion(1000, 8)
     clean = driven(GUIDE, y, 1e-3)
@@ -57,6 +58,7 @@ def test_back_propagation_finds_thresholds_from_any_of_these_starts(start):
     assert fit.values == pytest.approx([*THREE.stiffness, *THREE.limit_force, THREE.viscous], rel=1e-8)
 
 
+@pytest.mark.thorough
 def test_back_propagation_finds_the_elements_viscous_coefficients():
     damped = Rolling(stiffness=THREE.stiffness, limit_force=THREE.limit_force, damping=(20.0, 10.0, 30.0))
     near = Rolling(stiffness=(2.5e5, 1.2e5, 4e4), limit_force=(2.5, 3.0, 7.0), damping=(10.0, 10.0, 10.0))
@@ -64,6 +66,7 @@ def test_back_propagation_finds_the_elements_viscous_coefficients():
     assert found.component["damping"] == pytest.approx(damped.damping, rel=1e-6)
 
 
+@pytest.mark.thorough
 def test_back_propagation_is_never_worse_than_its_start():
     noisy = record(GUIDE, noise=NOISE)
     grid, refined = (values(one.estimate(noisy)) for one in (RollingIdentification(), BackPropagation()))
@@ -110,8 +113,8 @@ def test_a_record_from_rest_is_used_from_its_first_sample():
     ("estimator", "truth", "curve_share"),
     [
         (RollingIdentification(thresholds=KNOWN), GUIDE, 0.90),
-        (RollingIdentification(), GUIDE, 0.90),
-        (BackPropagation(start=THREE), THREE, 0.90),
+        thorough(RollingIdentification(), GUIDE, 0.90),
+        thorough(BackPropagation(start=THREE), THREE, 0.90),
     ],
     ids=["known", "grid", "free"],
 )
@@ -128,6 +131,7 @@ def test_the_stated_bands_hold_the_truth(estimator, truth, curve_share):
     assert np.mean(curve) >= curve_share
 
 
+@pytest.mark.thorough
 def test_the_number_of_elements_follows_the_squared_error():
     assert values(RollingIdentification().estimate(record(THREE, noise=NOISE)))["elements"] <= 8
     assert values(RollingIdentification(elements=1).estimate(record(THREE, noise=NOISE)))["elements"] == 1

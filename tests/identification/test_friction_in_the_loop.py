@@ -16,6 +16,7 @@ from fraexp.components import Period
 from fraexp.errors import ParameterError, RecordError
 from fraexp.signals import Segment, Signals
 from fraexp.simulation import Loop, Machine, Numerics, simulate_loop
+from tests.examples import thorough
 from tests.identification.friction_records import values
 from tests.machines import LEAD, TABLE, guide
 
@@ -64,7 +65,7 @@ def measured(signals, every):
     return Signals(tuple(segments), signals.units)
 
 
-@pytest.mark.parametrize("held", [True, False])
+@pytest.mark.parametrize("held", [thorough(True), False])
 def test_whether_a_measured_thrust_is_held_is_found(held):
     """A sensor's thrust goes on between samples, as that of a controller eight times as fast does: 3 % of the mass."""
     sample_time, every = (1e-3, 1) if held else (125e-6, 8)

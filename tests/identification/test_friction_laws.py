@@ -12,6 +12,7 @@ from fraexp_plugins.identification.rolling_identification import RollingIdentifi
 from fraexp.components import FrictionModel
 from fraexp.errors import RecordError
 from fraexp.plugins import create
+from tests.examples import thorough
 from tests.identification.friction_records import driven, signals, values
 
 RATED = {"coulomb": 10.0, "breakaway": 14.0, "stribeck_velocity": 1e-3}
@@ -32,7 +33,7 @@ def varied(model, noise=0.0):
 
 @pytest.mark.parametrize(
     ("model", "estimator"),
-    [(GMS, GmsIdentification(elements=2)), (BRISTLE, ElastoplasticIdentification())],
+    [(GMS, GmsIdentification(elements=2)), thorough(BRISTLE, ElastoplasticIdentification())],
     ids=lambda one: one.name,
 )
 def test_the_law_is_found_and_held_out_parts_are_met_to_the_noise(model, estimator, registry):
@@ -56,6 +57,7 @@ def test_the_elastoplastic_model_is_found_to_rounding_without_noise():
     assert {key: found[key] for key in numbers} == pytest.approx(numbers, rel=1e-8)
 
 
+@pytest.mark.thorough
 def test_the_rolling_model_has_no_part_in_a_stribeck_effect_and_its_error_says_so():
     wrong, right = (one.estimate(varied(GMS)) for one in (RollingIdentification(), GmsIdentification(elements=2)))
     assert values(wrong)["rms error, held-out cycles"] > 10 * values(right)["rms error, held-out cycles"]

@@ -50,6 +50,7 @@ def results(tmp_path_factory):
 
 
 @pytest.mark.parametrize("name", ["rolling_identification", "back_propagation"])
+@pytest.mark.thorough
 def test_the_tribometers_loops_give_force_width_and_energy(results, name):
     found = values(results[name])
     assert found["Coulomb force"] == pytest.approx(2.33, abs=0.05)

@@ -87,6 +87,7 @@ def test_too_much_of_it_is_an_outcome() -> None:
     assert signals.outcome is Outcome.DIVERGED
 
 
+@pytest.mark.thorough
 def test_another_law_than_the_machines_may_be_fed_back_and_is_computed_one_by_one_if_it_must() -> None:
     model = Elastoplastic.model_validate(Elastoplastic.presets["linear_motor_table"])
     assert FRICTION.vectorises and not model.vectorises

@@ -10,6 +10,7 @@ from fraexp_plugins.excitations.stepped_sine import SteppedSine
 
 from fraexp import simulation
 from fraexp.simulation import Loop, Machine, Numerics, simulate_loop
+from tests.examples import some
 from tests.machines import LEAD, TABLE, decibel, degrees, table_models
 
 NAMES = ("rolling", "gms", "elastoplastic", "lugre", "dahl", "coulomb", "rolling_force_slider", "composite")
@@ -91,7 +92,7 @@ def test_a_wrong_observer_is_worse_than_the_right_one(models):
     assert wrong > 20 * right
 
 
-@pytest.mark.parametrize("machine", NAMES)
+@pytest.mark.parametrize("machine", some(NAMES, "rolling", "dahl"))
 def test_any_machine_is_seen_through_any_observer(models, machine):
     found = signals(models[machine], (20.0, 61.0), 75.0, settle_limit=1.0)
     for observer in NAMES:
@@ -112,7 +113,7 @@ def test_halving_the_step_changes_no_printed_digit(models, name, amplitude):
         assert np.max(np.abs(degrees(ratio))) < 0.1
 
 
-@pytest.mark.parametrize("name", ["rolling", "gms", "lugre"])
+@pytest.mark.parametrize("name", some(["rolling", "gms", "lugre"], "rolling"))
 def test_eight_at_a_time_and_one_by_one_agree(models, name, monkeypatch):
     """The predicted displacement is as good as the root where friction is soft; both are within the step's error."""
     frequencies, responses = (2.0, 10.0, 40.0, 150.0), []

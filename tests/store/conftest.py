@@ -15,6 +15,7 @@ from fraexp.store import Store, Supplied
 from fraexp.store.places import locate
 from fraexp.sweep import Sweep
 from tests.postgresql import Server, running
+from tests.waiting import HANG_TIMEOUT_S
 
 ROOT = Path(__file__).parents[2]
 KINDS = ["sqlite", pytest.param("postgresql", marks=pytest.mark.thorough)]
@@ -120,7 +121,7 @@ def sql(url: str) -> Callable[..., list[Any]]:
 
 @pytest.fixture
 def store(url: str) -> Iterator[Store]:
-    with Store.open(url, create=True, timeout=0.5) as opened:
+    with Store.open(url, create=True, timeout=HANG_TIMEOUT_S) as opened:
         yield opened
 
 

@@ -116,9 +116,9 @@ def test_a_damaged_database_whose_words_are_no_text_is_reported(store, path):
 
 
 def test_a_locked_database_is_reported_and_nothing_is_written(store, path, program, sweep, result):
-    with program(HOLDS, path, "BEGIN IMMEDIATE"):
+    with program(HOLDS, path, "BEGIN IMMEDIATE"), Store.open(str(path), timeout=0.1) as hasty:
         with pytest.raises(StoreError, match=r"results.db: the database is locked by another process .*; wait until"):
-            store.begin_run("s", "f", "c", {}, [sweep()])
+            hasty.begin_run("s", "f", "c", {}, [sweep()])
         assert store.runs() == []  # reading needs no lock
     assert store.begin_run("s", "f", "c", {}, [sweep()]) == 1
 
