@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 
 from fraexp.reference_costs import compile_cost
-from fraexp.speeds import Speeds
+from fraexp.speeds import COMPILE, Speeds
 
 KERNELS = ("loop", "drive")
 """Families of work that a compiled kernel does: one kernel for each law, in lanes or not."""
@@ -21,4 +21,4 @@ def compile_seconds(kernels: Iterable[str], speeds: Speeds) -> float:
 
 
 def _seconds(family: str, speeds: Speeds) -> float:
-    return compile_cost(family) * speeds.ratio(f"compile/{family}")
+    return compile_cost(family) * speeds.ratio(f"{COMPILE}/{family}")

@@ -6,7 +6,7 @@ from fraexp.compile_time import compile_seconds
 from fraexp.estimate import PROCESSES, SERIAL, known_seconds
 from fraexp.executors import workers_of
 from fraexp.reference_costs import run_cost
-from fraexp.speeds import PARALLEL, Speeds
+from fraexp.speeds import COMPILE, PARALLEL, Speeds
 
 MANY = 50
 """Sweeps in a run from which on the time of storing one shows."""
@@ -49,7 +49,7 @@ def learn_run(run: RunTimes, before: Speeds, speeds: Speeds, ratios: Ratios) -> 
     if compiling and spent > COMPILED_SHARE * compiling:
         ratio = (spent - known_seconds(start, speeds)) / compile_seconds(run.kernels, Speeds(kernels=before.kernels))
         for family in {kernel.partition("/")[0] for kernel in run.kernels - before.kernels}:
-            ratios[f"compile/{family}"].append(ratio)
+            ratios[f"{COMPILE}/{family}"].append(ratio)
     elif work < LONG * known_seconds(start, speeds):
         if spent < MOST_SURPRISE * (known_seconds(start, speeds) + loading):
             ratios[start].append(spent / run_cost(start))
