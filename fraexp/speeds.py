@@ -25,8 +25,8 @@ LEAST_WEIGHT = 0.25
 SMALLEST_RATIO, GREATEST_RATIO = 1e-3, 1e3
 """Ratios beyond these come from a stopped clock or a suspended machine, not from a processor."""
 SETTLING, PARALLEL, COMPILE = "settling", "parallel", "compile"
-"""Families of ratios: of samples until a loop is settled, of work over workers, of compiling. None of them tells how fast
-the processor is at other work, and the first two do not depend on it."""
+"""Families of ratios: of samples until a loop is settled, of work over workers, of compiling. None of them tells how
+fast the processor is at other work, and the first two do not depend on it."""
 
 SIZE = "@"
 """Stands between a kind of work and the order of magnitude of its amount, which is learned besides."""
