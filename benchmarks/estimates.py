@@ -128,10 +128,13 @@ class Compared:
 
 def child(name: str, folder: str, count: int, executor: str, compiled: bool) -> None:
     """Run a study, or so many of its sweeps, and print estimate and time; this is a process of its own."""
+    from fraexp import estimate
     from fraexp.events import Ended, Planned
     from fraexp.workspace import Workspace
 
     workspace = Workspace.open(folder)
+    if executor == "serial":  # processor time is that of an idle machine
+        estimate.slowdown = lambda processes: 1.0
     if compiled:
         _know_kernels(workspace.studies([name])[0].sweeps, workspace)
     whole = workspace.plan(name, executor=executor or None)[1][0]

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable
 
 from fraexp.reference_costs import compile_cost
-from fraexp.speeds import Speeds
+from fraexp.speeds import COMPILE, Speeds
 
 KERNELS = ("loop", "drive")
 """Families of work that a compiled kernel does: one kernel for each law, in lanes or not."""
@@ -28,4 +28,4 @@ def new_families(kernels: Iterable[str], known: frozenset[str]) -> list[str]:
 
 
 def _seconds(family: str, speeds: Speeds) -> float:
-    return compile_cost(family) * speeds.ratio(f"compile/{family}")
+    return compile_cost(family) * speeds.ratio(f"{COMPILE}/{family}")

@@ -8,6 +8,7 @@ from typing import NamedTuple
 from fraexp import references
 from fraexp.compile_time import compile_seconds, kernels_of
 from fraexp.executors import Limits, workers_of
+from fraexp.machine_load import slowdown
 from fraexp.plugins import Registry
 from fraexp.reference_costs import run_cost
 from fraexp.sampling import SEED, Group, sampled_groups
@@ -98,10 +99,14 @@ def estimate(
     """Return what computing sweeps takes; without an `executor` the faster one of those of this machine is chosen."""
     workload = counted(missing, registry)
     asked = executor or (PROCESSES if limits and limits.memory is not None else None)
-    times = {name: workload.seconds(name, speeds) for name in ([asked] if asked else [SERIAL, PROCESSES])}
+    times = {
+        name: slowdown(workers_of(name)) * workload.seconds(name, speeds)
+        for name in ([asked] if asked else [SERIAL, PROCESSES])
+    }
     chosen = asked or (PROCESSES if times[PROCESSES] < ADVANTAGE * times[SERIAL] else SERIAL)
-    compiling = compile_seconds(workload.kernels, speeds)
-    return Estimate(times[chosen] + compiling + known_seconds("figure", speeds), compiling, chosen)
+    compiling = slowdown(1) * compile_seconds(workload.kernels, speeds)
+    figure = slowdown(1) * known_seconds("figure", speeds)
+    return Estimate(times[chosen] + compiling + figure, compiling, chosen)
 
 
 def known_seconds(name: str, speeds: Speeds) -> float:

@@ -5,9 +5,12 @@ from dataclasses import dataclass
 from fraexp.compile_time import compile_seconds, new_families
 from fraexp.estimate import PROCESSES, SERIAL, known_seconds
 from fraexp.executors import workers_of
+from fraexp.machine_load import slowdown
 from fraexp.reference_costs import run_cost
-from fraexp.speeds import PARALLEL, Speeds
+from fraexp.speeds import COMPILE, PARALLEL, Speeds
 
+IDLE = 1.2
+"""Slowdown by other programs up to which the time by the clock teaches something."""
 MANY = 50
 """Sweeps in a run from which on the time of storing one shows."""
 COMPILED_SHARE = 0.3
@@ -37,6 +40,8 @@ class RunTimes:
 def learn_run(run: RunTimes, before: Speeds, speeds: Speeds, ratios: Ratios) -> None:
     """Add the ratios of a run as a whole: of its start, what it compiled, how it stored and divided its work."""
     workers = min(workers_of(run.executor), run.count)
+    if run.executor != SERIAL and slowdown(1) > IDLE:
+        return  # others have taken a part of the time, which is told for this process alone
     start = f"start_{SERIAL if run.executor == SERIAL else PROCESSES}"
     loading = known_seconds("kernel", speeds) * len(run.kernels)
     work = max(run.computing - run.excess, 0.0) / workers
@@ -49,7 +54,7 @@ def learn_run(run: RunTimes, before: Speeds, speeds: Speeds, ratios: Ratios) -> 
     if compiling and spent > COMPILED_SHARE * compiling:
         ratio = (spent - known_seconds(start, speeds)) / compile_seconds(run.kernels, Speeds(kernels=before.kernels))
         for family in set(new_families(run.kernels, before.kernels)):
-            ratios[f"compile/{family}"].append(ratio)
+            ratios[f"{COMPILE}/{family}"].append(ratio)
     elif work < LONG * known_seconds(start, speeds):
         if spent < MOST_SURPRISE * (known_seconds(start, speeds) + loading):
             ratios[start].append(spent / run_cost(start))

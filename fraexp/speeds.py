@@ -24,8 +24,9 @@ LEAST_WEIGHT = 0.25
 """Least weight of a run's measurements against all earlier ones: what changes on a machine is learned in a few runs."""
 SMALLEST_RATIO, GREATEST_RATIO = 1e-3, 1e3
 """Ratios beyond these come from a stopped clock or a suspended machine, not from a processor."""
-SETTLING, PARALLEL = "settling", "parallel"
-"""Families of ratios that say nothing about the processor: of samples until a loop is settled, of work over workers."""
+SETTLING, PARALLEL, COMPILE = "settling", "parallel", "compile"
+"""Families of ratios: of samples until a loop is settled, of work over workers, of compiling. None of them tells how
+fast the processor is at other work, and the first two do not depend on it."""
 
 SIZE = "@"
 """Stands between a kind of work and the order of magnitude of its amount, which is learned besides."""
@@ -59,9 +60,9 @@ class Speeds:
             return math.exp(self.ratios[kind].log)
         if SIZE in kind:
             return self.ratio(kind.partition(SIZE)[0])
-        if not _is_speed(kind):
+        if _family(kind) in (SETTLING, PARALLEL):
             return 1.0
-        known = [learned.log for other, learned in self.ratios.items() if _is_speed(other)]
+        known = [learned.log for other, learned in self.ratios.items() if _is_telling(other)]
         return math.exp(median(known)) if known else 1.0
 
     def learned(self, measured: Mapping[str, Sequence[float]], kernels: Iterable[str] = ()) -> "Speeds":
@@ -74,8 +75,13 @@ class Speeds:
         return Speeds(found, self.kernels | frozenset(kernels))
 
 
-def _is_speed(kind: str) -> bool:
-    return kind.partition("/")[0] not in (SETTLING, PARALLEL) and SIZE not in kind
+def _family(kind: str) -> str:
+    return kind.partition("/")[0]
+
+
+def _is_telling(kind: str) -> bool:
+    """Say whether a ratio tells how fast the processor is; those of amounts are in the one of their kind."""
+    return _family(kind) not in (SETTLING, PARALLEL, COMPILE) and SIZE not in kind
 
 
 def _moved(before: Learned | None, log: float) -> Learned:

@@ -145,6 +145,6 @@ def component_names(spec: Any) -> Iterator[str]:
             yield spec["name"]
         for value in spec.values():
             yield from component_names(value)
-    elif isinstance(spec, list | tuple):
+    elif isinstance(spec, list | tuple) and spec and isinstance(spec[0], Mapping):  # not a long list of numbers
         for value in spec:
             yield from component_names(value)

@@ -23,6 +23,12 @@ KERNELS = frozenset(f"{family}/rolling/lanes/{SOURCE}" for family in ("loop", "d
 KNOWN = Speeds(kernels=KERNELS)
 
 
+@pytest.fixture(autouse=True)
+def idle(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the machine have nothing else to do."""
+    monkeypatch.setattr("fraexp.estimate.slowdown", lambda processes: 1.0)
+
+
 def sweeps(*overrides: str) -> tuple[Sweep, ...]:
     (study,) = Workspace.open(".").studies(["quick"], overrides)
     return study.sweeps

@@ -35,6 +35,8 @@ def test_a_measured_law_tells_how_fast_the_machine_is_at_others() -> None:
     assert speeds.ratio("loop/dahl/lanes") == speeds.ratio("estimate/proposed") == pytest.approx(3.0)
     assert speeds.ratio("settling/chirp/dahl") == 1.0, "how long one loop settles says nothing about another one"
     assert speeds.ratio("parallel") == 1.0, "nor about how work is divided"
+    assert speeds.ratio("compile/loop") == pytest.approx(3.0)
+    assert Speeds().learned({"compile/loop": [9.0]}).ratio("loop/dahl/lanes") == 1.0
 
 
 def test_a_large_amount_may_be_slower_than_a_small_one() -> None:
