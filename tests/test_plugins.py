@@ -159,7 +159,7 @@ def test_a_rehearsal_is_a_short_walk(registry):
         walked.append(1)
         return model.law(*arguments)
 
-    rehearse("rolling", law, model.law_arguments(), model.state_size)
+    rehearse("rolling", law, model.law_arguments(), model.state_size, lambda: model.greatest_stiffness)
     assert 0 < len(walked) < 100  # each a few microseconds in plain Python
 
 
