@@ -18,7 +18,7 @@ settings.load_profile("quick")
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Begin with the tests that take longest, so that no process is left alone with one at the end."""
-    items.sort(key=lambda item: item.get_closest_marker("thorough") is None)
+    items.sort(key=lambda item: (item.get_closest_marker("thorough") is None, "/docs/" not in item.nodeid))
 
 
 # What tests compile, and teach about the machine's speed, is not for the user's own runs.

@@ -22,5 +22,5 @@ def thorough(*values: Any) -> Any:
 
 
 def some(values: Iterable[Any], *chosen: Any) -> list[Any]:
-    """Return parameters of a test, of which `make test` runs those that are chosen, and the whole suite all."""
+    """Return values of a parameter, of which `make test` runs those that are chosen, and the whole suite all."""
     return [value if value in chosen else thorough(value) for value in values]

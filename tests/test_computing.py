@@ -218,13 +218,13 @@ def test_a_sweep_that_dies_once_is_computed(tmp_path):
 
 def test_two_runs_at_once_compute_each_sweep_once(tmp_path):
     slow = trouble("time.sleep(0.1)", folder=str(notes_of(tmp_path)))
-    runs = [begun(tmp_path, study(60, slow), "--executor=processes:1") for _ in range(2)]
+    runs = [begun(tmp_path, study(24, slow), "--executor=processes:1") for _ in range(2)]
     for process in runs:
         _, talk = process.communicate(timeout=HANG_TIMEOUT_S)
         assert process.returncode == ExitCode.OK, talk
     found = [states(tmp_path, 1), states(tmp_path, 2)]
     assert all(sorted(pair) == ["computed", "reused"] for pair in zip(*found, strict=True))
-    assert len(list((tmp_path / "notes").iterdir())) == 60
+    assert len(list((tmp_path / "notes").iterdir())) == 24
 
 
 def test_what_a_run_that_is_killed_had_claimed_is_taken_over_at_once(tmp_path):

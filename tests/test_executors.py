@@ -77,7 +77,7 @@ def test_the_estimator_that_cost_the_worker_is_known(pair: Workers, plugins: str
     assert lost(pair, 1, plugins, who, trouble("os._exit(1)"), who).estimator == 1
 
 
-@pytest.mark.parametrize("code", ["raise SystemExit(2)", "raise KeyboardInterrupt", "1 / 0"])
+@pytest.mark.parametrize("code", ["raise SystemExit(2)", thorough("raise KeyboardInterrupt"), thorough("1 / 0")])
 @pytest.mark.parametrize("executor", ["serial", "processes:1"])
 def test_an_exception_of_any_kind_is_a_failure_and_costs_no_worker(executor: str, code: str, plugins: str) -> None:
     with make(executor, 2) as workers:

@@ -11,6 +11,7 @@ import pytest
 from fraexp.cli.exits import ExitCode
 from fraexp.errors import StoreError
 from fraexp.store import Store
+from tests.examples import some
 from tests.waiting import HANG_TIMEOUT_S, wait_until
 
 SLOW = ["quick", "--set=excitation.lowest=1e-3", "--set=excitation.points=3", "--set=excitation.tolerance=1e-15"]
@@ -45,7 +46,7 @@ def test_a_run_in_the_background_comes_to_its_end_and_notes_its_log(tmp_path):
     assert "quick: 4 sweeps, 0 reused, 4 to compute" in Path(started["log"]).read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("hard", [(), ("--hard",)])
+@pytest.mark.parametrize("hard", some([(), ("--hard",)], ()))
 def test_a_run_in_the_background_can_be_stopped(tmp_path, hard):
     started = json.loads(fraexp(tmp_path, "run", *SLOW, "--detach", "--json").stdout)["started"]
     wait_until(lambda: " worker" in Path(started["log"]).read_text(encoding="utf-8"))

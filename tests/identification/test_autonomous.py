@@ -172,6 +172,7 @@ def test_without_noise_and_scale_little_is_left(recorded):
     assert metrics["Coulomb force"] == pytest.approx(17.9, rel=1e-3)
 
 
+@pytest.mark.thorough
 def test_presliding_alone_tells_the_plant_and_says_what_it_does_not_tell(recorded, registry):
     """At 3 N rms nothing slips through: elements that never slip are a spring, which a rigid body has not."""
     result = identified(recorded(multisine(3.0)))
@@ -223,12 +224,14 @@ def test_what_tells_nothing_is_refused_with_the_remedy(recorded, excitation, fri
         identified(recorded(excitation, friction))
 
 
+@pytest.mark.thorough
 def test_a_wrong_sign_is_refused(two_amplitudes):
     turned = [replace(s, channels={**s.channels, "y": -s.channels["y"]}) for s in two_amplitudes.segments]
     with pytest.raises(RecordError, match="look at the channels and their signs"):
         identified(replace(two_amplitudes, segments=tuple(turned)))
 
 
+@pytest.mark.thorough
 def test_what_has_not_settled_is_left_out(recorded):
     signals = recorded(stepped(12.0, 24.0, points=30))
     first, *others = signals.segments

@@ -60,6 +60,7 @@ def test_the_tribometers_loops_give_force_width_and_energy(results, name):
     assert "all sliding is at one speed" in results[name].message
 
 
+@pytest.mark.thorough
 def test_the_branches_alone_tell_the_same_but_for_their_slow_rise(results):
     assert values(results["masing_inversion"])["presliding deflection"] == pytest.approx(58e-6, abs=4e-6)
 

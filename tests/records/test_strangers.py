@@ -8,6 +8,7 @@ import pytest
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
+from tests.examples import some
 from tests.records.strangers import triangle_and_sines, write_classic, write_hdf5
 from tests.records.strangers_files import (
     DRIVE,
@@ -114,7 +115,7 @@ def one_table(folder: Path, vibration: Arrays) -> list[str]:
 LAYOUTS = (arrays, other_order, vectors, struct, files, one_table)
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", some(LAYOUTS, struct, files))
 def test_every_layout_of_levels_gives_responses_and_distortions(
     folder: Path, vibration: Arrays, layout: Callable[[Path, Arrays], list[str]]
 ) -> None:

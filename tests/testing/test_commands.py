@@ -28,9 +28,6 @@ BROKEN = (
 )
 
 
-OTHER_KINDS = [kind for kind in KINDS if kind not in ("estimator", "friction")]
-
-
 def steps(printed: str) -> list[str]:
     """Return the commands that are printed after ``next:``."""
     return [line.partition("#")[0].strip() for line in printed.partition("next:\n")[2].splitlines()]
@@ -70,9 +67,8 @@ def test_the_next_steps_are_true_whatever_was_run_and_written_before(
         assert steps(capsys.readouterr().out)[-1] == f"fraexp plot {name} -o {name}.pdf"
 
 
-@pytest.mark.parametrize(
-    "kind", ["estimator", *(pytest.param(kind, marks=pytest.mark.thorough) for kind in OTHER_KINDS)]
-)
+@pytest.mark.thorough
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "friction"])
 def test_a_new_plugin_of_any_kind_works_as_printed(kind: str, tmp_path: Path) -> None:
     made = shell(f"fraexp new {kind} my_own", tmp_path)
     for step in steps(made.stdout):
