@@ -94,7 +94,7 @@ realisations = 8
 whole_periods = 4
 tolerance = 1e-2
 [grid]
-estimator = [{ name = "best_linear_approximation" }, { name = "conventional" }]
+estimator = [{ name = "best_linear_approximation" }, { name = "spectral" }]
 [random]
 count = 150
 draw = [{ paths = "plant.gain", relative = 0.01 }, { paths = "friction.curve.coulomb", relative = 0.05 }]

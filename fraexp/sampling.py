@@ -2,10 +2,10 @@
 
 import random
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from typing import NamedTuple
 
-from fraexp.sweep import Sweep, component_names
+from fraexp.sweep import DRAW, Sweep, component_names
 
 MAX_EXPERIMENTS = 64
 """Experiments that are drawn of a study."""
@@ -32,9 +32,9 @@ def sampled_groups(sweeps: Sequence[Sweep]) -> list[Group]:
     """
     if len(sweeps) > MAX_GROUPED:
         return _groups_of_few(sweeps)
-    groups: dict[tuple[int, ...], list[Sweep]] = {}
+    groups: dict[Hashable, list[Sweep]] = {}
     for sweep in sweeps:
-        groups.setdefault(_sections(sweep), []).append(sweep)
+        groups.setdefault(_identity(sweep), []).append(sweep)
     if len(groups) <= MAX_EXPERIMENTS:
         return [Group(group, 1.0) for group in groups.values()]
     kinds: dict[tuple[str, ...], list[list[Sweep]]] = {}
@@ -56,20 +56,27 @@ def _kind(group: Sequence[Sweep]) -> tuple[str, ...]:
     return (*component_names(excitation), *component_names(friction), *(str(one.estimator["name"]) for one in group))
 
 
-def _sections(sweep: Sweep) -> tuple[int, ...]:
-    """Return what an experiment consists of: sweeps of a study that are written alike have the same objects."""
-    return tuple(map(id, sweep.experiment.values()))
+def _identity(sweep: Sweep) -> Hashable:
+    """Return what sweeps have in common that share an experiment.
+
+    What a study writes alike is the same object; what is drawn at random is made anew for each sweep.
+    """
+    return sweep.experiment_key if DRAW in sweep.labels else tuple(map(id, sweep.experiment.values()))
 
 
 def _groups_of_few(sweeps: Sequence[Sweep]) -> list[Group]:
     """Return the groups of a few sweeps out of very many, of which each is looked at for no longer than needed."""
     few = random.Random(SEED).sample(sweeps, FEW)
-    wanted = Counter(map(_sections, few))
+    wanted = Counter(map(_identity, few))
     telling = _telling_section(few)
-    values = {id(sweep.experiment.get(telling)) for sweep in few}
-    groups: dict[tuple[int, ...], list[Sweep]] = {}
+
+    def clue(sweep: Sweep) -> Hashable:
+        return sweep.labels.get(DRAW) or id(sweep.experiment.get(telling))
+
+    clues = set(map(clue, few))
+    groups: dict[Hashable, list[Sweep]] = {}
     for sweep in sweeps:
-        if id(sweep.experiment.get(telling)) in values and (found := _sections(sweep)) in wanted:
+        if clue(sweep) in clues and (found := _identity(sweep)) in wanted:
             groups.setdefault(found, []).append(sweep)
     return [Group(group, wanted[found] * len(sweeps) / (FEW * len(group))) for found, group in groups.items()]
 

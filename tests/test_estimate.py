@@ -66,6 +66,20 @@ def test_of_very_many_sweeps_a_few_groups_stand_for_all(monkeypatch: pytest.Monk
     assert [group.weight for group in sampled_groups(sweeps(axis))] == [group.weight for group in groups]
 
 
+@pytest.mark.parametrize("most", [10, 20_000])
+def test_what_is_drawn_is_shared_by_estimators_too(most: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fraexp.sampling.MAX_GROUPED", most)
+    file = tmp_path / "drawn.toml"
+    text = (Path(__file__).parents[1] / "studies" / "quick.toml").read_text()
+    draw = '{ paths = "plant.gain", relative = 0.01 }'
+    file.write_text(f"{text}\n[random]\ncount = 50\ndraw = [{draw}]\n")
+    (study,) = Workspace.open(tmp_path).studies([str(file)])
+    groups = sampled_groups(study.sweeps)
+    assert len(study.sweeps) == 2 * 2 * 50
+    assert {len(group.sweeps) for group in groups} == {2}
+    assert sum(group.weight for group in groups) == pytest.approx(100)
+
+
 def test_a_few_slow_sweeps_among_many_are_not_overlooked(registry: Registry) -> None:
     (slow,) = (study.sweeps for study in Workspace.open(".").studies(["identification/friction_triangle"]))
     found = sampled_groups([*sweeps(amplitudes(1000)), *slow])
