@@ -6,6 +6,7 @@ all that decides on the machine code, so that all checkouts and processes of a m
 
 import contextlib
 import hashlib
+import itertools
 import os
 import pickle
 import platform
@@ -19,6 +20,7 @@ from typing import Any
 import llvmlite
 import numba
 from numba import njit
+from numba.core.bytecode import FunctionIdentity
 from numba.core.caching import _Cache
 from numba.core.compiler import CompileResult
 from numba.core.registry import cpu_target
@@ -35,6 +37,20 @@ except ImportError:  # Windows: two processes may then compile the same kernel, 
 DAY_S = 86400.0
 UNUSED_S = 90 * DAY_S
 """Time after which a kernel that nobody has loaded is deleted [s]."""
+
+
+def _count_functions_apart() -> None:
+    """Let this process name what it compiles as no other process does.
+
+    Numba counts the functions that a process compiles and makes the number part of their symbols. Machine code that
+    several processes have compiled meets in one, where equal symbols would be one function: another law would answer.
+    """
+    FunctionIdentity._unique_ids = itertools.count(int.from_bytes(os.urandom(6), "big") << 16)
+
+
+_count_functions_apart()
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_count_functions_apart)
 
 
 class _File(_Cache):
@@ -101,6 +117,7 @@ def compile_kernel(name: str, source: str, make: Callable[[], Any], signature: t
     return kernel
 
 
+@cache
 def address(kernel: Any) -> int:
     """Return the address of a compiled function of one signature, which other compiled code can call."""
     result = next(iter(kernel.overloads.values()))

@@ -102,6 +102,21 @@ def test_processes_that_start_together_compile_once(bench: Bench) -> None:
     assert sum(compiled for _, compiled in found) == 2
 
 
+def test_laws_of_one_name_that_two_processes_have_compiled_stay_two(bench: Bench, tmp_path: Path) -> None:
+    (tmp_path / "other").mkdir()
+    other = Bench(tmp_path / "other")
+    other.cache = bench.cache
+    other.write(factor="5.0")
+    assert bench.use()[0] == "[0.0, 2.0, 4.0]"
+    assert other.use()[0] == "[0.0, 10.0, 20.0]"
+    first, second = (f"import sys\nsys.argv[1] = {str(each.plugins)!r}\n{USE}" for each in (bench, other))
+    code = f"{first}\nkept = model\n{second}\nprint(kept.force(np.array([0.0, 1.0, 2.0]), 1e-3).tolist())"
+    command = [sys.executable, "-W", "error", "-c", code, str(bench.plugins)]
+    environment = {**os.environ, "FRAEXP_CACHE_DIR": str(bench.cache)}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines() == ["[0.0, 2.0, 4.0] 0", "[0.0, 10.0, 20.0] 0", "[0.0, 2.0, 4.0]"]
+
+
 @pytest.mark.parametrize("damage", [b"", b"nonsense"])
 def test_a_damaged_kernel_is_compiled_again(bench: Bench, damage: bytes) -> None:
     bench.use()
