@@ -6,13 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from tests.examples import thorough
-
 
 @pytest.mark.parametrize(
     ("script", "arguments"),
-    [("accuracy.py", []), thorough("friction.py", ["rolling", "gms", "elastoplastic"])],
+    [("accuracy.py", []), ("friction.py", ["rolling", "gms", "elastoplastic"])],
 )
+@pytest.mark.thorough
 def test_no_stated_accuracy_is_missed(checkout: Path, script: str, arguments: list[str]) -> None:
     command = [sys.executable, str(checkout / "benchmarks" / script), *arguments]
     done = subprocess.run(command, capture_output=True, text=True, check=False)

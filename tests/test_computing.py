@@ -216,6 +216,7 @@ def test_a_sweep_that_dies_once_is_computed(tmp_path):
     assert states(tmp_path, 1) == ["computed"] * 2
 
 
+@pytest.mark.thorough
 def test_two_runs_at_once_compute_each_sweep_once(tmp_path):
     slow = trouble("time.sleep(0.1)", folder=str(notes_of(tmp_path)))
     runs = [begun(tmp_path, study(24, slow), "--executor=processes:1") for _ in range(2)]

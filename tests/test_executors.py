@@ -55,7 +55,7 @@ def lost(workers: Workers, number: int, plugins: str, *estimators: dict[str, obj
         ("os.kill(os.getpid(), 9)", "killed by signal 9 (SIGKILL), as a system does that is out of memory"),
         thorough("import ctypes; ctypes.string_at(0)", "killed by signal 11 (SIGSEGV)"),
         thorough("os.abort()", "killed by signal 6 (SIGABRT)"),
-        ("os._exit(3)", "its worker exited with code 3"),
+        thorough("os._exit(3)", "its worker exited with code 3"),
     ],
 )
 def test_a_worker_that_dies_costs_its_own_job_alone(pair: Workers, plugins: str, code: str, reason: str) -> None:
@@ -154,6 +154,7 @@ def test_stopping_leaves_no_process_whatever_it_is_at(plugins: str, tmp_path: Pa
             os.kill(int(pid), 0)
 
 
+@pytest.mark.thorough
 def test_closing_lets_what_is_under_way_come_to_its_end(plugins: str) -> None:
     with make("processes:2", 50) as workers:
         futures = [workers.submit(n, job(plugins)) for n in range(50)]

@@ -300,6 +300,7 @@ def test_other_files_are_not_replaced_unless_asked(folder: Path, capsys: pytest.
     assert not Path("nowhere").exists()
 
 
+@pytest.mark.thorough
 def test_what_was_fitted_later_is_no_study_of_the_folder(folder: Path) -> None:
     text = 'machine = "linear_motor_table"\nexcitation = { name = "stepped_sine", amplitude = 75.0, points = 30 }\n'
     text += 'estimator = { name = "proposed" }\n'

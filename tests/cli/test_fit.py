@@ -83,6 +83,7 @@ def test_a_fit_is_a_sweep_that_is_reused_and_fitted_anew_with_other_settings(
     assert last["method"]["name"] == "proposed"
 
 
+@pytest.mark.thorough
 def test_a_fit_of_a_fit_keeps_its_band_and_says_so(computed: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["fit", "1", "--set", "modes=2", "--set", "lowest=20", "--set", "highest=150"]) == 0
     assert "taken over" not in capsys.readouterr().err

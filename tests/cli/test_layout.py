@@ -15,7 +15,6 @@ import pytest
 from fraexp.cli.layout import blocks
 from fraexp.sweep import Sweep
 from fraexp.views.words import short
-from tests.examples import some
 
 TITLES = ["sweep", "estimator", "gain [dB re 1 mm/N]", "message"]
 CELLS = [["710b13ab", "conventional", "-49.31", "a rather long sentence that says why"], ["63760706", "x", "7.89", ""]]
@@ -64,7 +63,8 @@ def _read(terminal: int) -> bytes:
         return b""
 
 
-@pytest.mark.parametrize("columns", some([80, 40], 40))
+@pytest.mark.parametrize("columns", [80, 40])
+@pytest.mark.thorough
 def test_a_narrow_terminal_shows_every_digit(columns: int, workspace: Path, sweeps: list[Sweep]) -> None:
     key = short(sweeps[0].key)
     common = ("--workspace", str(workspace))

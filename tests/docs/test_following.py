@@ -91,6 +91,7 @@ def test_the_page_on_the_command_line(follow: Follow, tmp_path: Path) -> None:
     assert '"response"' in (tmp_path / "run.json").read_text("utf-8")
 
 
+@pytest.mark.thorough
 def test_a_record_is_refused_in_the_words_of_its_page(tmp_path: Path) -> None:
     head, *sentences = [block.text for block in blocks("docs/records.md") if block.language == "text"]
     record = ROOT / "studies/records/table_stepped_sine.csv"

@@ -97,6 +97,7 @@ def ramps(noise, generator, turns=6):
     return Signals((Segment(5e-4, {"u": u, "y": y}, np.array([line])),), {"u": "N", "y": "m"})
 
 
+@pytest.mark.thorough
 def test_the_band_covers_95_percent():
     generator, truth = np.random.default_rng(3), 1e-5 / 3 * np.exp(-2j)
     estimator, runs, inside = MovingAxis(run_in=0.02), 1000, 0

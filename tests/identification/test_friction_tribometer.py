@@ -28,7 +28,10 @@ friction = {{ column = "Friction", unit = "uN", scale = -1 }}
 ]
 """
 
-pytestmark = pytest.mark.skipif(not RECORD.exists(), reason="the measured record is not beside this checkout")
+pytestmark = [
+    pytest.mark.thorough,
+    pytest.mark.skipif(not RECORD.exists(), reason="the measured record is not beside this checkout"),
+]
 
 
 def run(folder, *arguments):
@@ -50,7 +53,6 @@ def results(tmp_path_factory):
 
 
 @pytest.mark.parametrize("name", ["rolling_identification", "back_propagation"])
-@pytest.mark.thorough
 def test_the_tribometers_loops_give_force_width_and_energy(results, name):
     found = values(results[name])
     assert found["Coulomb force"] == pytest.approx(2.33, abs=0.05)
@@ -60,7 +62,6 @@ def test_the_tribometers_loops_give_force_width_and_energy(results, name):
     assert "all sliding is at one speed" in results[name].message
 
 
-@pytest.mark.thorough
 def test_the_branches_alone_tell_the_same_but_for_their_slow_rise(results):
     assert values(results["masing_inversion"])["presliding deflection"] == pytest.approx(58e-6, abs=4e-6)
 

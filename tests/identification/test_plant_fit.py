@@ -19,6 +19,7 @@ from fraexp_plugins.plants.modal import Modal
 from fraexp.errors import ParameterError, RecordError
 from fraexp.plugins import create, discover
 from fraexp.results import Outcome
+from tests.examples import some
 from tests.identification.plant_responses import (
     DEAD_TIME,
     FREQUENCY,
@@ -55,7 +56,7 @@ def test_a_viscous_rigid_body_is_the_same_in_both_forms():
     assert mass.response(omega) == pytest.approx(1 / (7.6 * (1j * omega) ** 2 + 500.0 * 1j * omega), rel=1e-12)
 
 
-@pytest.mark.parametrize("name", PLANTS)
+@pytest.mark.parametrize("name", some(PLANTS, "rigid body", "one mode", "two modes", "modes that overlap"))
 def test_no_guess_is_needed(name):
     """Number of modes and all parameters are found without a start value; a noise-free response is met exactly."""
     plant = PLANTS[name]

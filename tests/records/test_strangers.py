@@ -45,6 +45,7 @@ def channels(u: str, y: str) -> list[str]:
 
 
 @pytest.mark.parametrize("extra", [[], ["--set", "estimator.highest=8"], ["--skip-time", "2.5"]])
+@pytest.mark.thorough
 def test_a_drives_motion_gives_mass_and_friction(folder: Path, extra: list[str]) -> None:
     write_drive(folder / "drive.mat", triangle_and_sines(DRIVE.rate))
     command = ["import", "drive.mat", *channels("servo_volt * 31.5 [N]", "enc_cnt * 0.5 [um]"), "--sample-rate", "1000"]

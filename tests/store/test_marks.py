@@ -112,6 +112,7 @@ def open_files():
     return len(list(folder.iterdir())) if folder.is_dir() else 0
 
 
+@pytest.mark.thorough
 def test_a_watcher_survives_hours_and_holds_no_lock(store, begin, sweep, path):
     run = begin([sweep()])
     with Store.open(str(path), read_only=True, timeout=0.1) as watcher:

@@ -45,6 +45,7 @@ def test_the_command_line_knows_every_kind() -> None:
     assert set(KINDS) == {kind.kind for kind in CLASSES}
 
 
+@pytest.mark.thorough
 def test_a_new_friction_law_goes_to_a_checked_and_plotted_result_as_printed(tmp_path: Path) -> None:
     made = shell("fraexp new friction my_law", tmp_path)
     assert made.returncode == ExitCode.OK, made.stderr

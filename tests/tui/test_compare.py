@@ -184,6 +184,7 @@ def test_the_table_has_only_what_differs(workspace: Path, keys: list[str]) -> No
     pilot_of(workspace, steps)
 
 
+@pytest.mark.thorough
 def test_the_command_draws_the_band_and_the_phase_that_are_seen(workspace: Path, keys: list[str]) -> None:
     async def steps(app: FraexpApp, pilot: Pilot[None]) -> None:
         page = await compare(app, pilot, keys)
@@ -260,6 +261,7 @@ def test_responses_in_other_units_and_without_any_are_told_and_reached(tmp_path:
     pilot_of(tmp_path, steps)
 
 
+@pytest.mark.thorough
 def test_marks_may_change_and_sweeps_may_go_while_it_is_shown(tmp_path: Path) -> None:
     keys = store_results(tmp_path, [found(resonant(GRID, at=at)) for at in (30.0, 40.0, 50.0)])
 
@@ -284,6 +286,7 @@ def test_marks_may_change_and_sweeps_may_go_while_it_is_shown(tmp_path: Path) ->
     pilot_of(tmp_path, steps)
 
 
+@pytest.mark.thorough
 def test_failed_sweeps_are_left_out_and_told(workspace: Path, keys: list[str]) -> None:
     with Store.open(str(workspace / "results.db"), read_only=True) as store:
         (failed,) = store.sweeps(2)
@@ -301,6 +304,7 @@ def test_failed_sweeps_are_left_out_and_told(workspace: Path, keys: list[str]) -
     pilot_of(workspace, alone)
 
 
+@pytest.mark.thorough
 def test_in_ascii_all_is_ascii_and_curves_carry_digits(workspace: Path, keys: list[str]) -> None:
     async def steps(app: FraexpApp, pilot: Pilot[None]) -> None:
         page = await compare(app, pilot, keys)
@@ -315,6 +319,7 @@ def test_in_ascii_all_is_ascii_and_curves_carry_digits(workspace: Path, keys: li
     pilot_of(FraexpApp(workspace, plain=True), steps)
 
 
+@pytest.mark.thorough
 def test_names_cannot_command_the_terminal(tmp_path: Path) -> None:
     keys = store_results(tmp_path, [found(resonant(GRID)), found(resonant(GRID, at=60.0))], "[bold]\x1b[31m")
 

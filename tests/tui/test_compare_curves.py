@@ -77,6 +77,7 @@ def test_what_is_hidden_or_not_listed_is_told_and_reached(tmp_path: Path) -> Non
     pilot_of(tmp_path, steps)
 
 
+@pytest.mark.thorough
 def test_a_view_that_is_asked_for_while_reading_is_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     keys = store_results(tmp_path, [found(resonant(GRID)), found(resonant(GRID, at=60.0))])
     go_on, gather = Event(), compare_module.gather
@@ -99,6 +100,7 @@ def test_a_view_that_is_asked_for_while_reading_is_shown(tmp_path: Path, monkeyp
     pilot_of(tmp_path, steps)
 
 
+@pytest.mark.thorough
 def test_beside_the_plots_the_table_has_room_for_its_values(tmp_path: Path) -> None:
     title = "what_is_of_a_long_name_that_says_little." * 2 + "gain"
     keys = store_results(tmp_path, [found(resonant(GRID, at=at)) for at in (30.0, 40.0, 50.0)], title)

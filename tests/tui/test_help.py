@@ -12,6 +12,7 @@ from tests.tui.pilots import pilot_of, shows, until
 
 
 @pytest.mark.parametrize("place", PLACES)
+@pytest.mark.thorough
 def test_help_of_a_place_tells_what_it_is_for_and_closes(workspace, place):
     async def steps(app, pilot):
         app.action_place(place)
@@ -25,6 +26,7 @@ def test_help_of_a_place_tells_what_it_is_for_and_closes(workspace, place):
     pilot_of(workspace, steps)
 
 
+@pytest.mark.thorough
 def test_help_tells_a_key_that_was_changed(workspace, tmp_path, monkeypatch):
     settings = tmp_path / "tui.toml"
     settings.write_text('[keys]\nplugins = "P"\n"plugins.filter" = "f5"\n', "utf-8")
@@ -68,6 +70,7 @@ def test_no_screen_takes_the_keys_of_the_places():
     assert taken == {"studies", "runs", "sweeps", "plugins", "quit", "palette"}
 
 
+@pytest.mark.thorough
 def test_a_question_is_answered_with_yes_alone(workspace):
     answers = []
 

@@ -76,6 +76,7 @@ def test_what_is_written_is_kept_when_the_form_is_left_and_all_can_be_restored(t
     pilot_of(tmp_path, steps)
 
 
+@pytest.mark.thorough
 def test_an_axis_of_the_grid_is_a_list(tmp_path):
     async def steps(app, pilot):
         lines = await opened(app, pilot)
@@ -121,6 +122,7 @@ def test_arrows_lead_through_the_lines_and_back_to_the_button(tmp_path):
     pilot_of(tmp_path, steps, (200, 50))
 
 
+@pytest.mark.thorough
 def test_a_database_of_another_version_does_not_keep_from_launching(tmp_path):
     (tmp_path / "results.db").write_bytes(b"")
 
@@ -223,6 +225,7 @@ def test_enter_enter_launches_and_the_run_comes_to_its_end(tmp_path):
     pilot_of(tmp_path, steps)
 
 
+@pytest.mark.thorough
 def test_what_is_pasted_over_several_lines_is_one_value(tmp_path):
     async def steps(app, pilot):
         lines = await opened(app, pilot)
@@ -234,6 +237,7 @@ def test_what_is_pasted_over_several_lines_is_one_value(tmp_path):
     pilot_of(tmp_path, steps)
 
 
+@pytest.mark.thorough
 def test_many_letters_at_once_are_checked_once_and_a_long_one_leaves_room(tmp_path, monkeypatch):
     checked = []
     monkeypatch.setattr(launch, "SOON", 1.0)  # also where a letter takes longer than between two that are typed

@@ -39,6 +39,7 @@ def test_what_stands_for_what(text, plain):
 
 
 @pytest.mark.parametrize("size", [(80, 24), pytest.param((160, 50), marks=pytest.mark.thorough)])
+@pytest.mark.thorough
 def test_every_screen_is_ascii_where_that_is_wished(workspace, keys, size):
     async def steps(app, pilot):
         app.marks.add(keys)

@@ -79,6 +79,7 @@ def test_the_list_of_sweeps_tells_no_password(workspace, monkeypatch):
 
 
 @pytest.mark.parametrize(("key", "right"), [("r", "complete"), ("w", "rows 1-5")])
+@pytest.mark.thorough
 def test_a_database_that_is_damaged_and_restored_in_its_place_is_noticed(workspace, key, right):
     file = workspace / "results.db"
     good = file.read_bytes()

@@ -103,6 +103,7 @@ def test_a_file_that_is_added_broken_and_mended_is_noticed(workspace):
     pilot_of(workspace, steps)
 
 
+@pytest.mark.thorough
 def test_a_plugin_that_breaks_is_told_on_other_screens_too(workspace):
     async def steps(app, pilot):
         drop(workspace, "raise RuntimeError('[bold]\\x1b[31m')")
@@ -111,6 +112,7 @@ def test_a_plugin_that_breaks_is_told_on_other_screens_too(workspace):
     pilot_of(workspace, steps)
 
 
+@pytest.mark.thorough
 def test_the_filter_goes_before_the_page_does(workspace):
     async def steps(app, pilot):
         await pilot.press("p")
@@ -132,6 +134,7 @@ def test_a_workspace_without_plugins_and_database_shows_what_comes_along(tmp_pat
     pilot_of(FraexpApp(tmp_path), steps, size=(160, 50))
 
 
+@pytest.mark.thorough
 def test_enter_on_what_is_no_friction_shows_all_of_its_description(workspace):
     async def steps(app, pilot):
         await pilot.press("p")
@@ -188,6 +191,7 @@ def test_the_watch_tells_what_happened_to_files(tmp_path, there):
     assert watch.changes() == {}
 
 
+@pytest.mark.thorough
 def test_the_page_of_a_broken_file_follows_the_file(workspace):
     drop(workspace, "import [nowhere\n")
 

@@ -54,6 +54,7 @@ def test_a_run_that_is_over_shows_its_sweeps_and_that_it_has_no_log(workspace, k
     pilot_of(workspace, steps)
 
 
+@pytest.mark.thorough
 def test_failures_are_told_without_commanding_the_terminal(workspace):
     async def steps(app, pilot):
         show_run(app, 2)
@@ -111,6 +112,7 @@ def test_a_run_whose_process_dies_is_shown_as_interrupted_within_seconds(workspa
     pilot_of(workspace, steps)
 
 
+@pytest.mark.thorough
 def test_a_process_that_ends_without_a_run_shows_its_last_line(workspace):
     started = Workspace.open(workspace).launch("nowhere")
 
@@ -129,6 +131,7 @@ def test_the_log_is_followed_line_by_line_and_made_harmless(tmp_path, workspace)
 
     async def steps(app, pilot):
         show_run(app, 1)
+        await until(pilot, lambda: isinstance(app.screen, RunPage))
         await shows(pilot, "complete")
         tail = app.screen.query_one(LogTail)
         tail.follow(log)
@@ -166,6 +169,7 @@ def test_progress_tells_speed_and_time_left(workspace):
     assert progress_text(run, None, 4) == "████ 100 %  4 of 4 sweeps"
 
 
+@pytest.mark.thorough
 def test_a_run_that_is_stopped_before_it_began_says_where_the_keys_lead(workspace):
     log = workspace / "run.log"
     log.touch()
@@ -194,6 +198,7 @@ def test_a_run_that_is_stopped_before_it_began_says_where_the_keys_lead(workspac
     ("done", "parts", "computed", "compiles"),
     [(0, [], 0, True), (2, [1.0, 1.0], 0, True), (0.1, [0.1], 0, False), (2, [], 1, False)],
 )
+@pytest.mark.thorough
 def test_while_nothing_ends_or_moves_it_says_that_it_compiles_and_no_time_left(
     workspace, done, parts, computed, compiles
 ):

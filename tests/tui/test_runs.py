@@ -1,6 +1,9 @@
 """The list of runs."""
 
+import pytest
+
 from fraexp.tui.run import RunPage
+from fraexp.tui.runs import RunsPage
 from tests.tui.pilots import pilot_of, screen_text, settle, shows, until
 
 
@@ -22,6 +25,7 @@ def test_runs_are_listed_newest_first_and_opened(workspace):
 def test_a_run_is_deleted_only_if_that_is_confirmed(workspace):
     async def steps(app, pilot):
         await pilot.press("r")
+        await until(pilot, lambda: isinstance(app.screen, RunsPage))
         await shows(pilot, "failing")
         await pilot.press("D")
         await shows(pilot, "Delete run 2 of failing", "with their results, tags and notes?")
@@ -35,9 +39,11 @@ def test_a_run_is_deleted_only_if_that_is_confirmed(workspace):
     pilot_of(workspace, steps)
 
 
+@pytest.mark.thorough
 def test_the_filter_narrows_the_list(workspace):
     async def steps(app, pilot):
         await pilot.press("r")
+        await until(pilot, lambda: isinstance(app.screen, RunsPage))
         await shows(pilot, "failing", "quick")
         await pilot.press("slash", *"complete", "enter")
         await until(pilot, lambda: "failing" not in screen_text(app))

@@ -2,6 +2,8 @@
 
 import shutil
 
+import pytest
+
 from fraexp.tui import studies as studies_module
 from fraexp.tui.app import FraexpApp
 from fraexp.tui.filterline import FilterLine
@@ -58,6 +60,7 @@ def test_the_filter_says_when_nothing_is_left_and_esc_takes_it_away(workspace):
     pilot_of(workspace, steps)
 
 
+@pytest.mark.thorough
 def test_a_study_that_is_added_is_noticed_and_its_file_can_be_read(workspace):
     async def steps(app, pilot):
         page = studies(app)

@@ -35,6 +35,7 @@ def test_enter_opens_the_sweep_under_the_cursor_and_esc_leaves_it(workspace):
     pilot_of(workspace, steps)
 
 
+@pytest.mark.thorough
 def test_metrics_stand_first(workspace, keys):
     async def steps(app, pilot):
         await opened(app, pilot, keys[0])
@@ -56,6 +57,7 @@ def test_all_points_are_shown_and_the_command_follows(workspace, keys):
     pilot_of(workspace, steps)
 
 
+@pytest.mark.thorough
 def test_points_fit_at_80_columns_and_all_columns_are_there_where_there_is_room(workspace, keys):
     async def steps(app, pilot):
         await opened(app, pilot, keys[0])
@@ -135,6 +137,7 @@ def test_a_sweep_that_failed_shows_its_message_and_log(workspace):
     pilot_of(workspace, steps)
 
 
+@pytest.mark.thorough
 def test_brackets_lead_through_the_sections_that_have_something(workspace):
     async def steps(app, pilot):
         await opened(app, pilot, failed(workspace))
@@ -176,6 +179,7 @@ def test_it_is_marked_tagged_and_annotated_here_too(workspace, keys):
     pilot_of(workspace, steps)
 
 
+@pytest.mark.thorough
 def test_c_compares_it_with_the_marked_ones(workspace, keys):
     async def steps(app, pilot):
         app.marks.add([keys[0]])
@@ -187,6 +191,7 @@ def test_c_compares_it_with_the_marked_ones(workspace, keys):
     pilot_of(workspace, steps)
 
 
+@pytest.mark.thorough
 def test_a_sweep_that_is_deleted_meanwhile_is_told_of(workspace, keys):
     async def steps(app, pilot):
         await opened(app, pilot, keys[0])
@@ -197,6 +202,7 @@ def test_a_sweep_that_is_deleted_meanwhile_is_told_of(workspace, keys):
     pilot_of(workspace, steps)
 
 
+@pytest.mark.thorough
 def test_deleting_it_here_leads_back(workspace, keys):
     async def steps(app, pilot):
         await opened(app, pilot, keys[0])

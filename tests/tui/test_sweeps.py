@@ -214,6 +214,7 @@ def test_marks_are_told_without_unicode(workspace):
     pilot_of(FraexpApp(workspace, plain=True), steps)
 
 
+@pytest.mark.thorough
 def test_marked_sweeps_are_tagged_and_untagged(workspace):
     async def steps(app, pilot):
         table = await opened(app, pilot)
@@ -237,6 +238,7 @@ def test_marked_sweeps_are_tagged_and_untagged(workspace):
     pilot_of(workspace, steps, size=(110, 24))
 
 
+@pytest.mark.thorough
 def test_a_note_is_written_and_taken_away(workspace):
     async def steps(app, pilot):
         table = await opened(app, pilot)
@@ -282,6 +284,7 @@ def test_without_a_database_it_says_how_to_make_one(tmp_path):
     pilot_of(tmp_path, steps)
 
 
+@pytest.mark.thorough
 def test_a_database_that_goes_and_comes_back_is_told_of_and_shown_again(workspace):
     file = workspace / "results.db"
 
@@ -310,6 +313,7 @@ def test_new_sweeps_appear_and_the_cursor_keeps_its_own(workspace):
 
 
 @pytest.mark.parametrize("size", [(80, 24), (200, 50), (40, 10)])
+@pytest.mark.thorough
 def test_it_reads_at_every_size(workspace, size):
     async def steps(app, pilot):
         table = await opened(app, pilot)

@@ -176,6 +176,7 @@ def test_what_is_wrong_is_told_by_its_field_and_the_curves_stay(workspace):
     pilot_of(workspace, steps)
 
 
+@pytest.mark.thorough
 def test_the_describing_function_stands_below_and_f6_shows_its_phase_where_room_is_short(workspace):
     async def steps(app, pilot):
         await opened(pilot, "rolling")
@@ -190,6 +191,7 @@ def test_the_describing_function_stands_below_and_f6_shows_its_phase_where_room_
     pilot_of(workspace, steps)
 
 
+@pytest.mark.thorough
 def test_a_law_that_is_edited_while_it_is_tried_is_tried_anew(workspace):
     drop(workspace, LAW.format(stiffness=2e4))
 
@@ -253,6 +255,7 @@ def test_keys_do_not_wait_for_a_slow_law(workspace, monkeypatch):
 @pytest.mark.parametrize(
     "height", [18, 25, *(pytest.param(rows, marks=pytest.mark.thorough) for rows in range(19, 25))]
 )
+@pytest.mark.thorough
 def test_every_tick_has_a_row_of_its_own_and_zero_is_among_them(workspace, height):
     async def steps(app, pilot):
         await opened(pilot, "dahl")
