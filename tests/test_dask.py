@@ -359,8 +359,9 @@ def test_ctrl_c_leaves_the_cluster_clean(doomed, tmp_path):
 
 
 @pytest.mark.parametrize("nanny", ["--no-nanny", "--nanny"])
-def test_a_job_beyond_its_time_ends_its_worker(doomed, tmp_path, nanny):
+def test_a_job_beyond_its_time_ends_its_worker(doomed, tmp_path, monkeypatch, nanny):
     workspace(tmp_path)
+    monkeypatch.chdir(tmp_path)  # where the plugin notes that it has begun
     with make("serial", 1) as workers:  # which compiles the law
         workers.submit(0, job(tmp_path)).result(HANG_TIMEOUT_S)
     doomed.start_worker("slow", nanny)
