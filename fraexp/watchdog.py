@@ -12,7 +12,10 @@ from pathlib import Path
 LAW_TIME_LIMIT_S = 10.0
 """Time that a friction law has for all of its first trial in plain Python, which takes milliseconds."""
 TICKS = 20
-"""Parts of a limit: a process that was stopped meanwhile, as by Ctrl-Z, has lost one of them and not all."""
+"""Looks at the clock within a limit."""
+MOST_AT_ONCE_S = 4.0
+"""Time that counts between two looks, at most: a process that was stopped meanwhile, as by Ctrl-Z, has not lost all.
+A call into C that lets no other thread run may take longer than a look."""
 
 DUMPED = re.compile(r'\s*File "(.*)", line (\d+) in ')
 """A line of what the interpreter writes of its threads before it ends itself."""
@@ -53,12 +56,12 @@ class _Watch:
             _raise_in(self._watched, None)
 
     def _run(self) -> None:
-        left = self._tick * TICKS
+        left, clock = self._tick * TICKS, time.process_time if self._of_processor else time.monotonic
         while left > 0:
-            before = time.process_time()
+            before = clock()
             if self._over.wait(self._tick):
                 return
-            left -= min(time.process_time() - before, self._tick) if self._of_processor else self._tick
+            left -= min(clock() - before, MOST_AT_ONCE_S)
         with self._lock:
             if not self._over.is_set():
                 self._raised = True

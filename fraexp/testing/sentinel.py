@@ -39,16 +39,20 @@ class Sentinel:
         self._since = (0.0, 0.0)
 
     def start(self) -> None:
-        """Look from now on."""
+        """Look from now on, also if no other thread gets to run before the first look."""
+        self._let_interpreter_watch()
         threading.Thread(target=self._watch, daemon=True).start()
 
     def _watch(self) -> None:
         over = threading.Event()
         while not over.wait(TICK_S):
-            faulthandler.dump_traceback_later(FROZEN_LIMIT_S, exit=True, file=self._dump)
+            self._let_interpreter_watch()
             if os.getppid() != self._parent:  # nobody listens any more
                 os._exit(1)
             self._look(sys._current_frames()[self._main])
+
+    def _let_interpreter_watch(self) -> None:
+        faulthandler.dump_traceback_later(FROZEN_LIMIT_S, exit=True, file=self._dump)
 
     def _look(self, frame: FrameType) -> None:
         compiling = outermost(frame, COMPILER)
