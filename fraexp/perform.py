@@ -13,6 +13,7 @@ from fraexp.components import Controller, Estimator, Excitation, FrictionModel, 
 from fraexp.errors import FraexpError, PluginError
 from fraexp.experiments import Compensation
 from fraexp.kernels.announcement import announced
+from fraexp.kernels.law_error import LawError
 from fraexp.plugins import Registry, create, discover
 from fraexp.results import Result, Timing
 from fraexp.signals import Signals
@@ -160,7 +161,7 @@ def failure(error: BaseException) -> Failure:
     """Return what an error is to people: its sentence, with the place if it is none of ours."""
     log = "".join(traceback.format_exception(error))
     text = str(error).splitlines()[0] if str(error) else ""
-    if isinstance(error, FraexpError):
+    if isinstance(error, FraexpError | LawError):
         return Failure(text, log)
     frames = traceback.extract_tb(error.__traceback__)
     place = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else ""

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numba.extending import register_jitable
 
+from fraexp.kernels.law_error import LawError
 from fraexp.watchdog import OverdueError, time_limit
 
 Law = Callable[..., float]
@@ -54,10 +55,6 @@ def _used(law: Law) -> list[object]:
     return named + [cell.cell_contents for cell in law.__closure__ or ()]
 
 
-class LawError(Exception):
-    """A law is not written in the part of Python that can be compiled."""
-
-
 @contextlib.contextmanager
 def explained(*laws: Law) -> Iterator[None]:
     """Turn what goes wrong while laws are compiled into a LawError of one line, with the place in the law."""
@@ -71,13 +68,13 @@ def explained(*laws: Law) -> Iterator[None]:
     except Exception as error:  # the compiler raises what it likes
         lines = [line.strip() for line in str(error).splitlines() if line.strip()] or [type(error).__name__]
         said = [line for line in lines if line.startswith(TELLING)] or lines[-1:]
-        raise LawError(f"{names} ({_place(str(error), laws)}) cannot be compiled: {said[0]}") from None
+        raise LawError(f"{names} ({_place(str(error), laws)}) cannot be compiled: {said[-1]}") from None
 
 
 def _place(message: str, laws: Sequence[Law]) -> str:
     """Return file and line of a law: the last that the compiler's message names there, or where the law begins."""
     files = {Path(inspect.getfile(law)).name for top in laws for law in (top, *helpers(top))}
-    named = [(Path(found[1]).name, found[2]) for found in NAMED_PLACE.finditer(message)]
+    named = [(Path(found[1] or found[2]).name, found[3]) for found in NAMED_PLACE.finditer(message)]
     inside = [place for place in named if place[0] in files]
     file, line = inside[-1] if inside else (Path(inspect.getfile(laws[0])).name, laws[0].__code__.co_firstlineno)
     return f"{file}, line {line}"
@@ -85,8 +82,8 @@ def _place(message: str, laws: Sequence[Law]) -> str:
 
 COMPILE_LIMIT_S = 20.0
 """Processor time that one kernel may take to be compiled [s]: four times what the longest built-in law takes."""
-NAMED_PLACE = re.compile(r'File "([^"]+)", line (\d+)')
-"""How the compiler names a place."""
+NAMED_PLACE = re.compile(r'(?:File "([^"]+)", line |Raised from (.+) \()(\d+)')
+"""The two ways in which the compiler names a place."""
 TELLING = (
     "NameError",
     "Cannot",

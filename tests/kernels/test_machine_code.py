@@ -131,6 +131,21 @@ def test_without_a_folder_to_write_each_process_compiles(bench: Bench) -> None:
     assert bench.use() == ("[0.0, 2.0, 4.0]", 2)
 
 
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [("dy = f'{dy:03d}'", "format spec in f-strings not supported"), ("dy.wrong()", "Unknown attribute 'wrong'")],
+)
+def test_a_law_that_cannot_be_compiled_is_named_with_its_file_and_line(bench: Bench, line: str, said: str) -> None:
+    bench.write(line=f"if dy > 1e300:\n            {line}")
+    process = bench.start()
+    _, error = process.communicate()
+    last = error.splitlines()[-1]
+    number = 1 + next(
+        at for at, text in enumerate((bench.plugins / "spring.py").read_text().splitlines()) if line in text
+    )
+    assert f"Spring.advance (spring.py, line {number}) cannot be compiled: {said}" in last
+
+
 def test_what_a_law_raises_in_compiled_code_is_raised(tmp_path: Path) -> None:
     bench = Bench(tmp_path)
     bench.write(line='if dy > 1e9:\n            raise ValueError("too far")')
