@@ -31,9 +31,6 @@ run: $(STAMP)
 
 # What a change must pass, in minutes; and the whole suite, of which that is a part, the kernel's ratios to C with room
 # for a machine that has other work to do.
-# Each process that a test starts would compile all sources again.
-test test-all coverage endurance: export PYTHONDONTWRITEBYTECODE =
-
 test: check
 	@$(BIN)/python -m pytest -n auto --dist worksteal $(ARGS)
 
