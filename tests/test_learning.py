@@ -116,6 +116,7 @@ def test_long_runs_tell_how_work_is_stored_and_divided() -> None:
     assert divided == pytest.approx(1.2, rel=0.01)
 
 
+@pytest.mark.thorough
 def test_a_plan_uses_what_earlier_runs_have_taught(tmp_path: Path) -> None:
     arguments = ["excitation.points=40", "grid.excitation.amplitude=[10.0, 20.0, 30.0]"]
 

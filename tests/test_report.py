@@ -227,6 +227,7 @@ def test_stored_runs_make_the_same_report_again(folder: Path, capsys: pytest.Cap
     assert not list(folder.glob(".*"))
 
 
+@pytest.mark.thorough
 def test_an_older_run_leaves_the_figures_of_the_newest(folder: Path) -> None:
     assert main(["run", "loops/a", "--set", "friction.stiffness=[3e5]"]) == 0
     assert main(["run", "loops/a"]) == 0
@@ -238,6 +239,7 @@ def test_an_older_run_leaves_the_figures_of_the_newest(folder: Path) -> None:
     assert len(page(folder / "old.html").sources) == 1
 
 
+@pytest.mark.thorough
 def test_a_report_does_without_the_study_and_without_a_figure(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert main(["run", "loops"]) == 0
     shutil.rmtree(folder / "studies")

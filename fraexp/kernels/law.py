@@ -17,18 +17,25 @@ from fraexp.watchdog import OverdueError, time_limit
 Law = Callable[..., float]
 
 
-@cache
 def compilable(law: Law) -> Law:
-    """Return the law, made known to the compiler with the plain functions it calls; it stays plain Python itself."""
+    """Return the law, made known to the compiler with the functions it calls; it stays plain Python itself."""
     for helper in helpers(law):
-        compilable(helper)
-    made: Law = register_jitable(law)
+        _made_known(helper)
+    return _made_known(law)
+
+
+@cache
+def _made_known(function: Law) -> Law:
+    made: Law = register_jitable(function)
     return made
 
 
 def helpers(law: Law) -> list[Law]:
-    """Return the plain Python functions that a law calls."""
-    return [value for value in _used(law) if inspect.isfunction(value)]
+    """Return the Python functions that a law calls, directly or through others, each once."""
+    found = [law]
+    for function in found:  # which grows meanwhile
+        found += [value for value in _used(function) if inspect.isfunction(value) and value not in found]
+    return found[1:]
 
 
 def fingerprint(law: Law) -> str:
@@ -36,23 +43,27 @@ def fingerprint(law: Law) -> str:
 
     It is part of a kernel's identity: an edited law is compiled again.
     """
-    path = Path(inspect.getfile(law))
-    digest = hashlib.blake2b(law.__qualname__.encode(), digest_size=16)
-    digest.update(path.read_bytes() if path.is_file() else law.__code__.co_code)
-    for value in _used(law):
-        if inspect.isfunction(value):
-            digest.update(fingerprint(value).encode())
-        elif isinstance(value, np.ndarray):
-            digest.update(value.tobytes())
-        elif isinstance(value, int | float | tuple):
-            digest.update(repr(value).encode())
+    digest = hashlib.blake2b(digest_size=16)
+    for function in (law, *helpers(law)):
+        path = Path(inspect.getfile(function))
+        digest.update(function.__qualname__.encode())
+        digest.update(path.read_bytes() if path.is_file() else function.__code__.co_code)
+        for value in _used(function):
+            if isinstance(value, np.ndarray):
+                digest.update(value.tobytes())
+            elif isinstance(value, int | float | tuple):
+                digest.update(repr(value).encode())
     return digest.hexdigest()
 
 
 def _used(law: Law) -> list[object]:
-    """Return what a law uses beside its arguments: of its module, and what it closes over."""
+    """Return what a law uses beside its arguments: of its module, and what it closes over.
+
+    Of a function that has been given to the compiler already it is the Python function.
+    """
     named = [law.__globals__[name] for name in law.__code__.co_names if name in law.__globals__]
-    return named + [cell.cell_contents for cell in law.__closure__ or ()]
+    used = named + [cell.cell_contents for cell in law.__closure__ or ()]
+    return [getattr(value, "py_func", value) for value in used]
 
 
 @contextlib.contextmanager

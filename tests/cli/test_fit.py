@@ -70,6 +70,7 @@ def test_a_stored_response_is_fitted_shown_and_exported(
     assert json.loads(Path("fit.json").read_text())["models"]["plant"]["dead_time"] == pytest.approx(0, abs=1e-5)
 
 
+@pytest.mark.thorough
 def test_a_fit_is_a_sweep_that_is_reused_and_fitted_anew_with_other_settings(
     computed: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -10,6 +10,7 @@ import pytest
 
 from fraexp.cli.exits import ExitCode
 from fraexp.store import Store
+from tests.examples import thorough
 from tests.waiting import HANG_TIMEOUT_S, wait_until
 
 SLOW = {"lowest": 1e-3, "points": 3, "tolerance": 1e-15, "settle_limit": 10_000}
@@ -62,9 +63,9 @@ def is_gone(group: int) -> bool:
 @pytest.mark.parametrize(
     ("executor", "number"),
     [
-        ("processes", signal.SIGINT),
+        thorough("processes", signal.SIGINT),
         ("serial", signal.SIGTERM),
-        *(pytest.param(*pair, marks=pytest.mark.thorough) for pair in OTHER_SIGNALS),
+        *(thorough(*pair) for pair in OTHER_SIGNALS),
     ],
 )
 def test_a_run_that_is_asked_to_end_does_so_at_once(executor, number, tmp_path):

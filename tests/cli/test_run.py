@@ -182,6 +182,7 @@ def test_a_figure_that_cannot_be_written_is_a_note_and_the_table_is_there(
     assert notes[0].startswith("run 1 has no figure: figures/methods.png: the figure cannot be written: ")
 
 
+@pytest.mark.thorough
 def test_several_studies_head_their_tables_and_a_rerun_is_told_to_the_old_run(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

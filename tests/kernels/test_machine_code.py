@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.examples import thorough
+
 USE = """
 import sys, time
 from pathlib import Path
@@ -102,6 +104,7 @@ def test_processes_that_start_together_compile_once(bench: Bench) -> None:
     assert sum(compiled for _, compiled in found) == 2
 
 
+@pytest.mark.thorough
 def test_laws_of_one_name_that_two_processes_have_compiled_stay_two(bench: Bench, tmp_path: Path) -> None:
     (tmp_path / "other").mkdir()
     other = Bench(tmp_path / "other")
@@ -117,7 +120,7 @@ def test_laws_of_one_name_that_two_processes_have_compiled_stay_two(bench: Bench
     assert done.stdout.splitlines() == ["[0.0, 2.0, 4.0] 0", "[0.0, 10.0, 20.0] 0", "[0.0, 2.0, 4.0]"]
 
 
-@pytest.mark.parametrize("damage", [b"", b"nonsense"])
+@pytest.mark.parametrize("damage", [b"", thorough(b"nonsense")])
 def test_a_damaged_kernel_is_compiled_again(bench: Bench, damage: bytes) -> None:
     bench.use()
     for path in bench.kernels():
@@ -126,6 +129,7 @@ def test_a_damaged_kernel_is_compiled_again(bench: Bench, damage: bytes) -> None
     assert bench.use() == ("[0.0, 2.0, 4.0]", 0)
 
 
+@pytest.mark.thorough
 def test_without_a_folder_to_write_each_process_compiles(bench: Bench) -> None:
     bench.cache.write_text("not a folder", encoding="utf-8")
     assert bench.use() == ("[0.0, 2.0, 4.0]", 2)

@@ -13,6 +13,7 @@ from fraexp.plugins import discover
 from fraexp.testing import findings
 from fraexp.testing.report import Verdict
 from fraexp.views.trial import Sine, Trial
+from tests.examples import thorough
 
 LAW = '''"""A law."""
 import itertools
@@ -82,7 +83,7 @@ def test_no_further_check_is_made_of_a_law_that_does_not_return(tmp_path: Path, 
     assert {found.verdict for found in others} == {Verdict.NOT_RUN}
 
 
-@pytest.mark.parametrize("line", [FOREVER, *IN_C, "os.abort()"])
+@pytest.mark.parametrize("line", [FOREVER, *map(thorough, IN_C), "os.abort()"])
 def test_check_ends_in_one_line(line: str, tmp_path: Path) -> None:
     done = fraexp(dropped(tmp_path, line), "check", "mine", "--quick")
     assert done.returncode == ExitCode.INCOMPLETE
@@ -106,7 +107,7 @@ def test_a_run_ends_in_one_line(tmp_path: Path) -> None:
     assert f"the law of mine (mine.py, line {LINE}) has not returned" in done.stderr + done.stdout
 
 
-@pytest.mark.parametrize("line", [FOREVER, *IN_C])
+@pytest.mark.parametrize("line", [FOREVER, *map(thorough, IN_C)])
 def test_a_trial_by_hand_ends_in_one_line(line: str, tmp_path: Path) -> None:
     with pytest.raises(PluginError, match=rf"the law of mine \(mine.py, line {LINE}\) has not returned") as raised:
         Trial({"name": "mine"}, Sine(), discover(dropped(tmp_path, line) / "plugins")).loop()

@@ -44,6 +44,7 @@ def test_nothing_is_found_in_a_component_without_defect(component: type[Componen
     assert [finding.reason for finding in quick_findings(component) if finding.verdict is not Verdict.PASSED] == []
 
 
+@pytest.mark.thorough  # in make test the whole check of each is enough
 @pytest.mark.parametrize("supply", discover().supplies.values(), ids=lambda supply: f"{supply.component.name}")
 def test_nothing_is_found_in_what_is_built_in(supply) -> None:
     assert [str(finding) for finding in quick_findings(supply.component) if finding.wrong] == []

@@ -32,6 +32,7 @@ async def compare(app: FraexpApp, pilot: Pilot[None], keys: list[str]) -> Compar
     return app.screen
 
 
+@pytest.mark.thorough
 def test_without_marks_it_says_how_to_mark(workspace: Path) -> None:
     async def steps(app: FraexpApp, pilot: Pilot[None]) -> None:
         await pilot.press("c")
@@ -103,6 +104,7 @@ def test_every_view_has_a_kind_of_figure_and_its_command_draws_it(
     }
 
 
+@pytest.mark.thorough
 def test_digits_hide_curves_and_the_command_names_what_is_seen(workspace: Path, keys: list[str]) -> None:
     async def steps(app: FraexpApp, pilot: Pilot[None]) -> None:
         page = await compare(app, pilot, keys)
@@ -168,6 +170,7 @@ def test_the_cursor_tells_the_numbers_of_the_database(workspace: Path, keys: lis
     pilot_of(workspace, steps)
 
 
+@pytest.mark.thorough
 def test_the_table_has_only_what_differs(workspace: Path, keys: list[str]) -> None:
     async def steps(app: FraexpApp, pilot: Pilot[None]) -> None:
         await compare(app, pilot, keys[:3:2])  # one estimator, two amplitudes
@@ -203,6 +206,7 @@ def test_the_command_draws_the_band_and_the_phase_that_are_seen(workspace: Path,
     pilot_of(workspace, steps)
 
 
+@pytest.mark.thorough
 def test_export_asks_for_a_name_and_draws_what_is_seen(
     workspace: Path, keys: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -235,6 +239,7 @@ def test_export_asks_for_a_name_and_draws_what_is_seen(
     pilot_of(workspace, steps)
 
 
+@pytest.mark.thorough
 def test_responses_in_other_units_and_without_any_are_told_and_reached(tmp_path: Path) -> None:
     keys = store_results(tmp_path, [
         found(resonant(GRID)), found(resonant(GRID, "rad/N")), Result(Outcome.OK, curves=(loop(1e-5),)),

@@ -59,6 +59,7 @@ def test_kinds_of_curves_are_shown_one_after_another(tmp_path: Path) -> None:
     pilot_of(tmp_path, steps)
 
 
+@pytest.mark.thorough
 def test_what_is_hidden_or_not_listed_is_told_and_reached(tmp_path: Path) -> None:
     keys = store_results(tmp_path, [found(resonant(GRID, at=at)) for at in np.linspace(30, 60, 13)])
 

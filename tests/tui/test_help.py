@@ -43,6 +43,7 @@ def test_help_tells_a_key_that_was_changed(workspace, tmp_path, monkeypatch):
     pilot_of(workspace, steps, size=(160, 50))
 
 
+@pytest.mark.thorough
 def test_f1_helps_where_letters_are_typed(workspace):
     async def steps(app, pilot):
         await app.push_screen(TrialPage("dahl"))

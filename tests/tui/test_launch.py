@@ -58,6 +58,7 @@ def test_what_is_typed_is_checked_at_once_and_the_plan_follows(tmp_path):
     pilot_of(tmp_path, steps)
 
 
+@pytest.mark.thorough
 def test_what_is_written_is_kept_when_the_form_is_left_and_all_can_be_restored(tmp_path):
     async def steps(app, pilot):
         lines = await opened(app, pilot)
@@ -91,6 +92,7 @@ def test_an_axis_of_the_grid_is_a_list(tmp_path):
     pilot_of(tmp_path, steps)
 
 
+@pytest.mark.thorough
 def test_another_component_brings_its_parameters_and_what_it_lacks_is_told_at_its_line(tmp_path):
     async def steps(app, pilot):
         lines = await opened(app, pilot)
@@ -110,6 +112,7 @@ def test_another_component_brings_its_parameters_and_what_it_lacks_is_told_at_it
     pilot_of(tmp_path, steps)
 
 
+@pytest.mark.thorough
 def test_arrows_lead_through_the_lines_and_back_to_the_button(tmp_path):
     async def steps(app, pilot):
         lines = await opened(app, pilot)
@@ -197,6 +200,7 @@ def test_a_run_outlives_the_ui_that_is_killed(tmp_path):
     assert "4 to compute" in log
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("pause", [0.0, *(pytest.param(of, marks=pytest.mark.thorough) for of in (0.05, 0.5))])
 def test_keys_that_follow_the_launch_at_once_neither_stop_it_nor_are_lost(tmp_path, pause):
     async def steps(app, pilot):
@@ -276,6 +280,7 @@ def test_what_is_typed_before_the_form_is_there_is_written_in_it(tmp_path, monke
     pilot_of(tmp_path, steps)
 
 
+@pytest.mark.thorough
 def test_keys_do_not_wait_for_ever_for_what_is_slow(tmp_path, monkeypatch):
     async def never(page, changed):
         await asyncio.sleep(3600.0)

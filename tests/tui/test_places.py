@@ -16,6 +16,7 @@ from tests.tui.pilots import pilot_of, screen_text, shows, until
 SECRET = "postgresql://somebody:hunter2@host/lab"
 
 
+@pytest.mark.thorough
 def test_a_places_key_leads_to_its_list_from_within_and_from_elsewhere(workspace):
     async def steps(app, pilot):
         await pilot.press("w")

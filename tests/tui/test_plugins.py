@@ -81,6 +81,7 @@ def test_a_broken_plugin_stands_first_with_its_reason(workspace):
     pilot_of(workspace, steps)
 
 
+@pytest.mark.thorough
 def test_a_file_that_is_added_broken_and_mended_is_noticed(workspace):
     async def steps(app, pilot):
         await pilot.press("p")

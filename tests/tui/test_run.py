@@ -41,6 +41,7 @@ async def begun(app, pilot) -> None:
     await shows(pilot, "running")
 
 
+@pytest.mark.thorough
 def test_a_run_that_is_over_shows_its_sweeps_and_that_it_has_no_log(workspace, keys):
     async def steps(app, pilot):
         show_run(app, 1)

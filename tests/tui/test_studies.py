@@ -48,6 +48,7 @@ def test_states_come_one_by_one_and_the_preview_tells_what_a_study_asks(workspac
     pilot_of(workspace, steps, (120, 40))
 
 
+@pytest.mark.thorough
 def test_the_filter_says_when_nothing_is_left_and_esc_takes_it_away(workspace):
     async def steps(app, pilot):
         page = studies(app)

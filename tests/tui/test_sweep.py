@@ -44,6 +44,7 @@ def test_metrics_stand_first(workspace, keys):
     pilot_of(workspace, steps)
 
 
+@pytest.mark.thorough
 def test_all_points_are_shown_and_the_command_follows(workspace, keys):
     async def steps(app, pilot):
         await opened(app, pilot, keys[0])
@@ -69,6 +70,7 @@ def test_points_fit_at_80_columns_and_all_columns_are_there_where_there_is_room(
     pilot_of(workspace, steps)
 
 
+@pytest.mark.thorough
 def test_parameters_have_units_origins_and_meanings(workspace, keys):
     async def steps(app, pilot):
         await opened(app, pilot, keys[0])
@@ -101,6 +103,7 @@ def test_it_is_told_where_values_are_from(workspace, keys, registry, path, origi
     assert rows[path].origin == origin
 
 
+@pytest.mark.thorough
 def test_provenance_tells_run_command_and_plugins_that_have_changed(workspace, keys):
     async def steps(app, pilot):
         await opened(app, pilot, keys[0])
@@ -161,6 +164,7 @@ def test_of_digits_typed_at_once_the_last_one_counts(workspace, keys):
     pilot_of(workspace, steps)
 
 
+@pytest.mark.thorough
 def test_it_is_marked_tagged_and_annotated_here_too(workspace, keys):
     async def steps(app, pilot):
         await opened(app, pilot, keys[1])

@@ -13,7 +13,7 @@ from fraexp.store import Store
 from fraexp.tui import table as table_module
 from fraexp.tui.app import FraexpApp
 from fraexp.tui.table import SweepTable
-from tests.tui.pilots import pilot_of, screen_text, shows, until
+from tests.tui.pilots import pilot_of, screen_text, settle, shows, until
 
 
 async def opened(app, pilot) -> SweepTable:
@@ -60,6 +60,7 @@ def test_a_filter_is_tried_while_it_is_written(workspace):
     pilot_of(workspace, steps)
 
 
+@pytest.mark.thorough
 def test_a_command_with_a_term_that_excludes_can_be_typed(workspace, capsys):
     async def steps(app, pilot):
         table = await opened(app, pilot)
@@ -109,6 +110,7 @@ def test_what_is_wrong_with_a_filter_is_told_below_it_and_the_rows_stay(workspac
     pilot_of(workspace, steps)
 
 
+@pytest.mark.thorough
 def test_names_of_fields_and_tags_are_completed(workspace, keys):
     with Store.open(str(workspace / "results.db")) as store:
         store.tag(keys[:2], "baseline")
@@ -128,6 +130,7 @@ def test_names_of_fields_and_tags_are_completed(workspace, keys):
     pilot_of(workspace, steps)
 
 
+@pytest.mark.thorough
 def test_nothing_that_matches_says_what_to_do(workspace):
     async def steps(app, pilot):
         await opened(app, pilot)
@@ -141,6 +144,7 @@ def test_nothing_that_matches_says_what_to_do(workspace):
     pilot_of(workspace, steps)
 
 
+@pytest.mark.thorough
 def test_rows_are_sorted_by_a_field_that_is_asked_for_and_turned(workspace):
     async def steps(app, pilot):
         table = await opened(app, pilot)
@@ -163,6 +167,7 @@ def test_rows_are_sorted_by_a_field_that_is_asked_for_and_turned(workspace):
     pilot_of(workspace, steps, size=(110, 24))
 
 
+@pytest.mark.thorough
 def test_a_click_on_a_title_sorts_and_again_turns(workspace):
     async def steps(app, pilot):
         table = await opened(app, pilot)
@@ -182,6 +187,7 @@ def test_sweeps_are_marked_one_by_one_and_all_that_match(workspace, monkeypatch)
     async def steps(app, pilot):
         table = await opened(app, pilot)
         await pilot.press("space", "space", "up", "space")
+        await settle(pilot)
         await shows(pilot, "1 marked")
         assert list(app.marks) == [table.keys[0]]
         assert "✓" in screen_text(app)
@@ -204,6 +210,7 @@ def test_sweeps_are_marked_one_by_one_and_all_that_match(workspace, monkeypatch)
     pilot_of(workspace, steps)
 
 
+@pytest.mark.thorough
 def test_marks_are_told_without_unicode(workspace):
     async def steps(app, pilot):
         await opened(app, pilot)

@@ -102,6 +102,7 @@ def test_pages_and_ends_are_reached_by_keys():
     drive(25, steps)
 
 
+@pytest.mark.thorough
 def test_a_key_that_is_held_skips_nothing_while_pages_are_read():
     async def steps(table, pilot):
         await pilot.press(*["down"] * 37)

@@ -208,6 +208,7 @@ def test_a_law_that_is_edited_while_it_is_tried_is_tried_anew(workspace):
     pilot_of(workspace, steps)
 
 
+@pytest.mark.thorough
 def test_the_command_at_the_top_can_be_run(workspace):
     found = []
 
@@ -225,6 +226,7 @@ def test_the_command_at_the_top_can_be_run(workspace):
     assert study.sweeps[0].experiment["excitation"]["amplitude"] == 1e-4
 
 
+@pytest.mark.thorough
 def test_keys_do_not_wait_for_a_slow_law(workspace, monkeypatch):
     drop(workspace, LAW.format(stiffness=2e4))
     tried, go_on, walked = threading.Event(), threading.Event(), Trial._walked
