@@ -23,6 +23,7 @@ MAKE_RUN = "fraexp run paper/fig12"
 
 REDUCED = {
     "fraexp run paper": "fraexp run paper --dry-run",
+    "fraexp run methods/comparison": "fraexp run methods/comparison --dry-run",
     "fraexp run amplitudes": "fraexp run amplitudes --set excitation.points=4 --executor serial",
     "fraexp run loop": "fraexp run loop --set excitation.points=4",
     "fraexp run quick --json": "fraexp run quick --json --set excitation.points=4 --executor serial",

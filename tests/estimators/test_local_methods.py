@@ -17,6 +17,7 @@ from fraexp.errors import ParameterError, RecordError
 from fraexp.results import FrequencyResponse
 from fraexp.signals import Segment, Signals
 from fraexp.simulation import Loop, Machine, Numerics, simulate_loop
+from tests.examples import thorough
 from tests.machines import FRICTIONLESS, LEAD, TABLE
 
 RATE = 2000.0
@@ -143,7 +144,7 @@ def covered(method: type, count: int, noise: float, records: int = 1) -> tuple[n
     return np.mean(held, axis=0), np.array(ratios)
 
 
-@pytest.mark.parametrize("noise", [30e-9, 1e-6])
+@pytest.mark.parametrize("noise", [30e-9, thorough(1e-6)])
 @pytest.mark.parametrize("method", METHODS)
 def test_circles_hold_what_they_promise_in_closed_loop_from_rest(method: type, noise: float) -> None:
     """400 experiments of ten lines: 95 % within 2 %, a single line within four of its deviations."""

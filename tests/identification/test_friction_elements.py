@@ -50,7 +50,7 @@ def test_with_noise_the_coulomb_force_is_found_and_held_out_cycles_are_met_to_th
 
 @pytest.mark.parametrize(
     "start",
-    [None, elements((1e5, 1e5, 1e5), (1.0, 5.0, 9.0)), elements((5e5, 2e5, 1e5), (1.0, 2.0, 3.0))],
+    [thorough(None), elements((1e5, 1e5, 1e5), (1.0, 5.0, 9.0)), elements((5e5, 2e5, 1e5), (1.0, 2.0, 3.0))],
     ids=["least squares", "alike", "narrow"],
 )
 def test_back_propagation_finds_thresholds_from_any_of_these_starts(start):

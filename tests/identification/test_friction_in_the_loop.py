@@ -138,6 +138,7 @@ def test_standstill_that_the_scale_does_not_resolve_is_remarked_on():
     assert "so its parameters mean little: standstill that the scale does not resolve" in message
 
 
+@pytest.mark.thorough
 def test_a_measured_acceleration_takes_the_place_of_differences(triangle):
     segment = triangle.segments[0]
     y = segment.channels["displacement"].ravel()

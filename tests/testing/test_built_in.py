@@ -14,13 +14,16 @@ from tests.examples import thorough
 
 COSTLY = {("friction", "elsewhere"), ("friction", "observer"), ("friction", "energy"), ("excitation", "refuses")}
 """Kinds, and checks of theirs that take seconds: in make test, the seeded defects are enough for them."""
+ALIKE = {"composite", "elastoplastic", "gms", "rolling_force_slider"}
+"""Friction laws that are made like others: in make test, those are enough."""
 
 
 def pairs() -> Iterator[Any]:
     """Yield each component with each of its checks."""
     for component in (supply.component for supply in discover().supplies.values()):
         for check in checks_for(component):
-            yield thorough(component, check) if (component.kind, check.name) in COSTLY else (component, check)
+            is_costly = (component.kind, check.name) in COSTLY or component.name in ALIKE
+            yield thorough(component, check) if is_costly else (component, check)
 
 
 @pytest.mark.parametrize(

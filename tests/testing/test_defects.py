@@ -6,6 +6,7 @@ from fraexp.components import Component
 from fraexp.errors import PluginError
 from fraexp.testing import Verdict, checks_for, run_checks
 from fraexp.testing.catalogue import FRICTION
+from tests.examples import thorough
 from tests.testing import defects, other_defects
 
 
@@ -36,7 +37,9 @@ def test_the_observer_check_catches_what_depends_on_the_step() -> None:
     assert finding.verdict is Verdict.FAILED
 
 
-@pytest.mark.parametrize("component", [defects.Element, *other_defects.SOUND], ids=lambda component: component.name)
+@pytest.mark.parametrize(
+    "component", [thorough(defects.Element), *other_defects.SOUND], ids=lambda component: component.name
+)
 def test_a_component_without_defect_passes(component: type[Component]) -> None:
     report = run_checks(component)
     assert [finding.reason for finding in report.findings if finding.verdict is not Verdict.PASSED] == []

@@ -83,7 +83,7 @@ def test_no_further_check_is_made_of_a_law_that_does_not_return(tmp_path: Path, 
     assert {found.verdict for found in others} == {Verdict.NOT_RUN}
 
 
-@pytest.mark.parametrize("line", [FOREVER, *map(thorough, IN_C), "os.abort()"])
+@pytest.mark.parametrize("line", [*map(thorough, (FOREVER, *IN_C)), "os.abort()"])
 def test_check_ends_in_one_line(line: str, tmp_path: Path) -> None:
     done = fraexp(dropped(tmp_path, line), "check", "mine", "--quick")
     assert done.returncode == ExitCode.INCOMPLETE
@@ -107,7 +107,8 @@ def test_a_run_ends_in_one_line(tmp_path: Path) -> None:
     assert f"the law of mine (mine.py, line {LINE}) has not returned" in done.stderr + done.stdout
 
 
-@pytest.mark.parametrize("line", [FOREVER, *map(thorough, IN_C)])
+@pytest.mark.thorough
+@pytest.mark.parametrize("line", [FOREVER, *IN_C])
 def test_a_trial_by_hand_ends_in_one_line(line: str, tmp_path: Path) -> None:
     with pytest.raises(PluginError, match=rf"the law of mine \(mine.py, line {LINE}\) has not returned") as raised:
         Trial({"name": "mine"}, Sine(), discover(dropped(tmp_path, line) / "plugins")).loop()

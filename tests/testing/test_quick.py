@@ -32,6 +32,7 @@ def test_the_quick_check_sees_most_of_the_seeded_defects() -> None:
     assert len(SEEDED) == 41
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("component", "name"), QUICK, ids=named)
 def test_a_seeded_defect_is_found_quickly_by_name(component: type[Component], name: str) -> None:
     found = {finding.check.name: finding for finding in quick_findings(component)}

@@ -73,6 +73,7 @@ def test_marked_sweeps_are_overlaid_with_the_plant(workspace: Path, keys: list[s
     pilot_of(workspace, steps, size)
 
 
+@pytest.mark.thorough
 def test_every_view_has_a_kind_of_figure_and_its_command_draws_it(
     workspace: Path, keys: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

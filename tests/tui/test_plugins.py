@@ -50,6 +50,7 @@ def told(app: FraexpApp, text: str) -> bool:
     return any(message.message.startswith(text) for message in app._notifications)
 
 
+@pytest.mark.thorough
 def test_components_are_listed_with_what_they_are_and_how_often_they_were_used(workspace):
     async def steps(app, pilot):
         await pilot.press("p")

@@ -23,17 +23,19 @@ async def opened(app, pilot) -> SweepTable:
     return app.screen.table
 
 
+def typed(app: FraexpApp, *keys: str) -> None:
+    """Type keys at once, as a paste or a slow line brings them."""
+    for key in keys:
+        letter = key if len(key) == 1 else None
+        event = events.Key(_character_to_key(key) if letter else key, letter)
+        event.set_sender(app)
+        app.post_message(event)
+
+
 async def write(pilot, text: str) -> None:
-    """Type a text that need not be letters."""
-    names = {
-        " ": "space",
-        "=": "equals_sign",
-        ">": "greater_than_sign",
-        ":": "colon",
-        ".": "full_stop",
-        "_": "underscore",
-    }
-    await pilot.press(*(names.get(letter, letter) for letter in text))
+    """Type a text, and wait until it has had its effect."""
+    typed(pilot.app, *text)
+    await settle(pilot)
 
 
 def test_all_sweeps_are_listed_newest_first_with_their_command(workspace, keys):
@@ -81,17 +83,10 @@ def test_keys_that_come_at_once_take_effect_in_their_order(workspace):
     async def steps(app, pilot):
         await opened(app, pilot)
 
-        def typed(*keys: str) -> None:
-            for key in keys:
-                letter = key if len(key) == 1 else None
-                event = events.Key(_character_to_key(key) if letter else key, letter)
-                event.set_sender(app)
-                app.post_message(event)
-
         for _ in range(3):
-            typed("/", "home", "ctrl+k", "ctrl+u", *"run=1")  # none of which is for the table
+            typed(app, "/", "home", "ctrl+k", "ctrl+u", *"run=1")  # none of which is for the table
             await until(pilot, lambda: app.screen.line.value == "run=1")
-            typed(*["backspace"] * 7, *"tag:x", "enter", "k", "j")
+            typed(app, *["backspace"] * 7, *"tag:x", "enter", "k", "j")
             await until(pilot, lambda: app.screen.line.value == "tag:x" and app.focused is app.screen.table)
 
     pilot_of(workspace, steps)
