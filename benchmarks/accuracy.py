@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 from calibrate_machine import MACHINE, PRINTED, fitted, sections_of
 
-from fraexp.components import FrictionModel, Plant
-from fraexp.delays import hold_response, image_factor, path_response
-from fraexp.perform import Failure, Job, perform
-from fraexp.plugins import create, discover
+from fraexp.analysis.delays import hold_response, image_factor, path_response
+from fraexp.components.kinds import FrictionModel, Plant
+from fraexp.components.registry import create, discover
+from fraexp.data.results import FrequencyResponse
+from fraexp.execution.job import Failure, Job, perform
 from fraexp.records import RecordSettings, resolve
-from fraexp.results import FrequencyResponse
 
 REGISTRY = discover()
 SECTIONS = sections_of(MACHINE)

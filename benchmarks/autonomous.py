@@ -21,12 +21,13 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from calibrate_machine import MACHINE, PRINTED, fitted, sections_of
 
-from fraexp.components import Controller, Estimator, Excitation, FrictionModel, Plant
-from fraexp.confidence import LEVEL
-from fraexp.plugins import create, discover
-from fraexp.results import Result
-from fraexp.signals import Signals
-from fraexp.simulation import Loop, Machine, Numerics, simulate_loop
+from fraexp.analysis.confidence import LEVEL
+from fraexp.components.kinds import Controller, Estimator, Excitation, FrictionModel, Plant
+from fraexp.components.registry import create, discover
+from fraexp.data.results import Result
+from fraexp.data.signals import Signals
+from fraexp.simulation.loop import simulate_loop
+from fraexp.simulation.machine import ControlLoop, Machine, Numerics
 
 REGISTRY = discover()
 SECTIONS = sections_of(MACHINE)
@@ -79,7 +80,7 @@ def record(case: Case, seed: int) -> Signals:
         create(REGISTRY, Plant, SECTIONS["plant"]),  # type: ignore[type-abstract]
         create(REGISTRY, FrictionModel, SECTIONS["friction"]),  # type: ignore[type-abstract]
         create(REGISTRY, Controller, SECTIONS["controller"]),  # type: ignore[type-abstract]
-        Loop.parse({**SECTIONS["loop"], **SCALE, "seed": seed}, "loop"),
+        ControlLoop.parse({**SECTIONS["loop"], **SCALE, "seed": seed}, "loop"),
         Numerics(),
     )
     excitation = create(REGISTRY, Excitation, case.excitation(case.levels, seed))  # type: ignore[type-abstract]

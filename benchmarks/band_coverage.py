@@ -24,11 +24,11 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from scipy.signal import cont2discrete, lfilter
 
-from fraexp.components import Estimator
-from fraexp.confidence import circle_factor, freedom_of, limits
-from fraexp.plugins import Registry, create, discover
-from fraexp.results import FrequencyResponse
-from fraexp.signals import Segment, Signals
+from fraexp.analysis.confidence import circle_factor, freedom_of, limits
+from fraexp.components.kinds import Estimator
+from fraexp.components.registry import Registry, create, discover
+from fraexp.data.results import FrequencyResponse
+from fraexp.data.signals import Segment, Signals
 
 SAMPLE_TIME = 1e-3
 PERIOD = 512

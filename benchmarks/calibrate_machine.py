@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
-from fraexp.perform import Failure, Job, perform
-from fraexp.study import packaged_studies
+from fraexp.execution.job import Failure, Job, perform
+from fraexp.study.study_file import packaged_studies
 
 MACHINE = packaged_studies() / "machines" / "linear_motor_table.toml"
 CROSSOVER, LEAD = 8.0, 10.0

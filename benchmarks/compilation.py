@@ -53,8 +53,8 @@ def child(names: list[str]) -> None:
     from friction import MODELS
     from kernel import machine, model, rolling, sweep
 
-    from fraexp.components import Motion
-    from fraexp.simulation import simulate_loop
+    from fraexp.components.kinds import Motion
+    from fraexp.simulation.loop import simulate_loop
 
     report = {"imports": time.process_time()}
     for name in names:

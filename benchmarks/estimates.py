@@ -128,9 +128,9 @@ class Compared:
 
 def child(name: str, folder: str, count: int, executor: str, compiled: bool) -> None:
     """Run a study, or so many of its sweeps, and print estimate and time; this is a process of its own."""
-    from fraexp import estimate
-    from fraexp.events import Ended, Planned
-    from fraexp.workspace import Workspace
+    from fraexp.execution.estimates import estimate
+    from fraexp.execution.events import Ended, Planned
+    from fraexp.workspace.workspace import Workspace
 
     workspace = Workspace.open(folder)
     if executor == "serial":  # processor time is that of an idle machine
@@ -152,8 +152,8 @@ def child(name: str, folder: str, count: int, executor: str, compiled: bool) -> 
 
 def _know_kernels(sweeps, workspace) -> None:  # type: ignore[no-untyped-def]
     """Let the machine know that all kernels of these sweeps are compiled."""
-    from fraexp.estimate import counted
-    from fraexp.speeds import learn_speeds
+    from fraexp.execution.estimates.estimate import counted
+    from fraexp.execution.estimates.speeds import learn_speeds
 
     learn_speeds({}, counted(sweeps, workspace.registry).kernels)
 

@@ -21,9 +21,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from accuracy import PLANT, REGISTRY, decibel, responses
 
-from fraexp.components import FrictionModel
-from fraexp.plugins import create
-from fraexp.results import FrequencyResponse
+from fraexp.components.kinds import FrictionModel
+from fraexp.components.registry import create
+from fraexp.data.results import FrequencyResponse
 
 PRESET = {"version": 1, "preset": "linear_motor_table"}
 CURVE = {"coulomb": 17.9, "width": 45.36e-6, "narrowest": 0.5e-6, "widest": 100e-6}

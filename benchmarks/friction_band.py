@@ -18,12 +18,12 @@ import numpy as np
 from accuracy import PATH, PLANT, REGISTRY, SECTIONS
 from scipy.stats import qmc
 
-from fraexp.components import Estimator
-from fraexp.confidence import LEVEL, circle_factor, inverse_covariance, limits
-from fraexp.perform import Failure, Job, perform
-from fraexp.plugins import create
-from fraexp.results import FrequencyResponse
-from fraexp.sweep import Plain
+from fraexp.analysis.confidence import LEVEL, circle_factor, inverse_covariance, limits
+from fraexp.components.kinds import Estimator
+from fraexp.components.registry import create
+from fraexp.data.results import FrequencyResponse
+from fraexp.data.sweep import Plain
+from fraexp.execution.job import Failure, Job, perform
 
 AMPLITUDES = (12.0, 75.0)
 """Of the paper [N]."""

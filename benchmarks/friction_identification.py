@@ -24,12 +24,12 @@ from fraexp_plugins.identification.masing_inversion import MasingInversion
 from fraexp_plugins.identification.rolling_identification import RollingIdentification
 from fraexp_plugins.identification.viscous_identification import ViscousIdentification
 
-from fraexp.components import Estimator, FrictionModel
-from fraexp.confidence import LEVEL
-from fraexp.plugins import discover
+from fraexp.analysis.confidence import LEVEL
+from fraexp.components.kinds import Estimator, FrictionModel
+from fraexp.components.registry import discover
+from fraexp.data.results import Result
+from fraexp.data.signals import Segment, Settling, Signals
 from fraexp.records import RecordSettings, load, resolve
-from fraexp.results import Result
-from fraexp.signals import Segment, Settling, Signals
 
 TRIBOMETER = Path(__file__).parents[2] / "shared" / "data" / "tribometer" / "test_data_2.txt"
 GUIDE = Rolling(

@@ -13,7 +13,7 @@ from tempfile import TemporaryDirectory
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from fraexp.plugins import discover
+from fraexp.components.registry import discover
 from tests.fuzz import files, targets
 from tests.fuzz.watching import Target, feed, short
 

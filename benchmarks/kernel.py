@@ -30,10 +30,11 @@ from accuracy import PLANT, REGISTRY, SECTIONS
 from friction import MODELS
 from loops import Loops
 
-from fraexp.components import Controller, Excitation, FrictionModel
+from fraexp.components.kinds import Controller, Excitation, FrictionModel
+from fraexp.components.registry import create, discover
 from fraexp.errors import FraexpError
-from fraexp.plugins import create, discover
-from fraexp.simulation import Loop, Machine, Numerics, Setup, prepared, simulate_loop
+from fraexp.simulation.loop import Setup, prepared, simulate_loop
+from fraexp.simulation.machine import ControlLoop, Machine, Numerics
 
 LANES, SCALAR, DROPPED = 1.2, 1.3, 1.3
 """Bounds of time: lanes and scalar over C, a law in a dropped-in file over the same one built in."""
@@ -116,7 +117,7 @@ def rolling(elements: int) -> FrictionModel:
 def machine(friction: FrictionModel, steps: int, **loop: float) -> Machine:
     """Return the paper's machine with this friction."""
     controller = create(REGISTRY, Controller, SECTIONS["controller"])  # type: ignore[type-abstract]
-    settings = Loop.parse({**SECTIONS["loop"], **loop}, "loop")
+    settings = ControlLoop.parse({**SECTIONS["loop"], **loop}, "loop")
     return Machine(PLANT, friction, controller, settings, Numerics(steps_per_sample=steps))
 
 

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fraexp import experiments
-from fraexp.components import Period, Schedule
-from fraexp.experiments import Experiment, Setup
-from fraexp.kernels import experiments as kernel
+from fraexp.components.kinds import Period, Schedule
+from fraexp.kernels import batch
 from fraexp.kernels.lanes import WIDTH
+from fraexp.simulation import experiments
+from fraexp.simulation.experiments import Experiment, Setup
 
 RAMP, RECORD = 2000, 500
 """Samples of each loop: of which the measured position is kept, then all channels, as of a sweep."""
@@ -24,7 +24,7 @@ class Loops:
 
     setup: Setup
     batches: int
-    work: kernel.Work
+    work: batch.KernelBatch
     pool: np.ndarray
 
     @classmethod
@@ -47,7 +47,7 @@ class Loops:
         for array in (self.work.lanes, self.work.queue):
             array[:] = 0
         self.work.results["place"] = -1
-        return kernel.advance(self.setup.laws, self.setup.wide, self.work, self.pool, 1 << 60)
+        return batch.advance(self.setup.laws, self.setup.wide, self.work, self.pool, 1 << 60)
 
     @property
     def steps(self) -> int:

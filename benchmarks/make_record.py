@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from calibrate_machine import MACHINE, sections_of
 
-from fraexp.perform import Job, source
-from fraexp.plugins import discover
+from fraexp.components.registry import discover
+from fraexp.execution.job import Job, source
 
 FREQUENCIES = [8.0, 12.0, 17.0, 24.0, 30.0, 36.0, 39.0, 43.0, 55.0, 68.0, 80.0, 110.0, 150.0]
 AMPLITUDE, NOISE, PERIODS = 25.0, 30e-9, 3

@@ -19,10 +19,10 @@ from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from fraexp.events import Finished
-from fraexp.executors import usable_cores
-from fraexp.perform import Job, perform
-from fraexp.workspace import Workspace
+from fraexp.execution.events import Finished
+from fraexp.execution.executors import usable_cores
+from fraexp.execution.job import Job, perform
+from fraexp.workspace.workspace import Workspace
 
 STUDY = """
 title = "Friction force within its tolerance"

@@ -23,9 +23,9 @@ from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from fraexp.events import Finished
-from fraexp.perform import Job, perform
-from fraexp.workspace import Workspace
+from fraexp.execution.events import Finished
+from fraexp.execution.job import Job, perform
+from fraexp.workspace.workspace import Workspace
 
 PLUGIN = '''
 from fraexp.api import Estimator, Metric, Outcome, Result

@@ -20,10 +20,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from calibrate_machine import MACHINE, PRINTED, fitted, sections_of
 
-from fraexp.components import Estimator, Plant
-from fraexp.confidence import LEVEL, interval_factor
-from fraexp.plugins import create, discover
-from fraexp.results import FrequencyResponse
+from fraexp.analysis.confidence import LEVEL, interval_factor
+from fraexp.components.kinds import Estimator, Plant
+from fraexp.components.registry import create, discover
+from fraexp.data.results import FrequencyResponse
 
 REGISTRY = discover()
 TRUTH = {

@@ -18,13 +18,14 @@ from typing import Any
 import numpy as np
 from calibrate_machine import FIT, MACHINE, PRINTED, sections_of
 
-from fraexp import simulation
-from fraexp.components import Estimator, Excitation
-from fraexp.experiments import Experiment, run
-from fraexp.perform import Failure, Job, machine, perform
-from fraexp.plugins import create, discover
-from fraexp.results import Result
-from fraexp.signals import Segment, Signals
+from fraexp.components.kinds import Estimator, Excitation
+from fraexp.components.registry import create, discover
+from fraexp.data.results import Result
+from fraexp.data.signals import Segment, Signals
+from fraexp.execution.job import Failure, Job, perform
+from fraexp.simulation import loop
+from fraexp.simulation.experiments import Experiment, run
+from fraexp.simulation.machine import build_machine
 
 REGISTRY = discover()
 SECTIONS = {**sections_of(MACHINE), "numerics": {}}
@@ -136,7 +137,7 @@ def simulated(machines: list[dict[str, Any]]) -> list[Segment | None]:
     """Return what the nominal feedforward does to each machine."""
     excitation = create(REGISTRY, Excitation, motion(SECTIONS["plant"]))  # type: ignore[type-abstract]
     (period,) = excitation.periods(SECTIONS["loop"]["sample_time"])
-    setups = [simulation.prepared(machine(each, REGISTRY)) for each in machines]
+    setups = [loop.prepared(build_machine(each, REGISTRY)) for each in machines]
     experiments = [Experiment(setup, period, excitation.schedule, number) for number, setup in enumerate(setups)]
     return run(experiments, lambda _: None)
 
@@ -173,7 +174,7 @@ def monte_carlo(count: int, seed: int) -> int:
 
 
 def _signals(segment: Segment) -> Signals:
-    return Signals((segment,), {name: simulation.UNITS[name] for name in segment.channels})
+    return Signals((segment,), {name: loop.UNITS[name] for name in segment.channels})
 
 
 def _mark(missed: bool) -> str:

@@ -24,9 +24,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from calibrate_machine import MACHINE, sections_of
 
-from fraexp.events import Finished
-from fraexp.perform import Failure, Job, perform
-from fraexp.workspace import Workspace
+from fraexp.execution.events import Finished
+from fraexp.execution.job import Failure, Job, perform
+from fraexp.workspace.workspace import Workspace
 
 GROWTH, CORES, GROWN = 1.1, 1.7, 1.15
 """Bounds: greatest exponent, least gain of a second core, greatest ratio of memory with four times as many sweeps."""
@@ -58,7 +58,7 @@ def peak():
 print(peak())
 """
 RUN = """
-from fraexp.workspace import Workspace
+from fraexp.workspace.workspace import Workspace
 for _ in Workspace.open(".").run(["{study}"], "serial"):
     pass
 """

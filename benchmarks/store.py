@@ -16,12 +16,12 @@ from typing import Any
 import numpy as np
 from sqlalchemy import bindparam, insert, update
 
-from fraexp.results import FrequencyResponse, Metric
+from fraexp.data.results import FrequencyResponse, Metric
+from fraexp.data.sweep import Sweep
 from fraexp.store import Store, codec
-from fraexp.store.parts import learn
+from fraexp.store.shared_sections import learn
 from fraexp.store.tables import frequency_response, metric, run_sweep, sweep
-from fraexp.sweep import Sweep
-from fraexp.tui.compared import gather
+from fraexp.tui.plotting.compared_sweeps import gather
 from fraexp.views.comparison import rows_that_differ
 
 SWEEPS = 100_000

@@ -24,13 +24,14 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from calibrate_machine import MACHINE, sections_of
 
-from fraexp.perform import Failure, Job, perform, reference_response
-from fraexp.plugins import discover
+from fraexp.components.registry import discover
+from fraexp.execution.job import Failure, Job, perform
+from fraexp.simulation.machine import reference_response
 
 FRAEXP = ["-m", "fraexp"]
 FIRST = """
-from fraexp.events import Finished
-from fraexp.workspace import Workspace
+from fraexp.execution.events import Finished
+from fraexp.workspace.workspace import Workspace
 
 events = Workspace.open(".").run(["quick"], "serial", rerun="all")
 next(event for event in events if isinstance(event, Finished))

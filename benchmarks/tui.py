@@ -19,9 +19,9 @@ from textual.pilot import Pilot
 from textual.screen import Screen
 
 import fraexp.tui
-from fraexp.results import FrequencyResponse, Outcome, Result
+from fraexp.data.results import FrequencyResponse, Outcome, Result
+from fraexp.data.sweep import Sweep
 from fraexp.store import Store
-from fraexp.sweep import Sweep
 from fraexp.tui.app import FraexpApp
 
 BOUND = 0.100

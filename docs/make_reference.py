@@ -14,22 +14,22 @@ from pydantic.fields import FieldInfo
 
 from fraexp.cli import arguments
 from fraexp.cli.exits import ExitCode
-from fraexp.components import KINDS, Component, nested_kind
-from fraexp.experiments import Compensation
-from fraexp.limits import Limits
-from fraexp.parameters import Parameters, inherited_from, unit_of
-from fraexp.plugins import Registry, discover
-from fraexp.records.settings import Channel, RecordSettings, Step
-from fraexp.simulation import Loop, Numerics
-from fraexp.tui import keys
+from fraexp.components.kinds import KINDS, Component, nested_kind
+from fraexp.components.parameters import Parameters, inherited_from, unit_of
+from fraexp.components.registry import Registry, discover
+from fraexp.records.record_settings import Channel, RecordSettings, Step
+from fraexp.simulation.experiments import Compensation
+from fraexp.simulation.machine import ControlLoop, Numerics
+from fraexp.simulation.motion_limits import MotionLimits
+from fraexp.tui.services import key_bindings
 from fraexp.views.components import BOUNDS
 
 DOCS = Path(__file__).parent
 SECTIONS: Mapping[str, type[Parameters]] = {
-    "loop": Loop,
+    "loop": ControlLoop,
     "numerics": Numerics,
     "compensation": Compensation,
-    "limits": Limits,
+    "limits": MotionLimits,
     "record": RecordSettings,
     "a channel of record": Channel,
     "a step of record": Step,
@@ -155,11 +155,11 @@ def _keys() -> list[str]:
     rows = [
         [
             PLACES.get(of.owner, of.owner.removesuffix("Page").lower()),
-            " ".join(map(keys.shown, of.keys)),
+            " ".join(map(key_bindings.shown, of.keys)),
             of.meaning,
             of.name,
         ]
-        for of in keys.known().values()
+        for of in key_bindings.known().values()
     ]
     first = list(dict.fromkeys(PLACES.values()))
     rows.sort(key=lambda row: (first.index(row[0]) if row[0] in first else len(first), row[0]))

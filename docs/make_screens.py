@@ -11,7 +11,7 @@ os.environ["FRAEXP_TUI_SETTINGS"] = os.devnull
 
 from fraexp.store import Store
 from fraexp.tui.app import FraexpApp
-from fraexp.workspace import Workspace
+from fraexp.workspace.workspace import Workspace
 
 TARGET = Path(__file__).resolve().parent / "figures" / "terminal.svg"
 SIZE = (112, 36)

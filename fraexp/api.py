@@ -1,6 +1,9 @@
 """The one module that a plugin imports."""
 
-from fraexp.components import (
+from fraexp.analysis.delays import hold_response, image_factor, path_response
+from fraexp.analysis.fourier import fourier_sums, phasors, spectrum_of
+from fraexp.analysis.response import response_result
+from fraexp.components.kinds import (
     Controller,
     Estimator,
     Excitation,
@@ -9,20 +12,17 @@ from fraexp.components import (
     Period,
     Plant,
     RecordReader,
+    RecordTable,
     Schedule,
     StateSpace,
-    Table,
 )
-from fraexp.delays import hold_response, image_factor, path_response
+from fraexp.components.parameters import Parameters, param
+from fraexp.components.registry import hookimpl
+from fraexp.components.supplies import component_modules
+from fraexp.data.results import HARMONICS, Curve, Fit, FrequencyResponse, Metric, Outcome, Result
+from fraexp.data.signals import Segment, Settling, Signals
 from fraexp.errors import FraexpError, ParameterError, RecordError, did_you_mean
 from fraexp.kernels.choice import where
-from fraexp.parameters import Parameters, param
-from fraexp.periodic import fourier_sums, phasors, spectrum_of
-from fraexp.plugins import hookimpl
-from fraexp.response import response_result
-from fraexp.results import HARMONICS, Curve, Fit, FrequencyResponse, Metric, Outcome, Result
-from fraexp.signals import Segment, Settling, Signals
-from fraexp.supplies import component_modules
 
 __all__ = [
     "HARMONICS",
@@ -43,13 +43,13 @@ __all__ = [
     "Plant",
     "RecordError",
     "RecordReader",
+    "RecordTable",
     "Result",
     "Schedule",
     "Segment",
     "Settling",
     "Signals",
     "StateSpace",
-    "Table",
     "component_modules",
     "did_you_mean",
     "fourier_sums",

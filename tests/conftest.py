@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-from fraexp.plugins import Registry, discover
+from fraexp.components.registry import Registry, discover
 from tests.examples import QUICK, THOROUGH
 
 # The first example compiles the law, so that no deadline fits; elsewhere a search that differs each time finds more.

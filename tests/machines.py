@@ -10,10 +10,11 @@ from fraexp_plugins.friction.frictionless import Frictionless
 from fraexp_plugins.friction.rolling import Rolling
 from fraexp_plugins.plants.modal import Modal
 
-from fraexp.components import Controller, FrictionModel, Plant
-from fraexp.plugins import Registry, create
-from fraexp.signals import Signals
-from fraexp.simulation import Loop, Machine, Numerics, simulate_loop
+from fraexp.components.kinds import Controller, FrictionModel, Plant
+from fraexp.components.registry import Registry, create
+from fraexp.data.signals import Signals
+from fraexp.simulation.loop import simulate_loop
+from fraexp.simulation.machine import ControlLoop, Machine, Numerics
 
 TABLE = Modal(gain=0.132, frequencies=(38.8, 80.0), damping_ratios=(0.04, 0.02), residues=(0.342, 0.3))
 LEAD = Pid(proportional=6052.9, derivative_time=0.0566, filter_time=0.00629)
@@ -42,7 +43,9 @@ def simulated(
 ) -> Signals:
     """Return the signals of a stepped sine at `frequencies` [Hz] in a loop; its dead time is 1 ms by default."""
     settings = {"sample_time": 500e-6, "input_dead_time": 1e-3, **loop}
-    machine = Machine(plant, friction, controller, Loop.parse(settings, "loop"), Numerics(steps_per_sample=steps))
+    machine = Machine(
+        plant, friction, controller, ControlLoop.parse(settings, "loop"), Numerics(steps_per_sample=steps)
+    )
     excitation = SteppedSine(amplitude=amplitude, frequencies=frequencies, tolerance=tolerance)
     return simulate_loop(machine, excitation, lambda _: None)
 

@@ -8,6 +8,7 @@ import re
 import shutil
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
@@ -17,16 +18,17 @@ import pytest
 from importlinter.api import read_configuration
 from pydantic.fields import FieldInfo
 
-from fraexp import units
-from fraexp.components import Component, RecordReader, nested_kind
-from fraexp.parameters import Parameters, unit_of
-from fraexp.plugins import Registry
-from fraexp.supplies import Supply
+from fraexp.components.kinds import Component, RecordReader, nested_kind
+from fraexp.components.parameters import Parameters, unit_of
+from fraexp.components.registry import Registry
+from fraexp.components.supplies import Supply
+from fraexp.data import units
 from tests.waiting import HANG_TIMEOUT_S
 
 ROOT = Path(__file__).parents[1]
 SOURCES = sorted([*(ROOT / "fraexp").rglob("*.py"), *(ROOT / "plugins").rglob("*.py")])
 LONGEST_FILE = 400
+MOST_MODULES, MOST_PACKAGES, MOST_LAYERS = 4, 16, 12
 SOURCE = re.compile(
     r"10\.\d{4,9}/\S"  # a DOI
     r"|\beqs?\.? ?\(?\d"  # an equation
@@ -34,10 +36,15 @@ SOURCE = re.compile(
     r"|\b(1[89]|20)\d\d\b"  # a name in the literature with its year
 )
 OFFENCES = {
-    "fraexp/errors.py": "import fraexp.workspace",
+    "fraexp/errors.py": "import fraexp.workspace.workspace",
+    "fraexp/data/units.py": "import fraexp.data.results",
+    "fraexp/data/results.py": "import fraexp.data.units",
     "fraexp/kernels/law.py": "import fraexp.errors",
-    "fraexp/scheduler.py": "import sqlalchemy, matplotlib, numba, textual, distributed, fraexp_plugins",
-    "plugins/fraexp_plugins/plants/modal.py": "import fraexp.sweep",
+    "fraexp/execution/scheduler.py": "import sqlalchemy, matplotlib, numba, textual, distributed, fraexp_plugins",
+    "plugins/fraexp_plugins/plants/modal.py": "import fraexp.data.sweep",
+    "fraexp/tui/page.py": "import fraexp.tui.screens.runs_page",
+    "fraexp/store/tables.py": "import fraexp.store.changes.writing",
+    "fraexp/figures/elements/scales.py": "import fraexp.figures.kinds.bode",
     "fraexp/misplaced.py": '"""A module that has no layer."""',
 }
 
@@ -92,7 +99,7 @@ def test_every_import_contract_can_be_broken(tmp_path: Path) -> None:
 
 
 def test_finding_components_loads_no_heavy_package() -> None:
-    loaded = loaded_by("import fraexp.plugins; assert fraexp.plugins.discover().supplies")
+    loaded = loaded_by("import fraexp.components.registry; assert fraexp.components.registry.discover().supplies")
     assert "fraexp_plugins" in loaded
     assert loaded & {"numba", "llvmlite", "matplotlib", "sqlalchemy", "textual"} == set()
 
@@ -116,6 +123,25 @@ def test_no_file_is_too_long() -> None:
 
 def test_every_module_says_what_it_is() -> None:
     assert relative([file for file in SOURCES if not ast.get_docstring(ast.parse(file.read_text("utf-8")))]) == []
+
+
+def test_the_top_can_be_held_in_mind() -> None:
+    top = [path for path in (ROOT / "fraexp").iterdir() if not path.name.startswith("__pycache__")]
+    assert len([path for path in top if path.suffix == ".py"]) <= MOST_MODULES
+    assert len([path for path in top if path.is_dir()]) <= MOST_PACKAGES
+    contracts = read_configuration(str(ROOT / "pyproject.toml"))["contracts_options"]
+    assert len(contracts[0]["layers"]) <= MOST_LAYERS
+
+
+def test_no_name_has_two_meanings() -> None:
+    named = [file.stem for file in SOURCES if not file.stem.startswith("_") and "versions" not in file.parts]
+    classes = [
+        node.name
+        for file in SOURCES
+        for node in ast.parse(file.read_text("utf-8")).body
+        if isinstance(node, ast.ClassDef) and not node.name.startswith("_")
+    ]
+    assert sorted(name for name, count in Counter(named + classes).items() if count > 1) == []
 
 
 def modules() -> Iterator[ModuleType]:

@@ -13,14 +13,14 @@ from pathlib import Path
 import pytest
 
 from fraexp.cli.exits import ExitCode
-from fraexp.computing import Computation, Pulse, Setting
-from fraexp.events import Event, Finished
-from fraexp.executors import Answer, WorkerLostError, Workers
-from fraexp.perform import Failure, Job
-from fraexp.plugins import Registry
-from fraexp.results import Outcome, Result
+from fraexp.components.registry import Registry
+from fraexp.data.results import Outcome, Result
+from fraexp.data.sweep import Sweep
+from fraexp.execution.computation import Computation, Pulse, Setting
+from fraexp.execution.events import Event, Finished
+from fraexp.execution.executors import Answer, WorkerLostError, Workers
+from fraexp.execution.job import Failure, Job
 from fraexp.store import Store, StoredSweep
-from fraexp.sweep import Sweep
 from tests.trouble import study, trouble, write_plugin
 from tests.waiting import HANG_TIMEOUT_S, wait_until
 

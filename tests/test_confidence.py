@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from fraexp.confidence import circle_factor, interval_factor, inverse_covariance, limits, relative_deviations
-from fraexp.results import FrequencyResponse
+from fraexp.analysis.confidence import circle_factor, interval_factor, inverse_covariance, limits, relative_deviations
+from fraexp.data.results import FrequencyResponse
 
 
 def response_of(values, covariance, **known) -> FrequencyResponse:

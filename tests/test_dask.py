@@ -17,10 +17,10 @@ import pytest
 pytest.importorskip("distributed", reason="Dask is not installed: pip install 'fraexp[dask]'")
 
 from fraexp.cli.exits import ExitCode
+from fraexp.data.results import Result
 from fraexp.errors import StudyError
-from fraexp.executors import Limits, WorkerLostError, make
-from fraexp.perform import Job
-from fraexp.results import Result
+from fraexp.execution.executors import ResourceLimits, WorkerLostError, make
+from fraexp.execution.job import Job
 from fraexp.store import Store
 from tests.dask_cluster import Cluster, distribution
 from tests.waiting import HANG_TIMEOUT_S, wait_until
@@ -213,10 +213,12 @@ def test_workers_of_another_version_are_left_out_by_name(doomed, tmp_path):
 def test_workers_with_another_source_of_fraexp_are_refused(doomed, tmp_path, checkout):
     site = tmp_path / "site"
     shutil.copytree(checkout / "fraexp", site / "fraexp", ignore=shutil.ignore_patterns("__pycache__"))
-    with (site / "fraexp" / "perform.py").open("a") as source:
+    with (site / "fraexp" / "execution" / "job.py").open("a") as source:
         source.write("# changed\n")
     doomed.start_worker("changed", environment={"PYTHONPATH": str(site)})
-    with pytest.raises(StudyError, match=r"changed .* has another source of fraexp\.perform, though of the same"):
+    with pytest.raises(
+        StudyError, match=r"changed .* has another source of fraexp\.execution\.job, though of the same"
+    ):
         make(f"dask:{doomed.address}", 1)
 
 
@@ -258,7 +260,7 @@ def test_what_workers_cannot_read_is_refused_by_name(cluster, tmp_path):
 def test_a_worker_that_is_killed_costs_one_job_and_others_go_on(doomed, tmp_path):
     workspace(tmp_path)
     first = doomed.start_worker("first")
-    with make(f"dask:{doomed.address}", 2, Limits()) as workers:
+    with make(f"dask:{doomed.address}", 2, ResourceLimits()) as workers:
         future = workers.submit(0, job(tmp_path, seconds=600))
         wait_until((doomed.folder / "began").exists)
         doomed.kill(first)
@@ -272,7 +274,7 @@ def test_a_worker_that_is_killed_costs_one_job_and_others_go_on(doomed, tmp_path
 def test_a_worker_that_takes_its_leave_costs_nothing(doomed, tmp_path):
     workspace(tmp_path)
     first = doomed.start_worker("first", "--nanny")
-    with make(f"dask:{doomed.address}", 1, Limits()) as workers:
+    with make(f"dask:{doomed.address}", 1, ResourceLimits()) as workers:
         future = workers.submit(0, job(tmp_path, seconds=3))
         wait_until((doomed.folder / "began").exists)
         first.terminate()
@@ -298,7 +300,7 @@ def test_a_job_that_kills_its_workers_fails_with_its_reason_and_no_other(doomed,
 def test_in_a_batch_only_the_job_that_kills_is_blamed(doomed, tmp_path):
     workspace(tmp_path)
     doomed.start_worker("nanny", "--nworkers=1")
-    with make(f"dask:{doomed.address}", 60, Limits()) as workers:
+    with make(f"dask:{doomed.address}", 60, ResourceLimits()) as workers:
         warm = [workers.submit(n, job(tmp_path, 1e-4)) for n in range(20)]
         wait(warm, HANG_TIMEOUT_S)
         jobs = [job(tmp_path, 1e-4 + 1e-6 * n, **({"deadly": 1.0} if n == 20 else {})) for n in range(40)]
@@ -311,7 +313,7 @@ def test_in_a_batch_only_the_job_that_kills_is_blamed(doomed, tmp_path):
 def test_a_scheduler_that_comes_back_is_given_what_is_missing(doomed, tmp_path):
     workspace(tmp_path)
     worker = doomed.start_worker("first")
-    with make(f"dask:{doomed.address}", 5, Limits()) as workers:
+    with make(f"dask:{doomed.address}", 5, ResourceLimits()) as workers:
         futures = [workers.submit(n, job(tmp_path, 1e-4 * (n + 1), seconds=0.5)) for n in range(5)]
         futures[0].result(HANG_TIMEOUT_S)
         doomed.kill(doomed.scheduler)
@@ -325,7 +327,13 @@ def test_a_scheduler_that_comes_back_is_given_what_is_missing(doomed, tmp_path):
 def test_a_scheduler_that_stays_away_ends_the_run_as_partial_and_it_can_go_on(doomed, tmp_path):
     workspace(tmp_path, '"excitation.amplitude" = [1e-4, 2e-4, 3e-4, 4e-4]\n"estimator.seconds" = [2.0]')
     doomed.start_worker("first")
-    script = "import sys, fraexp.executors.dask as d, fraexp.cli.main as m; d.PATIENCE = 2.0; sys.exit(m.console())"
+    script = """
+import sys
+import fraexp.cli.main as m
+import fraexp.execution.executors.dask as d
+d.PATIENCE = 2.0
+sys.exit(m.console())
+"""
     command = [sys.executable, "-c", script, "run", "trials", f"--executor=dask:{doomed.address}"]
     process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True)
     wait_until(lambda: (tmp_path / "results.db").exists() and results(tmp_path))
@@ -365,7 +373,7 @@ def test_a_job_beyond_its_time_ends_its_worker(doomed, tmp_path, monkeypatch, na
     with make("serial", 1) as workers:  # which compiles the law
         workers.submit(0, job(tmp_path)).result(HANG_TIMEOUT_S)
     doomed.start_worker("slow", nanny)
-    with make(f"dask:{doomed.address}", 1, Limits(time=15.0)) as workers:
+    with make(f"dask:{doomed.address}", 1, ResourceLimits(time=15.0)) as workers:
         future = workers.submit(0, job(tmp_path, seconds=600))
         with pytest.raises(WorkerLostError, match="longer than the time limit of 15 s") as error:
             future.result(HANG_TIMEOUT_S)
@@ -378,4 +386,4 @@ def test_a_job_beyond_its_time_ends_its_worker(doomed, tmp_path, monkeypatch, na
 
 def test_a_cap_on_memory_is_left_to_dask():
     with pytest.raises(StudyError, match="dask worker --memory-limit"):
-        make("dask:tcp://127.0.0.1:1", 1, Limits(memory=10**9))
+        make("dask:tcp://127.0.0.1:1", 1, ResourceLimits(memory=10**9))

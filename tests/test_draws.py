@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from fraexp.draws import Draw, Draws
 from fraexp.errors import FraexpError
-from fraexp.figures.label_units import label_units
-from fraexp.study import load
+from fraexp.figures.elements.label_units import label_units
+from fraexp.study.random_draws import Draw, Draws
+from fraexp.study.study_file import load
 
 HEAD = """
 machine = "linear_motor_table"

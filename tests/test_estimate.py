@@ -6,17 +6,26 @@ from typing import Any
 
 import pytest
 
-from fraexp import estimate as estimates
-from fraexp.compile_time import compile_seconds
-from fraexp.estimate import PROCESSES, SERIAL, Task, Workload, counted, estimate, known_seconds, law_source
-from fraexp.executors import Limits
-from fraexp.plugins import Registry, discover
-from fraexp.sampling import FEW, MAX_EXPERIMENTS, sampled_groups
-from fraexp.speeds import Speeds
-from fraexp.sweep import Sweep
+from fraexp.components.registry import Registry, discover
+from fraexp.data.sweep import Sweep
+from fraexp.execution.estimates import estimate as estimates
+from fraexp.execution.estimates.compile_time import compile_seconds
+from fraexp.execution.estimates.estimate import (
+    PROCESSES,
+    SERIAL,
+    EstimatedTask,
+    Workload,
+    counted,
+    estimate,
+    known_seconds,
+    law_source,
+)
+from fraexp.execution.estimates.group_sampling import FEW, MAX_EXPERIMENTS, sampled_groups
+from fraexp.execution.estimates.speeds import Speeds
+from fraexp.execution.estimates.work import Work
+from fraexp.execution.executors import ResourceLimits
 from fraexp.views.pace import expected_time
-from fraexp.work import Work
-from fraexp.workspace import Workspace
+from fraexp.workspace.workspace import Workspace
 
 SOURCE = law_source(discover())("rolling")
 KERNELS = frozenset(f"{family}/rolling/lanes/{SOURCE}" for family in ("loop", "drive"))
@@ -26,7 +35,7 @@ KNOWN = Speeds(kernels=KERNELS)
 @pytest.fixture(autouse=True)
 def idle(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let the machine have nothing else to do."""
-    monkeypatch.setattr("fraexp.estimate.slowdown", lambda processes: 1.0)
+    monkeypatch.setattr("fraexp.execution.estimates.estimate.slowdown", lambda processes: 1.0)
 
 
 def sweeps(*overrides: str) -> tuple[Sweep, ...]:
@@ -56,7 +65,7 @@ def test_a_large_study_is_counted_by_a_sample(registry: Registry) -> None:
 
 
 def test_of_very_many_sweeps_a_few_groups_stand_for_all(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("fraexp.sampling.MAX_GROUPED", 500)
+    monkeypatch.setattr("fraexp.execution.estimates.group_sampling.MAX_GROUPED", 500)
     axis = amplitudes(500)
     found = sweeps(axis)
     groups = sampled_groups(found)
@@ -68,7 +77,7 @@ def test_of_very_many_sweeps_a_few_groups_stand_for_all(monkeypatch: pytest.Monk
 
 @pytest.mark.parametrize("most", [10, 20_000])
 def test_what_is_drawn_is_shared_by_estimators_too(most: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("fraexp.sampling.MAX_GROUPED", most)
+    monkeypatch.setattr("fraexp.execution.estimates.group_sampling.MAX_GROUPED", most)
     file = tmp_path / "drawn.toml"
     text = (Path(__file__).parents[1] / "studies" / "quick.toml").read_text()
     draw = '{ paths = "plant.gain", relative = 0.01 }'
@@ -87,8 +96,8 @@ def test_a_few_slow_sweeps_among_many_are_not_overlooked(registry: Registry) -> 
     assert "slow_triangle" in kinds
 
 
-def task(seconds: float, weight: float = 1.0) -> Task:
-    return Task((Work("estimate/x", seconds),), (), 1.0, weight, 1)
+def task(seconds: float, weight: float = 1.0) -> EstimatedTask:
+    return EstimatedTask((Work("estimate/x", seconds),), (), 1.0, weight, 1)
 
 
 @pytest.fixture
@@ -99,7 +108,7 @@ def free(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("free")
 def test_workers_share_tasks_but_none_is_cut_in_two() -> None:
-    def seconds(executor: str, *turns: list[Task]) -> float:
+    def seconds(executor: str, *turns: list[EstimatedTask]) -> float:
         return Workload(turns, lambda name: "").seconds(executor, Speeds())
 
     assert seconds("serial", [task(3.0), task(1.0)]) == pytest.approx(4.0)
@@ -110,19 +119,19 @@ def test_workers_share_tasks_but_none_is_cut_in_two() -> None:
 
 
 def test_the_faster_executor_is_chosen(registry: Registry, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("fraexp.executors.usable_cores", lambda: 2)
+    monkeypatch.setattr("fraexp.execution.executors.usable_cores", lambda: 2)
     short, long = sweeps(), sweeps(amplitudes(500))
     assert estimate(short, registry, KNOWN).executor == SERIAL
     assert estimate(long, registry, KNOWN).executor == PROCESSES
     assert estimate(long, registry, KNOWN, SERIAL).executor == SERIAL
     assert estimate(long, registry, KNOWN).seconds < estimate(long, registry, KNOWN, SERIAL).seconds
-    assert estimate(short, registry, KNOWN, limits=Limits(memory=10**9)).executor == PROCESSES
+    assert estimate(short, registry, KNOWN, limits=ResourceLimits(memory=10**9)).executor == PROCESSES
     slow = KNOWN.learned({"start_processes": [20.0], "loop/rolling/lanes": [1.0], "estimate/proposed": [1.0]})
     assert estimate(long, registry, slow).executor == SERIAL
 
 
 def test_a_study_that_outlasts_the_start_uses_both_cores(registry: Registry, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("fraexp.executors.usable_cores", lambda: 2)
+    monkeypatch.setattr("fraexp.execution.executors.usable_cores", lambda: 2)
     (study,) = Workspace.open(".").studies(["identification/friction_laws"])
     assert estimate(study.sweeps, registry, Speeds(), None).executor == PROCESSES
 

@@ -12,11 +12,11 @@ from pathlib import Path
 
 import pytest
 
+from fraexp.data.results import Result
 from fraexp.errors import StudyError
-from fraexp.executors import Limits, WorkerLostError, Workers, make, workers_of
-from fraexp.executors.limits import LONGEST
-from fraexp.perform import Failure
-from fraexp.results import Result
+from fraexp.execution.executors import ResourceLimits, WorkerLostError, Workers, make, workers_of
+from fraexp.execution.executors.limits import LONGEST
+from fraexp.execution.job import Failure
 from tests.examples import thorough
 from tests.trouble import job, trouble, write_plugin
 from tests.waiting import HANG_TIMEOUT_S, wait_until
@@ -104,7 +104,7 @@ def test_a_job_that_never_returns_is_ended(executor: str, seconds: float, plugin
     endless = trouble(FOREVER, folder=str(tmp_path))
     with make("serial", 1) as workers:  # others need nearly no time once all is compiled
         workers.submit(0, job(plugins)).result(HANG_TIMEOUT_S)
-    with make(executor, 3, Limits(time=seconds)) as workers:
+    with make(executor, 3, ResourceLimits(time=seconds)) as workers:
         jobs = [job(plugins), job(plugins, endless), job(plugins)]
         first, overdue, last = (workers.submit(number, of) for number, of in enumerate(jobs))
         wait_until(lambda: (list(workers.reports()), last.done())[1])
@@ -118,7 +118,7 @@ def test_a_job_that_never_returns_is_ended(executor: str, seconds: float, plugin
 
 @needs_linux
 def test_memory_is_capped(plugins: str) -> None:
-    with make("processes:1", 2, Limits(memory=10**9)) as workers:
+    with make("processes:1", 2, ResourceLimits(memory=10**9)) as workers:
         code = "np.ones(150_000_000)"
         found = workers.submit(0, job(plugins, trouble(code))).result(HANG_TIMEOUT_S)[0]
         assert isinstance(found, Failure)
@@ -162,7 +162,7 @@ def test_closing_lets_what_is_under_way_come_to_its_end(plugins: str) -> None:
 
 
 def test_workers_that_cannot_start_end_the_run_in_one_line(plugins: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("fraexp.executors.processes.work", exit)
+    monkeypatch.setattr("fraexp.execution.executors.processes.work", exit)
     with make("processes:1", 1) as workers:
         workers.submit(0, job(plugins))
         with pytest.raises(StudyError, match=r"no worker process can start: its worker exited with code \d"):
@@ -179,20 +179,20 @@ def test_progress_is_reported_under_the_number(pair: Workers, plugins: str) -> N
     ("text", "seconds"), [("60", 60), ("90s", 90), ("5min", 300), ("2 h", 7200), ("0.5", 0.5), ("none", float("inf"))]
 )
 def test_a_time_limit_is_a_time(text: str, seconds: float) -> None:
-    limits = Limits.parse(text, None)
+    limits = ResourceLimits.parse(text, None)
     assert limits.time == seconds
-    assert Limits.parse(*_texts(limits)) == limits
+    assert ResourceLimits.parse(*_texts(limits)) == limits
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="memory is capped on Linux alone")
 @pytest.mark.parametrize(("text", "size"), [("2GB", 2 * 10**9), ("1.5 GiB", 3 * 2**29), ("800MB", 8 * 10**8)])
 def test_a_memory_cap_is_a_size(text: str, size: int) -> None:
-    limits = Limits.parse(None, text)
-    assert limits == Limits(LONGEST, size)
-    assert Limits.parse(*_texts(limits)) == limits
+    limits = ResourceLimits.parse(None, text)
+    assert limits == ResourceLimits(LONGEST, size)
+    assert ResourceLimits.parse(*_texts(limits)) == limits
 
 
-def _texts(limits: Limits) -> tuple[str | None, str | None]:
+def _texts(limits: ResourceLimits) -> tuple[str | None, str | None]:
     told = dict(option.removeprefix("--").split("=") for option in limits.options())
     return told.get("time-limit"), told.get("memory")
 
@@ -209,12 +209,12 @@ def _texts(limits: Limits) -> tuple[str | None, str | None]:
 )
 def test_what_is_no_limit_is_refused(time_limit: str | None, memory: str | None, told: str) -> None:
     with pytest.raises(StudyError, match=f"^{told}"):
-        Limits.parse(time_limit, memory)
+        ResourceLimits.parse(time_limit, memory)
 
 
 def test_this_process_caps_no_memory() -> None:
     with pytest.raises(StudyError, match="processes:1"):
-        Limits(memory=10**9).check("serial")
+        ResourceLimits(memory=10**9).check("serial")
 
 
 @pytest.mark.parametrize("name", ["serial:2", "processes:0", "processes:x", "threads", "processes:513"])
@@ -228,7 +228,7 @@ def test_a_worker_ends_with_its_scheduler_though_its_law_never_returns(plugins: 
     script = tmp_path / "script.py"
     script.write_text(
         "import sys, time\n"
-        "from fraexp.executors import make\n"
+        "from fraexp.execution.executors import make\n"
         "from tests.trouble import job, trouble\n"
         "if __name__ == '__main__':\n"
         "    workers = make('processes:1', 1)\n"

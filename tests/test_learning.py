@@ -6,17 +6,17 @@ from pathlib import Path
 
 import pytest
 
-from fraexp.cache_folder import VARIABLE
-from fraexp.estimate import SERIAL, work_seconds
-from fraexp.events import Ended, Planned
-from fraexp.learning import Lessons
-from fraexp.plugins import Registry
-from fraexp.results import EFFORT, Metric, Outcome, Result, Timing
-from fraexp.run_times import MOST_SURPRISE, RunTimes, learn_run
-from fraexp.speeds import Speeds, learn_speeds, read_speeds, speeds_file
-from fraexp.sweep import Sweep
-from fraexp.workload import estimator_work, experiment_work
-from fraexp.workspace import Workspace
+from fraexp.components.registry import Registry
+from fraexp.data.results import EFFORT, Metric, Outcome, Result, Timing
+from fraexp.data.sweep import Sweep
+from fraexp.execution.estimates.estimate import SERIAL, work_seconds
+from fraexp.execution.estimates.learning import Lessons
+from fraexp.execution.estimates.run_times import MOST_SURPRISE, RunTimes, learn_run
+from fraexp.execution.estimates.speeds import Speeds, learn_speeds, read_speeds, speeds_file
+from fraexp.execution.estimates.workload import estimator_work, experiment_work
+from fraexp.execution.events import Ended, Planned
+from fraexp.kernels.cache_folder import VARIABLE
+from fraexp.workspace.workspace import Workspace
 
 WARM, COLD = (True, True), (False, False)
 
@@ -24,7 +24,10 @@ WARM, COLD = (True, True), (False, False)
 @pytest.fixture(autouse=True)
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(VARIABLE, str(tmp_path / "cache"))
-    for place in ("fraexp.estimate.slowdown", "fraexp.run_times.slowdown"):  # as if nothing else were to do
+    for place in (
+        "fraexp.execution.estimates.estimate.slowdown",
+        "fraexp.execution.estimates.run_times.slowdown",
+    ):  # as if nothing else were to do
         monkeypatch.setattr(place, lambda processes: 1.0)
 
 
@@ -147,5 +150,5 @@ def test_learning_never_ends_a_run(
 ) -> None:
     lessons = Lessons(registry)
     lessons.take(sweeps[0], result(sweeps[0], registry, 1.0))
-    monkeypatch.setattr("fraexp.learning.experiment_work", lambda *_: 1 / 0)
+    monkeypatch.setattr("fraexp.execution.estimates.learning.experiment_work", lambda *_: 1 / 0)
     lessons.learn(SERIAL)

@@ -8,17 +8,18 @@ from fraexp_plugins.excitations.moving_sine import MovingSine
 from fraexp_plugins.excitations.stepped_sine import SteppedSine
 from fraexp_plugins.positioning.point_to_point import PointToPoint
 
-from fraexp.components import Excitation, Period, Schedule
+from fraexp.components.kinds import Excitation, Period, Schedule
+from fraexp.data.signals import Segment
 from fraexp.errors import ParameterError
-from fraexp.experiments import Compensation
-from fraexp.limits import Limits, check, predicted, predicted_from_rest
-from fraexp.signals import Segment
-from fraexp.simulation import Loop, Machine, Numerics, simulate_loop
+from fraexp.simulation.experiments import Compensation
+from fraexp.simulation.loop import simulate_loop
+from fraexp.simulation.machine import ControlLoop, Machine, Numerics
+from fraexp.simulation.motion_limits import MotionLimits, check, predicted, predicted_from_rest
 from tests.machines import FRICTIONLESS, LEAD, TABLE, guide
 
 
 def machine(friction=FRICTIONLESS) -> Machine:
-    return Machine(TABLE, friction, LEAD, Loop(sample_time=500e-6, input_dead_time=1e-3), Numerics())
+    return Machine(TABLE, friction, LEAD, ControlLoop(sample_time=500e-6, input_dead_time=1e-3), Numerics())
 
 
 def test_the_prediction_is_what_the_loop_without_friction_does() -> None:
@@ -45,9 +46,9 @@ def test_a_moving_reference_counts() -> None:
 def test_what_exceeds_a_limit_is_refused_with_both_numbers(name: str) -> None:
     excitation = SteppedSine(amplitude=12.0, frequencies=(3.0,))
     least = getattr(predicted(machine(guide()), excitation.periods(500e-6)[0]), name)
-    check(Limits(**{name: 1.01 * least}), machine(guide()), excitation)
+    check(MotionLimits(**{name: 1.01 * least}), machine(guide()), excitation)
     with pytest.raises(ParameterError, match=rf"need a {name} of .* limits.{name} is"):
-        check(Limits(**{name: 0.5 * least}), machine(guide()), excitation)
+        check(MotionLimits(**{name: 0.5 * least}), machine(guide()), excitation)
 
 
 class FromRest(SteppedSine):
@@ -84,11 +85,11 @@ def test_the_prediction_from_rest_is_what_the_loop_without_friction_does(excitat
 
 def test_a_move_that_exceeds_a_limit_is_refused() -> None:
     move = PointToPoint(plant=TABLE, input_dead_time=1e-3)
-    check(Limits(stroke=1.51e-3, velocity=0.06, force=46.0), machine(), move)
+    check(MotionLimits(stroke=1.51e-3, velocity=0.06, force=46.0), machine(), move)
     with pytest.raises(ParameterError, match=r"point_to_point is predicted to need a force of 45.75 N; .* more time"):
-        check(Limits(stroke=1.51e-3, force=45.0), machine(), move)
+        check(MotionLimits(stroke=1.51e-3, force=45.0), machine(), move)
     with pytest.raises(ParameterError, match=r"a stroke of 0.0015 m; limits.stroke is 0.0014 m"):
-        check(Limits(stroke=1.4e-3), machine(), move)
+        check(MotionLimits(stroke=1.4e-3), machine(), move)
 
 
 class Growing(SteppedSine):
@@ -154,30 +155,30 @@ class Aiming(SteppedSine):
 
 def test_what_revised_periods_may_ask_for_counts_instead_of_the_first_ones() -> None:
     excitation = Aiming(amplitude=1.0, frequencies=(3.0, 50.0))
-    check(Limits(stroke=41e-6, force=201.0), machine(), excitation)
+    check(MotionLimits(stroke=41e-6, force=201.0), machine(), excitation)
     with pytest.raises(ParameterError, match=r"need a force of 200 N; limits.force is 199 N"):
-        check(Limits(force=199.0), machine(), excitation)
+        check(MotionLimits(force=199.0), machine(), excitation)
     with pytest.raises(ParameterError, match=r"from 50 Hz is predicted to need a velocity of 0.00628"):
-        check(Limits(velocity=5e-3), machine(), excitation)
+        check(MotionLimits(velocity=5e-3), machine(), excitation)
 
 
 def test_friction_counts_where_the_axis_moves_and_where_it_is_compensated() -> None:
     moving = MovingSine(amplitude=2.0, frequencies=(40.0,), velocity=0.05)
     without = max(predicted(machine(), period).force for period in moving.periods(500e-6))
     with pytest.raises(ParameterError, match="need a force"):
-        check(Limits(force=without + 17), machine(guide()), moving)
-    check(Limits(force=without + 18), machine(guide()), moving)
+        check(MotionLimits(force=without + 17), machine(guide()), moving)
+    check(MotionLimits(force=without + 18), machine(guide()), moving)
 
     still = SteppedSine(amplitude=12.0, frequencies=(40.0,))
     compensated = replace(machine(guide()), compensation=Compensation(gain=0.5, friction=guide()))
     least = predicted(machine(guide()), still.periods(500e-6)[0]).force
     with pytest.raises(ParameterError, match="need a force"):
-        check(Limits(force=least + 8.9), compensated, still)
-    check(Limits(force=least + 9), compensated, still)
+        check(MotionLimits(force=least + 8.9), compensated, still)
+    check(MotionLimits(force=least + 9), compensated, still)
 
 
 def test_a_planned_move_with_friction_compensation_needs_its_own_stroke() -> None:
     move = PointToPoint(plant=TABLE, friction=guide(), input_dead_time=1e-3)
-    check(Limits(stroke=1.51e-3), machine(guide()), move)
+    check(MotionLimits(stroke=1.51e-3), machine(guide()), move)
     with pytest.raises(ParameterError, match="ask for less, or take more time"):
-        check(Limits(stroke=1.4e-3), machine(guide()), move)
+        check(MotionLimits(stroke=1.4e-3), machine(guide()), move)

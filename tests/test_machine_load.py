@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from fraexp.machine_load import GREATEST_SLOWDOWN, slowdown
+from fraexp.execution.estimates.machine_load import GREATEST_SLOWDOWN, slowdown
 
 
 @pytest.mark.parametrize(
@@ -25,11 +25,11 @@ def test_programs_that_were_there_and_still_are_slow_a_run_down(
 ) -> None:
     file = tmp_path / "loadavg"
     file.write_text(text)
-    monkeypatch.setattr("fraexp.machine_load.RUNNING", file)
+    monkeypatch.setattr("fraexp.execution.estimates.machine_load.RUNNING", file)
     monkeypatch.setattr("os.cpu_count", lambda: 2)
     assert slowdown(processes) == expected
 
 
 def test_a_system_that_does_not_tell_counts_as_idle(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("fraexp.machine_load.RUNNING", tmp_path / "missing")
+    monkeypatch.setattr("fraexp.execution.estimates.machine_load.RUNNING", tmp_path / "missing")
     assert slowdown(2) == 1.0

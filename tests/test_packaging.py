@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from fraexp.export import WRITERS
+from fraexp.figures.export import WRITERS
 from tests.waiting import HANG_TIMEOUT_S
 
 ROOT = Path(__file__).parents[1]
@@ -131,7 +131,14 @@ def test_with_what_running_needs_everything_runs_without_a_warning(lean: Path, t
         run(*fraexp, "export", key, "-o", f"result{suffix}", cwd=tmp_path)
     run(*fraexp, "report", "1", "-o", "report.html", cwd=tmp_path)
     run(*fraexp, "doctor", cwd=tmp_path)
-    run(lean, "-W", "error", "-c", "import fraexp.testing.report, fraexp.tui.app, fraexp.tui.serve", cwd=tmp_path)
+    run(
+        lean,
+        "-W",
+        "error",
+        "-c",
+        "import fraexp.testing.check_report, fraexp.tui.app, fraexp.tui.services.browser_server",
+        cwd=tmp_path,
+    )
 
 
 @pytest.mark.thorough

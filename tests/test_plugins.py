@@ -6,9 +6,9 @@ from pathlib import Path
 import fraexp_plugins
 import pytest
 
+from fraexp.components.law_check import rehearse
+from fraexp.components.registry import discover
 from fraexp.errors import ParameterError, PluginError
-from fraexp.plugins import discover
-from fraexp.rehearsal import rehearse
 
 LAW = """
 from fraexp.api import FrictionModel, param
@@ -245,3 +245,10 @@ def test_presets_can_be_named_and_changed_in_part(registry):
     assert (model.sigma0, model.sigma2) == (1e5, 9.0)
     with pytest.raises(ParameterError, match=r"lugre has no preset 'canudas'; did you mean 'canudas_de_wit_1995'\?"):
         registry.create("friction", {"name": "lugre", "preset": "canudas"})
+
+
+def test_a_file_that_is_never_loaded_is_named_with_its_line(tmp_path, monkeypatch):
+    monkeypatch.setattr("fraexp.components.registry.LAW_TIME_LIMIT_S", 0.2)
+    (tmp_path / "endless.py").write_text("import math\nwhile math.pi:\n    pass\n", encoding="utf-8")
+    (failure,) = discover(tmp_path).failures
+    assert "it has not been loaded after 0.2 s (endless.py, line " in failure.reason

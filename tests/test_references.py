@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from fraexp import references
 from fraexp.cli.main import main
+from fraexp.data import fit_references
+from fraexp.data.sweep import Sweep
 from fraexp.errors import StudyError
 from fraexp.store import Store
-from fraexp.sweep import Sweep
 
 STUDY = """
 title = "Identified, then used"
@@ -103,8 +103,8 @@ def test_sweeps_take_turns_after_what_they_need() -> None:
     first = Sweep({"source": "loop"}, {"name": "a"})
     second = Sweep({"source": "loop", "excitation": {"plant": {"fit": "plant", "of": first.key}}}, {"name": "b"})
     third = Sweep({"source": "loop"}, {"name": "c", "friction": {"fit": "friction", "of": second.key}})
-    assert list(references.in_turn([third, second, first])) == [[first], [second], [third]]
-    assert list(references.in_turn([third])) == [[third]]  # what it needs is stored already
+    assert list(fit_references.in_turn([third, second, first])) == [[first], [second], [third]]
+    assert list(fit_references.in_turn([third])) == [[third]]  # what it needs is stored already
 
 
 def test_of_several_sweeps_of_a_case_the_one_at_the_same_point_is_meant() -> None:
@@ -113,10 +113,12 @@ def test_of_several_sweeps_of_a_case_the_one_at_the_same_point_is_meant() -> Non
         for x in (12, 75)
     ]
     reference = {"fit": "plant", "case": "identified"}
-    found = references.resolved(reference, {"case": "used", "excitation.amplitude": 75}, {"identified": sweeps}, "here")
+    found = fit_references.resolved(
+        reference, {"case": "used", "excitation.amplitude": 75}, {"identified": sweeps}, "here"
+    )
     assert found == {"fit": "plant", "of": sweeps[1].key}
     with pytest.raises(StudyError, match="2 sweeps, 2 of them at this point of the grid; expected one"):
-        references.resolved(reference, {"case": "used"}, {"identified": sweeps}, "here")
+        fit_references.resolved(reference, {"case": "used"}, {"identified": sweeps}, "here")
 
 
 RANDOM = """

@@ -9,13 +9,13 @@ import pytest
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
+from fraexp.data.results import Metric
+from fraexp.data.sweep import Sweep
 from fraexp.errors import FraexpError, StudyError
-from fraexp.printed import Candidate, Compared, Printed, check, readable, written
-from fraexp.results import Metric
 from fraexp.store import Store
-from fraexp.study import described
-from fraexp.sweep import Sweep
-from fraexp.workspace import Workspace
+from fraexp.study.published_values import Candidate, Printed, PublishedComparison, check, readable, written
+from fraexp.study.study_file import described
+from fraexp.workspace.workspace import Workspace
 
 EVIL = "<script>alert('&')</script>"
 STUDY = f"""
@@ -124,7 +124,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def beside(**changes: Any) -> Compared:
+def beside(**changes: Any) -> PublishedComparison:
     given = {"what": "k0", "value": 132, "unit": "mm/(N s**2)", "tolerance": "0.1 %", "metric": "k0", "where": WHERE}
     return Printed.parse({**given, **changes}, "[[printed]]").beside(SWEEPS)
 

@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 
+from fraexp.components.registry import discover
+from fraexp.data.identity import key_of
+from fraexp.data.sweep import Keys
 from fraexp.errors import FraexpError
-from fraexp.identity import key_of
-from fraexp.plugins import discover
-from fraexp.study import resolve
-from fraexp.sweep import Keys
+from fraexp.study.study_file import resolve
 
 FILE = Path("study.toml")
 BASE: dict[str, Any] = {

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from fraexp import references
-from fraexp.executors import make
-from fraexp.perform import Job
-from fraexp.results import Result
-from fraexp.workspace import Workspace
+from fraexp.data import fit_references
+from fraexp.data.results import Result
+from fraexp.execution.executors import make
+from fraexp.execution.job import Job
+from fraexp.workspace.workspace import Workspace
 from tests.waiting import HANG_TIMEOUT_S
 
 STUDIES = [
@@ -46,7 +46,7 @@ def jobs_of_each_estimator(folder: Path) -> dict[str, Job]:
     for study in workspace.studies(STUDIES):
         for sweep in study.sweeps:
             name = sweep.estimator["name"]
-            if name not in jobs and not list(references.found_in([sweep.experiment, sweep.estimator])):
+            if name not in jobs and not list(fit_references.found_in([sweep.experiment, sweep.estimator])):
                 jobs[name] = Job(sweep.experiment, (sweep.estimator,), sweep.files)
     assert set(jobs) >= set(workspace.registry.names("estimator")) - LONG - UNUSED
     return {name: job for name, job in jobs.items() if name not in LONG}

@@ -4,12 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from fraexp.plugins import Registry
-from fraexp.results import Outcome
-from fraexp.scheduler import plan
+from fraexp.components.registry import Registry
+from fraexp.data.results import Outcome
+from fraexp.data.sweep import Sweep
+from fraexp.execution.scheduler import plan
 from fraexp.store import StoredState
-from fraexp.study import Study
-from fraexp.sweep import Sweep
+from fraexp.study.study_file import Study
 
 
 class Stored:

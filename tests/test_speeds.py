@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from fraexp.cache_folder import VARIABLE, cache_folder
-from fraexp.speeds import LEAST_WEIGHT, Speeds, learn_speeds, read_speeds, speeds_file
+from fraexp.execution.estimates.speeds import LEAST_WEIGHT, Speeds, learn_speeds, read_speeds, speeds_file
+from fraexp.kernels.cache_folder import VARIABLE, cache_folder
 
 
 @pytest.fixture(autouse=True)

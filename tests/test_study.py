@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from fraexp.errors import FraexpError, StudyError
-from fraexp.study import find_studies, load, packaged_studies
+from fraexp.study.study_file import find_studies, load, packaged_studies
 
 HEAD = """
 machine = "linear_motor_table"

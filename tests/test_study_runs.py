@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from fraexp.cli.main import main
-from fraexp.results import Outcome
+from fraexp.data.results import Outcome
 from fraexp.store import Store
-from fraexp.study import packaged_studies
+from fraexp.study.study_file import packaged_studies
 from tests.examples import some
 
 STUDIES = sorted(path.stem for path in (packaged_studies() / "methods").glob("*.toml"))

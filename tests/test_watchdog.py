@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from fraexp.watchdog import OverdueError, place_in_dump, place_of, time_limit
+from fraexp.kernels.watchdog import OverdueError, place_in_dump, place_of, time_limit
 
 
 def endless_loop() -> None:

@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fraexp import experiments
-from fraexp.components import Excitation, Period, Schedule
-from fraexp.loop_work import looks_vectorised, samples_of
-from fraexp.plugins import Registry
-from fraexp.simulation import Setup, prepared
-from fraexp.workload import UNKNOWN, Counted, estimator_work, experiment_work
-from fraexp.workspace import Workspace
+from fraexp.components.kinds import Excitation, Period, Schedule
+from fraexp.components.registry import Registry
+from fraexp.execution.estimates.loop_work import looks_vectorised, samples_of
+from fraexp.execution.estimates.workload import UNKNOWN, Counted, estimator_work, experiment_work
+from fraexp.simulation import experiments
+from fraexp.simulation.experiments import Setup
+from fraexp.simulation.loop import prepared
+from fraexp.workspace.workspace import Workspace
 from tests.machines import FRICTIONLESS, LEAD, TABLE, table_models
 
 LOOP = {"sample_time": 500e-6, "input_dead_time": 1e-3}
@@ -34,9 +35,9 @@ def counted(experiment: dict[str, Any], registry: Registry, **excitation: Any) -
 
 @pytest.fixture(scope="module")
 def setup() -> Setup:
-    from fraexp.simulation import Loop, Machine, Numerics
+    from fraexp.simulation.machine import ControlLoop, Machine, Numerics
 
-    return prepared(Machine(TABLE, FRICTIONLESS, LEAD, Loop.parse(LOOP, "loop"), Numerics()))
+    return prepared(Machine(TABLE, FRICTIONLESS, LEAD, ControlLoop.parse(LOOP, "loop"), Numerics()))
 
 
 @pytest.mark.parametrize("block", [7, 200, 400, 12_000])
@@ -137,7 +138,7 @@ class Broken(Excitation, name="broken_in_test", version=1):
 
 
 def test_a_plugin_that_fails_while_it_is_counted_breaks_no_plan(experiment: dict[str, Any]) -> None:
-    from fraexp.plugins import discover
+    from fraexp.components.registry import discover
 
     registry = discover()
     registry.add(Broken, "test")
@@ -156,7 +157,7 @@ def test_lanes_are_guessed_as_the_compiler_decides(name: str, registry: Registry
 
 def test_a_plan_does_not_load_the_compiler(tmp_path: Path) -> None:
     code = (
-        "import sys; from fraexp.workspace import Workspace; "
+        "import sys; from fraexp.workspace.workspace import Workspace; "
         f"planned = Workspace.open({str(tmp_path)!r}).plan('quick')[1][0]; "
         "print(planned.seconds > 0, 'numba' in sys.modules)"
     )

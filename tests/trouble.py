@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from fraexp.perform import Job
+from fraexp.execution.job import Job
 
 PLUGIN = '''
 """Estimators that do what they are told."""

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from accuracy import FRICTION, PLANT, REGISTRY, SECTIONS
 
-from fraexp.components import Controller
-from fraexp.plugins import create
+from fraexp.components.kinds import Controller
+from fraexp.components.registry import create
 
 LONGEST = 500
 """Samples of a block of whole periods, at most."""

@@ -5,9 +5,10 @@ from typing import Any
 import numpy as np
 from accuracy import FRICTION, PLANT, REGISTRY, SECTIONS
 
-from fraexp.components import Controller, Excitation, Period, Schedule
-from fraexp.plugins import create
-from fraexp.simulation import Loop, Machine, Numerics, simulate_loop
+from fraexp.components.kinds import Controller, Excitation, Period, Schedule
+from fraexp.components.registry import create
+from fraexp.simulation.loop import simulate_loop
+from fraexp.simulation.machine import ControlLoop, Machine, Numerics
 from peers.problem import Peer, Problem, Run
 
 
@@ -35,7 +36,7 @@ class Given(Excitation):
 def prepare(problem: Problem, steps: int) -> Run:
     """Return the simulation; discretising the machine is part of each run."""
     controller = create(REGISTRY, Controller, SECTIONS["controller"])  # type: ignore[type-abstract]
-    loop = Loop.parse({**SECTIONS["loop"], "resolution": 0.0}, "loop")
+    loop = ControlLoop.parse({**SECTIONS["loop"], "resolution": 0.0}, "loop")
     machine = Machine(PLANT, FRICTION, controller, loop, Numerics(steps_per_sample=steps))
     excitation = Given(waveforms=problem.excitation)
 

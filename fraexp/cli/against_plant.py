@@ -9,13 +9,13 @@ import numpy as np
 
 from fraexp.cli.documents import plain
 from fraexp.cli.exits import ExitCode
-from fraexp.cli.selection import chosen, database, open_store
+from fraexp.cli.output import print_json, print_table, say
 from fraexp.cli.summary import TITLES, Quantity, quantile_rows, to_summarise
-from fraexp.cli.terminal import print_json, print_table, say
-from fraexp.figures.errors import NEAR, SPOTS, ErrorCurve, ErrorsInfo, errors_info
-from fraexp.views.tables import Table
+from fraexp.cli.sweep_lookup import chosen, database, open_store
+from fraexp.figures.kinds.plant_errors import NEAR, SPOTS, ErrorCurve, ErrorsInfo, errors_info
+from fraexp.views.text_tables import Table
 from fraexp.views.words import fixed, number, plural, short
-from fraexp.workspace import Workspace
+from fraexp.workspace.workspace import Workspace
 
 SHARE = "95 % limits that hold P [%]"
 FAR = 0.005
@@ -28,7 +28,7 @@ def execute(arguments: Namespace) -> ExitCode:
     with open_store(arguments) as store:
         sweeps = chosen(store, arguments.ids)
         results = store.results(sweep.key for sweep in sweeps)
-    shown = workspace.shown(sweeps, results)
+    shown = workspace.figures.shown(sweeps, results)
     info = errors_info(shown, spots=arguments.at or SPOTS)
     if arguments.json:
         print_json(_document(info, {sweep.key: sweep.labels for sweep in sweeps}))

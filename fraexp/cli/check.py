@@ -4,10 +4,10 @@ from argparse import Namespace
 from collections.abc import Iterable, Iterator
 from typing import Any
 
-from fraexp.cli.check_output import Output, QuickOutput, Silence, Started
+from fraexp.cli.check_output import CheckStarted, Output, QuickOutput, Silence
 from fraexp.cli.checking import told
 from fraexp.cli.exits import ExitCode
-from fraexp.cli.terminal import print_json
+from fraexp.cli.output import print_json
 from fraexp.errors import PluginError
 
 
@@ -22,7 +22,7 @@ def execute(arguments: Namespace) -> ExitCode:
 
 def _reports(lines: Iterable[dict[str, Any]], output: Output) -> Iterator[dict[str, Any]]:
     """Yield the report of each component, once all of it is known."""
-    started: Started | None = None
+    started: CheckStarted | None = None
     for line in lines:
         if "error" in line:
             raise PluginError(line["error"])
@@ -32,12 +32,12 @@ def _reports(lines: Iterable[dict[str, Any]], output: Output) -> Iterator[dict[s
             continue
         if started:
             yield _finished(started, output)
-        started = Started(line["component"], line["checks"], line["left_out"]) if "component" in line else None
+        started = CheckStarted(line["component"], line["checks"], line["left_out"]) if "component" in line else None
         if started:
             output.begin(started)
 
 
-def _finished(started: Started, output: Output) -> dict[str, Any]:
+def _finished(started: CheckStarted, output: Output) -> dict[str, Any]:
     made = {found["name"] for found in started.findings}
     for name in [name for name in started.checks if name not in made]:  # the process ended before
         why = started.findings[-1]["ends"] if started.findings else ""

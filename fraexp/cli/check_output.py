@@ -3,8 +3,8 @@
 from dataclasses import dataclass, field
 from typing import Any
 
-from fraexp.cli.terminal import say
-from fraexp.figures.labels import printable
+from fraexp.cli.output import say
+from fraexp.figures.elements.labels import printable
 from fraexp.views.words import plural
 
 HEADS = {"passed": "pass", "skipped": "skip", "expected": "expected", "not_run": "not run"}
@@ -16,7 +16,7 @@ Found = dict[str, Any]
 
 
 @dataclass(frozen=True)
-class Started:
+class CheckStarted:
     """A component that is being checked, with what has been found so far."""
 
     component: dict[str, Any]
@@ -45,11 +45,11 @@ def is_wrong(found: Found) -> bool:
 class Output:
     """A line for each check, as soon as it is known."""
 
-    def begin(self, started: Started) -> None:
+    def begin(self, started: CheckStarted) -> None:
         """Print how many checks follow."""
         print(printable(f"{started.title}: {plural(len(started.checks), 'check')}"), flush=True)
 
-    def finding(self, started: Started, found: Found) -> None:
+    def finding(self, started: CheckStarted, found: Found) -> None:
         """Print what was found; a reason that an earlier one has told already is told by its name."""
         head = HEADS.get(found["verdict"], "FAIL")
         print(printable(f"  {head:<{WORD}}  {found['name']:<{NAME}} {found['meaning']}"), flush=True)
@@ -63,12 +63,12 @@ class Output:
         if found["example"] and is_wrong(found):
             print(printable(f"{INDENT}with {found['example']}"), flush=True)
 
-    def end(self, started: Started) -> None:
+    def end(self, started: CheckStarted) -> None:
         """Tell in one line what must be mended."""
         print()
         say(self._summary(started))
 
-    def _summary(self, started: Started) -> str:
+    def _summary(self, started: CheckStarted) -> str:
         last = next((found for found in started.wrong if found["ends"]), None)
         if last:
             return f"{started.title}: {last['reason']}"
@@ -77,24 +77,24 @@ class Output:
             return f"{started.title}: {plural(len(wrong), 'check')} failed: {', '.join(wrong)}"
         return self._sound(started)
 
-    def _sound(self, started: Started) -> str:
+    def _sound(self, started: CheckStarted) -> str:
         return f"{started.title} is sound"
 
 
 class QuickOutput(Output):
     """Failures as soon as they are known, then the names of the other checks, and of those that were left out."""
 
-    def begin(self, started: Started) -> None:
+    def begin(self, started: CheckStarted) -> None:
         """Print how many checks follow."""
         of = f" of {len(started.checks) + len(started.left_out)}" if started.left_out else ""
         print(printable(f"{started.title}: {len(started.checks)}{of} checks, quickly"), flush=True)
 
-    def finding(self, started: Started, found: Found) -> None:
+    def finding(self, started: CheckStarted, found: Found) -> None:
         """Print a failure."""
         if is_wrong(found):
             super().finding(started, found)
 
-    def end(self, started: Started) -> None:
+    def end(self, started: CheckStarted) -> None:
         """Print which checks have passed, and which have not been made."""
         for verdict, head in HEADS.items():
             self._names(head, [found["name"] for found in started.findings if found["verdict"] == verdict])
@@ -105,7 +105,7 @@ class QuickOutput(Output):
         if names:
             print(printable(f"  {head:<{WORD}}  {', '.join(names)}"), flush=True)
 
-    def _sound(self, started: Started) -> str:
+    def _sound(self, started: CheckStarted) -> str:
         more = f"fraexp check {started.component['name']} looks at more examples"
         rest = f", and at {', '.join(started.left_out)}" if started.left_out else ""
         return f"{started.title}: nothing found in a quick look; {more}{rest}"
@@ -114,11 +114,11 @@ class QuickOutput(Output):
 class Silence(Output):
     """Prints nothing, where one document follows at the end."""
 
-    def begin(self, started: Started) -> None:
+    def begin(self, started: CheckStarted) -> None:
         """Print nothing."""
 
-    def finding(self, started: Started, found: Found) -> None:
+    def finding(self, started: CheckStarted, found: Found) -> None:
         """Print nothing."""
 
-    def end(self, started: Started) -> None:
+    def end(self, started: CheckStarted) -> None:
         """Print nothing."""

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from fraexp.errors import FraexpError
-from fraexp.watchdog import place_in_dump
+from fraexp.kernels.watchdog import place_in_dump
 
 
 def told(arguments: Namespace) -> Iterator[dict[str, Any]]:

@@ -11,14 +11,14 @@ import numpy as np
 from fraexp.cli import against_plant
 from fraexp.cli.documents import plain
 from fraexp.cli.exits import ExitCode
-from fraexp.cli.selection import chosen, open_store, run_of
+from fraexp.cli.output import print_fields, print_json, print_table, say
 from fraexp.cli.summary import TITLES, Quantity, parameter_rows, quantile_rows, to_summarise
-from fraexp.cli.terminal import print_fields, print_json, print_table, say
+from fraexp.cli.sweep_lookup import chosen, open_store, run_of
+from fraexp.components.registry import Registry, discover
 from fraexp.errors import FraexpError
-from fraexp.figures.difference import Difference
-from fraexp.figures.label_units import label_units
-from fraexp.figures.labels import curve_names
-from fraexp.plugins import Registry, discover
+from fraexp.figures.elements.label_units import label_units
+from fraexp.figures.elements.labels import curve_names
+from fraexp.figures.kinds.difference import Difference
 from fraexp.store import StoredSweep
 from fraexp.views.comparison import (
     differences_from_first,

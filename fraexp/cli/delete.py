@@ -4,8 +4,8 @@ import sys
 from argparse import Namespace
 
 from fraexp.cli.exits import ExitCode
-from fraexp.cli.selection import database, run_of
-from fraexp.cli.terminal import say
+from fraexp.cli.output import say
+from fraexp.cli.sweep_lookup import database, run_of
 from fraexp.errors import FraexpError
 from fraexp.store import Store
 from fraexp.views.deletion import loss_of_run, loss_of_sweeps

@@ -9,16 +9,16 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from fraexp import selftest
 from fraexp.cli.documents import plain
 from fraexp.cli.exits import ExitCode
-from fraexp.cli.selection import database, open_store
-from fraexp.cli.terminal import print_fields, print_json, say
+from fraexp.cli.output import print_fields, print_json, say
+from fraexp.cli.sweep_lookup import database, open_store
+from fraexp.components.registry import discover
 from fraexp.errors import StoreError
-from fraexp.plugins import discover
-from fraexp.provenance import gather
+from fraexp.execution.provenance import gather
 from fraexp.store import RunSummary, Store, shown
-from fraexp.store.file_system import NETWORK, file_system
+from fraexp.store.backends.file_system import NETWORK, file_system
+from fraexp.testing import selftest
 from fraexp.views.words import duration, plural
 
 EXTRAS = {"postgresql": "psycopg", "dask": "distributed"}

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from fraexp.export.content import optional
-from fraexp.results import FrequencyResponse, Outcome, Result
+from fraexp.data.results import FrequencyResponse, Outcome, Result
+from fraexp.figures.export.content import optional
 from fraexp.store import RunSummary, StoredSweep
 
 

@@ -4,12 +4,12 @@ from argparse import Namespace
 
 from fraexp.cli.documents import plain
 from fraexp.cli.exits import ExitCode
-from fraexp.cli.selection import database, open_store, run_of, sweeps_of
-from fraexp.cli.terminal import print_path
+from fraexp.cli.output import print_path
+from fraexp.cli.sweep_lookup import database, open_store, run_of, sweeps_of
 from fraexp.errors import FraexpError
-from fraexp.export import export
+from fraexp.figures.export import export
 from fraexp.views.words import short
-from fraexp.workspace import Workspace
+from fraexp.workspace.workspace import Workspace
 
 
 def execute(arguments: Namespace) -> ExitCode:

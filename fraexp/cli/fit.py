@@ -5,12 +5,12 @@ from collections.abc import Sequence
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.follow import follow, report
-from fraexp.cli.selection import chosen, database, open_store, run_of
-from fraexp.cli.terminal import say
+from fraexp.cli.output import say
+from fraexp.cli.sweep_lookup import chosen, database, open_store, run_of
 from fraexp.errors import FraexpError
-from fraexp.fitted import estimator, taken_over
 from fraexp.store import StoredSweep
-from fraexp.workspace import Workspace
+from fraexp.workspace.fit_specs import estimator, taken_over
+from fraexp.workspace.workspace import Workspace
 
 
 def execute(arguments: Namespace) -> ExitCode:

@@ -8,20 +8,20 @@ from typing import Any
 
 from fraexp.cli.documents import plain, run_document, sweep_document
 from fraexp.cli.exits import ExitCode
+from fraexp.cli.output import print_json, print_path, print_table, say
 from fraexp.cli.progress import Meter
-from fraexp.cli.selection import open_store, place
 from fraexp.cli.summary import print_summary, to_summarise
-from fraexp.cli.terminal import print_json, print_path, print_table, say
-from fraexp.events import Begun, Ended, Event, Finished, Noticed, Planned, Preparing, Progress
-from fraexp.figures.labels import printable
-from fraexp.results import Outcome, Result
+from fraexp.cli.sweep_lookup import open_store, place
+from fraexp.data.results import Outcome, Result
+from fraexp.execution.events import Begun, Ended, Event, Finished, Noticed, Planned, Preparing, Progress
+from fraexp.figures.elements.labels import printable
 from fraexp.store import RunSummary, StoredSweep
 from fraexp.views.fields import remedies
 from fraexp.views.pace import expected_time
 from fraexp.views.plan import why_document, why_lines
-from fraexp.views.tables import sweep_table
+from fraexp.views.text_tables import sweep_table
 from fraexp.views.words import duration, plural, short
-from fraexp.workspace import Workspace
+from fraexp.workspace.workspace import Workspace
 
 SHOWN = 50
 """Sweeps in the table at the end where no terminal is; `show` has all."""
@@ -193,9 +193,9 @@ def _print_errors(sweeps: list[StoredSweep], results: dict[str, Result], workspa
     if not any("case" in of for of in labels):
         return
     from fraexp.cli.against_plant import print_errors
-    from fraexp.figures.errors import errors_info
+    from fraexp.figures.kinds.plant_errors import errors_info
 
-    comparable = [of for of in workspace.shown(sweeps, results) if of.truth is not None]
+    comparable = [of for of in workspace.figures.shown(sweeps, results) if of.truth is not None]
     if len(comparable) > 1:
         print()
         print_errors(errors_info(comparable))

@@ -6,12 +6,12 @@ from typing import Any
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.follow import follow, report
-from fraexp.cli.selection import database
-from fraexp.cli.terminal import print_json, print_table, say
+from fraexp.cli.output import print_json, print_table, say
+from fraexp.cli.sweep_lookup import database
 from fraexp.errors import RecordError
 from fraexp.records.channels import channel_of
 from fraexp.records.written import Request
-from fraexp.workspace import Workspace
+from fraexp.workspace.workspace import Workspace
 
 OPTIONS = (
     "input", "sample_rate", "time", "period", "period_time", "periods", "frequency", "periodic", "skip", "skip_time",

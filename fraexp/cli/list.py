@@ -5,8 +5,8 @@ from dataclasses import asdict
 
 from fraexp.cli.documents import plain, run_document
 from fraexp.cli.exits import ExitCode
-from fraexp.cli.selection import database, open_store
-from fraexp.cli.terminal import print_json, print_table, say
+from fraexp.cli.output import print_json, print_table, say
+from fraexp.cli.sweep_lookup import database, open_store
 from fraexp.errors import FraexpError
 from fraexp.store import RunSummary, Store
 from fraexp.views.fields import took
@@ -68,7 +68,7 @@ def _list_sweeps(arguments: Namespace) -> None:
 def _list_studies(arguments: Namespace) -> None:
     """Print the studies in the order of their list, and what running them would do."""
     from fraexp.views.study import STUDY_COLUMNS, newest, study_document, study_row, survey
-    from fraexp.workspace import Workspace
+    from fraexp.workspace.workspace import Workspace
 
     workspace = Workspace.open(arguments.workspace, database(arguments))
     entries = workspace.catalogue()

@@ -15,8 +15,8 @@ from types import ModuleType
 
 from fraexp.cli.arguments import COMMANDS, parse
 from fraexp.cli.exits import ExitCode
+from fraexp.cli.output import say
 from fraexp.cli.parser import UsageError
-from fraexp.cli.terminal import say
 from fraexp.errors import FraexpError, StoreError, UnreachedError
 
 
@@ -101,7 +101,7 @@ def _code_of(error: FraexpError) -> ExitCode:
 
 def _execute(parsed: Namespace) -> int:
     if parsed.version:
-        from fraexp.provenance import gather
+        from fraexp.execution.provenance import gather
 
         print(gather()["fraexp"])
         return ExitCode.OK

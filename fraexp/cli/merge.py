@@ -10,8 +10,8 @@ from typing import Any
 
 from fraexp.cli.documents import plain
 from fraexp.cli.exits import ExitCode
-from fraexp.cli.selection import database
-from fraexp.cli.terminal import print_json, say
+from fraexp.cli.output import print_json, say
+from fraexp.cli.sweep_lookup import database
 from fraexp.errors import StoreError
 from fraexp.store import Merged, Store, shown
 from fraexp.views.words import plural

@@ -3,8 +3,8 @@
 from argparse import Namespace
 
 from fraexp.cli.exits import ExitCode
-from fraexp.cli.selection import database
-from fraexp.cli.terminal import print_json
+from fraexp.cli.output import print_json
+from fraexp.cli.sweep_lookup import database
 from fraexp.store import Store, shown
 
 

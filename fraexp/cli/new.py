@@ -11,9 +11,9 @@ from pathlib import Path
 from string import Template
 
 from fraexp.cli.exits import ExitCode
-from fraexp.cli.terminal import print_path
+from fraexp.cli.output import print_path
+from fraexp.components.registry import Registry, discover
 from fraexp.errors import PluginError
-from fraexp.plugins import Registry, discover
 
 STUDIES = ("friction", "plant", "controller", "excitation", "estimator")
 """Kinds that come with a study."""

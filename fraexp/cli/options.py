@@ -5,7 +5,7 @@ from pathlib import Path
 
 from fraexp.cli import import_options
 from fraexp.cli.parser import Parser
-from fraexp.figures.kinds import FIGURES
+from fraexp.data.figure_kinds import FIGURES
 
 KINDS = ("friction", "plant", "controller", "excitation", "estimator", "reader")
 """Kinds of component."""

@@ -4,15 +4,15 @@ from argparse import Namespace
 from collections.abc import Sequence
 
 from fraexp.cli.exits import ExitCode
-from fraexp.cli.selection import chosen, database, open_store, run_of
-from fraexp.cli.terminal import print_path, say
+from fraexp.cli.output import print_path, say
+from fraexp.cli.sweep_lookup import chosen, database, open_store, run_of
 from fraexp.errors import FraexpError
-from fraexp.figures.stamp import check_suffix
-from fraexp.figures.view import View
+from fraexp.figures.elements.stamp import check_suffix
+from fraexp.figures.elements.view import View
 from fraexp.store import Store
 from fraexp.views.comparison import named_alike
 from fraexp.views.words import plural
-from fraexp.workspace import Workspace
+from fraexp.workspace.workspace import Workspace
 
 
 def execute(arguments: Namespace) -> ExitCode:
@@ -25,7 +25,7 @@ def execute(arguments: Namespace) -> ExitCode:
         if all(run_of(store, identifier) is None for identifier in arguments.ids):
             sweeps = named_alike(store, sweeps)
         title = arguments.title or _study(store, arguments.ids)
-        drawn = workspace.draw(store, sweeps, arguments.output, title, arguments.kind, say, view)
+        drawn = workspace.figures.draw(store, sweeps, arguments.output, title, arguments.kind, say, view)
     if not drawn:
         raise FraexpError(
             f"plot: found nothing to draw in {plural(len(sweeps), 'sweep')}; see their outcomes with show"

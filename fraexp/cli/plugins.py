@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import Any
 
 from fraexp.cli.exits import ExitCode
-from fraexp.cli.terminal import print_fields, print_json, print_table, say
-from fraexp.figures.labels import printable
-from fraexp.plugins import discover
+from fraexp.cli.output import print_fields, print_json, print_table, say
+from fraexp.components.registry import discover
+from fraexp.figures.elements.labels import printable
 from fraexp.views.components import component_document, parameter_row
 from fraexp.views.words import plural
 

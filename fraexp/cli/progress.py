@@ -5,8 +5,8 @@ import time
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
-from fraexp.cli.terminal import say
-from fraexp.figures.labels import printable
+from fraexp.cli.output import say
+from fraexp.figures.elements.labels import printable
 from fraexp.views.pace import Speed, rate_text
 from fraexp.views.words import duration, plural
 

@@ -6,14 +6,14 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from fraexp.cli.exits import ExitCode
-from fraexp.cli.selection import database, open_store, run_of
-from fraexp.cli.terminal import print_path, say
+from fraexp.cli.output import print_path, say
+from fraexp.cli.sweep_lookup import database, open_store, run_of
 from fraexp.errors import FraexpError
-from fraexp.printed import Compared
-from fraexp.report import check_target, verdict
+from fraexp.reports.html_report import check_target, verdict
 from fraexp.store import Store
-from fraexp.study import find_studies, packaged_studies
-from fraexp.workspace import Workspace
+from fraexp.study.published_values import PublishedComparison
+from fraexp.study.study_file import find_studies, packaged_studies
+from fraexp.workspace.workspace import Workspace
 
 
 def execute(arguments: Namespace) -> ExitCode:
@@ -68,7 +68,7 @@ def _folders(names: Sequence[str], folder: Path) -> Iterator[tuple[str, list[str
 
 def _write(
     workspace: Workspace, store: Store, runs: Sequence[int], path: Path, title: str, as_talk: bool = False
-) -> list[Compared]:
+) -> list[PublishedComparison]:
     compared = workspace.report(store, runs, path, title)
     if as_talk:
         say(f"report {path}")

@@ -4,12 +4,12 @@ from argparse import Namespace
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.follow import follow, report
+from fraexp.cli.output import print_json, print_path, say
 from fraexp.cli.report import report_folders
-from fraexp.cli.selection import database, place
-from fraexp.cli.terminal import print_json, print_path, say
+from fraexp.cli.sweep_lookup import database, place
 from fraexp.errors import StudyError
-from fraexp.executors import Limits, workers_of
-from fraexp.workspace import Workspace
+from fraexp.execution.executors import ResourceLimits, workers_of
+from fraexp.workspace.workspace import Workspace
 
 
 def execute(arguments: Namespace) -> ExitCode:
@@ -17,7 +17,7 @@ def execute(arguments: Namespace) -> ExitCode:
     workspace = Workspace.open(arguments.workspace, database(arguments))
     if arguments.detach:
         return _detach(arguments, workspace)
-    limits = Limits.parse(arguments.time_limit, arguments.memory)
+    limits = ResourceLimits.parse(arguments.time_limit, arguments.memory)
     events = workspace.run(
         arguments.study, arguments.executor, arguments.overrides, arguments.dry_run, arguments.rerun, limits
     )
@@ -34,7 +34,7 @@ def _detach(arguments: Namespace, workspace: Workspace) -> ExitCode:
     if arguments.dry_run:
         raise StudyError("--detach runs in the background, --dry-run runs nothing; give one of them")
     workers_of(arguments.executor or "processes")
-    limits = Limits.parse(arguments.time_limit, arguments.memory)
+    limits = ResourceLimits.parse(arguments.time_limit, arguments.memory)
     limits.check(arguments.executor)
     workspace.studies(arguments.study, arguments.overrides)
     started = workspace.launch(arguments.study, arguments.overrides, arguments.executor, arguments.rerun, limits)

@@ -4,12 +4,12 @@ import sys
 from argparse import Namespace
 
 from fraexp.cli.exits import ExitCode
-from fraexp.workspace import Workspace
+from fraexp.workspace.workspace import Workspace
 
 
 def execute(arguments: Namespace) -> ExitCode:
     """Serve until interrupted."""
-    from fraexp.tui.serve import serve
+    from fraexp.tui.services.browser_server import serve
 
     place = Workspace.open(arguments.workspace, arguments.db).place()
     command = [sys.executable, "-m", "fraexp", "tui", *place]

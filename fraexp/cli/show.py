@@ -6,16 +6,16 @@ from pathlib import Path
 
 from fraexp.cli.documents import run_document, sweep_document
 from fraexp.cli.exits import ExitCode
-from fraexp.cli.selection import open_store, run_of
+from fraexp.cli.output import print_fields, print_json, print_table, say
 from fraexp.cli.summary import print_summary, to_summarise
-from fraexp.cli.terminal import print_fields, print_json, print_table, say
-from fraexp.figures.labels import printable
-from fraexp.plugins import discover
-from fraexp.results import Fit, Result
+from fraexp.cli.sweep_lookup import open_store, run_of
+from fraexp.components.registry import discover
+from fraexp.data.results import Fit, Result
+from fraexp.figures.elements.labels import printable
 from fraexp.store import RunSummary, Store, StoredSweep
 from fraexp.views.fields import remedies, run_fields, sweep_fields
-from fraexp.views.results import FIT_COLUMNS, curve_text, fit_rows, fit_section, metric_fields
-from fraexp.views.tables import response_table, sweep_table
+from fraexp.views.result_rows import FIT_COLUMNS, curve_text, fit_rows, fit_section, metric_fields
+from fraexp.views.text_tables import response_table, sweep_table
 from fraexp.views.words import flat, plural, value_text, without_segments
 
 ROWS = 12

@@ -3,9 +3,9 @@
 from argparse import Namespace
 
 from fraexp.cli.exits import ExitCode
-from fraexp.cli.selection import database, open_store
-from fraexp.cli.terminal import say
-from fraexp.workspace import Workspace
+from fraexp.cli.output import say
+from fraexp.cli.sweep_lookup import database, open_store
+from fraexp.workspace.workspace import Workspace
 
 
 def execute(arguments: Namespace) -> ExitCode:

@@ -8,15 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from fraexp.cli.terminal import print_fields, print_table, say
-from fraexp.figures.label_units import label_units
-from fraexp.figures.labels import GROUPS, group_names, label_columns, label_texts
-from fraexp.plugins import Registry
-from fraexp.results import Metric, Outcome, Result
+from fraexp.cli.output import print_fields, print_table, say
+from fraexp.components.registry import Registry
+from fraexp.data.results import Metric, Outcome, Result
+from fraexp.data.sweep import DRAW
+from fraexp.figures.elements.label_units import label_units
+from fraexp.figures.elements.labels import GROUPS, group_names, label_columns, label_texts
 from fraexp.store import StoredSweep
-from fraexp.sweep import DRAW
 from fraexp.views.fields import outcome_text
-from fraexp.views.tables import level_near, spots_of, sweep_table
+from fraexp.views.text_tables import level_near, spots_of, sweep_table
 from fraexp.views.words import fixed, number, plural, short, value_text
 
 MOST = 40

@@ -3,8 +3,8 @@
 from argparse import Namespace
 
 from fraexp.cli.exits import ExitCode
-from fraexp.cli.selection import chosen, database
-from fraexp.cli.terminal import say
+from fraexp.cli.output import say
+from fraexp.cli.sweep_lookup import chosen, database
 from fraexp.store import Store
 from fraexp.views.words import plural
 

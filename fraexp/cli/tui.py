@@ -14,12 +14,12 @@ def execute(arguments: Namespace) -> ExitCode:
     if not (sys.stdin.isatty() and sys.stdout.isatty()) and not _served():
         raise FraexpError("tui: there is no terminal here; every screen has its command: fraexp list, show, compare")
     if not Path(arguments.workspace).is_dir():
-        from fraexp.workspace import Workspace  # which takes its time, and would be imported later
+        from fraexp.workspace.workspace import Workspace  # which takes its time, and would be imported later
 
         Workspace.open(arguments.workspace)  # tells what is wrong
-    from fraexp.tui import garbage
+    from fraexp.tui.services import gc_policy
 
-    garbage.put_off()
+    gc_policy.put_off()
     from fraexp.tui.app import FraexpApp
 
     app = FraexpApp(arguments.workspace, arguments.db, arguments.ascii or None, arguments.debug)

@@ -8,27 +8,27 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
+from fraexp.data.results import Curve
 from fraexp.errors import FraexpError
-from fraexp.figures.against_first import difference_info, draw_difference
-from fraexp.figures.amplitude_map import amplitude_map_info, draw_amplitude_map
-from fraexp.figures.bode import Reference, bode_info, draw_bode
-from fraexp.figures.canvas import styled
-from fraexp.figures.coherence import coherence_info, draw_coherence
-from fraexp.figures.curves import curves_info, draw_curves
-from fraexp.figures.distribution import distribution_info, draw_distribution
-from fraexp.figures.errors import draw_errors, errors_info
-from fraexp.figures.hysteresis import draw_hysteresis, hysteresis_info, is_hysteresis
-from fraexp.figures.levels import draw_levels, levels_info
-from fraexp.figures.nyquist import draw_nyquist, nyquist_info
-from fraexp.figures.positioning import draw_positioning, is_positioning, positioning_info
-from fraexp.figures.shown import Shown
-from fraexp.figures.stamp import check_suffix, digest
-from fraexp.figures.view import ALL, View, interrupt_wrapped, show_band
-from fraexp.results import Curve
+from fraexp.figures.elements.canvas import styled
+from fraexp.figures.elements.shown import ShownResult
+from fraexp.figures.elements.stamp import check_suffix, digest
+from fraexp.figures.elements.view import ALL, View, interrupt_wrapped, show_band
+from fraexp.figures.kinds.against_first import difference_info, draw_difference
+from fraexp.figures.kinds.amplitude_map import amplitude_map_info, draw_amplitude_map
+from fraexp.figures.kinds.bode import Reference, bode_info, draw_bode
+from fraexp.figures.kinds.coherence import coherence_info, draw_coherence
+from fraexp.figures.kinds.distribution import distribution_info, draw_distribution
+from fraexp.figures.kinds.hysteresis_loops import draw_hysteresis, hysteresis_info, is_hysteresis
+from fraexp.figures.kinds.levels import draw_levels, levels_info
+from fraexp.figures.kinds.nyquist import draw_nyquist, nyquist_info
+from fraexp.figures.kinds.other_curves import curves_info, draw_curves
+from fraexp.figures.kinds.plant_errors import draw_errors, errors_info
+from fraexp.figures.kinds.positioning_moves import draw_positioning, is_positioning, positioning_info
 
 OF_CURVES = ("hysteresis", "positioning", "curves")
 """Kinds of figure that show the curves of results."""
-OF_SHOWN: dict[str, Callable[[Sequence[Shown], str], Figure]] = {
+OF_SHOWN: dict[str, Callable[[Sequence[ShownResult], str], Figure]] = {
     "errors": lambda shown, title: draw_errors(errors_info(shown, title)),
     "difference": lambda shown, title: draw_difference(difference_info(shown, title)),
     "coherence": lambda shown, title: draw_coherence(coherence_info(shown, title)),
@@ -40,7 +40,7 @@ OF_SHOWN: dict[str, Callable[[Sequence[Shown], str], Figure]] = {
 
 
 def figure_for(
-    shown: Sequence[Shown], reference: Reference | None = None, title: str = "", kind: str = "", view: View = ALL
+    shown: Sequence[ShownResult], reference: Reference | None = None, title: str = "", kind: str = "", view: View = ALL
 ) -> Figure:
     """Return a figure of results: of a kind (see `kinds`), or of the one that fits them.
 
@@ -57,7 +57,7 @@ def figure_for(
     return figure
 
 
-def _whole(shown: Sequence[Shown], reference: Reference | None, title: str, chosen: str, view: View) -> Figure:
+def _whole(shown: Sequence[ShownResult], reference: Reference | None, title: str, chosen: str, view: View) -> Figure:
     if chosen in OF_CURVES:
         return _of_curves(_curves(shown), title, chosen)
     if chosen in OF_SHOWN:
@@ -80,7 +80,7 @@ def _of_curves(found: Sequence[tuple[str, Curve, str]], title: str, kind: str) -
     return draw_curves(curves_info([(label, curve) for label, curve, _ in found], title, [of for *_, of in found]))
 
 
-def _fitting(shown: Sequence[Shown]) -> str:
+def _fitting(shown: Sequence[ShownResult]) -> str:
     if any(of.response is not None for of in shown):
         return "bode"
     found = _curves(shown)
@@ -92,7 +92,7 @@ def _fitting(shown: Sequence[Shown]) -> str:
     return "positioning" if any(is_positioning(curve) for _, curve, _ in found) else "curves"
 
 
-def _curves(shown: Sequence[Shown]) -> list[tuple[str, Curve, str]]:
+def _curves(shown: Sequence[ShownResult]) -> list[tuple[str, Curve, str]]:
     return [(of.label, curve, of.group) for of in shown for curve in of.result.curves]
 
 

@@ -11,9 +11,9 @@ import numpy as np
 from numba import from_dtype, njit, types
 
 from fraexp.kernels.addresses import array_at, floats_at, integers_at, number_at, numbers_at, rows_at
-from fraexp.kernels.arguments import argument_reader
 from fraexp.kernels.lanes import WIDTH, all_within, rounded, taken_at
 from fraexp.kernels.law import Law
+from fraexp.kernels.law_arguments import argument_reader
 
 FORCE, PLACE, STIFFNESS, BEFORE = range(4)
 """Rows of a contact: friction force [N], displacement there [m], local stiffness [N/m], force a step before [N]."""

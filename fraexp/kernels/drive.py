@@ -8,9 +8,9 @@ import numpy as np
 from numba import from_dtype, njit, types
 
 from fraexp.kernels.addresses import array_at, floats_at, integers_at, number_at, numbers_at, rows_at, run_at
-from fraexp.kernels.arguments import aligned_zeros, argument_reader, flatten, sizes, structure
 from fraexp.kernels.lanes import WIDTH, taken_at
 from fraexp.kernels.law import Law, compilable, explained, fingerprint, kernel_sources
+from fraexp.kernels.law_arguments import aligned_zeros, argument_reader, flatten, sizes, structure
 from fraexp.kernels.law_error import LawError
 from fraexp.kernels.machine_code import address, compile_kernel
 

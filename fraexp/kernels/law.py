@@ -12,7 +12,7 @@ import numpy as np
 from numba.extending import register_jitable
 
 from fraexp.kernels.law_error import LawError
-from fraexp.watchdog import OverdueError, time_limit
+from fraexp.kernels.watchdog import OverdueError, time_limit
 
 Law = Callable[..., float]
 

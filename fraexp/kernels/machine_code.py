@@ -26,14 +26,16 @@ from numba.core.compiler import CompileResult
 from numba.core.registry import cpu_target
 from numba.core.serialize import dumps
 
-from fraexp.cache_folder import cache_folder
 from fraexp.kernels.announcement import announce
+from fraexp.kernels.cache_folder import cache_folder
 
 try:
     import fcntl
 except ImportError:  # Windows: two processes may then compile the same kernel, which costs time and nothing else
     fcntl = None  # type: ignore[assignment]
 
+DIGEST_SIZE = 32
+"""Bytes of the hash that stands before the machine code in its file."""
 DAY_S = 86400.0
 UNUSED_S = 90 * DAY_S
 """Time after which a kernel that nobody has loaded is deleted [s]."""
@@ -67,13 +69,17 @@ class _File(_Cache):
         target_context.refresh()
         try:
             stored = self.path.read_bytes()
-            return CompileResult._rebuild(target_context, *pickle.loads(stored))  # type: ignore[no-untyped-call]
-        except Exception:  # not there, or damaged: compile
+            code = stored[DIGEST_SIZE:]
+            if _digest(code) != stored[:DIGEST_SIZE]:  # a single wrong bit may crash what runs it
+                return None
+            return CompileResult._rebuild(target_context, *pickle.loads(code))  # type: ignore[no-untyped-call]
+        except Exception:  # not there, or of no use: compile
             return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
         if not data.library.has_dynamic_globals:  # such as an address in this process
-            _write(self.path, dumps(data._reduce()))  # type: ignore[no-untyped-call]
+            code = dumps(data._reduce())  # type: ignore[no-untyped-call]
+            _write(self.path, _digest(code) + code)
 
     def enable(self) -> None:
         """It always is."""
@@ -83,6 +89,10 @@ class _File(_Cache):
 
     def flush(self) -> None:
         self.path.unlink(missing_ok=True)
+
+
+def _digest(code: bytes) -> bytes:
+    return hashlib.blake2b(code, digest_size=DIGEST_SIZE).digest()
 
 
 def compile_kernel(name: str, source: str, make: Callable[[], Any], signature: tuple[Any, ...], **options: Any) -> Any:

@@ -5,8 +5,8 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
+from fraexp.components.parameters import Parameters, param
 from fraexp.errors import ParameterError
-from fraexp.parameters import Parameters, param
 
 SHORT = re.compile(r"^(?P<column>.*\S)\s*\[(?P<unit>[^\]]*)\]$")
 """Something with its unit in square brackets, such as ``iq [A]``."""

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fraexp.components import RecordReader, Table
+from fraexp.components.kinds import RecordReader, RecordTable
 from fraexp.errors import ParameterError, RecordError
 from fraexp.records.quantities import PURE, si_of
 from fraexp.records.timebase import JITTER, rate_of
@@ -21,7 +21,7 @@ PREFIXES = (1.0, 1e3, 1e6)
 """Factors by which a number without a unit may state a rate: Hz, kHz or MHz; or a time: s, ms or µs."""
 
 
-def evident_clock(reader: RecordReader, table: Table, path: Path, even: bool) -> float | None:
+def evident_clock(reader: RecordReader, table: RecordTable, path: Path, even: bool) -> float | None:
     """Return the sample rate [Hz] of a column that nobody asked for and that is evidently the time, or None.
 
     Its unit must be one of time, and it must be uniform, or unless `even` be called time and increase.
@@ -57,7 +57,7 @@ def check_numbers(stated: float, reader: RecordReader, path: Path) -> None:
         )
 
 
-def unknown_rate(reader: RecordReader, table: Table, path: Path) -> RecordError:
+def unknown_rate(reader: RecordReader, table: RecordTable, path: Path) -> RecordError:
     """Return the error for a record whose sample rate nobody has told; it names what in the file may tell it."""
     place = f"{path.name}: the sample rate is unknown; give"
     time = next((name for name, size in _sizes(reader, path).items() if size > 1 and TIMES.fullmatch(_last(name))), "")

@@ -9,14 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
+from fraexp.components.registry import Registry
+from fraexp.data.units import si
 from fraexp.errors import FraexpError, RecordError
-from fraexp.plugins import Registry
 from fraexp.records.clocks import RATES, SAMPLE_TIMES, TIMES
 from fraexp.records.quantities import PURE
 from fraexp.records.repeats import detected_period
 from fraexp.records.source import existing, reader_of
 from fraexp.records.timebase import rate_of
-from fraexp.units import si
 
 Listing = Callable[[Path], Mapping[str, tuple[tuple[int, ...], str]]]
 """What a reader may offer as `contents`: sides and unit of all that it can read of a file, by name."""

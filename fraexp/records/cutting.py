@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from fraexp.errors import RecordError
-from fraexp.records.settings import BLOCKS, RecordSettings, Step
+from fraexp.records.record_settings import BLOCKS, RecordSettings, Step
 
 ROUNDING = 1e-9
 """Relative difference of samples and periods that is rounding of what the study says."""

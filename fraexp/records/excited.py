@@ -26,7 +26,7 @@ POOLED = 33
 
 
 @dataclass(frozen=True)
-class Found:
+class ExcitedLines:
     """The excited lines of a signal."""
 
     lines: Sequence[int]
@@ -38,7 +38,7 @@ class Found:
     """How many are far weaker than the others."""
 
 
-def injected_lines(blocks: np.ndarray, band: tuple[float, float]) -> Found:
+def injected_lines(blocks: np.ndarray, band: tuple[float, float]) -> ExcitedLines:
     """Return the lines of a signal that neither friction nor feedback touches, in blocks of shape (blocks, samples).
 
     All that stands out of its noise and rounding is excited. Rounding repeats itself: below a thousandth of the
@@ -49,10 +49,10 @@ def injected_lines(blocks: np.ndarray, band: tuple[float, float]) -> Found:
     above = (amplitude**2 > SIGNIFICANT * scatter) & (amplitude > NOTHING * greatest)
     above &= amplitude > _widest_gap(amplitude[above], NEGLIGIBLE * greatest)
     lines = np.flatnonzero(above) + 1
-    return Found(_within(lines, band), lines.tolist())
+    return ExcitedLines(_within(lines, band), lines.tolist())
 
 
-def detected_lines(blocks: np.ndarray, band: tuple[float, float] = (1, np.inf), stated: bool = False) -> Found:
+def detected_lines(blocks: np.ndarray, band: tuple[float, float] = (1, np.inf), stated: bool = False) -> ExcitedLines:
     """Return the lines that stand out of noise and distortion in the blocks of an input, shape (blocks, samples).
 
     A controller's input also holds lines that friction has made. Where the lines above the noise fall by more than a
@@ -69,7 +69,7 @@ def detected_lines(blocks: np.ndarray, band: tuple[float, float] = (1, np.inf), 
     lines, others = _within(kept + 1, band), _within(np.setdiff1d(above, kept) + 1, band if stated else (1, np.inf))
     strong = any(amplitude[line - 1] > weak for line in others) and len(blocks) > 1  # one block does not tell the noise
     doubtful = sum(bool(amplitude[line - 1] < weak) for line in lines)
-    return Found(lines, (kept + 1).tolist(), len(others) if strong else 0, doubtful)
+    return ExcitedLines(lines, (kept + 1).tolist(), len(others) if strong else 0, doubtful)
 
 
 def _within(lines: np.ndarray, band: tuple[float, float]) -> list[int]:

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from fraexp import units
-from fraexp.components import Table
+from fraexp.components.kinds import RecordTable
+from fraexp.data import units
 from fraexp.errors import ParameterError, RecordError
 from fraexp.records.channels import Channel
 
@@ -17,7 +17,7 @@ PURE = ("-", "–", "1", "")
 """How instruments write that a number has no unit."""
 
 
-def in_si(name: str, channel: Channel, table: Table, path: Path, default: str = "") -> Plain:
+def in_si(name: str, channel: Channel, table: RecordTable, path: Path, default: str = "") -> Plain:
     """Return column, SI unit and factor to it of a channel, as plain data; `default` is for a column without unit."""
     stated = {column: table.units[column] for column in channel.columns if table.units.get(column)}
     for column, unit in stated.items() if channel.unit and abs(channel.scale) == 1 else ():
@@ -82,7 +82,7 @@ def si_of(unit: str, place: str) -> tuple[float, str]:
         ) from None
 
 
-def values_of(table: Table, channel: Mapping[str, Any], name: str, path: Path) -> np.ndarray:
+def values_of(table: RecordTable, channel: Mapping[str, Any], name: str, path: Path) -> np.ndarray:
     """Return the samples of a channel in SI units, shape (n,); RecordError if they do not vary."""
     samples = table.columns[channel["column"]]
     if "plus" in channel:
@@ -97,7 +97,7 @@ def values_of(table: Table, channel: Mapping[str, Any], name: str, path: Path) -
     return np.ascontiguousarray(samples * channel["scale"] + channel.get("offset", 0.0))
 
 
-def auxiliary_values(name: str, channel: Channel, table: Table, default: str, path: Path) -> np.ndarray:
+def auxiliary_values(name: str, channel: Channel, table: RecordTable, default: str, path: Path) -> np.ndarray:
     """Return the samples of the time or frequency, shape (n,), in the unit `default`."""
     plain = in_si(name, channel, table, path, default)
     if plain["unit"] != units.si(default)[1]:

@@ -4,7 +4,7 @@ import numpy as np
 
 from fraexp.errors import RecordError
 from fraexp.records.cutting import Cut
-from fraexp.records.settings import BLOCKS
+from fraexp.records.record_settings import BLOCKS
 
 SIMILAR = 0.5
 """Correlation of successive periods below which a record does not repeat itself."""

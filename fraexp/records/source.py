@@ -8,22 +8,22 @@ from typing import Any
 
 import numpy as np
 
-from fraexp.components import RecordReader, Table
+from fraexp.components.kinds import RecordReader, RecordTable
+from fraexp.components.registry import Registry, create
+from fraexp.data.identity import file_hash
+from fraexp.data.signals import Segment, Settling, Signals
 from fraexp.errors import RecordError, did_you_mean
-from fraexp.identity import file_hash
-from fraexp.plugins import Registry, create
 from fraexp.records.calculus import integrated
 from fraexp.records.channels import Channel
 from fraexp.records.clocks import check_numbers, evident_clock, unknown_rate
 from fraexp.records.cutting import Cut, periodic_cut, realisations_of, step_cuts, steps_of, whole_cut
 from fraexp.records.excited import doubts
-from fraexp.records.lines import check_steps, common_lines, with_lines
+from fraexp.records.line_selection import check_steps, common_lines, with_lines
 from fraexp.records.quantities import auxiliary_values, columns_of, in_si, values_of
+from fraexp.records.record_segments import check_levels, condition, runs_in
+from fraexp.records.record_settings import RecordSettings
 from fraexp.records.repeats import check_repeats, detected_period, seems_to_repeat
-from fraexp.records.runs import check_levels, condition, runs_in
-from fraexp.records.settings import RecordSettings
 from fraexp.records.timebase import JITTER, agreed_rate, rate_of
-from fraexp.signals import Segment, Settling, Signals
 
 Plain = dict[str, Any]
 AS_FROM_REST = Settling(settled=True, time=0.0, residual=float("nan"))
@@ -180,7 +180,7 @@ def _auxiliary(settings: RecordSettings) -> dict[str, Channel]:
     return {f" {name}": channel for name, channel in found.items() if channel is not None}
 
 
-def _read(reader: RecordReader, path: Path, columns: set[str]) -> Table:
+def _read(reader: RecordReader, path: Path, columns: set[str]) -> RecordTable:
     table = reader.read(path, sorted(columns))
     lengths = {name: samples.size for name, samples in table.columns.items()}
     if len(set(lengths.values())) > 1:
@@ -196,7 +196,7 @@ def _read(reader: RecordReader, path: Path, columns: set[str]) -> Table:
     return table
 
 
-def _rate(settings: RecordSettings, reader: RecordReader, table: Table, path: Path) -> float:
+def _rate(settings: RecordSettings, reader: RecordReader, table: RecordTable, path: Path) -> float:
     clock = 1 / table.sample_time if table.sample_time else None
     if settings.time is not None:
         time = auxiliary_values("time", settings.time, table, "s", path)
@@ -210,7 +210,9 @@ def _rate(settings: RecordSettings, reader: RecordReader, table: Table, path: Pa
     return agreed_rate(settings.sample_rate, clock, path.name)
 
 
-def _cuts(settings: RecordSettings, values: dict[str, np.ndarray], table: Table, rate: float, path: Path) -> list[Cut]:
+def _cuts(
+    settings: RecordSettings, values: dict[str, np.ndarray], table: RecordTable, rate: float, path: Path
+) -> list[Cut]:
     name = settings.reference
     if name not in values:
         raise RecordError(f"{path.name}: input is '{name}', which is no channel{did_you_mean(name, values)}")

@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from fraexp import toml as toml_file
-from fraexp.components import Estimator
+from fraexp.components.kinds import Estimator
+from fraexp.components.registry import Registry
+from fraexp.data import toml as toml_file
 from fraexp.errors import StudyError, did_you_mean
-from fraexp.plugins import Registry
-from fraexp.records.settings import INJECTED
+from fraexp.records.record_settings import INJECTED
 
 ROLES = {"input": "first", "thrust": "first", "force": "first", "output": "second", "displacement": "second"}
 """Parameters of estimators that name a channel, and which of a record's channels fills them."""

@@ -1,27 +1,27 @@
 """The database of runs, sweeps and results: one process writes, any number read."""
 
-from fraexp.store.engine import shown
+from fraexp.store.backends.engine import shown
 from fraexp.store.liveness import Process
-from fraexp.store.records import (
+from fraexp.store.store import Store
+from fraexp.store.stored_records import (
     MOST_TOLD,
     Conflict,
     Listed,
+    ListingPage,
     Merged,
-    Page,
     RunProgress,
     RunSummary,
     StoredState,
     StoredSweep,
     Supplied,
 )
-from fraexp.store.store import Store
 
 __all__ = [
     "MOST_TOLD",
     "Conflict",
     "Listed",
+    "ListingPage",
     "Merged",
-    "Page",
     "Process",
     "RunProgress",
     "RunSummary",

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from fraexp.data.results import Curve, Fit, FrequencyResponse, Metric, Result
 from fraexp.errors import StoreError
-from fraexp.results import Curve, Fit, FrequencyResponse, Metric, Result
-from fraexp.store.checked import DamagedError, sound
+from fraexp.store.validation import DamagedError, sound
 
 DTYPES: dict[str, type] = {
     "frequency": np.float64,

@@ -8,7 +8,7 @@ from pathlib import Path
 from sqlalchemy import Connection
 
 from fraexp.errors import StoreError
-from fraexp.store.engine import Database
+from fraexp.store.backends.engine import Database
 from fraexp.store.migrations import FOLDER, HISTORY
 
 

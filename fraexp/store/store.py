@@ -7,16 +7,27 @@ from typing import Any, Self
 
 from sqlalchemy import Connection, Engine
 
+from fraexp.data.results import Result
+from fraexp.data.sweep import Sweep
 from fraexp.errors import StoreError
-from fraexp.results import Result
-from fraexp.store import leases, listing, marks, merging, reading, soundness, writing
-from fraexp.store.checked import FOREIGN, DamagedError, foreign
-from fraexp.store.engine import ALONE, BESIDE, WRITE, Database
-from fraexp.store.finding import Declared, undeclared
-from fraexp.store.places import locate
-from fraexp.store.records import Merged, Migrated, Page, RunProgress, RunSummary, StoredState, StoredSweep, Supplied
+from fraexp.store import integrity
+from fraexp.store.backends.engine import ALONE, BESIDE, WRITE, Database
+from fraexp.store.backends.urls import locate
+from fraexp.store.changes import leases, merging, writing
+from fraexp.store.queries import annotations, reading, sweep_pages
+from fraexp.store.queries.filter_sql import Declared, undeclared
 from fraexp.store.schema import Schema, check_readable, migrate, prepare
-from fraexp.sweep import Sweep
+from fraexp.store.stored_records import (
+    ListingPage,
+    Merged,
+    Migrated,
+    RunProgress,
+    RunSummary,
+    StoredState,
+    StoredSweep,
+    Supplied,
+)
+from fraexp.store.validation import FOREIGN, DamagedError, foreign
 
 TIMEOUT = 10.0
 """How long to wait for another process that writes [s]."""
@@ -185,7 +196,7 @@ class Store:
         offset: int = 0,
         limit: int = 100,
         run: int | None = None,
-    ) -> Page:
+    ) -> ListingPage:
         """Return a part of the listing of all sweeps, or of a run's, without arrays.
 
         Parameters
@@ -198,55 +209,55 @@ class Store:
         with self._reading() as connection:
             if run is not None:
                 reading.one_run(connection, run)
-            return listing.page(connection, filter, order, offset, limit, run, self._declared)
+            return sweep_pages.page(connection, filter, order, offset, limit, run, self._declared)
 
     def keys(self, filter: str = "", run: int | None = None) -> list[str]:  # noqa: A002 (the same)
         """Return the keys of all sweeps that a filter lets through, in the default order of `page`."""
         with self._reading() as connection:
             if run is not None:
                 reading.one_run(connection, run)
-            return listing.keys(connection, filter, run, self._declared)
+            return sweep_pages.keys(connection, filter, run, self._declared)
 
     def fields(self) -> list[str]:
         """Return the names that a filter may use: columns, then parameters, labels and metrics."""
         with self._reading() as connection:
-            return listing.fields(connection)
+            return sweep_pages.fields(connection)
 
     def tag(self, keys: Iterable[str], name: str) -> None:
         """Give sweeps a tag: a word."""
         with self._writing() as connection:
-            marks.add_tag(connection, keys, name)
+            annotations.add_tag(connection, keys, name)
 
     def untag(self, keys: Iterable[str], name: str) -> None:
         """Take a tag from sweeps."""
         with self._writing() as connection:
-            marks.remove_tag(connection, keys, name)
+            annotations.remove_tag(connection, keys, name)
 
     def tags(self) -> dict[str, int]:
         """Return how many sweeps have each tag, by name."""
         with self._reading() as connection:
-            return marks.tags(connection)
+            return annotations.tags(connection)
 
     def annotate(self, key: str, text: str) -> None:
         """Give a sweep a note in place of an older one; an empty text takes it away."""
         with self._writing() as connection:
-            marks.annotate(connection, key, text)
+            annotations.annotate(connection, key, text)
 
     def note(self, key: str) -> str:
         """Return the note of a sweep; empty if it has none."""
         with self._reading() as connection:
-            return marks.notes(connection, [key]).get(key, "")
+            return annotations.notes(connection, [key]).get(key, "")
 
     def delete_sweeps(self, keys: Iterable[str]) -> int:
         """Delete sweeps with their results, tags and notes; return how many there were. Not while a run uses them."""
         with self._writing() as connection:
-            return marks.delete_sweeps(connection, keys)
+            return annotations.delete_sweeps(connection, keys)
 
     def delete_run(self, number: int) -> int:
         """Delete a run that has ended, and those of its sweeps that are in no other; return how many these were."""
         with self._writing() as connection:
             reading.one_run(connection, number)
-            return marks.delete_run(connection, number)
+            return annotations.delete_run(connection, number)
 
     def sources(self) -> dict[str, dict[str, int]]:
         """Return how many sweeps each component has computed, by ``kind:name`` and by the hash of its source."""
@@ -293,7 +304,7 @@ class Store:
         """Return ``sound``, or the first finding: of the database's own check of its structure, or in what it holds."""
         with self._reading() as connection:
             found = self._database.health(connection)
-            return found if found != "sound" else soundness.finding(connection) or found
+            return found if found != "sound" else integrity.finding(connection) or found
 
     def merge(self, other: "Store") -> Generator[tuple[int, int], None, Merged]:
         """Add what another database has; yield how many of how many sweeps are done, and return what came of it.

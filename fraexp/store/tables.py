@@ -29,7 +29,7 @@ from sqlalchemy import (
 from sqlalchemy.dialects import sqlite
 from sqlalchemy.types import TypeDecorator
 
-from fraexp.store.checked import Bytes
+from fraexp.store.validation import Bytes
 
 NAMING = {
     "ix": "ix_%(table_name)s_%(column_0_N_name)s",

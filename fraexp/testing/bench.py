@@ -3,10 +3,11 @@
 from collections.abc import Mapping
 from typing import Any
 
-from fraexp.components import Controller, Excitation, FrictionModel, Plant
-from fraexp.plugins import create
-from fraexp.signals import Signals
-from fraexp.simulation import Loop, Machine, Numerics, simulate_loop
+from fraexp.components.kinds import Controller, Excitation, FrictionModel, Plant
+from fraexp.components.registry import create
+from fraexp.data.signals import Signals
+from fraexp.simulation.loop import simulate_loop
+from fraexp.simulation.machine import ControlLoop, Machine, Numerics
 from fraexp.testing.examples import installed
 
 SAMPLE_TIME = 500e-6
@@ -40,7 +41,7 @@ def simulated(parts: Mapping[str, Any], friction: FrictionModel) -> Signals:
         plant=create(installed(), Plant, parts["plant"]),  # type: ignore[type-abstract]
         friction=friction,
         controller=create(installed(), Controller, parts["controller"]),  # type: ignore[type-abstract]
-        loop=Loop.parse(parts["loop"], "loop"),
+        loop=ControlLoop.parse(parts["loop"], "loop"),
         numerics=Numerics(steps_per_sample=STEPS),
     )
     excitation = create(installed(), Excitation, parts["excitation"])  # type: ignore[type-abstract]

@@ -13,12 +13,12 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from fraexp.components import Component, FrictionModel
+from fraexp.components.kinds import Component, FrictionModel
 from fraexp.errors import FraexpError
-from fraexp.testing.catalogue import checks_for, quick_checks_for
-from fraexp.testing.check import Check
+from fraexp.testing.check_catalogue import checks_for, quick_checks_for
+from fraexp.testing.check_report import Finding, Verdict, findings, quick_findings
 from fraexp.testing.component_lookup import named_components
-from fraexp.testing.report import Finding, Verdict, findings, quick_findings
+from fraexp.testing.conformance_check import Check
 from fraexp.testing.sentinel import Sentinel, line_within
 from fraexp.testing.walk import Drive, described
 

@@ -3,9 +3,9 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-from fraexp.components import Component
+from fraexp.components.kinds import Component
+from fraexp.components.registry import Registry, components_in, discover, load_file, reason_of
 from fraexp.errors import PluginError
-from fraexp.plugins import Registry, components_in, discover, load_file, reason_of
 
 
 def named_components(name: str, kind: str | None, workspace: Path) -> Iterator[type[Component]]:

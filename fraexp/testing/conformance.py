@@ -3,10 +3,10 @@
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from fraexp.components import Component
-from fraexp.testing.catalogue import checks_for
-from fraexp.testing.check import Check
-from fraexp.testing.report import Verdict, expectations, run_check
+from fraexp.components.kinds import Component
+from fraexp.testing.check_catalogue import checks_for
+from fraexp.testing.check_report import Verdict, expectations, run_check
+from fraexp.testing.conformance_check import Check
 
 
 def conformance(

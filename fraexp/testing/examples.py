@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from hypothesis.strategies import SearchStrategy
 from pydantic.fields import FieldInfo
 
-from fraexp.components import Component, nested_kind
+from fraexp.components.kinds import Component, nested_kind
+from fraexp.components.parameters import TYPICAL, Parameters, unit_of
+from fraexp.components.registry import Registry, discover
 from fraexp.errors import FraexpError
-from fraexp.parameters import TYPICAL, Parameters, unit_of
-from fraexp.plugins import Registry, discover
 
 DECADES = 0.5
 """By how many decades a number is drawn below or above its preset."""

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from fraexp.components import Component, FrictionModel, Motion
+from fraexp.components.kinds import Component, FrictionModel, Motion
 from fraexp.testing.walk import Walk
 
 MAX_PASSES = 6

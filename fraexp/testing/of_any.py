@@ -9,13 +9,13 @@ from typing import Any, get_args
 
 from pydantic.fields import FieldInfo
 
-from fraexp import units as unit_texts
-from fraexp.components import Component, nested_kind
+from fraexp.components.kinds import Component, nested_kind
+from fraexp.components.parameters import TYPICAL, Parameters, unit_of
+from fraexp.components.registry import Registry
+from fraexp.components.supplies import Supplies, Supply
+from fraexp.data import units as unit_texts
 from fraexp.errors import FraexpError
-from fraexp.parameters import TYPICAL, Parameters, unit_of
-from fraexp.plugins import Registry
-from fraexp.supplies import Supplies, Supply
-from fraexp.testing.check import require
+from fraexp.testing.conformance_check import require
 from fraexp.testing.examples import installed
 
 SOURCE = re.compile(

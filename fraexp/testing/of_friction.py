@@ -13,9 +13,9 @@ import numpy as np
 from hypothesis import strategies as st
 from hypothesis import target
 
-from fraexp.components import Component, FrictionModel
+from fraexp.components.kinds import Component, FrictionModel
 from fraexp.errors import FraexpError
-from fraexp.testing.check import NotApplicableError, require
+from fraexp.testing.conformance_check import NotApplicableError, require
 from fraexp.testing.examples import strategy
 from fraexp.testing.interpreted import Interpreted
 from fraexp.testing.of_laws import NEAR
@@ -149,7 +149,7 @@ def answer() -> None:
 
 
 def _module(name: str, file: Path) -> Any:
-    from fraexp.plugins import DROP_IN, load_file
+    from fraexp.components.registry import DROP_IN, load_file
 
     try:
         return load_file(file) if name.startswith(DROP_IN) else importlib.import_module(name)

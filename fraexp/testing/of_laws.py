@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from fraexp.components import FrictionModel
-from fraexp.testing.check import NotApplicableError, ViolationError, require
+from fraexp.components.kinds import FrictionModel
+from fraexp.testing.conformance_check import NotApplicableError, ViolationError, require
 from fraexp.testing.examples import bounds, built, numbers, typical
 from fraexp.testing.walk import SLOW, Drive, Walk, slip_length
 

@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 from hypothesis import strategies as st
 
-from fraexp.components import Component, Estimator, FrictionModel, Plant
-from fraexp.periodic import phasors
-from fraexp.plugins import create
-from fraexp.results import Outcome
+from fraexp.analysis.fourier import phasors
+from fraexp.components.kinds import Component, Estimator, FrictionModel, Plant
+from fraexp.components.registry import create
+from fraexp.data.results import Outcome
 from fraexp.testing import bench
-from fraexp.testing.check import NotApplicableError, require
+from fraexp.testing.conformance_check import NotApplicableError, require
 from fraexp.testing.examples import installed, strategy
 from fraexp.testing.walk import SLOW, Walk, described, slip_length
 

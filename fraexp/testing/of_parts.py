@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from fraexp.components import Controller, Excitation, Period, Plant
+from fraexp.components.kinds import Controller, Excitation, Period, Plant
 from fraexp.errors import FraexpError
-from fraexp.testing.check import NotApplicableError, require
+from fraexp.testing.conformance_check import NotApplicableError, require
 
 OMEGA = 2 * np.pi * np.geomspace(0.1, 900.0, 60)
 """Angular frequencies at which responses are compared [rad/s]."""

@@ -9,15 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from fraexp import units
-from fraexp.components import Component, Estimator, FrictionModel, Plant, RecordReader
-from fraexp.delays import hold_response
+from fraexp.analysis.delays import hold_response
+from fraexp.components.kinds import Component, Estimator, FrictionModel, Plant, RecordReader
+from fraexp.components.registry import create
+from fraexp.data import units
+from fraexp.data.results import Outcome, Result
+from fraexp.data.signals import Signals
 from fraexp.errors import FraexpError, RecordError
-from fraexp.plugins import create
-from fraexp.results import Outcome, Result
-from fraexp.signals import Signals
 from fraexp.testing import bench
-from fraexp.testing.check import NotApplicableError, require
+from fraexp.testing.conformance_check import NotApplicableError, require
 from fraexp.testing.examples import installed
 from fraexp.testing.of_any import registry_with
 

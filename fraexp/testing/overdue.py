@@ -4,9 +4,9 @@ import inspect
 from pathlib import Path
 from typing import Any
 
-from fraexp.components import FrictionModel
+from fraexp.components.kinds import FrictionModel
+from fraexp.kernels.watchdog import LAW_TIME_LIMIT_S, OverdueError, place_of
 from fraexp.testing.walk import Walk
-from fraexp.watchdog import LAW_TIME_LIMIT_S, OverdueError, place_of
 
 
 def overdue(error: OverdueError, example: Any) -> str:

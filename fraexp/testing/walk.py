@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from hypothesis import strategies as st
 
-from fraexp.components import Component, FrictionModel
-from fraexp.testing.check import ViolationError
+from fraexp.components.kinds import Component, FrictionModel
+from fraexp.testing.conformance_check import ViolationError
 from fraexp.testing.examples import strategy
 
 SLOW = 1e30

@@ -18,19 +18,19 @@ from textual.notifications import SeverityLevel
 from textual.screen import Screen
 
 from fraexp.errors import FraexpError, did_you_mean
-from fraexp.figures.labels import printable
-from fraexp.tui import settings
-from fraexp.tui.ahead import Ahead
-from fraexp.tui.garbage import Collector
-from fraexp.tui.letters import AsciiOnly
-from fraexp.tui.marks import Marks
+from fraexp.figures.elements.labels import printable
+from fraexp.tui.key_queue import Ahead
 from fraexp.tui.page import PLACES, Changed, Page, shortened
-from fraexp.tui.terminal import end_with_terminal
-from fraexp.tui.watch import PluginsChanged, PluginsWatch, loaded_anew
+from fraexp.tui.services import user_settings
+from fraexp.tui.services.ascii_filter import AsciiOnly
+from fraexp.tui.services.gc_policy import Collector
+from fraexp.tui.services.plugin_watch import PluginsChanged, PluginsWatch, loaded_anew
+from fraexp.tui.services.selection import Marks
+from fraexp.tui.services.terminal_watch import end_with_terminal
 
 if TYPE_CHECKING:
-    from fraexp.tui.desk import Desk
-    from fraexp.tui.fieldlist import Written
+    from fraexp.tui.services.database_access import Desk
+    from fraexp.tui.widgets.field_list import Written
 
 TURN = 0.5e-3
 """Seconds after which a thread that computes lets keys have their turn: Python's own 5 ms, at each of the many small
@@ -44,11 +44,11 @@ LOOK_AT_PLUGINS = 2.0
 TIDY = 15.0
 """Seconds between two looks whether garbage may be collected."""
 SCREENS = {
-    "studies": ("fraexp.tui.studies", "StudiesPage"),
-    "runs": ("fraexp.tui.runs", "RunsPage"),
-    "sweeps": ("fraexp.tui.sweeps", "SweepsPage"),
-    "compare": ("fraexp.tui.compare", "ComparePage"),
-    "plugins": ("fraexp.tui.plugins", "PluginsPage"),
+    "studies": ("fraexp.tui.screens.studies_page", "StudiesPage"),
+    "runs": ("fraexp.tui.screens.runs_page", "RunsPage"),
+    "sweeps": ("fraexp.tui.screens.sweeps_page", "SweepsPage"),
+    "compare": ("fraexp.tui.screens.compare_page", "ComparePage"),
+    "plugins": ("fraexp.tui.screens.plugins_page", "PluginsPage"),
 }
 """Module and class of each place, imported when it is first shown."""
 
@@ -95,14 +95,14 @@ class FraexpApp(App[None]):
         `plain` draws with ASCII alone, `tracing` shows the traceback of an error of its own.
         """
         super().__init__()
-        self.settings = settings.read(settings.place())
+        self.settings = user_settings.read(user_settings.place())
         self._place = (folder, database)
         self.marks = Marks()
         self.drafts: dict[str, Written] = {}
         """What is written in the forms of studies, and not launched yet, by study."""
         self._plugins = PluginsWatch(Path(folder) / "plugins")
         wished = self.settings.ascii if plain is None else plain
-        self._ascii = AsciiOnly(settings.plain_terminal(os.environ) if wished is None else wished)
+        self._ascii = AsciiOnly(user_settings.plain_terminal(os.environ) if wished is None else wished)
         self._tracing = tracing
         self._version: object = "not looked yet"
         self._looks = 0
@@ -113,7 +113,9 @@ class FraexpApp(App[None]):
     @cached_property
     def desk(self) -> "Desk":
         """The workspace and its database; FraexpError if there is no such folder."""
-        from fraexp.tui.desk import Desk  # and with it all that computes and stores: what is seen first need not wait
+        from fraexp.tui.services.database_access import (
+            Desk,  # and with it all that computes and stores: what is seen first need not wait
+        )
 
         return Desk(*self._place)
 
@@ -122,12 +124,14 @@ class FraexpApp(App[None]):
         if self.settings.theme:
             if self.settings.theme not in self.available_themes:
                 known = did_you_mean(self.settings.theme, self.available_themes)
-                raise FraexpError(f"{settings.place()}: there is no theme '{self.settings.theme}'{known}")
+                raise FraexpError(f"{user_settings.place()}: there is no theme '{self.settings.theme}'{known}")
             self.theme = self.settings.theme
         if self.settings.keys:
-            from fraexp.tui import keys  # and with it all screens: only where somebody has keys of their own
+            from fraexp.tui.services import (
+                key_bindings,  # and with it all screens: only where somebody has keys of their own
+            )
 
-            keys.check(self.settings.keys, str(settings.place()))
+            key_bindings.check(self.settings.keys, str(user_settings.place()))
             self.set_keymap(dict(self.settings.keys))
 
     @property
@@ -223,7 +227,7 @@ class FraexpApp(App[None]):
 
     def action_keys(self) -> None:
         """Show what the screen is for, and its keys."""
-        from fraexp.tui.help import HelpPage
+        from fraexp.tui.screens.help_screen import HelpPage
 
         if isinstance(self.screen, Page):
             self.push_screen(HelpPage(self.screen))

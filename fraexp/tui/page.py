@@ -15,7 +15,7 @@ from textual.screen import Screen
 from textual.widgets import Footer, Static
 
 from fraexp.errors import FraexpError
-from fraexp.figures.labels import printable
+from fraexp.figures.elements.labels import printable
 
 if TYPE_CHECKING:
     from fraexp.tui.app import FraexpApp

@@ -5,9 +5,9 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any
 
-from fraexp.figures.difference import Difference, response_difference
-from fraexp.identity import key_of
-from fraexp.results import Result
+from fraexp.data.identity import key_of
+from fraexp.data.results import Result
+from fraexp.figures.kinds.difference import Difference, response_difference
 from fraexp.store import Store, StoredSweep
 from fraexp.views.words import flat, number, short, value_text
 
@@ -58,7 +58,7 @@ def fits_of(result: Result | None) -> dict[str, str]:
     """Return what was identified, with its 95 % limits, by kind, name and unit."""
     if result is None or not result.fits:
         return {}
-    from fraexp.views.results import fit_rows  # which needs scipy
+    from fraexp.views.result_rows import fit_rows  # which needs scipy
 
     rows = [(fit.kind, row) for fit in result.fits for row in fit_rows(fit)]
     return {

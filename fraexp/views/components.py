@@ -7,10 +7,10 @@ from typing import Any
 
 from pydantic.fields import FieldInfo
 
-from fraexp.components import KINDS
-from fraexp.parameters import inherited_from, unit_of
-from fraexp.plugins import Registry
-from fraexp.supplies import Supply
+from fraexp.components.kinds import KINDS
+from fraexp.components.parameters import inherited_from, unit_of
+from fraexp.components.registry import Registry
+from fraexp.components.supplies import Supply
 from fraexp.views.words import plural, value_text
 
 BOUNDS = {"gt": ">", "ge": "≥", "lt": "<", "le": "≤"}

@@ -7,11 +7,11 @@ from typing import Any, Literal, get_args, get_origin
 
 from pydantic.fields import FieldInfo
 
-from fraexp import toml
-from fraexp.components import Component, nested_kind
+from fraexp.components.kinds import Component, nested_kind
+from fraexp.components.parameters import TYPICAL, Parameters, unit_of
+from fraexp.components.registry import Registry
+from fraexp.data import toml
 from fraexp.errors import FraexpError
-from fraexp.parameters import TYPICAL, Parameters, unit_of
-from fraexp.plugins import Registry
 from fraexp.views.components import parameter_document
 from fraexp.views.fields import toml_value
 
@@ -22,7 +22,7 @@ LIST = 2
 
 
 @dataclass(frozen=True)
-class Entry:
+class ParameterEntry:
     """A parameter that can be written."""
 
     path: str
@@ -97,7 +97,7 @@ def _typical(component: type[Component]) -> dict[str, Any]:
 
 
 def _of_unit(info: FieldInfo) -> Any:
-    entry = Entry("", info, "")
+    entry = ParameterEntry("", info, "")
     if entry.choices:
         return entry.choices[0]
     if nested_kind(info) is not None:
@@ -118,7 +118,7 @@ def _of_unit(info: FieldInfo) -> Any:
 
 def entries(
     owner: type[Parameters], values: Mapping[str, Any], registry: Registry, prefix: str = ""
-) -> Iterator[Entry]:
+) -> Iterator[ParameterEntry]:
     """Yield all parameters of a component and of what it holds, with the values that plain data give them."""
     for name, info in owner.model_fields.items():
         path, value, inner = f"{prefix}{name}", values.get(name), nested_kind(info)
@@ -132,7 +132,7 @@ def entries(
         elif group is not None and isinstance(value, Mapping):
             yield from entries(group, value, registry, f"{path}.")
         else:
-            yield Entry(path, info, _text(value))
+            yield ParameterEntry(path, info, _text(value))
 
 
 def _group(info: FieldInfo) -> type[Parameters] | None:

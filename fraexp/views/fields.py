@@ -1,10 +1,12 @@
 """Names and values of a run, a sweep and a fit."""
 
 import json
+import math
+import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from fraexp.figures.labels import label_text
+from fraexp.figures.elements.labels import label_text
 from fraexp.store import RunSummary, StoredSweep
 from fraexp.views.words import duration, moment, short
 
@@ -30,6 +32,11 @@ def run_fields(run: RunSummary) -> list[tuple[str, str]]:
 def took(run: RunSummary) -> str:
     """Return how long a run took; empty while it is not known."""
     return duration((run.ended - run.started).total_seconds()) if run.ended else ""
+
+
+def running_for(run: RunSummary) -> str:
+    """Return for how long a run has been going on, in whole seconds."""
+    return duration(max(math.floor(time.time() - run.started.timestamp()), 0))
 
 
 def remedies(sweeps: Sequence[StoredSweep]) -> list[str]:

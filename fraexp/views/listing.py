@@ -6,7 +6,7 @@ from datetime import datetime
 
 from rich.cells import cell_len
 
-from fraexp.figures.labels import label_columns, label_texts, printable
+from fraexp.figures.elements.labels import label_columns, label_texts, printable
 from fraexp.store import Listed, StoredSweep
 from fraexp.views.words import duration, short
 

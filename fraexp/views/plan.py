@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from typing import Any
 
-from fraexp.events import Planned, Why
+from fraexp.execution.events import Planned, Why
 from fraexp.views.words import short
 
 NAMED = 6

@@ -4,15 +4,15 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from fraexp.catalogue import FIRST, Entry
 from fraexp.errors import FraexpError, StoreError
-from fraexp.events import Planned
-from fraexp.sections import SECTIONS
+from fraexp.execution.events import Planned
 from fraexp.store import RunSummary
+from fraexp.study.catalogue import FIRST, StudyEntry
+from fraexp.study.sections import SECTIONS
 from fraexp.views.fields import toml_value, took
 from fraexp.views.pace import expected_time
 from fraexp.views.words import moment, plural
-from fraexp.workspace import Workspace
+from fraexp.workspace.workspace import Workspace
 
 STUDY_COLUMNS = ["study", "title", "state", "sweeps", "last run"]
 MANY = 12
@@ -45,7 +45,7 @@ class Surveyed:
         return "complete" if not self.missing else "partial" if self.reused else "new"
 
 
-def surveyed(workspace: Workspace, entry: Entry) -> Surveyed:
+def surveyed(workspace: Workspace, entry: StudyEntry) -> Surveyed:
     """Return what running a study would do; a study that cannot be run is an answer too.
 
     StoreError if the database cannot be read, which is no fault of a study.
@@ -69,7 +69,9 @@ def surveyed_plan(name: str, planned: Planned) -> Surveyed:
     return Surveyed(name, *numbers)
 
 
-def survey(workspace: Workspace, entries: Iterable[Entry], first: Collection[str] = (FIRST,)) -> Iterator[Surveyed]:
+def survey(
+    workspace: Workspace, entries: Iterable[StudyEntry], first: Collection[str] = (FIRST,)
+) -> Iterator[Surveyed]:
     """Yield what running each of the studies would do: those that come `first`, then the small ones."""
     for entry in sorted(entries, key=lambda one: (one.name not in first, one.size)):
         yield surveyed(workspace, entry)
@@ -84,7 +86,7 @@ def newest(runs: Iterable[RunSummary]) -> dict[str, RunSummary]:
     return found
 
 
-def study_state(entry: Entry, found: Surveyed | None, last: RunSummary | None) -> str:
+def study_state(entry: StudyEntry, found: Surveyed | None, last: RunSummary | None) -> str:
     """Return a study's state in a word; empty while it is not known."""
     if entry.error:
         return "broken"
@@ -98,7 +100,7 @@ def run_words(run: RunSummary | None) -> str:
     return f"run {run.number} {run.state}, {moment(run.started)[:16]}" if run else ""
 
 
-def study_row(entry: Entry, found: Surveyed | None, last: RunSummary | None) -> list[str]:
+def study_row(entry: StudyEntry, found: Surveyed | None, last: RunSummary | None) -> list[str]:
     """Return the cells of a study under `STUDY_COLUMNS`."""
     total = found.total if found and not found.error else entry.size
     return [
@@ -110,7 +112,7 @@ def study_row(entry: Entry, found: Surveyed | None, last: RunSummary | None) -> 
     ]
 
 
-def study_document(entry: Entry, found: Surveyed | None, last: RunSummary | None) -> dict[str, Any]:
+def study_document(entry: StudyEntry, found: Surveyed | None, last: RunSummary | None) -> dict[str, Any]:
     """Return a study as plain data."""
     return {
         "study": entry.name,
@@ -130,7 +132,7 @@ def would_do(found: Surveyed) -> str:
     return f"{plural(found.total, 'sweep')}: {found.reused} reused{stale}, {found.missing} to compute{time}"
 
 
-def study_fields(entry: Entry, found: Surveyed | None, last: RunSummary | None) -> list[tuple[str, str]]:
+def study_fields(entry: StudyEntry, found: Surveyed | None, last: RunSummary | None) -> list[tuple[str, str]]:
     """Return what a study is about, as names and values; what its file does not say is left out."""
     data = entry.data
     error = entry.error or (found.error if found else "")

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fraexp.results import Curve, FrequencyResponse, Metric, Outcome, Result
+from fraexp.data.results import Curve, FrequencyResponse, Metric, Outcome, Result
+from fraexp.data.sweep import Sweep
 from fraexp.store import Store, Supplied
-from fraexp.sweep import Sweep
 from tests.waiting import HANG_TIMEOUT_S
 
 ROOT = Path(__file__).parents[2]

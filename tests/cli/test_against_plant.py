@@ -10,8 +10,8 @@ import pytest
 from fraexp.cli import summary
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
-from fraexp.plugins import Registry
-from fraexp.workspace import Workspace
+from fraexp.components.registry import Registry, discover
+from fraexp.simulation.machine import reference_response
 
 STUDY = """
 machine = "linear_motor_table"
@@ -70,7 +70,7 @@ def test_the_errors_as_json_are_those_of_the_response(
     assert (near["at"], far) == (20, {"at": 60, "frequency": None, "magnitude_db": None, "phase_deg": None})
     shown = json.loads(printed(folder, capsys, "show", first["key"], "--json")[0])
     response = shown["response"]["real"][0] + 1j * shown["response"]["imaginary"][0]
-    plant = Workspace.open(folder).reference_response(shown["experiment"], np.array([near["frequency"]]))[0]
+    plant = reference_response(shown["experiment"], np.array([near["frequency"]]), discover(folder / "plugins"))[0]
     assert near["magnitude_db"] == pytest.approx(20 * np.log10(abs(response / plant)))
     assert near["phase_deg"] == pytest.approx(np.degrees(np.angle(response / plant)))
     assert [metric["name"] for metric in first["cost"]] == ["stroke", "peak force", "measuring time"]

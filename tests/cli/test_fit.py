@@ -11,7 +11,7 @@ from scipy.signal import freqs
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
-from fraexp.plugins import Registry
+from fraexp.components.registry import Registry
 from fraexp.store import Store
 
 STUDY = """

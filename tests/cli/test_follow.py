@@ -7,12 +7,12 @@ import pytest
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.follow import Story, follow, report
-from fraexp.events import Begun, Ended, Event, Finished, Planned, Preparing, Progress
-from fraexp.results import Outcome, Result
+from fraexp.data.results import Outcome, Result
+from fraexp.data.sweep import Sweep
+from fraexp.execution.events import Begun, Ended, Event, Finished, Planned, Preparing, Progress
 from fraexp.store import Store
-from fraexp.sweep import Sweep
 from fraexp.views.words import short
-from fraexp.workspace import Workspace
+from fraexp.workspace.workspace import Workspace
 
 PLANNED = Planned("bench", "Two sensors", 5, 3, 2, 1, 65.0)
 

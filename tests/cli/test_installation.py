@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from fraexp import selftest
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
+from fraexp.data.sweep import Sweep
 from fraexp.store import Store
-from fraexp.sweep import Sweep
+from fraexp.testing import selftest
 from tests.cli.conftest import fill
 
 GOOD = '''
@@ -105,7 +105,7 @@ def test_doctor_tells_what_cannot_be_written(
 ) -> None:
     fill(tmp_path / "results.db")
     # Whoever runs the tests may be one who may write everywhere.
-    monkeypatch.setattr("fraexp.store.sqlite._may_write", lambda path: path != tmp_path / part)
+    monkeypatch.setattr("fraexp.store.backends.sqlite._may_write", lambda path: path != tmp_path / part)
     assert main(["doctor", "--workspace", str(tmp_path)]) == ExitCode.OK
     printed = capsys.readouterr()
     assert f"read-only: {tmp_path / 'results.db'}: {finding}; " in printed.err

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from fraexp.cli.layout import blocks
-from fraexp.sweep import Sweep
+from fraexp.data.sweep import Sweep
 from fraexp.views.words import short
 
 TITLES = ["sweep", "estimator", "gain [dB re 1 mm/N]", "message"]

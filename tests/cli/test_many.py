@@ -12,12 +12,12 @@ from fraexp.cli.compare import execute as compare
 from fraexp.cli.follow import ERRORS, SHOWN, Story, follow, report
 from fraexp.cli.show import execute as show
 from fraexp.cli.summary import Quantity, counts, measured, parameter_rows, quantile_rows
-from fraexp.events import Ended, Event, Finished
-from fraexp.results import Metric, Outcome, Result
+from fraexp.data.results import Metric, Outcome, Result
+from fraexp.data.sweep import Sweep
+from fraexp.execution.events import Ended, Event, Finished
 from fraexp.store import Store
-from fraexp.sweep import Sweep
 from fraexp.views.words import short
-from fraexp.workspace import Workspace
+from fraexp.workspace.workspace import Workspace
 from tests.cli.conftest import response_of
 
 COUNT = 60

@@ -9,7 +9,7 @@ from fraexp.cli.progress import Meter
 from fraexp.store import RunProgress, RunSummary
 from fraexp.store.liveness import Process
 from fraexp.views.pace import Speed, rate_text
-from fraexp.views.progress import progress_text
+from fraexp.views.run_progress import progress_text
 
 
 class Clock:

@@ -8,9 +8,9 @@ import pytest
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
-from fraexp.results import Outcome, Result
+from fraexp.data.results import Outcome, Result
+from fraexp.data.sweep import Sweep
 from fraexp.store import Store, StoredSweep
-from fraexp.sweep import Sweep
 from fraexp.views.comparison import completed
 from fraexp.views.words import short
 from tests.cli.conftest import fill, response_of

@@ -8,7 +8,7 @@ import pytest
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
 from fraexp.errors import UnreachedError
-from fraexp.executors.serial import Serial
+from fraexp.execution.executors.serial import Serial
 from fraexp.store import Store
 
 STUDY = """
@@ -67,7 +67,9 @@ def test_an_executor_that_cannot_be_had_leaves_no_run(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    dask = pytest.importorskip("fraexp.executors.dask", reason="Dask is not installed: pip install 'fraexp[dask]'")
+    dask = pytest.importorskip(
+        "fraexp.execution.executors.dask", reason="Dask is not installed: pip install 'fraexp[dask]'"
+    )
     pytest.importorskip("distributed", reason="Dask is not installed: pip install 'fraexp[dask]'")
     monkeypatch.setattr(dask, "CONNECT", 0.1)
     assert main(["run", "methods", *options]) == ExitCode.USAGE

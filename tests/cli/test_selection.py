@@ -7,9 +7,9 @@ import pytest
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
-from fraexp.cli.selection import place
+from fraexp.cli.sweep_lookup import place
+from fraexp.data.sweep import Sweep
 from fraexp.store import Store
-from fraexp.sweep import Sweep
 
 
 @pytest.fixture

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fraexp.plugins import Registry
-from fraexp.results import FrequencyResponse, Outcome, Result
+from fraexp.components.registry import Registry
+from fraexp.data.results import FrequencyResponse, Outcome, Result
 from fraexp.store import StoredSweep
-from fraexp.views.tables import response_table, sweep_table
+from fraexp.views.text_tables import response_table, sweep_table
 from tests.cli.conftest import response_of
 
 

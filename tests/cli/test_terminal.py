@@ -1,7 +1,7 @@
 import pytest
 
-from fraexp.cli.terminal import print_table
-from fraexp.figures.labels import printable
+from fraexp.cli.output import print_table
+from fraexp.figures.elements.labels import printable
 from fraexp.views.words import duration, flat, value_text
 
 

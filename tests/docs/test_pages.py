@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 from fraexp.cli.arguments import COMMANDS
-from fraexp.plugins import Registry
-from fraexp.results import Outcome
-from fraexp.study import KEYS
-from fraexp.workspace import Workspace
+from fraexp.components.registry import Registry
+from fraexp.data.results import Outcome
+from fraexp.study.study_file import KEYS
+from fraexp.workspace.workspace import Workspace
 from tests.docs.conftest import MAKE_RUN, ROOT, blocks
 
 PAGES = sorted(str(path.relative_to(ROOT)) for path in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")])

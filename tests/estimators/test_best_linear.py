@@ -9,10 +9,10 @@ from fraexp_plugins.estimators.best_linear import BestLinear
 from fraexp_plugins.estimators.conventional import Conventional
 from fraexp_plugins.estimators.fast_best_linear import FastBestLinear
 
-from fraexp.confidence import circle_factor
+from fraexp.analysis.confidence import circle_factor
+from fraexp.data.results import FrequencyResponse, Outcome, Result
+from fraexp.data.signals import Segment, Signals
 from fraexp.errors import RecordError
-from fraexp.results import FrequencyResponse, Outcome, Result
-from fraexp.signals import Segment, Signals
 from tests.machines import FRICTIONLESS, simulated
 
 UNITS = {"u": "N", "y": "m", "excitation": "N"}

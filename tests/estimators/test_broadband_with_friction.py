@@ -10,10 +10,11 @@ from fraexp_plugins.estimators.joint_input_output import JointInputOutput
 from fraexp_plugins.estimators.proposed import Proposed
 from fraexp_plugins.excitations.multisine import Multisine
 
-from fraexp.confidence import circle_factor
-from fraexp.results import FrequencyResponse
-from fraexp.signals import Signals
-from fraexp.simulation import Loop, Machine, Numerics, simulate_loop
+from fraexp.analysis.confidence import circle_factor
+from fraexp.data.results import FrequencyResponse
+from fraexp.data.signals import Signals
+from fraexp.simulation.loop import simulate_loop
+from fraexp.simulation.machine import ControlLoop, Machine, Numerics
 from tests.machines import LEAD, TABLE, decibel, guide
 
 DELAYS = {"input_dead_time": 1e-3}
@@ -23,7 +24,7 @@ SCALE = {"noise": 30e-9, "resolution": 0.1e-6}
 @cache
 def recorded() -> Signals:
     """Return 40 realisations of an odd multisine of 12 N."""
-    loop = Loop.parse({"sample_time": 5e-4, **DELAYS, **SCALE}, "loop")
+    loop = ControlLoop.parse({"sample_time": 5e-4, **DELAYS, **SCALE}, "loop")
     excitation = Multisine(rms=12.0, resolution=0.5, realisations=40, whole_periods=2, tolerance=1e-2)
     return simulate_loop(Machine(TABLE, guide(), LEAD, loop, Numerics()), excitation, lambda _: None)
 

@@ -7,12 +7,13 @@ from fraexp_plugins.estimators.feedback_compensated import FeedbackCompensated
 from fraexp_plugins.estimators.proposed import Proposed
 from fraexp_plugins.excitations.stepped_sine import SteppedSine
 
-from fraexp.delays import hold_response, path_response
+from fraexp.analysis.delays import hold_response, path_response
+from fraexp.analysis.fourier import phasors
+from fraexp.data.results import Outcome
 from fraexp.errors import ParameterError, RecordError
-from fraexp.experiments import Compensation
-from fraexp.periodic import phasors
-from fraexp.results import Outcome
-from fraexp.simulation import Loop, Machine, Numerics, simulate_loop
+from fraexp.simulation.experiments import Compensation
+from fraexp.simulation.loop import simulate_loop
+from fraexp.simulation.machine import ControlLoop, Machine, Numerics
 from tests.machines import LEAD, TABLE, cosine, decibel, guide, harmonic, simulated
 
 DELAYS = {"input_dead_time": 1e-3}
@@ -22,7 +23,7 @@ VISCOUS = 4.69
 
 def compensated(gain, frequencies=ABOVE, amplitude=12.0, **loop):
     machine = Machine(
-        TABLE, guide(viscous=VISCOUS), LEAD, Loop(sample_time=500e-6, **DELAYS, **loop), Numerics(),
+        TABLE, guide(viscous=VISCOUS), LEAD, ControlLoop(sample_time=500e-6, **DELAYS, **loop), Numerics(),
         Compensation(gain=gain, friction=guide(viscous=VISCOUS)),
     )  # fmt: skip
     return simulate_loop(machine, SteppedSine(amplitude=amplitude, frequencies=frequencies), lambda _: None)

@@ -8,8 +8,8 @@ from fraexp_plugins.friction.coulomb import Coulomb
 from fraexp_plugins.friction.rolling import Rolling
 from fraexp_plugins.plants.modal import Modal
 
+from fraexp.data.signals import Segment, Signals
 from fraexp.errors import RecordError
-from fraexp.signals import Segment, Signals
 from tests.machines import guide, simulated
 
 SAMPLES = 4000

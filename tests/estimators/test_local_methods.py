@@ -11,12 +11,13 @@ from fraexp_plugins.excitations.stepped_sine import SteppedSine
 from numpy.polynomial.polynomial import polyadd, polymul, polyval
 from scipy.signal import cont2discrete, lfilter, ss2tf
 
-from fraexp.components import Excitation
-from fraexp.confidence import circle_factor
+from fraexp.analysis.confidence import circle_factor
+from fraexp.components.kinds import Excitation
+from fraexp.data.results import FrequencyResponse
+from fraexp.data.signals import Segment, Signals
 from fraexp.errors import ParameterError, RecordError
-from fraexp.results import FrequencyResponse
-from fraexp.signals import Segment, Signals
-from fraexp.simulation import Loop, Machine, Numerics, simulate_loop
+from fraexp.simulation.loop import simulate_loop
+from fraexp.simulation.machine import ControlLoop, Machine, Numerics
 from tests.examples import thorough
 from tests.machines import FRICTIONLESS, LEAD, TABLE
 
@@ -196,7 +197,7 @@ def test_an_arbitrary_record_in_closed_loop_needs_its_reference(method: type) ->
 
 
 def simulated(excitation: Excitation) -> Signals:
-    loop = Loop.parse({"sample_time": 500e-6, "input_dead_time": 1e-3}, "loop")
+    loop = ControlLoop.parse({"sample_time": 500e-6, "input_dead_time": 1e-3}, "loop")
     machine = Machine(TABLE, FRICTIONLESS, LEAD, loop, Numerics(steps_per_sample=1))
     return simulate_loop(machine, excitation, lambda _: None)
 

@@ -9,10 +9,11 @@ from fraexp_plugins.estimators.moving_axis import MovingAxis
 from fraexp_plugins.estimators.proposed import Proposed
 from fraexp_plugins.excitations.moving_sine import MovingSine
 
-from fraexp.confidence import circle_factor
+from fraexp.analysis.confidence import circle_factor
+from fraexp.data.signals import Segment, Signals
 from fraexp.errors import RecordError
-from fraexp.signals import Segment, Signals
-from fraexp.simulation import Loop, Machine, Numerics, simulate_loop
+from fraexp.simulation.loop import simulate_loop
+from fraexp.simulation.machine import ControlLoop, Machine, Numerics
 from tests.machines import LEAD, TABLE, decibel, degrees, guide, simulated
 
 DELAYS = {"input_dead_time": 1e-3}
@@ -25,7 +26,7 @@ def moving(amplitude=4.0, velocity=0.05, viscous=4.69, frequencies=FREQUENCIES, 
     excitation = MovingSine(
         amplitude=amplitude, velocity=velocity, frequencies=frequencies, run_in=RUN_IN, base_period=base_period, **given
     )
-    machine = Machine(TABLE, guide(viscous=viscous), LEAD, Loop(sample_time=500e-6, **DELAYS), Numerics())
+    machine = Machine(TABLE, guide(viscous=viscous), LEAD, ControlLoop(sample_time=500e-6, **DELAYS), Numerics())
     return simulate_loop(machine, excitation, lambda _: None)
 
 

@@ -12,9 +12,10 @@ from fraexp_plugins.estimators.local_polynomial import LocalPolynomial
 from fraexp_plugins.estimators.proposed import Proposed
 from fraexp_plugins.excitations.multisine import Multisine
 
-from fraexp.confidence import circle_factor
+from fraexp.analysis.confidence import circle_factor
 from fraexp.errors import ParameterError
-from fraexp.simulation import Loop, Machine, Numerics, simulate_loop
+from fraexp.simulation.loop import simulate_loop
+from fraexp.simulation.machine import ControlLoop, Machine, Numerics
 from tests.machines import LEAD, TABLE, decibel, guide, simulated
 
 DELAYS = {"input_dead_time": 1e-3}
@@ -23,7 +24,7 @@ DELAYS = {"input_dead_time": 1e-3}
 def multisine(rms, **changes):
     """Return the signals of a multisine on the paper's machine."""
     excitation = Multisine(rms=rms, lowest=1, highest=200, resolution=0.5, points=60, detection=0, **changes)
-    machine = Machine(TABLE, guide(), LEAD, Loop(sample_time=500e-6, **DELAYS), Numerics(steps_per_sample=10))
+    machine = Machine(TABLE, guide(), LEAD, ControlLoop(sample_time=500e-6, **DELAYS), Numerics(steps_per_sample=10))
     return simulate_loop(machine, excitation, lambda _: None)
 
 

@@ -7,9 +7,10 @@ import pytest
 from fraexp_plugins.estimators.self_diagnosis import SelfDiagnosis
 from fraexp_plugins.excitations.multisine import Multisine
 
+from fraexp.data.results import Outcome
 from fraexp.errors import RecordError
-from fraexp.results import Outcome
-from fraexp.simulation import Loop, Machine, Numerics, simulate_loop
+from fraexp.simulation.loop import simulate_loop
+from fraexp.simulation.machine import ControlLoop, Machine, Numerics
 from tests.machines import LEAD, TABLE, guide, simulated
 
 SCALE = {"resolution": 0.1e-6, "noise": 30e-9}
@@ -20,7 +21,7 @@ def recorded(rms, *, periods=4, scale=SCALE):
     excitation = Multisine(
         rms=rms, lowest=1, highest=100, resolution=0.5, points=50, detection=0, realisations=6, whole_periods=periods
     )
-    loop = Loop(sample_time=500e-6, input_dead_time=1e-3, **scale)
+    loop = ControlLoop(sample_time=500e-6, input_dead_time=1e-3, **scale)
     return simulate_loop(Machine(TABLE, guide(), LEAD, loop, Numerics()), excitation, lambda _: None)
 
 

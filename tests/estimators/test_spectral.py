@@ -6,10 +6,10 @@ from fraexp_plugins.estimators.joint_input_output import JointInputOutput
 from fraexp_plugins.estimators.spectral import Spectral
 from scipy import signal
 
-from fraexp.confidence import relative_deviations
+from fraexp.analysis.confidence import relative_deviations
+from fraexp.data.results import FrequencyResponse
+from fraexp.data.signals import Segment, Signals
 from fraexp.errors import RecordError
-from fraexp.results import FrequencyResponse
-from fraexp.signals import Segment, Signals
 
 SAMPLE_TIME, SAMPLES = 1e-3, 256
 LINES = np.arange(5, 100)

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from fraexp.components import Excitation, Schedule
+from fraexp.components.kinds import Excitation, Schedule
+from fraexp.components.registry import create
 from fraexp.errors import ParameterError
-from fraexp.plugins import create
 
 TS = 500e-6
 SINE = {"name": "stepped_sine", "amplitude": 12.0, "frequencies": [10.0, 40.0]}

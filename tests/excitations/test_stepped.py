@@ -8,12 +8,13 @@ from fraexp_plugins.excitations.moving_sine import MovingSine
 from fraexp_plugins.excitations.response_controlled import ResponseControlled, next_force
 from fraexp_plugins.excitations.stepped_sine import SteppedSine
 
-from fraexp.components import Excitation
-from fraexp.delays import hold_response, image_factor, path_response
+from fraexp.analysis.delays import hold_response, image_factor, path_response
+from fraexp.components.kinds import Excitation
+from fraexp.data.results import Outcome
+from fraexp.data.signals import Segment, Signals
 from fraexp.errors import ParameterError
-from fraexp.results import Outcome
-from fraexp.signals import Segment, Signals
-from fraexp.simulation import Loop, Machine, Numerics, simulate_loop
+from fraexp.simulation.loop import simulate_loop
+from fraexp.simulation.machine import ControlLoop, Machine, Numerics
 from tests.excitations.spectra import TS, amplitudes, others
 from tests.machines import LEAD, TABLE, decibel, guide
 
@@ -22,7 +23,7 @@ FREQUENCIES = (1.0, 5.0, 12.0, 20.0, 39.0, 80.0, 150.0)
 
 def signals_of(excitation: Excitation, **loop: object) -> Signals:
     settings = {"sample_time": TS, "input_dead_time": 2 * TS, "resolution": 1e-7, **loop}
-    machine = Machine(TABLE, guide(), LEAD, Loop.parse(settings, "loop"), Numerics())
+    machine = Machine(TABLE, guide(), LEAD, ControlLoop.parse(settings, "loop"), Numerics())
     return simulate_loop(machine, excitation, lambda _: None)
 
 

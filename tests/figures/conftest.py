@@ -3,7 +3,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from fraexp.results import Curve, FrequencyResponse
+from fraexp.data.results import Curve, FrequencyResponse
 
 ResponseMaker = Callable[..., FrequencyResponse]
 LoopMaker = Callable[[float], Curve]

@@ -1,18 +1,18 @@
 import numpy as np
 import pytest
 
+from fraexp.data.results import FrequencyResponse, Outcome, Result
 from fraexp.errors import FraexpError
-from fraexp.figures.against_first import difference_curve, difference_info, draw_difference
-from fraexp.figures.difference import response_difference
-from fraexp.figures.shown import Shown
-from fraexp.results import FrequencyResponse, Outcome, Result
+from fraexp.figures.elements.shown import ShownResult
+from fraexp.figures.kinds.against_first import difference_curve, difference_info, draw_difference
+from fraexp.figures.kinds.difference import response_difference
 from tests.figures.conftest import ResponseMaker
 
 GRID = np.array([1.0, 2.0, 4.0, 8.0])
 
 
-def shown(label: str, response: FrequencyResponse) -> Shown:
-    return Shown(label, Result(Outcome.OK, response=response))
+def shown(label: str, response: FrequencyResponse) -> ShownResult:
+    return ShownResult(label, Result(Outcome.OK, response=response))
 
 
 def test_a_factor_and_a_turn_are_told_in_decibels_and_degrees(make_response: ResponseMaker) -> None:

@@ -1,24 +1,24 @@
 import numpy as np
 import pytest
 
+from fraexp.data.results import Outcome, Result
 from fraexp.errors import FraexpError
-from fraexp.figures.amplitude_map import amplitude_map_info, draw_amplitude_map
-from fraexp.figures.shown import Shown
-from fraexp.results import Outcome, Result
+from fraexp.figures.elements.shown import ShownResult
+from fraexp.figures.kinds.amplitude_map import amplitude_map_info, draw_amplitude_map
 from tests.figures.conftest import ResponseMaker
 
 FREQUENCY = np.geomspace(1, 100, 30)
 PLANT = -0.1 / FREQUENCY**2
 
 
-def shown(make_response: ResponseMaker, amplitude: float, series: str = "", **options) -> Shown:
+def shown(make_response: ResponseMaker, amplitude: float, series: str = "", **options) -> ShownResult:
     """A response that is off by the amplitude [dB] and by as many degrees."""
     factor = 10 ** (amplitude / 20) * np.exp(1j * np.radians(amplitude))
     frequency = options.pop("frequency", FREQUENCY)
     plant = -0.1 / frequency**2
     result = Result(Outcome.OK, response=make_response(frequency, plant * factor, **options))
     truth = None if series == "unknown" else plant
-    return Shown(f"{amplitude} N", result, truth=truth, amplitude=amplitude, amplitude_unit="N", series=series)
+    return ShownResult(f"{amplitude} N", result, truth=truth, amplitude=amplitude, amplitude_unit="N", series=series)
 
 
 def test_rows_are_amplitudes_and_values_are_relative_to_the_plant(make_response: ResponseMaker) -> None:

@@ -4,13 +4,13 @@ from fraexp_plugins.estimators.conventional import Conventional
 from fraexp_plugins.identification.modal_fit import ModalFit
 from fraexp_plugins.plants.modal import Modal
 
-from fraexp.confidence import relative_deviations
+from fraexp.analysis.confidence import relative_deviations
+from fraexp.data.results import FrequencyResponse, Outcome, Result
 from fraexp.errors import FraexpError
-from fraexp.figures.bode import bode_info, draw_bode
 from fraexp.figures.drawing import figure_for
-from fraexp.figures.lines import THIN, alone
-from fraexp.figures.shown import Shown
-from fraexp.results import FrequencyResponse, Outcome, Result
+from fraexp.figures.elements.frequency_lines import THIN, alone
+from fraexp.figures.elements.shown import ShownResult
+from fraexp.figures.kinds.bode import bode_info, draw_bode
 from tests.figures.conftest import ResponseMaker
 
 
@@ -115,8 +115,8 @@ def fitted(make_response: ResponseMaker, **given: object) -> Result:
 
 
 def test_a_fitted_plant_is_a_thin_line_through_the_points_of_its_response(make_response: ResponseMaker) -> None:
-    plain = Shown("plain", Result(Outcome.OK, response=make_response([5.0, 150.0], [-1e-3, -1e-6])))
-    figure = figure_for([plain, Shown("a", fitted(make_response)), Shown("b", fitted(make_response))])
+    plain = ShownResult("plain", Result(Outcome.OK, response=make_response([5.0, 150.0], [-1e-3, -1e-6])))
+    figure = figure_for([plain, ShownResult("a", fitted(make_response)), ShownResult("b", fitted(make_response))])
     texts = [text.get_text() for text in figure.legends[0].get_texts()]
     assert texts == ["plain", "a", "b", "fitted plant"]
     for axes, part in zip(figure.axes, ("magnitude", "phase"), strict=True):
@@ -141,7 +141,7 @@ def test_a_fitted_plant_is_a_thin_line_through_the_points_of_its_response(make_r
 def test_a_plant_fitted_to_the_magnitude_has_no_phase_to_draw(make_response: ResponseMaker) -> None:
     result = fitted(make_response, quantity="magnitude")
     assert result.response is not None
-    info = bode_info([("a", result.response)], fitted=[Shown("a", result).fitted])
+    info = bode_info([("a", result.response)], fitted=[ShownResult("a", result).fitted])
     model = info.curves[0].model
     assert model is not None
     assert np.isfinite(model.magnitude).all()
@@ -151,6 +151,6 @@ def test_a_plant_fitted_to_the_magnitude_has_no_phase_to_draw(make_response: Res
 
 
 def test_a_response_without_a_fit_has_no_model(make_response: ResponseMaker) -> None:
-    plain = Shown("a", Result(Outcome.OK, response=make_response([1.0, 2.0], [1.0, 1.0])))
+    plain = ShownResult("a", Result(Outcome.OK, response=make_response([1.0, 2.0], [1.0, 1.0])))
     assert plain.fitted is None
     assert [text.get_text() for text in figure_for([plain]).legends[0].get_texts()] == ["a"]

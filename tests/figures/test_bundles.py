@@ -5,13 +5,13 @@ import time
 import numpy as np
 import pytest
 
-from fraexp.figures.bode import BodeInfo, bode_info, draw_bode
-from fraexp.figures.branches import continuous_phases
-from fraexp.figures.bundles import FEW, MANY, Bundle, split, stacked
-from fraexp.figures.curves import curves_info, draw_curves
-from fraexp.figures.labels import group_names, label_texts
-from fraexp.figures.scales import continuous_phase
-from fraexp.results import Curve, FrequencyResponse
+from fraexp.data.results import Curve, FrequencyResponse
+from fraexp.figures.elements.branches import continuous_phases
+from fraexp.figures.elements.bundles import FEW, MANY, Bundle, split, stacked
+from fraexp.figures.elements.labels import group_names, label_texts
+from fraexp.figures.elements.scales import continuous_phase
+from fraexp.figures.kinds.bode import BodeInfo, bode_info, draw_bode
+from fraexp.figures.kinds.other_curves import curves_info, draw_curves
 from tests.figures.conftest import ResponseMaker
 
 FREQUENCY = np.geomspace(1, 200, 30)

@@ -3,20 +3,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fraexp.data.results import Outcome, Result
 from fraexp.errors import FraexpError
-from fraexp.figures.coherence import coherence_info, draw_coherence
-from fraexp.figures.shown import Shown
-from fraexp.results import Outcome, Result
+from fraexp.figures.elements.shown import ShownResult
+from fraexp.figures.kinds.coherence import coherence_info, draw_coherence
 from tests.figures.conftest import ResponseMaker
 
 GRID = np.array([1.0, 3.0, 2.0])
 
 
-def shown(make_response: ResponseMaker, label: str, distortion: float = np.nan, **known) -> Shown:
+def shown(make_response: ResponseMaker, label: str, distortion: float = np.nan, **known) -> ShownResult:
     harmonics = np.full((3, 6), np.nan, dtype=complex)
     harmonics[:, 0] = distortion
     response = replace(make_response(GRID, np.ones(3)), harmonics=harmonics, **known)
-    return Shown(label, Result(Outcome.OK, response=response))
+    return ShownResult(label, Result(Outcome.OK, response=response))
 
 
 def test_coherence_and_distortion_are_shown_where_they_are_known(make_response: ResponseMaker) -> None:

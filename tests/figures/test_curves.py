@@ -5,13 +5,13 @@ import pytest
 from fraexp_plugins.identification.friction_report import force_over_velocity, virgin_curve
 from matplotlib.colors import to_hex
 
+from fraexp.data.results import Curve, Outcome, Result
 from fraexp.errors import FraexpError
-from fraexp.figures.bundles import TINT, mixed
-from fraexp.figures.curves import curves_info, draw_curves
 from fraexp.figures.drawing import figure_for
-from fraexp.figures.lines import THIN
-from fraexp.figures.shown import Shown
-from fraexp.results import Curve, Outcome, Result
+from fraexp.figures.elements.bundles import TINT, mixed
+from fraexp.figures.elements.frequency_lines import THIN
+from fraexp.figures.elements.shown import ShownResult
+from fraexp.figures.kinds.other_curves import curves_info, draw_curves
 
 FREQUENCY = np.geomspace(1, 200, 40)
 
@@ -48,7 +48,7 @@ def test_curves_with_names_of_their_own_are_told_apart():
 
 def test_curves_with_other_columns_are_below_under_their_names():
     figure = figure_for(
-        [Shown("a", Result(Outcome.OK, curves=(harmonic("H1"), levels())))], title="Study", kind="curves"
+        [ShownResult("a", Result(Outcome.OK, curves=(harmonic("H1"), levels())))], title="Study", kind="curves"
     )
     assert figure.get_suptitle() == "Study"
     assert [axes.get_title(loc="left") for axes in figure.axes] == ["H1", "", "Levels", "", ""]
@@ -139,7 +139,7 @@ def test_a_curve_without_an_ordinate_is_left_out():
 
 
 def test_curves_are_chosen_where_not_every_result_has_a_loop(make_loop):
-    alone = Shown("loop", Result(Outcome.OK, curves=(make_loop(1e-5), sliding())))
+    alone = ShownResult("loop", Result(Outcome.OK, curves=(make_loop(1e-5), sliding())))
     assert figure_for([alone]).axes[0].get_ylabel() == "Friction force [N]"
-    both = figure_for([alone, Shown("other", Result(Outcome.OK, curves=(sliding(),)))])
+    both = figure_for([alone, ShownResult("other", Result(Outcome.OK, curves=(sliding(),)))])
     assert [axes.get_title(loc="left") for axes in both.axes] == ["Loop", "Force over velocity"]

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from fraexp.figures.difference import response_difference
+from fraexp.figures.kinds.difference import response_difference
 from tests.figures.conftest import ResponseMaker
 
 

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fraexp.data.results import Metric, Outcome, Result
 from fraexp.errors import FraexpError
-from fraexp.figures.distribution import MOST, distribution_info
 from fraexp.figures.drawing import figure_for
-from fraexp.figures.labels import Drawn, curve_names, drawn_names, group_names
-from fraexp.figures.shown import Shown
-from fraexp.results import Metric, Outcome, Result
+from fraexp.figures.elements.labels import Drawn, curve_names, drawn_names, group_names
+from fraexp.figures.elements.shown import ShownResult
+from fraexp.figures.kinds.distribution import MOST, distribution_info
 
 
 def shown(family, *columns, unit="s", extra=()):
@@ -20,7 +20,7 @@ def shown(family, *columns, unit="s", extra=()):
         metrics = tuple(Metric(f"metric {n}", value, unit) for n, value in enumerate(values))
         result = Result(Outcome.OK, metrics=(*metrics, *extra))
         drawn = Drawn(number, family, f"gain {number}")
-        found.append(Shown(f"{family}, draw {number}", result, key=f"fx1-{number:08d}", drawn=drawn))
+        found.append(ShownResult(f"{family}, draw {number}", result, key=f"fx1-{number:08d}", drawn=drawn))
     return found
 
 
@@ -95,7 +95,7 @@ def test_only_metrics_that_differ_are_drawn_in_their_order_and_not_what_an_exper
     columns = [constant, [np.nan, *TIMES[1:]], wide, TIMES, TIMES, TIMES]
     found = shown("", *columns)
     taken = [
-        Shown(
+        ShownResult(
             of.label, Result(Outcome.OK, metrics=(Metric("stroke", 1.0 + n, "m"), *of.result.metrics)), drawn=of.drawn
         )
         for n, of in enumerate(found)

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
+from fraexp.data.results import Metric, Outcome, Result
 from fraexp.errors import FraexpError
-from fraexp.figures.errors import NEAR, draw_errors, errors_info
-from fraexp.figures.shown import Shown
-from fraexp.results import Metric, Outcome, Result
+from fraexp.figures.elements.shown import ShownResult
+from fraexp.figures.kinds.plant_errors import NEAR, draw_errors, errors_info
 from tests.figures.conftest import ResponseMaker
 
 FREQUENCY = np.array([39.0, 1.0, 5.0, 12.4, 150.0])
@@ -12,9 +12,9 @@ PLANT = -0.1 / FREQUENCY**2
 COST = (Metric("stroke", 2e-3, "m"), Metric("gain", 1.0, "1"), Metric("peak force", 12.0, "N"))
 
 
-def shown(make_response: ResponseMaker, factor, name: str = "a", truth: bool = True, **options) -> Shown:
+def shown(make_response: ResponseMaker, factor, name: str = "a", truth: bool = True, **options) -> ShownResult:
     result = Result(Outcome.OK, response=make_response(FREQUENCY, PLANT * factor, **options), metrics=COST)
-    return Shown(name, result, truth=PLANT if truth else None, key=f"key of {name}")
+    return ShownResult(name, result, truth=PLANT if truth else None, key=f"key of {name}")
 
 
 def test_the_error_is_the_ratio_to_the_plant_at_each_frequency(make_response: ResponseMaker) -> None:

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from fraexp_plugins.identification.friction_report import virgin_curve
 
+from fraexp.data.results import Curve
 from fraexp.errors import FraexpError
-from fraexp.figures.hysteresis import draw_hysteresis, hysteresis_info
-from fraexp.results import Curve
+from fraexp.figures.kinds.hysteresis_loops import draw_hysteresis, hysteresis_info
 from tests.figures.conftest import LoopMaker
 
 

@@ -1,6 +1,6 @@
-from fraexp.figures.label_units import label_units
-from fraexp.figures.labels import curve_names, label_columns, label_text, label_texts
-from fraexp.plugins import Registry
+from fraexp.components.registry import Registry
+from fraexp.figures.elements.label_units import label_units
+from fraexp.figures.elements.labels import curve_names, label_columns, label_text, label_texts
 
 
 def test_names_hold_what_varies_and_nothing_else() -> None:

@@ -3,19 +3,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fraexp.data.results import Outcome, Result
 from fraexp.errors import FraexpError
-from fraexp.figures.levels import QUANTITIES, draw_levels, levels_info
-from fraexp.figures.shown import Shown
-from fraexp.results import Outcome, Result
+from fraexp.figures.elements.shown import ShownResult
+from fraexp.figures.kinds.levels import QUANTITIES, draw_levels, levels_info
 from tests.figures.conftest import ResponseMaker
 
 FREQUENCY = np.array([1.0, 3.0, 2.0])
 RESPONSE, TOTAL, NOISE, NONLINEAR = QUANTITIES
 
 
-def shown(make_response: ResponseMaker, name: str = "a", **known) -> Shown:
+def shown(make_response: ResponseMaker, name: str = "a", **known) -> ShownResult:
     response = make_response(FREQUENCY, [1e-3, 1e-4, 1e-3], deviation=known.pop("deviation", None))
-    return Shown(name, Result(Outcome.OK, response=replace(response, **known)))
+    return ShownResult(name, Result(Outcome.OK, response=replace(response, **known)))
 
 
 def test_levels_are_standard_deviations_on_the_scale_of_the_response(make_response: ResponseMaker) -> None:

@@ -1,18 +1,18 @@
 import numpy as np
 import pytest
 
+from fraexp.data.results import Outcome, Result
 from fraexp.errors import FraexpError
-from fraexp.figures.nyquist import draw_nyquist, nyquist_info
-from fraexp.figures.shown import Shown
-from fraexp.results import Outcome, Result
+from fraexp.figures.elements.shown import ShownResult
+from fraexp.figures.kinds.nyquist import draw_nyquist, nyquist_info
 from tests.figures.conftest import ResponseMaker
 
 FREQUENCY = np.array([1.0, 10.0, 3.0])
 RESPONSE = np.array([1e-3, 1e-3j, -2e-3])
 
 
-def shown(make_response: ResponseMaker, label: str, **known) -> Shown:
-    return Shown(label, Result(Outcome.OK, response=make_response(FREQUENCY, RESPONSE, **known)))
+def shown(make_response: ResponseMaker, label: str, **known) -> ShownResult:
+    return ShownResult(label, Result(Outcome.OK, response=make_response(FREQUENCY, RESPONSE, **known)))
 
 
 def test_responses_lie_in_the_complex_plane_in_the_unit_people_read(make_response: ResponseMaker) -> None:
@@ -41,4 +41,4 @@ def test_what_cannot_share_a_plane_is_refused(make_response: ResponseMaker) -> N
     with pytest.raises(FraexpError, match="found responses in m/N and rad/N"):
         nyquist_info([shown(make_response, "a"), shown(make_response, "b", unit="rad/N")])
     with pytest.raises(FraexpError, match="found responses in nothing"):
-        nyquist_info([Shown("a", Result(Outcome.OK))])
+        nyquist_info([ShownResult("a", Result(Outcome.OK))])

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from fraexp.data.results import Curve, Outcome, Result
 from fraexp.errors import FraexpError
 from fraexp.figures.drawing import figure_for
-from fraexp.figures.positioning import LEAST, is_positioning, positioning_info
-from fraexp.figures.shown import Shown
-from fraexp.results import Curve, Outcome, Result
+from fraexp.figures.elements.shown import ShownResult
+from fraexp.figures.kinds.positioning_moves import LEAST, is_positioning, positioning_info
 
 BAND = 4e-6
 
@@ -27,7 +27,7 @@ def motion(overshoot=0.0, thrust=True, wait=0):
 
 def shown(*curves, groups=None):
     return [
-        Shown(f"case {n}", Result(Outcome.OK, curves=(curve,)), groups[n] if groups else "")
+        ShownResult(f"case {n}", Result(Outcome.OK, curves=(curve,)), groups[n] if groups else "")
         for n, curve in enumerate(curves)
     ]
 

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fraexp.figures.scales import continuous_phase, decibel, degrees, readable_unit
+from fraexp.figures.elements.scales import continuous_phase, decibel, degrees, readable_unit
 
 
 @pytest.mark.parametrize(

@@ -3,24 +3,24 @@
 import numpy as np
 import pytest
 
+from fraexp.data.results import Outcome, Result
 from fraexp.errors import FraexpError
 from fraexp.figures.drawing import figure_for
-from fraexp.figures.shown import Shown
-from fraexp.figures.view import View, wrap
-from fraexp.results import Outcome, Result
+from fraexp.figures.elements.shown import ShownResult
+from fraexp.figures.elements.view import View, wrap
 from tests.figures.conftest import ResponseMaker
 
 
 @pytest.fixture
-def shown(make_response: ResponseMaker) -> list[Shown]:
+def shown(make_response: ResponseMaker) -> list[ShownResult]:
     """A response whose phase falls from -90° to -630° over two decades, and its magnitude by 40 dB."""
     frequency = np.geomspace(1.0, 100.0, 55)
     turn = np.linspace(-90.0, -630.0, 55)
     values = 1e-3 * frequency**-1.0 * np.exp(1j * np.radians(turn))
-    return [Shown("falls", Result(Outcome.OK, response=make_response(frequency, values)))]
+    return [ShownResult("falls", Result(Outcome.OK, response=make_response(frequency, values)))]
 
 
-def test_only_a_band_is_seen_as_high_as_its_lines(shown: list[Shown]) -> None:
+def test_only_a_band_is_seen_as_high_as_its_lines(shown: list[ShownResult]) -> None:
     upper, lower = figure_for(shown, view=View.of("2:20")).axes
     assert upper.get_xlim() == pytest.approx((2 / 1.01, 20 * 1.01))
     low, high = upper.get_ylim()
@@ -29,7 +29,7 @@ def test_only_a_band_is_seen_as_high_as_its_lines(shown: list[Shown]) -> None:
     assert all(step % 45 == 0 for step in np.diff(lower.get_yticks()))
 
 
-def test_a_wrapped_phase_is_interrupted_where_it_jumps(shown: list[Shown]) -> None:
+def test_a_wrapped_phase_is_interrupted_where_it_jumps(shown: list[ShownResult]) -> None:
     lower = figure_for(shown, view=View(wrapped=True)).axes[1]
     phase = np.concatenate([np.asarray(line.get_ydata(), float) for line in lower.lines])
     assert np.nanmin(phase) >= -180.0
@@ -38,7 +38,7 @@ def test_a_wrapped_phase_is_interrupted_where_it_jumps(shown: list[Shown]) -> No
     assert np.isnan(phase).sum() >= 2
 
 
-def test_without_a_view_all_is_seen(shown: list[Shown]) -> None:
+def test_without_a_view_all_is_seen(shown: list[ShownResult]) -> None:
     upper, lower = figure_for(shown).axes
     assert upper.get_xlim() == pytest.approx((1 / 1.01, 100 * 1.01))
     assert np.ptp(lower.get_ylim()) > 540.0
@@ -61,7 +61,7 @@ def test_a_view_tells_its_options_and_reads_them_again() -> None:
     assert View().options() == []
 
 
-def test_kinds_without_frequencies_or_phase_refuse(shown: list[Shown]) -> None:
+def test_kinds_without_frequencies_or_phase_refuse(shown: list[ShownResult]) -> None:
     with pytest.raises(FraexpError, match="nyquist is not drawn over frequency"):
         figure_for(shown, kind="nyquist", view=View((1.0, 2.0)))
     with pytest.raises(FraexpError, match="coherence has no phase"):

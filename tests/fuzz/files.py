@@ -16,12 +16,12 @@ from scipy.io import savemat
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
+from fraexp.components.registry import Registry
 from fraexp.errors import FraexpError
-from fraexp.plugins import Registry
 from fraexp.records.contents import contents, proposal
 from fraexp.records.source import reader_of
-from fraexp.store.checked import json_data
 from fraexp.store.codec import decode, encode
+from fraexp.store.validation import json_data
 from tests.cli.conftest import fill
 from tests.fuzz import mutation
 from tests.fuzz.targets import CSV

@@ -11,19 +11,20 @@ from typing import Any
 
 import pytest
 
-from fraexp import study, units
-from fraexp.draws import Draws
+from fraexp.components.registry import Registry
+from fraexp.data import units
 from fraexp.errors import FraexpError
-from fraexp.figures.labels import printable
-from fraexp.plugins import Registry
-from fraexp.printed import Printed
+from fraexp.figures.elements.labels import printable
 from fraexp.records import RecordSettings, resolve
 from fraexp.records.channels import channel_of
 from fraexp.records.written import Request, study_of, toml
-from fraexp.sections import override
-from fraexp.store.filters import parse
-from fraexp.store.values import number, span
-from fraexp.tui import form, settings
+from fraexp.store.queries.filters import parse
+from fraexp.store.queries.json_sql import number, span
+from fraexp.study import study_file
+from fraexp.study.published_values import Printed
+from fraexp.study.random_draws import Draws
+from fraexp.study.sections import override
+from fraexp.tui.services import launch_form, user_settings
 from fraexp.views.words import flat, value_text
 from tests.fuzz import mutation
 from tests.fuzz.watching import Target
@@ -169,7 +170,7 @@ def _plain(seeds: Sequence[Any], names: Sequence[str]) -> Callable[[Random], Any
 
 def packaged() -> list[tuple[str, dict[str, Any]]]:
     """Return text and data of all studies and machines that come along."""
-    files = sorted(study.packaged_studies().rglob("*.toml"))
+    files = sorted(study_file.packaged_studies().rglob("*.toml"))
     return [(text, tomllib.loads(text)) for text in (file.read_text(encoding="utf-8") for file in files)]
 
 
@@ -215,28 +216,28 @@ def _filter(text: str) -> None:
 def _settings(folder: Path, text: str) -> None:
     file = folder / "tui.toml"
     file.write_bytes(text.encode("utf-8", "surrogatepass"))
-    settings.read(file)
+    user_settings.read(file)
 
 
 def _override(text: str) -> None:
     value = text.partition("=")[2]
-    form.text_of(form.parsed(value))
-    value_text(form.parsed(value))
+    launch_form.text_of(launch_form.parsed(value))
+    value_text(launch_form.parsed(value))
     override(text)
 
 
 def _study_text(folder: Path, registry: Registry, text: str) -> None:
     file = folder / "study.toml"
     file.write_bytes(text.encode("utf-8", "surrogatepass"))
-    _study(folder, registry, study.read(file))
+    _study(folder, registry, study_file.read(file))
 
 
 def _study(folder: Path, registry: Registry, data: Any) -> None:
     if not isinstance(data, dict):
         return
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(study, "MOST_SWEEPS", FEW)
-        found = study.resolve("study", folder / "study.toml", data, folder, registry)
+        patch.setattr(study_file, "MOST_SWEEPS", FEW)
+        found = study_file.resolve("study", folder / "study.toml", data, folder, registry)
     for sweep in found.sweeps[:3]:
         assert sweep.key.startswith("fx1-")
         printable(str(sweep.labels))
@@ -266,4 +267,4 @@ def _import(folder: Path, registry: Registry, made: dict[str, Any]) -> None:
     with contextlib.suppress(FraexpError):
         resolve(RecordSettings.parse(data["record"], "record"), folder, registry)
     file.write_text(toml(data), encoding="utf-8")
-    assert study.read(file) == data
+    assert study_file.read(file) == data

@@ -14,22 +14,22 @@ import pytest
 from fraexp_plugins.readers import measured
 from scipy.io import savemat
 
-from fraexp import toml, units
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
+from fraexp.components.registry import Registry
+from fraexp.data import toml, units
 from fraexp.errors import FraexpError, ParameterError, RecordError, StoreError, StudyError
-from fraexp.plugins import Registry
 from fraexp.records import RecordSettings, resolve
 from fraexp.records.channels import channel_of
 from fraexp.records.contents import contents
 from fraexp.records.source import reader_of
-from fraexp.sections import override
-from fraexp.store.checked import json_data
 from fraexp.store.codec import decode
-from fraexp.study import load, read
-from fraexp.study import resolve as study_of_data
-from fraexp.tui.form import parsed
-from fraexp.tui.settings import read as read_settings
+from fraexp.store.validation import json_data
+from fraexp.study.sections import override
+from fraexp.study.study_file import load, read
+from fraexp.study.study_file import resolve as study_of_data
+from fraexp.tui.services.launch_form import parsed
+from fraexp.tui.services.user_settings import read as read_settings
 
 SOON = 5.0
 """Time that a refusal may take [s]; those that were found took minutes, or for ever."""

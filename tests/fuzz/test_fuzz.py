@@ -8,7 +8,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from fraexp.plugins import Registry
+from fraexp.components.registry import Registry
 from fraexp.views.words import flat
 from tests.examples import portion
 from tests.fuzz import files, targets

@@ -3,9 +3,9 @@
 import numpy as np
 from fraexp_plugins.friction.rolling import Rolling
 
-from fraexp.components import FrictionModel
-from fraexp.results import Result
-from fraexp.signals import Segment, Settling, Signals
+from fraexp.components.kinds import FrictionModel
+from fraexp.data.results import Result
+from fraexp.data.signals import Segment, Settling, Signals
 
 THREE = Rolling(stiffness=(3e5, 1e5, 5e4), limit_force=(2.0, 4.0, 6.0), viscous_coefficient=4.69)
 """Elements whose deflections are 6.7, 40 and 120 µm."""

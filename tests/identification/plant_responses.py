@@ -5,7 +5,7 @@ from fraexp_plugins.estimators.conventional import Conventional
 from fraexp_plugins.identification.modal_fit import ModalFit
 from fraexp_plugins.plants.modal import Modal
 
-from fraexp.results import FrequencyResponse
+from fraexp.data.results import FrequencyResponse
 
 TWO = Modal(gain=0.132, frequencies=(38.8, 81.2), damping_ratios=(0.03, 0.012), residues=(0.342, 0.3))
 DEAD_TIME = 1.25e-3

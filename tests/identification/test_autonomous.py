@@ -8,13 +8,14 @@ import pytest
 from fraexp_plugins.estimators.proposed import Proposed
 from fraexp_plugins.identification.autonomous import Autonomous
 
-from fraexp.components import Controller, Excitation, FrictionModel, Plant
+from fraexp.components.kinds import Controller, Excitation, FrictionModel, Plant
+from fraexp.components.registry import create
+from fraexp.data.results import Outcome
+from fraexp.data.signals import Settling
 from fraexp.errors import RecordError
-from fraexp.plugins import create
-from fraexp.results import Outcome
-from fraexp.signals import Settling
-from fraexp.simulation import Loop, Machine, Numerics, simulate_loop
-from fraexp.study import packaged_studies
+from fraexp.simulation.loop import simulate_loop
+from fraexp.simulation.machine import ControlLoop, Machine, Numerics
+from fraexp.study.study_file import packaged_studies
 
 MACHINE = tomllib.loads((packaged_studies() / "machines" / "linear_motor_table.toml").read_text(encoding="utf-8"))
 SCALE = {"resolution": 0.1e-6, "noise": 30e-9}
@@ -32,7 +33,7 @@ def recorded(registry):
             create(registry, Plant, MACHINE["plant"]),
             create(registry, FrictionModel, friction or MACHINE["friction"]),
             create(registry, Controller, MACHINE["controller"]),
-            Loop.parse({**MACHINE["loop"], **SCALE, **loop}, "loop"),
+            ControlLoop.parse({**MACHINE["loop"], **SCALE, **loop}, "loop"),
             Numerics(),
         )
         signals = simulate_loop(machine, create(registry, Excitation, excitation), lambda _: None)

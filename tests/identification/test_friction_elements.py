@@ -8,11 +8,11 @@ from fraexp_plugins.identification.back_propagation import BackPropagation
 from fraexp_plugins.identification.masing_inversion import MasingInversion
 from fraexp_plugins.identification.rolling_identification import RollingIdentification
 
-from fraexp.components import FrictionModel
+from fraexp.components.kinds import FrictionModel
+from fraexp.components.registry import create
+from fraexp.data.results import Outcome
+from fraexp.data.signals import Segment, Signals
 from fraexp.errors import ParameterError, RecordError
-from fraexp.plugins import create
-from fraexp.results import Outcome
-from fraexp.signals import Segment, Signals
 from tests.examples import thorough
 from tests.identification.friction_records import THREE, driven, motion, record, signals, values
 from tests.machines import guide

@@ -12,10 +12,11 @@ from fraexp_plugins.identification.sliding_identification import SlidingIdentifi
 from fraexp_plugins.identification.viscous_identification import ViscousIdentification
 from fraexp_plugins.plants.modal import Modal
 
-from fraexp.components import Period
+from fraexp.components.kinds import Period
+from fraexp.data.signals import Segment, Signals
 from fraexp.errors import ParameterError, RecordError
-from fraexp.signals import Segment, Signals
-from fraexp.simulation import Loop, Machine, Numerics, simulate_loop
+from fraexp.simulation.loop import simulate_loop
+from fraexp.simulation.machine import ControlLoop, Machine, Numerics
 from tests.examples import thorough
 from tests.identification.friction_records import values
 from tests.machines import LEAD, TABLE, guide
@@ -26,7 +27,7 @@ DEAD_TIME = 1e-3
 
 def recorded(excitation, friction, plant=TABLE, controller=LEAD, **loop):
     settings = {"sample_time": 500e-6, "input_dead_time": DEAD_TIME, "resolution": 0.1e-6, **loop}
-    machine = Machine(plant, friction, controller, Loop.parse(settings, "loop"), Numerics())
+    machine = Machine(plant, friction, controller, ControlLoop.parse(settings, "loop"), Numerics())
     return simulate_loop(machine, excitation, lambda _: None)
 
 

@@ -9,9 +9,9 @@ from fraexp_plugins.identification.friction_report import virgin_curve
 from fraexp_plugins.identification.gms_identification import GmsIdentification
 from fraexp_plugins.identification.rolling_identification import RollingIdentification
 
-from fraexp.components import FrictionModel
+from fraexp.components.kinds import FrictionModel
+from fraexp.components.registry import create
 from fraexp.errors import RecordError
-from fraexp.plugins import create
 from tests.examples import thorough
 from tests.identification.friction_records import driven, signals, values
 

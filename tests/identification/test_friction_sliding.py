@@ -5,8 +5,8 @@ import pytest
 from fraexp_plugins.identification.friction_report import unexplained
 from fraexp_plugins.identification.sliding_identification import SlidingIdentification
 
+from fraexp.data.signals import Segment, Settling, Signals
 from fraexp.errors import RecordError
-from fraexp.signals import Segment, Settling, Signals
 from tests.identification.friction_records import THREE, driven, values
 
 RATE, MASS = 1000.0, 3.0

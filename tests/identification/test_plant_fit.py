@@ -16,9 +16,9 @@ from fraexp_plugins.identification.modal_model import ModalModel
 from fraexp_plugins.identification.whiteness import whiteness
 from fraexp_plugins.plants.modal import Modal
 
+from fraexp.components.registry import create, discover
+from fraexp.data.results import Outcome
 from fraexp.errors import ParameterError, RecordError
-from fraexp.plugins import create, discover
-from fraexp.results import Outcome
 from tests.examples import some
 from tests.identification.plant_responses import (
     DEAD_TIME,

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -14,8 +15,8 @@ import sys, time
 from pathlib import Path
 import numpy as np
 from fraexp.kernels.announcement import announced
-from fraexp.plugins import create, discover
-from fraexp.components import FrictionModel
+from fraexp.components.registry import create, discover
+from fraexp.components.kinds import FrictionModel
 
 said = []
 with announced(lambda: said.append(1)):
@@ -120,11 +121,16 @@ def test_laws_of_one_name_that_two_processes_have_compiled_stay_two(bench: Bench
     assert done.stdout.splitlines() == ["[0.0, 2.0, 4.0] 0", "[0.0, 10.0, 20.0] 0", "[0.0, 2.0, 4.0]"]
 
 
-@pytest.mark.parametrize("damage", [b"", thorough(b"nonsense")])
-def test_a_damaged_kernel_is_compiled_again(bench: Bench, damage: bytes) -> None:
+def with_a_flipped_bit(content: bytes) -> bytes:
+    middle = len(content) // 2  # of the machine code, which would crash
+    return content[:middle] + bytes([content[middle] ^ 4]) + content[middle + 1 :]
+
+
+@pytest.mark.parametrize("damage", [with_a_flipped_bit, thorough(lambda _: b""), thorough(lambda _: b"nonsense")])
+def test_a_damaged_kernel_is_compiled_again(bench: Bench, damage: Callable[[bytes], bytes]) -> None:
     bench.use()
     for path in bench.kernels():
-        path.write_bytes(damage)
+        path.write_bytes(damage(path.read_bytes()))
     assert bench.use()[0] == "[0.0, 2.0, 4.0]"
     assert bench.use() == ("[0.0, 2.0, 4.0]", 0)
 

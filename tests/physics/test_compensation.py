@@ -5,12 +5,13 @@ import pytest
 from fraexp_plugins.excitations.stepped_sine import SteppedSine
 from fraexp_plugins.friction.elastoplastic import Elastoplastic
 
-from fraexp.delays import hold_response, path_response
-from fraexp.experiments import Compensation
-from fraexp.periodic import phasors
-from fraexp.results import Outcome
-from fraexp.signals import Signals
-from fraexp.simulation import Loop, Machine, Numerics, simulate_loop
+from fraexp.analysis.delays import hold_response, path_response
+from fraexp.analysis.fourier import phasors
+from fraexp.data.results import Outcome
+from fraexp.data.signals import Signals
+from fraexp.simulation.experiments import Compensation
+from fraexp.simulation.loop import simulate_loop
+from fraexp.simulation.machine import ControlLoop, Machine, Numerics
 from tests.machines import LEAD, TABLE, decibel, degrees, guide
 
 FREQUENCIES = tuple(np.geomspace(25.5, 190, 20))
@@ -24,7 +25,7 @@ def compensated(gain: float, amplitude: float, **loop: object) -> Signals:
         TABLE,
         FRICTION,
         LEAD,
-        Loop.parse(settings, "loop"),
+        ControlLoop.parse(settings, "loop"),
         Numerics(steps_per_sample=5),
         Compensation(gain=gain, friction=FRICTION),
     )
@@ -71,7 +72,7 @@ def test_without_a_share_the_loop_is_that_without_compensation() -> None:
             TABLE,
             FRICTION,
             LEAD,
-            Loop(sample_time=500e-6, input_dead_time=DEAD_TIME),
+            ControlLoop(sample_time=500e-6, input_dead_time=DEAD_TIME),
             Numerics(steps_per_sample=5),
         ),
         SteppedSine(amplitude=12.0, frequencies=FREQUENCIES, tolerance=1e-5, settle_limit=10),
@@ -95,7 +96,7 @@ def test_another_law_than_the_machines_may_be_fed_back_and_is_computed_one_by_on
         TABLE,
         FRICTION,
         LEAD,
-        Loop(sample_time=500e-6),
+        ControlLoop(sample_time=500e-6),
         Numerics(steps_per_sample=4),
         Compensation(gain=0.8, friction=model),
     )

@@ -9,8 +9,8 @@ from fraexp_plugins.friction.dahl import Dahl
 from fraexp_plugins.friction.gms import GeneralizedMaxwellSlip
 from fraexp_plugins.friction.lugre import LuGre
 
-from fraexp.components import FrictionModel
-from fraexp.plugins import create
+from fraexp.components.kinds import FrictionModel
+from fraexp.components.registry import create
 from tests.machines import FRICTIONLESS, guide
 
 PARTS = (

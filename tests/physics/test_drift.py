@@ -14,7 +14,8 @@ from fraexp_plugins.plants.modal import Modal
 from numba import njit
 
 from fraexp.kernels.law import compilable
-from fraexp.simulation import Loop, Machine, Numerics, simulate_loop
+from fraexp.simulation.loop import simulate_loop
+from fraexp.simulation.machine import ControlLoop, Machine, Numerics
 
 SAMPLE, STEPS = 5e-4, 20
 GMS = GeneralizedMaxwellSlip.parse(GeneralizedMaxwellSlip.presets["reference"], "gms")
@@ -31,7 +32,7 @@ def drift(friction) -> float:
     """Return how far 1 kg has gone from the second to the last of 50 periods [m]."""
     still = ZTransfer(numerator=(0.0,))
     plant = Modal(gain=1.0, frequencies=(), damping_ratios=(), residues=())
-    machine = Machine(plant, friction, still, Loop(sample_time=SAMPLE), Numerics(steps_per_sample=STEPS))
+    machine = Machine(plant, friction, still, ControlLoop(sample_time=SAMPLE), Numerics(steps_per_sample=STEPS))
     push = BiasedSine(bias=0.4, amplitude=0.2, frequency=5.0, whole_periods=50)
     (found,) = Drift().estimate(simulate_loop(machine, push, lambda _: None)).metrics
     return found.value

@@ -11,10 +11,11 @@ from fraexp_plugins.excitations.displacement_triangle import DisplacementTriangl
 from fraexp_plugins.friction.coulomb import Coulomb
 from fraexp_plugins.friction.rolling import Rolling
 
-from fraexp.components import Period
+from fraexp.components.kinds import Period
+from fraexp.data.signals import Segment, Signals
 from fraexp.errors import ParameterError
-from fraexp.signals import Segment, Signals
-from fraexp.simulation import Loop, Machine, Numerics, drive_friction, simulate_loop
+from fraexp.simulation.loop import drive_friction, simulate_loop
+from fraexp.simulation.machine import ControlLoop, Machine, Numerics
 from tests.machines import FRICTIONLESS, LEAD, TABLE, guide
 
 SAMPLE = 5e-4
@@ -60,10 +61,10 @@ def test_a_measured_displacement_is_answered_with_the_models_force():
 
 def test_a_force_below_static_friction_does_not_move_the_guide_and_moves_a_free_machine():
     open_loop = ZTransfer(numerator=(0.0,))
-    machine = Machine(TABLE, guide(), open_loop, Loop(sample_time=SAMPLE), Numerics())
+    machine = Machine(TABLE, guide(), open_loop, ControlLoop(sample_time=SAMPLE), Numerics())
     push = BiasedSine(bias=0.06, amplitude=0.02, frequency=5.0, whole_periods=10)
     held = metrics(Drift().estimate(simulate_loop(machine, push, lambda _: None)))["drift"]
-    free = Machine(TABLE, FRICTIONLESS, open_loop, Loop(sample_time=SAMPLE), Numerics())
+    free = Machine(TABLE, FRICTIONLESS, open_loop, ControlLoop(sample_time=SAMPLE), Numerics())
     moved = metrics(Drift().estimate(simulate_loop(free, push, lambda _: None)))["drift"]
     assert abs(held) < 2e-9  # what is left of the modes' ringing
     assert abs(moved) > 1e-3
@@ -80,6 +81,6 @@ def test_too_coarse_sampling_is_refused_with_the_remedy():
 
 def test_a_step_that_is_too_long_for_the_friction_is_refused_with_the_number_needed():
     stiff = Rolling(stiffness=(1e9,), limit_force=(10.0,))
-    machine = Machine(TABLE, stiff, LEAD, Loop(sample_time=SAMPLE), Numerics(steps_per_sample=2))
+    machine = Machine(TABLE, stiff, LEAD, ControlLoop(sample_time=SAMPLE), Numerics(steps_per_sample=2))
     with pytest.raises(ParameterError, match=r"steps_per_sample is 2; .* resonates at .* Hz: expected \d+ at least"):
         simulate_loop(machine, BiasedSine(bias=1, amplitude=1, frequency=5), lambda _: None)

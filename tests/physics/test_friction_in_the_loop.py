@@ -8,8 +8,9 @@ from fraexp_plugins.estimators.conventional import Conventional
 from fraexp_plugins.estimators.proposed import Proposed
 from fraexp_plugins.excitations.stepped_sine import SteppedSine
 
-from fraexp import simulation
-from fraexp.simulation import Loop, Machine, Numerics, simulate_loop
+from fraexp.simulation import loop
+from fraexp.simulation.loop import chosen_steps, simulate_loop
+from fraexp.simulation.machine import ControlLoop, Machine, Numerics
 from tests.examples import some
 from tests.machines import LEAD, TABLE, decibel, degrees, table_models
 
@@ -25,7 +26,7 @@ def models(registry):
 
 
 def signals(friction, frequencies, amplitude, *, steps=5, settle_limit=30.0):
-    loop = Loop(sample_time=500e-6, input_dead_time=DEAD_TIME)
+    loop = ControlLoop(sample_time=500e-6, input_dead_time=DEAD_TIME)
     machine = Machine(TABLE, friction, LEAD, loop, Numerics(steps_per_sample=steps))
     excitation = SteppedSine(amplitude=amplitude, frequencies=frequencies, settle_limit=settle_limit)
     return simulate_loop(machine, excitation, lambda _: None)
@@ -118,7 +119,7 @@ def test_eight_at_a_time_and_one_by_one_agree(models, name, monkeypatch):
     """The predicted displacement is as good as the root where friction is soft; both are within the step's error."""
     frequencies, responses = (2.0, 10.0, 40.0, 150.0), []
     for soft in (1.0, 0.0):
-        monkeypatch.setattr(simulation, "SOFT", soft)
+        monkeypatch.setattr(loop, "SOFT", soft)
         found = signals(models[name], frequencies, 75.0)
         assert ("lanes" in found.numerics) == bool(soft)
         responses.append(Conventional().estimate(found).response.response)
@@ -131,9 +132,9 @@ def test_an_experiment_does_not_depend_on_what_runs_beside_it(models):
 
 
 def test_steps_follow_the_tolerance(models):
-    loop = Loop(sample_time=500e-6, input_dead_time=DEAD_TIME)
+    loop = ControlLoop(sample_time=500e-6, input_dead_time=DEAD_TIME)
     steps = [
-        simulation.chosen_steps(Machine(TABLE, models["rolling"], LEAD, loop, Numerics(tolerance=tolerance)))
+        chosen_steps(Machine(TABLE, models["rolling"], LEAD, loop, Numerics(tolerance=tolerance)))
         for tolerance in (1e-2, 1e-3, 1e-4)
     ]
     assert steps == sorted(set(steps))

@@ -12,12 +12,13 @@ from fraexp_plugins.estimators.proposed import Proposed
 from fraexp_plugins.excitations.stepped_sine import SteppedSine
 from scipy.integrate import solve_ivp
 
-from fraexp.components import StateSpace
-from fraexp.delays import hold_response, image_factor, path_response
+from fraexp.analysis.delays import hold_response, image_factor, path_response
+from fraexp.analysis.fourier import phasors
+from fraexp.components.kinds import StateSpace
+from fraexp.data.results import Outcome
 from fraexp.errors import ParameterError
-from fraexp.periodic import phasors
-from fraexp.results import Outcome
-from fraexp.simulation import Loop, Machine, Numerics, simulate_loop
+from fraexp.simulation.loop import simulate_loop
+from fraexp.simulation.machine import ControlLoop, Machine, Numerics
 from tests.machines import FRICTIONLESS, LEAD, TABLE, decibel, degrees, guide, simulated
 
 SAMPLE = 500e-6
@@ -257,7 +258,7 @@ class MovingReference(SteppedSine, name="moving_reference", version=1):
 
 
 def test_a_moving_reference_is_followed_as_the_closed_loop_says():
-    loop = Loop(sample_time=SAMPLE, input_dead_time=1e-3, reference=2e-3)
+    loop = ControlLoop(sample_time=SAMPLE, input_dead_time=1e-3, reference=2e-3)
     excitation = MovingReference(amplitude=1.0, frequencies=FREQUENCIES, tolerance=1e-8)
     machine = Machine(TABLE, FRICTIONLESS, LEAD, loop, Numerics())
     signals = simulate_loop(machine, excitation, lambda _: None)
@@ -274,6 +275,6 @@ def test_a_reference_that_does_not_fit_its_waveform_is_refused():
         def periods(self, sample_time):
             return tuple(replace(period, reference=np.zeros(3)) for period in super().periods(sample_time))
 
-    machine = Machine(TABLE, FRICTIONLESS, LEAD, Loop(sample_time=SAMPLE), Numerics())
+    machine = Machine(TABLE, FRICTIONLESS, LEAD, ControlLoop(sample_time=SAMPLE), Numerics())
     with pytest.raises(ParameterError, match="expected equal shapes"):
         simulate_loop(machine, Short(amplitude=1.0, frequencies=(20.0,)), lambda _: None)

@@ -10,7 +10,7 @@ from fraexp_plugins.positioning.deadbeat import Program
 from fraexp_plugins.positioning.design_model import DesignModel
 from scipy.optimize import minimize
 
-from fraexp.components import StateSpace
+from fraexp.components.kinds import StateSpace
 from fraexp.errors import ParameterError
 from tests.machines import TABLE
 

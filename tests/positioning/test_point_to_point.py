@@ -10,12 +10,13 @@ from fraexp_plugins.positioning.point_to_point import PointToPoint
 from fraexp_plugins.positioning.positioning import Positioning
 from fraexp_plugins.positioning.profiles import s_curve, s_curve_velocity
 
-from fraexp.components import Plant, StateSpace
+from fraexp.components.kinds import Plant, StateSpace
+from fraexp.components.registry import discover
+from fraexp.data.results import Outcome
 from fraexp.errors import ParameterError
-from fraexp.plugins import discover
-from fraexp.results import Outcome
-from fraexp.simulation import Loop, Machine, Numerics, simulate_loop
-from fraexp.study import packaged_studies
+from fraexp.simulation.loop import simulate_loop
+from fraexp.simulation.machine import ControlLoop, Machine, Numerics
+from fraexp.study.study_file import packaged_studies
 from tests.machines import FRICTIONLESS, LEAD, TABLE, guide
 
 SAMPLE_TIME, STEP = 500e-6, 1.5e-3
@@ -26,7 +27,7 @@ GUIDE = guide()
 def moved(plant=TABLE, friction=GUIDE, loop=None, design=None, compensated=None, **given):
     """Return the signals of a machine; the feedforward is designed on it, or on other models."""
     path = {"input_dead_time": 1e-3} if loop is None else loop
-    machine = Machine(plant, friction, LEAD, Loop(sample_time=SAMPLE_TIME, **path), Numerics())
+    machine = Machine(plant, friction, LEAD, ControlLoop(sample_time=SAMPLE_TIME, **path), Numerics())
     delays = {name: value for name, value in path.items() if name not in ("resolution", "stroke")}
     excitation = PointToPoint(plant=design or plant, friction=compensated or friction, **delays, **given)
     return simulate_loop(machine, excitation, lambda _: None)

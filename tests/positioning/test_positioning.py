@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from fraexp_plugins.positioning.positioning import Positioning
 
+from fraexp.components.registry import discover
+from fraexp.data.results import Outcome
+from fraexp.data.signals import Segment, Signals
 from fraexp.errors import RecordError
-from fraexp.perform import Job, perform
-from fraexp.plugins import discover
-from fraexp.results import Outcome
-from fraexp.signals import Segment, Signals
-from fraexp.study import load, packaged_studies
+from fraexp.execution.job import Job, perform
+from fraexp.study.study_file import load, packaged_studies
 
 SAMPLE_TIME = 1e-3
 BAND = 4e-6

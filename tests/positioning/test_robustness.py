@@ -7,7 +7,7 @@ import pytest
 
 from fraexp.cli.summary import print_summary
 from fraexp.store import Store
-from fraexp.workspace import Workspace
+from fraexp.workspace.workspace import Workspace
 
 RIGHT = "nominal P_d"
 
@@ -79,5 +79,5 @@ def test_nothing_is_worst_of_what_was_not_drawn(workspace, stored, capsys):
 
 def test_the_motions_are_drawn_as_bundles(workspace, stored, tmp_path):
     with Store.open(workspace.database, read_only=True) as store:
-        drawn = workspace.draw(store, stored[0], tmp_path / "motions.png", "Motions", "positioning")
+        drawn = workspace.figures.draw(store, stored[0], tmp_path / "motions.png", "Motions", "positioning")
     assert drawn == {tmp_path / "motions.png": True}

@@ -9,7 +9,7 @@ from fraexp_plugins.plants.modal import Modal
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fraexp.periodic import phasors
+from fraexp.analysis.fourier import phasors
 from tests.examples import portion
 from tests.machines import FRICTIONLESS, TABLE, guide, simulated
 

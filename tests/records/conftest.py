@@ -7,9 +7,9 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
-from fraexp.plugins import Registry, discover
+from fraexp.components.registry import Registry, discover
+from fraexp.data.signals import Signals
 from fraexp.records import RecordSettings, load, resolve
-from fraexp.signals import Signals
 
 
 @pytest.fixture(scope="session")

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fraexp.results import Result
+from fraexp.data.results import Result
 from fraexp.store import Store
 from tests.records.strangers import Drive, Structure, point_to_point, slow_noise, write_classic
 

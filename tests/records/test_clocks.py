@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fraexp.components.registry import Registry
 from fraexp.errors import RecordError
-from fraexp.plugins import Registry
 from fraexp.records import RecordSettings, resolve
 from tests.records.strangers import write_classic
 

@@ -7,8 +7,8 @@ import pytest
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
+from fraexp.data.results import Result
 from fraexp.records.excited import detected_lines, injected_lines
-from fraexp.results import Result
 from tests.records.strangers_files import DRIVE, results
 
 PERIOD, PERIODS = 1000, 5

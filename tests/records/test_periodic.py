@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fraexp.periodic import PeriodicSpectrum, periodic_spectrum, response_covariance
-from fraexp.plugins import Registry
+from fraexp.analysis.fourier import PeriodicSpectrum, periodic_spectrum, response_covariance
+from fraexp.components.registry import Registry
+from fraexp.data.signals import Segment, Signals
 from fraexp.records import RecordSettings, load, resolve
-from fraexp.signals import Segment, Signals
 
 BENCH = Path(__file__).parents[3] / "shared" / "data" / "two_inertia_bench"
 RECORD = {

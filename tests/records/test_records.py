@@ -7,15 +7,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fraexp.analysis.fourier import periodic_spectrum
+from fraexp.components.registry import Registry
+from fraexp.data.identity import key_of
+from fraexp.data.signals import Signals
 from fraexp.errors import FraexpError, ParameterError, RecordError
-from fraexp.identity import key_of
-from fraexp.periodic import periodic_spectrum
-from fraexp.plugins import Registry
 from fraexp.records import RecordSettings, load, resolve
 from fraexp.records.cutting import coherent
 from fraexp.records.excited import detected_lines
 from fraexp.records.repeats import detected_period
-from fraexp.signals import Signals
 
 Read = Callable[..., Signals]
 

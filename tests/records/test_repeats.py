@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fraexp.data.signals import Signals
 from fraexp.errors import RecordError
 from fraexp.records.cutting import Cut
 from fraexp.records.repeats import check_repeats, detected_period
-from fraexp.signals import Signals
 
 RATE = 1000.0
 DISTURBANCES = ("white", "walk", "ramp", "decay", "hum")

@@ -7,7 +7,7 @@ import pytest
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
-from fraexp.results import Outcome
+from fraexp.data.results import Outcome
 from tests.records.strangers_files import results
 
 COMMAND = ["import", "noise.csv", "--channel", "u=force [N]", "--channel", "y=position [mm]", "--sample-rate", "500"]

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from sqlalchemy import text
 
-from fraexp.results import Curve, FrequencyResponse, Metric, Outcome, Result
+from fraexp.data.results import Curve, FrequencyResponse, Metric, Outcome, Result
+from fraexp.data.sweep import Sweep
 from fraexp.store import Store, Supplied
-from fraexp.store.places import locate
-from fraexp.sweep import Sweep
+from fraexp.store.backends.urls import locate
 from tests.postgresql import Server, running
 from tests.waiting import HANG_TIMEOUT_S
 

@@ -16,8 +16,9 @@ import pytest
 
 from fraexp.cli.exits import ExitCode
 from fraexp.errors import StoreError
-from fraexp.store import Store, file_system
-from fraexp.store.sqlite import SqliteFile
+from fraexp.store import Store
+from fraexp.store.backends import file_system
+from fraexp.store.backends.sqlite import SqliteFile
 from tests.trouble import study
 from tests.waiting import HANG_TIMEOUT_S, wait_until
 
@@ -261,7 +262,7 @@ def faked(folder: Path, system: str) -> str:
     mounts = folder / "mounts"
     place = str(folder).replace(" ", "\\040")
     mounts.write_text(f"/dev/vda / ext4 rw 0 0\nserver:/home {place} {system} rw,vers=4.2 0 0\n", encoding="utf-8")
-    return f"import pathlib, fraexp.store.file_system as m; m.MOUNTS = pathlib.Path({str(mounts)!r})"
+    return f"import pathlib, fraexp.store.backends.file_system as m; m.MOUNTS = pathlib.Path({str(mounts)!r})"
 
 
 @pytest.mark.parametrize("system", ["nfs4", "cifs", "fuse.sshfs"])

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from fraexp.data.results import Metric, Outcome, Result
+from fraexp.data.sweep import Sweep
 from fraexp.errors import StoreError
-from fraexp.results import Metric, Outcome, Result
 from fraexp.store import Store
-from fraexp.store.filters import Condition, parse
-from fraexp.sweep import Sweep
+from fraexp.store.queries.filters import Condition, parse
 from tests.examples import portion
 
 OK = Result(Outcome.OK)

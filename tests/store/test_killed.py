@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from fraexp.results import Outcome
+from fraexp.data.results import Outcome
 from fraexp.store import Store
+from fraexp.store.backends.sqlite import SqliteFile
 from fraexp.store.migrations import HISTORY
-from fraexp.store.sqlite import SqliteFile
 
 pytestmark = pytest.mark.thorough
 ROOT = Path(__file__).parents[2]
@@ -43,7 +43,7 @@ if place == "commit":
 if place == "copied":  # the copy is complete, and does not bear its name yet
     Path.replace = stop
 if place == "copying":
-    import fraexp.store.sqlite as module
+    import fraexp.store.backends.sqlite as module
     whole = module.SqliteFile.connect
     class Halting:
         def __init__(self, connection):

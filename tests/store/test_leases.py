@@ -13,7 +13,7 @@ ROOT = Path(__file__).parents[2]
 CLAIMS = """
 import sys
 from fraexp.store import Store
-from fraexp.sweep import Sweep
+from fraexp.data.sweep import Sweep
 store = Store.open(sys.argv[1], timeout=30)
 grid = [Sweep({"source": "loop", "number": number}, {"name": "e"}) for number in range(60)]
 run = store.begin_run("s", "f", "c", {}, grid)

@@ -13,9 +13,9 @@ from tests.waiting import HANG_TIMEOUT_S
 
 WRITES = """
 import sys
-from fraexp.results import Outcome, Result
+from fraexp.data.results import Outcome, Result
 from fraexp.store import Store
-from fraexp.sweep import Sweep
+from fraexp.data.sweep import Sweep
 grid = [Sweep({"source": "loop", "number": number}, {"name": "e"}) for number in range(200)]
 store = Store.open(sys.argv[1])
 run = store.begin_run("s", "f", "c", {}, grid)

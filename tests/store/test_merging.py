@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fraexp.data.results import Metric, Outcome, Result
 from fraexp.errors import StoreError
-from fraexp.results import Metric, Outcome, Result
-from fraexp.store import Merged, Store, merging
-from fraexp.store.differing import differences
+from fraexp.store import Merged, Store
+from fraexp.store.changes import merging
+from fraexp.store.diff import differences
 from tests.store.conftest import KINDS
 
 

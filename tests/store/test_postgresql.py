@@ -7,13 +7,13 @@ from urllib.parse import quote
 import pytest
 
 from fraexp.cli.main import main
+from fraexp.data.sweep import Sweep
 from fraexp.errors import StoreError
 from fraexp.store import Store, shown
+from fraexp.store.backends.postgresql import LOCK
+from fraexp.store.backends.urls import locate
 from fraexp.store.migrations import FOLDER, HISTORY
-from fraexp.store.places import locate
-from fraexp.store.postgresql import LOCK
 from fraexp.store.schema import Schema, migrate, prepare
-from fraexp.sweep import Sweep
 from tests.postgresql import running
 from tests.waiting import HANG_TIMEOUT_S
 

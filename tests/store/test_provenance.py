@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from fraexp import provenance
+from fraexp.execution import provenance
 
 
 def gathered_in(checkout: Path, **environment: str) -> dict:
@@ -43,7 +43,7 @@ def test_it_is_plain_data():
 def test_packages_are_named_with_their_versions_but_not_imported():
     code = """
 import sys
-from fraexp import provenance
+from fraexp.execution import provenance
 print(provenance.gather()["packages"]["numpy"], "numpy" in sys.modules)
 """
     root = Path(provenance.__file__).parents[1]

@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
+from fraexp.data.results import Curve, FrequencyResponse, Metric, Outcome, Result
+from fraexp.data.sweep import Sweep
 from fraexp.errors import StoreError
-from fraexp.results import Curve, FrequencyResponse, Metric, Outcome, Result
 from fraexp.store import Store, StoredState
-from fraexp.sweep import Sweep
 from tests.examples import portion
 
 

@@ -4,8 +4,8 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
+from fraexp.data.results import Outcome, Result
 from fraexp.errors import StoreError
-from fraexp.results import Outcome, Result
 from fraexp.store import Store
 from tests.waiting import wait_until
 

@@ -9,12 +9,12 @@ import pytest
 from sqlalchemy.dialects import postgresql
 from sqlalchemy.schema import CreateTable
 
+from fraexp.data.results import Outcome
 from fraexp.errors import StoreError
-from fraexp.results import Outcome
 from fraexp.store import Store
+from fraexp.store.backends.sqlite import SqliteFile
 from fraexp.store.migrations import FOLDER, HISTORY
 from fraexp.store.schema import Schema, check_readable, prepare
-from fraexp.store.sqlite import SqliteFile
 from fraexp.store.tables import metadata
 
 ASSETS = Path(__file__).parent / "assets"

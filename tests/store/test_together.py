@@ -8,7 +8,7 @@ from contextlib import closing
 from sqlalchemy import event
 from sqlalchemy.engine import Engine
 
-from fraexp.results import Metric, Outcome, Result
+from fraexp.data.results import Metric, Outcome, Result
 from fraexp.store import Store
 from tests.waiting import HANG_TIMEOUT_S
 
@@ -17,9 +17,10 @@ import sys
 import numpy as np
 from sqlalchemy import event
 from sqlalchemy.engine import Engine
-from fraexp.results import Curve, Metric, Outcome, Result
-from fraexp.store import Store, Supplied
-from fraexp.sweep import Sweep
+from fraexp.data.results import Curve, Metric, Outcome, Result
+from fraexp.store import Store
+from fraexp.store import Supplied
+from fraexp.data.sweep import Sweep
 
 def stop(connection, cursor, statement, parameters, context, executemany):
     if statement.startswith("INSERT INTO curve_column"):

@@ -10,10 +10,10 @@ from fraexp.api import (
     Period,
     Plant,
     RecordReader,
+    RecordTable,
     Result,
     Schedule,
     StateSpace,
-    Table,
     param,
     phasors,
     response_result,
@@ -153,7 +153,7 @@ class Dotless(RecordReader, name="dotless", version=1):
     suffixes = ("OWN",)
 
     def read(self, path, columns):
-        return Table({})
+        return RecordTable({})
 
 
 class Careless(RecordReader, name="careless", version=1):
@@ -162,7 +162,7 @@ class Careless(RecordReader, name="careless", version=1):
     suffixes = (".own",)
 
     def read(self, path, columns):
-        return Table({columns[0]: np.array([float(path.read_text())])})
+        return RecordTable({columns[0]: np.array([float(path.read_text())])})
 
 
 OTHERS = [

@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from fraexp.components import Component
-from fraexp.plugins import discover
+from fraexp.components.kinds import Component
+from fraexp.components.registry import discover
 from fraexp.testing import Check, checks_for
-from fraexp.testing.report import Verdict, expectations, run_check
+from fraexp.testing.check_report import Verdict, expectations, run_check
 from tests.examples import thorough
 
 COSTLY = {("friction", "elsewhere"), ("friction", "observer"), ("friction", "energy"), ("excitation", "refuses")}

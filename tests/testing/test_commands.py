@@ -11,7 +11,7 @@ import pytest
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
 from fraexp.cli.options import KINDS
-from fraexp.components import KINDS as CLASSES
+from fraexp.components.kinds import KINDS as CLASSES
 from fraexp.testing import checks_for
 from tests.docs.conftest import Follow, follow
 from tests.testing.defects import Element

@@ -2,10 +2,10 @@
 
 import pytest
 
-from fraexp.components import Component
+from fraexp.components.kinds import Component
 from fraexp.errors import PluginError
 from fraexp.testing import Verdict, checks_for, run_checks
-from fraexp.testing.catalogue import FRICTION
+from fraexp.testing.check_catalogue import FRICTION
 from tests.examples import thorough
 from tests.testing import defects, other_defects
 

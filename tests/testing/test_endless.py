@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 
 from fraexp.cli.exits import ExitCode
+from fraexp.components.registry import discover
 from fraexp.errors import PluginError
-from fraexp.plugins import discover
 from fraexp.testing import findings
-from fraexp.testing.report import Verdict
-from fraexp.views.trial import Sine, Trial
+from fraexp.testing.check_report import Verdict
+from fraexp.views.law_trial import Sine, Trial
 from tests.examples import thorough
 
 LAW = '''"""A law."""
@@ -50,7 +50,7 @@ def dropped(folder: Path, line: str = "", prop: str = "") -> Path:
 @pytest.fixture
 def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     """A law has a second: what is tested is that it is ended, not when."""
-    for module in ("rehearsal", "testing.report", "views.trial"):
+    for module in ("components.law_check", "testing.check_report", "views.law_trial"):
         monkeypatch.setattr(f"fraexp.{module}.LAW_TIME_LIMIT_S", 1.0)
 
 
@@ -96,10 +96,11 @@ def test_check_ends_in_one_line(line: str, tmp_path: Path) -> None:
         assert done.stderr.count("\n") == 1
 
 
-def test_a_run_ends_in_one_line(tmp_path: Path) -> None:
+@pytest.mark.parametrize("line", [thorough(FOREVER), "time.sleep(1e6)"])
+def test_a_run_ends_in_one_line(line: str, tmp_path: Path) -> None:
     study = 'title = "Mine"\n[loop]\nsample_time = 1e-3\n[friction]\nname = "mine"\n[excitation]\n'
     study += 'name = "displacement_sine"\nfrequency = 10.0\namplitude = 1e-5\n[estimator]\nname = "hysteresis"\n'
-    folder = dropped(tmp_path, FOREVER)
+    folder = dropped(tmp_path, line)
     (folder / "studies").mkdir()
     (folder / "studies/mine.toml").write_text(study)
     done = fraexp(folder, "run", "mine", "--executor", "serial")

@@ -10,11 +10,11 @@ import pytest
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
-from fraexp.components import Component
-from fraexp.plugins import discover
-from fraexp.testing.catalogue import checks_for, quick_checks_for
+from fraexp.components.kinds import Component
+from fraexp.components.registry import discover
+from fraexp.testing.check_catalogue import checks_for, quick_checks_for
+from fraexp.testing.check_report import Verdict, quick_findings
 from fraexp.testing.interpreted import interpreted
-from fraexp.testing.report import Verdict, quick_findings
 from tests.testing import defects, other_defects
 
 SLOW_TO_SEE = {"elsewhere", "compiled", "linear-plant", "result-units", "outcome", "covariance"}

@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 
 from fraexp.store import Store
-from fraexp.tui import ahead, page
-from fraexp.tui.survey import Surveyor
-from fraexp.views import trial
-from fraexp.workspace import Workspace
+from fraexp.tui import key_queue, page
+from fraexp.tui.services.study_survey import Surveyor
+from fraexp.views import law_trial
+from fraexp.workspace.workspace import Workspace
 from tests.waiting import HANG_TIMEOUT_S
 
 RAISING = '''
@@ -44,8 +44,8 @@ def no_settings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def patient_screens(monkeypatch: pytest.MonkeyPatch) -> None:
     """Keys wait until what is slow is there, and a law may take its time: how long is the benchmarks' matter."""
     monkeypatch.setattr(page, "PATIENCE", HANG_TIMEOUT_S)
-    monkeypatch.setattr(ahead, "LONGEST", HANG_TIMEOUT_S)
-    monkeypatch.setattr(trial, "LONGEST", HANG_TIMEOUT_S)
+    monkeypatch.setattr(key_queue, "LONGEST", HANG_TIMEOUT_S)
+    monkeypatch.setattr(law_trial, "LONGEST", HANG_TIMEOUT_S)
 
 
 @pytest.fixture

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from fraexp.results import Curve, FrequencyResponse, Outcome, Result
+from fraexp.data.results import Curve, FrequencyResponse, Outcome, Result
+from fraexp.data.sweep import Sweep
 from fraexp.store import Store
-from fraexp.sweep import Sweep
 
 RESONANCE = 40.0
 """Frequency [Hz] at which the response of `resonant` is greatest."""

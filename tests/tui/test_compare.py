@@ -9,12 +9,12 @@ from textual.widgets import DataTable, Input
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
-from fraexp.figures.kinds import FIGURES
-from fraexp.results import Outcome, Result
+from fraexp.data.figure_kinds import FIGURES
+from fraexp.data.results import Outcome, Result
 from fraexp.store import Store
 from fraexp.tui.app import FraexpApp
-from fraexp.tui.compare import ComparePage
-from fraexp.tui.curves import REFERENCE
+from fraexp.tui.plotting.plotted_curves import REFERENCE
+from fraexp.tui.screens.compare_page import ComparePage
 from fraexp.views.words import short
 from tests.tui.pilots import pilot_of, screen_text, settle, shows, until
 from tests.tui.responses import found, gap, loop, resonant, store_results

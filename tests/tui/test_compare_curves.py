@@ -8,14 +8,14 @@ import pytest
 from textual.pilot import Pilot
 from textual.widgets import DataTable
 
-from fraexp.figures.view import View
-from fraexp.results import Curve, Outcome, Result
-from fraexp.tui import compare as compare_module
+from fraexp.data.results import Curve, Outcome, Result
+from fraexp.figures.elements.view import View
 from fraexp.tui.app import FraexpApp
-from fraexp.tui.compared import compare_command, plot_command
-from fraexp.tui.drawn import wrong_file
+from fraexp.tui.plotting.compared_sweeps import compare_command, plot_command
+from fraexp.tui.plotting.figure_export import wrong_file
+from fraexp.tui.screens import compare_page
 from fraexp.views.words import short
-from fraexp.workspace import Workspace
+from fraexp.workspace.workspace import Workspace
 from tests.tui.pilots import pilot_of, screen_text, shows
 from tests.tui.responses import found, loop, resonant, store_results
 from tests.tui.test_compare import GRID, compare
@@ -81,13 +81,13 @@ def test_what_is_hidden_or_not_listed_is_told_and_reached(tmp_path: Path) -> Non
 @pytest.mark.thorough
 def test_a_view_that_is_asked_for_while_reading_is_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     keys = store_results(tmp_path, [found(resonant(GRID)), found(resonant(GRID, at=60.0))])
-    go_on, gather = Event(), compare_module.gather
+    go_on, gather = Event(), compare_page.gather
 
     def slowly(*args):
         go_on.wait(30)
         return gather(*args)
 
-    monkeypatch.setattr(compare_module, "gather", slowly)
+    monkeypatch.setattr(compare_page, "gather", slowly)
 
     async def steps(app: FraexpApp, pilot: Pilot[None]) -> None:
         app.marks.add(keys)

@@ -3,11 +3,11 @@
 import pytest
 from textual.widgets import Static
 
-from fraexp.tui import keys
-from fraexp.tui.ask import Ask, Confirm
-from fraexp.tui.help import HelpPage
+from fraexp.tui.dialogs import Ask, Confirm
 from fraexp.tui.page import PLACES
-from fraexp.tui.trial import TrialPage
+from fraexp.tui.screens.help_screen import HelpPage
+from fraexp.tui.screens.trial_page import TrialPage
+from fraexp.tui.services import key_bindings
 from tests.tui.pilots import pilot_of, shows, until
 
 
@@ -57,17 +57,21 @@ def test_f1_helps_where_letters_are_typed(workspace):
 
 
 def test_every_key_has_a_name_and_a_meaning():
-    assert all(known.meaning for known in keys.known().values())
-    assert {"studies", "quit", "back", "help", "copy", "table.mark", "trial.more"} <= set(keys.known())
+    assert all(known.meaning for known in key_bindings.known().values())
+    assert {"studies", "quit", "back", "help", "copy", "table.mark", "trial.more"} <= set(key_bindings.known())
 
 
 def test_no_screen_takes_the_keys_of_the_places():
     """A key that leads elsewhere must do so everywhere, but for the sweep's own c, which compares it too."""
     places = {
-        key for name in ("studies", "runs", "sweeps", "plugins", "quit", "palette") for key in keys.known()[name].keys
+        key
+        for name in ("studies", "runs", "sweeps", "plugins", "quit", "palette")
+        for key in key_bindings.known()[name].keys
     }
     modal = ("HelpPage", "Ask", "Confirm")
-    taken = {known.name for known in keys.known().values() if places & set(known.keys) and known.owner not in modal}
+    taken = {
+        known.name for known in key_bindings.known().values() if places & set(known.keys) and known.owner not in modal
+    }
     assert taken == {"studies", "runs", "sweeps", "plugins", "quit", "palette"}
 
 

@@ -12,14 +12,15 @@ from textual import events
 from textual.widgets import Input
 
 from fraexp.store import Store
-from fraexp.tui import launch, page
-from fraexp.tui.fieldlist import FieldList
-from fraexp.tui.form import concerned, form
-from fraexp.tui.launch import LaunchPage
-from fraexp.tui.run import RunPage
-from fraexp.tui.runs import RunsPage
-from fraexp.tui.studies import StudiesPage
-from fraexp.workspace import Workspace
+from fraexp.tui import page
+from fraexp.tui.screens import launch_page
+from fraexp.tui.screens.launch_page import LaunchPage
+from fraexp.tui.screens.run_page import RunPage
+from fraexp.tui.screens.runs_page import RunsPage
+from fraexp.tui.screens.studies_page import StudiesPage
+from fraexp.tui.services.launch_form import concerned, form
+from fraexp.tui.widgets.field_list import FieldList
+from fraexp.workspace.workspace import Workspace
 from tests.tui.pilots import pilot_of, settle, shows, until
 from tests.waiting import wait_until
 
@@ -166,8 +167,8 @@ def test_an_error_finds_the_line_that_it_is_about(checkout, error, path):
 LAUNCHED = """
 import asyncio, sys, time
 from fraexp.tui.app import FraexpApp
-from fraexp.tui.run import RunPage
-from fraexp.tui.runs import RunsPage
+from fraexp.tui.screens.run_page import RunPage
+from fraexp.tui.screens.runs_page import RunsPage
 
 async def main():
     async with FraexpApp(sys.argv[1]).run_test(size=(80, 24)) as pilot:
@@ -244,7 +245,7 @@ def test_what_is_pasted_over_several_lines_is_one_value(tmp_path):
 @pytest.mark.thorough
 def test_many_letters_at_once_are_checked_once_and_a_long_one_leaves_room(tmp_path, monkeypatch):
     checked = []
-    monkeypatch.setattr(launch, "SOON", 1.0)  # also where a letter takes longer than between two that are typed
+    monkeypatch.setattr(launch_page, "SOON", 1.0)  # also where a letter takes longer than between two that are typed
 
     async def steps(app, pilot):
         lines = await opened(app, pilot)

@@ -6,11 +6,11 @@ from hypothesis import strategies as st
 from rich.cells import cell_len
 
 from fraexp.tui.app import FraexpApp
-from fraexp.tui.ask import Ask, Confirm
-from fraexp.tui.letters import ascii_text
+from fraexp.tui.dialogs import Ask, Confirm
 from fraexp.tui.page import PLACES
-from fraexp.tui.settings import plain_terminal
-from fraexp.tui.trial import TrialPage
+from fraexp.tui.screens.trial_page import TrialPage
+from fraexp.tui.services.ascii_filter import ascii_text
+from fraexp.tui.services.user_settings import plain_terminal
 from tests.tui.pilots import pilot_of, screen_text, settle, shows, until
 
 

@@ -4,13 +4,13 @@ import pytest
 from textual.widgets._toast import Toast
 
 from fraexp.errors import StoreError
-from fraexp.tui.desk import Desk
 from fraexp.tui.page import MOST, shortened
-from fraexp.tui.run import RunPage
-from fraexp.tui.runs import RunsPage
-from fraexp.tui.sweep import SweepPage
-from fraexp.tui.sweeps import SweepsPage
-from fraexp.workspace import Workspace
+from fraexp.tui.screens.run_page import RunPage
+from fraexp.tui.screens.runs_page import RunsPage
+from fraexp.tui.screens.sweep_page import SweepPage
+from fraexp.tui.screens.sweeps_page import SweepsPage
+from fraexp.tui.services.database_access import Desk
+from fraexp.workspace.workspace import Workspace
 from tests.tui.pilots import pilot_of, screen_text, shows, until
 
 SECRET = "postgresql://somebody:hunter2@host/lab"

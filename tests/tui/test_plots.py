@@ -14,14 +14,14 @@ from textual.app import App, ComposeResult
 from textual.color import Color
 from textual.pilot import Pilot
 
-from fraexp.figures.shown import Shown
-from fraexp.results import FrequencyResponse, Outcome, Result
-from fraexp.tui.axes import Ticks, tick_text
-from fraexp.tui.curves import Trace, bode
-from fraexp.tui.plot import ALONE, ON_DARK, ON_LIGHT, UNSETTLED, Look, Plot, line_of
-from fraexp.tui.plots import BodeView
-from fraexp.tui.raster import ACROSS, BLANK, DOWN, characters, line, sparse
-from fraexp.tui.readout import cut, readout
+from fraexp.data.results import FrequencyResponse, Outcome, Result
+from fraexp.figures.elements.shown import ShownResult
+from fraexp.tui.plotting.braille import ACROSS, BLANK, DOWN, characters, line, sparse
+from fraexp.tui.plotting.plot_stack import BodeView
+from fraexp.tui.plotting.plot_widget import ALONE, ON_DARK, ON_LIGHT, UNSETTLED, Look, Plot, line_of
+from fraexp.tui.plotting.plotted_curves import PlotTrace, bode
+from fraexp.tui.plotting.ticks import Ticks, tick_text
+from fraexp.tui.widgets.readout import cut, readout
 from tests.examples import portion
 from tests.tui.pilots import screen_text, settle, until
 from tests.tui.responses import RESONANCE, gap, resonant
@@ -246,7 +246,7 @@ def test_lines_are_made_anew_when_they_are_seen_otherwise(monkeypatch: pytest.Mo
         made.append(args)
         return line(*args)
 
-    monkeypatch.setattr("fraexp.tui.plot.line", counted)
+    monkeypatch.setattr("fraexp.tui.plotting.plot_widget.line", counted)
 
     async def steps(view: BodeView, pilot: Pilot[None]) -> None:
         async def lines_of(change: Callable[[], object]) -> int:
@@ -259,7 +259,7 @@ def test_lines_are_made_anew_when_they_are_seen_otherwise(monkeypatch: pytest.Mo
         before = drawn_rows(plots_of(view)[0])
         assert await lines_of(lambda: view.zoom(x=2)) > 0
         assert drawn_rows(plots_of(view)[0]) != before
-        other = bode([Shown("a", Result(Outcome.OK, response=resonant(GRID, at=70.0)))], None)
+        other = bode([ShownResult("a", Result(Outcome.OK, response=resonant(GRID, at=70.0)))], None)
         assert await lines_of(lambda: view.display_picture(other)) > 0
 
     shown([("a", resonant(GRID))], steps)
@@ -351,7 +351,7 @@ def test_of_long_names_both_ends_are_left(name: str, cells: int, expected: str) 
 def test_a_wrapped_phase_has_gaps_where_it_jumps() -> None:
     y = np.linspace(0, -400, 401)
     everywhere = np.ones(401, dtype=bool)
-    trace = Trace(0, np.arange(401.0), y, everywhere, np.arange(401.0), np.stack([y - 1, y + 1]))
+    trace = PlotTrace(0, np.arange(401.0), y, everywhere, np.arange(401.0), np.stack([y - 1, y + 1]))
     x, wrapped, band = line_of(trace, wrapped=True)
     assert band is not None
     assert np.nanmin(wrapped) >= -180
@@ -375,12 +375,12 @@ def test_colours_stand_out_on_their_ground(colours: tuple[str, ...], ground: str
 
 
 def test_the_numbers_are_those_of_the_figure() -> None:
-    from fraexp.figures.bode import bode_info
-    from fraexp.figures.shown import Shown
+    from fraexp.figures.elements.shown import ShownResult
+    from fraexp.figures.kinds.bode import bode_info
     from tests.tui.responses import found
 
     response = resonant(GRID)
-    picture = bode([Shown("a", found(response))], None)
+    picture = bode([ShownResult("a", found(response))], None)
     (curve,) = bode_info([("a", response)]).curves
     for panel, part in zip(picture.panels, ("magnitude", "phase"), strict=True):
         (trace,) = panel.traces

@@ -6,13 +6,13 @@ from pathlib import Path
 import pytest
 from textual.widgets import Input
 
-from fraexp.plugins import discover, load_file
+from fraexp.components.registry import discover, load_file
 from fraexp.store import Store
 from fraexp.tui.app import FraexpApp
-from fraexp.tui.plugins import PluginTable
-from fraexp.tui.watch import PluginsWatch
+from fraexp.tui.screens.plugins_page import PluginTable
+from fraexp.tui.services.plugin_watch import PluginsWatch
 from fraexp.views.components import offers
-from fraexp.workspace import Workspace
+from fraexp.workspace.workspace import Workspace
 from tests.tui.pilots import pilot_of, screen_text, shows, until
 
 LAW = '''

@@ -8,14 +8,14 @@ from dataclasses import replace
 
 import pytest
 
-from fraexp import detached
-from fraexp.detached import Started
+from fraexp.execution import background
+from fraexp.execution.background import BackgroundRun
 from fraexp.store import RunProgress, Store
-from fraexp.tui.logtail import LogTail
-from fraexp.tui.run import RunPage, _command_of, show_run
-from fraexp.tui.runs import RunsPage
-from fraexp.views.progress import bar, progress_text
-from fraexp.workspace import Workspace
+from fraexp.tui.screens.run_page import RunPage, _command_of, show_run
+from fraexp.tui.screens.runs_page import RunsPage
+from fraexp.tui.widgets.log_tail import LogTail
+from fraexp.views.run_progress import bar, progress_text
+from fraexp.workspace.workspace import Workspace
 from tests.tui.pilots import pilot_of, screen_text, settle, shows, until
 
 SLOW = ["excitation.lowest=1e-3", "excitation.points=3", "excitation.tolerance=1e-15", "excitation.settle_limit=10000"]
@@ -97,7 +97,7 @@ def test_a_run_is_watched_stopped_and_goes_on(workspace, living):
             await pilot.press("y")
             await shows(pilot, "interrupted")
         finally:
-            detached.stop(again.pid, hard=True)
+            background.stop(again.pid, hard=True)
             again.process.wait()
 
     pilot_of(workspace, steps)
@@ -175,7 +175,7 @@ def test_a_run_that_is_stopped_before_it_began_says_where_the_keys_lead(workspac
     log = workspace / "run.log"
     log.touch()
     process = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)  # as long as we are there
-    started = Started(process, log, ("run", "nothing", f"--workspace={workspace}"))
+    started = BackgroundRun(process, log, ("run", "nothing", f"--workspace={workspace}"))
 
     async def steps(app, pilot):
         show_run(app, started)

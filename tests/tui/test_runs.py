@@ -2,8 +2,8 @@
 
 import pytest
 
-from fraexp.tui.run import RunPage
-from fraexp.tui.runs import RunsPage
+from fraexp.tui.screens.run_page import RunPage
+from fraexp.tui.screens.runs_page import RunsPage
 from tests.tui.pilots import pilot_of, screen_text, settle, shows, until
 
 

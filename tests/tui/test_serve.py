@@ -18,7 +18,7 @@ import pytest
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
-from fraexp.tui.serve import is_local
+from fraexp.tui.services.browser_server import is_local
 from tests.waiting import HANG_TIMEOUT_S
 
 TOKEN = "abcdefghij0123456789"

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from fraexp.errors import FraexpError
-from fraexp.tui import keys
 from fraexp.tui.app import FraexpApp
-from fraexp.tui.settings import place, read
+from fraexp.tui.services import key_bindings
+from fraexp.tui.services.user_settings import place, read
 from tests.tui.pilots import pilot_of, settle, until
 from tests.waiting import HANG_TIMEOUT_S
 
@@ -131,9 +131,9 @@ def test_the_command_ends_with_2_and_one_line(workspace, write):
 
 @pytest.mark.parametrize("text", ["m", "M", "+", "ctrl+k", "f5", "space", "question_mark", "shift+up", "comma", "plus"])
 def test_names_of_keys(text):
-    assert keys.is_key(text)
+    assert key_bindings.is_key(text)
 
 
 def test_a_key_that_another_one_gives_up_may_be_taken():
-    keys.check({"sweeps": "r", "runs": "w"}, "settings")
-    keys.check({"launch.start": "f6"}, "settings")  # of another screen's
+    key_bindings.check({"sweeps": "r", "runs": "w"}, "settings")
+    key_bindings.check({"launch.start": "f6"}, "settings")  # of another screen's

@@ -4,12 +4,12 @@ import shutil
 
 import pytest
 
-from fraexp.tui import studies as studies_module
 from fraexp.tui.app import FraexpApp
-from fraexp.tui.filterline import FilterLine
-from fraexp.tui.launch import LaunchPage
-from fraexp.tui.studies import FilePage, StudiesPage
-from fraexp.tui.survey import Surveyor
+from fraexp.tui.screens import studies_page
+from fraexp.tui.screens.launch_page import LaunchPage
+from fraexp.tui.screens.studies_page import FilePage, StudiesPage
+from fraexp.tui.services.study_survey import Surveyor
+from fraexp.tui.widgets.filter_line import FilterLine
 from tests.tui.pilots import pilot_of, screen_text, shows, until
 
 
@@ -91,7 +91,7 @@ def test_a_database_that_is_deleted_is_no_traceback(workspace):
 def test_a_state_that_is_not_known_yet_is_told_and_only_worked_out_for_who_looks(workspace, monkeypatch):
     begun = []
     monkeypatch.setattr(Surveyor, "survey", lambda *_: begun.append(1))
-    monkeypatch.setattr(studies_module, "MOMENT", 3600.0)  # the moment comes when we say so
+    monkeypatch.setattr(studies_page, "MOMENT", 3600.0)  # the moment comes when we say so
 
     async def steps(app, pilot):
         page = studies(app)
@@ -101,7 +101,7 @@ def test_a_state_that_is_not_known_yet_is_told_and_only_worked_out_for_who_looks
         page._soon.stop()
         page._survey_if_seen()
         assert not begun
-        monkeypatch.setattr(studies_module, "MOMENT", 0.01)
+        monkeypatch.setattr(studies_page, "MOMENT", 0.01)
         await pilot.press("s")
         await shows(pilot, "...")
         await until(pilot, lambda: begun)

@@ -5,7 +5,7 @@ from textual import events
 from textual.widgets import TabbedContent
 
 from fraexp.store import Store
-from fraexp.tui.sweep import SECTIONS, SweepPage
+from fraexp.tui.screens.sweep_page import SECTIONS, SweepPage
 from tests.tui.pilots import pilot_of, screen_text, settle, shows, until
 
 
@@ -96,7 +96,7 @@ def test_parameters_have_units_origins_and_meanings(workspace, keys):
     ],
 )
 def test_it_is_told_where_values_are_from(workspace, keys, registry, path, origin):
-    from fraexp.views.parameters import resolved_parameters
+    from fraexp.views.resolved_parameters import resolved_parameters
 
     with Store.open(str(workspace / "results.db"), read_only=True) as store:
         rows = {row.path: row for row in resolved_parameters(store.find(keys[0]), registry)}
@@ -117,7 +117,7 @@ def test_a_sweep_of_a_plugin_that_has_changed_or_gone_says_so(workspace, keys, r
     from dataclasses import replace
 
     from fraexp.store import Supplied
-    from fraexp.views.provenance import sources_now
+    from fraexp.views.origin import sources_now
 
     with Store.open(str(workspace / "results.db"), read_only=True) as store:
         sweep = store.find(keys[0])

@@ -10,9 +10,9 @@ from textual.widgets import Input, Static
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
 from fraexp.store import Store
-from fraexp.tui import table as table_module
 from fraexp.tui.app import FraexpApp
-from fraexp.tui.table import SweepTable
+from fraexp.tui.widgets import sweep_table
+from fraexp.tui.widgets.sweep_table import SweepTable
 from tests.tui.pilots import pilot_of, screen_text, settle, shows, until
 
 
@@ -177,7 +177,7 @@ def test_a_click_on_a_title_sorts_and_again_turns(workspace):
 
 
 def test_sweeps_are_marked_one_by_one_and_all_that_match(workspace, monkeypatch):
-    monkeypatch.setattr(table_module, "MANY", 3)
+    monkeypatch.setattr(sweep_table, "MANY", 3)
 
     async def steps(app, pilot):
         table = await opened(app, pilot)

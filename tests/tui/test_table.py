@@ -9,10 +9,10 @@ from textual.app import App, ComposeResult
 from textual.events import MouseScrollDown
 from textual.pilot import Pilot
 
+from fraexp.data.results import Outcome
 from fraexp.errors import StoreError
-from fraexp.results import Outcome
 from fraexp.store import Listed
-from fraexp.tui.table import PagedTable, Rows
+from fraexp.tui.widgets.sweep_table import PagedTable, TableRows
 from fraexp.views.listing import Column, fitted, listing_columns
 from tests.tui.pilots import screen_text, until
 
@@ -25,12 +25,12 @@ class Numbers(PagedTable):
         self.names = [f"row {number}" for number in range(count)]
         self.wrong = ""
 
-    async def ask(self, first: int, most: int) -> Rows:
+    async def ask(self, first: int, most: int) -> TableRows:
         await asyncio.sleep(0.02)
         if self.wrong:
             raise StoreError(self.wrong)
         names = tuple(self.names[first : first + most])
-        return Rows(names, [Column("name", names)], len(self.names))
+        return TableRows(names, [Column("name", names)], len(self.names))
 
     def is_marked(self, key: str) -> bool:
         return False

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from textual.events import Key
 
+from fraexp.components.registry import discover
 from fraexp.errors import FraexpError
-from fraexp.plugins import discover
 from fraexp.store import Store
 from fraexp.tui.app import FraexpApp
-from fraexp.tui.trial import Field, TrialPage
+from fraexp.tui.screens.trial_page import TrialInput, TrialPage
 from fraexp.views.entries import entries, example, told, written
-from fraexp.views.trial import STEPS, STUDY, Sine, Trial, overrides
-from fraexp.workspace import Workspace
+from fraexp.views.law_trial import STEPS, STUDY, Sine, Trial, overrides
+from fraexp.workspace.workspace import Workspace
 from tests.tui.pilots import pilot_of, screen_text, shows, until
 from tests.tui.test_plugins import LAW, drop
 from tests.waiting import HANG_TIMEOUT_S
@@ -25,8 +25,8 @@ LUGRE = {"name": "lugre", "preset": "linear_motor_table"}
 DAHL = {"name": "dahl", "stiffness": 3.9e5, "coulomb": 17.9, "viscous_coefficient": 20.0}
 
 
-def field(app: FraexpApp, path: str) -> Field:
-    return next(one for one in app.screen.query(Field) if one.entry.path == path)
+def field(app: FraexpApp, path: str) -> TrialInput:
+    return next(one for one in app.screen.query(TrialInput) if one.entry.path == path)
 
 
 async def opened(pilot, name: str) -> None:
@@ -120,14 +120,14 @@ def test_a_law_that_raises_or_gives_no_number_is_told_in_one_line(tmp_path, line
 
 
 def test_a_law_that_takes_too_long_is_left_to_the_compiler(registry, monkeypatch):
-    monkeypatch.setattr("fraexp.views.trial.LONGEST", 0.0)
+    monkeypatch.setattr("fraexp.views.law_trial.LONGEST", 0.0)
     with pytest.raises(FraexpError, match="too slow to be tried in plain Python; run the study"):
         Trial(DAHL, Sine(), registry).loop()
 
 
 def test_trying_a_law_does_not_need_the_compiler(tmp_path):
     code = (
-        "import sys; from fraexp.plugins import discover; from fraexp.views.trial import Sine, Trial\n"
+        "import sys; from fraexp.components.registry import discover; from fraexp.views.law_trial import Sine, Trial\n"
         "Trial({'name': 'dahl', 'stiffness': 1e5, 'coulomb': 10.0}, Sine(), discover()).describing_function()\n"
         "assert not {'numba', 'matplotlib'} & set(sys.modules)"
     )

@@ -12,8 +12,8 @@ from fraexp_plugins.estimators.effective_input import EFFECTIVE_INPUT
 from fraexp_plugins.estimators.realisations import Part, circular, combined
 from fraexp_plugins.friction.frictionless import Frictionless
 from fraexp_plugins.friction.rolling import Rolling
-from fraexp_plugins.identification.autonomous_elements import Elements, fitted, scatter_of
-from fraexp_plugins.identification.autonomous_lines import ElementObserver, Lines, lines_of, usable, variances
+from fraexp_plugins.identification.autonomous_elements import AutonomousElements, fitted, scatter_of
+from fraexp_plugins.identification.autonomous_lines import ElementObserver, SpectralLines, lines_of, usable, variances
 from fraexp_plugins.identification.autonomous_plant import Inverse, PlantFound, plant_of
 from fraexp_plugins.identification.friction_report import virgin_curve
 from fraexp_plugins.identification.modal_fit import ModalFit
@@ -123,7 +123,7 @@ class Autonomous(DelayedEstimator, name="autonomous", version=2):
         fields = set(ElementObserver.model_fields) & set(type(self).model_fields)
         return ElementObserver(friction=friction, **{name: getattr(self, name) for name in fields})
 
-    def _elements(self, signals: Signals) -> tuple[Lines, Elements]:
+    def _elements(self, signals: Signals) -> tuple[SpectralLines, AutonomousElements]:
         """Return what the records tell at each line, and the elements in them."""
         bare = self._observer(Frictionless())
         grid = self._grid(signals, bare)
@@ -148,7 +148,7 @@ class Autonomous(DelayedEstimator, name="autonomous", version=2):
         smallest = max(float(np.abs(bare.motion[bare.known]).min()), 2 * self.resolution, 2 * self.noise)
         return np.geomspace(max(min(smallest / 2, greatest / 10), greatest / SPAN), TOP * greatest, self.thresholds)
 
-    def _check(self, lines: Lines, elements: Elements) -> None:
+    def _check(self, lines: SpectralLines, elements: AutonomousElements) -> None:
         """Raise RecordError for records that differ no more than noise does, or not as friction has it."""
         before, explained = _median(scatter_of(lines, lines.thrust)), _median(elements.floor)
         if before >= VISIBLE * explained and elements.stiffness.any():
@@ -163,7 +163,7 @@ class Autonomous(DelayedEstimator, name="autonomous", version=2):
             f"{remedy}"
         )
 
-    def _response(self, signals: Signals, lines: Lines, elements: Elements) -> Result:
+    def _response(self, signals: Signals, lines: SpectralLines, elements: AutonomousElements) -> Result:
         """Return P̂ before anything linear is taken off."""
         effective = np.abs(lines.thrust - lines.deflection @ elements.stiffness)
         response = 1 / elements.inverse
@@ -192,7 +192,13 @@ class Autonomous(DelayedEstimator, name="autonomous", version=2):
         return replace(found, response=replace(found.response, model_covariance=inverse.of_friction()))
 
     def _result(
-        self, found: Result, signals: Signals, lines: Lines, elements: Elements, plant: PlantFound | None, remark: str
+        self,
+        found: Result,
+        signals: Signals,
+        lines: SpectralLines,
+        elements: AutonomousElements,
+        plant: PlantFound | None,
+        remark: str,
     ) -> Result:
         quality = _Quality(lines, elements, self.tolerance)
         against = [*quality.remarks(), *([remark] if remark else []), *(_of_plant(plant) if plant else ())]
@@ -219,8 +225,8 @@ class Autonomous(DelayedEstimator, name="autonomous", version=2):
 class _Quality:
     """How well the records agree."""
 
-    lines: Lines
-    elements: Elements
+    lines: SpectralLines
+    elements: AutonomousElements
     tolerance: float
 
     @property
@@ -275,7 +281,7 @@ def _greatest(signals: Signals, channel: str) -> float:
     return float(max(np.ptp(segment.channels[channel]) for segment in signals.segments)) / 2
 
 
-def _friction_metrics(elements: Elements, viscous: tuple[float, float]) -> tuple[Metric, ...]:
+def _friction_metrics(elements: AutonomousElements, viscous: tuple[float, float]) -> tuple[Metric, ...]:
     force, deviation = elements.coulomb
     return (
         Metric("Coulomb force", force, "N"),
@@ -287,14 +293,14 @@ def _friction_metrics(elements: Elements, viscous: tuple[float, float]) -> tuple
     )
 
 
-def _width(elements: Elements) -> float:
+def _width(elements: AutonomousElements) -> float:
     """Return the displacement [m] at which the virgin curve reaches 1 - 1/e of ΣF_m."""
     x = np.concatenate([[0.0], elements.thresholds])  # straight lines between them
     force = elements.virgin_curve(x)[0]
     return float(np.interp(MEAN_WIDTH * force[-1], force, x))
 
 
-def _fit(elements: Elements, viscous: tuple[float, float], spring: tuple[float, float]) -> Fit:
+def _fit(elements: AutonomousElements, viscous: tuple[float, float], spring: tuple[float, float]) -> Fit:
     """Return the friction model with the covariance of its parameters.
 
     A stiffness that never slips is an element that slips beyond the greatest motion: its force is held, not known.
@@ -330,7 +336,7 @@ def _of_plant(plant: PlantFound) -> Iterator[str]:
         yield f"the plant's gain is told to {NORMAL * relative:.0%} only: raise the amplitude, or record more lines"
 
 
-def _hints(elements: Elements, plant: PlantFound | None, greatest: float) -> Iterator[str]:
+def _hints(elements: AutonomousElements, plant: PlantFound | None, greatest: float) -> Iterator[str]:
     """Yield what the records cannot tell."""
     rest = float(elements.forces[elements.thresholds > SLIPS * greatest].sum()) / max(elements.coulomb[0], 1e-300)
     if rest > REST or (plant and plant.spring):

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from fraexp_plugins.friction.rolling import Rolling
-from fraexp_plugins.identification.autonomous_lines import Lines
+from fraexp_plugins.identification.autonomous_lines import SpectralLines
 
 PRIOR = 0.3
 """Standard deviation of ΣF_m over the greatest thrust before anything is seen, by elements that are independent."""
@@ -15,7 +15,7 @@ REACH = 3
 
 
 @dataclass(frozen=True)
-class Elements:
+class AutonomousElements:
     """Stiffnesses on a grid of thresholds, and the inverse plant 1/P̂ that they leave at each line."""
 
     thresholds: np.ndarray
@@ -93,7 +93,7 @@ class Elements:
         return float(force[0]), float(deviation[0])
 
 
-def fitted(lines: Lines, thresholds: np.ndarray, total: np.ndarray, peak: float) -> Elements:
+def fitted(lines: SpectralLines, thresholds: np.ndarray, total: np.ndarray, peak: float) -> AutonomousElements:
     """Return the elements with Σ w_a |G U_a - Σ K_i Z_i,a - Y_a/P̂|² least over K_i >= 0 and 1/P̂ at each line.
 
     1/P̂ enters linearly and is eliminated by projection; what is left is a non-negative least-squares problem. `total`
@@ -125,7 +125,7 @@ def fitted(lines: Lines, thresholds: np.ndarray, total: np.ndarray, peak: float)
         inner[np.ix_(possible, possible)] / max(excess, 1.0) + np.eye(possible.size)
     )
     effective = lines.thrust - lines.deflection @ stiffness
-    return Elements(
+    return AutonomousElements(
         thresholds,
         stiffness,
         posterior * np.outer(prior, prior),
@@ -152,7 +152,7 @@ def _parts(values: np.ndarray) -> np.ndarray:
     return np.concatenate([values.real, values.imag])
 
 
-def scatter_of(lines: Lines, effective: np.ndarray) -> np.ndarray:
+def scatter_of(lines: SpectralLines, effective: np.ndarray) -> np.ndarray:
     """Return the relative scatter of Y/U for inputs [N] from record to record at each line, shape (L,)."""
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = np.where(lines.known, lines.motion / effective, 0)
@@ -162,7 +162,7 @@ def scatter_of(lines: Lines, effective: np.ndarray) -> np.ndarray:
         return np.asarray(np.sqrt(away.sum(axis=1) / np.where(count > 1, count - 1, np.nan)) / np.abs(middle))
 
 
-def _expected(lines: Lines, effective: np.ndarray, variance: np.ndarray) -> np.ndarray:
+def _expected(lines: SpectralLines, effective: np.ndarray, variance: np.ndarray) -> np.ndarray:
     """Return the relative scatter that noise and floor explain, shape (L,)."""
     with np.errstate(divide="ignore", invalid="ignore"):
         relative = np.where(lines.known, variance / np.abs(effective) ** 2, 0.0)

@@ -45,7 +45,7 @@ class ElementObserver(Proposed):
 
 
 @dataclass(frozen=True)
-class Lines:
+class SpectralLines:
     """Mean phasors at L lines of at most M records each."""
 
     groups: tuple[Group, ...]
@@ -97,7 +97,7 @@ def usable(signals: Signals, output: str) -> Signals:
     return replace(signals, segments=moving)
 
 
-def lines_of(signals: Signals, observer: ElementObserver, thresholds: np.ndarray) -> Lines:
+def lines_of(signals: Signals, observer: ElementObserver, thresholds: np.ndarray) -> SpectralLines:
     """Return what all records tell at each line, with what elements of these thresholds [m] make of it."""
     groups = groups_of(signals)
     records = max(len(group) for group in groups)
@@ -116,10 +116,10 @@ def lines_of(signals: Signals, observer: ElementObserver, thresholds: np.ndarray
                 f"autonomous: at some line from {parts[-1][0][0]:.4g} Hz on, '{observer.input}' or '{observer.output}' "
                 "is 0 in all records; leave that line out"
             )
-    return Lines(groups, *(np.concatenate(column) for column in zip(*parts, strict=True)))
+    return SpectralLines(groups, *(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
-def variances(signals: Signals, lines: Lines, observer: ElementObserver, inverse: np.ndarray) -> np.ndarray:
+def variances(signals: Signals, lines: SpectralLines, observer: ElementObserver, inverse: np.ndarray) -> np.ndarray:
     """Return E|e|² [N²] by noise of e = G_di G_do U - F̂ - Y/P̂, given 1/P̂ [N/m], shape (L, M).
 
     It is that of the mean over the periods by their scatter, so that noise of the thrust and of the scale count as much
@@ -164,7 +164,7 @@ def _of_mean(values: np.ndarray) -> np.ndarray:
     return found
 
 
-def _smoothed(lines: Lines, variance: np.ndarray) -> np.ndarray:
+def _smoothed(lines: SpectralLines, variance: np.ndarray) -> np.ndarray:
     """Return variances [N²] whose share of the thrust's power is that of the neighbouring lines of the same record."""
     order = np.argsort(lines.frequency, kind="stable")
     power = np.where(lines.known, np.abs(lines.thrust) ** 2, np.nan)

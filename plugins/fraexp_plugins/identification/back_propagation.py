@@ -7,12 +7,12 @@ import numpy as np
 
 from fraexp.api import FrictionModel, ParameterError, RecordError, Result, Signals, param
 from fraexp_plugins.friction.elements import ElementModel
-from fraexp_plugins.identification.friction_identification import Task, coarse
+from fraexp_plugins.identification.friction_identification import IdentificationTask, coarse
 from fraexp_plugins.identification.friction_record import Stretch
-from fraexp_plugins.identification.friction_regression import FREE, Rows, long_run_variance, pseudo_inverse
-from fraexp_plugins.identification.friction_report import Elements, report
+from fraexp_plugins.identification.friction_regression import FREE, RegressionRows, long_run_variance, pseudo_inverse
+from fraexp_plugins.identification.friction_report import ReportedElements, report
 from fraexp_plugins.identification.grid_identification import GridIdentification
-from fraexp_plugins.identification.marquardt import Step, minimised
+from fraexp_plugins.identification.marquardt import IterationStep, minimised
 from fraexp_plugins.identification.stop_operator import threshold_sensitivity
 
 NOTHING = 1e-6
@@ -98,7 +98,7 @@ class BackPropagation(GridIdentification, name="back_propagation", version=2):
         found, against = task.judged(found, rows, errors)
         return report(signals, found, rows, errors, cycles, [*remarks, *against])
 
-    def _begin(self, task: Task) -> Model:
+    def _begin(self, task: IdentificationTask) -> Model:
         """Return the start, with small coefficients in place of none: a logarithm does not leave minus infinity."""
         if isinstance(self.start, ElementModel):
             stiffness, limit_force = (np.array(part) for part in self.start.elements)
@@ -117,15 +117,15 @@ class BackPropagation(GridIdentification, name="back_propagation", version=2):
         terms = [max(value, floors.get(term, -np.inf)) for term, value in zip(task.terms, terms, strict=True)]
         return Model(stiffness, limit_force, damping if self.damped else np.empty(0), np.array(terms))
 
-    def _descended(self, task: Task, begin: Model) -> Model:
+    def _descended(self, task: IdentificationTask, begin: Model) -> Model:
         """Return where the descent ends."""
         free = sum(term in FREE for term in task.terms)
         limit = float(task.thresholds.max())
 
-        def step_of(model: Model) -> Step[Model]:
+        def step_of(model: Model) -> IterationStep[Model]:
             rows, residuals, gradients = _seen(task, model)
             chosen = [np.isin(each.cycle, task.cycles) for each in rows]
-            return Step(
+            return IterationStep(
                 model,
                 np.concatenate([part[which] for part, which in zip(residuals, chosen, strict=True)]),
                 np.concatenate([part[which] for part, which in zip(gradients, chosen, strict=True)]),
@@ -140,7 +140,7 @@ class BackPropagation(GridIdentification, name="back_propagation", version=2):
         return last
 
 
-def _seen(task: Task, model: Model) -> tuple[list[Rows], list[np.ndarray], list[np.ndarray]]:
+def _seen(task: IdentificationTask, model: Model) -> tuple[list[RegressionRows], list[np.ndarray], list[np.ndarray]]:
     """Return rows, residuals [N] and the residuals' negative gradients, stretch by stretch."""
     columns = [_responses(stretch, task.deflections(stretch, model.thresholds), model) for stretch in task.stretches]
     rows = task.rows_with(columns)
@@ -181,8 +181,12 @@ def _rate(deflection: np.ndarray, sample_time: float) -> np.ndarray:
 
 
 def _elements(
-    task: Task, model: Model, rows: Sequence[Rows], residuals: Sequence[np.ndarray], gradients: Sequence[np.ndarray]
-) -> Elements:
+    task: IdentificationTask,
+    model: Model,
+    rows: Sequence[RegressionRows],
+    residuals: Sequence[np.ndarray],
+    gradients: Sequence[np.ndarray],
+) -> ReportedElements:
     """Return the elements that are more than nothing, by ascending threshold, and the terms, with their covariance."""
     free = sum(term in FREE for term in task.terms)
     count, damped = model.stiffness.size, model.damping.size
@@ -205,4 +209,4 @@ def _elements(
         terms["viscous"] = task.viscous
         covariance = np.pad(covariance, (0, 1))
     damping = model.damping[kept] if damped else np.empty(0)
-    return Elements(model.stiffness[kept], model.limit_force[kept], damping, terms, covariance)
+    return ReportedElements(model.stiffness[kept], model.limit_force[kept], damping, terms, covariance)

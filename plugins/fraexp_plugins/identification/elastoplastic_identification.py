@@ -6,7 +6,7 @@ import numpy as np
 
 from fraexp.api import FrictionModel, param
 from fraexp_plugins.friction.elastoplastic import Elastoplastic
-from fraexp_plugins.identification.friction_report import Elements
+from fraexp_plugins.identification.friction_report import ReportedElements
 from fraexp_plugins.identification.law_identification import LawIdentification
 
 EXCESS, ELASTIC, DAMPED = 0.2, 0.5, 0.01
@@ -25,7 +25,7 @@ class ElastoplasticIdentification(LawIdentification, name="elastoplastic_identif
     elements: int = param("1", "number of elements to start from; chosen by held-out cycles if 0", 0, at_least=0)
     damped: bool = param("", "whether the bristle's damping σ1 is identified", False)
 
-    def begin(self, found: Elements, speed: float) -> np.ndarray:
+    def begin(self, found: ReportedElements, speed: float) -> np.ndarray:
         """Return logarithms of σ0, Fc, Fs/Fc - 1, vs, of the odds of z_ba σ0/Fc, and of σ1."""
         stiffness, force = float(found.stiffness.sum()), float(found.limit_force.sum())
         odds = ELASTIC / (1 - ELASTIC)

@@ -11,12 +11,12 @@ from fraexp_plugins.identification.friction_record import HOLD, Stretch, held_or
 from fraexp_plugins.identification.friction_regression import (
     Compressed,
     Observation,
-    Rows,
+    RegressionRows,
     long_run_variance,
     misfit_variance,
     rows_of,
 )
-from fraexp_plugins.identification.friction_report import NORMAL, Elements, Errors, errs, unexplained
+from fraexp_plugins.identification.friction_report import NORMAL, Errors, ReportedElements, errs, unexplained
 from fraexp_plugins.identification.stop_operator import stop_operators, turning_points
 
 GROSS_SHARE = 0.35
@@ -37,7 +37,7 @@ FEW_ROWS = 60
 
 
 @dataclass(frozen=True)
-class Task:
+class IdentificationTask:
     """Signals made ready for identification."""
 
     stretches: tuple[Stretch, ...]
@@ -58,7 +58,7 @@ class Task:
     speed: float | None = None
     """The speed of all sliding [m/s], if it is but one."""
 
-    def rows(self, thresholds: np.ndarray) -> list[Rows]:
+    def rows(self, thresholds: np.ndarray) -> list[RegressionRows]:
         """Return the rows of all stretches for elements with these thresholds [m], shape (N,)."""
         elements = [self.deflections(stretch, thresholds) for stretch in self.stretches]
         return self.rows_with(elements)
@@ -68,7 +68,7 @@ class Task:
         motion = np.concatenate([stretch.before, stretch.displacement])
         return stop_operators(motion, thresholds)[stretch.before.size :]
 
-    def rows_with(self, elements: Sequence[np.ndarray]) -> list[Rows]:
+    def rows_with(self, elements: Sequence[np.ndarray]) -> list[RegressionRows]:
         """Return the rows of all stretches with these columns of elements, each (n, N)."""
         widest = float(self.thresholds.max())
         rows = [
@@ -85,7 +85,7 @@ class Task:
             )
         return rows
 
-    def _without_viscous(self, rows: Rows, stretch: Stretch) -> Rows:
+    def _without_viscous(self, rows: RegressionRows, stretch: Stretch) -> RegressionRows:
         known = self.observation.friction(stretch, stretch.velocity()[:, None])
         widest = float(self.thresholds.max())
         known = self.observation.kept(stretch, known, stretch.known_from(widest))
@@ -103,7 +103,9 @@ class Task:
         """Return the error [N] that the noise of the channels makes."""
         return max(self.observation.noise(stretch, mass) for stretch in self.stretches)
 
-    def inflation(self, rows: Sequence[Rows], errors: Errors, coulomb: float, mass: float, count: int) -> float:
+    def inflation(
+        self, rows: Sequence[RegressionRows], errors: Errors, coulomb: float, mass: float, count: int
+    ) -> float:
         """Return by what a covariance of `count` parameters grows where the error is not noise; 1 where it is."""
         if not errs(coulomb, errors.worst, self.noise(mass)):
             return 1.0
@@ -112,7 +114,9 @@ class Task:
         size = sum(part.size for part in parts)
         return max(misfit_variance(size, count, errors.fitted) / long_run_variance(parts, count), 1.0)
 
-    def judged(self, found: Elements, rows: Sequence[Rows], errors: Errors) -> tuple[Elements, list[str]]:
+    def judged(
+        self, found: ReportedElements, rows: Sequence[RegressionRows], errors: Errors
+    ) -> tuple[ReportedElements, list[str]]:
         """Return the elements with a covariance that knows of the model's errors, and what is to be said of these."""
         coulomb, mass = found.coulomb[0], found.terms.get("mass", 0.0)
         count = found.stiffness.size + len(self.terms)
@@ -123,11 +127,11 @@ class Task:
             covariance[place, place] += (coulomb * late / self.speed / NORMAL) ** 2
         return replace(found, covariance=covariance), unexplained(coulomb, errors.worst, self.noise(mass))
 
-    def errors(self, rows: Sequence[Rows], coefficients: np.ndarray) -> Errors:
+    def errors(self, rows: Sequence[RegressionRows], coefficients: np.ndarray) -> Errors:
         """Return the errors of a linear model."""
         return self.errors_of(rows, [each.force - each.columns @ coefficients for each in rows])
 
-    def errors_of(self, rows: Sequence[Rows], residuals: Sequence[np.ndarray]) -> Errors:
+    def errors_of(self, rows: Sequence[RegressionRows], residuals: Sequence[np.ndarray]) -> Errors:
         """Return the errors whose residuals [N] are given, stretch by stretch."""
         labels = np.concatenate([each.cycle for each in rows])
         squared = np.concatenate(residuals) ** 2
@@ -186,7 +190,7 @@ class FrictionIdentification(Estimator, ABC):
                 f"{self.name}.narrowest is {self.narrowest:g} m; it must be below widest, {self.widest:g} m"
             )
 
-    def task(self, signals: Signals) -> Task:
+    def task(self, signals: Signals) -> IdentificationTask:
         """Return the signals made ready; RecordError where they cannot tell."""
         stretches = tuple(stretches_of(signals, self.displacement, self.thrust or self.force, self.acceleration))
         if not any(np.ptp(stretch.force) for stretch in stretches):
@@ -197,7 +201,7 @@ class FrictionIdentification(Estimator, ABC):
         cycles = np.unique(np.concatenate([stretch.cycle for stretch in stretches]))
         every = round(1 / self.holdout) if self.holdout else 0
         held_out = cycles[every - 1 :: every] if every and cycles.size >= every else cycles[:0]
-        found = Task(
+        found = IdentificationTask(
             stretches=stretches,
             observation=self._observation(stretches[0].sample_time, hold=True),
             terms=terms,
@@ -211,7 +215,7 @@ class FrictionIdentification(Estimator, ABC):
         )
         return self._as_held(found, signals) if self.thrust else found
 
-    def _as_held(self, task: Task, signals: Signals) -> Task:
+    def _as_held(self, task: IdentificationTask, signals: Signals) -> IdentificationTask:
         """Return the task with the thrust held between samples, or not."""
         ways = {
             hold: replace(task, observation=self._observation(task.stretches[0].sample_time, hold=hold))
@@ -240,7 +244,7 @@ class FrictionIdentification(Estimator, ABC):
             )
         return np.geomspace(narrowest, widest, self.grid) if self.grid > 1 else np.array([widest])
 
-    def narrowed(self, task: Task, widest: float) -> Task:
+    def narrowed(self, task: IdentificationTask, widest: float) -> IdentificationTask:
         """Return the task with a grid that ends at `widest` [m], where the study did not fix its range."""
         if self.thresholds or self.widest or widest >= task.thresholds[-1]:
             return task

@@ -120,7 +120,7 @@ class Observation:
 
 
 @dataclass(frozen=True)
-class Rows:
+class RegressionRows:
     """Rows of a regression: columns, what they are to explain, and where they come from."""
 
     names: tuple[str, ...]
@@ -144,7 +144,7 @@ class Rows:
 
 def rows_of(
     stretch: Stretch, observation: Observation, terms: Sequence[str], elements: np.ndarray, known_from: int
-) -> Rows:
+) -> RegressionRows:
     """Return the rows of a stretch: the terms' columns, then those of the elements, shape (n, N)."""
     velocity = stretch.velocity()
     plain = {"offset": np.ones_like(velocity), "asymmetry": np.abs(velocity), "viscous": velocity}
@@ -155,7 +155,7 @@ def rows_of(
     parts.append(observation.friction(stretch, elements))
     samples = observation.rows(stretch, known_from)
     step = int(samples[1] - samples[0]) if samples.size > 1 else 1
-    return Rows(
+    return RegressionRows(
         names=(*terms, *(f"element {number}" for number in range(elements.shape[1]))),
         columns=observation.kept(stretch, np.concatenate(parts, axis=1), known_from),
         force=observation.kept(stretch, observation.force(stretch), known_from)[:, 0],
@@ -168,7 +168,7 @@ def rows_of(
 class Compressed:
     """The rows of some cycles, compressed by orthogonal transformations: small, and as well conditioned as they are."""
 
-    def __init__(self, rows: Sequence[Rows], cycles: np.ndarray) -> None:
+    def __init__(self, rows: Sequence[RegressionRows], cycles: np.ndarray) -> None:
         self.free = rows[0].free
         parts, self.count = [], 0
         for each in rows:

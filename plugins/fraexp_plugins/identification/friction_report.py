@@ -7,7 +7,7 @@ import numpy as np
 
 from fraexp.api import Curve, Fit, Metric, Result, Signals
 from fraexp_plugins.friction.rolling import Rolling
-from fraexp_plugins.identification.friction_regression import Rows
+from fraexp_plugins.identification.friction_regression import RegressionRows
 
 NORMAL = 1.959963984540054
 """Standard deviations on either side of a 95 % interval."""
@@ -22,7 +22,7 @@ MOST_DRAWN = 2000
 
 
 @dataclass(frozen=True)
-class Elements:
+class ReportedElements:
     """Identified elements and what was identified beside them."""
 
     stiffness: np.ndarray
@@ -80,8 +80,8 @@ class Errors:
 
 def report(
     signals: Signals,
-    found: Elements,
-    rows: Sequence[Rows],
+    found: ReportedElements,
+    rows: Sequence[RegressionRows],
     errors: Errors,
     cycles: tuple[int, int],
     remarks: Sequence[str],
@@ -124,7 +124,7 @@ UNITS = {"mass": "kg", "viscous": "N s/m", "offset": "N", "asymmetry": "N s/m"}
 TITLES = {"mass": "mass", "viscous": "viscous coefficient", "offset": "offset", "asymmetry": "viscous asymmetry"}
 
 
-def _parameters(found: Elements) -> list[Metric]:
+def _parameters(found: ReportedElements) -> list[Metric]:
     force = found.coulomb[0]
     stiffness = float(found.stiffness.sum())
     return [
@@ -135,12 +135,12 @@ def _parameters(found: Elements) -> list[Metric]:
     ]
 
 
-def _deviations(found: Elements) -> list[Metric]:
+def _deviations(found: ReportedElements) -> list[Metric]:
     terms = [Metric(f"{TITLES[term]}, 95 %", NORMAL * found.deviation(term), UNITS[term]) for term in found.terms]
     return [Metric("Coulomb force, 95 %", NORMAL * found.coulomb[1], "N"), *terms]
 
 
-def _quality(found: Elements, rows: Sequence[Rows], errors: Errors, whole: bool) -> list[Metric]:
+def _quality(found: ReportedElements, rows: Sequence[RegressionRows], errors: Errors, whole: bool) -> list[Metric]:
     metrics = []
     if np.isfinite(errors.held_out):
         metrics.append(Metric("rms error, held-out cycles", errors.held_out, "N"))
@@ -154,7 +154,7 @@ def _quality(found: Elements, rows: Sequence[Rows], errors: Errors, whole: bool)
     return metrics
 
 
-def energies(found: Elements, rows: Sequence[Rows], errors: Errors) -> tuple[float, float]:
+def energies(found: ReportedElements, rows: Sequence[RegressionRows], errors: Errors) -> tuple[float, float]:
     """Return the friction's work per cycle [N m] as measured and as the model has it."""
     measured = model = 0.0
     for each, residual in zip(rows, errors.residuals, strict=True):
@@ -167,14 +167,14 @@ def energies(found: Elements, rows: Sequence[Rows], errors: Errors) -> tuple[flo
     return measured / count, model / count
 
 
-def _inertia(found: Elements, rows: Rows) -> np.ndarray:
+def _inertia(found: ReportedElements, rows: RegressionRows) -> np.ndarray:
     if "mass" not in rows.names:
         return np.zeros_like(rows.force)
     inertia: np.ndarray = found.terms["mass"] * rows.columns[:, rows.names.index("mass")]
     return inertia
 
 
-def _counts(cycles: tuple[int, int], found: Elements) -> list[Metric]:
+def _counts(cycles: tuple[int, int], found: ReportedElements) -> list[Metric]:
     return [
         Metric("elements", float(found.stiffness.size), "1"),
         Metric("cycles fitted", float(cycles[0]), "1"),
@@ -207,7 +207,7 @@ def force_over_velocity(velocity: np.ndarray, force: np.ndarray, model: np.ndarr
     return Curve("force over velocity", named, {"velocity": "m/s", "force": "N", "model": "N"})
 
 
-def _forces(rows: Sequence[Rows], errors: Errors) -> Curve:
+def _forces(rows: Sequence[RegressionRows], errors: Errors) -> Curve:
     """Return measured force and model over the first cycles."""
     first, residual = rows[0], errors.residuals[0]
     time = first.duration * np.arange(first.force.size)
@@ -216,7 +216,7 @@ def _forces(rows: Sequence[Rows], errors: Errors) -> Curve:
     return Curve("friction force", columns, {"time": "s", "force": "N", "model": "N"})
 
 
-def rolling_fit(found: Elements) -> Fit:
+def rolling_fit(found: ReportedElements) -> Fit:
     """Return the rolling model with the covariance of its parameters."""
     viscous = found.terms.get("viscous", 0.0)
     model = Rolling(

@@ -6,7 +6,7 @@ import numpy as np
 
 from fraexp.api import FrictionModel, param
 from fraexp_plugins.friction.gms import GeneralizedMaxwellSlip
-from fraexp_plugins.identification.friction_report import Elements
+from fraexp_plugins.identification.friction_report import ReportedElements
 from fraexp_plugins.identification.law_identification import LawIdentification
 
 EXCESS = 0.2
@@ -26,7 +26,7 @@ class GmsIdentification(LawIdentification, name="gms_identification", version=2)
 
     elements: int = param("1", "number of elements", 4, at_least=1, at_most=20)
 
-    def begin(self, found: Elements, speed: float) -> np.ndarray:
+    def begin(self, found: ReportedElements, speed: float) -> np.ndarray:
         """Return logarithms of k_i, F_mi, Fs/Fc - 1, vs and C."""
         force = float(found.limit_force.sum())
         deflection = force / float(found.stiffness.sum())

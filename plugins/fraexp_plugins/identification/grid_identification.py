@@ -8,9 +8,9 @@ from typing import ClassVar
 import numpy as np
 
 from fraexp.api import RecordError, Signals, param
-from fraexp_plugins.identification.friction_identification import FrictionIdentification, Task
-from fraexp_plugins.identification.friction_regression import Compressed, Rows, long_run_variance
-from fraexp_plugins.identification.friction_report import Elements
+from fraexp_plugins.identification.friction_identification import FrictionIdentification, IdentificationTask
+from fraexp_plugins.identification.friction_regression import Compressed, RegressionRows, long_run_variance
+from fraexp_plugins.identification.friction_report import ReportedElements
 
 SPRING, MOSTLY = 0.1, 0.5
 """Force of a spring to ground, over that of slipping elements, from which it is remarked on, and refused."""
@@ -39,7 +39,7 @@ class GridIdentification(FrictionIdentification, ABC):
         "It refuses the frictionless machine with which it is tried here.",
     )
 
-    def solution(self, task: Task) -> tuple[Elements, list[Rows], np.ndarray]:
+    def solution(self, task: IdentificationTask) -> tuple[ReportedElements, list[RegressionRows], np.ndarray]:
         """Return elements and terms, the rows of the final grid, and the coefficients of their columns."""
         rows = task.rows(task.thresholds)
         fitted = Compressed(rows, task.cycles)
@@ -53,7 +53,7 @@ class GridIdentification(FrictionIdentification, ABC):
         covariance = _covariance(rows, task, fitted, coefficients, basis)
         return _elements(task, coefficients, covariance), rows, coefficients
 
-    def focused(self, signals: Signals) -> Task:
+    def focused(self, signals: Signals) -> IdentificationTask:
         """Return the task with a grid that ends where the virgin curve does: a wide motion says little about it."""
         task = self.task(signals)
         if self.thresholds:
@@ -77,7 +77,11 @@ def _neighbours(kept: np.ndarray, count: int) -> np.ndarray:
 
 
 def _covariance(
-    rows: Sequence[Rows], task: Task, fitted: Compressed, coefficients: np.ndarray, basis: np.ndarray
+    rows: Sequence[RegressionRows],
+    task: IdentificationTask,
+    fitted: Compressed,
+    coefficients: np.ndarray,
+    basis: np.ndarray,
 ) -> np.ndarray:
     """Return the covariance of the coefficients of the `basis`, 0 elsewhere, shape (p, p)."""
     residuals = [(each.force - each.columns @ coefficients)[np.isin(each.cycle, task.cycles)] for each in rows]
@@ -99,7 +103,11 @@ def _nested(fitted: Compressed, terms: np.ndarray, every: np.ndarray) -> list[np
 
 
 def _chosen(
-    sets: Sequence[np.ndarray], rows: Sequence[Rows], task: Task, fitted: Compressed, elements: int
+    sets: Sequence[np.ndarray],
+    rows: Sequence[RegressionRows],
+    task: IdentificationTask,
+    fitted: Compressed,
+    elements: int,
 ) -> np.ndarray:
     """Return the set of so many elements, or the smallest one whose held-out error is the least."""
     sizes = [int(kept.sum()) - len(task.terms) for kept in sets]
@@ -114,7 +122,7 @@ def _chosen(
     return sets[int(good[-1])]
 
 
-def _check_slip(rows: Sequence[Rows], task: Task, coefficients: np.ndarray) -> list[str]:
+def _check_slip(rows: Sequence[RegressionRows], task: IdentificationTask, coefficients: np.ndarray) -> list[str]:
     """Return a remark if a spring to ground explains some of what slipping elements should; RecordError if most."""
     elements = [
         np.column_stack([task.deflections(stretch, task.thresholds), stretch.displacement])
@@ -143,7 +151,7 @@ def _check_found(stiffness: np.ndarray) -> None:
         )
 
 
-def _elements(task: Task, coefficients: np.ndarray, covariance: np.ndarray) -> Elements:
+def _elements(task: IdentificationTask, coefficients: np.ndarray, covariance: np.ndarray) -> ReportedElements:
     """Return the elements of the coefficients that are above 0."""
     count = len(task.terms)
     stiffness = coefficients[count:]
@@ -159,4 +167,4 @@ def _elements(task: Task, coefficients: np.ndarray, covariance: np.ndarray) -> E
     if task.viscous is not None:
         terms["viscous"] = task.viscous
         full = np.pad(full, (0, 1))
-    return Elements(stiffness[kept], stiffness[kept] * task.thresholds[kept], np.empty(0), terms, full)
+    return ReportedElements(stiffness[kept], stiffness[kept] * task.thresholds[kept], np.empty(0), terms, full)

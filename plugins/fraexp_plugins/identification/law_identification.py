@@ -7,12 +7,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fraexp.api import Curve, Fit, FrictionModel, Metric, Motion, RecordError, Result, Signals, param
-from fraexp_plugins.identification.friction_identification import Task
+from fraexp_plugins.identification.friction_identification import IdentificationTask
 from fraexp_plugins.identification.friction_record import Stretch
-from fraexp_plugins.identification.friction_regression import FREE, Rows, long_run_variance, pseudo_inverse
-from fraexp_plugins.identification.friction_report import MOST_DRAWN, NORMAL, TITLES, UNITS, Elements, unexplained
+from fraexp_plugins.identification.friction_regression import FREE, RegressionRows, long_run_variance, pseudo_inverse
+from fraexp_plugins.identification.friction_report import (
+    MOST_DRAWN,
+    NORMAL,
+    TITLES,
+    UNITS,
+    ReportedElements,
+    unexplained,
+)
 from fraexp_plugins.identification.grid_identification import GridIdentification
-from fraexp_plugins.identification.marquardt import Step, minimised
+from fraexp_plugins.identification.marquardt import IterationStep, minimised
 
 NEAR = 1e-5
 """Step of a logarithm over which differences are taken."""
@@ -42,7 +49,7 @@ class LawIdentification(GridIdentification, ABC):
     iterations: int = param("1", "steps at most, from each start", 100, at_least=1, at_most=100_000)
 
     @abstractmethod
-    def begin(self, found: Elements, speed: float) -> np.ndarray:
+    def begin(self, found: ReportedElements, speed: float) -> np.ndarray:
         """Return the logarithms to start from, with a Stribeck velocity of `speed` [m/s]."""
 
     @abstractmethod
@@ -75,7 +82,7 @@ class LawIdentification(GridIdentification, ABC):
         best = min(ended, key=lambda guess: self._step(task, guess).cost)
         return self._report(signals, task, best)
 
-    def _search(self, task: Task, begin: Guess) -> tuple[Guess, int]:
+    def _search(self, task: IdentificationTask, begin: Guess) -> tuple[Guess, int]:
         free = sum(term in FREE for term in task.terms)
 
         def moved(guess: Guess, step: np.ndarray) -> Guess:
@@ -86,16 +93,18 @@ class LawIdentification(GridIdentification, ABC):
 
         return minimised(lambda guess: self._step(task, guess), moved, begin, self.iterations)
 
-    def _step(self, task: Task, guess: Guess) -> Step[Guess]:
+    def _step(self, task: IdentificationTask, guess: Guess) -> IterationStep[Guess]:
         rows, residuals, gradients = self._seen(task, guess)
         chosen = [np.isin(each.cycle, task.cycles) for each in rows]
-        return Step(
+        return IterationStep(
             guess,
             np.concatenate([part[which] for part, which in zip(residuals, chosen, strict=True)]),
             np.concatenate([part[which] for part, which in zip(gradients, chosen, strict=True)]),
         )
 
-    def _seen(self, task: Task, guess: Guess) -> tuple[list[Rows], list[np.ndarray], list[np.ndarray]]:
+    def _seen(
+        self, task: IdentificationTask, guess: Guess
+    ) -> tuple[list[RegressionRows], list[np.ndarray], list[np.ndarray]]:
         """Return rows, residuals [N] and the derivatives of the model, stretch by stretch."""
         near = [guess.law, *(guess.law + NEAR * row for row in np.eye(guess.law.size))]
         forces = [_forces(self.model(law, 0.0), task.stretches) for law in near]
@@ -114,7 +123,7 @@ class LawIdentification(GridIdentification, ABC):
         ]
         return rows, residuals, gradients
 
-    def _report(self, signals: Signals, task: Task, guess: Guess) -> Result:
+    def _report(self, signals: Signals, task: IdentificationTask, guess: Guess) -> Result:
         rows, residuals, _ = self._seen(task, guess)
         errors = task.errors_of(rows, residuals)
         names, values, units, covariance = self._identified(task, guess)
@@ -153,12 +162,14 @@ class LawIdentification(GridIdentification, ABC):
         return Result(signals.outcome, "; ".join(remarks), metrics=tuple(metrics), curves=(curve,), fits=(fit,))
 
     @staticmethod
-    def _viscous(task: Task, guess: Guess) -> float:
+    def _viscous(task: IdentificationTask, guess: Guess) -> float:
         if task.viscous is not None:
             return task.viscous
         return float(guess.terms[task.terms.index("viscous")])
 
-    def _identified(self, task: Task, guess: Guess) -> tuple[list[str], np.ndarray, list[str], np.ndarray]:
+    def _identified(
+        self, task: IdentificationTask, guess: Guess
+    ) -> tuple[list[str], np.ndarray, list[str], np.ndarray]:
         """Return names, values, units and covariance of the law's own parameters and of the terms."""
         rows, residuals, gradients = self._seen(task, guess)
         chosen = [np.isin(each.cycle, task.cycles) for each in rows]
@@ -193,7 +204,7 @@ def _forces(model: FrictionModel, stretches: Sequence[Stretch]) -> list[np.ndarr
     return model.forces(motions)
 
 
-def _slow(task: Task) -> float:
+def _slow(task: IdentificationTask) -> float:
     """Return the speed [m/s] below which a tenth of the way is gone."""
     speeds = np.sort(np.abs(np.concatenate([stretch.velocity() for stretch in task.stretches])))
     way = np.cumsum(speeds)

@@ -21,7 +21,7 @@ PATIENCE = 3
 
 
 @dataclass(frozen=True)
-class Step(Generic[T]):
+class IterationStep(Generic[T]):
     """A place of the search: residuals, and how the model that makes them off moves with the parameters."""
 
     place: T
@@ -38,7 +38,7 @@ class Step(Generic[T]):
 
 
 def minimised(
-    step_of: Callable[[T], Step[T]], moved: Callable[[T, np.ndarray], T], begin: T, iterations: int
+    step_of: Callable[[T], IterationStep[T]], moved: Callable[[T, np.ndarray], T], begin: T, iterations: int
 ) -> tuple[T, int]:
     """Return the place of least squared residuals near `begin`, and the steps taken; `iterations` if it was not found.
 
@@ -59,7 +59,7 @@ def minimised(
     return now.place, iterations
 
 
-def _solved(now: Step[T], damping: float) -> np.ndarray:
+def _solved(now: IterationStep[T], damping: float) -> np.ndarray:
     """Return the step: least squares with the columns' own scale as damping, by orthogonal transformations."""
     count = now.gradient.shape[1]
     small = np.asarray(np.linalg.qr(np.column_stack([now.gradient, now.residual]), mode="r"))

@@ -5,10 +5,10 @@ from typing import ClassVar
 import numpy as np
 
 from fraexp.api import RecordError, Result, Signals
-from fraexp_plugins.identification.friction_identification import FrictionIdentification, Task, coarse
+from fraexp_plugins.identification.friction_identification import FrictionIdentification, IdentificationTask, coarse
 from fraexp_plugins.identification.friction_record import Stretch
-from fraexp_plugins.identification.friction_regression import Compressed, Rows, long_run_variance
-from fraexp_plugins.identification.friction_report import Elements, report
+from fraexp_plugins.identification.friction_regression import Compressed, RegressionRows, long_run_variance
+from fraexp_plugins.identification.friction_report import ReportedElements, report
 from fraexp_plugins.identification.stop_operator import turning_points
 
 
@@ -52,7 +52,7 @@ class MasingInversion(FrictionIdentification, name="masing_inversion", version=2
         return report(signals, found, rows, errors, cycles, [*remarks, *against], whole=False)
 
     @staticmethod
-    def _rows(task: Task) -> list[Rows]:
+    def _rows(task: IdentificationTask) -> list[RegressionRows]:
         """Return the branches, each without its mean: its own constant drops out."""
         widest = float(task.thresholds.max())
         found = [rows for stretch in task.stretches for rows in _branches(stretch, task.thresholds, widest)]
@@ -66,7 +66,7 @@ class MasingInversion(FrictionIdentification, name="masing_inversion", version=2
         return found
 
 
-def _branches(stretch: Stretch, thresholds: np.ndarray, widest: float) -> list[Rows]:
+def _branches(stretch: Stretch, thresholds: np.ndarray, widest: float) -> list[RegressionRows]:
     motion = np.concatenate([stretch.before, stretch.displacement])
     skipped = stretch.before.size
     force = np.concatenate([stretch.force if skipped else np.empty(0), stretch.force])
@@ -86,7 +86,7 @@ def _branches(stretch: Stretch, thresholds: np.ndarray, widest: float) -> list[R
         names = tuple(f"element {number}" for number in range(thresholds.size))
         goal = direction * force[ahead]
         found.append(
-            Rows(
+            RegressionRows(
                 names,
                 columns - columns.mean(axis=0),
                 goal - goal.mean(),
@@ -98,15 +98,15 @@ def _branches(stretch: Stretch, thresholds: np.ndarray, widest: float) -> list[R
     return found
 
 
-def _without(rows: Rows, force: np.ndarray) -> Rows:
-    return Rows(rows.names, rows.columns, rows.force - force, rows.velocity, rows.duration, rows.cycle)
+def _without(rows: RegressionRows, force: np.ndarray) -> RegressionRows:
+    return RegressionRows(rows.names, rows.columns, rows.force - force, rows.velocity, rows.duration, rows.cycle)
 
 
-def _elements(task: Task, coefficients: np.ndarray, covariance: np.ndarray) -> Elements:
+def _elements(task: IdentificationTask, coefficients: np.ndarray, covariance: np.ndarray) -> ReportedElements:
     kept = np.flatnonzero(coefficients > 0)
     widths = task.thresholds[kept]
     inner = covariance[np.ix_(kept, kept)]
     outer = np.block([[inner, inner * widths], [widths[:, None] * inner, np.outer(widths, widths) * inner]])
     terms = {} if task.viscous is None else {"viscous": task.viscous}
     full = np.pad(outer, (0, len(terms)))
-    return Elements(coefficients[kept], coefficients[kept] * widths, np.empty(0), terms, full)
+    return ReportedElements(coefficients[kept], coefficients[kept] * widths, np.empty(0), terms, full)

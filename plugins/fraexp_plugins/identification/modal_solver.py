@@ -7,7 +7,7 @@ import numpy as np
 
 from fraexp.api import RecordError
 from fraexp_plugins.identification.log_response import LogResponse
-from fraexp_plugins.identification.marquardt import Step, minimised
+from fraexp_plugins.identification.marquardt import IterationStep, minimised
 from fraexp_plugins.identification.modal_model import ModalModel
 from fraexp_plugins.identification.modal_starts import Dictionary, starts
 from fraexp_plugins.identification.whiteness import neighbours
@@ -241,9 +241,9 @@ def descend(
     """Return where least squares lead from p, and whether they have come to an end."""
     low, high = model.bounds()
 
-    def step_of(p: np.ndarray) -> Step[np.ndarray]:
+    def step_of(p: np.ndarray) -> IterationStep[np.ndarray]:
         error = data.stacked(data.error(model.log_response(p, data.s)))
-        return Step(p, -error, data.stacked(model.jacobian(p, data.s)))
+        return IterationStep(p, -error, data.stacked(model.jacobian(p, data.s)))
 
     found, count = minimised(step_of, lambda p, step: np.clip(p + step, low, high), p, evaluations)
     return found, count < evaluations

@@ -39,7 +39,7 @@ class Plan:
 
 
 @dataclass(frozen=True)
-class Task(ABC):
+class Move(ABC):
     """What a motion shall do; how the design model is moved is told by the profile, a subclass."""
 
     model: DesignModel
@@ -95,7 +95,7 @@ class Task(ABC):
         return between.reshape(samples, POINTS).mean(axis=1) + self.friction.viscous * velocity
 
 
-def planned(task: Task) -> Plan:
+def planned(task: Move) -> Plan:
     """Return the motion of a task; ParameterError tells the least number of samples if it is not feasible."""
     if task.moving < task.least:
         reason = f"{task.model.driven} states do not come to rest in fewer than {task.least}"
@@ -122,7 +122,7 @@ def planned(task: Task) -> Plan:
     raise ParameterError(_too_short(task, f"the thrust would exceed force_limit {task.limit:g} N", enough))
 
 
-def _check_sane(task: Task, plan: Plan) -> None:
+def _check_sane(task: Move, plan: Plan) -> None:
     """Raise ParameterError for a thrust that no machine has, unless the user states which thrust it has."""
     if task.limit is None and plan.acceleration > MOST_ACCELERATION:
         greatest = float(np.abs(plan.thrust + plan.friction).max())
@@ -133,7 +133,7 @@ def _check_sane(task: Task, plan: Plan) -> None:
         )
 
 
-def _holding(task: Task) -> float:
+def _holding(task: Move) -> float:
     """Return the greatest thrust that rest at a target needs [N]: that of springs, and of friction left behind."""
     plan = replace(task, limit=None).plan()
     if plan is None:
@@ -142,7 +142,7 @@ def _holding(task: Task) -> float:
     return float(np.abs(moves[:, task.moving :]).max())
 
 
-def _least_samples(task: Task) -> int | None:
+def _least_samples(task: Move) -> int | None:
     """Return the least number of samples in which the limit can be kept, or None if `MOST_BOUND` is not enough."""
     low = high = task.moving
     while replace(task, moving=high).plan() is None:
@@ -155,7 +155,7 @@ def _least_samples(task: Task) -> int | None:
     return high
 
 
-def _too_short(task: Task, reason: str, least: int) -> str:
+def _too_short(task: Move, reason: str, least: int) -> str:
     sample_time = task.model.sample_time
     return (
         f"a move of {task.moving} samples ({task.moving * sample_time:g} s) is too short: {reason}; expected "

@@ -7,7 +7,7 @@ import numpy as np
 
 from fraexp.api import Excitation, FrictionModel, ParameterError, Period, Plant, Schedule, param
 from fraexp_plugins.positioning.design_model import DesignModel
-from fraexp_plugins.positioning.motion import Plan, Task, planned
+from fraexp_plugins.positioning.motion import Move, Plan, planned
 from fraexp_plugins.positioning.profiles import Deadbeat, JerkLimited, rigid_body_gain
 
 ORDERS = {"energy": 0, "jerk": 1, "snap": 2}
@@ -112,7 +112,7 @@ def _planned(motion: PointToPoint, sample_time: float) -> Plan:
         raise ParameterError(f"point_to_point: {error}") from None
 
 
-def _task(motion: PointToPoint, sample_time: float, moving: int, resting: int) -> Task:
+def _task(motion: PointToPoint, sample_time: float, moving: int, resting: int) -> Move:
     model = DesignModel.of(
         motion.plant.state_space(),
         sample_time,

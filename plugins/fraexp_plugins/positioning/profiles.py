@@ -9,7 +9,7 @@ import numpy as np
 from fraexp.api import ParameterError, Plant
 from fraexp_plugins.positioning.deadbeat import Program
 from fraexp_plugins.positioning.design_model import Trajectory
-from fraexp_plugins.positioning.motion import KEPT, POINTS, Task
+from fraexp_plugins.positioning.motion import KEPT, POINTS, Move
 
 Shape = Callable[[np.ndarray], np.ndarray]
 SLOW = 1e-3
@@ -19,7 +19,7 @@ RIGID = 1e-3
 
 
 @dataclass(frozen=True)
-class Deadbeat(Task):
+class Deadbeat(Move):
     """All states of the design model come to rest with the move: see `deadbeat.Program`."""
 
     order: int
@@ -62,7 +62,7 @@ class Deadbeat(Task):
 
 
 @dataclass(frozen=True)
-class JerkLimited(Task):
+class JerkLimited(Move):
     """Constant jerk in quarters of the move, +, -, -, +, and the thrust of the rigid body alone.
 
     The acceleration feedforward of most drives (P. Lambrechts, M. Boerlage and M. Steinbuch, Control Engineering

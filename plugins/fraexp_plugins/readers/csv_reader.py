@@ -11,7 +11,7 @@ from typing import TextIO
 
 import numpy as np
 
-from fraexp.api import RecordError, RecordReader, Table
+from fraexp.api import RecordError, RecordReader, RecordTable
 from fraexp_plugins.readers.measured import check_size, missing_column
 
 DELIMITERS = ("\t", ";", ",", None)
@@ -36,14 +36,14 @@ class CsvReader(RecordReader, name="csv", version=1):
 
     suffixes = (".csv", ".txt", ".tsv", ".dat")
 
-    def read(self, path: Path, columns: Sequence[str]) -> Table:
+    def read(self, path: Path, columns: Sequence[str]) -> RecordTable:
         encoding, layout = _opened(path)
         places = [layout.place(path, column) for column in columns]
         values = _numbers(path, encoding, layout, places)
         names = [_split(heading)[0] for heading in layout.headings]
         units = dict(zip(names, layout.units, strict=False))  # of all columns: one not asked for may be the clock
         units |= {column: layout.units[place] for column, place in zip(columns, places, strict=True)}
-        return Table(
+        return RecordTable(
             columns=dict(zip(columns, values, strict=True)),
             units={column: unit for column, unit in units.items() if unit},
         )

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fraexp.api import RecordError, RecordReader, Table
+from fraexp.api import RecordError, RecordReader, RecordTable
 from fraexp_plugins.readers.mat_arrays import how_to_name, shape_text, signal, split
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
@@ -24,7 +24,7 @@ class MatReader(RecordReader, name="mat", version=1):
 
     suffixes = (".mat",)
 
-    def read(self, path: Path, columns: Sequence[str]) -> Table:
+    def read(self, path: Path, columns: Sequence[str]) -> RecordTable:
         names = {column: split(column) for column in columns}
         if _is_hdf5(path):
             from fraexp_plugins.readers.mat_hdf5 import read_columns
@@ -33,7 +33,7 @@ class MatReader(RecordReader, name="mat", version=1):
         found = read_columns(path, sorted({name for name, _ in names.values()}))
         if _is_hdf5(path):  # HDF5 shows MATLAB's arrays transposed
             found = {name: values.T for name, values in found.items()}
-        return Table({column: _column(path, name, found[name], sides) for column, (name, sides) in names.items()})
+        return RecordTable({column: _column(path, name, found[name], sides) for column, (name, sides) in names.items()})
 
     def contents(self, path: Path) -> dict[str, tuple[tuple[int, ...], str]]:
         """Return the sides of every array of numbers in a file by its name; MATLAB knows no units."""

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from fraexp.results import Curve, Fit, FrequencyResponse, Metric, Outcome, Result
+from fraexp.data.results import Curve, Fit, FrequencyResponse, Metric, Outcome, Result
+from fraexp.data.sweep import Sweep
 from fraexp.store import Store, Supplied
 from fraexp.store.migrations import HISTORY
-from fraexp.sweep import Sweep
 
 FILE = Path(__file__).with_name(f"schema-{HISTORY[-1]}.db")
 

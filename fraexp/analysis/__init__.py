@@ -1,0 +1,1 @@
+"""What estimators stand on: spectra, responses, delays, confidence."""

@@ -1,0 +1,1 @@
+"""What plugins provide: parameters, the kinds of component, and how they are found."""

@@ -1,0 +1,167 @@
+"""Named values with unit, meaning and bounds: declared once, for TOML, help, forms, docs and tests."""
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any, Self
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic.fields import FieldInfo
+
+from fraexp.data import units
+from fraexp.errors import ParameterError, did_you_mean
+
+REQUIRED: Any = ...
+TYPICAL = {
+    "N": 10.0, "N/m": 1e5, "N s/m": 10.0, "N/s": 100.0, "m": 1e-5, "m/s": 1e-3, "s": 1e-3, "Hz": 10.0, "kg": 5.0,
+}  # fmt: skip
+"""Magnitudes of the field by unit, for an example of a parameter of which nothing else tells one."""
+
+
+def param(
+    unit: str,
+    meaning: str,
+    default: Any = REQUIRED,
+    *,
+    above: float | None = None,
+    at_least: float | None = None,
+    below: float | None = None,
+    at_most: float | None = None,
+    inherit: str | None = None,
+) -> Any:
+    """Declare a parameter: its SI unit ("1" for a pure number, "" for a name), meaning, default and bounds.
+
+    `inherit` names the place in the experiment, such as ``loop.sample_time``, from which a study fills a
+    parameter that it does not give.
+    """
+    return Field(
+        default,
+        description=meaning,
+        gt=above,
+        ge=at_least,
+        lt=below,
+        le=at_most,
+        json_schema_extra={"unit": unit, "inherit": inherit},
+    )
+
+
+def unit_of(info: FieldInfo) -> str:
+    """Return the declared unit of a parameter."""
+    extra = info.json_schema_extra
+    return str(extra["unit"]) if isinstance(extra, dict) else ""
+
+
+def inherited_from(info: FieldInfo) -> str | None:
+    """Return the place in the experiment that fills this parameter, or None."""
+    extra = info.json_schema_extra
+    place = extra.get("inherit") if isinstance(extra, dict) else None
+    return place if isinstance(place, str) else None
+
+
+class Parameters(BaseModel):
+    """Named values with unit, meaning and bounds; immutable, and plain data when asked."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, ser_json_inf_nan="null")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read_units(cls, data: Any) -> Any:
+        if not isinstance(data, Mapping):
+            return data
+        read = dict(data)
+        for key, info in cls.model_fields.items():
+            if isinstance(read.get(key), bool) and info.annotation in (float, int):
+                raise ParameterError(f"{key} is {read[key]}; expected a number")
+            if unit_of(info) and read.get(key) is not None:
+                try:
+                    read[key] = _with_units(read[key], unit_of(info))
+                except ParameterError as error:
+                    raise ParameterError(f"{key}: {error}") from None
+        return read
+
+    @classmethod
+    def parse(cls, data: Mapping[str, Any], title: str) -> Self:
+        """Build from plain data; ParameterError says in one line what does not fit. `title` names the owner."""
+        if not isinstance(data, Mapping):
+            raise ParameterError(f"{title} is {data!r:.60}; expected a table")
+        try:
+            return cls.model_validate(dict(data))
+        except ValidationError as error:
+            raise ParameterError(_sentence(cls, title, data, error)) from None
+        except ParameterError as error:
+            raise ParameterError(f"{title}: {error}") from None
+
+    @classmethod
+    def fault(cls, data: Mapping[str, Any], key: str, title: str) -> str:
+        """Return what is wrong with one of the values in one line, whatever the others are; empty if nothing is."""
+        try:
+            cls.model_validate(dict(data))
+        except ValidationError as error:
+            found = [one for one in error.errors(include_url=False) if one["loc"][:1] == (key,)]
+            return _told(cls, title, data, found) if found else ""
+        except ParameterError as error:  # of a unit, or of values that do not go together
+            others = tuple(f"{other}{mark}" for other in data if other != key for mark in (":", " is "))
+            return "" if str(error).startswith(others) else f"{title}: {error}"
+        return ""
+
+    def plain(self) -> dict[str, Any]:
+        """Return plain data from which `parse` builds an equal object."""
+        values = {key: getattr(self, key) for key in type(self).model_fields}
+        return {key: _plain(value) for key, value in values.items()}
+
+    def spec(self) -> dict[str, Any]:
+        """Return the plain data that identifies this object as a value of another one."""
+        return self.plain()
+
+
+def _with_units(value: Any, unit: str) -> Any:
+    if isinstance(value, str):
+        return units.number(value, unit)
+    if isinstance(value, list | tuple):
+        return tuple(_with_units(item, unit) for item in value)
+    return value
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Parameters):
+        return value.spec()
+    if isinstance(value, tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    return value
+
+
+BOUNDS = {
+    "greater_than": "above",
+    "greater_than_equal": "at least",
+    "less_than": "below",
+    "less_than_equal": "at most",
+}
+
+
+def _sentence(cls: type[Parameters], title: str, data: Mapping[str, Any], error: ValidationError) -> str:
+    return _told(cls, title, data, error.errors(include_url=False))
+
+
+def _told(cls: type[Parameters], title: str, data: Mapping[str, Any], all_found: Sequence[Any]) -> str:
+    found = next(
+        (one for one in all_found if one["type"] == "extra_forbidden"), all_found[0]
+    )  # a slip of the pen first
+    place = ".".join(str(part) for part in found["loc"])
+    name = str(found["loc"][0]) if found["loc"] else ""
+    info = cls.model_fields.get(name)
+    match found["type"]:
+        case "extra_forbidden":
+            return f"{title} has no parameter '{name}'{did_you_mean(name, cls.model_fields)}"
+        case "tuple_type" if info is not None and len(found["loc"]) == 1:
+            given = json.dumps(data[name], default=str)
+            what = f"{info.description}, {unit_of(info) or 'text'}"
+            return f"{title}.{name} is {given} ({what}); expected a list, such as [{given}]"
+        case "missing" if info is not None:
+            return f"{title} lacks '{name}' ({info.description}, {unit_of(info) or 'text'})"
+        case "greater_than" | "greater_than_equal" | "less_than" | "less_than_equal" if info is not None:
+            bound = f"{BOUNDS[found['type']]} {next(iter(found['ctx'].values())):g} {unit_of(info)}".removesuffix(" 1")
+            return f"{title}.{place} is {found['input']!r}; the {info.description} must be {bound}"
+    expected = found["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
+    what = f" ({info.description}, {unit_of(info) or 'text'})" if info is not None else ""
+    return f"{title}.{place} is {found['input']!r}{what}; expected {expected}" if place else f"{title}: {expected}"

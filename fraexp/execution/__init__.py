@@ -1,0 +1,1 @@
+"""Running studies: jobs, workers, events, and how long it will take."""

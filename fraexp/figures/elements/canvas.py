@@ -1,0 +1,158 @@
+"""The look of all figures: fonts, colours that the colour-blind can tell apart, axes and legends."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import cycle, islice
+from textwrap import wrap
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, MultipleLocator, NullFormatter
+
+from fraexp.figures.elements.labels import drawable
+
+OKABE_ITO = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+"""Okabe and Ito's palette (2008), without its yellow, which is too light for a line."""
+DASHES: tuple[Any, ...] = ("solid", (0, (4.5, 1.4)), (0, (1.2, 1.2)), (0, (6, 1.4, 1.2, 1.4)))
+REFERENCE: dict[str, object] = {"color": "0.1", "linestyle": (0, (4, 6)), "linewidth": 1.2, "zorder": 4}
+TITLE, BESIDE = 12.0, 0.8
+"""Characters of a title per width [1/inch], and what of a figure's width it cannot use [inch]: it is over the axes."""
+LEGEND_ROW = 0.22
+"""Height [inch] by which a figure grows for each further row of its legend."""
+STYLE: Any = {
+    "font.family": "DejaVu Sans",
+    "font.size": 11,
+    "axes.titlesize": 12.5,
+    "axes.edgecolor": "0.25",
+    "axes.linewidth": 0.8,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "xtick.color": "0.25",
+    "ytick.color": "0.25",
+    "xtick.labelcolor": "0.1",
+    "ytick.labelcolor": "0.1",
+    "legend.frameon": False,
+    "legend.fontsize": 10.5,
+    "savefig.dpi": 100,
+    "text.parse_math": False,  # a name from a study is no formula
+    "svg.hashsalt": "fraexp",
+}
+
+
+@contextmanager
+def styled() -> Iterator[None]:
+    """Draw with this style, whatever the user's matplotlibrc says."""
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        matplotlib.rcParams.update(STYLE)
+        yield
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """Return an empty figure of that size [inch], with its own canvas and no global state."""
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def heading(figure: Figure, title: str) -> str:
+    """Return a title in as many lines as the figure's width needs."""
+    return "\n".join(wrap(drawable(title), int(TITLE * (figure.get_figwidth() - BESIDE))))
+
+
+def line_styles(count: int) -> list[dict[str, object]]:
+    """Return a style for each of `count` curves: told apart by colour, and in grey by dashes.
+
+    Later curves are thinner, so that one which hides another leaves its rim to be seen.
+    """
+    widths = [max(2.8 - 0.25 * index, 1.6) for index in range(count)]
+    if count <= len(OKABE_ITO):
+        colours: list[Any] = list(OKABE_ITO[:count])
+    else:  # a whole grid: an ordered scale says more than colours that repeat
+        colours = [matplotlib.colormaps["cividis"](0.92 * index / (count - 1)) for index in range(count)]
+        colours, widths = [matplotlib.colors.to_hex(colour) for colour in colours], [1.5] * count
+    return [
+        {"color": colour, "linestyle": dash, "linewidth": width, "zorder": 3}
+        for colour, dash, width in zip(colours, islice(cycle(DASHES), count), widths, strict=True)
+    ]
+
+
+def named_styles(count: int) -> list[dict[str, object]]:
+    """Return a style for each of `count` curves that are no ordered grid: colours that repeat with another dash."""
+    rounds = [(colour, dash) for dash in DASHES for colour in OKABE_ITO]
+    return [
+        {"color": colour, "linestyle": dash, "linewidth": max(2.4 - 0.1 * index, 1.5), "zorder": 3}
+        for index, (colour, dash) in zip(range(count), cycle(rounds), strict=False)
+    ]
+
+
+def frequency_axis(axes: Axes, span: tuple[float, float]) -> None:
+    """Make x a logarithmic frequency axis over `span` [Hz], labelled in plain numbers."""
+    axes.set_xscale("log")
+    low, high = span
+    margin = 1.01 if high > low else 2.0  # a little, so that 199.9 Hz still gets its tick at 200
+    axes.set_xlim(low / margin, high * margin)
+    labelled = (1, 2, 3, 5, 7) if high / low < 30 else (1, 2, 5) if high / low < 1500 else (1,)
+    axes.xaxis.set_major_locator(LogLocator(base=10, subs=labelled, numticks=50))
+    axes.xaxis.set_minor_locator(LogLocator(base=10, subs=range(1, 10), numticks=50))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())
+
+
+def phase_axis(axes: Axes) -> None:
+    """Tick the phase in fractions of a turn."""
+    low, high = axes.get_ylim()
+    step = next((step for step in (5, 15, 45, 90, 180) if (high - low) / step <= 7), 360)
+    axes.yaxis.set_major_locator(MultipleLocator(step))
+    axes.yaxis.set_minor_locator(MultipleLocator(step / 3 if step in (15, 45, 90) else step / 5))
+
+
+def decade_axis(axes: Axes) -> None:
+    """Label a logarithmic y axis in plain numbers."""
+    low, high = axes.get_ylim()
+    axes.yaxis.set_major_locator(LogLocator(base=10, subs=(1, 2, 5) if high / low < 1500 else (1,), numticks=50))
+    axes.yaxis.set_minor_locator(LogLocator(base=10, subs=range(1, 10), numticks=50))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.yaxis.set_minor_formatter(NullFormatter())
+
+
+def error_axis(axes: Axes, fine: float) -> None:
+    """Make y an axis of errors: linear up to ±`fine`, logarithmic in sign and size beyond, in plain numbers."""
+    axes.set_yscale("symlog", linthresh=fine, linscale=0.6)
+    decades = fine * 10.0 ** np.arange(6)
+    axes.yaxis.set_major_locator(FixedLocator([*-decades[::-1], 0.0, *decades]))
+    between = np.outer(decades, np.arange(2, 10)).ravel()
+    axes.yaxis.set_minor_locator(FixedLocator([*-between[::-1], *between]))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.yaxis.set_minor_formatter(NullFormatter())
+
+
+def grid(*panels: Axes) -> None:
+    """Draw a quiet grid under the data, finer between the ticks."""
+    for axes in panels:
+        if isinstance(axes.yaxis.get_major_locator(), MaxNLocator):
+            axes.minorticks_on()
+        axes.set_axisbelow(True)
+        axes.grid(which="major", color="0.80", linewidth=0.7)
+        axes.grid(which="minor", color="0.92", linewidth=0.5)
+        axes.tick_params(which="minor", length=0)
+
+
+def legend_below(figure: Figure, *panels: Axes) -> None:
+    """Put the legend of the panels' curves below all of them, where it covers nothing."""
+    handles, labels = [], []
+    for axes in panels:
+        of_axes = axes.get_legend_handles_labels()
+        handles += of_axes[0]
+        labels += of_axes[1]
+    if not any(labels):
+        return
+    fitting = max(1, min(len(labels), 80 // (max(len(label) for label in labels) + 8)))
+    rows = -(-len(labels) // fitting)
+    figure.set_figheight(figure.get_figheight() + LEGEND_ROW * (rows - 1))
+    columns = -(-len(labels) // rows)
+    figure.legend(handles, labels, loc="outside lower center", ncols=columns, handlelength=3.4, columnspacing=1.8)

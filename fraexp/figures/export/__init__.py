@@ -1,0 +1,54 @@
+"""Results as files for other tools: CSV, JSON, MATLAB, HDF5 and universal files, chosen by the suffix.
+
+What a format holds beside the response: CSV the metrics in its header, and the curves where there is no response;
+JSON, MATLAB and HDF5 everything; universal files (dataset 58) the response, or the curves.
+"""
+
+import os
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+from fraexp.data.results import Result
+from fraexp.errors import FraexpError
+from fraexp.figures.export.binary import write_hdf5, write_mat
+from fraexp.figures.export.content import Header, outcome_name
+from fraexp.figures.export.text import write_csv, write_json
+from fraexp.figures.export.universal import write_universal
+
+__all__ = ["WRITERS", "export"]
+
+WRITERS: dict[str, Callable[[Result, Header, Path], None]] = {
+    ".csv": write_csv,
+    ".json": write_json,
+    ".mat": write_mat,
+    ".h5": write_hdf5,
+    ".unv": write_universal,
+}
+"""Formats by suffix."""
+
+
+def export(result: Result, header: Header, path: Path, *, force: bool = False) -> None:
+    """Write a result to a file in the format of its suffix, with `header` (plain data) as its description.
+
+    The file appears whole or not at all. FraexpError if the suffix is unknown, the file exists and `force` is not
+    set, there is nothing to write, or it cannot be written.
+    """
+    writer = WRITERS.get(path.suffix.lower())
+    if writer is None:
+        raise FraexpError(f"{path.name}: '{path.suffix}' is no format of export; known: {', '.join(WRITERS)}")
+    if result.response is None and not result.curves and not result.metrics:
+        why = f"{outcome_name(result)}: {result.message}"
+        raise FraexpError(f"{path.name}: the result is empty ({why}); expected a response, metrics or curves")
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        if path.exists() and not force:
+            raise FraexpError(f"{path}: the file exists; give --force to replace it, or another name")
+        part.touch()  # fails with the reason, which not every writer tells
+        writer(result, header, part)
+        part.replace(path)
+    except OSError as error:
+        raise FraexpError(f"{path}: cannot be written: {error.strerror or error}; choose another place") from None
+    finally:
+        with suppress(OSError):  # a folder that takes no file does not let any be removed either
+            part.unlink(missing_ok=True)

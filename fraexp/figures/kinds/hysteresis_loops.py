@@ -1,0 +1,127 @@
+"""Friction force over displacement: the hysteresis loops of friction models and machines."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fraexp.data.results import Curve
+from fraexp.errors import FraexpError
+from fraexp.figures.elements.frequency_lines import draw_bands, limits_of, name_band
+from fraexp.figures.elements.labels import drawable
+from fraexp.figures.elements.scales import length_unit
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+SIMILAR = 5.0
+"""Strokes within this factor share a panel."""
+
+
+@dataclass(frozen=True)
+class HysteresisLoop:
+    """One loop in the numbers that are drawn."""
+
+    label: str
+    displacement: np.ndarray
+    """Displacement [unit of its panel], shape (n,)."""
+    force: np.ndarray
+    """Friction force [N], shape (n,)."""
+    limits: np.ndarray | None
+    """Lower and upper 95 % limit of the force [N], shape (2, n); None if they are not known."""
+
+
+@dataclass(frozen=True)
+class HysteresisPanel:
+    """Loops of similar stroke."""
+
+    title: str
+    unit: str
+    """Unit of the displacement: ``nm``, ``µm`` or ``mm``."""
+    loops: tuple[HysteresisLoop, ...]
+
+
+@dataclass(frozen=True)
+class HysteresisInfo:
+    """What a hysteresis figure shows: one panel, or one for small and one for large strokes."""
+
+    panels: tuple[HysteresisPanel, ...]
+    title: str
+
+
+def is_hysteresis(curve: Curve) -> bool:
+    """Say whether a curve is friction force [N] over displacement [m]."""
+    return curve.units.get("displacement") == "m" and curve.units.get("force") == "N"
+
+
+def hysteresis_info(curves: Sequence[tuple[str, Curve]], title: str = "") -> HysteresisInfo:
+    """Return the loops of labelled curves with the columns displacement [m] and force [N], by size of stroke."""
+    for label, curve in curves:
+        if not is_hysteresis(curve):
+            found = ", ".join(f"{name} [{unit}]" for name, unit in curve.units.items())
+            raise FraexpError(f"hysteresis figure, {label}: found {found}; expected displacement [m], force [N]")
+    if not curves:
+        raise FraexpError("hysteresis figure: there is no curve to draw; choose sweeps of a driven friction model")
+    groups = _by_size(curves)
+    names = ("",) if len(groups) == 1 else ("(a) Small strokes", "(b) Large strokes")
+    panels = tuple(_panel(name, group) for name, group in zip(names, groups, strict=True))
+    return HysteresisInfo(panels, title or "Friction force over displacement")
+
+
+def _amplitude(curve: Curve) -> float:
+    return float(np.ptp(curve.columns["displacement"])) / 2
+
+
+def _by_size(curves: Sequence[tuple[str, Curve]]) -> list[list[tuple[str, Curve]]]:
+    amplitudes = np.array([_amplitude(curve) for _, curve in curves])
+    ordered = np.sort(amplitudes[amplitudes > 0])
+    if len(ordered) == 0 or ordered[-1] <= SIMILAR * ordered[0]:
+        return [list(curves)]
+    gap = int(np.argmax(np.diff(np.log(ordered))))
+    small = amplitudes <= ordered[gap]
+    return [[curves[index] for index in np.flatnonzero(chosen).tolist()] for chosen in (small, ~small)]
+
+
+def _panel(title: str, curves: list[tuple[str, Curve]]) -> HysteresisPanel:
+    largest = max(float(np.max(np.abs(curve.columns["displacement"]))) for _, curve in curves)
+    factor, unit = length_unit(largest)
+    loops = (
+        HysteresisLoop(label, factor * curve.columns["displacement"], curve.columns["force"], limits_of(curve))
+        for label, curve in curves
+    )
+    return HysteresisPanel(title, unit, tuple(loops))
+
+
+def draw_hysteresis(info: HysteresisInfo) -> "Figure":
+    """Draw hysteresis loops, small and large strokes side by side."""
+    from fraexp.figures.elements import canvas  # matplotlib: imported only when something is drawn
+
+    with canvas.styled():
+        wide = len(info.panels) > 1
+        figure = canvas.new_figure(width=9.0 if wide else 6.6, height=4.6)
+        styles = iter(canvas.line_styles(sum(len(panel.loops) for panel in info.panels)))
+        panels = figure.subplots(1, len(info.panels), squeeze=False)[0]
+        for axes, panel in zip(panels, info.panels, strict=True):
+            _draw_panel(axes, panel, styles)
+        canvas.grid(*panels)
+        (figure.suptitle if wide else panels[0].set_title)(canvas.heading(figure, info.title))
+        if any(loop.limits is not None for panel in info.panels for loop in panel.loops):
+            name_band(panels[-1])
+        canvas.legend_below(figure, *panels)
+    return figure
+
+
+def _draw_panel(axes: "Axes", panel: HysteresisPanel, styles: Iterator[dict[str, object]]) -> None:
+    bands = []
+    for loop, style in zip(panel.loops, styles, strict=False):
+        axes.plot(loop.displacement, loop.force, label=drawable(loop.label), **style)  # type: ignore[arg-type]
+        if loop.limits is not None:
+            bands.append((loop.displacement, loop.limits, str(style["color"])))
+    axes.axhline(0, color="0.55", linewidth=0.8, zorder=1)
+    axes.axvline(0, color="0.55", linewidth=0.8, zorder=1)
+    draw_bands(axes, bands)
+    axes.set_xlabel(f"Displacement [{panel.unit}]")
+    axes.set_ylabel("Friction force [N]")
+    axes.set_title(panel.title, fontsize=11, loc="left")

@@ -1,0 +1,1 @@
+"""The databases that the store can be: SQLite files and PostgreSQL servers."""

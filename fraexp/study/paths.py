@@ -1,0 +1,113 @@
+"""Dotted paths into the sections of an experiment, such as ``plant.frequencies.0``: what is there, its unit, a copy."""
+
+import inspect
+from collections.abc import Mapping, Sequence
+from typing import Any, get_args
+
+from pydantic.fields import FieldInfo
+
+from fraexp.components.kinds import nested_kind
+from fraexp.components.parameters import Parameters, unit_of
+from fraexp.components.registry import Registry
+from fraexp.errors import StudyError, did_you_mean
+from fraexp.simulation.experiments import Compensation
+from fraexp.simulation.machine import ControlLoop, Numerics
+
+SETTINGS: dict[str, type[Parameters]] = {"loop": ControlLoop, "numerics": Numerics, "compensation": Compensation}
+"""Sections that are no components."""
+Owner = type[Parameters] | None
+"""What declares the parameters at a place; None where that is not known."""
+
+
+def value_at(sections: Mapping[str, Any], path: str) -> Any:
+    """Return what is at a path; StudyError tells how far it leads."""
+    value: Any = sections
+    for depth, part in enumerate(parts := path.split(".")):
+        here = ".".join(parts[:depth]) or "the experiment"
+        if isinstance(value, list):
+            if not part.isdecimal() or int(part) >= len(value):
+                raise StudyError(
+                    f"'{path}' leads nowhere: {here} has {len(value)} values, which are counted from 0; "
+                    f"expected a number below {len(value)} in place of '{part}'"
+                )
+            value = value[int(part)]
+        elif isinstance(value, Mapping) and part in value:
+            value = value[part]
+        else:
+            options = list(value) if isinstance(value, Mapping) else []
+            raise StudyError(f"'{path}' leads nowhere: {here} has no '{part}'{did_you_mean(part, options)}")
+    return value
+
+
+def replaced(data: Any, parts: Sequence[str], value: Any) -> Any:
+    """Return plain data with another value at a path that is there; what lies beside the path is shared."""
+    if not parts:
+        return value
+    head, *rest = parts
+    if isinstance(data, list):
+        index = int(head)
+        return [*data[:index], replaced(data[index], rest, value), *data[index + 1 :]]
+    return {**data, head: replaced(data[head], rest, value)}
+
+
+def unit_at(sections: Mapping[str, Any], path: str, registry: Registry) -> str:
+    """Return the unit that is declared for what is at a path; empty where there is none, or nothing."""
+    info = declared_at(sections, path, registry)
+    return unit_of(info) if info else ""
+
+
+def declared_at(sections: Mapping[str, Any], path: str, registry: Registry) -> FieldInfo | None:
+    """Return how the parameter at a path is declared; None where that is not known."""
+    section, *parts = path.split(".")
+    value: Any = sections.get(section)
+    owner = SETTINGS.get(section) or _component(section, value, registry)
+    info: FieldInfo | None = None
+    for part in parts:
+        if isinstance(value, list):  # whose unit is that of its values
+            value = value[int(part)] if part.isdecimal() and int(part) < len(value) else None
+        else:
+            info = owner.model_fields.get(part) if owner else None
+            value = value.get(part) if isinstance(value, Mapping) else None
+        owner = _owner(info, value, registry)
+    return info
+
+
+def _owner(info: FieldInfo | None, value: Any, registry: Registry) -> Owner:
+    if info is None or not isinstance(value, Mapping):
+        return None
+    kind = nested_kind(info)
+    if kind is not None:
+        return _component(kind.kind, value, registry)
+    return next(iter(_of_parameters(info)), None)
+
+
+def _component(kind: str, spec: Any, registry: Registry) -> Owner:
+    supply = registry.supplies.get((kind, str(spec.get("name")))) if isinstance(spec, Mapping) else None
+    return supply.component if supply else None
+
+
+def units_of(path: str, registry: Registry) -> set[str]:
+    """Return the units in which what is at a path may be declared, whatever component has it; none if one has none."""
+    section, *parts = path.split(".")
+    owners = [SETTINGS[section]] if section in SETTINGS else _supplied(section, registry)
+    found: list[FieldInfo] = []
+    for part in parts:
+        if not part.isdecimal():  # the unit of a list is that of its values
+            found = [owner.model_fields[part] for owner in owners if part in owner.model_fields]
+            owners = [owner for info in found for owner in _owners(info, registry)]
+    units = {unit_of(info) for info in found}
+    return set() if "" in units else units
+
+
+def _owners(info: FieldInfo, registry: Registry) -> list[type[Parameters]]:
+    kind = nested_kind(info)
+    return _supplied(kind.kind, registry) if kind else _of_parameters(info)
+
+
+def _of_parameters(info: FieldInfo) -> list[type[Parameters]]:
+    candidates = (info.annotation, *get_args(info.annotation))
+    return [of for of in candidates if inspect.isclass(of) and issubclass(of, Parameters)]
+
+
+def _supplied(kind: str, registry: Registry) -> list[type[Parameters]]:
+    return [supply.component for (of, _), supply in registry.supplies.items() if of == kind]

@@ -1,0 +1,229 @@
+"""Numbers that a publication prints, what a study computes in their place, and how people write both."""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from fraexp.components.parameters import Parameters, param
+from fraexp.data import units
+from fraexp.data.results import Metric, Result
+from fraexp.data.sweep import Sweep
+from fraexp.errors import FraexpError, ParameterError, StudyError, did_you_mean
+from fraexp.study.paths import value_at
+
+SAME = 1e-9
+"""Relative difference up to which two numbers of a study are the same."""
+NORMAL = 1.959963984540054
+"""Half width of a 95 % interval in standard deviations."""
+HALF_WIDTH = ", 95 %"
+"""Ending of the name of a metric that is half the width of another one's 95 % interval."""
+PREFIXED = ("m", "s", "rad", "N m", "N*m")
+"""Units that are written with a prefix where their numbers are small."""
+PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"))
+DIGITS = 4
+"""Of a number of which no interval is known."""
+
+
+class Printed(Parameters):
+    """A number in a publication, and where a study finds its own: a metric of the one sweep that `where` tells."""
+
+    what: str = param("", "what the number is")
+    source: str = param("", "where it is printed, such as 'paper, section III-B'", "")
+    value: float = param("", "the number, in `unit`")
+    unit: str = param("", "its unit", "1")
+    compare: Literal["about", "above", "below"] = param("", "how ours is expected to lie: about, above, below", "about")
+    tolerance: float | str | None = param("", "how far about is: in `unit`, with another one, or as '1 %'", None)
+    metric: str = param("", "name of the metric that is ours")
+    where: dict[str, Any] = param("", "labels or parameters of the sweep, by path; a component by its name", {})
+
+    def model_post_init(self, context: object) -> None:
+        """Check that numbers can be compared in this unit, and that it is said how near is near."""
+        if self.unit != "1":
+            units.si(self.unit)
+        if (self.compare == "about") != (self.tolerance is not None):
+            wanted = "lacks 'tolerance', such as '1 %'" if self.compare == "about" else "has a tolerance; leave it out"
+            raise ParameterError(f"compare is '{self.compare}', which {wanted}")
+        if self.tolerance is not None and not self.margin > 0:
+            raise ParameterError(f"tolerance is {self.tolerance!r}; expected more than 0")
+
+    @classmethod
+    def parse_all(cls, tables: Any) -> "tuple[Printed, ...]":
+        """Build from a study's ``[[printed]]``; FraexpError says in one line what does not fit."""
+        if not isinstance(tables, list) or not all(isinstance(table, Mapping) for table in tables):
+            raise StudyError(f"printed is {tables!r:.60}; expected tables, each under [[printed]]")
+        return tuple(cls.parse(table, f"[[printed]] number {n}") for n, table in enumerate(tables, start=1))
+
+    @property
+    def margin(self) -> float:
+        """How far ours may be off [`unit`]; infinite where a side is all that is expected."""
+        match self.tolerance:
+            case None:
+                return math.inf
+            case str() as text if text.strip().endswith("%"):
+                return abs(self.value) * units.number(text.strip().removesuffix("%").strip(), "1") / 100
+            case str() as text:
+                return units.number(text, self.unit)
+        return float(self.tolerance)
+
+    def beside(self, sweeps: "Sequence[Candidate]") -> "PublishedComparison":
+        """Return our number beside this one, or why there is none."""
+        told = ", ".join(f"{path} = {value}" for path, value in self.where.items())
+        where = f" with {told}" if told else ""
+        chosen = [of for of in sweeps if self.means(of)]
+        if not chosen:
+            return PublishedComparison(self, math.nan, f"there is no sweep{where}")
+        found = [(metric, of) for of in chosen for metric in of.metrics if metric.name == self.metric]
+        if not found:
+            return PublishedComparison(self, math.nan, f"no sweep{where} has a metric '{self.metric}'")
+        if len(found) > 1:
+            return PublishedComparison(
+                self, math.nan, f"{len(found)} sweeps{where} have a metric '{self.metric}': say which one"
+            )
+        metric, of = found[0]
+        try:
+            scale = 1.0 if metric.unit == self.unit else units.factor(metric.unit, self.unit)
+        except FraexpError as error:
+            return PublishedComparison(self, math.nan, f"metric '{self.metric}': {error}")
+        value, half = scale * metric.value, scale * of.half_widths.get(metric.name, math.nan)
+        lacking = "" if math.isfinite(value) else f"metric '{self.metric}' has no value{where}"
+        return PublishedComparison(self, value, lacking, half)
+
+    def means(self, sweep: "Candidate") -> bool:
+        """Say whether a sweep is one that `where` tells."""
+        return all(sweep.holds(path, value) for path, value in self.where.items())
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A sweep among which a printed number finds its own."""
+
+    labels: Mapping[str, Any]
+    sections: Mapping[str, Any]
+    """Its experiment, and its estimator under ``estimator``."""
+    metrics: Sequence[Metric]
+    half_widths: Mapping[str, float] = field(default_factory=dict)
+    """Of the 95 % intervals of those metrics that have one, by name [unit of the metric]."""
+
+    def holds(self, path: str, wanted: Any) -> bool:
+        """Say whether a label, or what is at this path of the sections, is what is wanted."""
+        if path in self.labels and _same(self.labels[path], wanted):
+            return True
+        try:
+            return _same(value_at(self.sections, path), wanted)
+        except StudyError:
+            return False
+
+
+def _same(found: Any, wanted: Any) -> bool:
+    """Compare numbers but for rounding, and a component by its name or by those parameters that are wanted."""
+    if isinstance(found, Mapping):
+        wanted = wanted if isinstance(wanted, Mapping) else {"name": wanted}
+        return all(key in found and _same(found[key], value) for key, value in wanted.items())
+    numbers = all(isinstance(value, int | float) and not isinstance(value, bool) for value in (found, wanted))
+    return math.isclose(found, wanted, rel_tol=SAME) if numbers else found == wanted
+
+
+@dataclass(frozen=True)
+class PublishedComparison:
+    """A printed number with ours."""
+
+    printed: Printed
+    ours: float
+    """In the printed number's unit; NaN where there is none."""
+    remark: str = ""
+    """Why there is none."""
+    half: float = math.nan
+    """Half the width of the 95 % interval of ours, in the same unit; NaN where unknown."""
+
+    @property
+    def difference(self) -> float:
+        """Ours less the printed one [unit]."""
+        return self.ours - self.printed.value
+
+    @property
+    def agrees(self) -> bool:
+        """Whether ours is where it is expected."""
+        match self.printed.compare:
+            case "above":
+                return self.difference > 0
+            case "below":
+                return self.difference < 0
+        return abs(self.difference) <= self.printed.margin
+
+
+def check(numbers: Sequence[Printed], sweeps: Sequence[Sweep], place: str) -> None:
+    """Raise StudyError if a printed number tells of a sweep that a study does not have.
+
+    Whether that sweep has the metric shows only when it has been computed.
+    """
+    candidates = [Candidate(of.labels, {**of.experiment, "estimator": of.estimator}, ()) for of in sweeps]
+    for index, one in enumerate(numbers, start=1):
+        if not any(one.means(of) for of in candidates):
+            raise StudyError(f"{place}, [[printed]] number {index}: {_why_none(one, candidates)}")
+
+
+def _why_none(one: Printed, candidates: Sequence[Candidate]) -> str:
+    for path, wanted in one.where.items():
+        if any(of.holds(path, wanted) for of in candidates):
+            continue
+        labels = {str(of.labels[path]) for of in candidates if path in of.labels}
+        if labels:
+            return f"no sweep has {path} = {wanted!r}{did_you_mean(str(wanted), labels)}"
+        try:
+            found = value_at(candidates[0].sections, path)
+        except StudyError as error:
+            return str(error)
+        return f"no sweep has {path} = {wanted!r}; the first one has {found!r:.60}"
+    told = ", ".join(f"{path} = {value!r}" for path, value in one.where.items())
+    return f"no sweep has {told} together"
+
+
+def half_widths(result: Result) -> dict[str, float]:
+    """Return half the widths of the 95 % intervals of a result's metrics, by name, where they are known.
+
+    A metric may have its own in another one; that of a fitted parameter is in the fit's covariance.
+    """
+    found = {}
+    for metric in result.metrics:
+        if metric.name.endswith(HALF_WIDTH):
+            found[metric.name.removesuffix(HALF_WIDTH)] = metric.value
+        for fit in result.fits:
+            deviations = zip(fit.values.tolist(), fit.units, fit.standard_deviation.tolist(), strict=True)
+            for value, unit, deviation in deviations:
+                if (value, unit) == (metric.value, metric.unit) and deviation > 0:  # 0 where it was held
+                    found[metric.name] = NORMAL * deviation
+    return found
+
+
+def readable(unit: str, values: Iterable[float]) -> tuple[float, str]:
+    """Return the factor to, and the name of, the unit in which people write such numbers: 1e-5 m are 10 µm."""
+    greatest = max((abs(value) for value in values if math.isfinite(value)), default=0.0)
+    if unit.startswith("m/"):
+        return (1e3, f"m{unit}")
+    if unit not in PREFIXED or not greatest:
+        return (1.0, unit)
+    scale, prefix = next((pair for pair in PREFIXES if greatest >= pair[0] * (1 - SAME)), PREFIXES[-1])
+    return (1 / scale, f"{prefix}{unit}")
+
+
+def written(value: float, half: float = math.nan, like: float = math.nan) -> str:
+    """Return a number with half the width of its interval, to the second digit of that; without one in short.
+
+    `like` is a width by whose digits it is rounded where it has none of its own.
+    """
+    if not math.isfinite(value):
+        return "–"
+    if math.isfinite(half) and half > SAME * abs(value):
+        return f"{rounded(value, half)} ± {rounded(half, half)}"
+    if math.isfinite(like) and like > SAME * abs(value):
+        return rounded(value, like)
+    if 10**DIGITS <= abs(value) < 1e6 or (value == round(value) and abs(value) < 1e6):
+        return f"{value:.0f}"
+    return f"{value:.{DIGITS}g}"
+
+
+def rounded(value: float, half: float) -> str:
+    """Return a number, rounded to the second digit of a width."""
+    decimals = 1 - int(f"{half:.1e}".partition("e")[2])
+    return f"{round(value, decimals) + 0.0:.{max(decimals, 0)}f}"  # + 0.0: never -0

@@ -1,0 +1,1 @@
+"""Plots of characters: curves, axes, and the figure that a screen shows as a file."""

@@ -1,0 +1,1 @@
+"""What screens ask and rely on: the database, settings, keys, watches."""

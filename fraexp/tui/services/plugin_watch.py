@@ -1,0 +1,63 @@
+"""Looking at the plugins folder: files that are added, mended or broken while the terminal UI is open."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from textual.message import Message
+
+if TYPE_CHECKING:
+    from fraexp.workspace.workspace import Workspace
+
+Stamp = tuple[int, int]
+"""Time of the last change [ns] and size of a file."""
+
+
+class PluginsChanged(Message):
+    """Plugins have been loaded anew."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """What happened to a file, and what is wrong with it now."""
+
+    file: str
+    what: str
+    """``added``, ``changed`` or ``removed``."""
+    reason: str = ""
+
+    def __str__(self) -> str:
+        """One line."""
+        return f"plugins/{self.file} {self.what}" + (f"; it is broken: {self.reason}" if self.reason else "")
+
+
+class PluginsWatch:
+    """The files of a workspace's plugins folder as they were when it was last looked at."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._seen = self._stamps()
+
+    def changes(self) -> dict[str, str]:
+        """Return the files that have been added, changed or removed since the last call."""
+        before, self._seen = self._seen, self._stamps()
+        found = {name: "added" if name not in before else "changed" for name in self._seen}
+        found = {name: what for name, what in found.items() if before.get(name) != self._seen[name]}
+        return found | {name: "removed" for name in before if name not in self._seen}
+
+    def _stamps(self) -> dict[str, Stamp]:
+        stamps = {}
+        try:
+            for file in self._folder.glob("*.py"):
+                state = file.stat()
+                stamps[file.name] = (state.st_mtime_ns, state.st_size)
+        except OSError:  # gone between two looks; the next one will see
+            return stamps
+        return stamps
+
+
+def loaded_anew(workspace: "Workspace", changes: dict[str, str]) -> list[Change]:
+    """Load the plugins as they are now, and return what has become of the files that changed."""
+    workspace.reload()
+    broken = {failure.file.name: failure.reason for failure in workspace.registry.failures if failure.file}
+    return [Change(name, what, broken.get(name, "")) for name, what in changes.items()]
