@@ -12,6 +12,7 @@ from fraexp.cli.main import main
 from fraexp.data.results import Metric
 from fraexp.data.sweep import Sweep
 from fraexp.errors import FraexpError, StudyError
+from fraexp.reports.stored_figures import StoredFigures
 from fraexp.store import Store
 from fraexp.study.published_values import Candidate, Printed, PublishedComparison, check, readable, written
 from fraexp.study.study_file import described
@@ -251,7 +252,7 @@ def test_a_report_does_without_the_study_and_without_a_figure(folder: Path, monk
     def refuse(*_: object) -> dict[Path, bool]:
         raise FraexpError("nothing to draw")
 
-    monkeypatch.setattr(Workspace, "draw", refuse)
+    monkeypatch.setattr(StoredFigures, "draw", refuse)
     assert main(["report", "1", "-o", "x.html"]) == 0
     assert "no figure: nothing to draw" in (folder / "x.html").read_text("utf-8")
     assert page(folder / "x.html").sources == []

@@ -24,7 +24,7 @@ from fraexp.store import Store, StoredSweep
 from tests.trouble import study, trouble, write_plugin
 from tests.waiting import HANG_TIMEOUT_S, wait_until
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 Answering = Callable[[Job, int], Answer | Exception]
 
 

@@ -79,7 +79,7 @@ def test_of_very_many_sweeps_a_few_groups_stand_for_all(monkeypatch: pytest.Monk
 def test_what_is_drawn_is_shared_by_estimators_too(most: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("fraexp.execution.estimates.group_sampling.MAX_GROUPED", most)
     file = tmp_path / "drawn.toml"
-    text = (Path(__file__).parents[1] / "studies" / "quick.toml").read_text()
+    text = (Path(__file__).parents[3] / "studies" / "quick.toml").read_text()
     draw = '{ paths = "plant.gain", relative = 0.01 }'
     file.write_text(f"{text}\n[random]\ncount = 50\ndraw = [{draw}]\n")
     (study,) = Workspace.open(tmp_path).studies([str(file)])

@@ -236,7 +236,7 @@ def test_a_worker_ends_with_its_scheduler_though_its_law_never_returns(plugins: 
         "    time.sleep(3600)\n"
     )
     (tmp_path / "notes").mkdir()
-    root = Path(__file__).parents[1]
+    root = Path(__file__).parents[3]
     environment = {**os.environ, "PYTHONPATH": f"{root}:{root / 'plugins'}"}
     process = subprocess.Popen([sys.executable, str(script)], env=environment)
     notes = wait_until(lambda: list((tmp_path / "notes").iterdir()))
