@@ -56,12 +56,17 @@ format: $(TOOLS)
 	@$(BIN)/ruff check --quiet --fix .
 
 # Each prints a table and fails where a bound is missed; all are run. The peers are those that are installed.
-BENCHMARKS := accuracy friction band_coverage friction_band plant_fit friction_identification positioning autonomous \
-              kernel compilation peer_table scaling monte_carlo set_up timing store planning estimates tui terminal
+BENCHMARKS := accuracy friction band_coverage friction_band encoder_band single_period_band plant_fit \
+              friction_identification positioning controller_search autonomous random_machines certificate hostile_laws \
+              kernel compilation peer_table scaling monte_carlo set_up timing store digests flipped_bits planning \
+              estimates tui terminal window_leakage
+# These disturb runs, for hours at full size.
+DISTURBANCES := histories outages torture dask_torture
 
 bench: $(TOOLS)
-	@failed=; for name in $(BENCHMARKS); do echo; echo "== benchmarks/$$name.py"; \
-	  $(BIN)/python benchmarks/$$name.py $(ARGS) || failed="$$failed $$name"; done; \
+	@failed=; for command in $(BENCHMARKS:%=%.py) $(DISTURBANCES:%="%.py --quick"); do \
+	  echo; echo "== benchmarks/$$command"; \
+	  $(BIN)/python benchmarks/$$command $(ARGS) || failed="$$failed $${command%%.py*}"; done; \
 	if test -n "$$failed"; then echo "missed a bound:$$failed" >&2; exit 1; fi
 
 docs-figures: $(TOOLS)

@@ -1,7 +1,9 @@
-"""Measure every accuracy that the README states, and print it beside its bound.
+"""Measure the accuracies of docs/accuracy.md, and print each beside its bound.
 
 python benchmarks/accuracy.py             100 frequencies
-python benchmarks/accuracy.py --points 30 a reduced size, for a quick check; the exit code is 1 if a bound is missed
+python benchmarks/accuracy.py --points 30 a reduced size, for a quick check
+
+The exit code is 1 if a bound is missed.
 """
 
 import argparse
@@ -19,14 +21,14 @@ from fraexp.analysis.delays import hold_response, image_factor, path_response
 from fraexp.components.kinds import FrictionModel, Plant
 from fraexp.components.registry import create, discover
 from fraexp.data.results import FrequencyResponse
-from fraexp.execution.job import Failure, Job, perform
+from fraexp.execution.job import Failure, Job, run_job
 from fraexp.records import RecordSettings, resolve
 
 REGISTRY = discover()
 SECTIONS = sections_of(MACHINE)
 PATH = {"input_dead_time": SECTIONS["loop"]["input_dead_time"]}
-PLANT = create(REGISTRY, Plant, SECTIONS["plant"])  # type: ignore[type-abstract]
-FRICTION = create(REGISTRY, FrictionModel, SECTIONS["friction"])  # type: ignore[type-abstract]
+PLANT = create(REGISTRY, Plant, SECTIONS["plant"])
+FRICTION = create(REGISTRY, FrictionModel, SECTIONS["friction"])
 BENCH = Path(__file__).resolve().parents[2] / "shared" / "data" / "two_inertia_bench"
 
 
@@ -59,11 +61,11 @@ def responses(amplitude: float, points: int, *estimators: dict[str, Any], **chan
     for key, value in changes.items():
         experiment[key] = value if "name" in value else {**experiment[key], **value}
     experiment["excitation"] = {
-        "name": "stepped_sine", "amplitude": amplitude, "points": points, "tolerance": tolerance,
+        "name": "stepped_sine", "amplitude": amplitude, "points": points, "settling_tolerance": tolerance,
     }  # fmt: skip
     scale = {key: experiment["loop"].get(key, 0.0) for key in ("resolution", "noise")}
-    specs = tuple({**PATH, **(scale if spec["name"] == "proposed" else {}), **spec} for spec in estimators)
-    answers = perform(Job(experiment, specs), lambda _: None)
+    specs = tuple({**PATH, **(scale if spec["name"] == "effective_input" else {}), **spec} for spec in estimators)
+    answers = run_job(Job(experiment, specs), lambda _: None)
     for answer in answers:
         if isinstance(answer, Failure) or answer.response is None:
             raise SystemExit(f"no response: {answer.message}")
@@ -86,7 +88,7 @@ def without_friction(points: int) -> Iterator[Row]:
     """Both methods against the exact sampled plant."""
     none = {"name": "none", "version": 1}
     both = responses(
-        12.0, points, {"name": "conventional"}, {"name": "proposed", "friction": none},
+        12.0, points, {"name": "conventional"}, {"name": "effective_input", "friction": none},
         friction=none, loop={"resolution": 0.0}, tolerance=1e-8,
     )  # fmt: skip
     sample_time, dead_time = SECTIONS["loop"]["sample_time"], PATH["input_dead_time"]
@@ -94,8 +96,10 @@ def without_friction(points: int) -> Iterator[Row]:
     path = hold_response(omega, sample_time) * path_response(omega, dead_time, ())
     path = path * image_factor(omega, sample_time, dead_time, (), 2)
     truth = sampled_plant(omega, sample_time, dead_time)
-    yield Row("no friction, ideal scale: conventional |P̂/P_sampled - 1|", _worst(both[0].response / truth), 1e-6, "")
-    yield Row("no friction, ideal scale: proposed |P̂/P_sampled - 1|", _worst(both[1].response * path / truth), 1e-6, "")
+    yield Row("no friction, ideal encoder: conventional |P̂/P_sampled - 1|", _worst(both[0].response / truth), 1e-6, "")
+    yield Row(
+        "no friction, ideal encoder: proposed |P̂/P_sampled - 1|", _worst(both[1].response * path / truth), 1e-6, ""
+    )
 
 
 def _worst(ratio: np.ndarray) -> float:
@@ -114,13 +118,13 @@ def sampled_plant(omega: np.ndarray, sample_time: float, dead_time: float) -> np
 
 
 def proposed(points: int) -> Iterator[Row]:
-    """The matched observer, with an ideal scale and with that of the machine."""
-    matched = {"name": "proposed", "friction": SECTIONS["friction"]}
-    hidden = "short: below 4 Hz û_e is under 2 % of the friction force, and the scale hides it"
+    """Yield the errors of the matched observer, with an ideal encoder and with that of the machine."""
+    matched = {"name": "effective_input", "friction": SECTIONS["friction"]}
+    hidden = "short: below 4 Hz û_e is under 2 % of the friction force, below the encoder's resolution"
     for scale, resolution, bounds, lowest, shortfall in (
-        ("ideal scale", 0.0, (0.005, 0.02), 1.0, ""),
-        ("0.1 µm scale", 1e-7, (0.1, 1.0), 4.0, ""),
-        ("0.1 µm scale", 1e-7, (0.1, 1.0), 1.0, hidden),
+        ("ideal encoder", 0.0, (0.005, 0.02), 1.0, ""),
+        ("0.1 µm encoder", 1e-7, (0.1, 1.0), 4.0, ""),
+        ("0.1 µm encoder", 1e-7, (0.1, 1.0), 1.0, hidden),
     ):
         found = [responses(amplitude, points, matched, loop={"resolution": resolution})[0] for amplitude in (12, 75)]
         for amplitude, response in zip((12, 75), found, strict=True):
@@ -133,9 +137,9 @@ def proposed(points: int) -> Iterator[Row]:
 
 
 def fits(points: int) -> Iterator[Row]:
-    """The paper's identified numbers, which fewer than 100 frequencies do not tell."""
+    """Yield the paper's identified numbers, which need 100 frequencies."""
     points = max(points, 100)
-    for method, bounds in (("conventional", (1.0, 0.5)), ("proposed", (0.1, 0.05 / 38.8 * 100))):
+    for method, bounds in (("conventional", (1.0, 0.5)), ("effective_input", (0.1, 0.05 / 38.8 * 100))):
         gain, frequency = fitted(SECTIONS, 12.0, points)[method]
         wanted = PRINTED[method]
         name = f"{method} at 12 N, P_d fitted"
@@ -145,8 +149,8 @@ def fits(points: int) -> Iterator[Row]:
 
 def model_errors(points: int) -> Iterator[Row]:
     """Figs 14 and 15: which error is worse, where, and the error law."""
-    cases = {(f, w): {"force_scale": f, "width_scale": w} for f, w in ((0.9, 1), (1.1, 1), (1, 0.9), (1, 1.1))}
-    specs = [{"name": "proposed", "friction": SECTIONS["friction"], **case} for case in cases.values()]
+    cases = {(f, w): {"force_scale": f, "displacement_scale": w} for f, w in ((0.9, 1), (1.1, 1), (1, 0.9), (1, 1.1))}
+    specs = [{"name": "effective_input", "friction": SECTIONS["friction"], **case} for case in cases.values()]
     found = dict(zip(cases, responses(12.0, points, *specs, loop={"resolution": 0.0}), strict=True))
     worst: dict[str, dict[str, float]] = {"ΣF_m": {}, "Y_m": {}}
     for (force, _), response in found.items():
@@ -197,7 +201,7 @@ def bench(_: int) -> Iterator[Row]:
     data = {"file": "MultisineTypeA.mat", "sample_rate": 2500, "period": 2500, "skip": 1, "channels": channels}
     experiment, files = resolve(RecordSettings.parse(data, "record"), BENCH, REGISTRY)
     specs = tuple({"name": "conventional", "input": "u", "output": output} for output in ("x", "y"))
-    for number, answer in enumerate(perform(Job(experiment, specs, files), lambda _: None)):
+    for number, answer in enumerate(run_job(Job(experiment, specs, files), lambda _: None)):
         if isinstance(answer, Failure) or answer.response is None:
             raise SystemExit(f"no response: {answer.message}")
         response, columns = answer.response, reference[:, 1 + 3 * number :]

@@ -1,4 +1,4 @@
-"""Infer what the paper does not print about its machine, so that its printed results come out.
+"""Infer the machine's parameters that the paper does not print, so that its printed results come out.
 
 The paper fits P_d to the conventional response at 12 N and gets k0 = 177 mm/(N s²) and f1 = 41.9 Hz, where P has
 132 and 38.8. With the shape of the friction (an exponential virgin curve), the second mode and the damping
@@ -16,16 +16,16 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
-from fraexp.execution.job import Failure, Job, perform
+from fraexp.execution.job import Failure, Job, run_job
 from fraexp.study.study_file import packaged_studies
 
 MACHINE = packaged_studies() / "machines" / "linear_motor_table.toml"
 CROSSOVER, LEAD = 8.0, 10.0
-PRINTED = {"conventional": (0.177, 41.9), "proposed": (0.132, 38.8)}
+PRINTED = {"conventional": (0.177, 41.9), "effective_input": (0.132, 38.8)}
 BAND = (20.0, 150.0)
 FIT = {
     "name": "modal_fit", "modes": 2, "quantity": "magnitude", "weighting": "relative",
-    "lowest": BAND[0], "highest": BAND[1],
+    "min_frequency": BAND[0], "max_frequency": BAND[1],
 }  # fmt: skip
 """Eq (1) with two modes by least squares of log magnitude over BAND, all points alike."""
 
@@ -51,9 +51,9 @@ def sections_of(file: Path) -> dict[str, Any]:
 def machine(width: float, damping: float) -> dict[str, Any]:
     """Return the machine's sections with these two numbers."""
     sections = sections_of(MACHINE)
-    sections["friction"]["curve"]["width"] = width
+    sections["friction"]["curve"]["characteristic_displacement"] = width
     sections["plant"]["damping_ratios"] = [damping, sections["plant"]["damping_ratios"][1]]
-    sections["controller"] |= controller(sections["plant"]["gain"])
+    sections["controller"] |= controller(sections["plant"]["rigid_body_gain"])
     return sections
 
 
@@ -68,10 +68,10 @@ def fitted(sections: dict[str, Any], amplitude: float, points: int) -> dict[str,
     }
     path = {"input_dead_time": loop["input_dead_time"]}
     methods = (
-        {"name": "conventional", "remove_delay": True, **path},
-        {"name": "proposed", "friction": sections["friction"], "resolution": loop["resolution"], **path},
+        {"name": "conventional", "refer_to_plant": True, **path},
+        {"name": "effective_input", "friction": sections["friction"], "resolution": loop["resolution"], **path},
     )
-    answers = perform(Job(experiment, tuple({**FIT, "method": method} for method in methods)), lambda _: None)
+    answers = run_job(Job(experiment, tuple({**FIT, "method": method} for method in methods)), lambda _: None)
     return {spec["name"]: gain_and_frequency(answer) for spec, answer in zip(methods, answers, strict=True)}
 
 
@@ -80,7 +80,7 @@ def gain_and_frequency(answer: Any) -> tuple[float, float]:
     if isinstance(answer, Failure) or not answer.fits:
         raise SystemExit(f"no plant fitted: {answer.message}")
     plant = answer.fits[0].component
-    return plant["gain"], plant["frequencies"][0]
+    return plant["rigid_body_gain"], plant["frequencies"][0]
 
 
 def search(points: int) -> tuple[float, float]:

@@ -1,10 +1,10 @@
-"""Measure what friction laws cost to compile: in empty caches, each further law, all that are built in, after an edit.
+"""Measure the time to compile friction laws: in an empty cache, each further law, all built-in laws, after an edit.
 
     python benchmarks/compilation.py            all built-in laws, about two minutes
     python benchmarks/compilation.py --reduced  three of them
 
 Times are processor seconds of fresh processes with a cache folder of their own, imports included; the bounds are given
-in brackets. It also checks that a law which is dropped in or edited compiles itself alone. The exit code is 1 if not.
+in brackets. It also checks that adding or editing a local law compiles no other law. The exit code is 1 if not.
 """
 
 import argparse
@@ -44,7 +44,7 @@ STUDY = """
 machine = "linear_motor_table"
 friction = {{ name = "{name}", stiffness = 3.9e5, limit = 45e-6 }}
 excitation = {{ name = "stepped_sine", amplitude = 12.0, points = 4 }}
-grid = {{ estimator = [{{ name = "conventional" }}, {{ name = "proposed" }}] }}
+grid = {{ estimator = [{{ name = "conventional" }}, {{ name = "effective_input" }}] }}
 """
 
 
@@ -117,7 +117,7 @@ def laws(names: list[str]) -> int:
 
 
 def edit() -> int:
-    """Run a study with a dropped-in law, edit the law, run again; return how many bounds are missed."""
+    """Run a study with a local law, edit the law, run again; return how many bounds are missed."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for part in ("plugins", "studies"):
@@ -130,7 +130,7 @@ def edit() -> int:
         law.write_text(DROPPED_IN.format(name="dropped", factor="0.9"), encoding="utf-8")
         again = run_study(folder, "edited", "--rerun", "stale")
         after = kernels(folder)
-        row("a study with a dropped-in law in an empty cache", first)
+        row("a study with a local law in an empty cache", first)
         missed = row("the same after an edit of the law", again, EDIT_S)
         untouched = all(after.get(file) == moment for file, moment in before.items())
         print(

@@ -1,6 +1,6 @@
 """Measure every friction model as the paper's machine with itself as the observer's model, and print a table.
 
-    python benchmarks/friction.py             100 frequencies, 1 to 200 Hz, ideal scale, default numerics
+    python benchmarks/friction.py             100 frequencies, 1 to 200 Hz, ideal encoder, default numerics
     python benchmarks/friction.py --points 20 a reduced size, for a quick look
     python benchmarks/friction.py gms lugre   these models only
 
@@ -26,7 +26,7 @@ from fraexp.components.registry import create
 from fraexp.data.results import FrequencyResponse
 
 PRESET = {"version": 1, "preset": "linear_motor_table"}
-CURVE = {"coulomb": 17.9, "width": 45.36e-6, "narrowest": 0.5e-6, "widest": 100e-6}
+CURVE = {"coulomb_force": 17.9, "characteristic_displacement": 45.36e-6, "min_knot": 0.5e-6, "max_knot": 100e-6}
 ELEMENTS = {"curve": CURVE, "viscous_coefficient": 4.69}
 MODELS: dict[str, dict[str, Any]] = {
     "rolling": ELEMENTS,
@@ -36,9 +36,9 @@ MODELS: dict[str, dict[str, Any]] = {
     "rolling_force_slider": ELEMENTS,
     "force slider, D_i": {"name": "rolling_force_slider", **ELEMENTS, "damping": [20.0] * 20},
     "lugre": PRESET,
-    "dahl": {"stiffness": 3.9e5, "coulomb": 17.9, "viscous_coefficient": 4.69},
-    "coulomb": {"coulomb": 17.9, "breakaway": 22.0, "viscous_coefficient": 4.69},
-    "coulomb, Fs = Fc": {"name": "coulomb", "coulomb": 17.9, "viscous_coefficient": 4.69},
+    "dahl": {"stiffness": 3.9e5, "coulomb_force": 17.9, "viscous_coefficient": 4.69},
+    "coulomb": {"coulomb_force": 17.9, "static_force": 22.0, "viscous_coefficient": 4.69},
+    "coulomb, Fs = Fc": {"name": "coulomb", "coulomb_force": 17.9, "viscous_coefficient": 4.69},
 }
 CARD, BOUNDS = ("rolling", "gms", "elastoplastic"), (0.05, 0.3)
 STEPS = 5
@@ -51,7 +51,7 @@ def model(name: str) -> FrictionModel:
 
 def both(friction: dict[str, Any], amplitude: float, points: int, steps: int) -> list[FrequencyResponse]:
     """Return the responses of the conventional and of the matched proposed method."""
-    matched = {"name": "proposed", "friction": friction}
+    matched = {"name": "effective_input", "friction": friction}
     changes = {"friction": friction, "loop": {"resolution": 0.0}, "numerics": {"steps_per_sample": steps}}
     return responses(amplitude, points, {"name": "conventional"}, matched, **changes)
 

@@ -1,4 +1,4 @@
-"""Count how often the proposed method's band, which knows how uncertain friction is, holds the true plant.
+"""Measure the coverage of the proposed method's band if it contains the friction model's uncertainty.
 
 python benchmarks/friction_band.py             128 machines per row
 python benchmarks/friction_band.py --reduced   16, for a quick check
@@ -18,26 +18,26 @@ import numpy as np
 from accuracy import PATH, PLANT, REGISTRY, SECTIONS
 from scipy.stats import qmc
 
-from fraexp.analysis.confidence import LEVEL, circle_factor, inverse_covariance, limits
+from fraexp.analysis.confidence import CONFIDENCE_LEVEL, circle_factor, confidence_limits, inverse_covariance
 from fraexp.components.kinds import Estimator
 from fraexp.components.registry import create
 from fraexp.data.results import FrequencyResponse
 from fraexp.data.sweep import Plain
-from fraexp.execution.job import Failure, Job, perform
+from fraexp.execution.job import Failure, Job, run_job
 
 AMPLITUDES = (12.0, 75.0)
 """Of the paper [N]."""
 NUMERICAL = 6e-4
 """Error of P̂/P that the matched observer keeps by itself, 0.005 dB: the ellipse is no thinner."""
 ELLIPSE = 0.02
-"""How much less the ellipse may hold: it is exact to first order, and errors of 10 % are not small."""
+"""Permitted shortfall of the ellipse's coverage: it is exact to first order, and errors of 10 % are not small."""
 CURVE = SECTIONS["friction"]["curve"]
-WIDTHS = ("width", "narrowest", "widest")
+WIDTHS = ("characteristic_displacement", "min_knot", "max_knot")
 
 
 @dataclass(frozen=True)
 class Case:
-    """What is uncertain, and what the scale adds."""
+    """An uncertainty of the friction model, and an encoder."""
 
     name: str
     force: float = 0.0
@@ -49,7 +49,7 @@ class Case:
     correlation: float = 0.0
     """Of the first and the second of them."""
     scale: dict[str, float] = field(default_factory=lambda: {"resolution": 0.0})
-    """Resolution and noise of the scale [m]."""
+    """Resolution and noise of the encoder [m]."""
 
     def matrix(self) -> np.ndarray:
         """Return the correlation matrix of the parameters."""
@@ -61,9 +61,9 @@ class Case:
     def estimator(self) -> dict[str, Any]:
         """Return the estimator, with the paper's friction as its model."""
         return {
-            "name": "proposed", "friction": SECTIONS["friction"], **PATH, **self.scale,
-            "force_deviation": self.force, "width_deviation": self.width,
-            "deviations": [{"parameter": name, "deviation": size} for name, size in self.parameters.items()],
+            "name": "effective_input", "friction": SECTIONS["friction"], **PATH, **self.scale,
+            "force_std": self.force, "displacement_std": self.width,
+            "deviations": [{"parameter": name, "std": size} for name, size in self.parameters.items()],
             "correlation": self.matrix().tolist(),
         }  # fmt: skip
 
@@ -75,7 +75,11 @@ class Case:
     def friction(self, draw: np.ndarray) -> dict[str, Any]:
         """Return the friction of one machine."""
         force, width = (1, 1) if self.parameters else 1 + draw * [self.force, self.width]
-        curve = {**CURVE, "coulomb": CURVE["coulomb"] * force, **{name: CURVE[name] * width for name in WIDTHS}}
+        curve = {
+            **CURVE,
+            "coulomb_force": CURVE["coulomb_force"] * force,
+            **{name: CURVE[name] * width for name in WIDTHS},
+        }
         friction = {**SECTIONS["friction"], "curve": curve}
         amounts = np.linalg.cholesky(self.matrix()) @ draw if self.parameters else draw[:0]
         for (name, size), amount in zip(self.parameters.items(), amounts.tolist(), strict=True):
@@ -94,12 +98,12 @@ CASES = (
     Case("ΣF_m and Y_m ±3 %, noise 30 nm", 0.03, 0.03, scale=NOISY),
     Case(
         "Fc, x0 (correlated 0.8) and Dv",
-        parameters={"curve.coulomb": 0.5, "curve.width": 2e-6, "viscous_coefficient": 0.5},
+        parameters={"curve.coulomb_force": 0.5, "curve.characteristic_displacement": 2e-6, "viscous_coefficient": 0.5},
         correlation=0.8,
     ),
     Case(
         "the same, noise 30 nm",
-        parameters={"curve.coulomb": 0.5, "curve.width": 2e-6, "viscous_coefficient": 0.5},
+        parameters={"curve.coulomb_force": 0.5, "curve.characteristic_displacement": 2e-6, "viscous_coefficient": 0.5},
         correlation=0.8,
         scale=NOISY,
     ),
@@ -109,14 +113,14 @@ CASES = (
 def response_of(case: Case, amplitude: float, points: int, number: int, draw: np.ndarray) -> FrequencyResponse:
     """Return the response of one machine at an amplitude [N]; its number is the seed of the noise."""
     periods = PERIODS if "noise" in case.scale else 1
-    excitation = {"name": "stepped_sine", "amplitude": amplitude, "points": points, "whole_periods": periods}
+    excitation = {"name": "stepped_sine", "amplitude": amplitude, "points": points, "recorded_periods": periods}
     loop = {**SECTIONS["loop"], **case.scale, "seed": number}
     experiment: Plain = {
         "source": "loop", **SECTIONS, "loop": loop, "friction": case.friction(draw), "excitation": excitation,
         "numerics": {},
     }  # fmt: skip
-    spec = create(REGISTRY, Estimator, case.estimator()).spec()  # type: ignore[type-abstract]
-    answer = perform(Job(experiment, (spec,)), lambda _: None)[0]
+    spec = create(REGISTRY, Estimator, case.estimator()).spec()
+    answer = run_job(Job(experiment, (spec,)), lambda _: None)[0]
     if isinstance(answer, Failure) or answer.response is None:
         raise SystemExit(f"no response: {answer.message}")
     return answer.response
@@ -131,7 +135,7 @@ def inside(response: FrequencyResponse) -> np.ndarray:
     covariance = covariance + numerical[:, None, None] * np.eye(2)
     parts = np.stack([error.real, error.imag], axis=1)
     distance = np.einsum("ni,nij,nj->n", parts, np.linalg.inv(covariance), parts)
-    magnitude, phase = limits(response)
+    magnitude, phase = confidence_limits(response)
     ratio = truth / response.response
     return np.stack(
         [
@@ -161,7 +165,7 @@ def main() -> int:
             draws = enumerate(case.draws(machines))
             found = [inside(response_of(case, amplitude, points, *draw)).mean(axis=1) for draw in draws]
             shares = np.mean(found, axis=0)
-            short = bool((shares < LEVEL - np.array([ELLIPSE, 0, 0])).any())
+            short = bool((shares < CONFIDENCE_LEVEL - np.array([ELLIPSE, 0, 0])).any())
             missed += short
             numbers = " ".join(f"{100 * share:8.1f}" for share in shares)
             print(f"{f'{case.name}, {amplitude:g} N':<50s} {numbers}  {'SHORT' if short else 'ok'}", flush=True)

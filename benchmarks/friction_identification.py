@@ -1,4 +1,4 @@
-"""Measure how well friction is identified, and how often the stated 95 % intervals hold the truth.
+"""Measure the errors of friction identification, and the coverage of the stated 95 % intervals.
 
 python benchmarks/friction_identification.py             500 records per row of the coverage
 python benchmarks/friction_identification.py --reduced   100, for a quick check
@@ -17,14 +17,14 @@ import numpy as np
 from fraexp_plugins.friction.elastoplastic import Elastoplastic
 from fraexp_plugins.friction.gms import GeneralizedMaxwellSlip
 from fraexp_plugins.friction.rolling import Rolling
-from fraexp_plugins.identification.back_propagation import BackPropagation
-from fraexp_plugins.identification.elastoplastic_identification import ElastoplasticIdentification
-from fraexp_plugins.identification.gms_identification import GmsIdentification
-from fraexp_plugins.identification.masing_inversion import MasingInversion
-from fraexp_plugins.identification.rolling_identification import RollingIdentification
-from fraexp_plugins.identification.viscous_identification import ViscousIdentification
+from fraexp_plugins.identification.friction.elastoplastic_identification import ElastoplasticIdentification
+from fraexp_plugins.identification.friction.gms_identification import GmsIdentification
+from fraexp_plugins.identification.friction.gradient_fit import GradientFit
+from fraexp_plugins.identification.friction.masing_inversion import MasingInversion
+from fraexp_plugins.identification.friction.rolling_identification import RollingIdentification
+from fraexp_plugins.identification.friction.viscous_identification import ViscousIdentification
 
-from fraexp.analysis.confidence import LEVEL
+from fraexp.analysis.confidence import CONFIDENCE_LEVEL
 from fraexp.components.kinds import Estimator, FrictionModel
 from fraexp.components.registry import discover
 from fraexp.data.results import Result
@@ -33,19 +33,24 @@ from fraexp.records import RecordSettings, load, resolve
 
 TRIBOMETER = Path(__file__).parents[2] / "shared" / "data" / "tribometer" / "test_data_2.txt"
 GUIDE = Rolling(
-    curve={"coulomb": 17.9, "width": 45.36e-6, "narrowest": 0.5e-6, "widest": 100e-6}, viscous_coefficient=4.69
+    curve={"coulomb_force": 17.9, "characteristic_displacement": 45.36e-6, "min_knot": 0.5e-6, "max_knot": 100e-6},
+    viscous_coefficient=4.69,
 )
 THREE = Rolling(stiffness=(3e5, 1e5, 5e4), limit_force=(2.0, 4.0, 6.0), viscous_coefficient=4.69)
-RATED = {"coulomb": 10.0, "breakaway": 14.0, "stribeck_velocity": 1e-3}
+RATED = {"coulomb_force": 10.0, "static_force": 14.0, "stribeck_velocity": 1e-3}
 GMS = GeneralizedMaxwellSlip(
-    stiffness=(2e5, 1e5, 6e4, 3e4), shares=(0.2, 0.3, 0.3, 0.2), attraction=500.0, viscous_coefficient=50.0, **RATED
+    stiffness=(2e5, 1e5, 6e4, 3e4),
+    force_fractions=(0.2, 0.3, 0.3, 0.2),
+    attraction_rate=500.0,
+    viscous_coefficient=50.0,
+    **RATED,
 )
-BRISTLE = Elastoplastic(sigma0=3e5, sigma2=50.0, elastic_share=0.6, **RATED)
+BRISTLE = Elastoplastic(bristle_stiffness=3e5, viscous_coefficient=50.0, elastic_limit_ratio=0.6, **RATED)
 NOISE = 0.01
 """Of the force, relative to its greatest value."""
 CYCLES = 12
 COVERED = 0.02
-"""How far the share of intervals that hold the truth may be from 95 %."""
+"""Permitted difference of the coverage from 95 %."""
 
 missed: list[str] = []
 """What was said to be missed."""
@@ -109,7 +114,7 @@ def exactness() -> None:
     say("noise-free, thresholds known, 20 elements: K_i", float(np.abs(error).max()), 1e-8)
     starts = {"least squares": None, "a start of one's own": Rolling(stiffness=(1e5,) * 3, limit_force=(1.0, 5.0, 9.0))}
     for name, start in starts.items():
-        found = BackPropagation(start=start, elements=3).estimate(record(THREE, 0.0)).fits[0]
+        found = GradientFit(start=start, elements=3).estimate(record(THREE, 0.0)).fits[0]
         truth = np.array([*THREE.stiffness, *THREE.limit_force, THREE.viscous])
         say(f"noise-free, thresholds free, from {name}", float(np.abs(found.values / truth - 1).max()), 1e-8)
     masing = MasingInversion(thresholds=widths, viscous_coefficient=4.69).estimate(record(GUIDE, 0.0)).fits[0]
@@ -118,7 +123,7 @@ def exactness() -> None:
 
 
 def noisy() -> None:
-    for estimator in (RollingIdentification(), BackPropagation()):
+    for estimator in (RollingIdentification(), GradientFit()):
         signals = record(GUIDE, NOISE, seed=1)
         found = values(estimator.estimate(signals))
         force = GUIDE.force(signals.segments[0].channels["displacement"].ravel(), 5e-4)
@@ -134,8 +139,8 @@ def laws() -> None:
     for model, estimator in ((GMS, GmsIdentification()), (BRISTLE, ElastoplasticIdentification())):
         found = values(estimator.estimate(varied(model, NOISE)))
         for name, truth, limit in (
-            ("coulomb", 10.0, 0.005),
-            ("breakaway", 14.0, 0.01),
+            ("Coulomb force", 10.0, 0.005),
+            ("static force", 14.0, 0.01),
             ("stribeck velocity", 1e-3, 0.02),
         ):
             say(f"1 % noise, {estimator.name}: {name}", found[name] / truth - 1, limit)
@@ -149,7 +154,7 @@ def tribometer() -> None:
     if not TRIBOMETER.exists():
         print("the measured record is not here: left out")
         return
-    for estimator in (RollingIdentification(), BackPropagation(), BackPropagation(elements=1)):
+    for estimator in (RollingIdentification(), GradientFit(), GradientFit(elements=1)):
         found = values(estimator.estimate(measured()))
         name = f"tribometer, {estimator.name}, {found['elements']:.0f} elements"
         say(f"{name}: F_m - 2.33 N", found["Coulomb force"] - 2.33, 0.05, "N")
@@ -184,18 +189,22 @@ def coverage(count: int) -> None:
     _covered("known thresholds", known, lambda seed: record(GUIDE, NOISE, seed, 300, 8), GUIDE, count)
     _covered("grid", RollingIdentification(), lambda seed: record(GUIDE, NOISE, seed, 300, 8), GUIDE, count)
     chosen = "free thresholds, number chosen (believes in that number)"
-    _covered(chosen, BackPropagation(), lambda seed: record(GUIDE, NOISE, seed, 300, 8), GUIDE, count // 5, 0.06)
-    free = BackPropagation(start=curve)
+    _covered(chosen, GradientFit(), lambda seed: record(GUIDE, NOISE, seed, 300, 8), GUIDE, count // 5, 0.06)
+    free = GradientFit(start=curve)
     _covered("free thresholds", free, lambda seed: record(THREE, NOISE, seed, 300, 8), THREE, count)
     inside = 0
     for seed in range(count):
         found = values(ViscousIdentification().estimate(runs(seed)))
         inside += abs(found["viscous coefficient"] - 4.69) <= found["viscous coefficient, 95 %"]
-    say(f"coverage over {count} records, viscous_identification: D_v, less 95 %", inside / count - LEVEL, _band(count))
+    say(
+        f"coverage over {count} records, viscous_identification: D_v, less 95 %",
+        inside / count - CONFIDENCE_LEVEL,
+        _band(count),
+    )
 
 
 def _band(count: int) -> float:
-    return COVERED + 2 * np.sqrt(LEVEL * (1 - LEVEL) / count)
+    return COVERED + 2 * np.sqrt(CONFIDENCE_LEVEL * (1 - CONFIDENCE_LEVEL) / count)
 
 
 def _covered(
@@ -217,10 +226,10 @@ def _covered(
         x = columns["displacement"]
         virgin = np.minimum(x[:, None], truth.limit_deflection) @ truth.element_stiffness
         curve.append(np.mean((columns["lower 95 %"] <= virgin) & (virgin <= columns["upper 95 %"])))
-    say(f"coverage over {count} records, {name}: ΣF_m, less 95 %", force / count - LEVEL, _band(count))
+    say(f"coverage over {count} records, {name}: ΣF_m, less 95 %", force / count - CONFIDENCE_LEVEL, _band(count))
     say(
         f"coverage over {count} records, {name}: virgin curve, less 95 %",
-        float(np.mean(curve)) - LEVEL,
+        float(np.mean(curve)) - CONFIDENCE_LEVEL,
         _band(count) + more,
     )
 

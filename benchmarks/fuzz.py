@@ -1,4 +1,6 @@
-"""Hostile inputs for all parsers: studies, records, units, filters, settings and databases.
+"""Hostile inputs for all parsers: studies, records, units, filters, settings, and databases to read and to merge.
+
+Among the files are bombs that inflate, and headers that claim 10 GB and more.
 
 python benchmarks/fuzz.py --inputs 1000000 --seed 1 prints a line for each parser, and fails where one of them raises
 anything but a refusal in one line, takes more than 5 s for an input, or grows by more than 500 MB. `--parser` names
@@ -14,7 +16,7 @@ from tempfile import TemporaryDirectory
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from fraexp.components.registry import discover
-from tests.fuzz import files, targets
+from tests.fuzz import bombs, files, targets
 from tests.fuzz.watching import Target, feed, short
 
 
@@ -28,7 +30,7 @@ def main() -> int:
     given = parser.parse_args()
     with TemporaryDirectory() as folder:
         registry = discover()
-        every = [*targets.targets(Path(folder), registry), *files.targets(Path(folder), registry)]
+        every = [one for module in (targets, files, bombs) for one in module.targets(Path(folder), registry)]
         return _feed(
             [one for one in every if given.parser in one.name and not (given.without and given.without in one.name)],
             given.inputs,

@@ -6,9 +6,11 @@ import numpy as np
 
 from fraexp.components.kinds import Period, Schedule
 from fraexp.kernels import batch
-from fraexp.kernels.lanes import WIDTH
-from fraexp.simulation import experiments
-from fraexp.simulation.experiments import Experiment, Setup
+from fraexp.kernels.batch_arrays import KernelBatch
+from fraexp.kernels.lanes import WIDE
+from fraexp.kernels.memory_moves import TILE
+from fraexp.simulation.batch_preparation import empty_records, make_frame, prepare_batch
+from fraexp.simulation.experiments import Experiment, ExperimentPlan, Setup
 
 RAMP, RECORD = 2000, 500
 """Samples of each loop: of which the measured position is kept, then all channels, as of a sweep."""
@@ -16,6 +18,14 @@ RISE = 200
 """Samples over which the amplitude rises."""
 AMPLITUDE, SLOWEST = 12.0, 10.0
 """Of the excitation [N]; frequency of the first loop [Hz]."""
+SIZES = {
+    "STATES": "states",
+    "STEPS": "steps",
+    "ORDER": "controller_order",
+    "LATE": "input_delay",
+    "HELD": "output_delay",
+}
+"""What C calls the loop's sizes, and their fields in a frame."""
 
 
 @dataclass(frozen=True)
@@ -24,30 +34,30 @@ class Loops:
 
     setup: Setup
     batches: int
-    work: batch.KernelBatch
+    work: KernelBatch
     pool: np.ndarray
 
     @classmethod
     def of(cls, setup: Setup, batches: int) -> "Loops":
         """Return loops at different frequencies, with periods of different length."""
-        width = WIDTH if setup.wide else 1
-        schedule = Schedule(ramp=RISE * setup.sample_time, settle_limit=0.0)
+        width = WIDE if setup.is_vectorised else 1
+        schedule = Schedule(ramp=RISE * setup.sample_time, settling_timeout=0.0)
         made = [Experiment(setup, _period(setup, i % width), schedule, i) for i in range(width * batches)]
-        plans = [experiments._Plan.of(each) for each in made]
-        work = experiments.prepare(plans, setup)._replace(
-            history=np.empty((width, RAMP + RECORD)), others=np.empty((width, 3, RECORD))
+        plans = [ExperimentPlan.from_experiment(each) for each in made]
+        work = prepare_batch(plans, setup)._replace(
+            history=np.empty((width, RAMP + RECORD + TILE)), recorded=empty_records(width, 3, RECORD)
         )
-        for name, value in {"ramp": RAMP, "record": RECORD, "base": 0.0, "rate": 1 / RISE}.items():
+        for name, value in {"ramp": RAMP, "record": RECORD, "start_amplitude": 0.0, "amplitude_rise": 1 / RISE}.items():
             work.jobs[name] = value
-        work = work._replace(frame=experiments.frame_of(work, setup))
+        work = work._replace(frame=make_frame(work, setup))
         return cls(setup, batches, work, np.zeros(len(plans) * (RAMP + 4 * RECORD)))
 
     def run(self) -> int:
         """Run all jobs."""
         for array in (self.work.lanes, self.work.queue):
             array[:] = 0
-        self.work.results["place"] = -1
-        return batch.advance(self.setup.laws, self.setup.wide, self.work, self.pool, 1 << 60)
+        self.work.results["pool_index"] = -1
+        return batch.advance(self.setup.laws, self.work, self.pool, 1 << 60)
 
     @property
     def steps(self) -> int:
@@ -56,14 +66,14 @@ class Loops:
 
     @property
     def stayed(self) -> bool:
-        """Whether no job left the stroke."""
-        return bool(np.all(self.work.results["place"] >= 0))
+        """Whether no job exceeded the divergence limit."""
+        return bool(np.all(self.work.results["pool_index"] >= 0))
 
     @property
     def sizes(self) -> dict[str, int]:
         """What C calls the loop's sizes."""
         frame = self.work.frame[0]
-        return {name.upper(): int(frame[name]) for name in ("states", "steps", "order", "late", "held")}
+        return {name: int(frame[field]) for name, field in SIZES.items()}
 
     def channels(self, pool: np.ndarray | None = None) -> np.ndarray:
         """Return measured position, then control input, displacement and force of the records, each of the same size.

@@ -1,4 +1,4 @@
-"""Make the tutorial's record: a stepped sine on the paper's machine, with the scale's resolution and noise.
+"""Make the example record: a stepped sine on the paper's machine, with the encoder's resolution and noise.
 
 python benchmarks/make_record.py studies/records/table_stepped_sine.csv
 """
@@ -10,7 +10,7 @@ import numpy as np
 from calibrate_machine import MACHINE, sections_of
 
 from fraexp.components.registry import discover
-from fraexp.execution.job import Job, source
+from fraexp.execution.job import Job, load_signals
 
 FREQUENCIES = [8.0, 12.0, 17.0, 24.0, 30.0, 36.0, 39.0, 43.0, 55.0, 68.0, 80.0, 110.0, 150.0]
 AMPLITUDE, NOISE, PERIODS = 25.0, 30e-9, 3
@@ -24,11 +24,11 @@ def main() -> None:
         "name": "stepped_sine",
         "amplitude": AMPLITUDE,
         "frequencies": FREQUENCIES,
-        "tolerance": 1e-4,
-        "whole_periods": PERIODS,
+        "settling_tolerance": 1e-4,
+        "recorded_periods": PERIODS,
     }
     experiment = {"source": "loop", **sections, "excitation": excitation, "numerics": {}}
-    signals = source(Job(experiment, ()), discover(), lambda _: None)
+    signals = load_signals(Job(experiment, ()), discover(), lambda _: None)
     thrust = np.concatenate([segment.channels["u"].ravel() for segment in signals.segments])
     position = np.concatenate([segment.channels["y"].ravel() for segment in signals.segments])
     frequency = np.concatenate([np.full(s.channels["u"].size, s.frequency[0]) for s in signals.segments])

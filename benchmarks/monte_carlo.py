@@ -1,9 +1,9 @@
-"""Run a Monte-Carlo study over the friction force: rate against one process without storing, and memory on the way.
+"""Run a Monte Carlo study over the friction force: rate against one process without storing, and memory during the run.
 
     python benchmarks/monte_carlo.py             10,000 sweeps of 30 frequencies, on two cores: some minutes
     python benchmarks/monte_carlo.py --reduced   300 sweeps
 
-"alone" computes sweeps of the same study one after another, with nothing stored and nothing beside them. The exit code
+"alone" computes sweeps of the same study one after another, without storing and without other processes. The exit code
 is 1 if the run is slower than 0.85 of cores times that, or if memory grows.
 """
 
@@ -21,7 +21,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from fraexp.execution.events import Finished
 from fraexp.execution.executors import usable_cores
-from fraexp.execution.job import Job, perform
+from fraexp.execution.job import Job, run_job
 from fraexp.workspace.workspace import Workspace
 
 STUDY = """
@@ -32,13 +32,13 @@ machine = "linear_motor_table"
 name = "stepped_sine"
 amplitude = 12
 points = 30
-tolerance = 1e-4
+settling_tolerance = 1e-4
 
 [estimator]
 name = "conventional"
 
 [grid]
-"friction.curve.coulomb" = {forces}
+"friction.curve.coulomb_force" = {forces}
 """
 LEAST_SHARE = 0.85
 """Rate over cores times the rate alone, at least."""
@@ -53,7 +53,7 @@ def alone(workspace: Workspace, sweeps: int) -> float:
     for begin in range(0, len(jobs), 10):
         began = time.perf_counter()
         for job in jobs[begin : begin + 10]:
-            perform(job, lambda _: None)
+            run_job(job, lambda _: None)
         rates.append(10 / (time.perf_counter() - began))
     return statistics.median(rates[1:])
 

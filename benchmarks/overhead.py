@@ -1,12 +1,12 @@
-"""What it costs to bring a sweep to a worker and its result into the database, beside computing it.
+"""Measure the overhead of a sweep: sending it to a worker, and storing its result.
 
     python benchmarks/overhead.py             5000 tiny sweeps per executor, and two workers beside one on real sweeps
-    python benchmarks/overhead.py --quick     500 tiny sweeps, and none of the latter
+    python benchmarks/overhead.py --quick     500 tiny sweeps only
 
 Tiny sweeps are a driven friction model without friction and an estimator that does nothing: what is left is claiming,
-sending, answering, storing and telling. From the time per sweep that of the bare computation in this process is taken
-away. Real sweeps are those of the paper's machine at 75 N, of 30 frequencies each; pairs of runs with one and two
-workers follow one another, and the median of their ratios is told. Exit code 1 if a target is missed.
+sending, answering, storing and reporting. The time of the bare computation in this process is subtracted from the time
+per sweep. Real sweeps are those of the paper's machine at 75 N, of 30 frequencies each; pairs of runs with one and two
+workers follow one another, and the median of their ratios is printed. Exit code 1 if a target is missed.
 """
 
 import argparse
@@ -24,7 +24,7 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from fraexp.execution.events import Finished
-from fraexp.execution.job import Job, perform
+from fraexp.execution.job import Job, run_job
 from fraexp.workspace.workspace import Workspace
 
 PLUGIN = '''
@@ -60,10 +60,10 @@ points = 30
 [estimator]
 name = "conventional"
 [grid]
-"friction.curve.coulomb" = {values}
+"friction.curve.coulomb_force" = {values}
 """
 MOST = 2.0
-"""Milliseconds per sweep beside computing it, at most."""
+"""Maximum overhead per sweep [ms]."""
 MOST_BY_DASK = 5.0
 """The same through Dask."""
 LEAST_GAIN = 1.8
@@ -74,10 +74,10 @@ def bare(workspace: Workspace, name: str) -> float:
     """Return the seconds that computing takes per sweep, in this process."""
     sweeps = workspace.studies([name])[0].sweeps
     jobs = [Job(s.experiment, (s.estimator,), s.files, str(workspace.folder / "plugins")) for s in sweeps[:500]]
-    perform(jobs[0], lambda _: None)
+    run_job(jobs[0], lambda _: None)
     began = time.perf_counter()
     for job in jobs:
-        perform(job, lambda _: None)
+        run_job(job, lambda _: None)
     return (time.perf_counter() - began) / len(jobs)
 
 

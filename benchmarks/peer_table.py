@@ -1,11 +1,11 @@
-"""Simulate the paper's closed loop by fraexp and by what a user could take instead, side by side in one process.
+"""Simulate the paper's closed loop with fraexp and with its alternatives, side by side in one process.
 
     python benchmarks/peer_table.py            all packages that are installed: pip install --group bench
     python benchmarks/peer_table.py --reduced  fraexp, NumPy, scipy and python-control; some seconds
 
 All run on one core. Each row: simulated seconds per second of computing, the median of repetitions that take turns;
 the time of the first run, which compiles; the greatest relative error of Y/U_e at 5, 36 and 150 Hz, 12 N, after half a
-second from rest with an ideal scale; and how much faster fraexp is with the same error or less. Programs that run
+second from rest with an ideal encoder; and how much faster fraexp is with the same error or less. Programs that run
 all frequencies side by side are timed on a sweep, the others on those three. The exit code is 1 if an error is greater
 than its row claims.
 """

@@ -1,4 +1,4 @@
-"""Time and memory of planning a million sweeps: ``fraexp run --dry-run`` on a grid of 100 × 100 × 100 points.
+"""Measure time and memory of planning a million sweeps: ``fraexp run --dry-run`` on a grid of 100 × 100 × 100 points.
 
 Measured in a process of its own, from its start to its end, without a database. What is judged is the computing
 time, which other programs on the machine disturb less. ``benchmarks/planning.py [POINTS]`` takes another length of
@@ -21,7 +21,7 @@ machine = "linear_motor_table"
 name = "stepped_sine"
 frequencies = [20, 40, 80]
 [estimator]
-name = "proposed"
+name = "effective_input"
 [grid]
 """
 
@@ -47,7 +47,7 @@ def main() -> int:
 def grid(points: int) -> str:
     """Return three axes of so many points, in sections of their own."""
     axes = {
-        "plant.gain": [0.1 + 1e-4 * n for n in range(points)],
+        "plant.rigid_body_gain": [0.1 + 1e-4 * n for n in range(points)],
         "friction.viscous_coefficient": [4.0 + 0.01 * n for n in range(points)],
         "excitation.amplitude": [10.0 + 0.5 * n for n in range(points)],
     }

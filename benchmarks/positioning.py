@@ -1,4 +1,4 @@
-"""Count what positioning owes to its plant model: the paper's Fig 8, and machines drawn at random.
+"""Measure how positioning depends on its plant model: the paper's Fig 8, and machines drawn at random.
 
 python benchmarks/positioning.py             1000 machines
 python benchmarks/positioning.py --reduced   100, for a quick check
@@ -22,18 +22,19 @@ from fraexp.components.kinds import Estimator, Excitation
 from fraexp.components.registry import create, discover
 from fraexp.data.results import Result
 from fraexp.data.signals import Segment, Signals
-from fraexp.execution.job import Failure, Job, perform
-from fraexp.simulation import loop
-from fraexp.simulation.experiments import Experiment, run
+from fraexp.execution.job import Failure, Job, run_job
+from fraexp.simulation import loop, loop_setup
+from fraexp.simulation.experiment_run import run_experiments
+from fraexp.simulation.experiments import Experiment
 from fraexp.simulation.machine import build_machine
 
 REGISTRY = discover()
 SECTIONS = {**sections_of(MACHINE), "numerics": {}}
 BAND = 4e-6
 """Of the paper [m]."""
-ESTIMATOR = {"name": "positioning", "band": BAND, "resolution": SECTIONS["loop"]["resolution"]}
+ESTIMATOR = {"name": "positioning_metrics", "settling_window": BAND, "resolution": SECTIONS["loop"]["resolution"]}
 MOTION = {
-    "name": "point_to_point", "targets": [1.5e-3], "duration": 0.04, "hold": 0.16, "input_dead_time": 1e-3,
+    "name": "point_to_point", "targets": [1.5e-3], "duration": 0.04, "dwell_time": 0.16, "input_dead_time": 1e-3,
     "friction": SECTIONS["friction"],
 }  # fmt: skip
 TOLERANCE = (1e-3, 0.02)
@@ -48,7 +49,7 @@ FASTEST = 60.0
 def design(gain: float, frequency: float) -> dict[str, Any]:
     """Return P_d with this k0 [m/(N s²)] and f1 [Hz]; the rest is that of P."""
     plant = SECTIONS["plant"]
-    return {**plant, "gain": gain, "frequencies": [frequency, *plant["frequencies"][1:]]}
+    return {**plant, "rigid_body_gain": gain, "frequencies": [frequency, *plant["frequencies"][1:]]}
 
 
 def motion(plant: dict[str, Any]) -> dict[str, Any]:
@@ -58,9 +59,9 @@ def motion(plant: dict[str, Any]) -> dict[str, Any]:
 
 def positioned(plant: dict[str, Any]) -> dict[str, float]:
     """Return the metrics of the paper's machine, moved by a feedforward that is designed on a plant."""
-    excitation = create(REGISTRY, Excitation, motion(plant)).spec()  # type: ignore[type-abstract]
-    estimator = create(REGISTRY, Estimator, ESTIMATOR).spec()  # type: ignore[type-abstract]
-    answer = perform(Job({"source": "loop", **SECTIONS, "excitation": excitation}, (estimator,)), lambda _: None)[0]
+    excitation = create(REGISTRY, Excitation, motion(plant)).spec()
+    estimator = create(REGISTRY, Estimator, ESTIMATOR).spec()
+    answer = run_job(Job({"source": "loop", **SECTIONS, "excitation": excitation}, (estimator,)), lambda _: None)[0]
     if isinstance(answer, Failure):
         raise SystemExit(f"no result: {answer.message}")
     return metrics(answer)
@@ -75,12 +76,17 @@ def fits(points: int) -> dict[str, dict[str, Any]]:
     """Return P_d as fitted to what both methods find at 12 N."""
     path = {"input_dead_time": SECTIONS["loop"]["input_dead_time"]}
     methods = (
-        {"name": "conventional", "remove_delay": True, **path},
-        {"name": "proposed", "friction": SECTIONS["friction"], "resolution": SECTIONS["loop"]["resolution"], **path},
+        {"name": "conventional", "refer_to_plant": True, **path},
+        {
+            "name": "effective_input",
+            "friction": SECTIONS["friction"],
+            "resolution": SECTIONS["loop"]["resolution"],
+            **path,
+        },
     )
     excitation = {"name": "stepped_sine", "amplitude": 12.0, "points": points}
     experiment = {"source": "loop", **SECTIONS, "excitation": excitation}
-    answers = perform(Job(experiment, tuple({**FIT, "method": method} for method in methods)), lambda _: None)
+    answers = run_job(Job(experiment, tuple({**FIT, "method": method} for method in methods)), lambda _: None)
     return {str(method["name"]): _plant(answer) for method, answer in zip(methods, answers, strict=True)}
 
 
@@ -92,12 +98,12 @@ def _plant(answer: Result | Failure) -> dict[str, Any]:
 
 def models(points: int) -> Iterator[tuple[str, dict[str, Any], bool]]:
     """Yield name and P_d, and whether the position must stay within the band after it has entered it."""
-    (k0, f1), (gain, frequency) = PRINTED["proposed"], PRINTED["conventional"]
+    (k0, f1), (gain, frequency) = PRINTED["effective_input"], PRINTED["conventional"]
     yield "nominal, P_d = P", design(k0, f1), True
     yield "identification error as printed, 177 and 41.9 Hz", design(gain, frequency), False
     for method, plant in fits(points).items():
-        numbers = f"{1e3 * plant['gain']:.2f} and {plant['frequencies'][0]:.2f} Hz"
-        yield f"all of P_d by {method} at 12 N, {numbers}", plant, method == "proposed"
+        numbers = f"{1e3 * plant['rigid_body_gain']:.2f} and {plant['frequencies'][0]:.2f} Hz"
+        yield f"all of P_d by {method} at 12 N, {numbers}", plant, method == "effective_input"
     for relative, absolute in itertools.product((-1, 1), repeat=2):
         name = f"P_d off by {1e2 * relative * TOLERANCE[0]:+.1f} % and {absolute * TOLERANCE[1]:+.2f} Hz"
         yield name, design(k0 * (1 + relative * TOLERANCE[0]), f1 + absolute * TOLERANCE[1]), True
@@ -122,12 +128,12 @@ def figure_8(points: int) -> int:
 def drawn(spread: float, generator: np.random.Generator) -> dict[str, Any]:
     """Return the sections of a machine whose plant and friction are drawn around the paper's."""
     plant, factors = SECTIONS["plant"], 1 + spread * generator.standard_normal(5)
-    widths = {name: CURVE[name] * factors[4] for name in ("width", "narrowest", "widest")}
-    curve = {**CURVE, "coulomb": CURVE["coulomb"] * factors[3], **widths}
+    widths = {name: CURVE[name] * factors[4] for name in ("characteristic_displacement", "min_knot", "max_knot")}
+    curve = {**CURVE, "coulomb_force": CURVE["coulomb_force"] * factors[3], **widths}
     frequencies = [plant["frequencies"][0] * factors[1], plant["frequencies"][1] * factors[2]]
     return {
         **SECTIONS,
-        "plant": {**plant, "gain": plant["gain"] * factors[0], "frequencies": frequencies},
+        "plant": {**plant, "rigid_body_gain": plant["rigid_body_gain"] * factors[0], "frequencies": frequencies},
         "friction": {**SECTIONS["friction"], "curve": curve},
         "numerics": {"steps_per_sample": 5},  # those that run side by side need equally many
     }
@@ -135,11 +141,11 @@ def drawn(spread: float, generator: np.random.Generator) -> dict[str, Any]:
 
 def simulated(machines: list[dict[str, Any]]) -> list[Segment | None]:
     """Return what the nominal feedforward does to each machine."""
-    excitation = create(REGISTRY, Excitation, motion(SECTIONS["plant"]))  # type: ignore[type-abstract]
+    excitation = create(REGISTRY, Excitation, motion(SECTIONS["plant"]))
     (period,) = excitation.periods(SECTIONS["loop"]["sample_time"])
-    setups = [loop.prepared(build_machine(each, REGISTRY)) for each in machines]
+    setups = [loop_setup.prepare_setup(build_machine(each, REGISTRY)) for each in machines]
     experiments = [Experiment(setup, period, excitation.schedule, number) for number, setup in enumerate(setups)]
-    return run(experiments, lambda _: None)
+    return run_experiments(experiments, lambda _: None)
 
 
 def monte_carlo(count: int, seed: int) -> int:
@@ -147,7 +153,7 @@ def monte_carlo(count: int, seed: int) -> int:
 
     What runs beside a machine does not change its result: the worst one alone gives the same numbers.
     """
-    estimator = create(REGISTRY, Estimator, ESTIMATOR)  # type: ignore[type-abstract]
+    estimator = create(REGISTRY, Estimator, ESTIMATOR)
     missed = 0
     simulated([SECTIONS | {"numerics": {"steps_per_sample": 5}}] * 2)  # compiled before the clock is read
     for name, spread in SPREADS.items():
@@ -190,11 +196,11 @@ def _quantiles(values: np.ndarray, factor: float) -> str:
 def _differences(sections: dict[str, Any]) -> str:
     plant, nominal, curve = sections["plant"], SECTIONS["plant"], sections["friction"]["curve"]
     pairs = {
-        "k0": (plant["gain"], nominal["gain"]),
+        "k0": (plant["rigid_body_gain"], nominal["rigid_body_gain"]),
         "f1": (plant["frequencies"][0], nominal["frequencies"][0]),
         "f2": (plant["frequencies"][1], nominal["frequencies"][1]),
-        "Fc": (curve["coulomb"], CURVE["coulomb"]),
-        "x0": (curve["width"], CURVE["width"]),
+        "Fc": (curve["coulomb_force"], CURVE["coulomb_force"]),
+        "x0": (curve["characteristic_displacement"], CURVE["characteristic_displacement"]),
     }
     return ", ".join(f"{name} {value / of - 1:+.1%}" for name, (value, of) in pairs.items())
 

@@ -1,4 +1,4 @@
-"""Measure how time and memory grow with what is asked for.
+"""Measure how time and memory grow with the size of a study.
 
     python benchmarks/scaling.py            some minutes
     python benchmarks/scaling.py --reduced  smaller sizes, half a minute
@@ -25,7 +25,7 @@ import numpy as np
 from calibrate_machine import MACHINE, sections_of
 
 from fraexp.execution.events import Finished
-from fraexp.execution.job import Failure, Job, perform
+from fraexp.execution.job import Failure, Job, run_job
 from fraexp.workspace.workspace import Workspace
 
 GROWTH, CORES, GROWN = 1.1, 1.7, 1.15
@@ -36,12 +36,12 @@ machine = "linear_motor_table"
 [excitation]
 name = "stepped_sine"
 amplitude = 12.0
-lowest = 10.0
+min_frequency = 10.0
 points = 30
 [estimator]
-name = "proposed"
+name = "effective_input"
 [grid]
-"friction.curve.width" = [{widths}]
+"friction.curve.characteristic_displacement" = [{widths}]
 """
 PEAK = """
 import sys
@@ -84,15 +84,15 @@ def job(points: int = 20, amplitude: float = 12.0, elements: int = 20, modes: in
         **sections["plant"],
         "frequencies": [38.8 + 41.2 * i for i in range(modes)],
         "damping_ratios": [0.04] * modes,
-        "residues": [0.6 / modes] * modes,
+        "modal_gain_ratios": [0.6 / modes] * modes,
     }
     excitation = {
-        "name": "stepped_sine", "amplitude": amplitude, "points": points, "lowest": 20.0,
-        "tolerance": 1e-12, "settle_limit": 1.0,
+        "name": "stepped_sine", "amplitude": amplitude, "points": points, "min_frequency": 20.0,
+        "settling_tolerance": 1e-12, "settling_timeout": 1.0,
     }  # fmt: skip
     experiment = {"source": "loop", **sections, "plant": plant, "friction": friction, "excitation": excitation}
     path = {"input_dead_time": sections["loop"]["input_dead_time"]}
-    return Job({**experiment, "numerics": {}}, ({"name": "proposed", "friction": friction, **path},))
+    return Job({**experiment, "numerics": {}}, ({"name": "effective_input", "friction": friction, **path},))
 
 
 def performed(*jobs: Job) -> Callable[[], None]:
@@ -100,7 +100,7 @@ def performed(*jobs: Job) -> Callable[[], None]:
 
     def action() -> None:
         for one in jobs:
-            for answer in perform(one, lambda _: None):
+            for answer in run_job(one, lambda _: None):
                 if isinstance(answer, Failure) or answer.response is None:
                     raise SystemExit(f"no response: {answer.message}")
 

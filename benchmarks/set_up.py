@@ -2,8 +2,8 @@
 
     python benchmarks/set_up.py
 
-It sums the packages of this environment that each lock names: their files, and the bytecode that pip writes unless it
-is told not to, as `make run` tells it. The bound is given in brackets, and the exit code is 1 if it is missed.
+It sums the packages of this environment that each lock names: their files, and the bytecode that pip writes by
+default; `make run` switches that off. The bound is given in brackets, and the exit code is 1 if it is missed.
 """
 
 import argparse

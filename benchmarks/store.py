@@ -1,4 +1,6 @@
-"""How long pages of a database of 100,000 sweeps take, computing and by the clock: filtered, sorted, counted; its size.
+"""Measure the time to list 100,000 sweeps, filtered, sorted and counted, and the database's size.
+
+Times are of the processor and of the clock.
 
 Half of the sweeps are a grid of amplitudes, friction forces, seeds and estimators with a list of 100 frequencies;
 the other half are drawn machines, no two alike. ``benchmarks/store.py [FILE or URL]`` keeps the database.
@@ -19,10 +21,11 @@ from sqlalchemy import bindparam, insert, update
 from fraexp.data.results import FrequencyResponse, Metric
 from fraexp.data.sweep import Sweep
 from fraexp.store import Store, codec
-from fraexp.store.shared_sections import learn
+from fraexp.store.sealing import seal_sweeps
+from fraexp.store.shared_sections import add_field_names
 from fraexp.store.tables import frequency_response, metric, run_sweep, sweep
-from fraexp.tui.plotting.compared_sweeps import gather
-from fraexp.views.comparison import rows_that_differ
+from fraexp.tui.plotting.compared_sweeps import read_marked_sweeps
+from fraexp.views.comparison import difference_rows
 
 SWEEPS = 100_000
 RUNS = 20
@@ -32,10 +35,17 @@ FREQUENCIES_OF_A_STUDY, MOST_SIZE = 40, 1.5
 BOUND, FIRST_BOUND = 0.2, 0.1
 """Seconds of computing that a page may take, and the first one."""
 ESTIMATORS: tuple[dict[str, Any], ...] = (
-    {"name": "conventional", "remove_delay": True},
-    {"name": "proposed", "force_scale": 1.0, "width_scale": 1.0, "method": None, "deviations": []},
+    {"name": "conventional", "refer_to_plant": True},
+    {"name": "effective_input", "force_scale": 1.0, "displacement_scale": 1.0, "method": None, "deviations": []},
 )
-CHANNELS = {"version": 1, "input": "u", "output": "y", "input_dead_time": 1e-3, "input_lags": [], "roll_off": 2}
+CHANNELS = {
+    "version": 1,
+    "input": "u",
+    "output": "y",
+    "input_dead_time": 1e-3,
+    "input_time_constants": [],
+    "relative_degree": 2,
+}
 QUESTIONS: dict[str, Callable[[Store], Any]] = {
     "first page": lambda store: store.page(),
     "last page": lambda store: store.page(offset=SWEEPS - 100),
@@ -43,28 +53,30 @@ QUESTIONS: dict[str, Callable[[Store], Any]] = {
     "sorted by elapsed": lambda store: store.page(order="-elapsed"),
     "sorted by state": lambda store: store.page(order="state"),
     "sorted by amplitude": lambda store: store.page(order="-excitation.amplitude"),
-    "sorted by a drawn parameter": lambda store: store.page(order="plant.gain"),
+    "sorted by a drawn parameter": lambda store: store.page(order="plant.rigid_body_gain"),
     "sorted by a metric": lambda store: store.page(order="-metric.peak force"),
-    "estimator=proposed": lambda store: store.page("estimator=proposed"),
-    "estimator=proposed excitation.amplitude>=12": lambda store: store.page(
-        "estimator=proposed excitation.amplitude>=12"
+    "estimator=effective_input": lambda store: store.page("estimator=effective_input"),
+    "estimator=effective_input excitation.amplitude>=12": lambda store: store.page(
+        "estimator=effective_input excitation.amplitude>=12"
     ),
     "the issue's, tag and state": lambda store: store.page(
-        "estimator=proposed excitation.amplitude>=12 state:failed tag:baseline"
+        "estimator=effective_input excitation.amplitude>=12 state:unusable tag:baseline"
     ),
-    "-state:failed": lambda store: store.page("-state:failed"),
-    "plant.gain>0.13 (drawn)": lambda store: store.page("plant.gain>0.13"),
-    "plant.gain>0.13, sorted by it": lambda store: store.page("plant.gain>0.13", "plant.gain"),
+    "-state:unusable": lambda store: store.page("-state:unusable"),
+    "plant.rigid_body_gain>0.13 (drawn)": lambda store: store.page("plant.rigid_body_gain>0.13"),
+    "plant.rigid_body_gain>0.13, sorted by it": lambda store: store.page(
+        "plant.rigid_body_gain>0.13", "plant.rigid_body_gain"
+    ),
     'metric."peak force">14': lambda store: store.page('metric."peak force">14'),
     "loop.resolution<=1um": lambda store: store.page("loop.resolution<=1um"),
-    "a word": lambda store: store.page("proposed"),
+    "a word": lambda store: store.page("effective_input"),
     "a word that nothing has": lambda store: store.page("nowhere"),
     "show a sweep": lambda store: store.results([store.find(store.page(limit=1).rows[0].key[4:12]).key]),
     "compare four sweeps": lambda store: differing(store, [row.key for row in store.page(limit=4).rows]),
     "a run of 5000": lambda store: store.page(run=3),
-    "a run, filtered and sorted": lambda store: store.page("estimator=proposed", "-elapsed", run=3),
+    "a run, filtered and sorted": lambda store: store.page("estimator=effective_input", "-elapsed", run=3),
     "study:drawn": lambda store: store.page("study:drawn"),
-    "all keys that match": lambda store: store.keys("estimator=proposed"),
+    "all keys that match": lambda store: store.keys("estimator=effective_input"),
     "fields": lambda store: store.fields(),
     "version": lambda store: store.version(),
 }
@@ -90,8 +102,8 @@ def main() -> int:
 
 def differing(store: Store, keys: list[str]) -> list[list[str]]:
     """Return in what sweeps differ, as the terminal UI and ``fraexp compare`` show it."""
-    found = gather(store, keys)
-    return rows_that_differ(found.sweeps, found.results)
+    found = read_marked_sweeps(store, keys)
+    return difference_rows(found.sweeps, found.results)
 
 
 def show_size(points: int, sweeps: int = 2000) -> bool:
@@ -102,7 +114,7 @@ def show_size(points: int, sweeps: int = 2000) -> bool:
         with Store.open(str(file), create=True) as store:
             write_results(store, store.begin_run("size", "size.toml", "fraexp run", {}, grid), grid, points)
         size = file.stat().st_size / sweeps
-    data = {name: np.asarray(getattr(response(points), name), dtype) for name, dtype in codec.DTYPES.items()}
+    data = {name: np.asarray(getattr(response(points), name), dtype) for name, dtype in codec.ARRAY_TYPES.items()}
     raw = sum(array.nbytes for array in data.values())
     missed = points >= FREQUENCIES_OF_A_STUDY and size > MOST_SIZE * raw
     told = f"{points:3} frequencies: {size / 1024:5.2f} KiB a sweep, {size / raw:.2f} times its arrays"
@@ -144,7 +156,7 @@ def crossed(count: int) -> Iterator[Sweep]:
     for index in range(count):
         which, rest = index % 2, index // 2
         amplitude, force, seed = 2.0 + rest % 50, 15.0 + rest // 50 % 10, rest // 500
-        labels = {"excitation.amplitude": amplitude, "friction.curve.coulomb": force, "loop.seed": seed}
+        labels = {"excitation.amplitude": amplitude, "friction.curve.coulomb_force": force, "loop.seed": seed}
         estimator = {"name": ESTIMATORS[which]["name"]}
         yield Sweep(
             experiment(amplitude, force, seed, 0.132), ESTIMATORS[which] | CHANNELS, {**labels, "estimator": estimator}
@@ -156,23 +168,29 @@ def drawn(count: int) -> Iterator[Sweep]:
     random = np.random.default_rng(1)
     for index in range(count):
         gain, force = float(random.normal(0.132, 0.003)), float(random.normal(17.9, 1.0))
-        labels = {"draw": index, "plant.gain": gain, "friction.curve.coulomb": force}
+        labels = {"draw": index, "plant.rigid_body_gain": gain, "friction.curve.coulomb_force": force}
         yield Sweep(experiment(12.0, force, index, gain), ESTIMATORS[index % 2] | CHANNELS, labels)
 
 
 def experiment(amplitude: float, force: float, seed: int, gain: float) -> dict[str, Any]:
     """Return a loop as studies resolve it."""
-    curve = {"shape": "exponential", "coulomb": force, "width": 4.536e-05, "elements": 20, "displacements": []}
-    dead = {"input_dead_time": 0.001, "input_lags": [], "output_dead_time": 0.0, "output_lags": []}
+    curve = {
+        "shape": "exponential",
+        "coulomb_force": force,
+        "characteristic_displacement": 4.536e-05,
+        "elements": 20,
+        "displacements": [],
+    }
+    dead = {"input_dead_time": 0.001, "input_time_constants": [], "output_dead_time": 0.0, "output_time_constants": []}
     return {
         "source": "loop",
         "plant": {
             "name": "modal",
             "version": 1,
-            "gain": gain,
+            "rigid_body_gain": gain,
             "frequencies": [38.8, 80.0],
             "damping_ratios": [0.04634, 0.02],
-            "residues": [0.342, 0.3],
+            "modal_gain_ratios": [0.342, 0.3],
             "viscous_coefficient": 0.0,
         },
         "friction": {"name": "rolling", "version": 1, "curve": curve, "stiffness": [], "viscous_coefficient": 4.69},
@@ -181,8 +199,8 @@ def experiment(amplitude: float, force: float, seed: int, gain: float) -> dict[s
         "excitation": {
             "name": "stepped_sine",
             "version": 1,
-            "tolerance": 1e-05,
-            "settle_limit": 30.0,
+            "settling_tolerance": 1e-05,
+            "settling_timeout": 30.0,
             "frequencies": FREQUENCIES,
             "amplitude": amplitude,
         },
@@ -214,11 +232,12 @@ def write_results(store: Store, run: int, part: list[Sweep], points: int = 2) ->
         connection.execute(update(sweep).where(sweep.c.key == bindparam("of")), outcomes)
         connection.execute(insert(metric), metrics)
         connection.execute(insert(frequency_response), [template | {"key": item.key} for item in part])
-        learn(connection, "metric", {row["name"] for row in metrics})
+        add_field_names(connection, "metric", {row["name"] for row in metrics})
         for state, which in (("computed", part), ("failed", part[::41])):
             rows = [{"of": item.key} for item in which]
             chosen = update(run_sweep).where(run_sweep.c.run == run, run_sweep.c.key == bindparam("of"))
             connection.execute(chosen.values(state=state), rows)
+        seal_sweeps(connection, [item.key for item in part])
 
 
 if __name__ == "__main__":

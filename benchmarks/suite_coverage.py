@@ -1,6 +1,6 @@
 """Measure how much of the code `make test` runs, and how much the whole suite, `make test-all`, does.
 
-    python benchmarks/suite_coverage.py           both, an hour or so: what traces lines takes its time
+    python benchmarks/suite_coverage.py           both, about an hour: tracing is slow
     python benchmarks/suite_coverage.py --quick   `make test` alone
 
 Lines and branches are those of the packages fraexp and fraexp_plugins, in all processes that the tests start. What is
@@ -69,7 +69,7 @@ def run(folder: str, *arguments: str) -> int:
 
 
 def read(report: Path) -> Coverage:
-    """Return the fractions that a report tells."""
+    """Return the fractions in a report."""
     totals = json.loads(report.read_text("utf-8"))["totals"]
     return Coverage(
         totals["covered_lines"] / totals["num_statements"], totals["covered_branches"] / totals["num_branches"]

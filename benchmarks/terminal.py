@@ -1,4 +1,4 @@
-"""Measure what a user of the terminal UI waits for, and what watching costs a run and the memory.
+"""Measure the waiting times in the terminal UI, and what watching costs in run time and memory.
 
     python benchmarks/terminal.py            medians of several runs, each in a real pseudo-terminal
     python benchmarks/terminal.py --reduced  of fewer runs
@@ -34,7 +34,7 @@ from store import make
 from textual.pilot import Pilot
 from textual.worker import WorkerCancelled
 
-from fraexp.tui.app import LOOK, FraexpApp
+from fraexp.tui.app import POLL_INTERVAL_S, FraexpApp
 from fraexp.tui.page import Page
 
 FRAEXP = [sys.executable, "-m", "fraexp"]
@@ -53,7 +53,7 @@ KEYS = {
 STUDY = """
 title = "Many short sweeps"
 machine = "linear_motor_table"
-excitation = { name = "stepped_sine", amplitude = 75.0, points = 1, lowest = 100.0, highest = 101.0 }
+excitation = { name = "stepped_sine", amplitude = 75.0, points = 1, min_frequency = 100.0, max_frequency = 101.0 }
 estimator = { name = "conventional" }
 
 [grid]
@@ -151,12 +151,12 @@ def key_times(folder: Path, rounds: int) -> dict[str, float]:
 
 
 async def growth(app: FraexpApp, pilot: Pilot[None]) -> float:
-    """Return by how much the memory [MB] grows over the looks of an hour, each of which reads the page again."""
+    """Return the growth of memory [MB] over the polls of an hour, each of which reads the page again."""
     await pilot.press("r")
 
     async def looks(count: int) -> None:
         for _ in range(count):
-            await app.look()
+            await app.poll_database()
             if isinstance(app.screen, Page):
                 app.screen.reload()
                 with suppress(WorkerCancelled):  # by the next look, as in life
@@ -164,7 +164,7 @@ async def growth(app: FraexpApp, pilot: Pilot[None]) -> float:
 
     await looks(500)
     before = memory()
-    await looks(round(HOUR / LOOK))
+    await looks(round(HOUR / POLL_INTERVAL_S))
     return memory() - before
 
 
@@ -223,8 +223,8 @@ def main() -> int:
         for key, value in key_times(full, 4 if few else 10).items():
             missed += row(f"key to repaint, 100,000 sweeps in the table: {key}", value, "s", 0.1)
         ratio = slowdown(busy, 3 if few else 7, 1000 if few else 3000)
-        missed += row("a run that two terminals watch over one that none does", ratio, "", 1.05)
-        missed += row("growth of the memory over the looks of an hour", in_pilot(busy, growth), "MB", 5.0)
+        missed += row("a run watched by two terminals over an unwatched one", ratio, "", 1.05)
+        missed += row("growth of memory over the polls of an hour", in_pilot(busy, growth), "MB", 5.0)
     print(f"{missed} missed")
     return min(missed, 1)
 

@@ -1,6 +1,6 @@
-"""Measure the times that the README states: a warm sweep, start-up, a first result, a reused study.
+"""Measure the everyday times of docs/performance.md: a warm sweep, start-up, a first result, a reused study.
 
-Start-up is also told as a share of what importing numpy, sqlalchemy and pydantic takes, in turn with it.
+Start-up is also given as a fraction of the time to import numpy, sqlalchemy and pydantic, measured in turn.
 
     python benchmarks/timing.py            medians of several runs
     python benchmarks/timing.py --reduced  of fewer runs
@@ -25,7 +25,7 @@ import numpy as np
 from calibrate_machine import MACHINE, sections_of
 
 from fraexp.components.registry import discover
-from fraexp.execution.job import Failure, Job, perform
+from fraexp.execution.job import Failure, Job, run_job
 from fraexp.simulation.machine import reference_response
 
 FRAEXP = ["-m", "fraexp"]
@@ -68,22 +68,22 @@ def sweep_job(amplitude: float, quick: bool = False) -> Job:
     """
     sections = sections_of(MACHINE)
     excitation = {"name": "stepped_sine", "amplitude": amplitude}
-    proposed = {"name": "proposed", "friction": sections["friction"]}
+    proposed = {"name": "effective_input", "friction": sections["friction"]}
     path = {"input_dead_time": sections["loop"]["input_dead_time"]}
     experiment = {"source": "loop", **sections, "excitation": excitation, "numerics": {}}
     if not quick:
         return Job(experiment, ({**proposed, **path},))
     experiment |= {
-        "excitation": {**excitation, "tolerance": 1e-4},
+        "excitation": {**excitation, "settling_tolerance": 1e-4},
         "loop": {**sections["loop"], "resolution": 0.0},
         "numerics": {"tolerance": 1e-3},
     }
-    return Job(experiment, ({"name": "conventional"}, {**proposed, **path, "interpolation": 2}))
+    return Job(experiment, ({"name": "conventional"}, {**proposed, **path, "oversampling": 2}))
 
 
 def greatest_error(job: Job) -> float:
     """Return the greatest error of the last estimator against P(jω) [dB]."""
-    answer = perform(job, lambda _: None)[-1]
+    answer = run_job(job, lambda _: None)[-1]
     if isinstance(answer, Failure) or answer.response is None:
         raise SystemExit(f"no response: {answer.message}")
     truth = reference_response(job.experiment, answer.response.frequency, discover())
@@ -152,10 +152,10 @@ def main() -> int:
     missed = 0
     for amplitude in (12.0, 75.0):
         job = sweep_job(amplitude)
-        taken = median_time(lambda job=job: perform(job, lambda _: None), runs)  # type: ignore[misc]
+        taken = median_time(lambda job=job: run_job(job, lambda _: None), runs)  # type: ignore[misc]
         missed += row(f"sweep of 100 frequencies, 1…200 Hz, {amplitude:g} N, with its estimate, warm", taken, 0.5)
     job = sweep_job(12.0, quick=True)
-    taken = median_time(lambda: perform(job, lambda _: None), 5 * runs)
+    taken = median_time(lambda: run_job(job, lambda _: None), 5 * runs)
     missed += row(f"the same at 12 N, both methods, to {greatest_error(job):.3f} dB", taken, 0.02)
     missed += fresh_processes(runs)
     missed += shares(3 * runs)

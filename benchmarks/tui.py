@@ -1,4 +1,4 @@
-"""How long the terminal UI takes from a key to its repaint.
+"""Measure the time from a key to the repaint of the terminal UI.
 
 python benchmarks/tui.py prints a table and fails where a bound is missed. Each time is from the key until its last
 paint is ready to be written to the terminal, in this process; the bound is for the median of a key's repetitions.
@@ -32,7 +32,7 @@ Row = tuple[str, float, float, float]
 
 
 class Painted(FraexpApp):
-    """The application, which makes each paint's text though there is no terminal, and tells when the last was ready."""
+    """The application without a terminal, with the time at which the last paint was ready."""
 
     CSS_PATH = Path(fraexp.tui.__file__).with_name("look.tcss")
     painted = (np.nan, np.nan)

@@ -1,4 +1,4 @@
-"""Draw the terminal UI as the README shows it: the quick study's four sweeps compared."""
+"""Draw the terminal UI for the README: the four sweeps of the quick study compared."""
 
 import asyncio
 import contextlib
@@ -18,7 +18,7 @@ SIZE = (112, 36)
 
 
 FONT = re.compile(r"\s*@font-face \{.*?\}", re.DOTALL)
-"""Letters that a picture would fetch from elsewhere: whoever looks at it has some of their own."""
+"""A font that the picture would fetch from the network; the viewer uses a local one."""
 
 
 async def draw() -> str:

@@ -1,7 +1,9 @@
 """The one module that a plugin imports."""
 
+from fraexp.analysis.confidence import circle_factor, degrees_of_freedom
 from fraexp.analysis.delays import hold_response, image_factor, path_response
-from fraexp.analysis.fourier import fourier_sums, phasors, spectrum_of
+from fraexp.analysis.fourier import fourier_sums, phasors, record_spectrum
+from fraexp.analysis.quantisation import phasor_variance, rounding_symmetry
 from fraexp.analysis.response import response_result
 from fraexp.components.kinds import (
     Controller,
@@ -14,20 +16,23 @@ from fraexp.components.kinds import (
     RecordReader,
     RecordTable,
     Schedule,
-    StateSpace,
 )
 from fraexp.components.parameters import Parameters, param
+from fraexp.components.ports import Contact, Ports, StateSpace
+from fraexp.components.providers import component_modules
 from fraexp.components.registry import hookimpl
-from fraexp.components.supplies import component_modules
+from fraexp.data.frequency_text import frequency_text
 from fraexp.data.results import HARMONICS, Curve, Fit, FrequencyResponse, Metric, Outcome, Result
-from fraexp.data.signals import Segment, Settling, Signals
+from fraexp.data.signals import Encoder, Segment, Settling, Signals
 from fraexp.errors import FraexpError, ParameterError, RecordError, did_you_mean
 from fraexp.kernels.choice import where
 
 __all__ = [
     "HARMONICS",
+    "Contact",
     "Controller",
     "Curve",
+    "Encoder",
     "Estimator",
     "Excitation",
     "Fit",
@@ -41,6 +46,7 @@ __all__ = [
     "Parameters",
     "Period",
     "Plant",
+    "Ports",
     "RecordError",
     "RecordReader",
     "RecordTable",
@@ -50,16 +56,21 @@ __all__ = [
     "Settling",
     "Signals",
     "StateSpace",
+    "circle_factor",
     "component_modules",
+    "degrees_of_freedom",
     "did_you_mean",
     "fourier_sums",
+    "frequency_text",
     "hold_response",
     "hookimpl",
     "image_factor",
     "param",
     "path_response",
+    "phasor_variance",
     "phasors",
+    "record_spectrum",
     "response_result",
-    "spectrum_of",
+    "rounding_symmetry",
     "where",
 ]

@@ -3,7 +3,7 @@
 import difflib
 from collections.abc import Iterable
 
-CLOSE = 0.6
+MIN_SIMILARITY = 0.6
 """Share of equal letters from which a name is taken for another one's misspelling."""
 BEGINNING = 3
 """Letters from which the beginning of a name stands for it."""
@@ -22,7 +22,7 @@ class ParameterError(FraexpError):
 
 
 class PluginError(FraexpError):
-    """A plugin cannot be loaded, or two plugins supply the same name."""
+    """A plugin cannot be loaded, or two plugins provide the same name."""
 
 
 class RecordError(FraexpError):
@@ -37,11 +37,32 @@ class StoreError(FraexpError):
     """A database is locked, foreign, newer, or lacks what was asked for."""
 
 
+class BeginError(FraexpError):
+    """A background process has ended before its run began."""
+
+    def __init__(self, text: str, code: int) -> None:
+        super().__init__(text)
+        self.code = code
+        """Exit code of the process."""
+
+
+class FilterError(StoreError):
+    """A filter of sweeps is invalid: the database is sound, and the user's text is not."""
+
+
+class UnavailableError(StoreError):
+    """A database cannot be reached for now, or is locked: the same call may succeed later."""
+
+
 def did_you_mean(name: str, options: Iterable[str]) -> str:
     """Return ``; did you mean 'x'?`` for the nearest option, else the list of what exists."""
     known = sorted(options)
-    near = difflib.get_close_matches(name, known, n=1, cutoff=CLOSE)
+    near = difflib.get_close_matches(name, known, n=1, cutoff=MIN_SIMILARITY)
     near = near or [option for option in known if len(name) >= BEGINNING and option.startswith(name)]
     if near:
         return f"; did you mean '{near[0]}'?"
     return f"; known: {', '.join(known)}" if known else ""
+
+
+class FormerNameWarning(FutureWarning):
+    """A study or an option uses former names; they still work."""

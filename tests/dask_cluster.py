@@ -6,6 +6,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -27,25 +28,36 @@ class Cluster:
 
     def start_scheduler(self) -> subprocess.Popen[bytes]:
         """Start the scheduler, and return it when it listens."""
-        options = [f"--port={self.port}", "--host=127.0.0.1", "--no-dashboard", f"--scheduler-file={self.file}"]
-        self.scheduler = self._start("scheduler", options)
+        self.launch_scheduler()
         wait_until(self._listens)
         return self.scheduler
 
+    def launch_scheduler(self) -> None:
+        """Start the scheduler without waiting for it."""
+        options = [f"--port={self.port}", "--host=127.0.0.1", "--no-dashboard", f"--scheduler-file={self.file}"]
+        self.scheduler = self._start("scheduler", options)
+
     def start_worker(self, name: str, *options: str, environment: Mapping[str, str] | None = None) -> subprocess.Popen:
         """Start a worker with one thread, without a nanny unless told so, and return it when it is there."""
-        options = options or ("--no-nanny",)
-        process = self._start(
-            "worker", [self.address, "--name", name, "--nthreads=1", "--no-dashboard", *options], environment
-        )
+        process = self.launch_worker(name, *options, environment=environment)
         wait_until(lambda: any(worker["name"].startswith(name) for worker in self.workers().values()))
         return process
+
+    def launch_worker(self, name: str, *options: str, environment: Mapping[str, str] | None = None) -> subprocess.Popen:
+        """Start a worker without waiting for it."""
+        told = [self.address, "--name", name, "--nthreads=1", "--no-dashboard", *(options or ("--no-nanny",))]
+        return self._start("worker", told, environment)
 
     def _start(self, what: str, options: list[str], environment: Mapping[str, str] | None = None) -> subprocess.Popen:
         told = (self.folder / f"{what}{len(self.processes)}.log").open("wb")
         command = [sys.executable, "-m", "dask", what, *options]
         process = subprocess.Popen(
-            command, cwd=self.folder, stdout=told, stderr=told, env={**os.environ, **(environment or {})}
+            command,
+            cwd=self.folder,
+            stdout=told,
+            stderr=told,
+            env={**os.environ, **(environment or {})},
+            start_new_session=True,  # a group of its own, with the worker that a nanny starts
         )
         told.close()
         self.processes.append(process)
@@ -78,17 +90,22 @@ class Cluster:
         process.send_signal(signal.SIGKILL)
         process.wait()
 
+    def pause(self, process: subprocess.Popen) -> None:
+        """Stop a process as if it hung: its connections stay open, and it says nothing."""
+        process.send_signal(signal.SIGSTOP)
+
+    def resume(self, process: subprocess.Popen) -> None:
+        """Let a stopped process go on."""
+        process.send_signal(signal.SIGCONT)
+
     def __enter__(self) -> "Cluster":
         return self
 
     def __exit__(self, *_: object) -> None:
-        for process in reversed(self.processes):  # a nanny ends its worker when it is asked to end
-            process.terminate()
-        for process in self.processes:
-            try:
-                process.wait(15)
-            except subprocess.TimeoutExpired:
-                self.kill(process)
+        for process in self.processes:  # asked to end, a worker would wait for its scheduler
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
 
 
 def distribution(folder: Path, name: str, version: str, entry_point: str = "") -> dict[str, str]:
@@ -98,4 +115,4 @@ def distribution(folder: Path, name: str, version: str, entry_point: str = "") -
     (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n")
     if entry_point:
         (info / "entry_points.txt").write_text(f"[fraexp]\n{entry_point}\n")
-    return {"PYTHONPATH": str(folder)}
+    return {"PYTHONPATH": os.pathsep.join(filter(None, [str(folder), os.environ.get("PYTHONPATH", "")]))}

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from fraexp_plugins.controllers.pid import Pid
 from fraexp_plugins.excitations.stepped_sine import SteppedSine
-from fraexp_plugins.friction.frictionless import Frictionless
+from fraexp_plugins.friction.none import Frictionless
 from fraexp_plugins.friction.rolling import Rolling
 from fraexp_plugins.plants.modal import Modal
 
@@ -16,7 +16,9 @@ from fraexp.data.signals import Signals
 from fraexp.simulation.loop import simulate_loop
 from fraexp.simulation.machine import ControlLoop, Machine, Numerics
 
-TABLE = Modal(gain=0.132, frequencies=(38.8, 80.0), damping_ratios=(0.04, 0.02), residues=(0.342, 0.3))
+TABLE = Modal(
+    rigid_body_gain=0.132, frequencies=(38.8, 80.0), damping_ratios=(0.04, 0.02), modal_gain_ratios=(0.342, 0.3)
+)
 LEAD = Pid(proportional=6052.9, derivative_time=0.0566, filter_time=0.00629)
 FRICTIONLESS = Frictionless()
 
@@ -46,7 +48,7 @@ def simulated(
     machine = Machine(
         plant, friction, controller, ControlLoop.parse(settings, "loop"), Numerics(steps_per_sample=steps)
     )
-    excitation = SteppedSine(amplitude=amplitude, frequencies=frequencies, tolerance=tolerance)
+    excitation = SteppedSine(amplitude=amplitude, frequencies=frequencies, settling_tolerance=tolerance)
     return simulate_loop(machine, excitation, lambda _: None)
 
 
@@ -69,12 +71,12 @@ def table_models(registry: Registry) -> dict[str, FrictionModel]:
         "gms": preset,
         "elastoplastic": preset,
         "lugre": preset,
-        "dahl": {"stiffness": 3.9e5, "coulomb": 17.9, "viscous_coefficient": 4.69},
-        "coulomb": {"coulomb": 17.9, "breakaway": 22.0, "viscous_coefficient": 4.69},
+        "dahl": {"stiffness": 3.9e5, "coulomb_force": 17.9, "viscous_coefficient": 4.69},
+        "coulomb": {"coulomb_force": 17.9, "static_force": 22.0, "viscous_coefficient": 4.69},
         "rolling_force_slider": like_rolling,
         "composite": {"parts": [{"name": "rolling", **like_rolling}, {"name": "none", "viscous_coefficient": 10.0}]},
     }
-    return {name: create(registry, FrictionModel, {"name": name, **spec}) for name, spec in specs.items()}  # type: ignore[type-abstract]
+    return {name: create(registry, FrictionModel, {"name": name, **spec}) for name, spec in specs.items()}
 
 
 def cosine(amplitude: float, points: int = 20_000) -> np.ndarray:

@@ -8,7 +8,7 @@ import socket
 import subprocess
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -29,9 +29,26 @@ def program(name: str) -> str | None:
 class Server:
     """A running server."""
 
-    def __init__(self, port: int, process: "subprocess.Popen[bytes]") -> None:
-        self.port, self.process = port, process
+    def __init__(self, port: int, start: "Callable[[], subprocess.Popen[bytes]]", log: Path) -> None:
+        self.port, self.process = port, start()
+        self._start, self._log = start, log
         self._made = 0
+        wait_for_server(self, log)
+
+    def stop(self) -> None:
+        """End the server as quickly as it can."""
+        self.process.send_signal(signal.SIGQUIT)
+        self.process.wait(HANG_TIMEOUT_S)
+
+    def start(self) -> None:
+        """Start the server again on the same port."""
+        self.process = self._start()
+        wait_for_server(self, self._log)
+
+    def cut_connections(self) -> int:
+        """End all connections of others, and return their number."""
+        others = "pid <> pg_backend_pid() AND backend_type = 'client backend'"
+        return len(self.sql(f"SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE {others}"))
 
     def url(self, database: str = "postgres", user: str = "tester") -> str:
         """Return the URL of a database."""
@@ -55,7 +72,7 @@ class Server:
 @contextmanager
 def running() -> Iterator[Server]:
     """Start a server; skip the test where there is none."""
-    pytest.importorskip("psycopg", reason="needs psycopg: pip install 'fraexp[postgresql]'")
+    pytest.importorskip("psycopg", reason="needs psycopg: pip install 'psycopg[binary]'")
     initdb, postgres = program("initdb"), program("postgres")
     if not (initdb and postgres):
         pytest.skip("needs a PostgreSQL server to start: initdb and postgres (Debian: postgresql)")
@@ -75,18 +92,23 @@ def running() -> Iterator[Server]:
             port = found.getsockname()[1]
         settings = [f"--{name}={value}" for name, value in SETTINGS.items()]
         command = [postgres, "-D", str(data), "-p", str(port), *settings]
-        process = subprocess.Popen(command, stdout=log, stderr=log, **other)
-    try:
-        server = Server(port, process)
-        _wait(server, folder / "log")
-        yield server
-    finally:
-        process.send_signal(signal.SIGQUIT)  # its fastest way to end
-        process.wait(HANG_TIMEOUT_S)
-        shutil.rmtree(folder, ignore_errors=True)
+        started: list[subprocess.Popen[bytes]] = []
+
+        def start() -> "subprocess.Popen[bytes]":
+            started.append(subprocess.Popen(command, stdout=log, stderr=log, **other))
+            return started[-1]
+
+        try:
+            yield Server(port, start, folder / "log")
+        finally:
+            for process in started:
+                process.send_signal(signal.SIGQUIT)  # its fastest way to end
+                process.wait(HANG_TIMEOUT_S)
+            shutil.rmtree(folder, ignore_errors=True)
 
 
-def _wait(server: Server, log: Path) -> None:
+def wait_for_server(server: Server, log: Path) -> None:
+    """Return as soon as a server answers."""
     import psycopg
 
     deadline = time.monotonic() + HANG_TIMEOUT_S

@@ -20,8 +20,8 @@ from pydantic.fields import FieldInfo
 
 from fraexp.components.kinds import Component, RecordReader, nested_kind
 from fraexp.components.parameters import Parameters, unit_of
+from fraexp.components.providers import Provider
 from fraexp.components.registry import Registry
-from fraexp.components.supplies import Supply
 from fraexp.data import units
 from tests.waiting import HANG_TIMEOUT_S
 
@@ -29,6 +29,7 @@ ROOT = Path(__file__).parents[1]
 SOURCES = sorted([*(ROOT / "fraexp").rglob("*.py"), *(ROOT / "plugins").rglob("*.py")])
 LONGEST_FILE = 400
 MOST_MODULES, MOST_PACKAGES, MOST_LAYERS = 4, 16, 12
+FACES = ("cli", "tui", "views")
 SOURCE = re.compile(
     r"10\.\d{4,9}/\S"  # a DOI
     r"|\beqs?\.? ?\(?\d"  # an equation
@@ -99,7 +100,7 @@ def test_every_import_contract_can_be_broken(tmp_path: Path) -> None:
 
 
 def test_finding_components_loads_no_heavy_package() -> None:
-    loaded = loaded_by("import fraexp.components.registry; assert fraexp.components.registry.discover().supplies")
+    loaded = loaded_by("import fraexp.components.registry; assert fraexp.components.registry.discover().providers")
     assert "fraexp_plugins" in loaded
     assert loaded & {"numba", "llvmlite", "matplotlib", "sqlalchemy", "textual"} == set()
 
@@ -112,8 +113,35 @@ def test_a_list_of_runs_loads_neither_parameters_nor_plugins() -> None:
 
 
 def test_the_command_line_loads_nothing_heavy_before_it_is_needed() -> None:
-    loaded = loaded_by("import fraexp.cli.main")
+    loaded = loaded_by("import fraexp.cli.main, fraexp.workspace.workspace_folder")
     assert loaded & {"numba", "numpy", "scipy", "pydantic", "sqlalchemy", "matplotlib", "textual"} == set()
+
+
+def direct_accesses(source: str) -> list[str]:
+    """Return the calls that open a database or look for plugins without asking the workspace."""
+    called = [ast.unparse(node.func) for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Call)]
+    return [name for name in called if "Store" in name.split(".") or name.split(".")[-1] == "discover"]
+
+
+def test_faces_reach_database_and_plugins_through_the_workspace_alone() -> None:
+    files = [file for face in FACES for file in (ROOT / "fraexp" / face).rglob("*.py")]
+    assert len(files) > 50
+    found = {file.name: direct_accesses(file.read_text("utf-8")) for file in files}
+    assert {name: calls for name, calls in found.items() if calls} == {}
+
+
+@pytest.mark.parametrize(
+    "offence",
+    [
+        "Store(database, engine)",
+        "Store.open(url)",
+        "store.Store.exists(url)",
+        "discover(folder)",
+        "registry.discover()",
+    ],
+)
+def test_a_face_that_bypasses_the_workspace_is_noticed(offence: str) -> None:
+    assert direct_accesses(f"def execute(arguments):\n    return {offence}\n")
 
 
 def test_no_file_is_too_long() -> None:
@@ -165,13 +193,15 @@ def test_every_public_method_is_documented_by_its_class_or_by_the_contract() -> 
 
 
 @pytest.fixture(scope="module")
-def built_in(registry: Registry) -> list[Supply]:
-    supplies = [supply for supply in registry.supplies.values() if supply.component.__module__.startswith("fraexp_p")]
-    assert supplies
-    return supplies
+def built_in(registry: Registry) -> list[Provider]:
+    providers = [
+        provider for provider in registry.providers.values() if provider.component.__module__.startswith("fraexp_p")
+    ]
+    assert providers
+    return providers
 
 
-def test_every_built_in_component_is_found(registry: Registry, built_in: list[Supply]) -> None:
+def test_every_built_in_component_is_found(registry: Registry, built_in: list[Provider]) -> None:
     written = {
         (str(file), node.name)
         for file in SOURCES
@@ -180,7 +210,7 @@ def test_every_built_in_component_is_found(registry: Registry, built_in: list[Su
         if isinstance(node, ast.ClassDef) and any(keyword.arg == "name" for keyword in node.keywords)
     }
     assert registry.failures == []
-    assert {(str(supply.file), supply.component.__name__) for supply in built_in} == written
+    assert {(str(provider.file), provider.component.__name__) for provider in built_in} == written
 
 
 def fields(owner: type[Parameters], path: str) -> Iterator[tuple[str, FieldInfo]]:
@@ -196,8 +226,8 @@ def flat(annotation: Any) -> list[Any]:
     return [annotation, *(inner for part in get_args(annotation) for inner in flat(part))]
 
 
-def test_every_parameter_has_a_meaning_and_every_number_a_known_unit(built_in: list[Supply]) -> None:
-    parameters = [pair for supply in built_in for pair in fields(supply.component, supply.component.name)]
+def test_every_parameter_has_a_meaning_and_every_number_a_known_unit(built_in: list[Provider]) -> None:
+    parameters = [pair for provider in built_in for pair in fields(provider.component, provider.component.name)]
     assert parameters
     assert [place for place, info in parameters if not info.description] == []
     numbers = [(place, info) for place, info in parameters if {float, int} & set(flat(info.annotation))]
@@ -206,9 +236,9 @@ def test_every_parameter_has_a_meaning_and_every_number_a_known_unit(built_in: l
         units.si(unit_of(info))  # raises for a unit that nobody knows
 
 
-def test_every_component_names_its_source(built_in: list[Supply]) -> None:
+def test_every_component_names_its_source(built_in: list[Provider]) -> None:
     silent = []
-    for component in (supply.component for supply in built_in):
+    for component in (provider.component for provider in built_in):
         texts = (component.__doc__, inspect.getmodule(component).__doc__)
         if not issubclass(component, RecordReader) and not any(SOURCE.search(text or "") for text in texts):
             silent.append(f"{component.kind} {component.name}")  # a reader follows a file format, not the literature

@@ -42,7 +42,7 @@ class Endless(FrictionModel, name="endless", version=1):
     """Never gives the force of a step beyond 0.5 m."""
 
     force_bound: ClassVar[float] = 1.0
-    greatest_stiffness: ClassVar[float] = 1.0
+    max_stiffness: ClassVar[float] = 1.0
     states: ClassVar[tuple[str, ...]] = ("force [N]",)
 
     @staticmethod

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from typing import TypeVar
 
 Answer = TypeVar("Answer")
-HANG_TIMEOUT_S = 300.0
+HANG_TIMEOUT_S = 120.0
 POLL_INTERVAL_S = 0.05
 
 

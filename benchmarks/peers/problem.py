@@ -2,7 +2,7 @@
 
 At each sample k the controller sees y, and its output plus the excitation, u[k] = C(z)(0 - y)[k] + w[k], reaches the
 table `delay` samples later and is held for one sample. Between samples x' = a x + b (u - f), y = c x, with the force f
-of parallel elements: each deflection follows y up to its limit. Viscous friction is part of a; the scale is ideal.
+of parallel elements: each deflection follows y up to its limit. Viscous friction is part of a; the encoder is ideal.
 """
 
 from collections.abc import Callable
@@ -15,7 +15,7 @@ from fraexp.components.kinds import Controller
 from fraexp.components.registry import create
 
 LONGEST = 500
-"""Samples of a block of whole periods, at most."""
+"""Maximum number of samples of a block of whole periods."""
 
 
 @dataclass(frozen=True)
@@ -115,11 +115,11 @@ class Peer:
 
 
 def paper_loop(frequencies: np.ndarray, samples: int, amplitude: float = 12.0) -> Problem:
-    """Return the paper's machine with an ideal scale, one lane per frequency [Hz], excited with an amplitude [N]."""
+    """Return the paper's machine with an ideal encoder, one lane per frequency [Hz], excited with an amplitude [N]."""
     loop = SECTIONS["loop"]
     sample_time = loop["sample_time"]
     model = PLANT.state_space()
-    controller = create(REGISTRY, Controller, SECTIONS["controller"])  # type: ignore[type-abstract]
+    controller = create(REGISTRY, Controller, SECTIONS["controller"])
     numerator, denominator = controller.transfer_function(sample_time)
     cycles, block = np.array([whole_periods(f * sample_time, min(samples, LONGEST)) for f in frequencies]).T
     phase = 2 * np.pi * cycles[:, None] * np.arange(samples) / block[:, None]

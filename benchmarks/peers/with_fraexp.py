@@ -30,12 +30,12 @@ class Given(Excitation):
 
     @property
     def schedule(self) -> Schedule:
-        return Schedule(settle_limit=0.0)
+        return Schedule(settling_timeout=0.0)
 
 
 def prepare(problem: Problem, steps: int) -> Run:
     """Return the simulation; discretising the machine is part of each run."""
-    controller = create(REGISTRY, Controller, SECTIONS["controller"])  # type: ignore[type-abstract]
+    controller = create(REGISTRY, Controller, SECTIONS["controller"])
     loop = ControlLoop.parse({**SECTIONS["loop"], "resolution": 0.0}, "loop")
     machine = Machine(PLANT, FRICTION, controller, loop, Numerics(steps_per_sample=steps))
     excitation = Given(waveforms=problem.excitation)

@@ -18,7 +18,7 @@ ALIGNMENT = 64
 
 
 def compiler() -> str | None:
-    """Return the C compiler, None where there is none."""
+    """Return the C compiler, or None if there is none."""
     return shutil.which("gcc")
 
 
@@ -38,23 +38,23 @@ def compiled(name: str, folder: Path, elements: int, fixed: dict[str, int] | Non
     return function
 
 
-def prepared(function: Any, loops: Loops, pool: np.ndarray, shared: bool) -> Callable[[], int]:
-    """Return an action that runs the same jobs as fraexp's kernel, all of one machine, and returns how many batches.
-
-    `shared`: the constants are not given once per lane.
-    """
+def prepared(function: Any, loops: Loops, pool: np.ndarray) -> Callable[[], int]:
+    """Return an action that runs the same jobs as fraexp's kernel, all of one machine, and returns how many batches."""
     work, jobs = loops.work, loops.work.jobs
     width, record = work.lanes.size, int(jobs["record"][0])
-    store = aligned(np.repeat(work.machines[0], 1 if shared else width))
+    store = aligned(work.machines[0])
     ramp, goals = int(jobs["ramp"][0]), np.ascontiguousarray(jobs["reference"])
-    begin, period = np.ascontiguousarray(jobs["begin"]), np.ascontiguousarray(jobs["period"])
+    begin, period = np.ascontiguousarray(jobs["first_sample"]), np.ascontiguousarray(jobs["period"])
     sizes = np.array(list(loops.sizes.values()))
     history, others = np.empty(width * (ramp + record)), np.empty(width * 3 * record)
 
+    start, rise = float(jobs["start_amplitude"][0]), float(jobs["amplitude_rise"][0])
+    resolution, limit = loops.setup.resolution, loops.setup.divergence_limit
+
     def action() -> int:
         done: int = function(
-            store, sizes, work.waves, goals, begin, period, loops.batches, ramp, record, float(jobs["base"][0]),
-            float(jobs["rate"][0]), loops.setup.resolution, loops.setup.stroke, history, others, pool,
+            store, sizes, work.waveforms, goals, begin, period, loops.batches, ramp, record, start, rise,
+            resolution, limit, history, others, pool,
         )  # fmt: skip
         return done
 

@@ -1,1 +1,1 @@
-"""What estimators stand on: spectra, responses, delays, confidence."""
+"""The mathematics that estimators share: Fourier sums, responses, delays, confidence."""

@@ -1,12 +1,18 @@
 """The delays around the plant at each frequency, exactly: dead time, first-order lags, hold and sampling."""
 
+from functools import lru_cache
+
 import numpy as np
+from numpy.typing import NDArray
 
-IMAGES = 50
-"""Sampling images on either side that are summed; they fall off with the third power of their number."""
+IMAGES_PER_SIDE = 50
+"""Aliasing images of the hold that are summed on either side; they fall off with the third power of their number."""
+
+MAX_CACHED_FREQUENCIES = 256
+"""Number of frequencies up to which their image factors are cached."""
 
 
-def path_response(omega: np.ndarray, dead_time: float, lags: tuple[float, ...]) -> np.ndarray:
+def path_response(omega: NDArray[np.floating], dead_time: float, lags: tuple[float, ...]) -> NDArray[np.complex128]:
     """Return e^{-jωL} Π 1/(1 + jωτ) at ω [rad/s], shape of `omega`, for a dead time L [s] and lags τ [s]."""
     result = np.exp(-1j * omega * dead_time)
     for lag in lags:
@@ -14,7 +20,7 @@ def path_response(omega: np.ndarray, dead_time: float, lags: tuple[float, ...]) 
     return result
 
 
-def hold_response(omega: np.ndarray, sample_time: float | np.ndarray) -> np.ndarray:
+def hold_response(omega: NDArray[np.floating], sample_time: float | NDArray[np.floating]) -> NDArray[np.complex128]:
     """Return the zero-order hold (1 - e^{-jωTs})/(jωTs) at ω [rad/s]: a gain sinc(fTs) and a delay of Ts/2.
 
     The sample time [s] is one number, or one for each ω.
@@ -24,19 +30,38 @@ def hold_response(omega: np.ndarray, sample_time: float | np.ndarray) -> np.ndar
 
 
 def image_factor(
-    omega: np.ndarray, sample_time: float | np.ndarray, dead_time: float, lags: tuple[float, ...], roll_off: int
-) -> np.ndarray:
-    """Return what a sampled response to a held input has more than the continuous one, as a factor near 1.
+    omega: NDArray[np.floating],
+    sample_time: float | NDArray[np.floating],
+    dead_time: float,
+    lags: tuple[float, ...],
+    relative_degree: int,
+) -> NDArray[np.complex128]:
+    """Return the ratio of a sampled response to a held input and the continuous response: a factor near 1.
 
-    The hold's images at ω + kωs pass the plant too and fold back on ω when the output is sampled. They lie far
-    above the modes, where a plant of relative degree `roll_off` falls as ω^-roll_off; for a pure integrator chain
-    the factor is exact.
+    The hold's aliasing images at ω + kωs pass the plant too, and fold back on ω when the output is sampled. They lie
+    far above the modes, where a plant of relative degree r falls as ω^-r; for a pure integrator chain the factor is
+    exact.
     """
-    k = np.concatenate([np.arange(-IMAGES, 0), np.arange(1, IMAGES + 1)])
-    spacing = k * (2 * np.pi / np.asarray(sample_time)[..., None])
+    shape = np.shape(omega)
+    times = np.broadcast_to(np.asarray(sample_time, dtype=float), shape)
+    compute = _image_factor if times.size <= MAX_CACHED_FREQUENCIES else _image_factor.__wrapped__
+    omegas = np.asarray(omega, dtype=float).tobytes()
+    return compute(omegas, times.tobytes(), dead_time, tuple(lags), relative_degree).reshape(shape)
+
+
+@lru_cache(1024)
+def _image_factor(
+    omegas: bytes, sample_times: bytes, dead_time: float, lags: tuple[float, ...], relative_degree: int
+) -> NDArray[np.complex128]:
+    """Return the factor from numbers as bytes, which are hashable: estimators and sweeps share frequencies."""
+    omega, sample_time = np.frombuffer(omegas), np.frombuffer(sample_times)
+    k = np.concatenate([np.arange(-IMAGES_PER_SIDE, 0), np.arange(1, IMAGES_PER_SIDE + 1)])
+    spacing = k * (2 * np.pi / sample_time[..., None])
     image = omega[..., None] + spacing
-    ratio = (omega[..., None] / image) ** (roll_off + 1)  # the hold's numerator is the same at every image
+    ratio = (omega[..., None] / image) ** (relative_degree + 1)  # the hold's numerator is the same at every image
     path = path_response(spacing, dead_time, ())
     if lags:
         path = path * path_response(image, 0.0, lags) / path_response(omega, 0.0, lags)[..., None]
-    return 1 + np.sum(ratio * path, axis=-1)
+    factor = 1 + np.sum(ratio * path, axis=-1)
+    factor.flags.writeable = False
+    return factor

@@ -1,15 +1,18 @@
-"""Spectra averaged over periods, with the scatter of the periods carried to the covariance of a response."""
+"""Fourier sums over periods, their means, and the covariance of a response that follows from their scatter."""
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fraexp.data.results import HARMONICS
 from fraexp.data.signals import Segment
 
-FEW = 1 << 14
-"""Samples times lines up to which sums over tabulated waves are faster than a Fourier transform."""
+Number = TypeVar("Number", np.float64, np.complex128)
+MAX_TABLE_SIZE = 1 << 14
+"""Samples times lines up to which sums with tabulated waves are faster than a Fourier transform."""
 
 
 @dataclass(frozen=True)
@@ -20,58 +23,63 @@ class PeriodicSpectrum:
     period it is NaN.
     """
 
-    frequency: np.ndarray
+    frequency: NDArray[np.float64]
     """Frequency [Hz], shape (lines,)."""
-    input: np.ndarray
-    """Mean phasor U of the input [its unit], complex, shape (lines,)."""
-    output: np.ndarray
-    """Mean phasor Y of the output [its unit], complex, shape (lines,)."""
-    var_input: np.ndarray
+    input: NDArray[np.complex128]
+    """Mean phasor U of the input [its unit], shape (lines,)."""
+    output: NDArray[np.complex128]
+    """Mean phasor Y of the output [its unit], shape (lines,)."""
+    input_variance: NDArray[np.float64]
     """Variance of U [unit²], shape (lines,)."""
-    var_output: np.ndarray
+    output_variance: NDArray[np.float64]
     """Variance of Y [unit²], shape (lines,)."""
-    cov: np.ndarray
-    """Covariance E[(Y - E Y) conj(U - E U)], complex, shape (lines,)."""
+    covariance: NDArray[np.complex128]
+    """Covariance E[(Y - E Y) conj(U - E U)], shape (lines,)."""
 
 
-def phasors(segment: Segment, channel: str) -> np.ndarray:
-    """Return 2/N Σ x e^{-jωt} of each period at the excited lines [unit], complex, shape (periods, lines)."""
-    return _kept_sums(segment, channel, "phasors", segment.lines)
+def phasors(segment: Segment, channel: str) -> NDArray[np.complex128]:
+    """Return 2/N Σ x e^{-jωt} of each period at the excited lines [unit], shape (periods, lines)."""
+    return _cached_sums(segment, channel, "phasors", segment.lines)
 
 
-def harmonic_phasors(segment: Segment, channel: str) -> np.ndarray:
-    """Return the phasors of each period at a single line and its harmonics 2… below Nyquist [unit], complex."""
+def harmonic_phasors(segment: Segment, channel: str) -> NDArray[np.complex128]:
+    """Return the phasors [unit] of each period at a single line and its harmonics below Nyquist, (periods, orders)."""
     highest = max((segment.samples - 1) // (2 * int(segment.lines[0])), 1)
     orders = np.arange(1, min(HARMONICS, highest) + 1)
-    return _kept_sums(segment, channel, "harmonics", segment.lines[0] * orders)
+    return _cached_sums(segment, channel, "harmonics", segment.lines[0] * orders)
 
 
-def _kept_sums(segment: Segment, channel: str, what: str, lines: np.ndarray) -> np.ndarray:
-    found = segment.cache.get((channel, what))
-    if found is None:
-        found = segment.cache[channel, what] = fourier_sums(segment.channels[channel], lines)
-    return found
+def _cached_sums(segment: Segment, channel: str, name: str, lines: NDArray[np.int64]) -> NDArray[np.complex128]:
+    """Return the Fourier sums of a channel; several estimators ask for those of the same segment."""
+    sums = segment.cache.get((channel, name))
+    if sums is None:
+        sums = segment.cache[channel, name] = fourier_sums(segment.channels[channel], lines)
+    return sums
 
 
-def spectrum_of(segment: Segment, channel: str) -> np.ndarray:
-    """Return Σ x e^{-jωt} over all periods as one record of n samples, complex, shape (n // 2 + 1,)."""
-    found = segment.cache.get((channel, "spectrum"))
-    if found is None:
-        found = segment.cache[channel, "spectrum"] = np.fft.rfft(segment.channels[channel].ravel())
-    return found
+def record_spectrum(segment: Segment, channel: str) -> NDArray[np.complex128]:
+    """Return Σ x e^{-jωt} over all periods as one record of n samples, shape (n // 2 + 1,)."""
+    spectrum = segment.cache.get((channel, "spectrum"))
+    if spectrum is None:
+        spectrum = segment.cache[channel, "spectrum"] = np.fft.rfft(segment.channels[channel].ravel())
+    return spectrum
 
 
-def fourier_sums(periods: np.ndarray, lines: np.ndarray) -> np.ndarray:
+def fourier_sums(periods: NDArray[np.float64], lines: NDArray[np.int64]) -> NDArray[np.complex128]:
     """Return 2/N Σ x e^{-j2πkn/N} at lines k of periods of N samples, shape (periods, N), as shape (periods, lines)."""
     samples = periods.shape[1]
-    if lines.size * samples > FEW:
+    if lines.size * samples > MAX_TABLE_SIZE:
         return np.fft.rfft(periods, axis=1)[:, lines] * (2 / samples)
-    return (periods @ _waves(lines.tobytes(), samples)).view(complex)
+    return (periods @ _wave_table(lines.tobytes(), samples)).view(complex)
 
 
 @lru_cache(1024)
-def _waves(lines: bytes, samples: int) -> np.ndarray:
-    """Return 2/N cos and -2/N sin of each line, side by side, shape (samples, 2 lines): many sweeps have the same."""
+def _wave_table(lines: bytes, samples: int) -> NDArray[np.float64]:
+    """Return 2/N cos and -2/N sin of each line, side by side, shape (samples, 2 lines).
+
+    Many sweeps have the same lines, which are bytes here because a cache needs hashable arguments. Real waves make the
+    sums real products, half the work of complex ones.
+    """
     turns = np.arange(samples)[:, None] * np.frombuffer(lines, dtype=np.int64) % samples / samples
     return (2 / samples) * np.exp(-2j * np.pi * turns).view(float)
 
@@ -82,25 +90,31 @@ def periodic_spectrum(segment: Segment, input_channel: str, output_channel: str)
     The variance of a mean over P periods is Σ|x_p - x̄|²/(P(P-1)): Pintelon and Schoukens, System Identification:
     A Frequency Domain Approach, 2nd ed. 2012, section 2.4, doi:10.1002/9781118287422.
     """
-    return spectrum(segment.frequency, phasors(segment, input_channel), phasors(segment, output_channel))
+    return mean_spectrum(segment.frequency, phasors(segment, input_channel), phasors(segment, output_channel))
 
 
-def spectrum(frequency: np.ndarray, u: np.ndarray, y: np.ndarray) -> PeriodicSpectrum:
-    """Return the means over periods of the phasors of input and output, complex, each of shape (periods, lines)."""
+def mean_spectrum(
+    frequency: NDArray[np.float64], u: NDArray[np.complex128], y: NDArray[np.complex128]
+) -> PeriodicSpectrum:
+    """Return the means over periods of the phasors of input and output, each of shape (periods, lines)."""
     du, dy = u - _mean(u), y - _mean(y)
     return PeriodicSpectrum(
         frequency=frequency,
         input=_mean(u),
         output=_mean(y),
-        var_input=_of_mean(np.abs(du) ** 2),
-        var_output=_of_mean(np.abs(dy) ** 2),
-        cov=_of_mean(dy * np.conj(du)),
+        input_variance=_variance_of_mean(np.abs(du) ** 2),
+        output_variance=_variance_of_mean(np.abs(dy) ** 2),
+        covariance=_variance_of_mean(dy * np.conj(du)),
     )
 
 
 def response_covariance(
-    u: np.ndarray, y: np.ndarray, var_u: np.ndarray, var_y: np.ndarray, cov_yu: np.ndarray
-) -> np.ndarray:
+    u: NDArray[np.complex128],
+    y: NDArray[np.complex128],
+    var_u: NDArray[np.float64],
+    var_y: NDArray[np.float64],
+    cov_yu: NDArray[np.complex128],
+) -> NDArray[np.float64]:
     """Return the covariance of (real, imaginary) part of Y/U [unit²], shape (n, 2, 2), to first order.
 
     The error of G = Y/U is dG = (dY - G dU)/U, so E|dG|² = (σ_Y² + |G|² σ_U² - 2 Re(conj(G) σ_YU))/|U|²: the
@@ -112,12 +126,13 @@ def response_covariance(
     return variance[:, None, None] * (np.eye(2) / 2)
 
 
-def _mean(values: np.ndarray) -> np.ndarray:
-    # Summed row by row, in the order of the periods: the same bits everywhere.
+def _mean(values: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    # Summed row by row, in the order of the periods: bitwise reproducible on every machine.
     return np.add.reduce(values, axis=0) / len(values)
 
 
-def _of_mean(squares: np.ndarray) -> np.ndarray:
+def _variance_of_mean(squares: NDArray[Number]) -> NDArray[Number]:
+    """Return the (co)variance of a mean over periods, from the squares or products of deviations in each period."""
     periods = len(squares)
     if periods < 2:
         return np.full(squares.shape[1], np.nan, squares.dtype)

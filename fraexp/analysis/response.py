@@ -1,45 +1,62 @@
 """A frequency response from the phasors of whole periods, segment by segment."""
 
+from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
-from fraexp.analysis.fourier import PeriodicSpectrum, harmonic_phasors, response_covariance, spectrum
+from fraexp.analysis.fourier import PeriodicSpectrum, harmonic_phasors, mean_spectrum, response_covariance
+from fraexp.analysis.quantisation import phasor_variance
+from fraexp.data.frequency_text import frequency_text
 from fraexp.data.results import HARMONICS, FrequencyResponse, Outcome, Result
 from fraexp.data.signals import Segment, Signals
 from fraexp.errors import RecordError
 
-UNREPEATED = (
-    "the record does not repeat itself (periodic = false), and this estimator needs whole periods: take spectral or "
-    "local_polynomial, or give the record's period"
+SILENCE = 1e-18
+"""Amplitude below which a signal is rounding alone, in any unit in which one records."""
+NOT_PERIODIC = (
+    "the record does not repeat itself (periodic = false), and this estimator needs whole periods: take h1_h2_hv or "
+    "local_polynomial, or state the record's period"
 )
 
 
 def response_result(
     signals: Signals,
-    inputs: Sequence[np.ndarray],
-    outputs: Sequence[np.ndarray],
+    inputs: Sequence[NDArray[np.complex128]],
+    outputs: Sequence[NDArray[np.complex128]],
     *,
     names: tuple[str, str],
     units: tuple[str, str],
 ) -> Result:
     """Return the response of output over input, averaged over periods, with the covariance that their scatter shows.
 
-    `inputs` and `outputs` hold per segment the phasors of each period, complex, of shape (periods, lines); `names`
-    and `units` are those of input and output.
+    That of one period is known if the encoder is: it is zero for an ideal one.
+
+    `inputs` and `outputs` are the phasors of each segment's periods, shape (periods, lines); `names` and `units` are
+    those of input and output. Raises RecordError for a record that is not periodic, and for segments that repeat the
+    same lines.
     """
     if not signals.segments:
         return Result(signals.outcome, signals.message)
     if not all(segment.periodic for segment in signals.segments):
-        raise RecordError(UNREPEATED)
+        raise RecordError(NOT_PERIODIC)
     _check_realisations(signals.segments)
     spectra = _spectra(signals.segments, inputs, outputs)
     u, y = np.concatenate([s.input for s in spectra]), np.concatenate([s.output for s in spectra])
-    silent = (np.abs(u) == 0) | (np.abs(y) == 0)
+    silent = (np.abs(u) < SILENCE) | (np.abs(y) < SILENCE)
     u, y = np.where(silent, np.nan, u), np.where(silent, np.nan, y)
-    scatter = [np.concatenate([getattr(s, part) for s in spectra]) for part in ("var_input", "var_output", "cov")]
+    var_u = np.concatenate([s.input_variance for s in spectra])
+    var_y = np.concatenate([s.output_variance for s in spectra])
+    cov_yu = np.concatenate([s.covariance for s in spectra])
     with np.errstate(invalid="ignore"):  # where nothing moves
-        ratio, covariance = y / u, response_covariance(u, y, *scatter)
+        ratio, covariance = y / u, response_covariance(u, y, var_u, var_y, cov_yu)
+    known = np.concatenate([_known_variance(signals, *pair) for pair in zip(signals.segments, outputs, strict=True)])
+    known_covariance = (known / np.abs(u) ** 2)[:, None, None] * (np.eye(2) / 2)
+    covariance = np.where(np.isfinite(known_covariance), known_covariance, covariance)
+    freedom = np.concatenate([np.full(each.shape[1], 2.0 * (len(each) - 1)) for each in outputs])
+    settlings = [segment.settling for segment in signals.segments]
+    lines = [segment.lines.size for segment in signals.segments]
     response = FrequencyResponse(
         frequency=np.concatenate([s.frequency for s in spectra]),
         response=ratio,
@@ -49,47 +66,60 @@ def response_result(
         output=names[1],
         input_amplitude=np.abs(u),
         output_amplitude=np.abs(y),
-        settled=~silent & _per_line(signals, [s.settling.settled if s.settling else True for s in signals.segments]),
-        settling_time=_per_line(signals, [s.settling.time if s.settling else np.nan for s in signals.segments]),
-        residual=_per_line(signals, [s.settling.residual if s.settling else np.nan for s in signals.segments]),
-        harmonics=np.concatenate([_harmonics(s, names[1]) for s in signals.segments]),
-        freedom=np.concatenate([np.full(of.shape[1], 2.0 * (len(of) - 1)) for of in outputs]),
+        settled=~silent & np.repeat([known.settled if known else True for known in settlings], lines),
+        settling_time=np.repeat([known.time if known else np.nan for known in settlings], lines),
+        residual=np.repeat([known.residual if known else np.nan for known in settlings], lines),
+        harmonics=np.concatenate([_relative_harmonics(s, names[1]) for s in signals.segments]),
+        freedom=np.where(np.isfinite(known), np.inf, freedom),
     )
     if silent.any() and signals.outcome is Outcome.OK:
         message = f"at {silent.sum()} of {silent.size} frequencies input or output does not move"
-        return Result(Outcome.NO_SIGNAL, message, response)
+        return Result(Outcome.NO_MOTION, message, response)
     message = signals.message
-    if not message and any(s.settling and s.settling.time == 0 and s.settling.settled for s in signals.segments):
+    if not message and any(known and known.time == 0 and known.settled for known in settlings):
         message = "recorded from rest: the transient is in the response, which a mean over periods does not take off"
     return Result(signals.outcome, message, response)
 
 
+def _known_variance(signals: Signals, segment: Segment, outputs: NDArray[np.complex128]) -> NDArray[np.float64]:
+    """Return the variance of the output's phasors [unit²], shape (lines,); NaN where periods or nothing show it.
+
+    A record from rest contains a transient, which is no noise.
+    """
+    is_from_rest = segment.settling is not None and segment.settling.time == 0
+    if signals.encoder is None or len(outputs) > 1 or is_from_rest:
+        return np.full(segment.lines.size, np.nan)
+    return phasor_variance(segment, signals.encoder)
+
+
 def _check_realisations(segments: Sequence[Segment]) -> None:
     """Raise RecordError where segments have the same lines: their periods are not those of one experiment."""
-    seen = {(segment.lines.tobytes(), segment.samples, segment.sample_time) for segment in segments}
-    if len(seen) < len(segments):
+    alike = Counter((segment.lines.tobytes(), segment.samples, segment.sample_time) for segment in segments)
+    (lines, samples, sample_time), count = alike.most_common(1)[0]
+    if count > 1:
+        frequency = np.frombuffer(lines, dtype=np.int64) / (samples * sample_time)
         raise RecordError(
-            f"{len(segments)} segments have {len(seen)} different sets of frequencies: of several realisations, or of "
-            "several amplitudes, one mean over periods says nothing; take an estimator that looks at them together"
+            f"{count} of {len(segments)} segments have the same frequencies, {frequency_text(frequency)}, and this "
+            "estimator expects each frequency once: it does not average over realisations or amplitudes; use one that "
+            "does, such as best_linear_approximation, or measure each frequency once"
         )
 
 
 def _spectra(
-    segments: Sequence[Segment], inputs: Sequence[np.ndarray], outputs: Sequence[np.ndarray]
+    segments: Sequence[Segment], inputs: Sequence[NDArray[np.complex128]], outputs: Sequence[NDArray[np.complex128]]
 ) -> list[PeriodicSpectrum]:
-    """Return the averages over periods: of all segments at once where they have equally many."""
+    """Return the means over periods: of all segments at once if they have equally many periods."""
     if len({len(each) for each in inputs}) > 1:
-        return [spectrum(s.frequency, u, y) for s, u, y in zip(segments, inputs, outputs, strict=True)]
+        return [mean_spectrum(s.frequency, u, y) for s, u, y in zip(segments, inputs, outputs, strict=True)]
     frequency = np.concatenate([segment.frequency for segment in segments])
-    return [spectrum(frequency, np.concatenate(inputs, axis=1), np.concatenate(outputs, axis=1))]
+    return [mean_spectrum(frequency, np.concatenate(inputs, axis=1), np.concatenate(outputs, axis=1))]
 
 
-def _per_line(signals: Signals, values: Sequence[float | bool]) -> np.ndarray:
-    return np.repeat(np.array(values), [segment.lines.size for segment in signals.segments])
+def _relative_harmonics(segment: Segment, channel: str) -> NDArray[np.complex128]:
+    """Return the harmonics 2… of a single sine relative to its fundamental, shape (lines, HARMONICS - 1).
 
-
-def _harmonics(segment: Segment, channel: str) -> np.ndarray:
-    """Harmonics 2… of a single sine relative to its fundamental; NaN beyond Nyquist and for several lines."""
+    NaN above the Nyquist frequency, and for several lines.
+    """
     result = np.full((segment.lines.size, HARMONICS - 1), np.nan, dtype=complex)
     if segment.lines.size == 1 and channel in segment.channels:
         sums = harmonic_phasors(segment, channel).sum(axis=0)

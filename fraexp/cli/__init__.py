@@ -1,1 +1,1 @@
-"""The command line: stdout is data, stderr is talk, and the exit code says how it went."""
+"""The command line: data go to stdout, messages to stderr, and the exit code reports the outcome."""

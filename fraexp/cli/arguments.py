@@ -1,37 +1,39 @@
-"""All commands, and the command line as it was given; importing this costs nothing, so that help is instant."""
+"""All commands, and the parsed command line; this imports nothing heavy, so that help is instant."""
 
 import argparse
+import os
 import sys
 from collections.abc import Sequence
 from itertools import takewhile
 from pathlib import Path
 
 from fraexp.cli.exits import ExitCode
-from fraexp.cli.options import DECLARE
+from fraexp.cli.options import DECLARE, RENAMED
 from fraexp.cli.parser import CommandParser, Parser, UsageError
+from fraexp.workspace.workspace_folder import DATABASE_VARIABLE
 
 COMMANDS = {
-    "run": ("run", "compute what studies ask for and the database lacks"),
-    "stop": ("stop", "ask a run to end and keep what is finished"),
-    "list": ("list", "list the runs, the studies, or the sweeps that a filter finds"),
-    "show": ("show", "show a run, or a sweep with its parameters and numbers"),
-    "compare": ("compare", "show in what sweeps differ: parameters, metrics, responses"),
-    "plot": ("plot", "draw a run or sweeps"),
-    "fit": ("fit", "fit a plant model to stored responses"),
-    "report": ("report", "write a report of runs as HTML"),
-    "export": ("export", "write a sweep's result to a file for other programs"),
-    "import": ("import_record", "analyse a measured record"),
-    "plugins": ("plugins", "list the components that plugins supply, and the broken plugins"),
-    "new": ("new", "write a plugin to start from: a file in plugins/, or a package"),
+    "run": ("run", "compute the sweeps of studies that the database lacks"),
+    "stop": ("stop", "stop a run; finished sweeps are kept"),
+    "list": ("list", "list runs, studies, or the sweeps that match a filter"),
+    "show": ("show", "show a run, or one sweep with its parameters and results"),
+    "compare": ("compare", "compare sweeps: parameters, metrics and frequency responses"),
+    "plot": ("plot", "plot a run or sweeps to a figure file"),
+    "fit": ("fit", "fit a plant model to stored frequency responses"),
+    "report": ("report", "write an HTML report of runs"),
+    "export": ("export", "export the result of a sweep to CSV, JSON, MAT, HDF5 or UNV"),
+    "import": ("import_record", "analyse a measured record, or list its contents"),
+    "plugins": ("plugins", "list the available components, and plugins that failed to load"),
+    "new": ("new", "create a plugin from a template: a file in plugins/, or a package"),
     "check": ("check", "run the conformance checks of a plugin's components"),
-    "tag": ("tag", "give sweeps a tag, or take it away"),
-    "note": ("note", "write a note on a sweep"),
-    "delete": ("delete", "delete runs or sweeps with their results"),
-    "merge": ("merge", "add what another database has"),
-    "migrate": ("migrate", "bring a database up to date, and give back unused room"),
-    "tui": ("tui", "launch, watch and compare studies in the terminal"),
-    "serve": ("serve", "show the terminal UI in a browser"),
-    "doctor": ("doctor", "check the installation, the database and the plugins"),
+    "tag": ("tag", "add a tag to sweeps, or remove it"),
+    "note": ("note", "attach a note to a sweep"),
+    "delete": ("delete", "delete runs or sweeps, with their results"),
+    "merge": ("merge", "merge another database into this one"),
+    "migrate": ("migrate", "update a database to the current schema, or study files to the current names"),
+    "tui": ("tui", "start the terminal UI: launch, watch and compare studies"),
+    "serve": ("serve", "serve the terminal UI to a web browser"),
+    "doctor": ("doctor", "check the installation, the database, the plugins and the numerics"),
 }
 """Module and one-line help of each command."""
 
@@ -39,8 +41,10 @@ EPILOG = "exit codes:\n" + "\n".join(f"  {code.value:<4} {code.sentence}" for co
 
 
 def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
-    """Return the parsed command line; UsageError says in one line what is wrong with it."""
-    defaults = argparse.Namespace(db=None, workspace=Path(), debug=False, command=None, version=False)
+    """Return the parsed command line; UsageError names the fault in one line."""
+    defaults = argparse.Namespace(
+        db=os.environ.get(DATABASE_VARIABLE) or None, workspace=Path(), debug=False, command=None, version=False
+    )
     given, parser = list(sys.argv[1:] if arguments is None else arguments), _parser()
     parser.check_options(takewhile(lambda text: text not in COMMANDS, given))
     parsed = parser.parse_args(given, defaults)
@@ -53,12 +57,14 @@ def _common() -> CommandParser:
     common = CommandParser(add_help=False, argument_default=argparse.SUPPRESS)
     group = common.add_argument_group("options of every command")
     group.add_argument(
-        "--db", metavar="URL", help="database: a file, or postgresql://user@host/base (default: WORKSPACE/results.db)"
+        "--db",
+        metavar="URL",
+        help="database: a file, or postgresql://user@host/base (default: $FRAEXP_DB, or WORKSPACE/results.db)",
     )
     group.add_argument(
         "--workspace", metavar="DIR", type=Path, help="folder with plugins/ and studies/ (default: here)"
     )
-    group.add_argument("--debug", action="store_true", help="show the traceback of an error")
+    group.add_argument("--debug", action="store_true", help="show the traceback if an error occurs")
     return common
 
 
@@ -79,4 +85,5 @@ def _parser() -> Parser:
             name, parents=[common], help=summary, description=summary[0].upper() + summary[1:] + ".", allow_abbrev=False
         )
         DECLARE[name](command)
+        command.renamed_options = RENAMED.get(name, {})
     return parser

@@ -4,40 +4,44 @@ from argparse import Namespace
 from collections.abc import Iterable, Iterator
 from typing import Any
 
-from fraexp.cli.check_output import CheckStarted, Output, QuickOutput, Silence
-from fraexp.cli.checking import told
+from fraexp.cli.check_output import CheckOutput, CheckStarted, QuickOutput, SilentOutput
+from fraexp.cli.checking import check_messages
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.output import print_json
 from fraexp.errors import PluginError
 
 
 def execute(arguments: Namespace) -> ExitCode:
-    """Have another process check, print what each check has found, and return whether something must be mended."""
-    output = Silence() if arguments.json else QuickOutput() if arguments.quick else Output()
-    reports = list(_reports(told(arguments), output))
+    """Let another process check, print each finding, and return whether all components are sound."""
+    output = SilentOutput() if arguments.json else QuickOutput() if arguments.quick else CheckOutput()
+    reports = list(_component_reports(check_messages(arguments), output))
     if arguments.json:
         print_json(reports)
     return ExitCode.OK if all(report["sound"] for report in reports) else ExitCode.INCOMPLETE
 
 
-def _reports(lines: Iterable[dict[str, Any]], output: Output) -> Iterator[dict[str, Any]]:
-    """Yield the report of each component, once all of it is known."""
+def _component_reports(lines: Iterable[dict[str, Any]], output: CheckOutput) -> Iterator[dict[str, Any]]:
+    """Yield the report of each component as soon as it is complete."""
     started: CheckStarted | None = None
     for line in lines:
         if "error" in line:
+            if started:
+                yield _finish_report(started, output)
             raise PluginError(line["error"])
         if "finding" in line and started:
             started.findings.append(line["finding"])
             output.finding(started, line["finding"])
             continue
         if started:
-            yield _finished(started, output)
-        started = CheckStarted(line["component"], line["checks"], line["left_out"]) if "component" in line else None
+            yield _finish_report(started, output)
+        started = None
+        if "component" in line:
+            started = CheckStarted(line["component"], line["place"], line["checks"], line["left_out"])
         if started:
             output.begin(started)
 
 
-def _finished(started: CheckStarted, output: Output) -> dict[str, Any]:
+def _finish_report(started: CheckStarted, output: CheckOutput) -> dict[str, object]:
     made = {found["name"] for found in started.findings}
     for name in [name for name in started.checks if name not in made]:  # the process ended before
         why = started.findings[-1]["ends"] if started.findings else ""

@@ -1,30 +1,32 @@
-"""What ``fraexp check`` prints: a line for each check, with what it has found; of a quick one, the failures first."""
+"""The output of ``fraexp check``: a line for each check with its finding; a quick check prints failures only."""
 
 from dataclasses import dataclass, field
 from typing import Any
 
 from fraexp.cli.output import say
-from fraexp.figures.elements.labels import printable
+from fraexp.data.terminal_text import printable
 from fraexp.views.words import plural
 
-HEADS = {"passed": "pass", "skipped": "skip", "expected": "expected", "not_run": "not run"}
-"""Words of a report's first column; all else is FAIL."""
-WORD, NAME = 8, 15
-"""Widths of a report's first two columns."""
-INDENT = " " * (WORD + NAME + 5)
-Found = dict[str, Any]
+VERDICT_WORDS = {"passed": "pass", "skipped": "skip", "expected": "expected", "not_run": "not run"}
+"""First column of the report, by verdict; any other verdict is FAIL."""
+VERDICT_WIDTH, NAME_WIDTH = 8, 15
+"""Widths of the first two columns of the report."""
+INDENT = " " * (VERDICT_WIDTH + NAME_WIDTH + 5)
+Finding = dict[str, Any]
 
 
 @dataclass(frozen=True)
 class CheckStarted:
-    """A component that is being checked, with what has been found so far."""
+    """A component that is being checked, with the findings so far."""
 
     component: dict[str, Any]
+    place: str
+    """File and line of the component."""
     checks: dict[str, str]
     """Names and meanings of the checks."""
     left_out: list[str]
-    """Names of checks that a quick one leaves out."""
-    findings: list[Found] = field(default_factory=list)
+    """Names of the checks that a quick check omits."""
+    findings: list[Finding] = field(default_factory=list)
 
     @property
     def title(self) -> str:
@@ -32,28 +34,28 @@ class CheckStarted:
         return f"{self.component['kind']} {self.component['name']}"
 
     @property
-    def wrong(self) -> list[Found]:
-        """What must be mended."""
+    def wrong(self) -> list[Finding]:
+        """The findings that need a correction."""
         return [found for found in self.findings if is_wrong(found)]
 
 
-def is_wrong(found: Found) -> bool:
-    """Return whether something must be mended."""
+def is_wrong(found: Finding) -> bool:
+    """Return whether a finding needs a correction."""
     return found["verdict"] in ("failed", "unexpected")
 
 
-class Output:
+class CheckOutput:
     """A line for each check, as soon as it is known."""
 
     def begin(self, started: CheckStarted) -> None:
         """Print how many checks follow."""
         print(printable(f"{started.title}: {plural(len(started.checks), 'check')}"), flush=True)
 
-    def finding(self, started: CheckStarted, found: Found) -> None:
-        """Print what was found; a reason that an earlier one has told already is told by its name."""
-        head = HEADS.get(found["verdict"], "FAIL")
-        print(printable(f"  {head:<{WORD}}  {found['name']:<{NAME}} {found['meaning']}"), flush=True)
-        what = "passes, though declared to fail; " if found["verdict"] == "unexpected" else ""
+    def finding(self, started: CheckStarted, found: Finding) -> None:
+        """Print a finding; a reason that was printed before is replaced by the name of that check."""
+        head = VERDICT_WORDS.get(found["verdict"], "FAIL")
+        print(printable(f"  {head:<{VERDICT_WIDTH}}  {found['name']:<{NAME_WIDTH}} {found['meaning']}"), flush=True)
+        what = "passes although it is declared to fail; " if found["verdict"] == "unexpected" else ""
         same = [earlier for earlier in started.wrong if earlier["reason"] == found["reason"] and earlier is not found]
         if is_wrong(found) and same:
             print(printable(f"{INDENT}{what}for the same reason as {same[0]['name']}"), flush=True)
@@ -64,7 +66,7 @@ class Output:
             print(printable(f"{INDENT}with {found['example']}"), flush=True)
 
     def end(self, started: CheckStarted) -> None:
-        """Tell in one line what must be mended."""
+        """Print a summary in one line."""
         print()
         say(self._summary(started))
 
@@ -72,52 +74,53 @@ class Output:
         last = next((found for found in started.wrong if found["ends"]), None)
         if last:
             return f"{started.title}: {last['reason']}"
-        wrong = [found["name"] for found in started.wrong]
-        if wrong:
-            return f"{started.title}: {plural(len(wrong), 'check')} failed: {', '.join(wrong)}"
-        return self._sound(started)
+        if started.wrong:
+            first, names = started.wrong[0], ", ".join(found["name"] for found in started.wrong)
+            found = f"{plural(len(started.wrong), 'check')} failed: {names}"
+            return f"{started.title} ({started.place}): {found}; {first['name']}: {first['reason']}"
+        return self._sound_text(started)
 
-    def _sound(self, started: CheckStarted) -> str:
+    def _sound_text(self, started: CheckStarted) -> str:
         return f"{started.title} is sound"
 
 
-class QuickOutput(Output):
-    """Failures as soon as they are known, then the names of the other checks, and of those that were left out."""
+class QuickOutput(CheckOutput):
+    """Failures as soon as they are known, then the names of the other checks and of the omitted ones."""
 
     def begin(self, started: CheckStarted) -> None:
         """Print how many checks follow."""
         of = f" of {len(started.checks) + len(started.left_out)}" if started.left_out else ""
-        print(printable(f"{started.title}: {len(started.checks)}{of} checks, quickly"), flush=True)
+        print(printable(f"{started.title}: {len(started.checks)}{of} checks (quick)"), flush=True)
 
-    def finding(self, started: CheckStarted, found: Found) -> None:
+    def finding(self, started: CheckStarted, found: Finding) -> None:
         """Print a failure."""
         if is_wrong(found):
             super().finding(started, found)
 
     def end(self, started: CheckStarted) -> None:
-        """Print which checks have passed, and which have not been made."""
-        for verdict, head in HEADS.items():
+        """Print which checks have passed, and which were not made."""
+        for verdict, head in VERDICT_WORDS.items():
             self._names(head, [found["name"] for found in started.findings if found["verdict"] == verdict])
-        self._names("left out", started.left_out)
+        self._names("omitted", started.left_out)
         super().end(started)
 
     def _names(self, head: str, names: list[str]) -> None:
         if names:
-            print(printable(f"  {head:<{WORD}}  {', '.join(names)}"), flush=True)
+            print(printable(f"  {head:<{VERDICT_WIDTH}}  {', '.join(names)}"), flush=True)
 
-    def _sound(self, started: CheckStarted) -> str:
-        more = f"fraexp check {started.component['name']} looks at more examples"
-        rest = f", and at {', '.join(started.left_out)}" if started.left_out else ""
-        return f"{started.title}: nothing found in a quick look; {more}{rest}"
+    def _sound_text(self, started: CheckStarted) -> str:
+        more = f"fraexp check {started.component['name']} tests more examples"
+        rest = f" and {', '.join(started.left_out)}" if started.left_out else ""
+        return f"{started.title}: no fault found by the quick checks; {more}{rest}"
 
 
-class Silence(Output):
+class SilentOutput(CheckOutput):
     """Prints nothing, where one document follows at the end."""
 
     def begin(self, started: CheckStarted) -> None:
         """Print nothing."""
 
-    def finding(self, started: CheckStarted, found: Found) -> None:
+    def finding(self, started: CheckStarted, found: Finding) -> None:
         """Print nothing."""
 
     def end(self, started: CheckStarted) -> None:

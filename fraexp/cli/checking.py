@@ -1,4 +1,4 @@
-"""The process that checks, as the command sees it: what it tells, line by line, also where it comes to a bad end."""
+"""The client of the process that checks: its messages, line by line, and a finding if it crashes or hangs."""
 
 import json
 import signal
@@ -10,11 +10,11 @@ from collections.abc import Iterator
 from typing import Any
 
 from fraexp.errors import FraexpError
-from fraexp.kernels.watchdog import place_in_dump
+from fraexp.kernels.watchdog import dumped_location
 
 
-def told(arguments: Namespace) -> Iterator[dict[str, Any]]:
-    """Yield what the process tells: of each component, of each finding; at a bad end, the finding that it was at."""
+def check_messages(arguments: Namespace) -> Iterator[dict[str, Any]]:
+    """Yield the messages of the process; after a crash, a finding for the check in progress."""
     with tempfile.TemporaryDirectory() as folder:
         order = {"name": arguments.name, "kind": arguments.kind, "workspace": str(arguments.workspace)}
         order |= {"quick": arguments.quick, "folder": folder}
@@ -29,7 +29,7 @@ def told(arguments: Namespace) -> Iterator[dict[str, Any]]:
 
 
 class _Lines:
-    """The lines that the process writes, and what it was at when they ended."""
+    """The lines that the process writes, and the check that was in progress when they ended."""
 
     def __init__(self, process: "subprocess.Popen[str]") -> None:
         self._process = process
@@ -39,7 +39,7 @@ class _Lines:
         self._dump: list[str] = []
 
     def read(self) -> Iterator[dict[str, Any]]:
-        """Yield all of them, and the finding that a bad end is."""
+        """Yield all lines, and a finding if the process did not finish."""
         for text in self._process.stdout or ():
             if not text.startswith("{"):
                 self._dump.append(text)
@@ -58,23 +58,25 @@ class _Lines:
         self._over = self._over or "end" in line or "error" in line
 
     def _bad_end(self, code: int) -> dict[str, Any]:
-        """Return the finding of the check that the process was at; FraexpError if it was at none."""
+        """Return a failure of the check in progress; FraexpError if no check had begun."""
         started = self._started
         if started is None:
-            raise FraexpError(f"the process that checks ended with {_how(code)} before it began; see above")
+            raise FraexpError(
+                f"the check process ended with {_exit_text(code)} before the first check; see its output above"
+            )
         kind, name = started["component"]["kind"], started["component"]["name"]
         what = f"the law of {name}" if kind == "friction" else f"{kind} {name}"
-        place = place_in_dump(self._dump, started["place"].partition(",")[0]) or started["place"]
-        did = "has not returned, nor let anything else run" if self._dump else f"ended its process with {_how(code)}"
-        reason = f"{what} ({place}) {did}; expected a force at once: mend what it calls"
+        place = dumped_location(self._dump, started["place"].partition(",")[0]) or started["place"]
+        did = "did not return within the time limit" if self._dump else f"ended its process with {_exit_text(code)}"
+        reason = f"{what} ({place}) {did}; expected a force; check the functions that it calls"
         checks = list(started["checks"].items())
         at, meaning = checks[min(self._found, len(checks) - 1)]
         found = {"name": at, "meaning": meaning, "verdict": "failed", "reason": reason, "example": "", "ends": reason}
         return {"finding": found}
 
 
-def _how(code: int) -> str:
-    """Return how a process ended."""
+def _exit_text(code: int) -> str:
+    """Return the exit code or the signal that ended a process."""
     if code >= 0:
         return f"exit code {code}"
     try:

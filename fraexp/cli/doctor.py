@@ -1,60 +1,69 @@
-"""``fraexp doctor``: whether installation, database, plugins and numbers are sound."""
+"""``fraexp doctor``: the state of installation, database, plugins and numerics."""
 
 import math
+import shlex
 import sqlite3
 from argparse import Namespace
+from collections.abc import Mapping
 from dataclasses import asdict
 from datetime import UTC, datetime, timedelta
 from importlib import metadata
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any
 
-from fraexp.cli.documents import plain
+from fraexp.cli.documents import json_value
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.output import print_fields, print_json, say
-from fraexp.cli.sweep_lookup import database, open_store
-from fraexp.components.registry import discover
+from fraexp.cli.sweep_lookup import location_options, workspace_folder
 from fraexp.errors import StoreError
-from fraexp.execution.provenance import gather
-from fraexp.store import RunSummary, Store, shown
-from fraexp.store.backends.file_system import NETWORK, file_system
+from fraexp.execution.provenance import gather_provenance
+from fraexp.kernels.cache_folder import cache_folder
+from fraexp.store import RunSummary, Store, masked_url
+from fraexp.store.backends.file_system import NETWORK_TYPES, file_system_type
 from fraexp.testing import selftest
-from fraexp.views.words import duration, plural
+from fraexp.views.words import duration_text, plural
+from fraexp.workspace.workspace_folder import WorkspaceFolder
 
-EXTRAS = {"postgresql": "psycopg", "dask": "distributed"}
-"""Package of each extra."""
-SILENT = timedelta(minutes=1)
-"""A run that says nothing for so long hangs, or has lost its machine."""
-MEMORY = Path("/proc/meminfo")
+EXTRA_PACKAGES = {"postgresql": "psycopg", "dask": "distributed"}
+"""Package that each optional extra installs."""
+HEARTBEAT_TIMEOUT = timedelta(minutes=1)
+"""A run without a heartbeat for so long hangs, or its machine is gone."""
+MEMINFO_FILE = Path("/proc/meminfo")
 
 
 def execute(arguments: Namespace) -> ExitCode:
-    """Print what was found; the exit code tells whether something needs care."""
-    registry = discover(Path(arguments.workspace) / "plugins")
-    found, stored, tested = gather(), _database(arguments), selftest.run()
+    """Print the findings; the exit code reports whether something needs attention."""
+    workspace = workspace_folder(arguments)
+    registry = workspace.registry
+    found, stored, tested = (
+        gather_provenance(),
+        _database_document(workspace, location_options(arguments)),
+        selftest.run_self_test(),
+    )
     document = {
         "fraexp": found["fraexp"],
         "python": found["python"]["version"],
         "packages": found["packages"],
-        "extras": {name: _version(package) for name, package in EXTRAS.items()},
+        "extras": {name: _version(package) for name, package in EXTRA_PACKAGES.items()},
         "sqlite": sqlite3.sqlite_version,
         "cores": found["machine"]["usable_cores"],
         "memory": _memory(),
         "platform": found["machine"]["platform"],
         "database": stored,
+        "cache": {"folder": str(cache_folder()), "error": _cache_error()},
         "plugins": {
-            "components": len(registry.supplies),
+            "components": len(registry.providers),
             "broken": [f"{failure.place}: {failure.reason}" for failure in registry.failures],
         },
-        "self_test": plain(asdict(tested)),
+        "self_test": json_value(asdict(tested)),
     }
     if arguments.json:
         print_json(document)
     else:
         _print(document, tested)
-    if stored["error"]:
-        return ExitCode.STORE
-    if not tested.sound:
+    is_usable = not stored["error"] and (stored["exists"] or not stored["read_only"])
+    if not (is_usable and tested.sound):
         return ExitCode.INCOMPLETE
     return ExitCode.USAGE if registry.failures else ExitCode.OK
 
@@ -66,43 +75,53 @@ def _version(package: str) -> str | None:
         return None
 
 
-def _memory() -> dict[str, int]:
-    """Return the machine's memory and what is left of it [bytes]; nothing where the system does not tell."""
+def _cache_error() -> str:
+    """Return why the folder of compiled friction laws cannot be written; empty if it can."""
     try:
-        lines = MEMORY.read_text(encoding="utf-8").splitlines()
+        cache_folder().mkdir(parents=True, exist_ok=True)
+        with TemporaryFile(dir=cache_folder()):
+            return ""
+    except OSError as error:
+        return error.strerror or str(error)
+
+
+def _memory() -> dict[str, int]:
+    """Return total and available memory [bytes]; empty where the system does not report them."""
+    try:
+        lines = MEMINFO_FILE.read_text(encoding="utf-8").splitlines()
     except OSError:
         return {}
     found = {name: int(value.split()[0]) * 1024 for name, _, value in (line.partition(":") for line in lines) if value}
     return {"total": found["MemTotal"], "available": found["MemAvailable"]} if "MemAvailable" in found else {}
 
 
-def _database(arguments: Namespace) -> dict[str, Any]:
-    url = database(arguments)
-    document: dict[str, Any] = {"url": shown(url), "exists": False, "runs": 0, "error": ""}
+def _database_document(workspace: WorkspaceFolder, here: str) -> dict[str, Any]:
+    url = workspace.database
+    document: dict[str, Any] = {"url": masked_url(url), "exists": False, "runs": 0, "error": ""}
     document |= {"sweeps": 0, "size": 0, "journal": "", "hanging": [], "read_only": ""}
     is_file = "://" not in url or url.startswith("sqlite:")
     file = Path(url.removeprefix("sqlite:///"))
-    document["file_system"] = file_system(file.parent) if is_file else ""
+    document["file_system"] = file_system_type(file.parent) if is_file else ""
     try:
-        document["exists"] = Store.exists(url)
-        document["read_only"] = Store.refusal(url)
+        document["exists"] = workspace.database_exists()
+        document["read_only"] = workspace.write_refusal()
         if document["exists"]:
-            with open_store(arguments) as store:
-                document |= _stored(store)
+            with workspace.open_store() as store:
                 finding = store.health()
-                document["error"] = "" if finding == "sound" else f"{store.name}: {finding}; restore a backup"
+                document["error"] = "" if finding == "sound" else f"{store.name}: {finding}"
+                document |= _database_contents(store, here)
     except StoreError as error:
-        document["error"] = str(error)
-        document["exists"] |= is_file and file.exists()  # though it may be none of ours
+        document["error"] = document["error"] or str(error)
+        document["exists"] |= is_file and file.exists()  # though something else may have written it
     return document
 
 
-def _stored(store: Store) -> dict[str, Any]:
+def _database_contents(store: Store, here: str) -> dict[str, object]:
     runs, leases = store.runs(), store.leases()
     complete = {run.study: run.number for run in reversed(runs) if run.state == "complete"}
     hanging = [
-        _hangs(run, leases.get(run.number, 0)) for run in runs if run.number > complete.get(run.study, 0)
-    ]  # what a later run has completed needs no care
+        _hanging_text(run, leases.get(run.number, 0), here) for run in runs if run.number > complete.get(run.study, 0)
+    ]  # a later complete run makes earlier ones irrelevant
     return {
         "runs": len(runs),
         "sweeps": store.page(limit=0).total,
@@ -112,17 +131,21 @@ def _stored(store: Store) -> dict[str, Any]:
     }
 
 
-def _hangs(run: RunSummary, leases: int) -> str:
-    """Return what is wrong with a run that has not ended as runs do; nothing if all is well."""
+def _hanging_text(run: RunSummary, leases: int, here: str) -> str:
+    """Return the fault of a run that hangs or was interrupted; empty if it has none.
+
+    `here` holds the options that name the workspace and its database.
+    """
     holds = f", with {plural(leases, 'sweep')} leased to it" if leases else ""
     if run.state == "running":
         silence = (datetime.now(UTC) - run.heartbeat).total_seconds()
-        if silence < SILENT.total_seconds():
+        if silence < HEARTBEAT_TIMEOUT.total_seconds():
             return ""
-        return f"run {run.number} has said nothing for {duration(silence)}{holds}; fraexp stop {run.number} ends it"
+        remedy = f"fraexp stop {run.number}{here} ends it"
+        return f"run {run.number}: last heartbeat {duration_text(silence)} ago{holds}; {remedy}"
     if run.ended is None:
-        return f"run {run.number} was broken off{holds}; fraexp run {run.study} goes on from there"
-    return f"run {run.number} has ended{holds}, which nobody waits for" if leases else ""
+        return f"run {run.number} was interrupted{holds}; fraexp run {shlex.quote(run.study)}{here} continues it"
+    return f"run {run.number} has ended{holds}, which have no effect any more" if leases else ""
 
 
 def _print(document: dict[str, Any], tested: selftest.SelfTest) -> None:
@@ -130,7 +153,7 @@ def _print(document: dict[str, Any], tested: selftest.SelfTest) -> None:
     packages = ", ".join(f"{name} {version or 'missing'}" for name, version in document["packages"].items())
     extras = ", ".join(f"{name} {version or 'not installed'}" for name, version in document["extras"].items())
     counts = f"{plural(stored['runs'], 'run')}, {plural(stored['sweeps'], 'sweep')}, {stored['size'] / 1e6:.1f} MB"
-    sound = f"{counts}, sound" if stored["exists"] else "not there yet; the first run makes it"
+    sound = f"{counts}, sound" if stored["exists"] else "not created yet; the first run creates it"
     print_fields([
         ("fraexp", document["fraexp"] or "version unknown"),
         ("python", document["python"]),
@@ -138,32 +161,42 @@ def _print(document: dict[str, Any], tested: selftest.SelfTest) -> None:
         ("extras", extras),
         ("sqlite", document["sqlite"]),
         ("cores", str(document["cores"])),
-        ("memory", f"{memory['total'] / 1e9:.1f} GB, {memory['available'] / 1e9:.1f} GB left" if memory else "unknown"),
+        ("memory", _memory_text(memory)),
         ("platform", document["platform"]),
-        ("database", _placed(stored["error"] or sound, stored["url"])),
+        ("database", _located_text(stored["error"] or sound, stored["url"])),
         ("journal", stored["journal"]),
         ("file system", stored["file_system"]),
+        ("cache", document["cache"]["folder"]),
         ("plugins", f"{plural(plugins['components'], 'component')}, {len(plugins['broken'])} broken"),
-        ("self-test", _told(tested)),
+        ("self-test", _self_test_text(tested)),
     ])  # fmt: skip
+    if document["cache"]["error"]:
+        why = f"{document['cache']['folder']} cannot be written ({document['cache']['error']})"
+        say(f"cache: {why}; every process compiles friction laws again; set FRAEXP_CACHE_DIR to a folder of yours")
     for reason in plugins["broken"]:
         say(f"broken: {reason}")
     if stored["read_only"]:
         say(f"read-only: {stored['read_only']}" if stored["exists"] else stored["read_only"])
     for text in stored["hanging"]:
         say(text)
-    if stored["file_system"].startswith(NETWORK):
-        say("the database lies on a network file system, where locks are unreliable; put it on a local disk with --db")
+    if stored["file_system"].startswith(NETWORK_TYPES):
+        say("the database is on a network file system, where locks are unreliable; put it on a local disk with --db")
 
 
-def _placed(text: str, url: str) -> str:
-    """Return what is said of a database, with its place: an error mostly begins with that."""
+def _memory_text(memory: Mapping[str, int]) -> str:
+    if not memory:
+        return "unknown"
+    return f"{memory['total'] / 1e9:.1f} GB, {memory['available'] / 1e9:.1f} GB available"
+
+
+def _located_text(text: str, url: str) -> str:
+    """Return a text about a database with its place, unless the text begins with it, as most errors do."""
     return text if text.startswith(url.removeprefix("sqlite:///")) else f"{url}: {text}"
 
 
-def _told(tested: selftest.SelfTest) -> str:
+def _self_test_text(tested: selftest.SelfTest) -> str:
     how = f" ({tested.kernel})" if tested.kernel else ""
     if not tested.sound:
-        return f"wrong numbers: {tested.error}{how}"
+        return f"wrong results: {tested.error}{how}"
     far = f"{tested.difference:.0e}" if math.isfinite(tested.difference) else "unknown"
-    return f"sound, {far} from the stored numbers, in {duration(tested.seconds)}{how}"
+    return f"sound, relative difference {far} from the reference, {duration_text(tested.seconds)}{how}"

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from fraexp.data.results import FrequencyResponse, Outcome, Result
-from fraexp.figures.export.content import optional
+from fraexp.figures.export.content import optional_arrays
 from fraexp.store import RunSummary, StoredSweep
 
 
-def plain(value: Any) -> Any:
-    """Return a value as JSON has it: NaN is null, a time is ISO 8601, an outcome its name."""
+def json_value(value: object) -> Any:
+    """Return a value for JSON: NaN becomes null, a time ISO 8601, an outcome its name."""
     match value:
         case Outcome():
             return value.name.lower()
@@ -23,28 +23,28 @@ def plain(value: Any) -> Any:
         case float():
             return value if math.isfinite(value) else None
         case np.ndarray() | np.generic():
-            return plain(value.tolist())
+            return json_value(value.tolist())
         case Mapping():
-            return {str(key): plain(item) for key, item in value.items()}
-    return [plain(item) for item in value] if isinstance(value, list | tuple) else value
+            return {str(key): json_value(item) for key, item in value.items()}
+    return [json_value(item) for item in value] if isinstance(value, list | tuple) else value
 
 
 def run_document(run: RunSummary) -> dict[str, Any]:
     """Return a run without its sweeps."""
-    document: dict[str, Any] = plain(asdict(run))
+    document: dict[str, Any] = json_value(asdict(run))
     return document
 
 
 def sweep_document(sweep: StoredSweep, result: Result | None, points: bool = True) -> dict[str, Any]:
     """Return a sweep with its metrics and, with `points`, its response."""
-    document: dict[str, Any] = plain(asdict(sweep))
+    document: dict[str, Any] = json_value(asdict(sweep))
     document["remedy"] = sweep.outcome.value if sweep.outcome else ""
     if result is not None:
-        document["metrics"] = plain([asdict(metric) for metric in result.metrics])
+        document["metrics"] = json_value([asdict(metric) for metric in result.metrics])
     if result is not None and points:
         document["response"] = response_document(result.response) if result.response else None
-        document["curves"] = plain([asdict(curve) for curve in result.curves])
-        document["fits"] = plain([asdict(fit) for fit in result.fits])
+        document["curves"] = json_value([asdict(curve) for curve in result.curves])
+        document["fits"] = json_value([asdict(fit) for fit in result.fits])
     return document
 
 
@@ -62,6 +62,6 @@ def response_document(response: FrequencyResponse) -> dict[str, Any]:
         "residual": response.residual,
         "harmonics_real": response.harmonics.real,
         "harmonics_imaginary": response.harmonics.imag,
-        **optional(response),
+        **optional_arrays(response),
     }
-    return {"unit": response.unit, "input": response.input, "output": response.output, **plain(columns)}
+    return {"unit": response.unit, "input": response.input, "output": response.output, **json_value(columns)}

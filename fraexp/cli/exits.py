@@ -1,4 +1,4 @@
-"""What the exit codes mean."""
+"""The exit codes and their meaning."""
 
 from enum import IntEnum
 
@@ -15,10 +15,11 @@ class ExitCode(IntEnum):
         member.sentence = sentence
         return member
 
-    OK = 0, "all is well"
-    INCOMPLETE = 1, "some sweeps failed, did not come to a result or were not reached, or a check failed"
-    USAGE = 2, "wrong command line, study, plugin, record or file"
-    STORE = 3, "the database cannot be used, or lacks what was asked for"
-    INTERNAL = 70, "an error of fraexp itself; --debug shows the traceback"
-    INTERRUPTED = 130, "interrupted; what was finished is kept"
-    PIPE_CLOSED = 141, "the reader of the output went away"
+    OK = 0, "success"
+    INCOMPLETE = 1, "some sweeps failed, gave no usable result or were not computed, or a check failed"
+    USAGE = 2, "invalid command line, study, plugin, record or file"
+    STORE = 3, "the database cannot be used, or lacks the requested run or sweep"
+    INTERNAL = 70, "internal error of fraexp; --debug shows the traceback"
+    OUTPUT = 74, "standard output cannot be written, such as on a full disk; what was computed is stored"
+    INTERRUPTED = 130, "interrupted; finished sweeps are kept"
+    PIPE_CLOSED = 141, "the reader of the output closed the pipe"

@@ -1,33 +1,39 @@
-"""``fraexp export``: a sweep's result as a file for other programs."""
+"""``fraexp export``: the result of a sweep as a file for other programs."""
 
 from argparse import Namespace
 
-from fraexp.cli.documents import plain
+from fraexp.cli.documents import json_value
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.output import print_path
-from fraexp.cli.sweep_lookup import database, open_store, run_of, sweeps_of
-from fraexp.errors import FraexpError
+from fraexp.cli.sweep_lookup import find_run_number, find_sweeps, workspace_folder
+from fraexp.data.results import Outcome
+from fraexp.errors import FraexpError, StoreError
 from fraexp.figures.export import export
-from fraexp.views.words import short
+from fraexp.reports.published_comparisons import compare_sweep, comparison_document
+from fraexp.views.words import short_key
 from fraexp.workspace.workspace import Workspace
 
 
 def execute(arguments: Namespace) -> ExitCode:
     """Write one sweep, and print the file's path."""
-    with open_store(arguments) as store:
-        sweeps = sweeps_of(store, arguments.id)
+    with workspace_folder(arguments).open_store() as store:
+        sweeps = find_sweeps(store, arguments.id)
         if len(sweeps) != 1:
-            some = ", ".join(short(sweep.key) for sweep in sweeps[:6]) + (", ..." if len(sweeps) > 6 else "")
-            run = f"run {run_of(store, arguments.id)}"
-            raise FraexpError(f"export: {run} has {len(sweeps)} sweeps; name one of them: {some}")
+            some = ", ".join(short_key(sweep.key) for sweep in sweeps[:6]) + (", ..." if len(sweeps) > 6 else "")
+            run = f"run {find_run_number(store, arguments.id)}"
+            raise FraexpError(f"export: {run} has {len(sweeps)} sweeps; expected one of them: {some}")
+        if sweeps[0].outcome is Outcome.DAMAGED:
+            raise StoreError(f"sweep {short_key(sweeps[0].key)}: {sweeps[0].message}; {Outcome.DAMAGED.value}")
         result = store.result(sweeps[0].key)
+        published = compare_sweep(store, sweeps[0], result, workspace_folder(arguments).folder)
     header = {
         "key": sweeps[0].key,
-        "labels": plain(sweeps[0].labels),
-        "created": plain(sweeps[0].created),
-        "experiment": plain(sweeps[0].experiment),
-        "estimator": plain(sweeps[0].estimator),
-        "models": Workspace.open(arguments.workspace, database(arguments)).models(result),
+        "labels": json_value(sweeps[0].labels),
+        "created": json_value(sweeps[0].created),
+        "experiment": json_value(sweeps[0].experiment),
+        "estimator": json_value(sweeps[0].estimator),
+        "published": [comparison_document(one) for one in published],
+        "models": Workspace.open(arguments.workspace, arguments.db).models(result),
     }
     export(result, header, arguments.output, force=arguments.force)
     print_path(arguments.output)

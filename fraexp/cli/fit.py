@@ -4,37 +4,38 @@ from argparse import Namespace
 from collections.abc import Sequence
 
 from fraexp.cli.exits import ExitCode
-from fraexp.cli.follow import follow, report
+from fraexp.cli.follow import follow, print_outcome
 from fraexp.cli.output import say
-from fraexp.cli.sweep_lookup import chosen, database, open_store, run_of
+from fraexp.cli.sweep_lookup import choose_sweeps, find_run_number
 from fraexp.errors import FraexpError
-from fraexp.store import StoredSweep
-from fraexp.workspace.fit_specs import estimator, taken_over
+from fraexp.store import StoredSweep, leave_out_damaged
+from fraexp.workspace.fit_specs import fit_estimator, inherited_fit_settings
 from fraexp.workspace.workspace import Workspace
 
 
 def execute(arguments: Namespace) -> ExitCode:
-    """Fit the responses of sweeps, and print what came out."""
-    workspace = Workspace.open(arguments.workspace, database(arguments))
-    with open_store(arguments) as store:
-        numbers = [run_of(store, identifier) for identifier in arguments.ids]
+    """Fit the responses of sweeps, and print the results."""
+    workspace = Workspace.open(arguments.workspace, arguments.db)
+    with workspace.open_store() as store:
+        numbers = [find_run_number(store, identifier) for identifier in arguments.ids]
         names = {store.run(number).study for number in numbers if number is not None}
-        results = store.results(sweep.key for sweep in chosen(store, arguments.ids))
-        sweeps = [sweep for sweep in chosen(store, arguments.ids) if sweep.key in results]
+        results = store.results(sweep.key for sweep in choose_sweeps(store, arguments.ids))
+        sweeps = [sweep for sweep in choose_sweeps(store, arguments.ids) if sweep.key in results]
+    sweeps = leave_out_damaged(sweeps, results, say)
     with_response = [sweep for sweep in sweeps if results[sweep.key].response is not None]
     if not with_response:
-        raise FraexpError("fit: found no frequency response; name a run or sweeps that have one")
+        raise FraexpError("fit: found no frequency response; expected a run or sweeps that have one")
     name = f"{names.pop() if len(names) == 1 else with_response[0].key[4:12]}-fit"
-    _tell_taken_over(with_response, arguments, workspace)
-    return report(
-        follow(workspace.fit(with_response, name, arguments.overrides, arguments.using)), arguments, workspace
+    _report_inherited(with_response, arguments, workspace)
+    return print_outcome(
+        follow(workspace.fit(with_response, name, arguments.overrides, arguments.estimator)), arguments, workspace
     )
 
 
-def _tell_taken_over(sweeps: Sequence[StoredSweep], arguments: Namespace, workspace: Workspace) -> None:
-    """Say which settings of the studies' own fits hold."""
-    fitting = estimator(workspace.registry, arguments.using)
-    kept = [taken_over(sweep, fitting, arguments.overrides, workspace.registry) for sweep in sweeps]
+def _report_inherited(sweeps: Sequence[StoredSweep], arguments: Namespace, workspace: Workspace) -> None:
+    """Report which settings are inherited from the fits of the studies."""
+    fitting = fit_estimator(workspace.registry, arguments.estimator)
+    kept = [inherited_fit_settings(sweep, fitting, arguments.overrides, workspace.registry) for sweep in sweeps]
     texts = {", ".join(f"{name}={value}" for name, value in each.items()): each for each in kept if each}
     for text, each in texts.items():
-        say(f"taken over from the study's own fit: {text}; --set {next(iter(each))}= for the default")
+        say(f"settings of the study's own fit are kept: {text}; reset one by --set {next(iter(each))}=")

@@ -1,71 +1,86 @@
-"""Following the events of a run, and reporting how it ended."""
+"""The events of runs as they come, and the report at the end."""
 
 from argparse import Namespace
-from collections.abc import Generator, Mapping
+from collections import Counter
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
-from typing import Any
+from typing import NamedTuple
 
-from fraexp.cli.documents import plain, run_document, sweep_document
+from fraexp.cli.documents import json_value, run_document, sweep_document
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.output import print_json, print_path, print_table, say
 from fraexp.cli.progress import Meter
-from fraexp.cli.summary import print_summary, to_summarise
-from fraexp.cli.sweep_lookup import open_store, place
-from fraexp.data.results import Outcome, Result
+from fraexp.cli.summary import needs_summary, print_summary
+from fraexp.cli.sweep_lookup import location_options
+from fraexp.data.results import UNUSABLE_OUTCOMES, Result
+from fraexp.data.terminal_text import printable
+from fraexp.execution.background import announce_begin
 from fraexp.execution.events import Begun, Ended, Event, Finished, Noticed, Planned, Preparing, Progress
-from fraexp.figures.elements.labels import printable
-from fraexp.store import RunSummary, StoredSweep
+from fraexp.store import RunSummary, StoredSweep, mark_damaged
 from fraexp.views.fields import remedies
-from fraexp.views.pace import expected_time
+from fraexp.views.pace import expected_time_text
 from fraexp.views.plan import why_document, why_lines
 from fraexp.views.text_tables import sweep_table
-from fraexp.views.words import duration, plural, short
+from fraexp.views.words import duration_text, plural, short_key
 from fraexp.workspace.workspace import Workspace
 
-SHOWN = 50
-"""Sweeps in the table at the end where no terminal is; `show` has all."""
-ERRORS = 20
-"""Failed sweeps that are told one by one; `show` has all."""
-PLANNED = ("study", "title", "total", "reused", "missing", "stale", "seconds", "compiling")
-FRUITLESS = (Outcome.NO_SIGNAL, Outcome.DIVERGED, Outcome.FAILED)
-"""Outcomes without a result to use."""
+MAX_TABLE_SWEEPS = 50
+"""Maximum number of sweeps in the table at the end; ``fraexp show`` has all."""
+MAX_REPORTED_FAILURES = 20
+"""Maximum number of reasons of failures that are reported; ``fraexp show`` has all."""
+PLAN_FIELDS = ("study", "title", "total", "reused", "missing", "stale", "seconds", "compiling")
+
+
+class FinishedRun(NamedTuple):
+    """A run that has ended, with what is stored of it."""
+
+    ended: Ended
+    run: RunSummary
+    sweeps: list[StoredSweep]
+    results: dict[str, Result]
+    """By sweep key."""
 
 
 @dataclass
-class Story:
-    """What the events have told."""
+class RunEvents:
+    """The events of the runs that were followed."""
 
     planned: list[Planned] = field(default_factory=list)
     begun: list[int] = field(default_factory=list)
-    """Numbers of the runs that have been recorded."""
+    """Numbers of the runs that are in the database."""
     ended: list[Ended] = field(default_factory=list)
+    computed: Counter[int] = field(default_factory=Counter)
+    """Number of sweeps that each run has computed and stored."""
     failed: int = 0
+    reasons: Counter[str] = field(default_factory=Counter)
+    """Number of failures of the present run by reason."""
     interrupted: bool = False
 
 
-def follow(events: Generator[Event, None, None]) -> Story:
-    """Render events as they come; Ctrl-C closes them, which ends the run and keeps what is finished."""
-    story = Story()
+def follow(events: Generator[Event, None, None]) -> RunEvents:
+    """Show events as they come; Ctrl-C ends the run, and finished sweeps are kept."""
+    followed = RunEvents()
     try:
         with Meter() as meter, closing(events):
             for event in events:
-                _take(event, story, meter)
+                _handle_event(event, followed, meter)
     except KeyboardInterrupt:
-        story.interrupted = True
-    return story
+        followed.interrupted = True
+    return followed
 
 
-def _take(event: Event, story: Story, meter: Meter) -> None:
+def _handle_event(event: Event, followed: RunEvents, meter: Meter) -> None:
     match event:
         case Planned():
-            story.planned.append(event)
+            followed.planned.append(event)
             meter.begin(event.reused)
-            say(_plan(event))
+            say(_plan_text(event))
             for line in why_lines(event):
                 say(printable(line))
         case Begun():
-            story.begun.append(event.run)
+            followed.begun.append(event.run)
+            announce_begin(event.run)
         case Preparing():
             meter.note(event.what)
         case Noticed():
@@ -74,83 +89,108 @@ def _take(event: Event, story: Story, meter: Meter) -> None:
             meter.move(event.done, event.total, event.running, event.doing)
         case Finished():
             meter.finish()
+            if event.state == "computed":
+                followed.computed[followed.begun[-1]] += 1
             if event.error:
-                story.failed += 1
-                _tell_failure(event, story.failed)
+                followed.failed += 1
+                followed.reasons[event.error] += 1
+                _report_failure(event, followed.reasons)
         case Ended():
-            story.ended.append(event)
+            _report_repeated(followed.reasons)
+            followed.ended.append(event)
 
 
-def _tell_failure(event: Finished, count: int) -> None:
-    if count <= ERRORS:
-        say(f"{short(event.sweep.key)} failed: {event.error}")
-    elif count == ERRORS + 1:
-        say("further sweeps that fail are only counted; fraexp show has them all")
+def _report_repeated(reasons: Counter[str]) -> None:
+    """Report how often each reason occurred, if more than once, and forget the reasons."""
+    for reason, count in reasons.items():
+        if count > 1:
+            say(f"{plural(count, 'sweep')} failed for this reason: {reason}")
+    reasons.clear()
 
 
-def _plan(planned: Planned) -> str:
+def _report_failure(event: Finished, reasons: Counter[str]) -> None:
+    """Report a failure if its reason is new; the others are counted at the end."""
+    if reasons[event.error] > 1:
+        return
+    if len(reasons) <= MAX_REPORTED_FAILURES:
+        say(f"{short_key(event.sweep.key)} failed: {event.error}")
+    elif len(reasons) == MAX_REPORTED_FAILURES + 1:
+        say("further failures are only counted; fraexp show lists all")
+
+
+def _plan_text(planned: Planned) -> str:
     stale = f" ({planned.stale} stale: a plugin's source has changed; --rerun stale)" if planned.stale else ""
-    time = expected_time(planned.seconds, planned.compiling)
+    time = expected_time_text(planned.seconds, planned.compiling)
     sweeps = plural(planned.total, "sweep")
     return f"{planned.study}: {sweeps}, {planned.reused} reused{stale}, {planned.missing} to compute{time}"
 
 
-def report(story: Story, arguments: Namespace, workspace: Workspace) -> ExitCode:
-    """Print what the runs gave, and return how it went."""
-    runs = [(ended, *_stored(ended.run, arguments)) for ended in story.ended if ended.run is not None]
-    for ended, run, _, _ in runs:
-        if ended.note:
-            say(f"run {run.number} has no figure: {' '.join(ended.note.split())}")
+def print_outcome(followed: RunEvents, arguments: Namespace, workspace: Workspace) -> ExitCode:
+    """Print the results of the runs, and return the exit code; StoreError if the database has lost some."""
+    _confirm_stored(followed, workspace)
+    runs = [_read_run(ended, ended.run, workspace) for ended in followed.ended if ended.run is not None]
+    for finished in runs:
+        if finished.ended.note:
+            say(f"run {finished.run.number}: no figure was drawn: {' '.join(finished.ended.note.split())}")
     if arguments.json:
-        print_json(_document(story, runs))
+        print_json(_document(followed, runs))
     else:
-        titles = {planned.study: planned.title for planned in story.planned}
-        for number, (ended, run, sweeps, results) in enumerate(runs):
+        titles = {planned.study: planned.title for planned in followed.planned}
+        for number, finished in enumerate(runs):
             if number > 0:
                 print()
             if len(runs) > 1:
-                print(printable(_heading(run.study, titles)))
-            _print(ended, run, sweeps, results, workspace, place(arguments))
-    if story.interrupted:
-        kept = plural(_computed(story, arguments), "sweep")
-        say(f"interrupted: {kept} computed and kept; the same command goes on from there")
+                print(printable(_heading(finished.run.study, titles)))
+            _print(finished, workspace, location_options(arguments))
+    if followed.interrupted:
+        kept = plural(_computed_count(followed, workspace), "sweep")
+        say(f"interrupted: {kept} computed and kept; the same command continues")
         return ExitCode.INTERRUPTED
-    failed = any(_fruitless(sweep) for _, _, sweeps, _ in runs for sweep in sweeps)
+    failed = any(_is_unusable(sweep) for finished in runs for sweep in finished.sweeps)
     return ExitCode.INCOMPLETE if failed else ExitCode.OK
+
+
+def _confirm_stored(followed: RunEvents, workspace: Workspace) -> None:
+    """Raise StoreError if the database, opened anew, lacks results that were stored."""
+    for number, count in followed.computed.items():
+        if count:
+            with workspace.open_store() as store:
+                store.confirm_run(number, count)
 
 
 def _heading(study: str, titles: Mapping[str, str]) -> str:
     return ": ".join(part for part in (study, titles.get(study, "")) if part)
 
 
-def _stored(number: int, arguments: Namespace) -> tuple[RunSummary, list[StoredSweep], dict[str, Result]]:
-    with open_store(arguments) as store:
+def _read_run(ended: Ended, number: int, workspace: Workspace) -> FinishedRun:
+    with workspace.open_store() as store:
         sweeps = store.sweeps(number)
-        return store.run(number), sweeps, store.results(sweep.key for sweep in sweeps)
+        results = store.results(sweep.key for sweep in sweeps)
+        return FinishedRun(ended, store.run(number), mark_damaged(sweeps, results), results)
 
 
-def _computed(story: Story, arguments: Namespace) -> int:
-    """Return how many sweeps the runs have stored: more than was told, as the last ones are stored when all ends."""
-    if not story.begun:
+def _computed_count(followed: RunEvents, workspace: Workspace) -> int:
+    """Return how many sweeps the runs have stored: the last ones are stored after the last event."""
+    if not followed.begun:
         return 0
-    with open_store(arguments) as store:
-        return sum(store.run(number).computed for number in story.begun)
+    with workspace.open_store() as store:
+        return sum(store.run(number).computed for number in followed.begun)
 
 
-def _fruitless(sweep: StoredSweep) -> bool:
-    return sweep.state in ("failed", "pending") or sweep.outcome in FRUITLESS
+def _is_unusable(sweep: StoredSweep) -> bool:
+    return sweep.state in ("failed", "pending") or sweep.outcome in UNUSABLE_OUTCOMES
 
 
-def _document(story: Story, runs: list[tuple[Ended, RunSummary, list[StoredSweep], dict[str, Result]]]) -> Any:
+def _document(followed: RunEvents, runs: Sequence[FinishedRun]) -> dict[str, object]:
     return {
         "planned": [
             {
-                **{name: getattr(planned, name) for name in PLANNED},
-                **({"why": [plain(why_document(why)) for why in planned.whys]} if planned.whys else {}),
+                **{name: getattr(planned, name) for name in PLAN_FIELDS},
+                **({"why": [json_value(why_document(why)) for why in planned.whys]} if planned.whys else {}),
             }
-            for planned in story.planned
+            for planned in followed.planned
         ],
-        "interrupted": story.interrupted,
+        "interrupted": followed.interrupted,
         "runs": [
             {
                 **run_document(run),
@@ -162,52 +202,49 @@ def _document(story: Story, runs: list[tuple[Ended, RunSummary, list[StoredSweep
     }
 
 
-def _print(
-    ended: Ended,
-    run: RunSummary,
-    sweeps: list[StoredSweep],
-    results: dict[str, Result],
-    workspace: Workspace,
-    here: str,
-) -> None:
-    """Print a run; `here` are the options with which it is found."""
-    if to_summarise(len(sweeps)):
+def _print(finished: FinishedRun, workspace: Workspace, here: str) -> None:
+    """Print a run; `here` holds the options that name its workspace and database."""
+    ended, run, sweeps, results = finished
+    if needs_summary(len(sweeps)):
         print_summary(sweeps, results, workspace.registry)
         say(f"fraexp show {run.number} --all{here} shows each sweep")
     else:
-        print_table(*sweep_table(sweeps[:SHOWN], results, workspace.registry))
-        _print_errors(sweeps[:SHOWN], results, workspace)
-        if len(sweeps) > SHOWN:
-            say(f"{plural(len(sweeps) - SHOWN, 'more sweep')}; see fraexp show {run.number}{here}")
+        print_table(*sweep_table(sweeps[:MAX_TABLE_SWEEPS], results, workspace.registry))
+        _print_errors(sweeps[:MAX_TABLE_SWEEPS], results, workspace)
+        if len(sweeps) > MAX_TABLE_SWEEPS:
+            say(f"{plural(len(sweeps) - MAX_TABLE_SWEEPS, 'more sweep')}; see fraexp show {run.number}{here}")
     for remedy in remedies(sweeps):
         say(remedy)
-    print(f"\nrun {run.number} {run.state}: {_counts(run)}")
+    print(f"\nrun {run.number} {run.state}: {_counts_text(run, sweeps)}")
     for path in ended.figures:
         print_path(path, "figure ")
-    say(_next(run, sweeps, results, here))
+    say(_next_steps(run, sweeps, results, here))
 
 
 def _print_errors(sweeps: list[StoredSweep], results: dict[str, Result], workspace: Workspace) -> None:
-    """Print the errors of cases against their plant, if there are any."""
+    """Print the errors against the plant, if the study has cases."""
     labels = [sweep.labels for sweep in sweeps]
     if not any("case" in of for of in labels):
         return
     from fraexp.cli.against_plant import print_errors
     from fraexp.figures.kinds.plant_errors import errors_info
 
-    comparable = [of for of in workspace.figures.shown(sweeps, results) if of.truth is not None]
+    comparable = [of for of in workspace.figures.shown_results(sweeps, results) if of.truth is not None]
     if len(comparable) > 1:
         print()
         print_errors(errors_info(comparable))
 
 
-def _next(run: RunSummary, sweeps: list[StoredSweep], results: dict[str, Result], here: str) -> str:
-    steps = [f"fraexp show {run.number}", f"fraexp show {short(sweeps[0].key)}" if sweeps else "fraexp list"]
+def _next_steps(run: RunSummary, sweeps: list[StoredSweep], results: dict[str, Result], here: str) -> str:
+    steps = [f"fraexp show {run.number}", f"fraexp show {short_key(sweeps[0].key)}" if sweeps else "fraexp list"]
     if any(result.response or result.curves for result in results.values()):
         steps.append(f"fraexp plot {run.number} -o FILE.pdf")
     return f"next: {', '.join(f'{step}{here}' for step in steps)}"
 
 
-def _counts(run: RunSummary) -> str:
-    time = f", {duration((run.ended - run.started).total_seconds())}" if run.ended else ""
-    return f"{plural(run.total, 'sweep')}, {run.computed} computed, {run.reused} reused, {run.failed} failed{time}"
+def _counts_text(run: RunSummary, sweeps: list[StoredSweep]) -> str:
+    unusable = sum(sweep.outcome in UNUSABLE_OUTCOMES for sweep in sweeps)
+    without = f", {unusable} without a usable result" if unusable else ""
+    time = f", {duration_text((run.ended - run.started).total_seconds())}" if run.ended else ""
+    counts = f"{plural(run.total, 'sweep')}, {run.computed} computed, {run.reused} reused, {run.failed} failed"
+    return f"{counts}{without}{time}"

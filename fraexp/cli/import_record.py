@@ -1,50 +1,49 @@
-"""``fraexp import``: analyse measured records, or tell what is in one."""
+"""``fraexp import``: analyse measured records, or list the contents of one."""
 
 from argparse import Namespace
 from pathlib import Path
-from typing import Any
 
 from fraexp.cli.exits import ExitCode
-from fraexp.cli.follow import follow, report
+from fraexp.cli.follow import follow, print_outcome
 from fraexp.cli.output import print_json, print_table, say
-from fraexp.cli.sweep_lookup import database
 from fraexp.errors import RecordError
-from fraexp.records.channels import channel_of
-from fraexp.records.written import Request
+from fraexp.records.channels import parse_channel
+from fraexp.records.study_writer import ImportRequest
 from fraexp.workspace.workspace import Workspace
 
-OPTIONS = (
-    "input", "sample_rate", "time", "period", "period_time", "periods", "frequency", "periodic", "skip", "skip_time",
-    "realisations", "where", "segment", "lowest", "highest", "every", "lines",
+RECORD_KEYS = (
+    "line_channel", "sample_rate", "time_column", "samples_per_period", "period_time", "periods_per_realisation",
+    "frequency_column", "periodic", "skip_periods", "skip_time", "realisations", "select", "segment_column",
+    "min_frequency", "max_frequency", "harmonic_step", "harmonics",
 )  # fmt: skip
-"""Options that are keys of a study's section [record]."""
+"""Options by the keys of a study's section ``[record]``."""
 
 
 def execute(arguments: Namespace) -> ExitCode:
-    """Estimate what a record teaches, store it, and print it as a run; without channels, list what it holds."""
-    workspace = Workspace.open(arguments.workspace, database(arguments))
+    """Analyse a record, store the results, and print them as a run; without channels, list its contents."""
+    workspace = Workspace.open(arguments.workspace, arguments.db)
     if not arguments.channels:
-        return _list(arguments, workspace)
-    request = Request(
+        return _list_contents(arguments, workspace)
+    request = ImportRequest(
         files=arguments.files,
-        channels=_channels(arguments.channels, arguments.integrate),
-        options={key: getattr(arguments, key) for key in OPTIONS if getattr(arguments, key) is not None},
+        channels=_parse_channels(arguments.channels, arguments.integrate),
+        options={key: getattr(arguments, key) for key in RECORD_KEYS if getattr(arguments, key) is not None},
         estimators=arguments.estimators,
         settings=arguments.settings,
         levels=arguments.levels,
-        each_file=arguments.each_file,
+        each_file=arguments.separate_files,
     )
-    return report(follow(workspace.import_record(request, arguments.study)), arguments, workspace)
+    return print_outcome(follow(workspace.import_record(request, arguments.study)), arguments, workspace)
 
 
-def _channels(texts: list[str], integrals: list[str]) -> dict[str, Any]:
-    channels: dict[str, Any] = {}
+def _parse_channels(texts: list[str], integrals: list[str]) -> dict[str, object]:
+    channels: dict[str, object] = {}
     for text in texts:
         name, equals, column = (part.strip() for part in text.partition("="))
         if not (name and equals and column):
             raise RecordError(f"--channel {text}: expected NAME=COLUMN, such as u=force or 'y=position [mm]'")
         if name in channels:
-            raise RecordError(f"--channel {text}: there is a channel '{name}' already; expected another name")
+            raise RecordError(f"--channel {text}: channel '{name}' is already defined; expected another name")
         channels[name] = column
     for text in integrals:
         name, _, times = text.partition("=")
@@ -52,19 +51,19 @@ def _channels(texts: list[str], integrals: list[str]) -> dict[str, Any]:
             raise RecordError(
                 f"--integrate {text}: expected a channel and 1, 2, -1 or -2, such as {next(iter(channels))}=2"
             )
-        plain = channel_of(channels[name], name).plain()
+        plain = parse_channel(channels[name], name).plain()
         given = {key: value for key, value in plain.items() if value not in ("", 0.0) and (key, value) != ("scale", 1)}
         channels[name] = {**given, "integrate": int(times or 1)}
     return channels
 
 
-def _list(arguments: Namespace, workspace: Workspace) -> ExitCode:
-    """Print what is in a file, and the command that would probably import it."""
-    from fraexp.records.contents import contents, proposal, seems_uneven
+def _list_contents(arguments: Namespace, workspace: Workspace) -> ExitCode:
+    """Print the contents of a file, and a command that would probably import it."""
+    from fraexp.records.contents import clock_fault, list_contents, propose_import
 
     file: Path = arguments.files[0]
-    found = contents(file, workspace.registry)
-    command = proposal(file, found, workspace.registry)
+    found = list_contents(file, workspace.registry)
+    command = propose_import(file, found, workspace.registry)
     if arguments.json:
         rows = [{"name": o.name, "shape": list(o.shape), "unit": o.unit, "guess": o.guess} for o in found]
         print_json({"file": str(file), "contents": rows, "proposal": command})
@@ -73,8 +72,8 @@ def _list(arguments: Namespace, workspace: Workspace) -> ExitCode:
     cells = [[one.name, shape, one.unit, one.guess] for one, shape in zip(found, shapes, strict=True)]
     print_table(["name", "size", "unit", "probably"], cells)
     time = next((one for one in found if one.guess == "time" and one.size > 1), None)
-    fault = seems_uneven(file, time, workspace.registry) if time else ""
+    fault = clock_fault(file, time, workspace.registry) if time else ""
     if fault:
         say(fault)
-    say(f"next, with your own units and gains: {command}")
+    say(f"next, after correcting units and gains: {command}")
     return ExitCode.OK

@@ -1,84 +1,122 @@
-"""``fraexp list``: the runs, the studies, or the sweeps that a filter finds."""
+"""``fraexp list``: the runs, the studies, or the sweeps that match a filter."""
 
 from argparse import Namespace
+from collections.abc import Callable
 from dataclasses import asdict
+from typing import Any
 
-from fraexp.cli.documents import plain, run_document
+from fraexp.cli.documents import json_value, run_document
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.output import print_json, print_table, say
-from fraexp.cli.sweep_lookup import database, open_store
-from fraexp.errors import FraexpError
-from fraexp.store import RunSummary, Store
-from fraexp.views.fields import took
+from fraexp.cli.sweep_lookup import workspace_folder
+from fraexp.errors import FraexpError, did_you_mean
+from fraexp.store import RunSummary
+from fraexp.views.fields import run_duration_text, run_state_text
 from fraexp.views.listing import listing_columns
-from fraexp.views.words import moment, plural
+from fraexp.views.words import plural, timestamp_text
 
 COLUMNS = ["run", "study", "state", "sweeps", "computed", "reused", "failed", "started", "took"]
 
+SORT_KEYS: dict[str, Callable[[RunSummary], Any]] = {
+    "run": lambda run: run.number,
+    "study": lambda run: run.study,
+    "state": lambda run: run.state,
+    "sweeps": lambda run: run.total,
+    "computed": lambda run: run.computed,
+    "reused": lambda run: run.reused,
+    "failed": lambda run: run.failed,
+    "started": lambda run: run.started,
+    "took": lambda run: (run.ended or run.heartbeat) - run.started,
+}
+"""What runs can be sorted by: their columns."""
+
 
 def execute(arguments: Namespace) -> ExitCode:
-    """Print what is asked for."""
+    """Print the runs, studies or sweeps."""
     sweeps = bool(arguments.filter or arguments.sweeps)
     if arguments.studies and sweeps:
-        raise FraexpError("list: --studies lists the studies, a filter the sweeps; give one of them")
+        raise FraexpError("list: --studies lists studies, a filter lists sweeps; give only one of them")
+    if arguments.studies and arguments.sort:
+        raise FraexpError("list: --sort sorts runs or sweeps, not studies; leave one of both out")
     if min(arguments.limit, arguments.offset) < 0:
-        raise FraexpError("list: --limit and --offset count sweeps; expected 0 or more")
+        raise FraexpError("list: --limit and --offset are numbers of sweeps; expected 0 or more")
     (_list_studies if arguments.studies else _list_sweeps if sweeps else _list_runs)(arguments)
     return ExitCode.OK
 
 
 def _list_runs(arguments: Namespace) -> None:
     """Print the runs, newest first."""
-    with open_store(arguments) as store:
-        runs = store.runs()
+    with workspace_folder(arguments).open_store() as store:
+        runs = _sort_runs(store.runs(), arguments.sort)
     if arguments.json:
         print_json({"runs": [run_document(run) for run in runs]})
     elif runs:
         print_table(COLUMNS, [_run_row(run) for run in runs])
     else:
-        say("there is no run yet; start one with: fraexp run STUDY")
+        say("no runs yet; start one with: fraexp run STUDY")
+
+
+def _sort_runs(runs: list[RunSummary], order: str) -> list[RunSummary]:
+    """Return runs sorted by one of SORT_KEYS, with a leading - in descending order; FraexpError for another name."""
+    name = order.removeprefix("-")
+    if not order:
+        return runs
+    if name not in SORT_KEYS:
+        raise FraexpError(f"list: --sort: runs have no '{name}'{did_you_mean(name, SORT_KEYS)}")
+    return sorted(runs, key=SORT_KEYS[name], reverse=order != name)
 
 
 def _run_row(run: RunSummary) -> list[str]:
     counts = (run.total, run.computed, run.reused, run.failed)
-    return [str(run.number), run.study, run.state, *(str(count) for count in counts), moment(run.started), took(run)]
+    return [
+        str(run.number),
+        run.study,
+        run_state_text(run),
+        *(str(count) for count in counts),
+        timestamp_text(run.started),
+        run_duration_text(run),
+    ]
 
 
 def _list_sweeps(arguments: Namespace) -> None:
-    """Print the sweeps that a filter finds."""
+    """Print the sweeps that match a filter."""
     wanted = " ".join(arguments.filter)
-    with open_store(arguments) as store:
-        page = store.page(wanted, arguments.order, arguments.offset, arguments.limit)
+    with workspace_folder(arguments).open_store() as store:
+        page = store.page(wanted, arguments.sort or "-created", arguments.offset, arguments.limit)
     if arguments.json:
-        print_json({"total": page.total, "offset": arguments.offset, "sweeps": [plain(asdict(of)) for of in page.rows]})
+        print_json(
+            {"total": page.total, "offset": arguments.offset, "sweeps": [json_value(asdict(of)) for of in page.rows]}
+        )
         return
     columns = listing_columns(page.rows, one_run=False, running={})
     rows = [[column.cells[index] for column in columns] for index in range(len(page.rows))]
     if rows:
         print_table([column.title for column in columns], rows)
     elif page.total:
-        say(f"{plural(page.total, 'sweep')}, all before --offset {arguments.offset}")
+        say(f"--offset {arguments.offset} is beyond the last of {plural(page.total, 'sweep')}")
     else:
-        say(f"no sweep matches {wanted}" if wanted.strip() else "there is no sweep yet; a run makes them")
+        say(f"no sweep matches {wanted}" if wanted.strip() else "no sweeps yet; a run creates them")
     left_out = page.total - arguments.offset - len(rows)
     if rows and left_out > 0:
-        say(f"{plural(left_out, 'more sweep')} of {page.total}; --limit and --offset choose which are listed")
+        say(f"{plural(left_out, 'more sweep')} of {page.total}; use --limit and --offset to see them")
 
 
 def _list_studies(arguments: Namespace) -> None:
-    """Print the studies in the order of their list, and what running them would do."""
-    from fraexp.views.study import STUDY_COLUMNS, newest, study_document, study_row, survey
+    """Print the studies, and what running them would compute."""
+    from fraexp.views.study import STUDY_COLUMNS, newest_runs, study_document, study_row, survey_studies
     from fraexp.workspace.workspace import Workspace
 
-    workspace = Workspace.open(arguments.workspace, database(arguments))
+    workspace = Workspace.open(arguments.workspace, arguments.db)
     entries = workspace.catalogue()
-    found = {one.name: one for one in survey(workspace, entries)}
+    found = {one.name: one for one in survey_studies(workspace, entries)}
     runs: dict[str, RunSummary] = {}
     if workspace.has_database():
-        with Store.open(workspace.database, read_only=True) as store:
-            runs = newest(store.runs())
+        with workspace.open_store() as store:
+            runs = newest_runs(store.runs())
     if arguments.json:
-        print_json({"studies": [plain(study_document(of, found.get(of.name), runs.get(of.name))) for of in entries]})
+        print_json(
+            {"studies": [json_value(study_document(of, found.get(of.name), runs.get(of.name))) for of in entries]}
+        )
         return
     print_table(STUDY_COLUMNS, [study_row(of, found.get(of.name), runs.get(of.name)) for of in entries])
     for entry in entries:

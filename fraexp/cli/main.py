@@ -8,33 +8,47 @@ import signal
 import sys
 import threading
 import traceback
+import warnings
 from argparse import Namespace
 from collections.abc import Sequence
-from contextlib import suppress
 from types import ModuleType
+from typing import Any
 
 from fraexp.cli.arguments import COMMANDS, parse
 from fraexp.cli.exits import ExitCode
-from fraexp.cli.output import say
+from fraexp.cli.output import error_document, say
 from fraexp.cli.parser import UsageError
-from fraexp.errors import FraexpError, StoreError, UnreachedError
+from fraexp.cli.standard_streams import discard_unwritable, is_output_failure, open_closed_streams, watch_output
+from fraexp.errors import BeginError, FilterError, FormerNameWarning, FraexpError, StoreError, UnreachedError
 
 
 def console() -> None:
     """Run the command of this process, and end it with its exit code."""
-    for name in ("SIGTERM", "SIGHUP"):  # asked to end: as with Ctrl-C, what is finished is kept
-        if hasattr(signal, name):
-            signal.signal(getattr(signal, name), signal.default_int_handler)
+    open_closed_streams()
+    watch_output()
+    _end_by_signals()
     code = main()
+    discard_unwritable(sys.stdout)
+    discard_unwritable(sys.stderr)  # or the flush at exit replaces the code by one of Python's
     if code == ExitCode.INTERRUPTED:
-        _wait_for_threads(PATIENCE)
-        sys.stderr.flush()
-        os._exit(code)  # an interpreter that ends waits for threads, and may make another code of the signal
+        _wait_for_threads(THREAD_TIMEOUT_S)
+        os._exit(code)  # a normal exit waits for threads, and may replace the code by the signal
     sys.exit(code)
 
 
-PATIENCE = 0.5
-"""Seconds that threads have to end after an interruption."""
+def _end_by_signals() -> None:
+    """Have SIGTERM and SIGHUP end the command as Ctrl-C does: finished sweeps are kept.
+
+    A SIGHUP that the parent ignores stays ignored: ``nohup fraexp run`` goes on after the logout.
+    """
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    hang_up = getattr(signal, "SIGHUP", None)  # not on Windows
+    if hang_up is not None and signal.getsignal(hang_up) != signal.SIG_IGN:
+        signal.signal(hang_up, signal.default_int_handler)
+
+
+THREAD_TIMEOUT_S = 0.5
+"""Seconds that threads have to end after an interruption, together."""
 
 
 def _wait_for_threads(patience: float) -> None:
@@ -48,68 +62,92 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a terminal without µ or ° must not end a run
             stream.reconfigure(errors="backslashreplace")
+    warnings.showwarning = _show_warning
     try:
         code = _parse_and_execute(arguments)
         sys.stdout.flush()
+        if failure := getattr(sys.stdout, "failure", None):  # argparse is silent about its own
+            raise failure
     except KeyboardInterrupt:  # before or after the command itself
-        with suppress(OSError):
-            say("fraexp: interrupted")
+        say("fraexp: interrupted")
         return ExitCode.INTERRUPTED
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or the flush at exit complains
-        return ExitCode.PIPE_CLOSED
+    except OSError as error:
+        return _report_output_failure(error)
     return code
 
 
+def _report_output_failure(error: OSError) -> ExitCode:
+    """Return the exit code after a failure to write to standard output."""
+    if isinstance(error, BrokenPipeError):
+        discard_unwritable(sys.stdout)
+        return ExitCode.PIPE_CLOSED
+    say(f"fraexp: standard output cannot be written ({error.strerror or error}); choose another file, or make room")
+    return ExitCode.OUTPUT
+
+
+_show_as_python_does = warnings.showwarning
+
+
+def _show_warning(message: Warning | str, category: type[Warning], *details: Any, **more: Any) -> None:
+    """Print advice to users as one line; other warnings are for programmers, and are shown as Python shows them."""
+    if issubclass(category, FormerNameWarning):
+        say(f"fraexp: {message}")
+    else:
+        _show_as_python_does(message, category, *details, **more)
+
+
 def _parse_and_execute(arguments: Sequence[str] | None) -> int:
-    try:
-        parsed = parse(arguments)
-    except UsageError as error:
-        say(f"fraexp: {error}")
-        return ExitCode.USAGE
-    except SystemExit:  # --help has been printed
-        return ExitCode.OK
-    return _guarded(parsed)
+    with error_document() as document:
+        try:
+            parsed = parse(arguments)
+        except UsageError as error:
+            given = sys.argv[1:] if arguments is None else arguments
+            return document.report(f"fraexp: {error}", ExitCode.USAGE, "--json" in given)
+        except SystemExit:  # --help has been printed
+            return ExitCode.OK
+        text, code = _execute_guarded(parsed)
+        return document.report(text, code, getattr(parsed, "json", False)) if text else code
 
 
-def _guarded(parsed: Namespace) -> int:
+def _execute_guarded(parsed: Namespace) -> tuple[str, int]:
+    """Return the error of a command, empty if there is none, and the exit code."""
     try:
-        return _execute(parsed)
-    except BrokenPipeError:
-        raise
+        return "", _execute(parsed)
     except KeyboardInterrupt:
-        say("fraexp: interrupted")
-        return ExitCode.INTERRUPTED
+        return "fraexp: interrupted", ExitCode.INTERRUPTED
     except FraexpError as error:
         if parsed.debug:
             traceback.print_exc()
-        say(f"fraexp: {error}")
-        return _code_of(error)
+        return f"fraexp: {error}", _exit_code(error)
     except Exception as error:
+        if is_output_failure(error):
+            raise
         if parsed.debug:
             traceback.print_exc()
         more = "please report it" if parsed.debug else "run with --debug for the traceback"
-        say(f"fraexp: internal error: {type(error).__name__}: {error}; {more}")
-        return ExitCode.INTERNAL
+        return f"fraexp: internal error: {type(error).__name__}: {error}; {more}", ExitCode.INTERNAL
 
 
-def _code_of(error: FraexpError) -> ExitCode:
+def _exit_code(error: FraexpError) -> ExitCode:
+    if isinstance(error, BeginError):
+        return next((code for code in ExitCode if code == error.code), ExitCode.INCOMPLETE)
     if isinstance(error, UnreachedError):
         return ExitCode.INCOMPLETE
-    return ExitCode.STORE if isinstance(error, StoreError) else ExitCode.USAGE
+    is_of_store = isinstance(error, StoreError) and not isinstance(error, FilterError)
+    return ExitCode.STORE if is_of_store else ExitCode.USAGE
 
 
 def _execute(parsed: Namespace) -> int:
     if parsed.version:
-        from fraexp.execution.provenance import gather
+        from fraexp.execution.provenance import gather_provenance
 
-        print(gather()["fraexp"])
+        print(gather_provenance()["fraexp"])
         return ExitCode.OK
-    return int(_module(COMMANDS[parsed.command][0]).execute(parsed))
+    return int(_import_command(COMMANDS[parsed.command][0]).execute(parsed))
 
 
-def _module(command: str) -> ModuleType:
-    """Import a command and what it needs; garbage is looked for neither meanwhile nor later in what was imported."""
+def _import_command(command: str) -> ModuleType:
+    """Import a command; the garbage collector skips the imported modules, which saves time at the start and later."""
     name = f"fraexp.cli.{command}"
     if name in sys.modules or not gc.isenabled():
         return importlib.import_module(name)

@@ -1,8 +1,11 @@
-"""``fraexp new``: a plugin to start from, that works as it stands, and what to do with it."""
+"""``fraexp new``: a working plugin from a template, and the next steps."""
 
+import builtins
 import keyword
 import os
+import re
 import shlex
+import sys
 from argparse import Namespace
 from collections.abc import Iterator, Mapping
 from importlib.resources import files
@@ -10,41 +13,45 @@ from importlib.util import find_spec
 from pathlib import Path
 from string import Template
 
+from fraexp import api
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.output import print_path
-from fraexp.components.registry import Registry, discover
+from fraexp.cli.sweep_lookup import workspace_folder
+from fraexp.components.registry import Registry
 from fraexp.errors import PluginError
 
-STUDIES = ("friction", "plant", "controller", "excitation", "estimator")
-"""Kinds that come with a study."""
-COMMENTS = {
-    "fraexp check": "is it sound?",
-    "fraexp run": "draws it into figures/",
-    "fraexp plot": "draws it again, for a paper",
-    "fraexp plugins": "lists what was found",
-    "python -m pip": "makes it known to fraexp",
-    "python -m pytest": "the same checks, as a test",
+KINDS_WITH_STUDY = ("friction", "plant", "controller", "excitation", "estimator")
+"""Kinds whose template comes with a study."""
+NAME_PATTERN = re.compile(r"[a-z][a-z0-9_]*")
+MAX_NAME_LENGTH = 100
+STEP_COMMENTS = {
+    "fraexp check": "tests the plugin",
+    "fraexp run": "runs it, and plots into figures/",
+    "fraexp plot": "plots it again, to a file of your choice",
+    "fraexp plugins": "lists the components that were found",
+    "python -m pip": "installs it",
+    "python -m pytest": "runs its tests",
 }
-"""What a next step does, by how it begins."""
+"""What a next step does, by the beginning of its command."""
 
 
 def execute(arguments: Namespace) -> ExitCode:
     """Write the files, and print the next steps."""
     kind, name, workspace = arguments.kind, arguments.name, Path(arguments.workspace)
-    _check_name(kind, name, discover(workspace / "plugins"))
+    _check_name(kind, name, workspace_folder(arguments).registry)
     words = {
-        "name": name, "kind": kind, "class_name": "".join(part.title() for part in name.split("_")),
+        "name": name, "kind": kind, "class_name": _class_name(name),
         "module": f"fraexp_{name}", "project": f"fraexp-{name.replace('_', '-')}",
     }  # fmt: skip
-    texts = dict(_package(kind, words) if arguments.package else _drop_in(kind, words))
+    texts = dict(_package_files(kind, words) if arguments.package else _local_plugin_files(kind, words))
     for path in texts:
         if os.path.lexists(workspace / path):
-            raise PluginError(f"{workspace / path}: is there already; choose another name, or remove it")
+            raise PluginError(f"{workspace / path}: already exists; choose another name, or remove it")
     for path, text in texts.items():
         _write(workspace / path, text)
         print_path(workspace / path)
     print("next:")
-    _print_steps(list(_steps(kind, words, arguments)))
+    _print_steps(list(_next_steps(kind, words, arguments)))
     return ExitCode.OK
 
 
@@ -54,38 +61,62 @@ def _write(path: Path, text: str) -> None:
         path.write_text(text, encoding="utf-8")
     except OSError as error:
         reason = error.strerror or error
-        raise PluginError(f"{path}: cannot be written ({reason}); name a folder of yours with --workspace") from None
+        raise PluginError(f"{path}: cannot be written ({reason}); choose a writable folder with --workspace") from None
 
 
 def _check_name(kind: str, name: str, registry: Registry) -> None:
-    if not name.isascii() or not name.isidentifier() or keyword.iskeyword(name) or name != name.lower():
-        raise PluginError(f"'{name}' is no name for a plugin; expected small letters, digits and _, such as my_law")
-    if (kind, name) in registry.supplies:
-        where = registry.supplies[kind, name].file
-        raise PluginError(f"there is a {kind} called '{name}' already, in {where}; choose another name")
+    if not NAME_PATTERN.fullmatch(name):
+        raise PluginError(
+            f"'{name}' is not a valid plugin name; expected lower-case letters, digits and _, such as my_law"
+        )
+    if len(name) > MAX_NAME_LENGTH:
+        raise PluginError(f"'{name}' is too long for a plugin's name; expected at most {MAX_NAME_LENGTH} letters")
+    if meaning := _other_meaning(name):
+        raise PluginError(f"'{name}' is {meaning}, which the plugin would hide; choose another name, such as my_{name}")
+    if (kind, name) in registry.providers:
+        where = registry.providers[kind, name].file
+        raise PluginError(f"{kind} '{name}' already exists in {where}; choose another name")
 
 
-def _drop_in(kind: str, words: Mapping[str, str]) -> Iterator[tuple[str, str]]:
+def _other_meaning(name: str) -> str:
+    """Return what else a name, or the class that is named after it, is in Python; empty if it is nothing."""
+    name_of_class = _class_name(name)
+    if keyword.iskeyword(name) or keyword.issoftkeyword(name) or keyword.iskeyword(name_of_class):
+        return "a word of Python"
+    if hasattr(builtins, name) or hasattr(builtins, name_of_class):
+        return "a name of Python"
+    if hasattr(api, name) or hasattr(api, name_of_class):
+        return "a name of fraexp.api"
+    found = None if name in sys.stdlib_module_names else find_spec(name)
+    is_module = name in sys.stdlib_module_names or (found is not None and found.origin is not None)
+    return "a Python module" if is_module else ""
+
+
+def _class_name(name: str) -> str:
+    return "".join(part.title() for part in name.split("_"))
+
+
+def _local_plugin_files(kind: str, words: Mapping[str, str]) -> Iterator[tuple[str, str]]:
     name = words["name"]
-    yield f"plugins/{name}.py", _filled(f"{kind}.py", words)
-    if kind in STUDIES:
-        yield f"studies/{name}.toml", _filled(f"{kind}.toml", words)
+    yield f"plugins/{name}.py", _fill_template(f"{kind}.py", words)
+    if kind in KINDS_WITH_STUDY:
+        yield f"studies/{name}.toml", _fill_template(f"{kind}.toml", words)
 
 
-def _package(kind: str, words: Mapping[str, str]) -> Iterator[tuple[str, str]]:
+def _package_files(kind: str, words: Mapping[str, str]) -> Iterator[tuple[str, str]]:
     folder = words["project"]
-    yield f"{folder}/{words['module']}.py", _filled(f"{kind}.py", words)
+    yield f"{folder}/{words['module']}.py", _fill_template(f"{kind}.py", words)
     for path in ("pyproject.toml", "README.md"):
-        yield f"{folder}/{path}", _filled(f"package.{path}", words)
-    yield f"{folder}/tests/test_{words['name']}.py", _filled("package.test.py", words)
+        yield f"{folder}/{path}", _fill_template(f"package.{path}", words)
+    yield f"{folder}/tests/test_{words['name']}.py", _fill_template("package.test.py", words)
 
 
-def _filled(template: str, words: Mapping[str, str]) -> str:
+def _fill_template(template: str, words: Mapping[str, str]) -> str:
     text = files("fraexp.cli").joinpath("templates", f"{template}.template").read_text(encoding="utf-8")
     return Template(text).substitute(words)
 
 
-def _steps(kind: str, words: Mapping[str, str], arguments: Namespace) -> Iterator[str]:
+def _next_steps(kind: str, words: Mapping[str, str], arguments: Namespace) -> Iterator[str]:
     name, workspace = words["name"], Path(arguments.workspace)
     here = "" if workspace == Path() else f" --workspace {shlex.quote(str(workspace))}"
     if arguments.package:
@@ -95,7 +126,7 @@ def _steps(kind: str, words: Mapping[str, str], arguments: Namespace) -> Iterato
         yield f"python -m pytest {folder}"
         return
     yield f"fraexp check {name}{here}"
-    if kind not in STUDIES:
+    if kind not in KINDS_WITH_STUDY:
         yield f"fraexp plugins{here}"
         return
     yield f"fraexp run {name}{here}"
@@ -105,5 +136,5 @@ def _steps(kind: str, words: Mapping[str, str], arguments: Namespace) -> Iterato
 def _print_steps(steps: list[str]) -> None:
     width = max(map(len, steps))
     for step in steps:
-        comment = next(text for begin, text in COMMENTS.items() if step.startswith(begin))
+        comment = next(text for begin, text in STEP_COMMENTS.items() if step.startswith(begin))
         print(f"  {step:<{width}}  # {comment}")

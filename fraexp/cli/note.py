@@ -1,18 +1,17 @@
-"""``fraexp note``: write a note on a sweep."""
+"""``fraexp note``: a note on a sweep."""
 
 from argparse import Namespace
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.output import say
-from fraexp.cli.sweep_lookup import database
-from fraexp.store import Store
-from fraexp.views.words import short
+from fraexp.cli.sweep_lookup import opened_for_writing
+from fraexp.views.words import short_key
 
 
 def execute(arguments: Namespace) -> ExitCode:
     """Change the note of a sweep."""
-    with Store.open(database(arguments)) as store:
+    with opened_for_writing(arguments) as store:
         key = store.find(arguments.id).key
         store.annotate(key, arguments.text)
-    say(f"sweep {short(key)} {'has the note' if arguments.text.strip() else 'has no note'} now")
+    say(f"note {'saved on' if arguments.text.strip() else 'removed from'} sweep {short_key(key)}")
     return ExitCode.OK

@@ -4,14 +4,24 @@ import argparse
 from pathlib import Path
 
 from fraexp.cli import import_options
+from fraexp.cli.output import say
 from fraexp.cli.parser import Parser
 from fraexp.data.figure_kinds import FIGURES
 
 KINDS = ("friction", "plant", "controller", "excitation", "estimator", "reader")
 """Kinds of component."""
-IDENTIFIER = "a run's number, a study's name for its newest run, or the beginning of a sweep's key"
-
-ALL = "show each of many sweeps on a terminal too, not quantiles over them"
+ID_HELP = "a run number, a study name (its newest run), or the beginning of a sweep key"
+ALL_HELP = "on a terminal, show every sweep instead of quantiles over the sweeps"
+RENAMED = {
+    "run": {"--memory": "--memory-limit"},
+    "stop": {"--hard": "--kill"},
+    "list": {"--order": "--sort"},
+    "compare": {"--at": "--frequencies"},
+    "plot": {"--band": "--frequency-range", "--wrapped": "--wrap-phase"},
+    "fit": {"--using": "--estimator"},
+    "import": import_options.RENAMED,
+}
+"""Earlier spellings of options by command, which are still understood, with their names of today."""
 
 
 def _json(parser: Parser) -> None:
@@ -21,102 +31,137 @@ def _json(parser: Parser) -> None:
 def _list(parser: Parser) -> None:
     parser.add_argument(
         "filter", metavar="FILTER", nargs="*",
-        help="list the sweeps for which all of these hold, such as estimator=proposed 'excitation.amplitude>=12' "
-        "state:failed tag:baseline; names and texts with blanks stand in quotes, as in 'metric.\"peak force\">14N'",
+        help="list the sweeps that match all terms, such as estimator=effective_input 'excitation.amplitude>=12' "
+        "state:unusable tag:baseline; quote names and texts that contain spaces: 'metric.\"peak force\">14N'",
     )  # fmt: skip
-    parser.add_argument("--studies", action="store_true", help="list the studies, and what running them would do")
+    parser.add_argument("--studies", action="store_true", help="list the studies, and what running them would compute")
     parser.add_argument("--sweeps", action="store_true", help="list all sweeps, as an empty filter does")
     parser.add_argument(
-        "--order", metavar="FIELD", default="-created", help="sort the sweeps; - before it: falling (default: -created)"
+        "--sort", metavar="FIELD", default="",
+        help="field to sort by, of sweeps or of runs; -FIELD sorts in descending order (default: newest first)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--limit", metavar="COUNT", type=int, default=100, help="maximum number of sweeps to list (default: 100)"
     )
     parser.add_argument(
-        "--limit", metavar="COUNT", type=int, default=100, help="most sweeps that are listed (default: 100)"
+        "--offset", metavar="COUNT", type=int, default=0, help="number of sweeps to skip at the start (default: 0)"
     )
-    parser.add_argument("--offset", metavar="COUNT", type=int, default=0, help="sweeps to leave out before them")
     _json(parser)
 
 
 def _stop(parser: Parser) -> None:
-    parser.add_argument("run", metavar="RUN", type=int, help="number of a run")
-    parser.add_argument("--hard", action="store_true", help="end its processes at once; what is stored stays")
+    parser.add_argument("run", metavar="RUN", type=int, help="a run number")
+    parser.add_argument("--kill", action="store_true", help="kill its processes at once; stored results are kept")
 
 
 def _tag(parser: Parser) -> None:
-    parser.add_argument("tag", metavar="TAG", help="a word")
-    parser.add_argument("ids", metavar="ID", nargs="+", help=IDENTIFIER)
-    parser.add_argument("--remove", action="store_true", help="take the tag away")
+    parser.add_argument("tag", metavar="TAG", help="the tag: one word")
+    parser.add_argument("ids", metavar="ID", nargs="+", help=ID_HELP)
+    parser.add_argument("--remove", action="store_true", help="remove the tag")
 
 
 def _note(parser: Parser) -> None:
-    parser.add_argument("id", metavar="ID", help="the beginning of a sweep's key")
-    parser.add_argument("text", metavar="TEXT", help="the note; an empty one takes it away")
+    parser.add_argument("id", metavar="ID", help="the beginning of a sweep key")
+    parser.add_argument("text", metavar="TEXT", help="the note; an empty text removes it")
 
 
 def _delete(parser: Parser) -> None:
     parser.add_argument(
         "ids", metavar="ID", nargs="+",
-        help="a run's number, with the sweeps that are in no other run, or the beginning of a sweep's key",
+        help="a run number (its sweeps are deleted unless another run has them), or the beginning of a sweep key",
     )  # fmt: skip
-    parser.add_argument("--yes", action="store_true", help="do not ask")
+    parser.add_argument("--yes", action="store_true", help="do not ask for confirmation")
 
 
 def _merge(parser: Parser) -> None:
-    parser.add_argument("other", metavar="OTHER", help="database to read: a file or URL; what --db names is added to")
+    parser.add_argument(
+        "other", metavar="OTHER", help="database to read, a file or URL; its contents are added to the one of --db"
+    )
     _json(parser)
 
 
 def _serve(parser: Parser) -> None:
     parser.add_argument("--port", metavar="PORT", type=int, default=8000, help="port (default: 8000)")
-    parser.add_argument("--host", metavar="ADDRESS", default="127.0.0.1", help="address (default: this machine only)")
-    parser.add_argument("--remote", action="store_true", help="allow an address that others reach; needs a token")
-    parser.add_argument("--token", metavar="TEXT", default="", help="word that a browser must give (default: made up)")
+    parser.add_argument(
+        "--host", metavar="ADDRESS", default="127.0.0.1", help="address to listen on (default: this machine only)"
+    )
+    parser.add_argument(
+        "--remote", action="store_true", help="allow an address that other machines can reach; requires --token"
+    )
+    parser.add_argument(
+        "--token", metavar="TEXT", default="", help="token that the browser must present (default: a random one)"
+    )
 
 
 def _tui(parser: Parser) -> None:
-    parser.add_argument("--ascii", action="store_true", help="draw with ASCII characters alone")
+    parser.add_argument("--ascii", action="store_true", help="draw with ASCII characters only")
+
+
+def _rerun_class(text: str) -> str:
+    """Return which stored sweeps are computed again; ``failed`` is the earlier name of those without a result."""
+    if text == "failed":
+        say("--rerun failed is now --rerun unusable")
+        return "unusable"
+    return text
+
+
+def _migrate(parser: Parser) -> None:
+    parser.add_argument(
+        "--studies", metavar="FILE", type=Path, nargs="*",
+        help="instead of the database, rewrite study files with the current names (default: all of the workspace)",
+    )  # fmt: skip
+    _json(parser)
 
 
 def _run(parser: Parser) -> None:
-    parser.add_argument("study", metavar="STUDY", nargs="+", help="study file (TOML)")
+    parser.add_argument("study", metavar="STUDY", nargs="+", help="study file (TOML), study name, or folder of studies")
     parser.add_argument(
-        "--executor",
-        metavar="NAME",
-        help="serial, processes[:N] or dask:ADDRESS (default: all cores, or one where that is faster)",
+        "--executor", metavar="NAME",
+        help="serial, processes[:N] or dask:ADDRESS (default: all cores, or one process where that is faster)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--set", metavar="PATH=VALUE", dest="overrides", action="append", default=[],
+        help="override a value of the study, such as loop.divergence_limit=10mm",
+    )  # fmt: skip
+    parser.add_argument(
+        "--dry-run", action="store_true", help="show what would be computed, why, and how long it would take"
     )
     parser.add_argument(
-        "--set", metavar="PATH=VALUE", dest="overrides", action="append", default=[], help="override a study's value"
+        "--time-limit", metavar="TIME", help="time limit of each sweep: 60, 90s, 5min or none (default: 1h)"
     )
     parser.add_argument(
-        "--dry-run", action="store_true", help="say what would be computed, and why, and about how long it takes"
+        "--database-timeout", metavar="TIME",
+        help="time for which the run waits for a database that is unavailable: 90s, 5min or none (default: 1h)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--memory-limit", metavar="SIZE", help="memory limit of each worker process, such as 2GB (default: none)"
     )
     parser.add_argument(
-        "--time-limit", metavar="TIME", help="most that a sweep may take: 60, 90s, 5min, none (default: 1h)"
-    )
-    parser.add_argument(
-        "--memory", metavar="SIZE", help="most that a worker process may have, such as 2GB (default: all)"
-    )
-    parser.add_argument("--rerun", choices=("stale", "failed", "all"), help="compute these again")
-    parser.add_argument("--detach", action="store_true", help="run in the background, with a log; see fraexp stop")
+        "--rerun", choices=("stale", "unusable", "all"), type=_rerun_class,
+        help="compute stored sweeps again: stale (a plugin has changed since), unusable (without a usable result), all",
+    )  # fmt: skip
+    parser.add_argument("--detach", action="store_true", help="run in the background with a log file; see fraexp stop")
     _json(parser)
 
 
 def _show(parser: Parser) -> None:
-    parser.add_argument("id", metavar="ID", help=IDENTIFIER)
+    parser.add_argument("id", metavar="ID", help=ID_HELP)
     parser.add_argument("--points", action="store_true", help="show every frequency of the response")
-    parser.add_argument("--all", action="store_true", help=ALL)
+    parser.add_argument("--all", action="store_true", help=ALL_HELP)
     _json(parser)
 
 
 def _compare(parser: Parser) -> None:
-    parser.add_argument("ids", metavar="ID", nargs="+", help=IDENTIFIER + "; the first is compared with the others")
+    parser.add_argument("ids", metavar="ID", nargs="+", help=ID_HELP + "; the first is the reference")
     parser.add_argument(
         "--against", metavar="WHAT", choices=("first", "plant"), default="first",
-        help="first: the others with the first sweep; plant: each simulated response with its plant P(jω)",
+        help="reference: the first sweep, or the simulated plant P(jω) of each response (default: first)",
     )  # fmt: skip
     parser.add_argument(
-        "--at", metavar="HZ,...", type=_frequencies, help="frequencies of the errors against the plant, such as 5,39,80"
-    )
-    parser.add_argument("--all", action="store_true", help=ALL)
+        "--frequencies", metavar="HZ,...", type=_frequencies,
+        help="frequencies [Hz] at which errors against the plant are shown, such as 5,39,80",
+    )  # fmt: skip
+    parser.add_argument("--all", action="store_true", help=ALL_HELP)
     _json(parser)
 
 
@@ -126,60 +171,66 @@ def _frequencies(text: str) -> tuple[float, ...]:
     except ValueError:
         found = ()
     if not found or not all(0 < frequency < float("inf") for frequency in found):
-        raise argparse.ArgumentTypeError(f"'{text}' are no frequencies; expected such as 5,39,80")
+        raise argparse.ArgumentTypeError(f"'{text}' is invalid; expected frequencies [Hz] above 0, such as 5,39,80")
     return found
 
 
 def _plot(parser: Parser) -> None:
-    parser.add_argument("ids", metavar="ID", nargs="+", help=IDENTIFIER)
-    parser.add_argument("-o", "--output", metavar="FILE", type=Path, required=True, help="figure: .png, .svg or .pdf")
+    parser.add_argument("ids", metavar="ID", nargs="+", help=ID_HELP)
+    parser.add_argument(
+        "-o", "--output", metavar="FILE", type=Path, required=True, help="figure to write: .png, .svg or .pdf"
+    )
     parser.add_argument("--title", default="", help="title of the figure")
     parser.add_argument(
         "--kind", metavar="KIND", choices=FIGURES, default="",
-        help=f"kind of figure: {', '.join(FIGURES)} (default: what fits the results)",
+        help=f"kind of figure: {', '.join(FIGURES)} (default: chosen from the results)",
     )  # fmt: skip
-    parser.add_argument("--band", metavar="LOW:HIGH", default="", help="frequencies [Hz] to show, such as 4.5:45")
-    parser.add_argument("--wrapped", action="store_true", help="phase of a Bode plot within ±180 degrees")
+    parser.add_argument(
+        "--frequency-range", metavar="LOW:HIGH", default="", help="frequency range [Hz] to show, such as 4.5:45"
+    )
+    parser.add_argument("--wrap-phase", action="store_true", help="wrap the phase of a Bode plot to ±180 degrees")
 
 
 def _fit(parser: Parser) -> None:
-    parser.add_argument("ids", metavar="ID", nargs="+", help=IDENTIFIER)
+    parser.add_argument("ids", metavar="ID", nargs="+", help=ID_HELP)
     parser.add_argument(
         "--set", metavar="PARAMETER=VALUE", dest="overrides", action="append", default=[],
-        help="a parameter of the fit, such as modes=2 or highest=150",
+        help="set a parameter of the fit, such as modes=2 or max_frequency=150",
     )  # fmt: skip
-    parser.add_argument("--using", metavar="NAME", default="", help="estimator that fits (default: the one there is)")
+    parser.add_argument(
+        "--estimator", metavar="NAME", default="", help="estimator that fits the plant (default: the only one)"
+    )
     _json(parser)
 
 
 def _report(parser: Parser) -> None:
     parser.add_argument(
         "ids", metavar="ID", nargs="+",
-        help="a run's number, a study's name for its newest run, or a folder's for those of its studies",
+        help="a run number, a study name (its newest run), or a folder of studies (the newest run of each)",
     )  # fmt: skip
-    parser.add_argument("-o", "--output", metavar="FILE", type=Path, required=True, help="report: .html")
+    parser.add_argument("-o", "--output", metavar="FILE", type=Path, required=True, help="report to write: .html")
     parser.add_argument("--title", default="", help="title of the report")
-    parser.add_argument("--force", action="store_true", help="replace a file that is no earlier report")
+    parser.add_argument("--force", action="store_true", help="overwrite a file that is not a fraexp report")
 
 
 def _export(parser: Parser) -> None:
-    parser.add_argument("id", metavar="ID", help=IDENTIFIER)
+    parser.add_argument("id", metavar="ID", help=ID_HELP)
     parser.add_argument(
-        "-o", "--output", metavar="FILE", type=Path, required=True, help="file: .csv, .json, .mat, .h5 or .unv"
+        "-o", "--output", metavar="FILE", type=Path, required=True, help="file to write: .csv, .json, .mat, .h5 or .unv"
     )
-    parser.add_argument("--force", action="store_true", help="replace the file if it exists")
+    parser.add_argument("--force", action="store_true", help="overwrite an existing file")
 
 
 def _new(parser: Parser) -> None:
     parser.add_argument("kind", metavar="KIND", choices=KINDS, help=f"kind of component: {', '.join(KINDS)}")
-    parser.add_argument("name", metavar="NAME", help="its name in studies, such as my_law")
-    parser.add_argument("--package", action="store_true", help="write an installable package with its test")
+    parser.add_argument("name", metavar="NAME", help="name of the component in studies, such as my_law")
+    parser.add_argument("--package", action="store_true", help="create an installable package with a test")
 
 
 def _check(parser: Parser) -> None:
-    parser.add_argument("name", metavar="NAME", help="name of a component, or a plugin's file")
-    parser.add_argument("--kind", metavar="KIND", choices=KINDS, help="its kind, if several have the name")
-    parser.add_argument("--quick", action="store_true", help="look at few examples, and compile nothing")
+    parser.add_argument("name", metavar="NAME", help="name of a component, or the file of a plugin")
+    parser.add_argument("--kind", metavar="KIND", choices=KINDS, help="kind of component, if several share the name")
+    parser.add_argument("--quick", action="store_true", help="test few examples, and do not compile")
     _json(parser)
 
 
@@ -201,8 +252,9 @@ DECLARE = {
     "note": _note,
     "delete": _delete,
     "merge": _merge,
-    "migrate": _json,
+    "migrate": _migrate,
     "tui": _tui,
     "serve": _serve,
     "doctor": _json,
 }
+"""What declares the options of each command."""

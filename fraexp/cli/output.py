@@ -1,29 +1,91 @@
-"""Printing: talk to stderr, tables and JSON to stdout; names from files cannot command the terminal."""
+"""Printing: messages to stderr, tables and JSON to stdout; texts from files cannot command the terminal."""
 
 import json
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
-from fraexp.cli.layout import GAP, blocks
-from fraexp.figures.elements.labels import printable
+from fraexp.cli.layout import COLUMN_GAP, column_blocks
+from fraexp.data.terminal_text import printable
 
-LONGEST = 2000
-"""Letters of a line on stderr."""
-NUMBER = re.compile(r"[+±-]?[\d.]+(e[+-]?\d+)?(/\d+)?( (?!to )[^,]*)?$")
+MAX_LINE_LENGTH = 1000
+"""Maximum length of a line on stderr [characters]."""
+MAX_WORD_LENGTH = 240
+"""Maximum length of a word in such a line [characters]: a path or a name that a file system takes fits."""
+MAX_SCANNED_LENGTH = 20_000
+"""Characters at either end of a text in which long words are looked for."""
+LONG_WORD_PATTERN = re.compile(rf"\S{{{MAX_WORD_LENGTH + 1},}}")
+ELLIPSIS = "..."
+NUMBER_PATTERN = re.compile(r"[+±-]?[\d.]+(e[+-]?\d+)?(/\d+)?( (?!to )[^,]*)?$")
 """A number, a share such as 3/4, or a number with its unit; not a key, which may start with a digit too."""
 
 
 def say(text: str) -> None:
-    """Print one line on stderr; what it quotes may be of any length."""
-    line = printable(text[:LONGEST])
-    print(line if len(text) <= LONGEST else f"{line}...", file=sys.stderr, flush=True)
+    """Print one line on stderr, cut in the middle if it is too long, as quoted values may have any length.
+
+    A line that cannot be written is dropped: a run is worth more than its messages.
+    """
+    with suppress(OSError):
+        print(shorten(printable(shorten(text))), file=sys.stderr, flush=True)
 
 
-def print_json(document: Any) -> None:
+def shorten(text: str, longest: int = MAX_LINE_LENGTH) -> str:
+    """Return a text with long words, and then the whole of it, cut in the middle: both ends say most."""
+    short = LONG_WORD_PATTERN.sub(
+        lambda word: _cut_middle(word.group(), MAX_WORD_LENGTH), text[: 2 * MAX_SCANNED_LENGTH]
+    )
+    if len(text) > 2 * MAX_SCANNED_LENGTH:
+        ends = text[:MAX_SCANNED_LENGTH], text[-MAX_SCANNED_LENGTH:]
+        short = "".join(
+            LONG_WORD_PATTERN.sub(lambda word: _cut_middle(word.group(), MAX_WORD_LENGTH), end) for end in ends
+        )
+    return _cut_middle(short, longest)
+
+
+def _cut_middle(text: str, longest: int) -> str:
+    if len(text) <= longest:
+        return text
+    head = (longest - len(ELLIPSIS)) * 2 // 3
+    return f"{text[:head]}{ELLIPSIS}{text[len(ELLIPSIS) + head - longest :]}"
+
+
+class ErrorDocument:
+    """Reports the error of a command: a line on stderr, and under ``--json`` a document on stdout."""
+
+    def __init__(self) -> None:
+        self.is_printed = False
+        """Whether the command has printed a document already: there is never a second one."""
+
+    def report(self, text: str, code: int, as_json: bool) -> int:
+        """Print an error, and return its exit code."""
+        say(text)
+        if as_json and not self.is_printed:
+            message = shorten(printable(text.removeprefix("fraexp: ")))
+            print_json({"error": {"message": message, "exit_code": int(code)}})
+        return code
+
+
+_documents: list[ErrorDocument] = []
+"""Of the commands in progress: one, except in tests."""
+
+
+@contextmanager
+def error_document() -> Iterator[ErrorDocument]:
+    """Return the document of errors of a command."""
+    _documents.append(document := ErrorDocument())
+    try:
+        yield document
+    finally:
+        _documents.remove(document)
+
+
+def print_json(document: object) -> None:
     """Print one JSON document on stdout."""
+    for errors in _documents:
+        errors.is_printed = True
     print(json.dumps(document, indent=2, allow_nan=False))
 
 
@@ -42,19 +104,19 @@ def print_fields(pairs: Sequence[tuple[str, str]], indent: int = 0) -> None:
 
 
 def print_table(columns: Sequence[str], rows: Sequence[Sequence[str]], title: str = "") -> None:
-    """Print a table: fitted into a terminal, plain aligned text elsewhere; columns of numbers stand right.
+    """Print a table: fitted into a terminal, plain aligned text elsewhere; numbers are right-aligned.
 
-    Columns without any value are left out. Columns that do not fit into the terminal follow below, behind the first.
+    Empty columns are left out. Columns that do not fit into the terminal follow below, after the first column.
     """
     kept = [index for index in range(len(columns)) if any(row[index] for row in rows)]
     cells = [[printable(row[index]) for index in kept] for row in rows]
     titles = [printable(columns[index]) for index in kept]
-    right = [all(_numeric(row[index]) for row in cells) for index in range(len(kept))]
+    right = [all(_is_numeric(row[index]) for row in cells) for index in range(len(kept))]
     (_draw if sys.stdout.isatty() else _align)(titles, cells, right, printable(title))
 
 
-def _numeric(cell: str) -> bool:
-    return cell in ("", "-", "∞") or NUMBER.match(cell) is not None
+def _is_numeric(cell: str) -> bool:
+    return cell in ("", "-", "∞") or NUMBER_PATTERN.match(cell) is not None
 
 
 def _align(titles: list[str], cells: list[list[str]], right: list[bool], title: str) -> None:
@@ -73,14 +135,16 @@ def _draw(titles: list[str], cells: list[list[str]], right: list[bool], title: s
 
     console = Console(highlight=False)
     available = console.width
-    for count, widths in enumerate(blocks(titles, cells, right, available)):
-        table = Table(header_style="bold", box=None, padding=(0, GAP, 0, 0), pad_edge=False)
+    for count, widths in enumerate(column_blocks(titles, cells, right, available)):
+        table = Table(header_style="bold", box=None, padding=(0, COLUMN_GAP, 0, 0), pad_edge=False)
         for index, width in widths.items():
             justify: Literal["left", "right"] = "right" if right[index] else "left"
             table.add_column(Text(titles[index]), width=width, justify=justify, overflow="fold")
         for row in cells:
             table.add_row(*(Text(row[index]) for index in widths))
-        console.width = max(available, sum(widths.values()) + GAP * (len(widths) - 1))  # a wide number wraps, uncut
+        console.width = max(
+            available, sum(widths.values()) + COLUMN_GAP * (len(widths) - 1)
+        )  # a wide number wraps, uncut
         if count or title:
             console.print(Text("" if count else title), soft_wrap=True)
         console.print(table)

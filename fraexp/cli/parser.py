@@ -1,15 +1,21 @@
-"""A parser of command lines whose errors are one line with the nearest name."""
+"""A parser of command lines whose errors are one line with the nearest name.
+
+argparse tells neither its options nor the place where a choice is checked in public: `_actions` and `_check_value` are
+its private members. tests/cli/test_usage.py fails if they change.
+"""
 
 import argparse
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from itertools import takewhile
+from types import MappingProxyType
 from typing import Any, NoReturn
 
+from fraexp.cli.output import say
 from fraexp.errors import did_you_mean
 
 
 class UsageError(Exception):
-    """The command line asks for something that does not exist; its text is one line."""
+    """The command line is invalid; the text is one line."""
 
 
 class Parser(argparse.ArgumentParser):
@@ -29,29 +35,44 @@ class Parser(argparse.ArgumentParser):
         for argument in takewhile(lambda text: text != "--", arguments):
             option = argument.partition("=")[0]
             if option.startswith("--") and option not in known:
-                raise UsageError(f"{self._command}no option '{option}'{did_you_mean(option, known)}")
+                raise UsageError(f"{self._command}unknown option '{option}'{did_you_mean(option, known)}")
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         if action.choices is not None and value not in action.choices:
             what = action.metavar or action.option_strings[0]
-            raise UsageError(f"'{value}' is no {what}{did_you_mean(value, action.choices)}")
+            raise UsageError(f"unknown {what} '{value}'{did_you_mean(value, action.choices)}")
 
 
 class CommandParser(Parser):
     """The parser of one command, which sees what follows the command's name."""
 
+    renamed_options: Mapping[str, str] = MappingProxyType({})
+    """Earlier spellings of options, which are still understood, with their names of today."""
+
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Parse after looking at every long option."""
-        self.check_options(args or ())
-        return super().parse_known_args(_joined(args or ()), namespace)
+        arguments = self._rename_options(args or ())
+        self.check_options(arguments)
+        return super().parse_known_args(_join_sort_field(arguments), namespace)
+
+    def _rename_options(self, arguments: Iterable[str]) -> list[str]:
+        """Return arguments with the options' names of today, after a line of advice for each earlier spelling."""
+        renamed = list(arguments)
+        for index, argument in enumerate(takewhile(lambda text: text != "--", list(renamed))):
+            option, equals, value = argument.partition("=")
+            if option in self.renamed_options:
+                current = self.renamed_options[option]
+                say(f"{option} is now {current}")
+                renamed[index] = f"{current}{equals}{value}"
+        return renamed
 
 
-def _joined(arguments: Iterable[str]) -> list[str]:
-    """Return arguments in which ``--order -created`` is one: a field with - before it looks like an option."""
+def _join_sort_field(arguments: Iterable[str]) -> list[str]:
+    """Return arguments in which ``--sort -created`` is one: a field with - before it looks like an option."""
     joined: list[str] = []
     for argument in arguments:
-        if joined and joined[-1] == "--order":
-            joined[-1] = f"--order={argument}"
+        if joined and joined[-1] == "--sort":
+            joined[-1] = f"--sort={argument}"
         else:
             joined.append(argument)
     return joined

@@ -5,31 +5,30 @@ from collections.abc import Sequence
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.output import print_path, say
-from fraexp.cli.sweep_lookup import chosen, database, open_store, run_of
+from fraexp.cli.sweep_lookup import choose_sweeps, find_run_number
 from fraexp.errors import FraexpError
-from fraexp.figures.elements.stamp import check_suffix
+from fraexp.figures.elements.stamp import check_folder, check_suffix
 from fraexp.figures.elements.view import View
 from fraexp.store import Store
-from fraexp.views.comparison import named_alike
+from fraexp.views.comparison import with_common_labels
 from fraexp.views.words import plural
 from fraexp.workspace.workspace import Workspace
 
 
 def execute(arguments: Namespace) -> ExitCode:
-    """Draw sweeps, unless the file shows them already, and print the file's path."""
+    """Draw sweeps, unless the file is up to date, and print its path."""
     check_suffix(arguments.output)
-    view = View.of(arguments.band, arguments.wrapped)
-    workspace = Workspace.open(arguments.workspace, database(arguments))
-    with open_store(arguments) as store:
-        sweeps = chosen(store, arguments.ids)
-        if all(run_of(store, identifier) is None for identifier in arguments.ids):
-            sweeps = named_alike(store, sweeps)
-        title = arguments.title or _study(store, arguments.ids)
+    check_folder(arguments.output)
+    view = View.parse(arguments.frequency_range, arguments.wrap_phase)
+    workspace = Workspace.open(arguments.workspace, arguments.db)
+    with workspace.open_store() as store:
+        sweeps = choose_sweeps(store, arguments.ids)
+        if all(find_run_number(store, identifier) is None for identifier in arguments.ids):
+            sweeps = with_common_labels(store, sweeps)
+        title = arguments.title or _study_title(store, arguments.ids)
         drawn = workspace.figures.draw(store, sweeps, arguments.output, title, arguments.kind, say, view)
     if not drawn:
-        raise FraexpError(
-            f"plot: found nothing to draw in {plural(len(sweeps), 'sweep')}; see their outcomes with show"
-        )
+        raise FraexpError(f"plot: nothing to plot in {plural(len(sweeps), 'sweep')}; fraexp show lists their outcomes")
     without = [sweep for sweep in sweeps if sweep.outcome is None]
     if without:
         say(f"{plural(len(without), 'sweep')} without a result left out")
@@ -40,7 +39,7 @@ def execute(arguments: Namespace) -> ExitCode:
     return ExitCode.OK
 
 
-def _study(store: Store, identifiers: Sequence[str]) -> str:
-    numbers = [run_of(store, identifier) for identifier in identifiers]
+def _study_title(store: Store, identifiers: Sequence[str]) -> str:
+    numbers = [find_run_number(store, identifier) for identifier in identifiers]
     studies = {store.run(number).study if number is not None else "" for number in numbers}
     return studies.pop() if len(studies) == 1 else ""

@@ -1,13 +1,12 @@
-"""``fraexp plugins``: what plugins supply, and which are broken."""
+"""``fraexp plugins``: the components that plugins provide, and the plugins that fail to load."""
 
 from argparse import Namespace
-from pathlib import Path
 from typing import Any
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.output import print_fields, print_json, print_table, say
-from fraexp.components.registry import discover
-from fraexp.figures.elements.labels import printable
+from fraexp.cli.sweep_lookup import workspace_folder
+from fraexp.data.terminal_text import printable
 from fraexp.views.components import component_document, parameter_row
 from fraexp.views.words import plural
 
@@ -15,19 +14,19 @@ COLUMNS = ["  parameter", "unit", "default", "bounds", "meaning"]
 
 
 def execute(arguments: Namespace) -> ExitCode:
-    """Print every component with its parameters, then the plugins that failed."""
-    registry = discover(Path(arguments.workspace) / "plugins")
-    supplies = [registry.supplies[name] for name in sorted(registry.supplies)]
+    """Print every component with its parameters, then the plugins that fail to load."""
+    registry = workspace_folder(arguments).registry
+    providers = [registry.providers[name] for name in sorted(registry.providers)]
     if arguments.json:
         failures = [{"place": failure.place, "reason": failure.reason} for failure in registry.failures]
-        print_json({"components": [component_document(supply) for supply in supplies], "failures": failures})
+        print_json({"components": [component_document(provider) for provider in providers], "failures": failures})
         return ExitCode.USAGE if failures else ExitCode.OK
-    for supply in supplies:
-        _print(component_document(supply))
+    for provider in providers:
+        _print(component_document(provider))
     if registry.failures:
         print("broken")
         print_fields([(failure.place, failure.reason) for failure in registry.failures], indent=2)
-        say(f"{plural(len(registry.failures), 'plugin')} cannot be used; the others can")
+        say(f"{plural(len(registry.failures), 'plugin')} failed to load; the others are available")
     return ExitCode.USAGE if registry.failures else ExitCode.OK
 
 

@@ -1,24 +1,25 @@
-"""How far a run has come: a bar on a terminal, a line now and then elsewhere; all on stderr."""
+"""Progress of a run: a bar on a terminal, a line every few seconds elsewhere; all on stderr."""
 
 import sys
 import time
 from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Self, TextIO, cast
 
 from fraexp.cli.output import say
-from fraexp.figures.elements.labels import printable
+from fraexp.cli.standard_streams import TolerantStream
+from fraexp.data.terminal_text import printable
 from fraexp.views.pace import Speed, rate_text
-from fraexp.views.words import duration, plural
+from fraexp.views.words import duration_text, plural
 
 if TYPE_CHECKING:
     from rich.progress import Progress as Bar
 
-PAUSE = 5.0
-"""Least time between two lines [s]."""
-ENDS = 300.0
-"""Time over which it is measured how fast sweeps come to their end [s]: longer than one takes."""
-ALMOST = 0.99
-"""Greatest share that is shown while a sweep has not come to its end."""
+REPORT_INTERVAL_S = 5.0
+"""Minimum time between two lines [s]."""
+END_SPEED_WINDOW_S = 300.0
+"""Time over which the rate of finished sweeps is measured [s]: longer than a sweep takes."""
+MAX_UNFINISHED_FRACTION = 0.99
+"""Greatest fraction that is shown while a sweep is unfinished."""
 
 
 class Meter:
@@ -27,7 +28,7 @@ class Meter:
     def __init__(self) -> None:
         self.begin()
         self._said = self._started
-        self._bar: Bar | None = _bar() if sys.stderr.isatty() else None
+        self._bar: Bar | None = _make_bar() if sys.stderr.isatty() else None
         self._task = self._bar.add_task("", total=None, count="", visible=False) if self._bar else None
 
     def __enter__(self) -> Self:
@@ -42,78 +43,85 @@ class Meter:
             self._bar.stop()
 
     def begin(self, reused: int = 0) -> None:
-        """Start anew: another study begins, of which some sweeps are there and come first; they do not count."""
+        """Start with another study; its reused sweeps come first, and do not count for the rate."""
         self._started = self._last_end = time.monotonic()
-        self._finished, self._work, self._ends = -reused, Speed(), Speed(ENDS)
+        self._finished, self._work, self._ends = -reused, Speed(), Speed(END_SPEED_WINDOW_S)
         self._since: float | None = None
         self._idle: float | None = None
 
     def finish(self) -> None:
-        """Take note of a sweep that has come to its end."""
+        """Count a finished sweep."""
         self._finished += 1
         self._last_end = time.monotonic()
         if self._finished == 1:
-            self._ends.see(self._since or self._started, 0)
-        self._ends.see(self._last_end, max(self._finished, 0))
+            self._ends.update(self._since or self._started, 0)
+        self._ends.update(self._last_end, max(self._finished, 0))
 
     def note(self, text: str) -> None:
-        """Tell what is being prepared."""
+        """Show what is being prepared."""
         if self._bar and self._task is not None:
             self._bar.update(self._task, description=printable(text), visible=True)
         else:
             say(text)
 
     def move(self, done: float, total: float, running: int | None = None, doing: str = "") -> None:
-        """Show that the work of `done` of `total` sweeps is done, parts of those that are `running` included."""
+        """Show that `done` of `total` sweeps are done, including the finished parts of those that are `running`."""
         now, finished = time.monotonic(), max(self._finished, 0)
-        self._work.see(now, done)
+        self._work.update(now, done)
         if done <= 0:
             self._since, self._idle = self._since or now, now
-        elif not finished and self._idle:  # what passed before, such as compiling, does not come again
+        elif not finished and self._idle:  # earlier time, such as compiling, does not recur
             self._since, self._idle = self._idle, None
         share = done / total if total > 0 else 1.0
-        share = share if finished >= total else min(share, ALMOST)
-        told = [_under_way(done - finished, int(total) - finished, running), *self._pace(now, done, total)]
+        share = share if finished >= total else min(share, MAX_UNFINISHED_FRACTION)
+        told = [_running_text(done - finished, int(total) - finished, running), *self._pace(now, done, total)]
         if self._bar and self._task is not None:
             text = ", ".join(filter(None, [f"{finished}/{int(total)} sweeps", *told]))
             self._bar.update(
                 self._task, description=printable(doing), completed=share, total=1.0, count=text, visible=True
             )
-        elif now - self._said >= PAUSE:
+        elif now - self._said >= REPORT_INTERVAL_S:
             self._said = now
             counted = f"{finished} of {plural(int(total), 'sweep')}"
-            say(", ".join(filter(None, [counted, printable(doing), told[0], duration(now - self._started), *told[1:]])))
+            say(
+                ", ".join(
+                    filter(None, [counted, printable(doing), told[0], duration_text(now - self._started), *told[1:]])
+                )
+            )
 
     def _pace(self, now: float, done: float, total: float) -> list[str]:
-        """Return the measured speed and the time left at this speed, or what is left to do that is no simulation."""
+        """Return the measured rate and the time left; while only estimators are left, say so."""
         finished = max(self._finished, 0)
         if done >= total:
             return ["estimating"] if total > finished else []
         rate = self._ends.rate if finished else None
-        if rate:  # what estimators and fits take is in it
+        if rate:  # it includes the time of estimators and fits
             left = (total - finished) / rate - (now - self._last_end)
-            return [rate_text(rate), f"about {duration(left)} left"] if left > 0 else [rate_text(rate)]
+            return [rate_text(rate), f"about {duration_text(left)} left"] if left > 0 else [rate_text(rate)]
         rate = self._work.rate
-        return [rate_text(rate), f"at least {duration((total - done) / rate)} left"] if rate else []
+        if not rate:
+            return []
+        remaining = f"at least {duration_text((total - done) / rate)} left"
+        return [rate_text(rate), remaining] if total > 1 else [remaining]  # the rate of a single sweep says nothing
 
 
-def _under_way(part: float, left: int, running: int | None) -> str:
-    """Return how many of the sweeps that are left are being computed; how far they came if no others are left.
+def _running_text(part: float, left: int, running: int | None) -> str:
+    """Return how many of the remaining sweeps are in progress, and how far if no others are left.
 
-    `part` is the sum of what has been done of each.
+    `part` is the sum of their finished fractions.
     """
     if running is None and left == 1 and part > 0:
         running = 1
     if running is None:
-        return "more under way" if part > 0 and left > 0 else ""
+        return "others in progress" if part > 0 and left > 0 else ""
     running = min(running, left)
     if running <= 0:
         return ""
     share = int(100 * part / running)
-    return f"{running} under way" + (f" at {share} %" if running == left and 0 < share < 100 else "")
+    return f"{running} in progress" + (f" at {share} %" if running == left and 0 < share < 100 else "")
 
 
-def _bar() -> "Bar":
+def _make_bar() -> "Bar":
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -122,6 +130,6 @@ def _bar() -> "Bar":
         BarColumn(bar_width=30),
         TimeElapsedColumn(),
         TextColumn("{task.fields[count]}", markup=False),
-        console=Console(stderr=True),
+        console=Console(file=cast(TextIO, TolerantStream(sys.stderr))),
         transient=True,
     )

@@ -1,4 +1,4 @@
-"""``fraexp report``: stored runs as one HTML file; and the report that running a folder ends with."""
+"""``fraexp report``: stored runs as one HTML file; also written after running a folder of studies."""
 
 import os
 from argparse import Namespace
@@ -7,9 +7,10 @@ from pathlib import Path
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.output import print_path, say
-from fraexp.cli.sweep_lookup import database, open_store, run_of
+from fraexp.cli.sweep_lookup import find_run_number
 from fraexp.errors import FraexpError
-from fraexp.reports.html_report import check_target, verdict
+from fraexp.reports.html_report import check_target
+from fraexp.reports.published_comparisons import verdict
 from fraexp.store import Store
 from fraexp.study.published_values import PublishedComparison
 from fraexp.study.study_file import find_studies, packaged_studies
@@ -19,35 +20,35 @@ from fraexp.workspace.workspace import Workspace
 def execute(arguments: Namespace) -> ExitCode:
     """Write the report of runs, and print its path."""
     check_target(arguments.output, arguments.force)
-    workspace = Workspace.open(arguments.workspace, database(arguments))
-    with open_store(arguments) as store:
-        runs = list(dict.fromkeys(number for text in arguments.ids for number in _runs(store, text)))
+    workspace = Workspace.open(arguments.workspace, arguments.db)
+    with workspace.open_store() as store:
+        runs = list(dict.fromkeys(number for text in arguments.ids for number in _run_numbers(store, text)))
         title = arguments.title or f"Report: {', '.join(arguments.ids)}"
         compared = _write(workspace, store, runs, arguments.output, title)
     return ExitCode.INCOMPLETE if any(one.remark for one in compared) else ExitCode.OK
 
 
-def _runs(store: Store, identifier: str) -> list[int]:
-    """Return the run of a number or a study's name, or for a folder's name the newest run of each study in it.
+def _run_numbers(store: Store, identifier: str) -> list[int]:
+    """Return the run of a number or study name; for a folder name, the newest run of each study in it.
 
-    What was fitted to a study's responses has a name in its folder too, but is no study that has a file.
+    Runs of fits are named after the folder too, but have no study file.
     """
-    number = run_of(store, identifier)
+    number = find_run_number(store, identifier)
     if number is not None:
         return [store.run(number).number]
     inside = f"{identifier.rstrip('/')}/"
     studies = [run for run in reversed(store.runs()) if run.study_file.endswith(".toml")]
     newest = {run.study: run.number for run in studies if run.study.startswith(inside)}
     if not newest:
-        raise FraexpError(f"report: there is no run of '{identifier}'; name runs or studies as fraexp list shows them")
+        raise FraexpError(f"report: no run of '{identifier}'; expected a run or a study as fraexp list shows them")
     return [newest[study] for study in sorted(newest)]
 
 
 def report_folders(arguments: Namespace, runs: Sequence[int], workspace: Workspace) -> None:
     """Write ``figures/FOLDER.html`` for each folder of studies that was run."""
-    with open_store(arguments) as store:
+    with workspace.open_store() as store:
         numbers = {store.run(number).study: number for number in runs}
-        for name, studies in _folders(arguments.study, workspace.folder):
+        for name, studies in _study_folders(arguments.study, workspace.folder):
             found = [numbers[study] for study in studies if study in numbers]
             if found:
                 path = workspace.folder / "figures" / f"{name}.html"
@@ -55,7 +56,7 @@ def report_folders(arguments: Namespace, runs: Sequence[int], workspace: Workspa
                 _write(workspace, store, found, path, f"Report: {name}", as_talk=arguments.json)
 
 
-def _folders(names: Sequence[str], folder: Path) -> Iterator[tuple[str, list[str]]]:
+def _study_folders(names: Sequence[str], folder: Path) -> Iterator[tuple[str, list[str]]]:
     """Yield name and studies of those that are folders of studies."""
     bases = (folder, folder / "studies", packaged_studies())
     for name in names:
@@ -76,7 +77,7 @@ def _write(
         print_path(path, "report ")
     for one in compared:
         if one.remark:
-            say(f"printed number '{one.printed.what}': {one.remark}")
+            say(f"published value '{one.published.what}': {one.remark}")
     if compared:
         say(verdict(compared))
     return compared

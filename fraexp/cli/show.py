@@ -1,31 +1,29 @@
-"""``fraexp show``: a run with its sweeps, or a sweep with its parameters and numbers."""
+"""``fraexp show``: a run with its sweeps, or a sweep with its parameters and results."""
 
 from argparse import Namespace
 from collections.abc import Sequence
-from pathlib import Path
 
 from fraexp.cli.documents import run_document, sweep_document
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.output import print_fields, print_json, print_table, say
-from fraexp.cli.summary import print_summary, to_summarise
-from fraexp.cli.sweep_lookup import open_store, run_of
-from fraexp.components.registry import discover
+from fraexp.cli.summary import needs_summary, print_summary
+from fraexp.cli.sweep_lookup import find_run_number, workspace_folder
 from fraexp.data.results import Fit, Result
-from fraexp.figures.elements.labels import printable
-from fraexp.store import RunSummary, Store, StoredSweep
+from fraexp.data.terminal_text import printable
+from fraexp.store import RunSummary, Store, StoredSweep, mark_damaged
 from fraexp.views.fields import remedies, run_fields, sweep_fields
 from fraexp.views.result_rows import FIT_COLUMNS, curve_text, fit_rows, fit_section, metric_fields
 from fraexp.views.text_tables import response_table, sweep_table
-from fraexp.views.words import flat, plural, value_text, without_segments
+from fraexp.views.words import flatten, plural, summarise_segments, value_text
 
-ROWS = 12
-"""Rows of a response that are shown unless all are asked for."""
+MAX_RESPONSE_ROWS = 12
+"""Maximum number of response rows without ``--points``."""
 
 
 def execute(arguments: Namespace) -> ExitCode:
     """Print a run or a sweep."""
-    with open_store(arguments) as store:
-        number_ = run_of(store, arguments.id)
+    with workspace_folder(arguments).open_store() as store:
+        number_ = find_run_number(store, arguments.id)
         if number_ is None:
             _show_sweep(store, arguments)
         else:
@@ -34,48 +32,56 @@ def execute(arguments: Namespace) -> ExitCode:
 
 
 def _show_run(store: Store, number_: int, arguments: Namespace) -> None:
+    from fraexp.cli.published import print_published, published_documents  # reads studies: a sweep does without
+    from fraexp.reports.published_comparisons import compare_run
+
     run, sweeps = store.run(number_), store.sweeps(number_)
     results = store.results(sweep.key for sweep in sweeps)
+    sweeps = mark_damaged(sweeps, results)
     say_recomputed(run, sweeps)
+    compared = compare_run(run, sweeps, results, workspace_folder(arguments).folder)
     if arguments.json:
         documents = [sweep_document(sweep, results.get(sweep.key), arguments.points) for sweep in sweeps]
-        print_json({**run_document(run), "sweeps": documents})
+        print_json({**run_document(run), "sweeps": documents, "published": published_documents(compared)})
         return
     print_fields(run_fields(run))
     print()
-    registry = discover(Path(arguments.workspace) / "plugins")
-    if to_summarise(len(sweeps)) and not arguments.all:
+    registry = workspace_folder(arguments).registry
+    if needs_summary(len(sweeps)) and not arguments.all:
         print_summary(sweeps, results, registry)
         say("--all shows each sweep")
     else:
         print_table(*sweep_table(sweeps, results, registry))
+    print_published(compared)
     for remedy in remedies(sweeps):
         say(remedy)
 
 
 def say_recomputed(run: RunSummary, sweeps: Sequence[StoredSweep]) -> None:
-    """Say how many of the run's sweeps have been computed again since it ended."""
+    """Report how many sweeps of the run have been computed again since it ended."""
     again = [sweep for sweep in sweeps if run.ended and sweep.created and sweep.created > run.ended]
     if again:
         have = "has" if len(again) == 1 else "have"
-        say(f"{len(again)} of {plural(run.total, 'sweep')} {have} been computed again since; the new results are shown")
+        say(f"{len(again)} of {plural(run.total, 'sweep')} {have} been recomputed since; the new results are shown")
 
 
 def _show_sweep(store: Store, arguments: Namespace) -> None:
     sweep = store.find(arguments.id)
-    result, log = store.results([sweep.key]).get(sweep.key), store.log(sweep.key)
+    results, log = store.results([sweep.key]), store.log(sweep.key)
+    result = results.get(sweep.key)
+    (sweep,) = mark_damaged([sweep], results)
     if arguments.json:
         print_json(sweep_document(sweep, result))
         return
     print_fields(sweep_fields(sweep))
     print("\nparameters")
-    parameters = flat({**without_segments(sweep.experiment), "estimator": sweep.estimator})
+    parameters = flatten({**summarise_segments(sweep.experiment), "estimator": sweep.estimator})
     print_fields([(path, value_text(value)) for path, value in parameters.items()], indent=2)
-    print("\nsupplied by")
+    print("\nprovided by")
     sources = sweep.sources.items()
     print_fields([(name, f"{of.distribution}, source {of.source_hash[:12]}") for name, of in sources], indent=2)
     if result is not None:
-        _show_result(result, None if arguments.points else ROWS)
+        _show_result(result, None if arguments.points else MAX_RESPONSE_ROWS)
     if log:
         print("\nlog")
         print("\n".join(printable(line) for line in log.splitlines()))
@@ -100,7 +106,7 @@ def _show_result(result: Result, rows: int | None) -> None:
 
 
 def _show_fit(fit: Fit) -> None:
-    """Print what was identified, and the section of a study that uses it."""
+    """Print the identified parameters, and a section of a study that uses them."""
     print(f"\nfit of the {fit.kind}")
     print_table(FIT_COLUMNS, fit_rows(fit))
     print()

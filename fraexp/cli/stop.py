@@ -1,19 +1,20 @@
-"""``fraexp stop``: end a run that goes on in the background, or anywhere else on this machine."""
+"""``fraexp stop``: stop a run on this machine, in the background or elsewhere."""
 
+import shlex
 from argparse import Namespace
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.output import say
-from fraexp.cli.sweep_lookup import database, open_store
+from fraexp.cli.sweep_lookup import location_options
 from fraexp.workspace.workspace import Workspace
 
 
 def execute(arguments: Namespace) -> ExitCode:
-    """Ask the run to end, or end its processes."""
-    workspace = Workspace.open(arguments.workspace, database(arguments))
-    with open_store(arguments) as store:
+    """Ask the run to stop, or kill its processes."""
+    workspace = Workspace.open(arguments.workspace, arguments.db)
+    with workspace.open_store() as store:
         run = store.run(arguments.run)
-    workspace.stop(run, arguments.hard)
-    what = "is ended; what was stored stays" if arguments.hard else "is asked to end; what is finished is kept"
-    say(f"run {run.number} {what}, and fraexp run {run.study} goes on from there")
+    workspace.stop(run, arguments.kill)
+    what = "is killed; stored results are kept" if arguments.kill else "is stopping; finished sweeps are kept"
+    say(f"run {run.number} {what}, fraexp run {shlex.quote(run.study)}{location_options(arguments)} continues it")
     return ExitCode.OK

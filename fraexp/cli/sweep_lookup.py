@@ -2,59 +2,62 @@
 
 import shlex
 from argparse import Namespace
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from fraexp.cli.output import say
 from fraexp.errors import StoreError
-from fraexp.store import Store, StoredSweep, shown
+from fraexp.store import Store, StoredSweep, url_without_password
+from fraexp.workspace.workspace_folder import WorkspaceFolder
 
-KEY_DIGITS = 8
-"""So many digits, and a number that no run has is meant as the beginning of a key."""
-LONGEST = 18
-"""Digits of a run's number, at most."""
-
-
-def database(arguments: Namespace) -> str:
-    """Return the database that the command line names: by default results.db in the workspace."""
-    return str(arguments.db or Path(arguments.workspace) / "results.db")
+MIN_KEY_DIGITS = 8
+"""A number with at least so many digits that no run has is taken as the beginning of a key."""
+MAX_RUN_DIGITS = 18
+"""Maximum number of digits of a run number."""
 
 
-def place(arguments: Namespace) -> str:
+def workspace_folder(arguments: Namespace) -> WorkspaceFolder:
+    """Return the workspace that the command line names; only its database has to be there, not its folder."""
+    folder = Path(arguments.workspace)
+    return WorkspaceFolder(folder, str(arguments.db or folder / "results.db"))
+
+
+@contextmanager
+def opened_for_writing(arguments: Namespace, create: bool = False) -> Iterator[Store]:
+    """Open the database to change it, and say so if that has migrated it."""
+    with workspace_folder(arguments).open_store("create" if create else "write") as store:
+        if store.notice:
+            say(store.notice)
+        yield store
+
+
+def location_options(arguments: Namespace) -> str:
     """Return the options that name workspace and database as the command line did, for commands that are proposed."""
     given = {"--workspace": arguments.workspace, "--db": arguments.db}
     return "".join(
-        f" {option} {shlex.quote(shown(str(value)))}" for option, value in given.items() if str(value or ".") != "."
+        f" {option} {shlex.quote(url_without_password(str(value)))}"
+        for option, value in given.items()
+        if str(value or ".") != "."
     )
 
 
-def open_store(arguments: Namespace) -> Store:
-    """Open the database for reading only."""
-
-    def units(path: str) -> set[str]:  # plugins are looked at only where a filter has a unit
-        from fraexp.components.registry import discover
-        from fraexp.study.paths import units_of
-
-        return units_of(path, discover(Path(arguments.workspace) / "plugins"))
-
-    return Store.open(database(arguments), read_only=True, units=units)
-
-
-def run_of(store: Store, identifier: str) -> int | None:
-    """Return the number of the run that is named by it, or by its study: the newest; None for a sweep's key."""
+def find_run_number(store: Store, identifier: str) -> int | None:
+    """Return the run of a number, or the newest run of a study name; None for a sweep key."""
     if identifier.isascii() and identifier.isdigit():
-        return _run_of_digits(store, identifier)
+        return _find_run_of_digits(store, identifier)
     return next((run.number for run in store.runs() if run.study == identifier), None)
 
 
-def _run_of_digits(store: Store, identifier: str) -> int | None:
-    """Return the run of a number; None if there is none, but digits are how a sweep's key begins."""
-    number = int(identifier) if len(identifier) <= LONGEST else 0
-    short = number if len(identifier) < KEY_DIGITS else None  # whoever asks for it is told that there is none
-    return number if _there(store.run, number) else None if _there(store.find, identifier) else short
+def _find_run_of_digits(store: Store, identifier: str) -> int | None:
+    """Return the run of a number; None if no run has it, but a sweep key begins with these digits."""
+    number = int(identifier) if len(identifier) <= MAX_RUN_DIGITS else 0
+    short = number if len(identifier) < MIN_KEY_DIGITS else None  # looking it up raises the error
+    return number if _is_found(store.run, number) else None if _is_found(store.find, identifier) else short
 
 
-def _there(ask: Callable[[Any], object], what: Any) -> bool:
+def _is_found(ask: Callable[[Any], object], what: object) -> bool:
     try:
         ask(what)
     except StoreError:
@@ -62,13 +65,13 @@ def _there(ask: Callable[[Any], object], what: Any) -> bool:
     return True
 
 
-def sweeps_of(store: Store, identifier: str) -> list[StoredSweep]:
-    """Return the sweeps of a run, in grid order, or the one of a key."""
-    number = run_of(store, identifier)
+def find_sweeps(store: Store, identifier: str) -> list[StoredSweep]:
+    """Return the sweeps of a run in grid order, or the sweep of a key."""
+    number = find_run_number(store, identifier)
     return [store.find(identifier)] if number is None else store.sweeps(number)
 
 
-def chosen(store: Store, identifiers: Iterable[str]) -> list[StoredSweep]:
-    """Return the sweeps of all identifiers, each once, in the order in which they are named."""
-    found = (sweep for identifier in identifiers for sweep in sweeps_of(store, identifier))
+def choose_sweeps(store: Store, identifiers: Iterable[str]) -> list[StoredSweep]:
+    """Return the sweeps of all identifiers, each once, in the given order."""
+    found = (sweep for identifier in identifiers for sweep in find_sweeps(store, identifier))
     return list({sweep.key: sweep for sweep in found}.values())

@@ -1,19 +1,20 @@
-"""``fraexp tag``: give sweeps a tag, or take it away."""
+"""``fraexp tag``: a tag added to sweeps, or removed."""
 
+import shlex
 from argparse import Namespace
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.output import say
-from fraexp.cli.sweep_lookup import chosen, database
-from fraexp.store import Store
+from fraexp.cli.sweep_lookup import choose_sweeps, location_options, opened_for_writing
 from fraexp.views.words import plural
 
 
 def execute(arguments: Namespace) -> ExitCode:
     """Change the tags of sweeps."""
-    with Store.open(database(arguments)) as store:
-        keys = [sweep.key for sweep in chosen(store, arguments.ids)]
+    with opened_for_writing(arguments) as store:
+        keys = [sweep.key for sweep in choose_sweeps(store, arguments.ids)]
         (store.untag if arguments.remove else store.tag)(keys, arguments.tag)
     done = "no longer tagged" if arguments.remove else "tagged"
-    say(f"{plural(len(keys), 'sweep')} {done} {arguments.tag}; fraexp list tag:{arguments.tag} shows which have it")
+    listing = f"fraexp list {shlex.quote(f'tag:{arguments.tag}')}{location_options(arguments)}"
+    say(f"{plural(len(keys), 'sweep')} {done} {arguments.tag}; {listing} lists all with this tag")
     return ExitCode.OK

@@ -7,19 +7,18 @@ from pathlib import Path
 
 from fraexp.cli.exits import ExitCode
 from fraexp.errors import FraexpError
+from fraexp.workspace.workspace_folder import WorkspaceFolder
 
 
 def execute(arguments: Namespace) -> ExitCode:
-    """Show the terminal UI until it is left."""
-    if not (sys.stdin.isatty() and sys.stdout.isatty()) and not _served():
-        raise FraexpError("tui: there is no terminal here; every screen has its command: fraexp list, show, compare")
+    """Show the terminal UI until the user quits."""
+    if not (sys.stdin.isatty() and sys.stdout.isatty()) and not _is_served():
+        raise FraexpError("tui: no terminal; use the commands instead: fraexp list, show, compare")
     if not Path(arguments.workspace).is_dir():
-        from fraexp.workspace.workspace import Workspace  # which takes its time, and would be imported later
-
-        Workspace.open(arguments.workspace)  # tells what is wrong
+        WorkspaceFolder.open(arguments.workspace)  # raises the error before the UI starts
     from fraexp.tui.services import gc_policy
 
-    gc_policy.put_off()
+    gc_policy.postpone_full_collections()
     from fraexp.tui.app import FraexpApp
 
     app = FraexpApp(arguments.workspace, arguments.db, arguments.ascii or None, arguments.debug)
@@ -27,5 +26,5 @@ def execute(arguments: Namespace) -> ExitCode:
     return ExitCode.INTERNAL if app.return_code else ExitCode.OK
 
 
-def _served() -> bool:
+def _is_served() -> bool:
     return "TEXTUAL_DRIVER" in os.environ  # by fraexp serve, to a browser

@@ -1,69 +1,139 @@
-"""The first trial of a dropped-in friction law, in a process of its own: a call that never returns ends with it."""
+"""The first trial of a local friction law in a process of its own, so that a call that never returns can be ended."""
 
 import faulthandler
 import json
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import redirect_stdout
+from numbers import Real
 from pathlib import Path
-from typing import Any
+
+import numpy as np
 
 from fraexp.components.kinds import FrictionModel
-from fraexp.components.registry import LOCAL, Registry, create, discover
+from fraexp.components.law_step import law_place
+from fraexp.components.passivity import check_passivity
+from fraexp.components.registry import LOCAL, Registry, create, discover, reason_of
 from fraexp.data.identity import file_hash
+from fraexp.data.sweep import models_by_contact
 from fraexp.errors import FraexpError, PluginError
-from fraexp.kernels.watchdog import LAW_TIME_LIMIT_S, place_in_dump
+from fraexp.kernels.watchdog import LAW_TIME_LIMIT_S, dumped_location
 
 GRACE_S = 2.0
-"""Time for a law that can be interrupted to be interrupted."""
-WRONG = 3
-"""Exit code of the process if the law is wrong; its last line on stderr says why."""
+"""Time after the limit in which a law that can be interrupted is interrupted."""
+NO_RATE_S = 1e30
+"""Time of a step [s] in which no rate matters."""
+SLOPE_TOLERANCE = 1e-6
+"""Share by which rounding may make a slope exceed the greatest one."""
+EXIT_LAW_IS_WRONG = 3
+"""Exit code of the trial process for a wrong law; its last line on stderr gives the reason."""
+PASSED = "passed"
+"""What the trial process prints at its end."""
 _passed: set[tuple[str, str]] = set()
-"""Laws that have come back, by name and source."""
+"""Laws that have passed, by name and source."""
+_failed: dict[tuple[str, str, str], str] = {}
+"""What is wrong with laws that have not, by name, source and parameters."""
 
 
-def first_trial(spec: Mapping[str, Any], registry: Registry) -> None:
-    """Try a dropped-in law in another process until it has passed once; PluginError for what is wrong with it.
+def friction_specs(value: object) -> Iterator[Mapping[str, object]]:
+    """Yield all friction models in plain data."""
+    if isinstance(value, Mapping):
+        for key, part in value.items():
+            if key in ("friction", "frictions") and isinstance(part, Mapping):
+                models = models_by_contact(part).values() or [part]
+                yield from (model for model in models if "name" in model)
+            yield from friction_specs(part)
+    elif isinstance(value, list | tuple):
+        for part in value:
+            yield from friction_specs(part)
 
-    So it is for a law that never returns, or that ends its process. Laws of installed packages are trusted.
+
+def first_trial(spec: Mapping[str, object], registry: Registry) -> None:
+    """Try a local law in another process until it has passed once; PluginError states what is wrong with it.
+
+    That includes a law that never returns, or that ends its process. Laws of installed packages are trusted.
     """
-    supply = registry.supply(FrictionModel.kind, str(spec["name"]))
-    if supply.distribution != LOCAL:
+    provider = registry.provider(FrictionModel.kind, str(spec["name"]))
+    if provider.distribution != LOCAL:
         return
-    tried = (str(spec["name"]), file_hash(supply.file))
+    tried, given = (str(spec["name"]), file_hash(provider.file)), json.dumps(dict(spec))
     if tried in _passed:
         return
-    command = [sys.executable, "-m", __name__, str(supply.file.parent), json.dumps(dict(spec))]
+    if (*tried, given) in _failed:
+        raise PluginError(_failed[*tried, given])
+    command = [sys.executable, "-m", __name__, str(provider.file.parent), given]
     done = subprocess.run(
         command, stdin=subprocess.DEVNULL, capture_output=True, text=True, errors="replace", check=False
     )
-    if done.returncode:
-        raise PluginError(_bad_end(done, tried[0], supply.file))
+    if done.returncode or not done.stdout.endswith(PASSED):  # a law may end its process without an error
+        _failed[*tried, given] = _failure_text(done, tried[0], provider.file)
+        raise PluginError(_failed[*tried, given])
     _passed.add(tried)
 
 
-def _bad_end(done: "subprocess.CompletedProcess[str]", name: str, file: Path) -> str:
-    """Return why the process ended: what it said of the law, or where the law was when it never returned."""
-    place = place_in_dump(done.stderr.splitlines(), str(file))
+def _failure_text(done: "subprocess.CompletedProcess[str]", name: str, file: Path) -> str:
+    """Return why the trial process failed: its own message, or where the law was when its time was up."""
+    place = dumped_location(done.stderr.splitlines(), str(file))
     if place:
         found = f"the law of {name} ({place}) has not returned after {LAW_TIME_LIMIT_S + GRACE_S:g} s"
         return f"{found}; expected a force at once: mend what it calls"
-    said = done.stderr.strip().splitlines()[-1:] if done.returncode == WRONG else []
-    return said[0] if said else f"the law of {name} ({file.name}) ended the process that tried it; expected a force"
+    message = done.stderr.strip().splitlines()[-1:] if done.returncode == EXIT_LAW_IS_WRONG else []
+    return (
+        message[0] if message else f"the law of {name} ({file.name}) ended the process that tried it; expected a force"
+    )
 
 
 def main() -> None:
-    """Try the law of the second argument, as JSON, found in the folder that is the first."""
+    """Try the law that the second argument describes as JSON; the first argument is its folder."""
     folder, spec = sys.argv[1:]
-    registry = discover(Path(folder))
+    with redirect_stdout(sys.stderr):  # what a plugin prints is no answer
+        registry = discover(Path(folder))
+        faulthandler.dump_traceback_later(LAW_TIME_LIMIT_S + GRACE_S, exit=True)
+        try:
+            _try_model(create(registry, FrictionModel, json.loads(spec)))
+        except FraexpError as error:
+            print(error, file=sys.stderr)
+            sys.exit(EXIT_LAW_IS_WRONG)
+        except Exception as error:
+            print(f"the law of {json.loads(spec)['name']} fails: {reason_of(error)}", file=sys.stderr)
+            sys.exit(EXIT_LAW_IS_WRONG)
+    print(PASSED, end="")
+
+
+def _try_model(model: FrictionModel) -> None:
+    """Raise an error for what is wrong with a model: with its law, its properties, or the energy that it gives."""
+    model.check_law()
+    _check_arguments(model)
+    _check_properties(model)
     faulthandler.dump_traceback_later(LAW_TIME_LIMIT_S + GRACE_S, exit=True)
-    try:
-        create(registry, FrictionModel, json.loads(spec)).rehearse()
-    except FraexpError as error:
-        print(error, file=sys.stderr)
-        sys.exit(WRONG)
-    except Exception:  # a stranger's law may raise anything: it does so where it is tried next, too
-        return
+    if "energy" not in model.expected_failures and isinstance(model.viscous, float | int):
+        check_passivity(model.name, model.law, model.law_arguments(), model.state_size, float(model.viscous))
+
+
+def _check_properties(model: FrictionModel) -> None:
+    """Raise PluginError for a property that is no finite number, and for a stiffness that the law exceeds at rest."""
+    subject = f"the law of {model.name} ({law_place(model.law)})"
+    for name in ("viscous", "force_bound", "has_unique_periodic_force", "max_stiffness"):
+        value = getattr(model, name)
+        if value is not None and not (isinstance(value, Real | np.bool_) and np.isfinite(float(value))):
+            raise PluginError(f"{subject} has a {name} of {value!r:.60}; expected a finite number")
+        if getattr(model, name) != value:
+            raise PluginError(f"{subject} has another {name} each time; expected one that follows from the parameters")
+    slope = model.stiffness_in_step(NO_RATE_S)
+    if "stiffness" not in model.expected_failures and slope > model.max_stiffness * (1 + SLOPE_TOLERANCE):
+        found = f"has a slope of {slope:.5g} N/m at rest, and a max_stiffness of {model.max_stiffness:.5g} N/m"
+        raise PluginError(f"{subject} {found}; expected that no slope exceeds it (check 'stiffness')")
+
+
+def _check_arguments(model: FrictionModel) -> None:
+    """Raise PluginError if the law's arguments are others when they are asked for again."""
+    first, second = (repr(model.law_arguments()) for _ in range(2))
+    if first != second:
+        raise PluginError(
+            f"the law of {model.name} gets other arguments each time: {first:.60}, then {second:.60}; expected "
+            "attributes that follow from the parameters alone"
+        )
 
 
 if __name__ == "__main__":

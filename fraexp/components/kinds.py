@@ -1,4 +1,4 @@
-"""What plugins supply: the kinds of component and their contracts."""
+"""The kinds of component that plugins provide, and their contracts."""
 
 import inspect
 from abc import ABC, abstractmethod
@@ -6,16 +6,22 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple, cast, get_args
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic.fields import FieldInfo
 
-from fraexp.components.law_check import rehearse
+from fraexp.components.law_check import check_law
+from fraexp.components.law_step import argument_names, explained_calls
 from fraexp.components.parameters import Parameters
+from fraexp.components.ports import Ports, StateSpace
 from fraexp.data.results import Result
 from fraexp.data.signals import Segment, Signals
 from fraexp.errors import PluginError, did_you_mean
+
+if TYPE_CHECKING:  # numba: imported only when a law is run
+    from fraexp.kernels.law_arguments import LawArgument
 
 
 def nested_kind(info: FieldInfo) -> "type[Component] | None":
@@ -27,27 +33,29 @@ def nested_kind(info: FieldInfo) -> "type[Component] | None":
 
 
 class Component(Parameters, ABC):
-    """What a plugin supplies under a name; the subclasses below are the kinds, theirs the components."""
+    """What a plugin provides under a name; the subclasses below are the kinds, theirs the components."""
 
     kind: ClassVar[str] = ""
-    """Section of a study that names such a component."""
+    """Kind of component: the section of a study that names one."""
     name: ClassVar[str] = ""
-    """Name in studies and in the store; empty for a kind."""
+    """Name in studies and in the database; empty for a kind."""
+    former_names: ClassVar[tuple[str, ...]] = ()
+    """Names that it had before: studies and databases may still use them."""
     version: ClassVar[int] = 0
-    """Raised by the author whenever the same parameters give other numbers."""
-    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
+    """Version, which the author raises whenever the same parameters give other numbers."""
+    presets: ClassVar[Mapping[str, Mapping[str, object]]] = {}
     """Named parameter sets, such as that of a paper; a study names one as ``preset`` and may change parts of it."""
     expected_failures: ClassVar[Mapping[str, str]] = {}
-    """Checks of `fraexp.testing` that it does not pass by its nature, each with the reason."""
+    """Checks of `fraexp.testing` that it fails by its nature, each with the reason."""
 
-    def __init_subclass__(cls, *, name: str = "", version: int = 0, **kwargs: Any) -> None:
+    def __init_subclass__(cls, *, name: str = "", version: int = 0, **kwargs: object) -> None:
         for option in kwargs:
             near = did_you_mean(option, ("name", "version"))
-            raise PluginError(f"class {cls.__name__} is given '{option}', which no component takes{near}")
+            raise PluginError(f"class {cls.__name__} has the unknown argument '{option}'{near}")
         super().__init_subclass__()  # pydantic hands class arguments to both hooks
 
     @classmethod
-    def __pydantic_init_subclass__(cls, *, name: str = "", version: int = 0, **kwargs: Any) -> None:
+    def __pydantic_init_subclass__(cls, *, name: str = "", version: int = 0, **kwargs: object) -> None:
         super().__pydantic_init_subclass__(**kwargs)
         if not name:
             return
@@ -59,8 +67,11 @@ class Component(Parameters, ABC):
         taken = {"name", "version", "preset"} & set(cls.model_fields)
         if taken:
             raise PluginError(f"{name}: a parameter cannot be called '{taken.pop()}'; choose another name")
+        for key, info in cls.model_fields.items():
+            if isinstance(info.default, property):
+                raise PluginError(f"{name}: '{key}' is a parameter and a property; expected one of them")
         if not cls.kind:
-            raise PluginError(f"{name} is of no kind; derive it from FrictionModel, Plant, Controller or another kind")
+            raise PluginError(f"{name} has no kind; derive it from FrictionModel, Plant, Controller or another kind")
         missing = sorted(getattr(cls, "__abstractmethods__", ()))
         if missing:
             raise PluginError(f"{name} lacks {', '.join(missing)}, which every {cls.kind} has")
@@ -69,7 +80,7 @@ class Component(Parameters, ABC):
 
     @classmethod
     def check_definition(cls) -> None:
-        """Raise PluginError if the class breaks its kind's contract in a way that can be seen without running it."""
+        """Raise PluginError if the class visibly breaks its kind's contract, without running it."""
 
     def spec(self) -> dict[str, Any]:
         """Return the plain data that identifies this component: name, version and parameters."""
@@ -77,7 +88,7 @@ class Component(Parameters, ABC):
 
 
 def _check_overrides(cls: type[Component]) -> None:
-    """Raise PluginError for a method that cannot be called as its kind's, or that ought to be a property."""
+    """Raise PluginError for a method that cannot be called as that of its kind, or that must be a property."""
     kind = next(base for base in KINDS if issubclass(cls, base))
     for name, expected in vars(kind).items():
         found = inspect.getattr_static(cls, name)
@@ -96,11 +107,11 @@ class FrictionModel(Component, ABC):
     """A friction law in displacement: force from the displacement's increments and a memory of its own.
 
     The law is one pure function that fraexp compiles; it must be written in the subset of Python that numba
-    compiles, and may use `math`. It is called by the loop (several times a step, hence `z` must not be
-    written), by the observer and by tests::
+    compiles, and may use `math`. The loop calls it several times a step, hence it must not write `z`; the observer
+    and tests call it too::
 
         @staticmethod
-        def advance(z, dy, dt, z_next, stiffness, coulomb):
+        def advance(z, dy, dt, z_next, stiffness, coulomb_force):
             "Friction force [N] after the displacement moved by dy [m] in dt [s]."
 
     `z` and `z_next` are float64 arrays of `state_size` elements. The arguments after `z_next` are named after
@@ -111,13 +122,16 @@ class FrictionModel(Component, ABC):
     states: ClassVar[tuple[str, ...]] = ()
     """Name and unit of each element of z, such as ``("force [N]",)``."""
 
-    advance: ClassVar[Any]
+    advance: ClassVar[Callable[..., float]]
 
     @classmethod
     def check_definition(cls) -> None:
         law = getattr(cls, "advance", None)
         if not isinstance(inspect.getattr_static(cls, "advance", None), staticmethod) or law is None:
             raise PluginError(f"{cls.name} lacks the static method advance(z, dy, dt, z_next, ...)")
+        states = inspect.getattr_static(cls, "states", ())
+        if isinstance(states, str | int | float):
+            raise PluginError(f"{cls.name}.states is {states!r}; expected a tuple of names, such as ('force [N]',)")
         names = list(inspect.signature(law).parameters)
         if names[:4] != ["z", "dy", "dt", "z_next"]:
             raise PluginError(
@@ -126,7 +140,7 @@ class FrictionModel(Component, ABC):
         for name in names[4:]:
             if name not in cls.model_fields and not hasattr(cls, name):
                 raise PluginError(
-                    f"{cls.name}.advance takes '{name}', which is no parameter{did_you_mean(name, cls.model_fields)}"
+                    f"{cls.name}.advance takes '{name}', which is not a parameter{did_you_mean(name, cls.model_fields)}"
                 )
 
     @property
@@ -140,102 +154,102 @@ class FrictionModel(Component, ABC):
         return 0.0
 
     @property
-    def forgets(self) -> bool:
-        """Whether a periodic motion has one periodic force, but for a constant, whatever came before."""
+    def has_unique_periodic_force(self) -> bool:
+        """Whether a periodic motion has one periodic force, apart from a constant, whatever came before."""
         return False
 
     @property
     def force_bound(self) -> float | None:
-        """Greatest magnitude [N] that the law's force can reach, such as Fs; None if it has none, or does not say."""
+        """Maximum magnitude [N] of the law's force, such as Fs; None if it is unbounded or unknown."""
         return None
 
     @property
-    def greatest_stiffness(self) -> float:
-        """Greatest slope of force over displacement [N/m] that the loop's step must resolve.
+    def max_stiffness(self) -> float:
+        """Maximum slope of force over displacement [N/m], which the loop's step must resolve.
 
-        Unless a model knows better: twice the slope at rest, as after a reversal from full slip.
+        By default twice the slope at rest, as after a reversal from gross sliding.
         """
+        return 2 * self.stiffness_in_step(PROBE_M / PROBE_VELOCITY_M_S)
+
+    def stiffness_in_step(self, time_step: float) -> float:
+        """Return the slope of force over displacement [N/m] at rest, rates in a step of `time_step` [s] included."""
         z, z_next = np.zeros((2, max(self.state_size, 1)))
-        return 2 * abs(self.law(z, PROBE, PROBE / SLOW, z_next, *self.law_arguments())) / PROBE
+        return abs(self.law(z, PROBE_M, time_step, z_next, *self.law_arguments())) / PROBE_M
 
     @property
     def law(self) -> Callable[..., float]:
-        """The function that is compiled: `advance`, unless a model puts its law together from others."""
-        return cast(Callable[..., float], type(self).advance)
+        """The function that is compiled: `advance`, unless a model composes its law from others."""
+        return type(self).advance
 
     @cached_property
-    def vectorises(self) -> bool:
-        """Whether the law can be computed for several machines at once: it takes no branch on a value."""
-        from fraexp.kernels.drive import vectorises  # numba: imported only when a law is run
+    def is_vectorisable(self) -> bool:
+        """Whether the law can be computed for several machines at once: it must not branch on a value."""
+        from fraexp.kernels.prescribed_motion import can_vectorise  # numba: imported only when a law is run
 
-        return vectorises(self.law, self.law_arguments())
+        return can_vectorise(self.law, self.law_arguments())
 
-    def law_arguments(self) -> tuple[Any, ...]:
+    @property
+    def velocity_law(self) -> Callable[..., float] | None:
+        """The force as a function of velocity dy/dt alone, which jumps at rest, with `advance`'s arguments; or None.
+
+        The loop then finds stick and slip exactly, without `advance`: at rest the force is whatever balances the
+        thrust, between the law's limits on either side.
+        """
+        return None
+
+    def law_arguments(self) -> "tuple[LawArgument, ...]":
         """Return the values that the law takes after z_next: floats, and float64 arrays for sequences."""
-        names = list(inspect.signature(type(self).advance).parameters)[4:]
-        values = (getattr(self, name) for name in names)
+        values = (getattr(self, name) for name in argument_names(type(self).advance))
         return tuple(
             np.asarray(value, dtype=float) if isinstance(value, tuple | list | np.ndarray) else float(value)
             for value in values
         )
 
-    def rehearse(self) -> None:
-        """Walk with the law in plain Python; PluginError where compiled code would go wrong without a word.
+    def check_law(self, time_step: float | None = None) -> None:
+        """Run the law along a test motion in plain Python; PluginError for what `law_check` finds.
 
-        Indices beyond `state_size`, writes to `z` or to a parameter, and a force that is no number are found here,
-        also where the law goes only after it has slipped, turned, or moved fast or slowly for long, and a law that
-        never returns.
+        The motion slips, turns, and goes fast and slowly for long; with `time_step` [s] it is a few steps of that time.
         """
-        rehearse(self.name, self.law, self.law_arguments(), self.state_size, lambda: self.greatest_stiffness)
+        for law in filter(None, (self.law, self.velocity_law)):
+            check_law(self.name, law, self.law_arguments(), self.state_size, lambda: self.max_stiffness, time_step)
 
-    def force(self, displacement: np.ndarray, time_step: float, periodic: bool = False) -> np.ndarray:
+    def force(self, displacement: NDArray[np.float64], time_step: float, periodic: bool = False) -> NDArray[np.float64]:
         """Return the law's force [N], shape (n,), along a displacement record [m], shape (n,), without `viscous`.
 
-        The record starts from the state at rest; one that is one or more whole periods is answered with the
-        periodic force if `periodic`.
+        The record starts from the state at rest. With `periodic` it must be one or more whole periods, and the force is
+        the periodic one.
         """
         return self.forces([Motion(displacement, time_step, periodic)])[0]
 
-    def forces(self, motions: "Sequence[Motion]") -> list[np.ndarray]:
-        """Return the law's force [N] along each of several motions: much faster than one after another."""
-        from fraexp.kernels.drive import drive  # numba: imported only when a law is run
+    def forces(self, motions: "Sequence[Motion]") -> list[NDArray[np.float64]]:
+        """Return the law's force [N] along each of several motions: much faster than one by one."""
+        from fraexp.kernels.prescribed_motion import friction_forces  # numba: imported only when a law is run
 
-        self.rehearse()
+        self.check_law()
         if not motions:
             return []
-        wide = len(motions) > 1 and self.vectorises
-        return drive(self.law, self.law_arguments(), self.state_size, motions, wide)
+        is_vectorised, arguments = len(motions) > 1 and self.is_vectorisable, self.law_arguments()
+        with explained_calls(self.name, arguments):
+            return friction_forces(self.law, arguments, self.state_size, motions, is_vectorised)
 
 
 class Motion(NamedTuple):
     """A displacement along which a friction model is driven."""
 
-    displacement: np.ndarray
+    displacement: NDArray[np.float64]
     """Displacement [m], shape (n,)."""
     time_step: float
-    """Its time step [s]."""
+    """Time step of the displacement [s]."""
     periodic: bool = False
-    """Whether the displacement is one or more whole periods, and the periodic force is wanted."""
-    lead_in: np.ndarray = np.empty(0)
-    """Displacement before, from rest [m]."""
+    """Whether the displacement is one or more whole periods whose periodic force is asked for."""
+    lead_in: NDArray[np.float64] = np.empty(0)
+    """Displacement before the motion, from rest [m], shape (m,)."""
     lead_in_step: float = 1.0
-    """Its time step [s]."""
+    """Time step of the lead-in [s]."""
 
 
-PROBE, SLOW = 1e-9, 1e-9
-"""A displacement [m] that lets no friction slip, and a velocity [m/s] without rate effects."""
-
-
-@dataclass(frozen=True)
-class StateSpace:
-    """A linear single-input single-output system ẋ = A x + b u, y = c x."""
-
-    a: np.ndarray
-    """Shape (n, n)."""
-    b: np.ndarray
-    """Shape (n,)."""
-    c: np.ndarray
-    """Shape (n,)."""
+PROBE_M, PROBE_VELOCITY_M_S = 1e-9, 1e-9
+"""A displacement at which no friction slips, and a velocity without rate effects."""
 
 
 class Plant(Component, ABC):
@@ -247,8 +261,12 @@ class Plant(Component, ABC):
     def state_space(self) -> StateSpace:
         """Return a state-space realisation of P(s)."""
 
+    def ports(self) -> Ports:
+        """Return where forces act and positions are measured: by default one place, where friction acts as well."""
+        return Ports.from_state_space(self.state_space())
+
     @abstractmethod
-    def response(self, omega: np.ndarray) -> np.ndarray:
+    def response(self, omega: NDArray[np.floating]) -> NDArray[np.complex128]:
         """Return P(jω) [m/N], shape (n,), at angular frequencies omega [rad/s], shape (n,)."""
 
 
@@ -258,26 +276,26 @@ class Controller(Component, ABC):
     kind: ClassVar[str] = "controller"
 
     @abstractmethod
-    def transfer_function(self, sample_time: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return numerator and denominator in ascending powers of z⁻¹, the denominator starting with 1."""
+    def transfer_function(self, sample_time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return numerator and denominator in ascending powers of z⁻¹; the denominator starts with 1."""
 
-    def response(self, omega: np.ndarray, sample_time: float) -> np.ndarray:
+    def response(self, omega: NDArray[np.floating], sample_time: float) -> NDArray[np.complex128]:
         """Return C(e^{jωTs}) [N/m], shape (n,), at angular frequencies omega [rad/s], shape (n,)."""
         numerator, denominator = self.transfer_function(sample_time)
-        delay = np.exp(-1j * np.asarray(omega) * sample_time)
-        return np.polynomial.polynomial.polyval(delay, numerator) / np.polynomial.polynomial.polyval(delay, denominator)
+        delay, polyval = np.exp(-1j * np.asarray(omega) * sample_time), np.polynomial.polynomial.polyval
+        return np.asarray(polyval(delay, numerator) / polyval(delay, denominator), dtype=np.complex128)
 
 
 @dataclass(frozen=True)
 class Period:
     """One period of an excitation, and the harmonics of it that it excites."""
 
-    waveform: np.ndarray
+    waveform: NDArray[np.float64]
     """Samples [N or m], shape (n,)."""
-    lines: np.ndarray
-    """Excited harmonics of the period, ascending, shape (lines,) of int."""
-    reference: np.ndarray | None = None
-    """How the position reference moves around that of the loop meanwhile [m], shape (n,); None if it rests."""
+    lines: NDArray[np.int64]
+    """Excited harmonics of the period, ascending, shape (lines,)."""
+    reference: NDArray[np.float64] | None = None
+    """Motion of the position reference around that of the loop [m], shape (n,); None if it rests."""
 
 
 class Excitation(Component, ABC):
@@ -287,34 +305,34 @@ class Excitation(Component, ABC):
     quantity: ClassVar[str] = "force"
     """What is excited: ``force`` at the control input of the loop, or ``displacement`` of a friction model."""
     rounds: ClassVar[int] = 1
-    """How often a period is run, about: more than once where `revise` asks for it."""
+    """Expected number of times that a period is run: above 1 if `revise` asks for more."""
 
     def check(self, sample_time: float) -> None:
-        """Raise ParameterError if it cannot be sampled at `sample_time` [s]: asked before anything is run."""
+        """Raise ParameterError if it cannot be sampled at `sample_time` [s]; called before anything runs."""
 
     @abstractmethod
     def periods(self, sample_time: float) -> tuple[Period, ...]:
         """Return one period of each experiment, sampled at `sample_time` [s]."""
 
     def revise(self, period: Period, segment: Segment) -> Period | None:
-        """Return the period to be run in place of one that was recorded, or None if its record will do.
+        """Return the period to run in place of one that was recorded, or None to keep the record.
 
-        For excitations that aim at something, such as an amplitude of the displacement.
+        For excitations with a target, such as an amplitude of the displacement.
         """
         return None
 
-    def greatest(self) -> tuple[float | None, float | None]:
-        """Return the greatest force [N] and stroke [m] that revised periods may ask for; None where `periods` tell."""
+    def max_force_and_stroke(self) -> tuple[float | None, float | None]:
+        """Return the maximum force [N] and stroke [m] of revised periods; None for one that `periods` shows."""
         return None, None
 
     def remark(self, segments: Sequence[Segment]) -> str:
-        """Return what there is to say of what was recorded, such as an aim that was missed; empty if nothing."""
+        """Return a remark on the record, such as a target that was missed; empty for none."""
         return ""
 
     @property
     @abstractmethod
     def schedule(self) -> "Schedule":
-        """How each experiment is brought to its periodic state and recorded."""
+        """How each experiment settles to its periodic state and is recorded."""
 
 
 @dataclass(frozen=True)
@@ -323,18 +341,18 @@ class Schedule:
 
     ramp: float = 0.0
     """Time over which the amplitude rises [s]."""
-    tolerance: float = 1e-6
+    settling_tolerance: float = 1e-6
     """Relative difference of successive periods at which the response counts as periodic."""
-    settle_limit: float = 60.0
+    settling_timeout: float = 60.0
     """Time after which settling is given up [s]; 0 to record from the start."""
-    periods: int = 1
-    """Periods that are recorded once settled, at least."""
-    record_time: float = 0.0
-    """Time that is recorded once settled, at least [s]."""
+    recorded_periods: int = 1
+    """Minimum number of periods recorded once settled."""
+    min_record_time: float = 0.0
+    """Minimum time recorded once settled [s]."""
 
 
 class Estimator(Component, ABC):
-    """A frequency response (or another result) from signals."""
+    """A method that computes a frequency response, or another result, from signals."""
 
     kind: ClassVar[str] = "estimator"
     fits: ClassVar[str] = ""
@@ -342,7 +360,15 @@ class Estimator(Component, ABC):
 
     @abstractmethod
     def estimate(self, signals: Signals) -> Result:
-        """Return what the signals teach."""
+        """Return the result that the signals give."""
+
+    def matched(self, machine: Mapping[str, object]) -> "Estimator | None":
+        """Return the estimator that knows a simulated machine, whose response without friction must be the plant.
+
+        `machine` has its friction model, dead times and lags by the names of parameters. None for an estimator that
+        takes no friction from the input.
+        """
+        return None
 
 
 class RecordReader(Component, ABC):
@@ -350,23 +376,23 @@ class RecordReader(Component, ABC):
 
     kind: ClassVar[str] = "reader"
     suffixes: ClassVar[tuple[str, ...]] = ()
-    """File name endings that it reads, such as ``.csv``."""
+    """File name suffixes that it reads, such as ``.csv``."""
 
     @abstractmethod
     def read(self, path: Path, columns: Sequence[str]) -> "RecordTable":
-        """Return the named columns of a file; RecordError says what is wrong and which columns exist."""
+        """Return the named columns of a file; RecordError states the fault, and which columns exist."""
 
 
 @dataclass(frozen=True)
 class RecordTable:
-    """Columns of a measured record as they stand in the file."""
+    """Columns of a measured record, as stored in the file."""
 
-    columns: Mapping[str, np.ndarray]
-    """Each of shape (n,)."""
+    columns: Mapping[str, NDArray[np.float64]]
+    """Values by column name, each of shape (n,)."""
     sample_time: float | None = None
     """Sample time [s] if the file states one."""
     units: Mapping[str, str] = field(default_factory=dict)
-    """Unit of each column of which the file tells it."""
+    """Unit of each column whose unit the file states."""
 
 
 KINDS: tuple[type[Component], ...] = (FrictionModel, Plant, Controller, Excitation, Estimator, RecordReader)

@@ -1,94 +1,123 @@
-"""Trying a friction law in plain Python, before it is compiled and its mistakes go wrong without a word."""
+"""A trial run of a friction law in plain Python, before it is compiled and its mistakes fail silently."""
 
-import traceback
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterable
 from contextlib import suppress
-from pathlib import Path
-from typing import Any
+from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
+from fraexp.components.law_source import check_source
+from fraexp.components.law_step import Law, checked_step, law_place, overdue_text, step_text
 from fraexp.errors import PluginError
-from fraexp.kernels.watchdog import LAW_TIME_LIMIT_S, OverdueError, place_of, time_limit
+from fraexp.kernels.watchdog import LAW_TIME_LIMIT_S, OverdueError, time_limit
 
-STEPS = [
+TEST_STEPS = [
     (share * size, dt)
     for dt, sizes in ((1e-4, (1e-9, 1e-6)), (1.0, (1e-6, 1e-4)), (1e-4, (1e-8, 1e-5, 1e-3, 1e-1)))
     for size in sizes
     for share in (1.0, 0.0, 1.0, -0.3, -2.0, -2.0, 0.0)
 ]
-"""Steps [m] and their times [s] with which a law is tried: small and long, slow and fast, there and back."""
-PLAUSIBLE = 1.0
-"""Speed [m/s] up to which a law must give numbers."""
+"""Steps [m] of the trial run and their times [s]: small and long, slow and fast, back and forth."""
+MAX_STATES = 10_000
+"""Greatest size of a law's memory: a law of friction has tens of elements."""
+SLOW_STEP_S = 0.5
+"""Time [s] that a step may take in plain Python; compiled it takes a hundredth."""
+
+UNWRITTEN_NUMBERS = (1e30, -1e30)
+"""What z_next contains, in turn, when a step is repeated: in a run it contains an older state, which is no input."""
+Step = tuple[float, NDArray[np.float64]]
+"""Force [N] and next state."""
 
 _passed: set[tuple[object, ...]] = set()
-"""Laws that have been tried, each with the sizes of its arrays: these decide which elements it may reach."""
+"""Laws that have passed, each with the sizes of its arrays: these decide which elements it may access."""
 
 
-def rehearse(
-    name: str, law: Callable[..., float], arguments: tuple[Any, ...], states: int, stiffness: Callable[[], float]
+def check_law(
+    name: str,
+    law: Law,
+    arguments: tuple[object, ...],
+    states: int,
+    stiffness: Callable[[], float],
+    time_step: float | None = None,
 ) -> None:
-    """Walk with a law, once per process; PluginError if it reaches beyond z, writes anything else, or gives no number.
+    """Run a law along the test steps, once per process; PluginError for what compiled code would not report.
 
-    So it is if the law does not return, or its greatest `stiffness`, which may try the law too. A composite's law is
-    tried as a whole, with the sizes that it passes on.
+    That is an index beyond z, a write to anything but z_next, a force that is not a finite number, another force for
+    the same step, and a law that never returns, or whose maximum `stiffness`, which may call the law too, never
+    returns. The law of a composite is run as a whole, with the sizes that it passes on. With `time_step` [s] it also
+    takes a step of that time.
     """
-    values = tuple(_read_only(value) for value in arguments)
-    tried = (law, states, *(np.size(value) for value in values if not isinstance(value, tuple)))
-    if tried in _passed:
+    sizes = (value.size if isinstance(value, np.ndarray) else 1 for value in arguments if not isinstance(value, tuple))
+    key = (law, states, time_step, *sizes)
+    if key in _passed:
         return
-    at = "when asked for its greatest stiffness"
-    try:
-        with time_limit(LAW_TIME_LIMIT_S):
-            with suppress(Exception):  # whatever is wrong with it is said where it is needed
-                stiffness()
-            z = np.zeros(states)
-            for dy, dt in STEPS:
-                at = f"on dy = {dy:g} m in {dt:g} s"
-                z_next = _step(name, law, values, z, dy, dt)
-                z = z_next if np.all(np.isfinite(z_next)) else np.zeros(states)
-    except OverdueError as error:
-        raise PluginError(f"the law of {name} {overdue(error, law, at)}") from None
-    _passed.add(tried)
+    _check_size(name, law, states)
+    check_source(name, law)
+    steps = TEST_STEPS if time_step is None else [(dy, time_step) for dy in (1e-9, -1e-6, 0.0, 1e-5)]
+    trial = _Trial(name, law, arguments, stiffness)
+    trial.run(np.zeros(states), steps)
+    _passed.add(key)
 
 
-def overdue(error: OverdueError, law: Callable[..., float], at: str) -> str:
-    """Return what is said of a law that does not return, after its name; `at` is what it was asked for."""
-    place = place_of(error, law.__code__.co_filename, law.__code__.co_firstlineno)
-    found = f"({place}) has not returned after {LAW_TIME_LIMIT_S:g} s {at}"
-    return f"{found}; expected a force at once: mend what ends its loops"
+def _check_size(name: str, law: Law, states: object) -> None:
+    if not (isinstance(states, int | np.integer) and 0 <= states <= MAX_STATES):
+        found = f"the law of {name} ({law_place(law)}) has a state_size of {states}"
+        raise PluginError(f"{found}; expected a whole number from 0 to {MAX_STATES}")
 
 
-def _step(
-    name: str, law: Callable[..., float], arguments: tuple[Any, ...], z: np.ndarray, dy: float, dt: float
-) -> np.ndarray:
-    force: Any = np.nan
-    z_next = np.full(z.size, np.nan)
-    plausible = abs(dy) <= PLAUSIBLE * dt
-    try:
-        force = law(_read_only(z), dy, dt, z_next, *arguments)
-    except Exception as error:
-        if plausible or not isinstance(error, ArithmeticError):  # which compiled code answers with inf
-            raise PluginError(_complaint(name, error, z.size, dy, dt)) from error
-    sound = isinstance(force, float | int) and np.isfinite(force) and np.all(np.isfinite(z_next))
-    if plausible and not sound:
-        found = f"a force of {force} and a next state of {z_next.tolist()}"
-        raise PluginError(f"the law of {name} gives {found} on dy = {dy:g} m; expected finite numbers")
-    return z_next
+def _is_same(first: Step, second: Step) -> bool:
+    return np.array_equal(first[0], second[0], equal_nan=True) and np.array_equal(first[1], second[1], equal_nan=True)
 
 
-def _complaint(name: str, error: Exception, states: int, dy: float, dt: float) -> str:
-    line = traceback.extract_tb(error.__traceback__)[-1]
-    place = f"({Path(line.filename).name}, line {line.lineno})"
-    if "read-only" in str(error):
-        return f"the law of {name} writes z or a parameter; it may write z_next, as steps are tried {place}"
-    size = f"z has {states} elements (states, or state_size)"
-    return f"the law of {name} fails on dy = {dy:g} m in {dt:g} s: {type(error).__name__}: {error} {place}; {size}"
+class _Trial:
+    """A trial run with a time limit; `at` is what is being done, for the message if that is exceeded."""
 
+    def __init__(self, name: str, law: Law, arguments: tuple[object, ...], stiffness: Callable[[], float]) -> None:
+        self._name, self._law, self._arguments, self._stiffness = name, law, arguments, stiffness
+        self._at = "when asked for its maximum stiffness"
+        self._done = 0
+        """Number of steps that have been taken."""
+        self._since = time.monotonic()
+        """Time at which the present step began [s]."""
 
-def _read_only(value: Any) -> Any:
-    if not isinstance(value, np.ndarray):
-        return value
-    view = value.view()
-    view.flags.writeable = False
-    return view
+    def run(self, z: NDArray[np.float64], steps: Iterable[tuple[float, float]]) -> None:
+        """Take the steps one after another, each twice."""
+        try:
+            with time_limit(LAW_TIME_LIMIT_S):
+                with suppress(Exception):  # its own faults are reported where it is used
+                    self._stiffness()
+                for dy, dt in steps:
+                    z = self._take(z, dy, dt)
+        except OverdueError as error:
+            raise PluginError(f"the law of {self._name} {self._late_text(error)}") from None
+
+    def _take(self, z: NDArray[np.float64], dy: float, dt: float) -> NDArray[np.float64]:
+        self._at, self._since = step_text(dy, dt), time.monotonic()
+        step = partial(checked_step, self._name, self._law, self._arguments, z, dy, dt)
+        force, z_next = step()
+        unwritten = UNWRITTEN_NUMBERS[self._done % len(UNWRITTEN_NUMBERS)]
+        if not _is_same((force, z_next), step(unwritten)):
+            raise PluginError(self._impurity_text((force, z_next), step(), unwritten))
+        self._done += 1
+        return z_next if np.all(np.isfinite(z_next)) else np.zeros(z.size)
+
+    def _impurity_text(self, first: Step, again: Step, unwritten: float) -> str:
+        """Return what the law depends on beside its arguments; `again` is the same step from the same z_next."""
+        subject = f"the law of {self._name} ({law_place(self._law)})"
+        if _is_same(first, again):
+            found = f"gives another result {self._at} if z_next contains {unwritten:g} before"
+            return f"{subject} {found}; expected that it writes each element of z_next and reads none before that"
+        forces = f"gives {first[0]!r} N, then {again[0]!r} N {self._at}"
+        found = forces if first[0] != again[0] else "gives two next states"
+        expected = "a function of its arguments, without random numbers and without memory beside z"
+        return f"{subject} {found} from the same state; expected {expected}"
+
+    def _late_text(self, error: OverdueError) -> str:
+        """Return why the trial has taken too long: one step that does not return, or all that are slow."""
+        if self._done and time.monotonic() - self._since < 0.8 * LAW_TIME_LIMIT_S:
+            each = LAW_TIME_LIMIT_S / self._done
+            found = f"({law_place(self._law)}) takes {each:.2g} s for a step in plain Python"
+            return f"{found}; expected less than {SLOW_STEP_S:g} s: simplify it, or take fewer states"
+        return overdue_text(error, self._law, self._at, LAW_TIME_LIMIT_S)

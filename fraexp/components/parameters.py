@@ -2,19 +2,19 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic.fields import FieldInfo
 
-from fraexp.data import units
+from fraexp.data import toml, units
 from fraexp.errors import ParameterError, did_you_mean
 
 REQUIRED: Any = ...
 TYPICAL = {
     "N": 10.0, "N/m": 1e5, "N s/m": 10.0, "N/s": 100.0, "m": 1e-5, "m/s": 1e-3, "s": 1e-3, "Hz": 10.0, "kg": 5.0,
 }  # fmt: skip
-"""Magnitudes of the field by unit, for an example of a parameter of which nothing else tells one."""
+"""Magnitudes of the field by unit, for examples of parameters without a default."""
 
 
 def param(
@@ -62,15 +62,32 @@ class Parameters(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, ser_json_inf_nan="null")
 
+    renamed: ClassVar[Mapping[str, str]] = {}
+    """Former names of parameters, each with its name of today: studies and databases may still hold them."""
+
+    @classmethod
+    def renamed_parameters(cls) -> dict[str, str]:
+        """Return the former names of all parameters, those of base classes included, with the names of today."""
+        return {old: new for base in reversed(cls.__mro__) for old, new in vars(base).get("renamed", {}).items()}
+
+    @classmethod
+    def with_current_names(cls, data: Mapping[str, Any]) -> dict[str, Any]:
+        """Return values by the names of today; ParameterError if one is given under its former name as well."""
+        renamed = cls.renamed_parameters()
+        for old in data.keys() & renamed.keys():
+            if renamed[old] in data:
+                raise ParameterError(f"'{old}' is now called '{renamed[old]}', and both are given; remove '{old}'")
+        return {renamed.get(key, key): value for key, value in data.items()}
+
     @model_validator(mode="before")
     @classmethod
     def _read_units(cls, data: Any) -> Any:
         if not isinstance(data, Mapping):
             return data
-        read = dict(data)
+        read = cls.with_current_names(data)
         for key, info in cls.model_fields.items():
             if isinstance(read.get(key), bool) and info.annotation in (float, int):
-                raise ParameterError(f"{key} is {read[key]}; expected a number")
+                raise ParameterError(f"{key} is {toml.as_text(read[key])}; expected a number")
             if unit_of(info) and read.get(key) is not None:
                 try:
                     read[key] = _with_units(read[key], unit_of(info))
@@ -84,9 +101,10 @@ class Parameters(BaseModel):
         if not isinstance(data, Mapping):
             raise ParameterError(f"{title} is {data!r:.60}; expected a table")
         try:
-            return cls.model_validate(dict(data))
+            data = cls.with_current_names(data)
+            return cls.model_validate(data)
         except ValidationError as error:
-            raise ParameterError(_sentence(cls, title, data, error)) from None
+            raise ParameterError(_validation_sentence(cls, title, data, error)) from None
         except ParameterError as error:
             raise ParameterError(f"{title}: {error}") from None
 
@@ -94,10 +112,11 @@ class Parameters(BaseModel):
     def fault(cls, data: Mapping[str, Any], key: str, title: str) -> str:
         """Return what is wrong with one of the values in one line, whatever the others are; empty if nothing is."""
         try:
-            cls.model_validate(dict(data))
+            data = cls.with_current_names(data)
+            cls.model_validate(data)
         except ValidationError as error:
             found = [one for one in error.errors(include_url=False) if one["loc"][:1] == (key,)]
-            return _told(cls, title, data, found) if found else ""
+            return _error_sentence(cls, title, data, found) if found else ""
         except ParameterError as error:  # of a unit, or of values that do not go together
             others = tuple(f"{other}{mark}" for other in data if other != key for mark in (":", " is "))
             return "" if str(error).startswith(others) else f"{title}: {error}"
@@ -139,11 +158,11 @@ BOUNDS = {
 }
 
 
-def _sentence(cls: type[Parameters], title: str, data: Mapping[str, Any], error: ValidationError) -> str:
-    return _told(cls, title, data, error.errors(include_url=False))
+def _validation_sentence(cls: type[Parameters], title: str, data: Mapping[str, Any], error: ValidationError) -> str:
+    return _error_sentence(cls, title, data, error.errors(include_url=False))
 
 
-def _told(cls: type[Parameters], title: str, data: Mapping[str, Any], all_found: Sequence[Any]) -> str:
+def _error_sentence(cls: type[Parameters], title: str, data: Mapping[str, Any], all_found: Sequence[Any]) -> str:
     found = next(
         (one for one in all_found if one["type"] == "extra_forbidden"), all_found[0]
     )  # a slip of the pen first
@@ -161,7 +180,11 @@ def _told(cls: type[Parameters], title: str, data: Mapping[str, Any], all_found:
             return f"{title} lacks '{name}' ({info.description}, {unit_of(info) or 'text'})"
         case "greater_than" | "greater_than_equal" | "less_than" | "less_than_equal" if info is not None:
             bound = f"{BOUNDS[found['type']]} {next(iter(found['ctx'].values())):g} {unit_of(info)}".removesuffix(" 1")
-            return f"{title}.{place} is {found['input']!r}; the {info.description} must be {bound}"
+            return f"{title}.{place} is {toml.as_text(found['input'])}; the {info.description} must be {bound}"
     expected = found["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
     what = f" ({info.description}, {unit_of(info) or 'text'})" if info is not None else ""
-    return f"{title}.{place} is {found['input']!r}{what}; expected {expected}" if place else f"{title}: {expected}"
+    return (
+        f"{title}.{place} is {toml.as_text(found['input'])}{what}; expected {expected}"
+        if place
+        else f"{title}: {expected}"
+    )

@@ -1,7 +1,6 @@
 """Finding components: installed packages and files dropped in the workspace, collected through one pluggy hook."""
 
 import importlib
-import importlib.util
 import inspect
 import os
 import sys
@@ -10,35 +9,33 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import redirect_stdout
 from dataclasses import dataclass, field
 from functools import partial
-from importlib.machinery import SourceFileLoader
 from importlib.metadata import entry_points
 from pathlib import Path
-from types import CodeType, ModuleType
-from typing import Any, TypeVar, cast
+from types import ModuleType
+from typing import Any, TypeVar, cast, get_origin
 
 import pluggy
 import pydantic
 
 import fraexp
 from fraexp.components.kinds import KINDS, Component, nested_kind
+from fraexp.components.local_file import failed_classes, load_file
 from fraexp.components.parameters import Parameters, inherited_from
-from fraexp.components.supplies import Supplies, Supply
+from fraexp.components.providers import Provider, Providers
+from fraexp.data.sweep import models_by_contact
 from fraexp.errors import FraexpError, ParameterError, PluginError, did_you_mean
-from fraexp.kernels.watchdog import LAW_TIME_LIMIT_S, OverdueError, place_of, time_limit
 
 hookspec = pluggy.HookspecMarker("fraexp")
 hookimpl = pluggy.HookimplMarker("fraexp")
 
 AnyComponent = TypeVar("AnyComponent", bound=Component)
 LOCAL = "workspace"
-"""Distribution of what dropped-in files supply."""
-DROP_IN = "fraexp_drop_in_"
-"""Prefix of the module names of dropped-in files: stable, so that compiled laws are found again."""
+"""Distribution of what local plugins provide."""
 
 
 @hookspec
 def fraexp_components() -> Iterable[type[Component]]:
-    """Return the component classes that a plugin supplies."""
+    """Return the component classes that a plugin provides."""
     raise NotImplementedError  # a specification, never called
 
 
@@ -57,8 +54,8 @@ class LoadFailure:
     file: Path | None = None
     """The dropped-in file; None for an installed package."""
 
-    def concerns(self, name: str) -> bool:
-        """Say whether the plugin may be the one that ought to supply a name; of a package that is not known."""
+    def may_provide(self, name: str) -> bool:
+        """Say whether the plugin may be the one that should provide a name; a package always may."""
         if self.file is None:
             return True
         text = self.file.read_text(encoding="utf-8", errors="replace") if self.file.is_file() else ""
@@ -69,7 +66,7 @@ class LoadFailure:
 class Registry:
     """All components found, by kind and name, and the plugins that failed."""
 
-    supplies: Supplies = field(default_factory=Supplies)
+    providers: Providers = field(default_factory=Providers)
     clashes: dict[tuple[str, str], str] = field(default_factory=dict)
     failed: list[LoadFailure] = field(default_factory=list)
     """Plugins that failed when they were loaded; there may be others that have not been loaded yet."""
@@ -77,53 +74,56 @@ class Registry:
     @property
     def failures(self) -> list[LoadFailure]:
         """All plugins that fail: those not loaded yet are loaded for it."""
-        self.supplies.load()
+        self.providers.load()
         return self.failed
 
     def add(self, component: type[Component], distribution: str) -> None:
-        """Take up a component class; a second one of the same kind and name makes the name unusable."""
-        supply = Supply(component, Path(inspect.getfile(component)).resolve(), distribution)
-        other = self.supplies.add(supply)
+        """Register a component class; a second one of the same kind and name makes the name unusable."""
+        provider = Provider(component, Path(inspect.getfile(component)).resolve(), distribution)
+        other = self.providers.add(provider)
         if other.component is not component:
             name = f"'{component.name}' ({component.kind})"
-            reason = f"{name} is supplied by both {_defined(other.component)} and {_defined(component)}; rename one"
+            places = f"{_definition_place(other.component)} and {_definition_place(component)}"
+            reason = f"{name} is provided by both {places}; rename one"
             self.clashes[component.kind, component.name] = reason
-            self.failed.append(LoadFailure(_from_here(supply.file), reason, supply.file))
+            self.failed.append(LoadFailure(_relative_path(provider.file), reason, provider.file))
 
     def names(self, kind: str) -> list[str]:
         """Return the names of all components of a kind, sorted."""
-        return sorted(name for of, name in self.supplies if of == kind)
+        return sorted(name for of, name in self.providers if of == kind)
 
-    def supply(self, kind: str, name: str) -> Supply:
-        """Return the supply of a component; PluginError if there is none, or two."""
-        supply = self.supplies.get((kind, name))
+    def provider(self, kind: str, name: str) -> Provider:
+        """Return the provider of a component; PluginError if there is none, or two."""
+        provider = self.providers.get((kind, name))
         if (kind, name) in self.clashes:
             raise PluginError(self.clashes[kind, name])
-        if supply is None:
-            raise PluginError(f"no {kind} is called '{name}'{self.instead(name, self.names(kind))}")
-        return supply
+        if provider is None:
+            raise PluginError(f"no {kind} is called '{name}'{self.missing_name_remedy(name, self.names(kind))}")
+        return provider
 
-    def instead(self, name: str, options: Iterable[str]) -> str:
-        """Return what helps where a name is not there: the broken plugin that may supply it, or the nearest name."""
-        concerned = [failure for failure in self.failures if failure.concerns(name)]
-        broken = "".join(f"; {failure.place} may supply it, but is broken: {failure.reason}" for failure in concerned)
+    def missing_name_remedy(self, name: str, options: Iterable[str]) -> str:
+        """Return a remedy for a missing name: the broken plugin that may provide it, or the nearest name."""
+        concerned = [failure for failure in self.failures if failure.may_provide(name)]
+        broken = "".join(f"; {failure.place} may provide it, but is broken: {failure.reason}" for failure in concerned)
         if any(failure.file for failure in concerned):
             return broken
         others = len(self.failures) > len(concerned)
         more = "; others are broken, see 'fraexp plugins'" if others else ""
         return f"{did_you_mean(name, options)}{broken}{more}"
 
-    def used(self, kind: str, spec: Mapping[str, Any]) -> Iterator[Supply]:
-        """Yield the supplies of a component in plain data and of those that it holds, as far as they are known."""
-        supply = self.supplies.get((kind, str(spec.get("name"))))
-        if supply is None:
+    def used_providers(self, kind: str, spec: Mapping[str, Any]) -> Iterator[Provider]:
+        """Yield the known providers of a component in plain data, and of the components in it."""
+        for part in models_by_contact(spec).values():
+            yield from self.used_providers(kind, part)
+        provider = self.providers.get((kind, str(spec.get("name"))))
+        if provider is None:
             return
-        yield supply
-        for key, info in supply.component.model_fields.items():
+        yield provider
+        for key, info in provider.component.model_fields.items():
             nested, value = nested_kind(info), spec.get(key)
             if nested is not None:
                 for part in value if isinstance(value, list) else [value]:
-                    yield from self.used(nested.kind, part) if isinstance(part, Mapping) else ()
+                    yield from self.used_providers(nested.kind, part) if isinstance(part, Mapping) else ()
 
     def create(self, kind: str, spec: Any, environment: Mapping[str, Any] | None = None, place: str = "") -> Component:
         """Build a component from plain data with its name, optional version and parameters.
@@ -140,20 +140,22 @@ class Registry:
         if not isinstance(spec, Mapping) or not isinstance(spec.get("name"), str):
             raise ParameterError(f"the {kind} lacks a name; known: {', '.join(self.names(kind))}")
         name = spec["name"]
-        cls = self.supply(kind, name).component
+        cls = self.provider(kind, name).component
         version = spec.get("version", cls.version)
         if version != cls.version:
             raise PluginError(f"{name} is asked for in version {version!r}; the one found is version {cls.version}")
         values = {key: value for key, value in spec.items() if key not in ("name", "version", "preset")}
         if "preset" in spec:
             values = {**_preset(cls, spec["preset"]), **values}
-        return cls.parse(self.filled(cls, values, environment), name)
+        return cls.parse(self.fill_inherited(cls, values, environment), name)
 
-    def filled(self, cls: type[Parameters], given: Mapping[str, Any], environment: Mapping[str, Any]) -> dict[str, Any]:
+    def fill_inherited(
+        self, cls: type[Parameters], given: Mapping[str, Any], environment: Mapping[str, Any]
+    ) -> dict[str, Any]:
         """Return the values that are given with those that are inherited, components among them built."""
         if not isinstance(given, Mapping):
             raise ParameterError(f"{given!r:.60} is no table of parameters")
-        values = dict(given)
+        values = cls.with_current_names(given)
         for key, info in cls.model_fields.items():
             origin = inherited_from(info)
             if key not in values and origin is not None:
@@ -161,7 +163,12 @@ class Registry:
                 if found is not None:
                     values[key] = found
             nested = nested_kind(info)
-            if nested is not None and isinstance(values.get(key), Mapping):
+            if nested is not None and get_origin(info.annotation) is dict:
+                values[key] = {
+                    of: self._create(nested.kind, part, environment)
+                    for of, part in models_by_contact(values.get(key)).items()
+                }
+            elif nested is not None and isinstance(values.get(key), Mapping):
                 values[key] = self._create(nested.kind, values[key], environment)
             elif nested is not None and isinstance(values.get(key), list | tuple):
                 values[key] = tuple(self._create(nested.kind, part, environment) for part in values[key])
@@ -200,7 +207,7 @@ def discover(folder: Path | None = None) -> Registry:
         _attempt(registry, origin, lambda e=entry, o=origin: _register(manager, origins, e.load(), o))
     for file in sorted(folder.glob("*.py")) if folder and folder.is_dir() else []:
         origin = _Origin(str(file), LOCAL, file)
-        _attempt(registry, origin, lambda f=file, o=origin: _register(manager, origins, load_file(f), o))
+        _attempt(registry, origin, lambda f=file: _register_file(registry, manager, origins, f))
     for plugin, origin in list(origins.items()):  # in the order of finding: pluggy keeps a set
         _attempt(registry, origin, lambda p=plugin, o=origin: _collect(manager, registry, p, o.owner))
     return registry
@@ -227,14 +234,15 @@ def reason_of(error: BaseException, file: Path | None = None) -> str:
     """Return in one line what a plugin ran into, with the line of its `file`, or of what is nearest to it."""
     lines = [(line.filename, line.lineno) for line in traceback.extract_tb(error.__traceback__)]
     own = [line for line in lines if file and line[0] == str(file)]
-    foreign = [line for line in lines if not line[0].startswith(MACHINERY)]
+    is_own_error = isinstance(error, FraexpError)  # it says what is wrong, and where it was noticed does not matter
+    foreign = [line for line in lines if not (is_own_error or line[0].startswith(MACHINERY))]
     place = next(reversed(own or foreign), None)
     text = str(error).splitlines()[0] if str(error) else ""
     if isinstance(error, SyntaxError):
         text, place = error.msg, (error.filename or str(file), error.lineno)
     if isinstance(error, ImportError) and (error.name or "").partition(".")[0] == "fraexp":
         text = f"{text.partition(' (')[0]}; it was written for another version of fraexp"
-    name = "" if isinstance(error, FraexpError) else f"{type(error).__name__}: "
+    name = "" if is_own_error else f"{type(error).__name__}: "
     return f"{name}{text}" + (f" ({Path(place[0]).name}, line {place[1]})" if place and place[1] else "")
 
 
@@ -245,12 +253,19 @@ MACHINERY = (
 """How the names of files begin in which a plugin's mistake is found but not made."""
 
 
-def _from_here(file: Path) -> str:
+def _relative_path(file: Path) -> str:
     return str(file.relative_to(Path.cwd())) if file.is_relative_to(Path.cwd()) else str(file)
 
 
-def _defined(cls: type) -> str:
-    return f"{_from_here(Path(inspect.getfile(cls)).resolve())}, line {inspect.getsourcelines(cls)[1]}"
+def _definition_place(cls: type) -> str:
+    return f"{_relative_path(Path(inspect.getfile(cls)).resolve())}, line {inspect.getsourcelines(cls)[1]}"
+
+
+def _register_file(registry: Registry, manager: pluggy.PluginManager, origins: dict[Any, _Origin], file: Path) -> None:
+    """Register the components of a dropped-in file; a class of it that fails takes no other with it."""
+    module, origin = load_file(file), _Origin(str(file), LOCAL, file)
+    registry.failed += [LoadFailure(str(file), reason_of(error, file), file) for error in failed_classes(module)]
+    _register(manager, origins, module, origin)
 
 
 def _register(manager: pluggy.PluginManager, origins: dict[Any, _Origin], module: ModuleType, origin: _Origin) -> None:
@@ -266,7 +281,7 @@ def _collect(manager: pluggy.PluginManager, registry: Registry, plugin: Any, own
     others = [other for other in manager.get_plugins() if other is not plugin]
     classes, modules = (manager.subset_hook_caller(hook, remove_plugins=others)() for hook in HOOKS)
     for module, names in (pair for answer in modules for pair in answer.items()):
-        registry.supplies.postpone(partial(_load_module, registry, module, owner), names)
+        registry.providers.postpone(partial(_load_module, registry, module, owner), names)
     for component in (component for answer in classes for component in answer):
         if not (inspect.isclass(component) and issubclass(component, KINDS) and component.name):
             raise PluginError(f"fraexp_components() returned {component!r}; expected named component classes")
@@ -284,7 +299,7 @@ def _load_module(registry: Registry, module: str, owner: str) -> None:
 
 
 class _Classes:
-    """The hook of a module that has none: it supplies every component class that it defines."""
+    """The hook of a module that has none: it provides every component class that it defines."""
 
     def __init__(self, module: ModuleType) -> None:
         self.module = module
@@ -295,7 +310,9 @@ class _Classes:
         named = components_in(self.module)
         for cls in [] if named else vars(self.module).values():
             if inspect.isclass(cls) and issubclass(cls, Component) and cls.__module__ == self.module.__name__:
-                raise PluginError(f"{_defined(cls)}: {cls.__name__} has no name; expected name=... after its base")
+                raise PluginError(
+                    f"{_definition_place(cls)}: {cls.__name__} has no name; expected name=... after its base"
+                )
         return named
 
 
@@ -303,33 +320,3 @@ def components_in(module: ModuleType) -> list[type[Component]]:
     """Return the named component classes that a module defines (not those it imports)."""
     members = [cls for _, cls in inspect.getmembers(module, inspect.isclass) if issubclass(cls, Component)]
     return [cls for cls in members if cls.name and cls.__module__ == module.__name__]
-
-
-class _Fresh(SourceFileLoader):
-    """Reads the source each time: its cached bytecode would hide an edit within the second that keeps the size."""
-
-    def get_code(self, fullname: str) -> CodeType:
-        """Return the code of the source as it is now."""
-        return self.source_to_code(self.get_data(self.path), self.path)
-
-
-def load_file(file: Path) -> ModuleType:
-    """Import a dropped-in file as a module of its own, as it is now."""
-    name = DROP_IN + file.stem
-    spec = importlib.util.spec_from_file_location(name, file, loader=_Fresh(name, str(file)))
-    if spec is None or spec.loader is None:
-        raise PluginError(f"{file} is no Python file")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # numba and inspect find the law's source through it
-    try:
-        with time_limit(LAW_TIME_LIMIT_S):
-            spec.loader.exec_module(module)
-    except OverdueError as error:
-        del sys.modules[name]
-        place = place_of(error, str(file), 1)
-        why = f"it has not been loaded after {LAW_TIME_LIMIT_S:g} s ({place}); expected definitions at once"
-        raise PluginError(why) from None
-    except BaseException:
-        del sys.modules[name]
-        raise
-    return module

@@ -1,14 +1,18 @@
-"""Identity of plain data: a tagged hash of its canonical JSON, and of source files."""
+"""Identity of plain data and of files: hashes of canonical JSON and of content."""
 
 import hashlib
 import json
 from pathlib import Path
 from typing import Any
 
-TAG = "fx1"
-"""Names the algorithm (blake2b-160 of canonical JSON), so that a later change is detectable."""
-SIZE = 20
-"""Bytes of a key."""
+TAG = "fx2"
+"""Names how keys are made, so that a later change shows.
+
+The key of a sweep is the hash of its sections' hashes since ``fx2``; it was the hash of their whole text before.
+"""
+TAGS = ("fx1", TAG)
+"""All that a database may hold."""
+HASH_BYTES = 20
 
 
 def canonical(data: Any) -> str:
@@ -16,13 +20,30 @@ def canonical(data: Any) -> str:
     return json.dumps(data, sort_keys=True, separators=(",", ":"), allow_nan=False, ensure_ascii=True)
 
 
+def digest_of(data: Any) -> bytes:
+    """Return the hash of plain data, 20 bytes."""
+    return hash_bytes(canonical(data).encode())
+
+
+def hash_bytes(content: bytes) -> bytes:
+    """Return the hash (blake2b-160) of bytes, 20 bytes."""
+    return hashlib.blake2b(content, digest_size=HASH_BYTES).digest()
+
+
 def key_of(data: Any) -> str:
-    """Return the content key of plain data, such as ``fx1-3f9c...`` (44 characters)."""
-    digest = hashlib.blake2b(canonical(data).encode(), digest_size=SIZE).hexdigest()
-    return f"{TAG}-{digest}"
+    """Return the content key of plain data, such as ``fx2-3f9c...`` (44 characters)."""
+    return f"{TAG}-{digest_of(data).hex()}"
 
 
 def file_hash(path: Path) -> str:
     """Return the content hash of a file."""
     with path.open("rb") as stream:
-        return hashlib.file_digest(stream, lambda: hashlib.blake2b(digest_size=SIZE)).hexdigest()
+        return hashlib.file_digest(stream, lambda: hashlib.blake2b(digest_size=HASH_BYTES)).hexdigest()
+
+
+def key_heads(prefix: str) -> list[str]:
+    """Return how keys begin that a user means by a prefix, with or without its tag; none if no key begins so."""
+    head = prefix.strip().lower()
+    whole = [head] if any(head.startswith(tag) or f"{tag}-".startswith(head) for tag in TAGS) else []
+    is_hexadecimal = not set(head) - set("0123456789abcdef")
+    return [*whole, *(f"{tag}-{head}" for tag in TAGS if is_hexadecimal)]

@@ -6,6 +6,7 @@ from enum import Enum
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 HARMONICS = 7
 """Highest harmonic of the output that is kept with each frequency."""
@@ -18,24 +19,40 @@ class Outcome(Enum):
     """How a computation ended; the value is the remedy to show."""
 
     OK = ""
-    NOT_SETTLED = "raise excitation.settle_limit, or loosen excitation.tolerance"
-    NO_SIGNAL = "raise excitation.amplitude, or take a finer scale: where nothing moves nothing is learnt"
+    NOT_SETTLED = "raise excitation.settling_timeout, or loosen excitation.settling_tolerance"
+    INACCURATE = "use the numbers at the frequencies that the message does not name, or do what it advises"
+    NO_MOTION = "raise excitation.amplitude, or use an encoder of finer resolution"
     DIVERGED = (
-        "the loop is unstable, or driven beyond loop.stroke: lower the controller gain, the dead time, or the "
-        "amplitude or distance that is asked for"
+        "the loop is unstable, or moves beyond loop.divergence_limit; lower the controller gain, the dead time, the "
+        "amplitude, or the distance"
     )
-    FAILED = "see the message, and the log that fraexp show prints"
+    ERROR = "see the message, and the log that fraexp show prints"
+    DAMAGED = (
+        "what the database has stored of it is damaged: fraexp delete it and run its study again, or restore a copy; "
+        "fraexp merge saves all that is sound into a new database"
+    )
+    NO_SIGNAL = NO_MOTION  # former names, which databases may hold
+    FAILED = ERROR
+
+    @property
+    def stored_names(self) -> list[str]:
+        """Names under which databases may hold it."""
+        return [name for name, member in type(self).__members__.items() if member is self]
+
+
+UNUSABLE_OUTCOMES = (Outcome.NO_MOTION, Outcome.DIVERGED, Outcome.ERROR, Outcome.DAMAGED)
+"""Outcomes of sweeps from which nothing can be learnt."""
 
 
 @dataclass(frozen=True)
 class FrequencyResponse:
     """A complex response from one channel to another, with its covariance, frequency by frequency."""
 
-    frequency: np.ndarray
+    frequency: NDArray[np.float64]
     """Frequency [Hz], shape (n,)."""
-    response: np.ndarray
+    response: NDArray[np.complex128]
     """Complex response [unit], shape (n,)."""
-    covariance: np.ndarray
+    covariance: NDArray[np.float64]
     """Covariance of (real, imaginary) part [unit²], shape (n, 2, 2); NaN where unknown."""
     unit: str
     """Unit of the response, such as ``m/N``."""
@@ -43,36 +60,38 @@ class FrequencyResponse:
     """Name of the input, such as ``u`` or ``u_e``."""
     output: str
     """Name of the output, such as ``y``."""
-    input_amplitude: np.ndarray
+    input_amplitude: NDArray[np.float64]
     """Amplitude of the input [its unit], shape (n,)."""
-    output_amplitude: np.ndarray
+    output_amplitude: NDArray[np.float64]
     """Amplitude of the output [its unit], shape (n,)."""
-    settled: np.ndarray
+    settled: NDArray[np.bool_]
     """Whether successive periods agreed, shape (n,) of bool."""
-    settling_time: np.ndarray
+    settling_time: NDArray[np.float64]
     """Time until they did [s], shape (n,); NaN for a record that does not tell."""
-    residual: np.ndarray
+    residual: NDArray[np.float64]
     """Relative difference of the last two periods compared, shape (n,); NaN where unknown."""
-    harmonics: np.ndarray
+    harmonics: NDArray[np.complex128]
     """Harmonics 2…7 of the output relative to its fundamental, complex, shape (n, 6)."""
-    freedom: np.ndarray | None = None
+    freedom: NDArray[np.float64] | None = None
     """Degrees of freedom of the covariance, such as 2(P - 1) for P periods, shape (n,); None for a known one."""
-    noise_variance: np.ndarray | None = None
+    noise_variance: NDArray[np.float64] | None = None
     """Variance E|dG|² of the response by noise alone [unit²], shape (n,); None where it is not told apart."""
-    nonlinear_variance: np.ndarray | None = None
+    nonlinear_variance: NDArray[np.float64] | None = None
     """Variance of one realisation by stochastic nonlinear distortions [unit²], shape (n,); None if not told apart."""
-    coherence: np.ndarray | None = None
+    coherence: NDArray[np.float64] | None = None
     """Squared coherence of input and output, shape (n,); None where it is not known."""
-    model_covariance: np.ndarray | None = None
+    model_covariance: NDArray[np.float64] | None = None
     """Covariance of (real, imaginary) part of 1/response by the friction model's errors [1/unit²], (n, 2, 2)."""
+    numerical_error: NDArray[np.float64] | None = None
+    """Estimated relative error of the response by the computation itself, shape (n,); None if it is not estimated."""
 
     @property
-    def standard_deviation(self) -> np.ndarray:
+    def standard_deviation(self) -> NDArray[np.float64]:
         """Standard deviation of the complex response [unit], shape (n,); NaN where unknown."""
         return np.sqrt(self.covariance[:, 0, 0] + self.covariance[:, 1, 1])
 
     @property
-    def distortion(self) -> np.ndarray:
+    def distortion(self) -> NDArray[np.float64]:
         """Total harmonic distortion of the output over the known harmonics 2…7, shape (n,); NaN where none is known."""
         known = np.isfinite(self.harmonics)
         total = np.sum(np.where(known, np.abs(self.harmonics), 0.0) ** 2, axis=1)
@@ -93,7 +112,7 @@ class Curve:
     """Named columns of equal length, such as a hysteresis loop; the first one is the abscissa."""
 
     name: str
-    columns: dict[str, np.ndarray]
+    columns: dict[str, NDArray[np.float64]]
     units: dict[str, str]
 
 
@@ -109,13 +128,13 @@ class Fit:
     """Names of the p parameters that were identified, such as ``gain`` or ``frequencies.0``."""
     units: tuple[str, ...]
     """Their units."""
-    values: np.ndarray
+    values: NDArray[np.float64]
     """Their values [their units], shape (p,)."""
-    covariance: np.ndarray
+    covariance: NDArray[np.float64]
     """Covariance of the values [products of their units], shape (p, p); NaN where unknown, 0 where held."""
 
     @property
-    def standard_deviation(self) -> np.ndarray:
+    def standard_deviation(self) -> NDArray[np.float64]:
         """Standard deviation of each value [its unit], shape (p,)."""
         return np.sqrt(np.diag(self.covariance))
 

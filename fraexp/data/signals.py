@@ -2,8 +2,11 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fraexp.data.results import Metric, Outcome
 from fraexp.errors import RecordError, did_you_mean
@@ -29,34 +32,64 @@ class Segment:
 
     sample_time: float
     """Sample time [s]."""
-    channels: Mapping[str, np.ndarray]
+    channels: Mapping[str, NDArray[np.float64]]
     """Samples by channel name, each of shape (periods, samples per period)."""
-    lines: np.ndarray
+    lines: NDArray[np.int64]
     """Excited harmonics of the period, ascending, shape (lines,) of int."""
     settling: Settling | None = None
-    """None for a record that does not tell."""
-    lead_in: Mapping[str, np.ndarray] = field(default_factory=dict)
-    """Samples from rest up to the first period, each of shape (n,), of the channels of which they are known."""
+    """None if the record does not contain it."""
+    lead_in: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    """Samples from rest up to the first period, each of shape (n,), where they are known."""
     periodic: bool = True
-    """Whether the end goes on at the beginning; otherwise sums over a period are no phasors."""
+    """Whether the record repeats itself; otherwise sums over a period are not phasors."""
 
-    cache: dict[tuple[str, str], np.ndarray] = field(default_factory=dict, init=False, repr=False, compare=False)
-    """What has been computed of a channel, by what it is: several estimators look at the same record."""
+    cache: dict[tuple[str, str], NDArray[np.complex128]] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
+    """Results computed from a channel, by channel and kind: several estimators use the same record."""
 
     def __post_init__(self) -> None:
         """Protect the samples: several estimators look at the same record."""
         for samples in (*self.channels.values(), *self.lead_in.values()):
             samples.flags.writeable = False
 
-    @property
+    @cached_property
     def samples(self) -> int:
         """Samples per period."""
         return next(iter(self.channels.values())).shape[1]
 
-    @property
-    def frequency(self) -> np.ndarray:
+    @cached_property
+    def frequency(self) -> NDArray[np.float64]:
         """Frequencies of the excited lines [Hz], shape (lines,)."""
         return self.lines / (self.samples * self.sample_time)
+
+
+class Encoder(NamedTuple):
+    """What an encoder does to the measured position."""
+
+    noise: float
+    """Standard deviation of its noise [m]."""
+    resolution: float
+    """Its quantisation step [m]."""
+
+
+@dataclass(frozen=True)
+class Verification:
+    """How exact a simulated experiment is, at some of its frequencies; the encoder counts as ideal."""
+
+    frequency: NDArray[np.float64]
+    """Frequencies [Hz] at which it was examined, shape (n,)."""
+    step_error: NDArray[np.float64]
+    """Relative error of y/u by the steps, shape (n,)."""
+    segments: tuple[Segment, ...]
+    """What an ideal encoder recorded: all segments of the experiment if its own is ideal, else those examined."""
+    plants: Mapping[str, NDArray[np.complex128]]
+    """P(jω) [m/N] of the simulated plant at the lines of `segments`, by the channel of the measured position."""
+    machine: Mapping[str, object]
+    """Friction model, dead times and lags of the simulated machine, by the names that estimators have for them."""
+
+    cache: dict[str, NDArray[np.float64] | None] = field(default_factory=dict, init=False, repr=False, compare=False)
+    """Error along `segments` of each estimator that knows the machine: those of a job often differ in no more."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +105,10 @@ class Signals:
     """How they were simulated; empty for measured ones."""
     metrics: tuple[Metric, ...] = ()
     """What the experiment took: stroke, force and time."""
+    encoder: Encoder | None = None
+    """Noise and rounding of the measured position, where they are known: those of a simulation."""
+    verification: Verification | None = None
+    """What shows how exact a simulation is; None for a record, and for a motion that does not become periodic."""
 
     def unit(self, channel: str) -> str:
         """Return the unit of a channel; RecordError names the nearest one if it does not exist."""

@@ -4,27 +4,27 @@ import re
 import tomllib
 from typing import Any
 
-LONGEST = 4_000_000
+MAX_CHARACTERS = 4_000_000
 """Characters of a file: its parser takes seconds for them."""
-DEEPEST = 32
+MAX_DEPTH = 32
 """Levels of tables and lists, and parts of a name."""
-LARGEST = 2**64
+MAX_INTEGER = 2**64
 """Whole numbers are smaller than this: formats and databases to come must hold them."""
 PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
-LONG_NAME = re.compile(rf"(?<![\w-]){PART}(?:[ \t]*+\.[ \t]*+{PART}){{{DEEPEST}}}")
+LONG_NAME = re.compile(rf"(?<![\w-]){PART}(?:[ \t]*+\.[ \t]*+{PART}){{{MAX_DEPTH}}}")
 """The parser's time rises with the square of a name's parts."""
 
 
 def loads(text: str) -> dict[str, Any]:
     """Return the data in a TOML text; ValueError says in one line why there are none."""
-    if len(text) > LONGEST:
-        raise ValueError(f"it has {len(text):,} characters; expected {LONGEST:,} at most")
+    if len(text) > MAX_CHARACTERS:
+        raise ValueError(f"it has {len(text):,} characters; expected {MAX_CHARACTERS:,} at most")
     if LONG_NAME.search(text):
-        raise ValueError(f"a name has more than {DEEPEST} parts")
+        raise ValueError(f"a name has more than {MAX_DEPTH} parts")
     try:
         data = tomllib.loads(text)
     except RecursionError:
-        raise ValueError(f"it is nested deeper than {DEEPEST} levels") from None
+        raise ValueError(f"it is nested deeper than {MAX_DEPTH} levels") from None
     _check(data)
     return data
 
@@ -34,17 +34,31 @@ def value(text: str) -> Any:
     return loads(f"value = {text}")["value"]
 
 
+def as_text(data: Any) -> str:
+    """Return plain data as a user has written them: true and [1, 2], not as Python writes them; texts in quotes."""
+    match data:
+        case None:
+            return "nothing"
+        case bool():
+            return str(data).lower()
+        case list() | tuple():
+            return f"[{', '.join(map(as_text, data))}]"
+        case dict():
+            return f"{{{', '.join(f'{key} = {as_text(item)}' for key, item in data.items())}}}"
+    return repr(data)
+
+
 def _check(data: Any) -> None:
     level = [data]
-    for _ in range(DEEPEST):
+    for _ in range(MAX_DEPTH):
         inner: list[Any] = []
         for one in level:
             if isinstance(one, dict):
                 inner += one.values()
             elif isinstance(one, list):
                 inner += one
-            elif isinstance(one, int) and abs(one) >= LARGEST:
+            elif isinstance(one, int) and abs(one) >= MAX_INTEGER:
                 raise ValueError(f"a whole number has {one.bit_length()} bits; expected 64 at most")
         level = inner
     if level:
-        raise ValueError(f"it is nested deeper than {DEEPEST} levels")
+        raise ValueError(f"it is nested deeper than {MAX_DEPTH} levels")

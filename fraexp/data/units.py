@@ -30,8 +30,8 @@ def factor(unit: str, expected: str) -> float:
 def number(text: str, unit: str) -> float:
     """Return the SI number in a text such as ``"0.1 um"`` for a parameter in `unit`."""
     if len(text) > LONGEST_NUMBER:
-        raise ParameterError(f"{_quoted(text)} is not a number with a unit")
-    head, _, tail = text.strip().partition(" ")
+        raise ParameterError(f"{_quote(text)} is not a number with a unit")
+    head, tail = _split_number(text.strip())
     try:
         value = float(head)
     except ValueError:
@@ -42,8 +42,20 @@ def number(text: str, unit: str) -> float:
     return value * factor(tail.strip(), unit) if tail.strip() else value
 
 
-def _quoted(text: str) -> str:
-    return f"'{text}'" if len(text) <= LONGEST else f"'{text[:LONGEST]}...'"
+NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
+
+
+def _split_number(text: str) -> tuple[str, str]:
+    """Return number and unit of a text such as ``10 mm`` or ``10mm``."""
+    head, _, tail = text.partition(" ")
+    found = NUMBER.match(head)
+    if found and found.end() < len(head) and not tail and head[found.end()].isalpha():
+        return found[0], head[found.end() :]
+    return head, tail
+
+
+def _quote(text: str) -> str:
+    return f"'{text}'" if len(text) <= MAX_UNIT_LENGTH else f"'{text[:MAX_UNIT_LENGTH]}...'"
 
 
 def si(unit: str) -> tuple[float, str]:
@@ -71,7 +83,7 @@ def with_powers(unit: str) -> str:
     return unit.replace("**2", "²").replace("**3", "³")
 
 
-LONGEST, LONGEST_NUMBER = 80, 500
+MAX_UNIT_LENGTH, LONGEST_NUMBER = 80, 500
 """Letters of a unit, and of a number with one."""
 EXPONENT = re.compile(r"\s*(?:[+-]?\d{1,2}(?:\.\d{1,4})?|\([+-]?\d{1,2}(?:[./]\d{1,2})?\))(?![\d(._])")
 SIGNS = re.compile(r"\*\*|\^")
@@ -79,9 +91,9 @@ SUPERSCRIPTS = re.compile(r"[⁺⁻]?[⁰¹²³⁴⁵⁶⁷⁸⁹]+")
 WORDS_OF_POWERS = re.compile(r"\b(?:sq|square|squared|cubic|cubed)\b")
 
 
-def _modest(text: str) -> bool:
+def _is_short_unit(text: str) -> bool:
     """Return whether a text is no longer than units are, with powers as they have them: 9**9**9**9 takes for ever."""
-    if len(text) > LONGEST:
+    if len(text) > MAX_UNIT_LENGTH:
         return False
     written = SUPERSCRIPTS.sub(lambda found: "**" + "9" * len(found[0]), text)  # whichever: their number counts
     signs = list(SIGNS.finditer(written))
@@ -98,12 +110,12 @@ def _ends_power(text: str, start: int) -> bool:
 def _quantity(unit: str) -> Any:
     written = SPELLINGS.get(unit, unit)
     try:
-        if not _modest(written):
+        if not _is_short_unit(written):
             raise ValueError("no unit is written so")
         if _registry().Quantity(0.0, written).to_base_units().magnitude:
             raise ValueError("a unit with an offset is no factor")
         return _registry().Quantity(1.0, written)
     except Exception:  # its parser raises whatever the text leads it into
         raise ParameterError(
-            f"{_quoted(unit)} is no known unit; expected one such as N, A, V, mm, um, rad, deg, mm/s or 1"
+            f"{_quote(unit)} is no known unit; expected one such as N, A, V, mm, um, rad, deg, mm/s or 1"
         ) from None

@@ -1,311 +1,393 @@
-"""Computing the sweeps of a run: claimed, sent to workers, tried again where a worker is lost, and stored."""
+"""Computation of a run's sweeps: claimed, sent to workers, retried when a worker is lost, and stored."""
 
 import itertools
 import math
 import queue
-import time
 import traceback
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, field
 from itertools import islice
+from typing import TypeVar
 
 from fraexp.components.registry import Registry
 from fraexp.data import fit_references
 from fraexp.data.results import Result
 from fraexp.data.sweep import Plain, Sweep
+from fraexp.errors import FraexpError, StoreError
+from fraexp.execution.database_retry import WAITING_TEXT, Clock, DatabaseRetry
 from fraexp.execution.events import Event, Finished, Noticed, Preparing, Progress
 from fraexp.execution.executors import Answer, WorkerLostError, Workers
 from fraexp.execution.job import Failure, Job
-from fraexp.store import MOST_TOLD, RunProgress, Store, Supplied
+from fraexp.store import MAX_RUNNING_SHOWN, ComponentOrigin, RunProgress, Store
 
-BEAT = 5.0
-"""Seconds between two signs of life in the database while nothing changes."""
-TELL = 1.0
-"""Seconds between two notes of a run's progress in the database, at least."""
-POLL = 0.1
-"""Seconds between two looks at the workers."""
-GATHER = 0.2
-"""Seconds for which results are gathered, to be stored together: a transaction takes as long as a short sweep."""
-AHEAD = 0.6
-"""Seconds of work that are sent ahead to each worker: short jobs must not wait for the next while others are stored."""
-MOST_AHEAD = 256
-"""Jobs that are sent ahead to each worker, at most: another run may claim what has not been sent."""
-LOOK = 1.0
-"""Seconds between two looks at what another run computes."""
-ALONE = 2
-"""Lost workers after which a sweep is computed with nothing beside it, for all the memory that there is."""
+HEARTBEAT_INTERVAL_S = 5.0
+"""Heartbeat interval while nothing changes."""
+PROGRESS_INTERVAL_S = 1.0
+"""Minimum interval between two updates of the progress in the database."""
+POLL_INTERVAL_S = 0.1
+"""Interval at which the workers are asked for answers."""
+GATHER_INTERVAL_S = 0.2
+"""Time for which answers are gathered to be stored together: a transaction takes as long as a short sweep."""
+PREFETCH_S = 0.6
+"""Work that each worker has in advance: short jobs must not wait for the next one while results are stored."""
+MAX_PREFETCHED_JOBS = 256
+"""Maximum number of jobs that a worker has in advance: another run may claim what has not been sent."""
+LEASE_POLL_INTERVAL_S = 1.0
+"""Interval at which sweeps are polled that another run computes."""
+MIN_ELAPSED_S = 1e-6
+"""Least time that counts as elapsed: a coarse clock may stand still between two answers."""
+LOSSES_BEFORE_ISOLATION = 2
+"""Lost workers after which a sweep is computed alone, so that it has all the memory."""
+ComputedSweep = tuple[Sweep, Result, Mapping[str, ComponentOrigin]]
+"""A sweep with its result and the origins of its components, as the store takes it."""
+Found = TypeVar("Found")
 
 
-def components_of(sweep: Sweep, registry: Registry) -> dict[str, Supplied]:
+def component_origins(sweep: Sweep, registry: Registry) -> dict[str, ComponentOrigin]:
     """Return source hash and distribution of every component that a sweep uses, under ``kind:name``."""
     record = sweep.experiment.get("record", {})
     sections = {**sweep.experiment, "estimator": sweep.estimator, "reader": record.get("reader")}
     return {
-        f"{supply.component.kind}:{supply.component.name}": Supplied(supply.source_hash, supply.distribution)
+        f"{provider.component.kind}:{provider.component.name}": ComponentOrigin(
+            provider.source_hash, provider.distribution
+        )
         for kind, spec in sections.items()
         if isinstance(spec, Mapping)
-        for supply in registry.used(kind, spec)
+        for provider in registry.used_providers(kind, spec)
     }
 
 
+def discard(results: Sequence[ComputedSweep]) -> str:
+    """Return the remedy for results that cannot be stored anywhere."""
+    return f"{len(results)} results are lost; run the study again" if results else "run the study again"
+
+
 @dataclass(frozen=True)
-class Setting:
-    """What the sweeps of a run have in common."""
+class RunContext:
+    """What all sweeps of a run share."""
 
     run: int
     store: Store
     registry: Registry
     plugins: str
     """Folder of the workspace's own plugins; empty for none."""
-    again: bool
-    """Whether sweeps are computed although there is a result, if it is older than the run."""
+    is_rerun: bool
+    """Whether sweeps are computed again if their result is older than the run."""
     compiling: float = 0.0
-    """Time that compiling is expected to take [s]."""
+    """Expected compile time [s]."""
+    retry: DatabaseRetry = field(default_factory=DatabaseRetry)
+    spool: Callable[[Sequence[ComputedSweep]], str] = discard
+    """Keeps results that the database does not accept elsewhere, and returns the remedy for the user."""
 
 
-class Pulse:
-    """What the database is told of a run that is going on: that it lives, and how far it came."""
+class Heartbeat:
+    """Reports to the database that a run is alive, and how far it has come."""
 
-    def __init__(self, store: Store, run: int, total: int) -> None:
+    def __init__(self, store: Store, run: int, total: int, clock: Clock | None = None) -> None:
         self._store, self._run, self._total = store, run, total
-        self._last = time.monotonic()
-        self._told: RunProgress | None = None
-        self.before = 0
-        """Sweeps of turns that are over."""
+        self._clock = clock or Clock()
+        self._last = self._clock.now()
+        self._sent: RunProgress | None = None
+        self.finished_before = 0
+        """Sweeps of earlier batches."""
 
     def beat(self, done: float, workers: int, running: Iterable[tuple[str, float]], doing: str) -> None:
-        """Tell it if it is time to; `running` are keys of sweeps that are being computed, with the fraction done."""
-        waited = time.monotonic() - self._last
-        if waited < TELL:
+        """Send a heartbeat if one is due; `running` are the keys of running sweeps with the fraction that is done."""
+        waited = self._clock.now() - self._last
+        if waited < PROGRESS_INTERVAL_S:
             return
-        now = RunProgress(self.before + done, self._total, workers, dict(islice(running, MOST_TOLD)), doing)
-        if now != self._told or waited > BEAT:
+        now = RunProgress(
+            self.finished_before + done, self._total, workers, dict(islice(running, MAX_RUNNING_SHOWN)), doing
+        )
+        if now != self._sent or waited > HEARTBEAT_INTERVAL_S:
             self._store.beat(self._run, now)
-            self._last, self._told = time.monotonic(), now
+            self._last, self._sent = self._clock.now(), now
 
 
 @dataclass(eq=False)
-class _Group:
+class _SweepGroup:
     """Missing sweeps that share an experiment."""
 
     number: int
     sweeps: list[Sweep] = field(default_factory=list)
-    lost: int = 0
-    """Workers that it has cost."""
+    lost_workers: int = 0
+    """Workers that were lost while they computed it."""
 
     def job(self, plugins: str, fits: Callable[[Plain], Plain]) -> Job:
-        """Return them as one job, with the fits that they refer to."""
+        """Return the sweeps as one job, in which `fits` replaces the references to fits of other sweeps."""
         first = self.sweeps[0]
-        estimators = tuple(fit_references.replaced(sweep.estimator, fits) for sweep in self.sweeps)
-        return Job(fit_references.replaced(first.experiment, fits), estimators, first.files, plugins)
+        estimators = tuple(fit_references.replace_references(sweep.estimator, fits) for sweep in self.sweeps)
+        return Job(fit_references.replace_references(first.experiment, fits), estimators, first.files, plugins)
 
 
 class Computation:
-    """Missing sweeps on their way through workers into the database."""
+    """Computes sweeps with workers and stores their results."""
 
     def __init__(
         self,
         sweeps: Sequence[Sweep],
-        setting: Setting,
+        context: RunContext,
         workers: Workers,
         fits: Callable[[Plain], Plain],
-        pulse: Pulse,
+        heartbeat: Heartbeat,
     ) -> None:
-        self._setting, self._store = setting, setting.store
-        self._workers, self._fits, self._pulse = workers, fits, pulse
+        self._context, self._store = context, context.store
+        self._clock = context.retry.clock
+        self._workers, self._fits, self._heartbeat = workers, fits, heartbeat
         self._numbers = itertools.count()
         self._total = len(sweeps)
-        self._new = deque(self._grouped(sweeps))
-        self._again: deque[_Group] = deque()
-        """Claimed, and to be sent once more."""
-        self._alone: deque[_Group] = deque()
-        """Claimed, and to be sent when nothing else is under way."""
-        self._held: list[Sweep] = []
-        """Which another run has claimed."""
-        self._running: dict[int, _Group] = {}
+        self._pending = deque(self._group(sweeps))
+        self._retries: deque[_SweepGroup] = deque()
+        """Claimed groups that are sent once more."""
+        self._isolated: deque[_SweepGroup] = deque()
+        """Claimed groups that are sent when nothing else is running."""
+        self._held_elsewhere: list[Sweep] = []
+        """Sweeps that another run has claimed."""
+        self._running: dict[int, _SweepGroup] = {}
         self._fractions: dict[int, float] = {}
         self._compiling: dict[int, str] = {}
-        """What jobs compile, by their number."""
+        """What running jobs compile, by the number of the job."""
         self._announced: set[str] = set()
-        self._answers: queue.SimpleQueue[tuple[_Group, Future[Answer]]] = queue.SimpleQueue()
+        self._answers: queue.SimpleQueue[tuple[_SweepGroup, Future[Answer]]] = queue.SimpleQueue()
         self._answered: list[tuple[Sweep, Result | Failure]] = []
         self._finished = 0
-        self._stored = self._looked = self._told = time.monotonic()
+        self._stored_at = self._polled_at = self._reported_at = self._clock.now()
         self._seconds = math.inf
-        """What a job takes, about; infinite until it is known."""
+        """Approximate duration of a job; infinite until it is known."""
 
-    def events(self) -> Iterator[Event]:
-        """Compute all, and tell how it goes; what is finished is kept when it is interrupted."""
+    def events(self) -> Generator[Event, None, None]:
+        """Compute all sweeps and yield events; what is finished is stored even if the run is interrupted.
+
+        While the database is unavailable results are kept in memory, and workers go on.
+        """
         try:
             yield from self._events()
         except (GeneratorExit, KeyboardInterrupt):
-            self._keep()
+            self._store_last()
+            raise
+        except StoreError as error:
+            raise self._given_up(error) from error
+        except FraexpError:  # of the workers: nothing more is computed, but what has been is kept
+            self._store_last()
             raise
 
     def _events(self) -> Iterator[Event]:
-        while self._new or self._again or self._alone or self._running or self._held or self._answered:
-            self._send()
-            self._hear()
+        while (
+            self._pending or self._retries or self._isolated or self._running or self._held_elsewhere or self._answered
+        ):
+            yield from self._send_jobs()
+            self._collect_answers()
             yield from self._store_answers()
-            yield from self._look_at_held()
+            yield from self._poll_held()
             yield from (Noticed(text) for text in self._workers.notes())
-            yield from self._tell_compiling()
-            if time.monotonic() - self._told > POLL:
-                yield self._tell()
-        yield self._tell()
+            yield from self._report_compilation()
+            if self._clock.now() - self._reported_at > POLL_INTERVAL_S:
+                yield from self._report_progress()
+        yield from self._report_progress()
 
-    def _grouped(self, sweeps: Iterable[Sweep]) -> list[_Group]:
-        groups: dict[str, _Group] = {}
+    def _retried(self, attempt: Callable[[], Found]) -> Generator[Event, None, Found]:
+        """Return what a call of the store returns; while the database is unavailable, workers go on."""
+        return (yield from self._context.retry.call(attempt, self._pause))
+
+    def _pause(self, seconds: float) -> Iterator[Event]:
+        until = self._clock.now() + seconds
+        while self._clock.now() < until:
+            self._collect_answers()
+            yield self._progress(WAITING_TEXT)
+
+    def _group(self, sweeps: Iterable[Sweep]) -> list[_SweepGroup]:
+        groups: dict[str, _SweepGroup] = {}
         for sweep in sweeps:
             if sweep.experiment_key not in groups:
-                groups[sweep.experiment_key] = _Group(next(self._numbers))
+                groups[sweep.experiment_key] = _SweepGroup(next(self._numbers))
             groups[sweep.experiment_key].sweeps.append(sweep)
         return list(groups.values())
 
-    def _send(self) -> None:
-        """Keep workers busy: with a little more than they compute, for other runs may help with the rest."""
-        most = self._most_under_way()
-        while self._again and len(self._running) < most:
-            self._submit(self._again.popleft())
-        room = most - len(self._running)
-        if self._new and (room >= most // 4 or not self._running):
-            for group in self._claimed([self._new.popleft() for _ in range(min(max(room, 1), len(self._new)))]):
+    def _send_jobs(self) -> Iterator[Event]:
+        """Send each worker a little more than it computes; other runs may claim the rest."""
+        limit = self._max_running()
+        while self._retries and len(self._running) < limit:
+            self._submit(self._retries.popleft())
+        room = limit - len(self._running)
+        if self._pending and (room >= limit // 4 or not self._running):
+            groups = [self._pending.popleft() for _ in range(min(max(room, 1), len(self._pending)))]
+            for group in (yield from self._claim(groups)):
                 self._submit(group)
-        if self._alone and not (self._running or self._new or self._again):
-            self._submit(self._alone.popleft())
+        if self._isolated and not (self._running or self._pending or self._retries):
+            self._submit(self._isolated.popleft())
 
-    def _most_under_way(self) -> int:
-        ahead = min(max(AHEAD / self._seconds, 1.0), MOST_AHEAD)
+    def _max_running(self) -> int:
+        ahead = min(max(PREFETCH_S / self._seconds, 1.0), MAX_PREFETCHED_JOBS)
         return math.ceil(max(self._workers.count, 1) * (1 + ahead))
 
-    def _claimed(self, groups: Sequence[_Group]) -> list[_Group]:
-        """Claim sweeps and return what this run shall compute; what it shall not is held by another, or done."""
+    def _claim(self, groups: Sequence[_SweepGroup]) -> Generator[Event, None, list[_SweepGroup]]:
+        """Claim sweeps and return those that this run computes; the others are held by another run, or done."""
         keys = {sweep.key for group in groups for sweep in group.sweeps}
-        ours = self._store.claim(self._setting.run, keys, self._setting.again)
+        context = self._context
+        ours = yield from self._retried(lambda: self._store.claim(context.run, keys, context.is_rerun))
         if len(ours) < len(keys):
-            self._held += [sweep for group in groups for sweep in group.sweeps if sweep.key not in ours]
-            self._looked = -math.inf
+            self._held_elsewhere += [sweep for group in groups for sweep in group.sweeps if sweep.key not in ours]
+            self._polled_at = -math.inf
         for group in groups:
             group.sweeps = [sweep for sweep in group.sweeps if sweep.key in ours]
         return [group for group in groups if group.sweeps]
 
-    def _look_at_held(self) -> Iterator[Event]:
-        """Take over what other runs have given up, and reuse what they have computed by now."""
-        if not self._held or time.monotonic() - self._looked < LOOK:
+    def _poll_held(self) -> Iterator[Event]:
+        """Take over sweeps that other runs have given up, and reuse those that they have computed."""
+        if not self._held_elsewhere or self._clock.now() - self._polled_at < LEASE_POLL_INTERVAL_S:
             return
-        held, self._held = self._held, []
-        self._again += self._claimed(self._grouped(held))
-        self._looked = time.monotonic()
-        holders = self._store.held([sweep.key for sweep in self._held])
-        done = self._store.known([sweep.key for sweep in self._held if sweep.key not in holders])
-        reused = [sweep for sweep in self._held if sweep.key in done]
-        self._held = [sweep for sweep in self._held if sweep.key not in done]
+        held, self._held_elsewhere = self._held_elsewhere, []
+        self._retries += yield from self._claim(self._group(held))
+        self._polled_at = self._clock.now()
+        if not self._held_elsewhere:
+            return
+        keys = [sweep.key for sweep in self._held_elsewhere]
+        holding_runs = yield from self._retried(lambda: self._store.lease_holders(keys))
+        free = [key for key in keys if key not in holding_runs]
+        done = yield from self._retried(lambda: self._store.stored_states(free))
+        reused = [sweep for sweep in self._held_elsewhere if sweep.key in done]
+        self._held_elsewhere = [sweep for sweep in self._held_elsewhere if sweep.key not in done]
         if reused:
-            self._store.reuse(self._setting.run, [sweep.key for sweep in reused])
+            yield from self._retried(lambda: self._store.reuse(self._context.run, [sweep.key for sweep in reused]))
             self._finished += len(reused)
             yield from (Finished(sweep, None, "reused") for sweep in reused)
-        if holders and not (self._running or self._new or self._again):
-            runs = ", ".join(str(run) for run in sorted(set(holders.values())))
-            yield Preparing(f"waiting for sweeps that run {runs} computes: {len(self._held)}")
+        if holding_runs and not (self._running or self._pending or self._retries):
+            runs = ", ".join(str(run) for run in sorted(set(holding_runs.values())))
+            yield Preparing(f"waiting for sweeps that run {runs} computes: {len(self._held_elsewhere)}")
 
-    def _submit(self, group: _Group) -> None:
+    def _submit(self, group: _SweepGroup) -> None:
         self._running[group.number] = group
-        future = self._workers.submit(group.number, group.job(self._setting.plugins, self._fits))
+        future = self._workers.submit(group.number, group.job(self._context.plugins, self._fits))
         future.add_done_callback(lambda future: self._answers.put((group, future)))
 
-    def _hear(self) -> None:
-        """Take what workers have answered since, or the first answer within a while."""
-        timeout: float | None = POLL
+    def _collect_answers(self) -> None:
+        """Accept the answers that have arrived, or wait for the first one for a poll interval."""
+        timeout: float | None = POLL_INTERVAL_S
         while True:
             try:
-                group, future = self._answers.get(timeout=timeout) if timeout else self._answers.get_nowait()
+                group, future = self._clock.next_item(self._answers, timeout) if timeout else self._answers.get_nowait()
             except queue.Empty:
                 break
             timeout = None
             del self._running[group.number]
             self._fractions.pop(group.number, None)
             self._compiling.pop(group.number, None)
-            self._take(group, future)
+            self._accept(group, future)
         for number, fraction in self._workers.reports():
             if number in self._running:
                 self._fractions[number] = fraction
                 self._compiling.pop(number, None)
 
-    def _tell_compiling(self) -> Iterator[Event]:
-        """Say once of each friction law that it is compiled."""
-        for number, laws in self._workers.compiles():
+    def _report_compilation(self) -> Iterator[Event]:
+        """Report once for each friction law that it is being compiled."""
+        for number, laws in self._workers.compilations():
             if number in self._running:
                 self._compiling[number] = f"compiling friction law {laws}"
         for text in set(self._compiling.values()) - self._announced:
             self._announced.add(text)
-            about = f", about {self._setting.compiling:.0f} s" if self._setting.compiling >= 1 else ""
+            about = f", about {self._context.compiling:.0f} s" if self._context.compiling >= 1 else ""
             yield Preparing(f"{text} (once per machine{about})")
 
-    def _take(self, group: _Group, future: "Future[Answer]") -> None:
+    def _accept(self, group: _SweepGroup, future: "Future[Answer]") -> None:
         error = future.exception()
         if error is None:
             self._answered += zip(group.sweeps, future.result(), strict=True)
         elif isinstance(error, WorkerLostError):
-            self._lost(group, error)
+            self._retry(group, error)
         else:
             message = f"{type(error).__name__}: {error}"
-            self._fail(group, message, "".join(traceback.format_exception(error)))
+            self._reject(group, message, "".join(traceback.format_exception(error)))
 
-    def _fail(self, group: _Group, message: str, log: str = "") -> None:
+    def _reject(self, group: _SweepGroup, message: str, log: str = "") -> None:
         self._answered += [(sweep, Failure(message, log)) for sweep in group.sweeps]
 
-    def _lost(self, group: _Group, error: WorkerLostError) -> None:
-        """Try again what has cost a worker; what does so thrice, the third time alone, has failed."""
-        if error.estimator is not None and len(group.sweeps) > 1:  # one estimator's loss is its own
+    def _retry(self, group: _SweepGroup, error: WorkerLostError) -> None:
+        """Retry a group whose worker was lost; it has failed if a third worker is lost while it is computed alone."""
+        if error.estimator is not None and len(group.sweeps) > 1:  # the other estimators are not to blame
             others = [sweep for at, sweep in enumerate(group.sweeps) if at != error.estimator]
-            self._again.append(_Group(next(self._numbers), others, group.lost))
-            group = _Group(next(self._numbers), [group.sweeps[error.estimator]], group.lost)
-        group.lost += 1
-        if not error.again:
-            self._fail(group, str(error))
-        elif group.lost < ALONE:
-            self._again.append(group)
-        elif group.lost == ALONE:
-            self._alone += (_Group(next(self._numbers), [sweep], group.lost) for sweep in group.sweeps)
+            self._retries.append(_SweepGroup(next(self._numbers), others, group.lost_workers))
+            group = _SweepGroup(next(self._numbers), [group.sweeps[error.estimator]], group.lost_workers)
+        group.lost_workers += 1
+        if not error.is_retryable:
+            self._reject(group, str(error))
+        elif group.lost_workers < LOSSES_BEFORE_ISOLATION:
+            self._retries.append(group)
+        elif group.lost_workers == LOSSES_BEFORE_ISOLATION:
+            self._isolated += (_SweepGroup(next(self._numbers), [sweep], group.lost_workers) for sweep in group.sweeps)
         else:
-            self._fail(group, f"{error}, the {group.lost}rd time; the last time it was computed alone")
+            self._reject(group, f"{error}, the {group.lost_workers}rd time; the last time it was computed alone")
 
     def _store_answers(self) -> Iterator[Event]:
-        """Store what has been answered, all of it in one transaction, then tell."""
-        now = time.monotonic()
-        if not self._answered or (now - self._stored < GATHER and (self._running or self._new)):
+        """Store all answers, then yield their events."""
+        now = self._clock.now()
+        if not self._answered or (now - self._stored_at < GATHER_INTERVAL_S and (self._running or self._pending)):
             return
-        pairs = self._answered
-        self._seconds = max(self._workers.count, 1) * (now - self._stored) / len(pairs)
-        self._keep()
-        self._stored = time.monotonic()
-        for sweep, found in pairs:
+        pairs = list(self._answered)
+        elapsed = max(now - self._stored_at, MIN_ELAPSED_S)
+        self._seconds = max(self._workers.count, 1) * elapsed / len(pairs)
+        stored = yield from self._retried(lambda: self._store_pairs(pairs))
+        del self._answered[: len(pairs)]  # more have arrived if the database was unavailable
+        self._stored_at = self._clock.now()
+        yield from self._release_overtaken([sweep for sweep, _ in pairs if sweep.key not in stored])
+        finished = [(sweep, found) for sweep, found in pairs if sweep.key in stored]
+        self._finished += len(finished)
+        for sweep, found in finished:
             if isinstance(found, Failure):
                 yield Finished(sweep, None, "failed", found.message)
             else:
                 yield Finished(sweep, found, "computed")
 
-    def _keep(self) -> None:
-        registry = self._setting.registry
-        pairs = self._answered
-        good = [(sweep, found, components_of(sweep, registry)) for sweep, found in pairs if isinstance(found, Result)]
-        if good:
-            self._store.save(self._setting.run, good)
+    def _release_overtaken(self, sweeps: Sequence[Sweep]) -> Iterator[Event]:
+        """Wait for sweeps that other runs have taken over, because this run sent no heartbeat."""
+        if sweeps:
+            yield Noticed(f"other runs took over sweeps while this run was silent: {len(sweeps)}")
+            self._held_elsewhere += sweeps
+            self._polled_at = -math.inf
+
+    def _store_pairs(self, pairs: Sequence[tuple[Sweep, Result | Failure]]) -> set[str]:
+        """Store answers and return the keys that are stored; the other sweeps have been taken over by other runs."""
+        run, stored = self._context.run, set[str]()
+        if good := self._computed_sweeps(pairs):
+            stored |= self._store.save(run, good, is_fenced=True)
         for sweep, found in pairs:
-            if isinstance(found, Failure):
-                self._store.fail(self._setting.run, sweep.key, found.message, found.log)
-        self._finished += len(pairs)
+            if isinstance(found, Failure) and self._store.fail(run, sweep.key, found.message, found.log, True):
+                stored.add(sweep.key)
+        return stored
+
+    def _computed_sweeps(self, pairs: Sequence[tuple[Sweep, Result | Failure]]) -> list[ComputedSweep]:
+        registry = self._context.registry
+        return [
+            (sweep, found, component_origins(sweep, registry)) for sweep, found in pairs if isinstance(found, Result)
+        ]
+
+    def _store_last(self) -> None:
+        """Store the answers of an interrupted run, which does not wait for the database."""
+        try:
+            self._store_pairs(self._answered)
+        except StoreError as error:
+            raise self._given_up(error) from error
         self._answered = []
 
-    def _tell(self) -> Progress:
-        """Tell the database, and those who watch here, how far it came."""
-        self._told = time.monotonic()
+    def _given_up(self, error: StoreError) -> StoreError:
+        """Keep the answers that are not stored elsewhere, and return the error with the remedy."""
+        results, self._answered = self._computed_sweeps(self._answered), []
+        return type(error)(f"{error}; {self._context.spool(results)}") if results else error
+
+    def _report_progress(self) -> Iterator[Event]:
+        """Yield the progress, and send it to the database."""
+        self._reported_at = self._clock.now()
+        fractions = self._fractions
+        started = [(sweep.key, part) for number, part in fractions.items() for sweep in self._running[number].sweeps]
+        progress = self._progress(self._workers.status() or next(iter(self._compiling.values()), ""))
+        yield from self._retried(
+            lambda: self._heartbeat.beat(progress.done, self._workers.count, started, progress.doing)
+        )
+        yield progress
+
+    def _progress(self, doing: str) -> Progress:
         fractions = self._fractions
         done = self._finished + len(self._answered)
         share = done + sum(len(self._running[number].sweeps) * part for number, part in fractions.items())
-        started = ((sweep.key, part) for number, part in fractions.items() for sweep in self._running[number].sweeps)
-        doing = next(iter(self._compiling.values()), "")
-        self._pulse.beat(share, self._workers.count, started, doing)
         return Progress(share, self._total, sum(len(self._running[number].sweeps) for number in fractions), doing)

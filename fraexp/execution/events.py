@@ -1,4 +1,4 @@
-"""What the scheduler tells of a run while it goes on: front ends render it."""
+"""Progress events of a run, which the scheduler yields and the user interfaces display."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -10,22 +10,22 @@ from fraexp.data.sweep import Sweep
 
 @dataclass(frozen=True)
 class Why:
-    """Sweeps of a plan for which one reason holds."""
+    """Sweeps that a plan computes, or reuses, for the same reason."""
 
     computed: bool
-    """Whether the run computes them; else it takes what is stored."""
+    """Whether the run computes them; otherwise it reuses what is stored."""
     state: str
-    """``new``, ``same``, ``stale``, ``failed``: what is stored of them."""
+    """State of what is stored: ``new``, ``same``, ``stale`` or ``failed``."""
     reason: str
-    """In one line, for all of them."""
+    """The reason, in one line."""
     sweeps: Sequence[Sweep]
     each: Mapping[str, str] = field(default_factory=dict)
-    """By key what is to be said of single ones."""
+    """Details of single sweeps, by key."""
 
 
 @dataclass(frozen=True)
 class Planned:
-    """What a run will do."""
+    """The plan of a run."""
 
     study: str
     title: str
@@ -35,13 +35,13 @@ class Planned:
     stale: int
     """Sweeps that are reused although a plugin's source has changed since."""
     seconds: float | None
-    """Expected time, compiling included [s]; None if nothing is missing."""
+    """Expected time with compiling [s]; None if nothing is missing."""
     compiling: float = 0.0
-    """Part of it in which friction laws are compiled [s]."""
+    """Part of the expected time in which friction laws are compiled [s]."""
     executor: str = ""
-    """The executor that computes what is missing; empty if nothing is."""
+    """The executor that computes the missing sweeps; empty if there are none."""
     whys: tuple[Why, ...] = ()
-    """Why sweeps are computed or reused, each sweep under one reason; empty if that was not asked for."""
+    """Reasons why sweeps are computed or reused, each sweep under one of them; empty unless requested."""
 
 
 @dataclass(frozen=True)
@@ -54,33 +54,33 @@ class Begun:
 
 @dataclass(frozen=True)
 class Preparing:
-    """Something that takes its time before the first sweep."""
+    """Something that takes time before the first sweep."""
 
     what: str
 
 
 @dataclass(frozen=True)
 class Noticed:
-    """Something that people should know, such as a worker that is left out."""
+    """Something that the user should know, such as a worker that is not used."""
 
     what: str
 
 
 @dataclass(frozen=True)
 class Progress:
-    """Sweeps done, with the fraction of those that are running."""
+    """Number of finished sweeps, plus the fractions of the running ones."""
 
     done: float
     total: float
     running: int | None = None
-    """Sweeps that are being computed; None if that is not told."""
+    """Number of sweeps that are being computed; None if unknown."""
     doing: str = ""
-    """What is done before a first sweep gets on, such as compiling."""
+    """What delays the run, such as compiling, or a cluster without workers."""
 
 
 @dataclass(frozen=True)
 class Finished:
-    """One sweep has come to its end: `computed`, `reused` or `failed`."""
+    """A sweep has ended; its state is ``computed``, ``reused`` or ``failed``."""
 
     sweep: Sweep
     result: Result | None
@@ -90,14 +90,14 @@ class Finished:
 
 @dataclass(frozen=True)
 class Ended:
-    """The run is over: `complete`, `partial`, `interrupted` or `dry`."""
+    """The run has ended; its state is ``complete``, ``partial``, ``interrupted`` or ``dry``."""
 
     run: int | None
     state: str
     figures: tuple[Path, ...] = ()
-    """Files that show the sweeps, one for each unit of their responses."""
+    """Files with the figures of the sweeps, one for each unit of their responses."""
     note: str = ""
-    """Why there is no figure, where there should be one."""
+    """Why a figure is missing."""
 
 
 Event = Planned | Begun | Preparing | Noticed | Progress | Finished | Ended

@@ -1,32 +1,32 @@
-"""The one function that is sent to workers: an experiment is simulated or read once, and estimated by all that ask."""
+"""The job of a worker: an experiment is simulated or read once, and all its estimators are applied to it."""
 
 import time
 import traceback
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 from fraexp import records
-from fraexp.components.first_trial import first_trial
+from fraexp.components.first_trial import first_trial, friction_specs
 from fraexp.components.kinds import Estimator, Excitation, FrictionModel
 from fraexp.components.registry import Registry, create, discover
 from fraexp.data.results import Result, Timing
 from fraexp.data.signals import Signals
 from fraexp.data.sweep import Plain, component_names
 from fraexp.errors import FraexpError, PluginError
-from fraexp.kernels.announcement import announced
+from fraexp.execution.certificate import certify
+from fraexp.kernels.announcement import compilation_listener
 from fraexp.kernels.law_error import LawError
 from fraexp.simulation import loop
 from fraexp.simulation.machine import build_machine
 
-Progress = Callable[[float], None]
-"""Is told the fraction of the experiment that is done."""
-Begins = Callable[[int], None]
-"""Is told which estimator begins."""
-Compiles = Callable[[str], None]
-"""Is told which friction law is about to be compiled."""
+ReportProgress = Callable[[float], None]
+"""Called with the fraction of the experiment that is done."""
+ReportEstimator = Callable[[int], None]
+"""Called with the index of the estimator that begins."""
+ReportCompilation = Callable[[str], None]
+"""Called with the names of the friction laws that are about to be compiled."""
 
 
 @dataclass(frozen=True)
@@ -37,114 +37,113 @@ class Job:
     estimators: tuple[Plain, ...]
     files: Mapping[str, str] = field(default_factory=dict)
     plugins: str = ""
-    """Folder of the workspace's own plugins; empty for none."""
+    """Folder of the local plugins; empty if there is none."""
 
 
 @dataclass(frozen=True)
 class Failure:
-    """Why a sweep gave no result: a sentence for people, and the traceback for the log."""
+    """Why a sweep has no result: a sentence for the user, and the traceback for the log."""
 
     message: str
     log: str
 
 
-def perform(
-    job: Job, progress: Progress, begins: Begins = lambda _: None, compiles: Compiles = lambda _: None
+def run_job(
+    job: Job,
+    progress: ReportProgress,
+    begins: ReportEstimator = lambda _: None,
+    compiles: ReportCompilation = lambda _: None,
 ) -> list[Result | Failure]:
-    """Return a result or a failure per estimator, in their order."""
-    with announced(lambda: compiles(_laws(job))):
-        return _performed(job, progress, begins)
+    """Return the result or the failure of each estimator, in their order."""
+    with compilation_listener(lambda: compiles(_law_names(job))):
+        return _run_job(job, progress, begins)
 
 
-def _performed(job: Job, progress: Progress, begins: Begins) -> list[Result | Failure]:
+def _run_job(job: Job, progress: ReportProgress, begins: ReportEstimator) -> list[Result | Failure]:
     began, computing = time.perf_counter(), time.thread_time()
-    is_warm = _has_done(job.experiment)
+    was_warm = _is_warm(job.experiment)
     try:
         registry = registry_of(job.plugins)
-        for spec in _friction_models([job.experiment, *job.estimators]):
+        for spec in friction_specs([job.experiment, *job.estimators]):
             first_trial(spec, registry)
-        signals = source(job, registry, progress)
-    except Exception as error:  # whatever a plugin or a file does, the other experiments go on
-        return [failure(error)] * len(job.estimators)
+        signals = load_signals(job, registry, progress)
+    except Exception as error:  # a plugin or a file may raise anything; the other experiments go on
+        return [describe_failure(error)] * len(job.estimators)
     shared = (time.perf_counter() - began) / len(job.estimators)
-    timing = Timing(time.thread_time() - computing, len(job.estimators), 0.0, (is_warm, False))
+    timing = Timing(time.thread_time() - computing, len(job.estimators), 0.0, (was_warm, False))
     answers = []
     for number, estimator in enumerate(job.estimators):
         begins(number)
-        answers.append(_estimate(registry, estimator, signals, shared, timing))
+        answers.append(_estimate(registry, estimator, signals, shared, timing, _tolerance(job.experiment)))
     return answers
 
 
-def _laws(job: Job) -> str:
-    """Return the names of the friction laws that a job uses, for people."""
-    names = dict.fromkeys(str(spec["name"]) for spec in _friction_models([job.experiment, *job.estimators]))
+def _tolerance(experiment: Plain) -> float:
+    """Return the numerical error that an experiment on a loop tolerates."""
+    return float(experiment.get("numerics", {}).get("tolerance", 0.0))
+
+
+def _law_names(job: Job) -> str:
+    """Return the names of the friction laws that a job uses, as the user reads them."""
+    names = dict.fromkeys(str(spec["name"]) for spec in friction_specs([job.experiment, *job.estimators]))
     return " and ".join(f"'{name}'" for name in names) or "of the study"
 
 
-def _friction_models(value: Any) -> Iterator[Plain]:
-    """Yield all friction models in plain data."""
-    if isinstance(value, Mapping):
-        for key, part in value.items():
-            if key == "friction" and isinstance(part, Mapping) and "name" in part:
-                yield part
-            yield from _friction_models(part)
-    elif isinstance(value, list | tuple):
-        for part in value:
-            yield from _friction_models(part)
+_computed_components: set[tuple[str, ...]] = set()
+"""Names of the components with which this process has computed already."""
 
 
-_DONE: set[tuple[str, ...]] = set()
-"""Names of the components with which this process has computed something."""
-
-
-def _has_done(spec: Plain) -> bool:
-    """Say whether this process has computed with these components before, and remember that it has now."""
+def _is_warm(spec: Plain) -> bool:
+    """Return whether this process has computed with these components before, and note that it has now."""
     names = tuple(component_names(spec))
-    if names in _DONE:
+    if names in _computed_components:
         return True
-    _DONE.add(names)
+    _computed_components.add(names)
     return False
 
 
 @cache
 def registry_of(folder: str) -> Registry:
-    """Return the components of a plugins folder, found once by each process; an empty folder stands for none."""
+    """Return the components of a plugins folder, which each process reads once; an empty text stands for no folder."""
     return discover(Path(folder) if folder else None)
 
 
-def source(job: Job, registry: Registry, progress: Progress) -> Signals:
-    """Return the signals of an experiment: of the simulated loop, of a driven friction model, or of a record."""
+def load_signals(job: Job, registry: Registry, progress: ReportProgress) -> Signals:
+    """Return the signals of an experiment: a simulated loop, a driven friction model, or a record."""
     experiment = job.experiment
     if experiment["source"] == "record":
         return records.load(experiment, job.files, registry)
-    excitation = create(registry, Excitation, experiment["excitation"])  # type: ignore[type-abstract]
+    excitation = create(registry, Excitation, experiment["excitation"])
     if experiment["source"] == "drive":
         friction = create(registry, FrictionModel, experiment["friction"])
         return loop.drive_friction(friction, excitation, experiment["loop"]["sample_time"])
     return loop.simulate_loop(build_machine(experiment, registry), excitation, progress)
 
 
-def _estimate(registry: Registry, spec: Plain, signals: Signals, shared: float, timing: Timing) -> Result | Failure:
+def _estimate(
+    registry: Registry, spec: Plain, signals: Signals, shared: float, timing: Timing, tolerance: float
+) -> Result | Failure:
     began, computing = time.perf_counter(), time.thread_time()
-    is_warm = _has_done(spec)
+    was_warm = _is_warm(spec)
     try:
-        estimator = create(registry, Estimator, spec)  # type: ignore[type-abstract]
+        estimator = create(registry, Estimator, spec)
         result = estimator.estimate(signals)
         if not isinstance(result, Result):
             raise PluginError(f"{estimator.name} returns {result!r:.60}; expected a Result")
-    except Exception as error:  # as above: one estimator's failure is its own
-        return failure(error)
+        result = certify(estimator, signals, result, tolerance)
+    except Exception as error:  # as above: the other estimators go on
+        return describe_failure(error)
     return replace(
         result,
         metrics=result.metrics + signals.metrics,
         numerics=signals.numerics,
         elapsed=shared + time.perf_counter() - began,
-        timing=replace(timing, estimator=time.thread_time() - computing, is_warm=(timing.is_warm[0], is_warm)),
+        timing=replace(timing, estimator=time.thread_time() - computing, is_warm=(timing.is_warm[0], was_warm)),
     )
 
 
-def failure(error: BaseException) -> Failure:
-    """Return what an error is to people: its sentence, with the place if it is none of ours."""
+def describe_failure(error: BaseException) -> Failure:
+    """Return an error as a Failure: its sentence, with the place in the code if it is not an error of fraexp."""
     log = "".join(traceback.format_exception(error))
     text = str(error).splitlines()[0] if str(error) else ""
     if isinstance(error, FraexpError | LawError):

@@ -1,23 +1,33 @@
-"""Running a study: what is missing is computed, what is there is reused; events tell how it goes."""
+"""Runs of a study: missing sweeps are computed, stored ones are reused, and events report the progress."""
 
+import re
+import shlex
 from collections.abc import Generator, Iterator, Mapping, Sequence
-from contextlib import nullcontext
-from dataclasses import replace
-from functools import cache
+from contextlib import closing, nullcontext, suppress
+from dataclasses import dataclass, replace
+from functools import cache, partial
+from pathlib import Path
+from uuid import uuid4
 
 from fraexp.components.registry import Registry
 from fraexp.data import fit_references
+from fraexp.data.results import UNUSABLE_OUTCOMES
 from fraexp.data.sweep import Plain, Sweep
-from fraexp.errors import FraexpError
-from fraexp.execution.computation import Computation, Pulse, Setting
+from fraexp.errors import FraexpError, StoreError, StudyError, UnavailableError, did_you_mean
+from fraexp.execution.computation import Computation, ComputedSweep, Heartbeat, RunContext
+from fraexp.execution.database_retry import DatabaseRetry
 from fraexp.execution.estimates.estimate import estimate
 from fraexp.execution.estimates.learning import Lessons
 from fraexp.execution.estimates.speeds import read_speeds
 from fraexp.execution.events import Begun, Ended, Event, Finished, Noticed, Planned, Preparing, Progress
-from fraexp.execution.executors import ResourceLimits, Workers, make
-from fraexp.execution.explain import FRUITLESS, Origins, reasons
+from fraexp.execution.executors import ResourceLimits, Workers, create_workers
+from fraexp.execution.explain import Origins, reasons
 from fraexp.store import Store, StoredState
 from fraexp.study.study_file import Study
+
+MAX_EXPLAINED_SWEEPS = 2000
+"""Maximum number of sweeps for which a run says by itself why nothing is reused."""
+VERSION_PATTERN = re.compile(r"\bversion\b")
 
 
 def plan(
@@ -28,15 +38,22 @@ def plan(
     explain: bool = False,
     executor: str | None = None,
     limits: ResourceLimits | None = None,
-) -> "tuple[list[Sweep], Planned]":
-    """Return the sweeps to compute, and the plan; `rerun` is None, ``stale``, ``failed`` or ``all``.
+) -> tuple[list[Sweep], Planned]:
+    """Return the sweeps to compute, and the plan.
 
-    With `explain` the plan says why. Its time is that of the `executor`, by default the faster one within `limits`.
+    Parameters
+    ----------
+    rerun : which stored sweeps are computed again: None, ``stale``, ``unusable`` or ``all``.
+    explain : whether the plan gives the reason of each sweep.
+    executor : the executor whose time is estimated; by default the faster one within `limits`.
     """
-    known = store.known([sweep.key for sweep in study.sweeps]) if store else {}
-    stale = _stale(study.sweeps, known, registry)
-    fruitless = {key for key, state in known.items() if state.outcome in FRUITLESS}
-    again = {None: set[str](), "stale": set(stale), "failed": fruitless, "all": set(known)}[rerun]
+    known = store.stored_states([sweep.key for sweep in study.sweeps]) if store else {}
+    stale = _changed_components(study.sweeps, known, registry)
+    unusable = {key for key, state in known.items() if state.outcome in UNUSABLE_OUTCOMES}
+    classes = {"stale": set(stale), "unusable": unusable, "all": set(known)}
+    if rerun is not None and rerun not in classes:
+        raise StudyError(f"there is no class of sweeps '{rerun}' to compute again{did_you_mean(rerun, classes)}")
+    again = classes.get(rerun or "", set[str]())
     missing = [sweep for sweep in study.sweeps if sweep.key not in known or sweep.key in again]
     reused = len(study.sweeps) - len(missing)
     kept = len(set(stale) - again)
@@ -50,8 +67,10 @@ def plan(
     return missing, replace(planned, whys=whys)
 
 
-def _stale(sweeps: Sequence[Sweep], known: Mapping[str, StoredState], registry: Registry) -> dict[str, list[str]]:
-    """Return the keys of stored sweeps that other sources have computed, with the components concerned."""
+def _changed_components(
+    sweeps: Sequence[Sweep], known: Mapping[str, StoredState], registry: Registry
+) -> dict[str, list[str]]:
+    """Return the components whose source has changed since a stored sweep was computed, by the key of the sweep."""
     origins = Origins(registry)
     stored = ((sweep, known[sweep.key]) for sweep in sweeps if sweep.key in known)
     return {sweep.key: changed for sweep, state in stored if (changed := origins.changed(sweep, state))}
@@ -68,86 +87,153 @@ def run(
     command: str,
     provenance: Plain,
     plugins: str,
-) -> Iterator[Event]:
-    """Compute what is missing of a study and yield events; closing the iterator interrupts the run.
+) -> Generator[Event, None, None]:
+    """Compute the missing sweeps of a study and yield events; closing the iterator interrupts the run.
 
-    Without an `executor` all cores are used, unless one process is expected to be done before.
+    Without an `executor` all cores are used, unless one process is expected to finish earlier.
     """
     limits = limits or ResourceLimits()
-    missing, planned = plan(study, store, registry, rerun, executor=executor, limits=limits)
+    retry = DatabaseRetry(timeout=limits.database)
+    missing, planned = yield from retry.call(
+        lambda: plan(study, store, registry, rerun, executor=executor, limits=limits)
+    )
     yield planned
-    if store.advice:
-        yield Noticed(store.advice)
+    for text in filter(None, (store.notice, store.advice)):
+        yield Noticed(text)
+    yield from (yield from retry.call(lambda: list(_notice_new_versions(study, planned, store, registry))))
     lessons = Lessons(registry)
-    # Before a run is recorded, for it may be refused; what has nothing to compute needs none.
-    with make(planned.executor, len(missing), limits) if missing else nullcontext() as workers:
-        number = store.begin_run(study.name, str(study.file), command, provenance, study.sweeps)
-        setting = Setting(number, store, registry, plugins, rerun is not None, planned.compiling)
-        state = yield from _recorded(study, missing, setting, workers, lessons)
-    lessons.learn(planned.executor)
+    # Workers are created before the run is recorded, because the executor may refuse; without sweeps none are needed.
+    with create_workers(planned.executor, len(missing), limits) if missing else nullcontext() as workers:
+        facts = {**provenance, "run_id": uuid4().hex}
+        number = yield from begin_run(study, store, command, facts, retry)
+        spool = Spool(study, command, facts, Path(plugins).parent if plugins else Path.cwd())
+        context = RunContext(
+            number, store, registry, plugins, rerun is not None, planned.compiling, retry, spool.keep_results
+        )
+        state = yield from compute_recorded(study, missing, context, workers, lessons)
+    lessons.save_speeds(planned.executor)
     yield Ended(number, state)
 
 
-def _recorded(
-    study: Study, missing: Sequence[Sweep], setting: Setting, workers: Workers | None, lessons: Lessons
+def _notice_new_versions(study: Study, planned: Planned, store: Store, registry: Registry) -> Iterator[Noticed]:
+    """Yield why nothing is reused if earlier versions of components have computed the study's stored sweeps."""
+    if planned.reused or not 0 < planned.total <= MAX_EXPLAINED_SWEEPS:
+        return
+    if not any(run.study == study.name for run in store.runs()):
+        return
+    for why in reasons(study.sweeps, {}, (), {}, store, study.name, registry):
+        if VERSION_PATTERN.search(why.reason):
+            count = f"{len(why.sweeps):,} of {planned.total:,}"
+            yield Noticed(f"nothing is reused, because components have changed: {count}: {why.reason}")
+
+
+def begin_run(
+    study: Study, store: Store, command: str, provenance: Plain, retry: DatabaseRetry
+) -> Generator[Event, None, int]:
+    """Record a run, and return its number; with a `run_id` in its provenance a repeated call records it once."""
+    return (
+        yield from retry.call(lambda: store.begin_run(study.name, str(study.file), command, provenance, study.sweeps))
+    )
+
+
+@dataclass(frozen=True)
+class Spool:
+    """A file for results that the database does not accept, which `fraexp merge` reads."""
+
+    study: Study
+    command: str
+    provenance: Plain
+    folder: Path
+
+    def keep_results(self, results: Sequence[ComputedSweep]) -> str:
+        """Write results to a new database file and return the remedy for the user."""
+        count = "1 result is" if len(results) == 1 else f"{len(results)} results are"
+        file = self.folder / f"kept-{self.provenance['run_id'][:8]}.db"
+        try:
+            with Store.open(str(file), create=True) as store:
+                sweeps = [sweep for sweep, _, _ in results]
+                number = store.begin_run(self.study.name, str(self.study.file), self.command, self.provenance, sweeps)
+                store.save(number, results)
+                store.end_run(number, "interrupted")
+        except StoreError as error:
+            return f"{count} lost, because {error}"
+        return f"{count} kept in {file}; 'fraexp merge {shlex.quote(str(file))}' adds them to the database"
+
+
+def compute_recorded(
+    study: Study,
+    missing: Sequence[Sweep],
+    context: RunContext,
+    workers: Workers | None,
+    lessons: Lessons | None = None,
 ) -> Generator[Event, None, str]:
-    """Compute the sweeps of a run that has been begun, and return how it ended; the database has that in any case."""
+    """Compute the missing sweeps of a recorded run and return its final state, which is stored if that is possible."""
+    retry = context.retry
     computed = {sweep.key for sweep in missing}
     reused = [sweep for sweep in study.sweeps if sweep.key not in computed]
-    state, failures = "interrupted", 0
+    failures = 0
     try:
-        yield Begun(setting.run)
-        setting.store.reuse(setting.run, [sweep.key for sweep in reused])
+        yield Begun(context.run)
+        if reused:
+            yield from retry.call(lambda: context.store.reuse(context.run, [sweep.key for sweep in reused]))
         for sweep in reused:
             yield Finished(sweep, None, "reused")
         if workers:
             yield Preparing("1 worker" if workers.count == 1 else f"{workers.count} workers")
-            for event in _in_turn(missing, setting, workers):
-                if isinstance(event, Finished):
-                    failures += event.state == "failed"
-                    lessons.take(event.sweep, event.result)
-                yield event
+            with closing(_compute_batches(missing, context, workers)) as events:
+                for event in events:
+                    if isinstance(event, Finished):
+                        failures += event.state == "failed"
+                        if lessons:
+                            lessons.add(event.sweep, event.result)
+                    yield event
         state = "partial" if failures else "complete"
-    except FraexpError:  # nothing can be computed any more, such as when a cluster is gone
-        state = "partial"
+        yield from retry.call(lambda: context.store.end_run(context.run, state))
+    except BaseException as error:
+        # A FraexpError is the end of those who compute, such as a cluster, or of the database: then readers see from
+        # the end of this process that the run has ended.
+        with suppress(StoreError) if isinstance(error, StoreError) else suppress(UnavailableError):
+            context.store.end_run(context.run, "partial" if isinstance(error, FraexpError) else "interrupted")
         raise
-    finally:
-        setting.store.end_run(setting.run, state)
     return state
 
 
-def _in_turn(missing: Sequence[Sweep], setting: Setting, workers: Workers) -> Iterator[Event]:
-    """Compute sweeps, after those whose fits they refer to."""
+def _compute_batches(missing: Sequence[Sweep], context: RunContext, workers: Workers) -> Generator[Event, None, None]:
+    """Compute sweeps in batches: each after those whose fits it refers to."""
     done = 0
-    pulse = Pulse(setting.store, setting.run, len(missing))
-    for turn in fit_references.in_turn(list(missing)):
-        fits = _Fits(setting.store)
-        ready, lacking = _with_fits(turn, fits)
-        for sweep, reason in lacking:
-            setting.store.fail(setting.run, sweep.key, reason, "")
+    heartbeat = Heartbeat(context.store, context.run, len(missing), context.retry.clock)
+    for batch in fit_references.topological_batches(list(missing)):
+        fits = _StoredFits(context.store)
+        ready, blocked = yield from context.retry.call(partial(_split_by_fits, batch, fits))
+        for sweep, reason in blocked:
+            yield from context.retry.call(partial(context.store.fail, context.run, sweep.key, reason, ""))
             yield Finished(sweep, None, "failed", reason)
-        for event in Computation(ready, setting, workers, fits.component, pulse).events():
-            yield replace(event, done=done + event.done, total=len(missing)) if isinstance(event, Progress) else event
-        done += len(turn)
-        pulse.before = done
+        # An iterator that is only dropped could not report that its last results were not stored.
+        with closing(Computation(ready, context, workers, fits.component, heartbeat).events()) as events:
+            for event in events:
+                if isinstance(event, Progress):
+                    event = replace(event, done=done + event.done, total=len(missing))  # noqa: PLW2901
+                yield event
+        done += len(batch)
+        heartbeat.finished_before = done
 
 
-class _Fits:
-    """What earlier sweeps have identified, each looked up once."""
+class _StoredFits:
+    """The components that earlier sweeps have identified; each result is read once."""
 
     def __init__(self, store: Store) -> None:
         self._result = cache(lambda key: store.results([key]).get(key))
 
     def component(self, reference: Plain) -> Plain:
-        """Return the component that a reference stands for."""
+        """Return the component that a reference stands for; it must exist."""
         result = self._result(str(reference[fit_references.OF]))
         return next(
-            fit.component for fit in (result.fits if result else ()) if fit.kind == reference[fit_references.WORD]
+            fit.component for fit in (result.fits if result else ()) if fit.kind == reference[fit_references.FIT]
         )
 
-    def lack(self, reference: Plain) -> str:
-        """Return why there is no such component; empty if there is."""
-        key, kind = str(reference[fit_references.OF]), reference[fit_references.WORD]
+    def missing_reason(self, reference: Plain) -> str:
+        """Return why the component of a reference is missing; empty if it exists."""
+        key, kind = str(reference[fit_references.OF]), reference[fit_references.FIT]
         result = self._result(key)
         if result is not None and any(fit.kind == kind for fit in result.fits):
             return ""
@@ -155,14 +241,14 @@ class _Fits:
         return f"it needs the {kind} that sweep {key[4:12]} identifies, which {why}"
 
 
-def _with_fits(sweeps: Sequence[Sweep], fits: _Fits) -> tuple[list[Sweep], list[tuple[Sweep, str]]]:
-    """Return the sweeps whose fits are there, and the others with what they lack."""
-    ready, lacking = [], []
+def _split_by_fits(sweeps: Sequence[Sweep], fits: _StoredFits) -> tuple[list[Sweep], list[tuple[Sweep, str]]]:
+    """Return the sweeps whose fits exist, and each of the others with the reason why it cannot be computed."""
+    ready, blocked = [], []
     for sweep in sweeps:
-        wanted = fit_references.found_in([sweep.experiment, sweep.estimator])
-        reasons = [reason for reference in wanted if (reason := fits.lack(reference))]
+        wanted = fit_references.references_in([sweep.experiment, sweep.estimator])
+        reasons = [reason for reference in wanted if (reason := fits.missing_reason(reference))]
         if reasons:
-            lacking.append((sweep, reasons[0]))
+            blocked.append((sweep, reasons[0]))
         else:
             ready.append(sweep)
-    return ready, lacking
+    return ready, blocked

@@ -1,19 +1,19 @@
-"""Choosing the figure that fits results, and writing figures to files."""
+"""Choice of the figure for results, and files of figures."""
 
 import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from tempfile import NamedTemporaryFile
-from typing import Any
+from typing import IO
 
 from matplotlib.figure import Figure
 
+from fraexp.data.atomic_file import atomic_file
 from fraexp.data.results import Curve
 from fraexp.errors import FraexpError
-from fraexp.figures.elements.canvas import styled
+from fraexp.figures.elements.canvas import figure_style
 from fraexp.figures.elements.shown import ShownResult
-from fraexp.figures.elements.stamp import check_suffix, digest
-from fraexp.figures.elements.view import ALL, View, interrupt_wrapped, show_band
+from fraexp.figures.elements.stamp import check_suffix, stamp_digest
+from fraexp.figures.elements.view import FULL_VIEW, View, break_wrapped_lines, zoom_to_band
 from fraexp.figures.kinds.against_first import difference_info, draw_difference
 from fraexp.figures.kinds.amplitude_map import amplitude_map_info, draw_amplitude_map
 from fraexp.figures.kinds.bode import Reference, bode_info, draw_bode
@@ -26,9 +26,9 @@ from fraexp.figures.kinds.other_curves import curves_info, draw_curves
 from fraexp.figures.kinds.plant_errors import draw_errors, errors_info
 from fraexp.figures.kinds.positioning_moves import draw_positioning, is_positioning, positioning_info
 
-OF_CURVES = ("hysteresis", "positioning", "curves")
-"""Kinds of figure that show the curves of results."""
-OF_SHOWN: dict[str, Callable[[Sequence[ShownResult], str], Figure]] = {
+CURVE_KINDS = ("hysteresis", "positioning", "curves")
+"""Kinds of figures that show the curves of results."""
+DRAWING_FUNCTIONS: dict[str, Callable[[Sequence[ShownResult], str], Figure]] = {
     "errors": lambda shown, title: draw_errors(errors_info(shown, title)),
     "difference": lambda shown, title: draw_difference(difference_info(shown, title)),
     "coherence": lambda shown, title: draw_coherence(coherence_info(shown, title)),
@@ -36,41 +36,49 @@ OF_SHOWN: dict[str, Callable[[Sequence[ShownResult], str], Figure]] = {
     "levels": lambda shown, title: draw_levels(levels_info(shown, title)),
     "distribution": lambda shown, title: draw_distribution(distribution_info(shown, title)),
 }
-"""How the kinds are drawn that need nothing but what is shown and a title."""
+"""Drawing functions of the kinds that need only the results and a title."""
 
 
-def figure_for(
-    shown: Sequence[ShownResult], reference: Reference | None = None, title: str = "", kind: str = "", view: View = ALL
+def draw_figure(
+    shown: Sequence[ShownResult],
+    reference: Reference | None = None,
+    title: str = "",
+    kind: str = "",
+    view: View = FULL_VIEW,
 ) -> Figure:
-    """Return a figure of results: of a kind (see `kinds`), or of the one that fits them.
+    """Return a figure of results: of a kind in `FIGURES`, or of the default one.
 
-    A Bode plot fits them if any has a response, else hysteresis loops if each has one, else positioning motions, else
-    curves. FraexpError if there is nothing of a `view` in it.
+    The default is a Bode plot if any result has a response, otherwise hysteresis loops if each result has one,
+    otherwise positioning moves, otherwise curves. FraexpError if the kind does not support the `view`.
     """
-    chosen = kind or _fitting(shown)
+    chosen = kind or _default_kind(shown)
     view.check(chosen)
-    figure = _whole(shown, reference, title, chosen, view)
+    figure = _draw_kind(shown, reference, title, chosen, view)
     if view.wrapped:
-        interrupt_wrapped(figure)
+        break_wrapped_lines(figure)
     if view.band:
-        show_band(figure, view.band)
+        zoom_to_band(figure, view.band)
     return figure
 
 
-def _whole(shown: Sequence[ShownResult], reference: Reference | None, title: str, chosen: str, view: View) -> Figure:
-    if chosen in OF_CURVES:
-        return _of_curves(_curves(shown), title, chosen)
-    if chosen in OF_SHOWN:
-        return OF_SHOWN[chosen](shown, title)
+def _draw_kind(
+    shown: Sequence[ShownResult], reference: Reference | None, title: str, chosen: str, view: View
+) -> Figure:
+    if chosen in CURVE_KINDS:
+        return _draw_curve_kind(_labelled_curves(shown), title, chosen)
+    if chosen in DRAWING_FUNCTIONS:
+        return DRAWING_FUNCTIONS[chosen](shown, title)
     if chosen == "nyquist":
         return draw_nyquist(nyquist_info(shown, reference, title))
+    if chosen != "bode":
+        raise NotImplementedError(f"figure kind '{chosen}' is listed in FIGURES, but has no drawing function")
     responses = [(of, of.response) for of in shown if of.response is not None]
     curves = [(of.label, response) for of, response in responses]
     groups, fitted = [of.group for of, _ in responses], [of.fitted for of, _ in responses]
     return draw_bode(bode_info(curves, reference, title, groups, fitted, view.wrapped))
 
 
-def _of_curves(found: Sequence[tuple[str, Curve, str]], title: str, kind: str) -> Figure:
+def _draw_curve_kind(found: Sequence[tuple[str, Curve, str]], title: str, kind: str) -> Figure:
     match kind:
         case "hysteresis":
             loops = [(label, curve) for label, curve, _ in found if is_hysteresis(curve)]
@@ -80,10 +88,10 @@ def _of_curves(found: Sequence[tuple[str, Curve, str]], title: str, kind: str) -
     return draw_curves(curves_info([(label, curve) for label, curve, _ in found], title, [of for *_, of in found]))
 
 
-def _fitting(shown: Sequence[ShownResult]) -> str:
+def _default_kind(shown: Sequence[ShownResult]) -> str:
     if any(of.response is not None for of in shown):
         return "bode"
-    found = _curves(shown)
+    found = _labelled_curves(shown)
     if not found:
         raise FraexpError("figure: no result has a frequency response or a curve to draw")
     with_curves = [of.result.curves for of in shown if of.result.curves]
@@ -92,32 +100,32 @@ def _fitting(shown: Sequence[ShownResult]) -> str:
     return "positioning" if any(is_positioning(curve) for _, curve, _ in found) else "curves"
 
 
-def _curves(shown: Sequence[ShownResult]) -> list[tuple[str, Curve, str]]:
+def _labelled_curves(shown: Sequence[ShownResult]) -> list[tuple[str, Curve, str]]:
     return [(of.label, curve, of.group) for of in shown for curve in of.result.curves]
 
 
-def save(figure: Figure, path: Path, keys: Sequence[str]) -> None:
-    """Write a figure as PNG, SVG or PDF, by the file's suffix, stamped with what it shows (see `stamp.digest`).
+def save_figure(figure: Figure, path: Path, keys: Sequence[str]) -> None:
+    """Write a figure as PNG, SVG or PDF, by the file's suffix, with a stamp of its contents (see `stamp_digest`).
 
-    The same figure gives the same bytes; the file appears whole or not at all.
+    The same figure gives the same bytes; the file appears complete or not at all.
     """
     suffix = check_suffix(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with NamedTemporaryFile(dir=path.parent, prefix=path.name, suffix=suffix, delete=False) as part:
-            _write(figure, part, suffix, digest(keys))
-        Path(part.name).chmod(0o644)  # a temporary file is private; a figure is meant to be read
-        Path(part.name).replace(path)
+        with atomic_file(path) as draft, draft.open("wb") as stream:
+            _write(figure, stream, suffix, stamp_digest(keys))
     except OSError as error:
         raise FraexpError(f"{path}: the figure cannot be written: {error.strerror or error}") from None
 
 
-def _write(figure: Figure, target: Any, suffix: str, stamp: str) -> None:
+def _write(figure: Figure, target: IO[bytes], suffix: str, stamp: str) -> None:
     metadata: dict[str, dict[str, str | None]] = {
         ".png": {"Software": "fraexp", "Description": stamp},
         ".svg": {"Creator": "fraexp", "Date": None, "Identifier": stamp},
         ".pdf": {"Creator": "fraexp", "CreationDate": None, "Keywords": stamp},
     }
-    with styled(), warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Glyph .* missing")  # a name in a script that the font lacks: drawn as boxes
+    with figure_style(), warnings.catch_warnings():
+        warnings.filterwarnings(
+            "ignore", "Glyph .* missing"
+        )  # the font lacks the script of a name, which is drawn as boxes
         figure.savefig(target, format=suffix[1:], metadata=metadata[suffix])

@@ -1,95 +1,124 @@
-"""What lies at an address, as compiled code sees it: numbers of one machine, rows of eight side by side, a function.
+"""Views of memory by its address, for compiled code: numbers of one machine, rows of lanes, and functions.
 
-What is compiled for each friction law takes addresses in place of arrays: as arguments, arrays would be taken apart and
-put together again at every call, and all that would have to be compiled with each law.
+The code that is compiled for each friction law takes addresses in place of arrays. As arguments, arrays would be taken
+apart and put together again at every call, and code for that would have to be compiled with each law.
 """
 
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from llvmlite import ir
-from numba import njit
 from numba.core import cgutils, types
+from numba.core.base import BaseContext
+from numba.core.cpu import CPUContext
 from numba.core.imputils import impl_ret_borrowed
-from numba.extending import intrinsic
+from numba.core.typing.templates import Signature
 from numba.np.arrayobj import populate_array
 
-from fraexp.kernels.lanes import RowsType, bare
+from fraexp.kernels.decorators import Intrinsic, compiled, intrinsic
+from fraexp.kernels.lane_rows import RowsType
 
 ONE_DIMENSION = types.Array(types.float64, 1, "C")
+READ_ONLY = types.Array(types.float64, 1, "C", readonly=True)
+"""Type of what a law must not write: its state before the step, and its parameters. The compiler refuses it."""
+DOUBLE_BYTES = 8
 
 
-def _pointer_to(kind: types.Type, name: str) -> Any:
-    def typed(typingctx: Any, address: Any) -> Any:
-        def emit(context: Any, builder: Any, sig: Any, values: Any) -> Any:
-            return builder.inttoptr(values[0], context.get_value_type(sig.return_type))
+def _pointer_intrinsic(kind: types.Type, plural: str) -> Callable[[int], Any]:
+    def type_pointer(typingctx: object, address: types.Type) -> Intrinsic:
+        def emit(context: BaseContext, builder: ir.IRBuilder, sig: Signature, values: Sequence[ir.Value]) -> ir.Value:
+            (place,) = values
+            return builder.inttoptr(place, context.get_value_type(sig.return_type))
 
         return types.CPointer(kind)(types.int64), emit
 
-    typed.__doc__ = f"Return the {name} at an address; nothing looks whether an index is there."
-    return intrinsic(typed)
+    type_pointer.__doc__ = f"Return a pointer to the {plural} at an address; no index is checked."
+    return intrinsic(type_pointer)
 
 
-floats_at = _pointer_to(types.float64, "doubles")
-integers_at = _pointer_to(types.int64, "whole numbers")
+float_pointer = _pointer_intrinsic(types.float64, "doubles")
+integer_pointer = _pointer_intrinsic(types.int64, "integers")
 
 
-def make_rows(context: Any, builder: Any, kind: RowsType, address: Any, size: Any) -> Any:
-    """Emit rows of lanes at an address."""
-    made = cgutils.create_struct_proxy(kind)(context, builder)
-    made.data = builder.inttoptr(address, ir.DoubleType().as_pointer())
-    made.size = size
-    return made._getvalue()
+def emit_rows(
+    context: BaseContext, builder: ir.IRBuilder, kind: RowsType, address: ir.Value, size: ir.Value
+) -> ir.Value:
+    """Emit a view of rows of lanes at an address."""
+    rows = cgutils.create_struct_proxy(kind)(context, builder)
+    rows.data = builder.inttoptr(address, ir.DoubleType().as_pointer())
+    rows.size = size
+    return rows._getvalue()
 
 
-def make_array(context: Any, builder: Any, address: Any, size: Any) -> Any:
+def emit_array(
+    context: BaseContext, builder: ir.IRBuilder, address: ir.Value, size: ir.Value, kind: types.Type = ONE_DIMENSION
+) -> ir.Value:
     """Emit an array of doubles at an address; it does not own its memory."""
-    made = context.make_array(ONE_DIMENSION)(context, builder)
-    item = context.get_constant(types.intp, 8)
+    array = context.make_array(kind)(context, builder)
+    item = context.get_constant(types.intp, DOUBLE_BYTES)
     data = builder.inttoptr(address, ir.DoubleType().as_pointer())
-    populate_array(made, data=data, shape=[size], strides=[item], itemsize=item, meminfo=None)
-    return made._getvalue()
+    populate_array(array, data=data, shape=[size], strides=[item], itemsize=item, meminfo=None)
+    return array._getvalue()
+
+
+def row_viewer(kind: RowsType) -> Callable[[int, int], Any]:
+    """Return a compiled function that returns the rows of lanes at an address, of a size."""
+
+    def view_rows(typingctx: object, address: types.Type, size: types.Type) -> Intrinsic:
+        def emit(context: BaseContext, builder: ir.IRBuilder, sig: Signature, values: Sequence[ir.Value]) -> ir.Value:
+            place, count = values
+            return emit_rows(context, builder, kind, place, count)
+
+        return kind(types.int64, types.int64), emit
+
+    return intrinsic(view_rows)
 
 
 @intrinsic
-def rows_at(typingctx: Any, address: Any, size: Any) -> Any:
-    """Return rows of lanes at an address; nothing looks whether an index is there."""
+def array_view(typingctx: object, address: types.Type, size: types.Type) -> Intrinsic:
+    """Return the array of doubles at an address: a law may use it in every way that numba knows."""
 
-    def emit(context: Any, builder: Any, sig: Any, values: Any) -> Any:
-        return make_rows(context, builder, bare, *values)
-
-    return bare(types.int64, types.int64), emit
-
-
-@intrinsic
-def array_at(typingctx: Any, address: Any, size: Any) -> Any:
-    """Return an array of doubles at an address, with which a law may do whatever numba knows."""
-
-    def emit(context: Any, builder: Any, sig: Any, values: Any) -> Any:
-        return impl_ret_borrowed(context, builder, sig.return_type, make_array(context, builder, *values))
+    def emit(context: BaseContext, builder: ir.IRBuilder, sig: Signature, values: Sequence[ir.Value]) -> ir.Value:
+        place, count = values
+        return impl_ret_borrowed(context, builder, sig.return_type, emit_array(context, builder, place, count))
 
     return ONE_DIMENSION(types.int64, types.int64), emit
 
 
-@njit(forceinline=True)
-def numbers_at(address, size):  # type: ignore[no-untyped-def]
-    """Return the doubles at an address, of one machine; `rows_at` does the same for eight."""
-    return floats_at(address)
+@intrinsic
+def read_only_view(typingctx: object, address: types.Type, size: types.Type) -> Intrinsic:
+    """Return the array of doubles at an address, which a law can only read."""
+
+    def emit(context: BaseContext, builder: ir.IRBuilder, sig: Signature, values: Sequence[ir.Value]) -> ir.Value:
+        place, count = values
+        return impl_ret_borrowed(
+            context, builder, sig.return_type, emit_array(context, builder, place, count, READ_ONLY)
+        )
+
+    return READ_ONLY(types.int64, types.int64), emit
 
 
-@njit(forceinline=True)
-def number_at(numbers, places, offset):  # type: ignore[no-untyped-def]
-    """Return numbers[places[0] + offset], of one machine; `taken_at` does the same for eight."""
-    return floats_at(numbers)[integers_at(places)[0] + offset]
+@compiled(forceinline=True)
+def scalar_view(address: int, size: int) -> Any:
+    """Return the doubles of one machine at an address; `row_viewer` does the same for lanes."""
+    return float_pointer(address)
+
+
+@compiled(forceinline=True)
+def gather_scalar(numbers: int, indices: int, offset: int) -> float:
+    """Return numbers[indices[0] + offset], for one machine; `lane_gatherer` does the same for lanes."""
+    return float_pointer(numbers)[integer_pointer(indices)[0] + offset]
 
 
 @intrinsic
-def run_at(typingctx: Any, function: Any, frames: Any) -> Any:
-    """Call the compiled function of one argument at an address; what is raised there is raised here."""
+def call_block(typingctx: object, function: types.Type, frames: types.Type) -> Intrinsic:
+    """Call the compiled function at an address with one argument; an error that it raises is raised here."""
 
-    def emit(context: Any, builder: Any, sig: Any, values: Any) -> Any:
+    def emit(context: CPUContext, builder: ir.IRBuilder, sig: Signature, values: Sequence[ir.Value]) -> ir.Value:
+        address, argument = values
         kind = context.call_conv.get_function_type(types.none, (frames,))
-        callee = builder.inttoptr(values[0], kind.as_pointer())
-        status, _ = context.call_conv.call_function(builder, callee, types.none, (frames,), [values[1]])
+        callee = builder.inttoptr(address, kind.as_pointer())
+        status, _ = context.call_conv.call_function(builder, callee, types.none, (frames,), [argument])
         with cgutils.if_unlikely(builder, status.is_error):
             context.call_conv.return_status_propagate(builder, status)
         return context.get_dummy_value()

@@ -1,4 +1,4 @@
-"""Who is told that something is about to be compiled; the compiler itself need not have been imported."""
+"""Notice that a compilation begins, for whoever listens; the compiler itself need not have been imported."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -10,8 +10,8 @@ _listener: ContextVar[Listener | None] = ContextVar("listener", default=None)
 
 
 @contextmanager
-def announced(listener: Listener) -> Iterator[None]:
-    """Call `listener` before each compilation that this thread does meanwhile."""
+def compilation_listener(listener: Listener) -> Iterator[None]:
+    """Call `listener` before each compilation that this thread starts inside the `with` block."""
     token = _listener.set(listener)
     try:
         yield
@@ -19,8 +19,8 @@ def announced(listener: Listener) -> Iterator[None]:
         _listener.reset(token)
 
 
-def announce() -> None:
-    """Tell the listener, if there is one, that a compilation begins."""
+def announce_compilation() -> None:
+    """Call the listener, if there is one: a compilation begins."""
     listener = _listener.get()
     if listener is not None:
         listener()

@@ -1,313 +1,330 @@
-"""Periodic experiments on the loop, each from rest until it repeats itself: as many side by side as there are lanes.
+"""Periodic experiments on the loop, each from rest to its periodic motion: as many side by side as there are lanes.
 
-A lane whose experiment ends takes the next one. Nothing that one lane does reaches another, so that an experiment has
-the same result whatever runs beside it. All of it is the same for every friction law: what differs, the samples
-themselves, is a block (see `fraexp.kernels.block`) that is called by its address.
+A lane whose experiment ends takes the next one. Lanes do not affect each other, so that an experiment has the same
+result whatever runs beside it. All of this is the same for every friction law: what differs, the samples themselves, is
+a block (see `fraexp.kernels.block`) that is called by its address. `docs/kernels.md` draws how they work together.
 """
 
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from numba import from_dtype, njit, types
+from numba import types
+from numba.core.dispatcher import Dispatcher
+from numpy.typing import NDArray
 
-from fraexp.kernels.addresses import run_at
-from fraexp.kernels.block import AMPLITUDE, FAST, FRAME, NEWEST, REFERENCE, RISE, SIGNATURE, make_block
-from fraexp.kernels.law import Law, compilable, explained, fingerprint, kernel_sources
-from fraexp.kernels.machine_code import address, compile_kernel
+from fraexp.kernels.addresses import call_block
+from fraexp.kernels.batch_arrays import (
+    BEYOND_LIMIT,
+    DIVERGED,
+    FILL_COUNT,
+    IDLE,
+    JOB_DTYPE,
+    LANE_DTYPE,
+    NOT_FINITE,
+    NOT_SETTLED,
+    QUEUE_DTYPE,
+    RAMP,
+    READ_INDEX,
+    RECORD,
+    RECORD_START,
+    RESULT_DTYPE,
+    SETTLE,
+    SETTLED,
+    KernelBatch,
+    LoopJob,
+    LoopLane,
+    LoopQueue,
+    LoopResult,
+)
+from fraexp.kernels.block import (
+    DRIVE_AMPLITUDE,
+    DRIVE_REFERENCE,
+    DRIVE_RISE,
+    SIGNATURE,
+    TRACE_NEXT_POSITION,
+    TRACE_SAMPLES,
+    LoopFrame,
+    make_block,
+)
+from fraexp.kernels.call_watch import watched_call
+from fraexp.kernels.decorators import COMPILER_OPTIONS, compiled
+from fraexp.kernels.guards import state_count, written_index
+from fraexp.kernels.lane_layout import LaneLayout
+from fraexp.kernels.lane_records import deliver_record, keep_trace, make_room
+from fraexp.kernels.law import (
+    explain_compiler_errors,
+    fingerprint,
+    kernel_source_hash,
+    register_law,
+)
+from fraexp.kernels.law_error import LawCallError
+from fraexp.kernels.loop_laws import Laws, last_call
+from fraexp.kernels.machine_code import compile_kernel, function_address
+from fraexp.kernels.periodic_state import KEPT_WINDOWS, keep_state
+from fraexp.kernels.settling import end_window
+from fraexp.kernels.structs import StructArray, float_array_type, struct_array_type
 
-SLOWEST = 0.98
-"""Greatest ratio of successive differences that is believed: slower ones look like noise."""
-NOISE_ROWS = 512
-"""Samples of noise that are drawn at once, at most."""
-DONE, MORE, FULL = range(3)
-"""What `advance` returns: all jobs are done, its samples are used up, the pool has no room for a result."""
-WAITING, SETTLED, NOT_SETTLED, DIVERGED = range(4)
-"""Status of a job."""
-IDLE, RAMP, SETTLE, RECORD, LEFT_STROKE = range(5)
-"""Stage of a lane."""
+ALL_DONE, BUDGET_SPENT, POOL_FULL = range(3)
+"""What `advance` returns: all experiments have ended, its samples are used up, the pool has no room for a result."""
 FOREVER = 1 << 62
-JOB = np.dtype(
-    [(name, np.int64) for name in ("machine", "begin", "period", "ramp", "stretch", "limit", "record")]
-    + [(name, np.float64) for name in ("base", "rate", "tolerance", "floor", "reference")]
-    + [("seed", np.uint64)]
-)
-"""An experiment: row of `machines`; first sample of the period in `waves` and `goals`, and its samples; samples before
-stretches are compared, of a stretch (0 to record from the start), after which settling is given up, and that are
-recorded once settled; amplitude at the start, relative, and its rise per sample; relative difference of stretches that
-counts as settled, difference that scale and noise explain [m]; the reference at rest [m]; seed of the scale's noise."""
-RESULT = np.dtype(
-    [(name, np.int64) for name in ("status", "place", "lead_in", "settling")] + [("residual", np.float64)]
-)
-"""What is known of a job: its status; where its numbers begin in the pool, which are the positions from rest, then the
-record's other channels; how many of the positions come before the record; samples before the record; relative
-difference of the last two stretches."""
-LANE = np.dtype(
-    [(name, np.int64) for name in ("job", "stage", "left", "phase", "elapsed", "lost")]
-    + [(name, np.float64) for name in ("excess", "difference")]
-)
-"""What a lane is at: its job, the stage of it, samples left of that, place in the period, samples since rest, whether
-positions were forgotten; excess and difference of the last two stretches."""
-QUEUE = np.dtype([(name, np.int64) for name in ("next", "used")])
-"""The next job, and the numbers that are used of the pool."""
+"""Samples that never pass."""
 
 
-class KernelBatch(NamedTuple):
-    """Experiments on their way; arrays that compiled code changes in place. Jobs are begun in their order."""
-
-    jobs: np.ndarray
-    """Shape (jobs,) of `JOB`."""
-    results: np.ndarray
-    """Shape (jobs,) of `RESULT`."""
-    machines: np.ndarray
-    """Constants of the loop and parameters of the law, one machine a row, shape (machines, numbers)."""
-    waves: np.ndarray
-    """All periods of the excitation [N], one after another, and as many zeros as the longest has samples."""
-    goals: np.ndarray
-    """The reference [m] along with them; empty where none moves."""
-    sigma: float
-    """Standard deviation of the scale's noise [m]."""
-    store: np.ndarray
-    """Constants and parameters of each lane, then the loop's memory, shape (rows, lanes)."""
-    drive: np.ndarray
-    """What drives the loop, shape (DRIVE_ROWS, lanes)."""
-    trace: np.ndarray
-    """What is known of a sample, shape (TRACE_ROWS, lanes)."""
-    noise: np.ndarray
-    """Noise of the next samples [m], shape (NOISE_ROWS, lanes)."""
-    lanes: np.ndarray
-    """Shape (lanes,) of `LANE`."""
-    places: np.ndarray
-    """Where each lane reads its excitation and starts its record; how much of `history` is filled; shape (3, lanes)."""
-    history: np.ndarray
-    """Measured positions from rest, shape (lanes, n)."""
-    others: np.ndarray
-    """Control input, displacement, friction force and its compensation, if any, of the record, (lanes, 3 or 4, n)."""
-    queue: np.ndarray
-    """Shape (1,) of `QUEUE`."""
-    frame: np.ndarray
-    """What a block of samples needs, shape (1,) of `FRAME`."""
-    argument_sizes: np.ndarray
-    """Size of each argument of the law, then of the compensation's: the frame has the addresses."""
-
-
-SOURCE, START, FILLED = range(3)
-"""Rows of `places`."""
-
-
-class Laws(NamedTuple):
-    """The law of friction and that of its compensation, if any, with the structure of what each takes."""
-
-    law: Law
-    kinds: Any
-    observer_law: Law | None = None
-    observer_kinds: Any = None
-
-
-def advance(laws: Laws, wide: bool, work: KernelBatch, pool: np.ndarray, budget: int) -> int:
-    """Go on with the experiments for at most `budget` samples; return DONE, MORE or FULL."""
-    block = address(block_of(laws, wide))
-    return int(_advance()(block, *work[:-1], pool, budget))
+def advance(laws: Laws, batch: KernelBatch, pool: NDArray[np.float64], budget: int) -> int:
+    """Run the experiments on, for up to `budget` samples; return ALL_DONE, BUDGET_SPENT or POOL_FULL."""
+    block = function_address(compiled_block(laws, batch.layout))
+    *arguments, _, _, _, _ = batch  # the last fields only describe memory that the frame points to, or keep it alive
+    run = _compiled_advance()
+    try:
+        with watched_call(laws.law, lambda: last_call(laws, batch)[1]):
+            status = int(run(block, *arguments, pool, budget))
+    except Exception as error:  # an index that is out of bounds, or whatever a law raises
+        raise LawCallError(f"{type(error).__name__}: {error}", *last_call(laws, batch)) from error
+    for law, memory in zip(laws.given, batch.law_memories, strict=True):
+        index, states = written_index(memory), state_count(memory)
+        if index is not None:
+            raise LawCallError(f"wrote z_next[{index}] of {states}", law)
+    return status
 
 
 @cache
-def block_of(laws: Laws, wide: bool) -> Any:
-    """Return the compiled block of samples of laws, in lanes or not."""
-    given = [law for law in (laws.law, laws.observer_law) if law is not None]
-    source = "".join([kernel_sources(), *map(fingerprint, given)])
-    made = [compilable(law) for law in given]
+def compiled_block(laws: Laws, layout: LaneLayout) -> Dispatcher:
+    """Return the compiled block of samples of these laws, in lanes or of one machine."""
+    given, is_observed = laws.given, laws.is_observed(layout.is_vectorised)
+    source = "".join([kernel_source_hash(), *map(fingerprint, given)])
+    law = register_law(laws.law)
+    compensation_law = register_law(laws.compensation_law) if laws.compensation_law else None
 
     def make() -> Any:
-        return make_block(made[0], made[1] if len(made) > 1 else None, laws.kinds, laws.observer_kinds, wide)
+        return make_block(
+            law,
+            compensation_law,
+            laws.kinds,
+            laws.compensation_kinds,
+            layout,
+            laws.is_velocity_law,
+            is_observed,
+            laws.contacts,
+        )
 
-    name = f"{' and '.join(law.__qualname__ for law in given)} {'in lanes' if wide else 'alone'} {laws[1::2]}"
-    with explained(*given):
-        return compile_kernel(name, source, make, SIGNATURE, **FAST)
+    names = " and ".join(each.__qualname__ for each in given)
+    kinds = (laws.kinds, laws.compensation_kinds)
+    name = f"{names} {layout} {kinds}"
+    name += " of velocity" if laws.is_velocity_law else ""
+    name += " observed" if is_observed else ""
+    name += f" at {laws.contacts} contacts" if laws.contacts > 1 else ""
+    with explain_compiler_errors(*given):
+        return compile_kernel(name, source, make, SIGNATURE, **COMPILER_OPTIONS)
 
 
 @cache
-def _advance() -> Any:
-    return compile_kernel("experiments", kernel_sources(), lambda: _go_on, _SIGNATURE, **FAST)
+def _compiled_advance() -> Dispatcher:
+    return compile_kernel("experiments", kernel_source_hash(), lambda: _advance, _SIGNATURE, **COMPILER_OPTIONS)
 
 
-def _go_on(  # type: ignore[no-untyped-def]
-    block, jobs, results, machines, waves, goals, sigma, store, drive, trace, noise, lanes, places, history, others,
-    queue, frames, pool, budget,
-):  # fmt: skip
-    frame, width, idle = frames[0], lanes.size, jobs[-1].begin + jobs[-1].period
-    frame.moving, frame.noisy = goals.size > 0, sigma > 0.0
+def _advance(
+    block: int,
+    jobs: StructArray[LoopJob],
+    results: StructArray[LoopResult],
+    machines: NDArray[np.float64],
+    waveforms: NDArray[np.float64],
+    references: NDArray[np.float64],
+    noise_std: float,
+    lane_numbers: NDArray[np.float64],
+    drive: NDArray[np.float64],
+    trace: NDArray[np.float64],
+    noise: NDArray[np.float64],
+    lanes: StructArray[LoopLane],
+    cursors: NDArray[np.int64],
+    history: NDArray[np.float64],
+    recorded: NDArray[np.float64],
+    queue: StructArray[LoopQueue],
+    rest_rows: NDArray[np.int64],
+    linear_rows: NDArray[np.int64],
+    window_states: NDArray[np.float64],
+    window_numbers: NDArray[np.int64],
+    saved_memory: NDArray[np.float64],
+    frames: StructArray[LoopFrame],
+    pool: NDArray[np.float64],
+    budget: int,
+) -> int:
+    """Run blocks of samples, each as long as no lane needs a decision; see `KernelBatch` for the arrays."""
+    frame, width, silence = frames[0], lanes.size, jobs[-1].first_sample + jobs[-1].period
+    positions = frame.positions
+    frame.has_moving_reference, frame.has_noise = references.size > 0, noise_std > 0.0
     while True:
-        samples, busy, recording = budget, False, False
+        samples, is_busy, is_recording = min(budget, TRACE_SAMPLES), False, False
         for k in range(width):
             lane = lanes[k]
-            while lane.left == 0:
-                if not _turn(k, jobs, results, machines, store, drive, lanes, places, history, others, queue, pool):
-                    return FULL
-            places[SOURCE, k], places[START, k] = idle, FOREVER
-            samples = min(samples, lane.left)
+            while lane.remaining == 0:
+                if not _enter_next_stage(
+                    k,
+                    jobs,
+                    results,
+                    machines,
+                    lane_numbers,
+                    drive,
+                    lanes,
+                    cursors,
+                    history,
+                    recorded,
+                    queue,
+                    rest_rows,
+                    linear_rows,
+                    window_states,
+                    window_numbers,
+                    saved_memory,
+                    pool,
+                ):
+                    return POOL_FULL
+            # An idle lane takes part in every operation of a vector: it reads zeros, and never starts a record.
+            cursors[READ_INDEX, k], cursors[RECORD_START, k] = silence, FOREVER
+            samples = min(samples, lane.remaining)
             if lane.stage == IDLE:
                 continue
-            busy, job = True, jobs[lane.job]
-            if lane.stage == RECORD or (lane.stage == SETTLE and _suffices(job)):
-                places[START, k] = lane.left - job.record
-                recording = True
-            places[SOURCE, k], samples = job.begin + lane.phase, min(samples, job.period - lane.phase)
-        if not busy:
-            return DONE
+            is_busy, job = True, jobs[lane.job]
+            if lane.stage == RECORD or (lane.stage == SETTLE and _is_record_within_window(job)):
+                cursors[RECORD_START, k] = lane.remaining - job.record
+                is_recording = True
+            # A block ends with the period, so that it reads the waveform straight on.
+            cursors[READ_INDEX, k] = job.first_sample + lane.phase
+            samples = min(samples, job.period - lane.phase)
+        if not is_busy:
+            return ALL_DONE
         if samples == 0:
-            return MORE
-        if sigma > 0.0:
-            samples = min(samples, NOISE_ROWS)
+            return BUDGET_SPENT
+        if noise_std > 0.0:
             for k in range(width):
-                for i in range(samples):
-                    noise[i, k] = sigma * _normal(jobs[lanes[k].job].seed, lanes[k].elapsed + i)
-        frame.samples, frame.recording = samples, recording
-        run_at(block, frames)
-        done = frame.done
+                first = lanes[k].elapsed * positions
+                for i in range(samples * positions):
+                    noise[i, k] = noise_std * _normal_number(jobs[lanes[k].job].seed, first + i)
+        frame.samples, frame.is_recording = samples, is_recording
+        call_block(block, frames)
+        done = frame.samples_done  # fewer than asked for where a lane diverged
         budget -= done
+        keep_trace(done, is_recording, trace, cursors, history, recorded)
         for k in range(width):
             lane = lanes[k]
-            lane.left -= done
+            lane.remaining -= done
             lane.elapsed += done
             lane.phase = (lane.phase + done) % jobs[lane.job].period
-            places[FILLED, k] = places[FILLED, k] + done if lane.stage != IDLE else 0
-            if lane.stage != IDLE and not abs(trace[NEWEST, k]) < frame.limit:
-                lane.stage, lane.left = LEFT_STROKE, 0
+            cursors[FILL_COUNT, k] = cursors[FILL_COUNT, k] + done if lane.stage != IDLE else 0
+            if lane.stage != IDLE and not abs(trace[TRACE_NEXT_POSITION, k]) < frame.divergence_limit:  # NaN as well
+                lane.stage, lane.remaining = BEYOND_LIMIT, 0
+                results[lane.job].status = DIVERGED if abs(trace[TRACE_NEXT_POSITION, k]) < np.inf else NOT_FINITE
 
 
-@njit(**FAST)
-def _turn(k, jobs, results, machines, store, drive, lanes, places, history, others, queue, pool):  # type: ignore[no-untyped-def]
-    """Take a lane from one stage to the next; return whether the pool had room."""
+@compiled(**COMPILER_OPTIONS)
+def _enter_next_stage(
+    k: int,
+    jobs: StructArray[LoopJob],
+    results: StructArray[LoopResult],
+    machines: NDArray[np.float64],
+    lane_numbers: NDArray[np.float64],
+    drive: NDArray[np.float64],
+    lanes: StructArray[LoopLane],
+    cursors: NDArray[np.int64],
+    history: NDArray[np.float64],
+    recorded: NDArray[np.float64],
+    queue: StructArray[LoopQueue],
+    rest_rows: NDArray[np.int64],
+    linear_rows: NDArray[np.int64],
+    window_states: NDArray[np.float64],
+    window_numbers: NDArray[np.int64],
+    saved_memory: NDArray[np.float64],
+    pool: NDArray[np.float64],
+) -> bool:
+    """Take lane k from one stage to the next; return whether the pool had room."""
     lane = lanes[k]
     job, result = jobs[lane.job], results[lane.job]
-    if lane.stage in (IDLE, LEFT_STROKE):
-        if lane.stage == LEFT_STROKE:
-            result.status = DIVERGED
-        _begin_next(k, jobs, machines, store, drive, lane, places, queue[0])
+    if lane.stage in (IDLE, BEYOND_LIMIT):
+        _begin_next_job(k, jobs, machines, lane_numbers, drive, lane, cursors, queue[0], rest_rows)
         return True
     if lane.stage == RECORD:
-        if not _deliver(k, job.record, lane, result, places, history, others, queue[0], pool):
+        if not deliver_record(k, job.record, lane, result, cursors, history, recorded, queue[0], pool):
             return False
-        _begin_next(k, jobs, machines, store, drive, lane, places, queue[0])
+        _begin_next_job(k, jobs, machines, lane_numbers, drive, lane, cursors, queue[0], rest_rows)
         return True
     if lane.stage == SETTLE:
-        enough = lane.elapsed >= job.ramp + 2 * job.stretch
-        agreed = job.stretch == 0 or (enough and _agree(history[k], places[FILLED, k], job, lane))
-        if agreed or lane.elapsed >= job.limit:
-            result.status = SETTLED if agreed else NOT_SETTLED
-            result.residual = lane.difference
-            if _suffices(job):
-                result.settling = lane.elapsed - job.record
-                lane.stage, lane.left = RECORD, 0
+        is_settled = job.window == 0 or end_window(
+            lane_numbers[:, k], linear_rows, rest_rows, window_states[k], window_numbers[k], saved_memory[k],
+            history[k], cursors[FILL_COUNT, k], job, lane,
+        )  # fmt: skip
+        if is_settled or lane.elapsed >= job.settling_limit:
+            result.status = SETTLED if is_settled else NOT_SETTLED
+            result.residual, result.windows = lane.difference, lane.windows
+            result.settling = max(lane.elapsed, lane.expected)
+            if _is_record_within_window(job):  # the last window that was compared is the record: nothing runs again
+                result.settling -= job.record
+                lane.stage, lane.remaining = RECORD, 0
                 return True
-            result.settling = lane.elapsed
-            lane.stage, lane.left = RECORD, job.record
-            _make_room(k, job.stretch, job.record, lane, places, history)
+            lane.stage, lane.remaining = RECORD, job.record
+            make_room(k, job.window, job.record, lane, cursors, history)
             return True
-    lane.stage, lane.left = SETTLE, job.stretch
-    _make_room(k, job.stretch, job.stretch, lane, places, history)
+    keep_state(lane_numbers[:, k], linear_rows, window_states[k, 0], lane.pairs)
+    lane.stage, lane.remaining = SETTLE, job.window
+    make_room(k, KEPT_WINDOWS * job.window, job.window, lane, cursors, history)
     return True
 
 
-@njit(**FAST)
-def _suffices(job):  # type: ignore[no-untyped-def]
-    """Return whether the last stretch that was compared is record enough."""
-    return 0 < job.record <= job.stretch
+@compiled(**COMPILER_OPTIONS)
+def _is_record_within_window(job: LoopJob) -> bool:
+    """Return whether a window is long enough to be the record as well."""
+    return 0 < job.record <= job.window
 
 
-@njit(**FAST)
-def _begin_next(k, jobs, machines, store, drive, lane, places, queue):  # type: ignore[no-untyped-def]
-    """Put the next job on a lane, at rest; where there is none the lane idles at rest."""
+@compiled(**COMPILER_OPTIONS)
+def _begin_next_job(
+    k: int,
+    jobs: StructArray[LoopJob],
+    machines: NDArray[np.float64],
+    lane_numbers: NDArray[np.float64],
+    drive: NDArray[np.float64],
+    lane: LoopLane,
+    cursors: NDArray[np.int64],
+    queue: LoopQueue,
+    rest_rows: NDArray[np.int64],
+) -> None:
+    """Put the next experiment on lane k, at rest; without one the lane idles, at rest."""
     numbers = machines.shape[1]
-    for row in range(numbers, store.shape[0]):
-        store[row, k] = 0.0
+    for row in rest_rows:
+        lane_numbers[row, k] = 0.0
     for row in range(drive.shape[0]):
         drive[row, k] = 0.0
-    lane.phase, lane.elapsed, lane.lost, places[FILLED, k] = 0, 0, 0, 0
-    lane.excess, lane.difference = np.inf, np.nan
+    lane.phase, lane.elapsed, lane.has_dropped, cursors[FILL_COUNT, k] = 0, 0, 0, 0
+    lane.excess, lane.early_excess, lane.difference = np.inf, np.inf, np.nan
+    lane.windows, lane.unbroken, lane.pairs, lane.jumps, lane.expected = 0, 0, 0, 0, 0
     machine = 0
-    if queue.next < jobs.size:
-        lane.job = queue.next
-        queue.next += 1
+    if queue.next_job < jobs.size:
+        lane.job = queue.next_job
+        queue.next_job += 1
         job = jobs[lane.job]
         machine = job.machine
-        drive[AMPLITUDE, k], drive[RISE, k], drive[REFERENCE, k] = job.base, job.rate, job.reference
-        lane.stage, lane.left = RAMP, job.ramp
+        drive[DRIVE_AMPLITUDE, k], drive[DRIVE_RISE, k] = job.start_amplitude, job.amplitude_rise
+        drive[DRIVE_REFERENCE, k] = job.reference
+        lane.stage, lane.remaining = RAMP, job.ramp
     else:
-        lane.job, lane.stage, lane.left = 0, IDLE, FOREVER
+        lane.job, lane.stage, lane.remaining = 0, IDLE, FOREVER
     for row in range(numbers):
-        store[row, k] = machines[machine, row]
+        lane_numbers[row, k] = machines[machine, row]
 
 
-@njit(**FAST)
-def _make_room(k, keep, samples, lane, places, history):  # type: ignore[no-untyped-def]
-    """Forget all positions but the last `keep` where the history has no room for more."""
-    filled = places[FILLED, k]
-    if filled + samples > history.shape[1]:
-        for i in range(keep):
-            history[k, i] = history[k, filled - keep + i]
-        places[FILLED, k], lane.lost = keep, 1
+@compiled(**COMPILER_OPTIONS)
+def _normal_number(seed: np.uint64, count: int) -> float:
+    """Return the normally distributed number `count` of a seed's sequence.
 
-
-@njit(error_model="numpy", fastmath={"contract", "reassoc"})  # sums in vector registers
-def _agree(history, filled, job, lane):  # type: ignore[no-untyped-def]
-    """Compare the last stretch [m] with the one before.
-
-    Relative to the motion, the difference beyond what scale and noise explain, extrapolated as a geometric series to
-    all that is still to come, must be within the tolerance.
+    Numbers are counted, not drawn in turn: any of them can be had at once, so that the noise of a lane does not depend
+    on its neighbours. SplitMix64 (G. L. Steele, D. Lea and C. H. Flood, OOPSLA 2014, doi:10.1145/2660193.2660195) and
+    the transform of Box and Muller.
     """
-    stretch, begin = job.stretch, filled - job.stretch
-    mean = 0.0
-    for i in range(begin, begin + stretch):
-        mean += history[i]
-    mean /= stretch
-    swing, change = 0.0, 0.0
-    for i in range(begin, begin + stretch):
-        swing += (history[i] - mean) ** 2
-        change += (history[i] - history[i - stretch]) ** 2
-    swing, change = np.sqrt(swing / stretch), np.sqrt(change / stretch)
-    if swing == 0.0:  # a machine at rest
-        lane.difference = 0.0 if change == 0.0 else np.inf
-        return change == 0.0
-    lane.difference = change / swing
-    excess, before = max(change - job.floor, 0.0) / swing, lane.excess
-    ratio = min(excess / before, SLOWEST) if before > 0.0 else 0.0
-    lane.excess = excess
-    return excess * max(1.0, ratio / (1.0 - ratio)) <= job.tolerance
-
-
-@njit(**FAST)
-def _deliver(k, record, lane, result, places, history, others, queue, pool):  # type: ignore[no-untyped-def]
-    """Copy a finished record to the pool, if it has room."""
-    filled, used = places[FILLED, k], queue.used
-    first = filled - record if lane.lost else 0
-    if used + filled - first + others.shape[1] * record > pool.size:
-        return False
-    result.place, result.lead_in = used, filled - first - record
-    for i in range(first, filled):  # a slice would compile the text of its error as well
-        pool[used + i - first] = history[k, i]
-    used += filled - first
-    for channel in range(others.shape[1]):
-        for i in range(record):
-            pool[used + i] = others[k, channel, i]
-        used += record
-    queue.used = used
-    return True
-
-
-@njit(**FAST)
-def _normal(seed, count):  # type: ignore[no-untyped-def]
-    """Return the normal number `count` of a seed's sequence: any of them at once, in whatever order lanes ask.
-
-    SplitMix64 (G. L. Steele, D. Lea and C. H. Flood, OOPSLA 2014, doi:10.1145/2660193.2660195) and Box-Muller.
-    """
-    first = _uniform(seed + np.uint64(2 * count + 1) * np.uint64(0x9E3779B97F4A7C15))
-    second = _uniform(seed + np.uint64(2 * count + 2) * np.uint64(0x9E3779B97F4A7C15))
+    first = _uniform_number(seed + np.uint64(2 * count + 1) * np.uint64(0x9E3779B97F4A7C15))
+    second = _uniform_number(seed + np.uint64(2 * count + 2) * np.uint64(0x9E3779B97F4A7C15))
     return np.sqrt(-2.0 * np.log(first)) * np.cos(2.0 * np.pi * second)
 
 
-@njit(**FAST)
-def _uniform(state):  # type: ignore[no-untyped-def]
+@compiled(**COMPILER_OPTIONS)
+def _uniform_number(state: np.uint64) -> float:
     """Return a number in (0, 1] from a state of 64 bits."""
     state = (state ^ (state >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     state = (state ^ (state >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
@@ -315,17 +332,13 @@ def _uniform(state):  # type: ignore[no-untyped-def]
     return (np.float64(state >> np.uint64(11)) + 1.0) * (1.0 / 9007199254740992.0)
 
 
-def _arrays(*dimensions: int) -> list[types.Type]:
-    return [types.Array(types.float64, count, "C") for count in dimensions]
-
-
-def _records(dtype: np.dtype) -> types.Type:
-    return types.Array(from_dtype(dtype), 1, "C")
-
-
 _SIGNATURE = (
-    types.int64, _records(JOB), _records(RESULT), *_arrays(2, 1, 1), types.float64, *_arrays(2, 2, 2, 2),
-    _records(LANE), types.Array(types.int64, 2, "C"), *_arrays(2, 3), _records(QUEUE), _records(FRAME), *_arrays(1),
-    types.int64,
+    types.int64, struct_array_type(JOB_DTYPE), struct_array_type(RESULT_DTYPE), float_array_type(2),
+    float_array_type(1), float_array_type(1), types.float64, float_array_type(2), float_array_type(2),
+    float_array_type(2), float_array_type(2), struct_array_type(LANE_DTYPE), types.Array(types.int64, 2, "C"),
+    float_array_type(2), float_array_type(3), struct_array_type(QUEUE_DTYPE),
+    types.Array(types.int64, 1, "C"), types.Array(types.int64, 1, "C"), float_array_type(4),
+    types.Array(types.int64, 2, "C"), float_array_type(2), *SIGNATURE,
+    float_array_type(1), types.int64,
 )  # fmt: skip
-"""Of `_go_on`: the block's address, the fields of `Work`, the pool, and the samples."""
+"""Types of `_advance`'s arguments: the block's address, the fields of `KernelBatch`, the pool, and the samples."""

@@ -1,192 +1,310 @@
 """A block of samples of the control loop around a continuous plant with friction: what is compiled for each law.
 
 The linear part is discretised exactly; friction is linear in time within a step (holding it would be anti-damping).
-Within a step the displacement is y₊ = a − g·f(y₊) with f nondecreasing: for one machine it is solved for implicitly;
-lanes take the law at the displacement that the extrapolated force predicts, which is as good where g·df/dy ≪ 1.
+Within a step the displacement is y₊ = a − g·f(y₊) with f nondecreasing. For one machine this is solved for y₊: friction
+is implicit. Lanes take the law at the displacement that the extrapolated force predicts: friction is explicit, which is
+as good where g·df/dy ≪ 1. A law of velocity that jumps at rest is solved in velocities: its rows and its contact hold
+velocities in place of displacements. `docs/kernels.md` explains all three.
 """
 
-from typing import Any
+from collections.abc import Callable
 
-import numpy as np
-from numba import from_dtype, njit, types
-
-from fraexp.kernels.addresses import array_at, floats_at, integers_at, number_at, numbers_at, rows_at
-from fraexp.kernels.lanes import WIDTH, all_within, rounded, taken_at
+from fraexp.kernels.addresses import DOUBLE_BYTES, float_pointer
+from fraexp.kernels.contact_steps import CONTACT_DISPLACEMENT, CONTACT_FORCE, CONTACT_ROWS, make_steps
+from fraexp.kernels.decorators import COMPILER_OPTIONS, compiled
+from fraexp.kernels.guards import GUARD_ROWS
+from fraexp.kernels.lane_layout import LaneLayout
+from fraexp.kernels.lanes import LaneRows, LaneValue, round_half_even
 from fraexp.kernels.law import Law
-from fraexp.kernels.law_arguments import argument_reader
+from fraexp.kernels.law_arguments import ArgumentKinds, argument_reader
+from fraexp.kernels.observed_law import (
+    COMPENSATION,
+    make_observed,
+    with_record,
+    without_record,
+)
+from fraexp.kernels.structs import StructArray, struct_array_type, struct_dtype
 
-FORCE, PLACE, STIFFNESS, BEFORE = range(4)
-"""Rows of a contact: friction force [N], displacement there [m], local stiffness [N/m], force a step before [N]."""
-CONTACT_ROWS = 4
-NOISE, AMPLITUDE, RISE, AGE, REFERENCE = range(5)
-"""Rows of what drives a loop: the scale's noise [m], relative amplitude at the start, its rise per sample, samples
-since, reference at rest [m]."""
+DRIVE_NOISE, DRIVE_AMPLITUDE, DRIVE_RISE, DRIVE_AGE, DRIVE_REFERENCE = range(5)
+"""Rows of what drives a loop: noise of the encoder [m], relative amplitude at the start, its rise per sample, samples
+since the start, reference at rest [m]."""
 DRIVE_ROWS = 5
-CONTROL, POSITION, DISPLACEMENT, FRICTION, COMPENSATION, NEWEST = range(6)
-"""Rows of a sample's trace: control input, measured and true displacement, friction force, its compensation, and the
-next measured position."""
-TRACE_ROWS = 6
-FRAME = np.dtype(
-    [(name, np.int64) for name in (
-        # sizes: states n, steps m a sample, states of the law, order of the controller, whole samples of both dead
-        # times, states of the compensation's law, channels recorded beside the position
-        "states", "steps", "friction_states", "order", "late", "held", "observer_states", "channels",
-        # the block: samples wanted and done, the valid half of the law's memory, and whether there are these
-        "samples", "done", "now", "noisy", "moving", "recording",
-        # addresses of the machines' constants, and of the laws' numbers with the size of each argument
-        "matrix", "compliance", "responses", "numerator", "denominator",
-        "arguments", "argument_sizes", "compensation", "compensation_sizes",
-        # addresses of the loop's memory, of what drives it and of the trace
-        "known", "linear", "friction", "filter", "inputs", "outputs", "contact", "observer", "drive", "trace",
-        # addresses of what comes in, and of the place from which each lane reads it
-        "waves", "goals", "noise", "source",
-        # addresses of what goes out with the numbers in a row of it, and of the places of each lane's next number
-        "history", "history_row", "others", "others_row", "filled", "start",
-    )]
-    # step [s], resolution of the scale [m], displacement that counts as diverged [m]
-    + [(name, np.float64) for name in ("step", "resolution", "limit")]
-)  # fmt: skip
-"""What a block of samples needs to know."""
-SIGNATURE = (types.Array(from_dtype(FRAME), 1, "C"),)
-FAST = {"fastmath": {"contract"}, "error_model": "numpy"}
-"""A product may be added without being rounded first: the same bits on every run; no division by 0 is looked for."""
+TRACE_NEXT_POSITION, TRACE_POSITION, TRACE_CHANNELS = range(3)
+"""Parts of a trace: the next position without noise [m] after the block; of each sample the measured one [m], and the
+channels of a record: control input [N], the contacts' displacements [m] and friction forces [N], further measured
+positions [m], and the friction's compensation [N], if there is any."""
+TRACE_SAMPLES = 248
+"""Maximum number of samples of a block: rows of each part of its trace, which do not lie whole pages apart."""
 
 
-def make_block(law: Law, observer_law: Law | None, kinds: Any, observer_kinds: Any, wide: bool) -> Any:
-    """Return the function that runs a block of samples; `kinds` tell what the laws take (see `structure`)."""
-    width = WIDTH if wide else 1
-    view, state_view = (rows_at, rows_at) if wide else (numbers_at, array_at)
-    read = argument_reader(kinds, wide)
-    compensate = _compensation(observer_law, observer_kinds, wide) if observer_law else _no_compensation
-    solve = _prediction(law) if wide else _root(law)
-    take, inside = (taken_at, all_within) if wide else (number_at, _within)
+class LoopFrame:
+    """What a block of samples needs: sizes, addresses and settings. Memory is changed in place, by its address."""
 
-    def block(frames):  # type: ignore[no-untyped-def]
+    states: int
+    """Number n of states of the linear part."""
+    steps: int
+    """Number m of steps per sample."""
+    friction_states: int
+    """Number of states of the friction law."""
+    controller_order: int
+    """Number of coefficients of the controller's numerator, and of its denominator."""
+    input_delay: int
+    """Whole samples of dead time before the thrust."""
+    output_delay: int
+    """Whole samples of dead time before the measurement."""
+    compensation_states: int
+    """Number of states of the compensation's law."""
+    positions: int
+    """Number of measured positions; the first is fed back."""
+
+    samples: int
+    """Samples to run."""
+    samples_done: int
+    """Samples that were run: fewer where a displacement left the limit."""
+    current_memory: int
+    """Which of the two halves of `friction_memory` holds the law's present state: 0 or 1."""
+    has_noise: int
+    """Whether the encoder has noise; 0 or 1, as the next two."""
+    has_moving_reference: int
+    """Whether the position reference moves."""
+    is_recording: int
+    """Whether any lane records its channels."""
+
+    matrix: int
+    """Address: rows of each step's displacements at c contacts, the p next measurements and the next states, shape
+    (m c + p + n, n + 2 + c); for a law of velocity one more row, of the present displacement."""
+    compliance: int
+    """Address: what the forces at the steps' ends add to the steps' displacements, negative [m/N], (m c, m c)."""
+    responses: int
+    """Address: what these forces add to the next measurements and the next states, shape (p + n, m c)."""
+    numerator: int
+    """Address: coefficients of the controller [N/m], in ascending powers of z⁻¹, shape (p,)."""
+    denominator: int
+    """Address: its denominator, which starts with 1, shape (p,)."""
+    arguments: int
+    """Address: numbers of the friction law's arguments."""
+    argument_sizes: int
+    """Address: size of each of these arguments."""
+    compensation_arguments: int
+    """Address: numbers of what the compensation takes: gain, viscous coefficient, sample time, its law's arguments."""
+    compensation_sizes: int
+    """Address: size of each of what the compensation takes."""
+
+    known: int
+    """Address: what is known before a sample is run: states, both values of the control input, friction forces."""
+    linear: int
+    """Address: product of `matrix` and `known`, in which each step's displacements give way to its friction forces."""
+    friction_memory: int
+    """Address: state of the friction law, twice, with a guard between: the present one and the next one."""
+    controller_memory: int
+    """Address: what earlier samples contribute to the controller's next outputs [N], shape (p,)."""
+    control_inputs: int
+    """Address: control input of this sample and of those before, as far back as the dead time needs."""
+    measurements: int
+    """Address: measured positions of this sample and of those before, one position after another."""
+    contacts: int
+    """Address: the contacts at the last step's end, `contact_rows`."""
+    compensation_memory: int
+    """Address: present and next state of the compensation's law, each with a guard after it, then the last measured
+    position."""
+    drive: int
+    """Address: what drives the loop, DRIVE_ROWS."""
+    trace: int
+    """Address: what is known of the block's samples, `trace_rows`."""
+    last_call: int
+    """Address: the last call of a law that is observed, CALL_NUMBERS."""
+
+    waveforms: int
+    """Address: excitation of all periods [N]."""
+    references: int
+    """Address: position reference of all periods [m]."""
+    noise: int
+    """Address: noise of the next samples [m], a row for each."""
+    read_indices: int
+    """Address: for each lane, the index of its next number in `waveforms` and `references`."""
+
+    time_step: float
+    """Duration of a step [s]."""
+    resolution: float
+    """Quantisation step of the encoder [m]; 0 for an ideal one."""
+    divergence_limit: float
+    """Displacement that counts as diverged [m]."""
+
+
+FRAME_DTYPE = struct_dtype(LoopFrame)
+SIGNATURE = (struct_array_type(FRAME_DTYPE),)
+
+
+def make_block(
+    law: Law,
+    compensation_law: Law | None,
+    kinds: ArgumentKinds,
+    compensation_kinds: ArgumentKinds,
+    layout: LaneLayout,
+    is_velocity_law: bool = False,
+    is_observed: bool = False,
+    contacts: int = 1,
+) -> Callable[[StructArray[LoopFrame]], None]:
+    """Return the function that runs a block of samples; the kinds are those of the laws' arguments.
+
+    With `is_observed` the last call of a law is recorded, and a force that is not finite raises an error. For several
+    contacts the law is one that chooses by the number of the contact.
+    """
+    view, constant_view, gather, is_within = layout.view, layout.constant_view, layout.gather, layout.is_within
+    read = argument_reader(kinds, layout)
+    compensate = (
+        _make_compensation(compensation_law, compensation_kinds, layout, is_observed)
+        if compensation_law
+        else _no_compensation
+    )
+    take_steps = make_steps(law, contacts, layout, is_velocity_law, is_observed)
+    law_arguments = with_record if is_observed else without_record
+    extra_rows = 1 if is_velocity_law else 0
+
+    def block(frames: StructArray[LoopFrame]) -> None:
+        # All fields are read once, before the loop: the compiler cannot know that no sample overwrites the frame.
         frame = frames[0]
-        n, m, states, order, late, held = (
-            frame.states, frame.steps, frame.friction_states, frame.order, frame.late, frame.held,
-        )  # fmt: skip
-        matrix, compliance, responses = view(frame.matrix, 0), view(frame.compliance, 0), view(frame.responses, 0)
-        numerator, denominator = view(frame.numerator, 0), view(frame.denominator, 0)
-        known, linear, w = view(frame.known, 0), view(frame.linear, 0), view(frame.filter, 0)
-        inputs, outputs, contact = view(frame.inputs, 0), view(frame.outputs, 0), view(frame.contact, 0)
-        drive, trace, noise = view(frame.drive, 0), view(frame.trace, 0), view(frame.noise, 0)
-        z = frame.friction
-        half = 8 * width * states
-        step, resolution, limit = frame.step, frame.resolution, frame.limit
-        noisy, moving, recording, channels = frame.noisy != 0, frame.moving != 0, frame.recording != 0, frame.channels
-        traced, history, others = floats_at(frame.trace), floats_at(frame.history), floats_at(frame.others)
-        filled, start = integers_at(frame.filled), integers_at(frame.start)
-        arguments = read(frame.arguments, frame.argument_sizes)
-        samples, history_row, others_row = frame.samples, frame.history_row, frame.others_row
-        goals, waves, source = frame.goals, frame.waves, frame.source
-        now, done = frame.now, 0
+        n, m, states, order = frame.states, frame.steps, frame.friction_states, frame.controller_order
+        input_delay, output_delay = frame.input_delay, frame.output_delay
+        matrix, compliance = constant_view(frame.matrix, 0), constant_view(frame.compliance, 0)
+        responses = constant_view(frame.responses, 0)
+        numerator, denominator = constant_view(frame.numerator, 0), constant_view(frame.denominator, 0)
+        known, linear, filtered = view(frame.known, 0), view(frame.linear, 0), view(frame.controller_memory, 0)
+        control_inputs, measurements = view(frame.control_inputs, 0), view(frame.measurements, 0)
+        contact, drive = view(frame.contacts, 0), view(frame.drive, 0)
+        trace, noise = view(frame.trace, 0), view(frame.noise, 0)
+        z = frame.friction_memory
+        forces, positions = m * contacts, frame.positions
+        first_displacement = (TRACE_CHANNELS + 1) * TRACE_SAMPLES
+        first_friction = first_displacement + contacts * TRACE_SAMPLES
+        first_position = first_friction + contacts * TRACE_SAMPLES
+        time_step, resolution, limit = frame.time_step, frame.resolution, frame.divergence_limit
+        ticks_per_metre = 1.0 / resolution if resolution > 0.0 else 0.0
+        has_noise, has_moving_reference = frame.has_noise != 0, frame.has_moving_reference != 0
+        is_recording = frame.is_recording != 0
+        arguments = law_arguments(frame.last_call, read(frame.arguments, frame.argument_sizes))
+        last_call = float_pointer(frame.last_call)
+        references, waveforms, read_indices = frame.references, frame.waveforms, frame.read_indices
+        samples, current, done = frame.samples, frame.current_memory, 0
         while done < samples:
-            if noisy:
-                drive[NOISE] = noise[done]
-            reference = drive[REFERENCE]
-            if moving:
-                reference = take(goals, source, done)
-            amplitude = min(drive[AMPLITUDE] + drive[RISE] * drive[AGE], 1.0)
-            drive[AGE] = drive[AGE] + 1.0
-            excitation = take(waves, source, done) * amplitude
+            # What comes in: reference and excitation, whose amplitude rises from rest.
+            if has_noise:
+                drive[DRIVE_NOISE] = noise[done * positions]
+            reference = drive[DRIVE_REFERENCE]
+            if has_moving_reference:
+                reference = gather(references, read_indices, done)
+            amplitude = min(drive[DRIVE_AMPLITUDE] + drive[DRIVE_RISE] * drive[DRIVE_AGE], 1.0)
+            drive[DRIVE_AGE] = drive[DRIVE_AGE] + 1.0
+            excitation = gather(waveforms, read_indices, done) * amplitude
 
-            position = outputs[held] + drive[NOISE]
+            # The encoder sees the position late, with noise, in whole quantisation steps.
+            position = measurements[output_delay] + drive[DRIVE_NOISE]
             if resolution > 0.0:
-                position = rounded(position / resolution) * resolution
-            for i in range(late + 1, 0, -1):
-                inputs[i] = inputs[i - 1]
+                position = round_half_even(position * ticks_per_metre) * resolution
+
+            # The controller, in transposed direct form II: `filtered` holds what earlier samples still contribute.
+            for i in range(input_delay + 1, 0, -1):
+                control_inputs[i] = control_inputs[i - 1]
             error = reference - position
-            control = numerator[0] * error + w[0]
+            control = numerator[0] * error + filtered[0]
             for i in range(1, order):
-                w[i - 1] = numerator[i] * error - denominator[i] * control + w[i]
-            compensated = compensate(frame, position)
-            control = control + excitation + compensated
-            inputs[0] = control
+                filtered[i - 1] = numerator[i] * error - denominator[i] * control + filtered[i]
+            compensation_force = compensate(frame, position)
+            control = control + excitation + compensation_force
+            control_inputs[0] = control
 
-            place, force, before, stiffness = contact[PLACE], contact[FORCE], contact[BEFORE], contact[STIFFNESS]
-            trace[CONTROL], trace[POSITION], trace[DISPLACEMENT] = control, position, place
-            trace[FRICTION], trace[COMPENSATION] = force, compensated
-            known[n], known[n + 1], known[n + 2] = inputs[late + 1], inputs[late], force
-            multiply(matrix, known, linear, m + 1 + n, n + 3)
-            for j in range(m):
-                a = linear[j]
-                for i in range(j):
-                    a += compliance[j * m + i] * linear[i]  # which by now holds the force
-                gain = -compliance[j * m + j]
-                z_now, z_next = state_view(z + now * half, states), state_view(z + (1 - now) * half, states)
-                after, place, stiffness = solve(
-                    a, gain, step, z_now, z_next, arguments, force, before, place, stiffness
-                )
-                before, force = force, after
-                linear[j] = force
-                now = 1 - now
-            contact[PLACE], contact[FORCE], contact[BEFORE], contact[STIFFNESS] = place, force, before, stiffness
-            for i in range(held, 0, -1):
-                outputs[i] = outputs[i - 1]
-            newest = linear[m]
-            for j in range(m):
-                newest += responses[j] * linear[j]
-            outputs[0] = newest
-            trace[NEWEST] = newest
-            for i in range(1, n + 1):
-                state = linear[m + i]
-                for j in range(m):
-                    state += responses[i * m + j] * linear[j]
-                known[i - 1] = state
+            trace[TRACE_POSITION * TRACE_SAMPLES + done] = position
+            if is_recording:
+                trace[TRACE_CHANNELS * TRACE_SAMPLES + done] = control
+            if compensation_law is not None:
+                trace[first_position + (positions - 1) * TRACE_SAMPLES + done] = compensation_force
+            for i in range(1, positions):
+                further = measurements[i * (output_delay + 1) + output_delay]
+                if has_noise:
+                    further = further + noise[done * positions + i]
+                if resolution > 0.0:
+                    further = round_half_even(further * ticks_per_metre) * resolution
+                trace[first_position + (i - 1) * TRACE_SAMPLES + done] = further
 
-            for lane in range(width):
-                history[lane * history_row + filled[lane] + done] = traced[POSITION * width + lane]
-            if recording:
-                for lane in range(width):
-                    at = done - start[lane]
-                    if at >= 0:
-                        record = (lane * channels) * others_row + at
-                        others[record] = traced[CONTROL * width + lane]
-                        others[record + others_row] = traced[DISPLACEMENT * width + lane]
-                        others[record + 2 * others_row] = traced[FRICTION * width + lane]
-                        if channels > 3:
-                            others[record + 3 * others_row] = traced[COMPENSATION * width + lane]
+            # One product gives all that does not depend on the forces to come. The thrust has two values in a sample,
+            # because dead time that is no multiple of it lets the older control input act on for a while.
+            known[n], known[n + 1] = control_inputs[input_delay + 1], control_inputs[input_delay]
+            for i in range(contacts):
+                force, row = contact[i * CONTACT_ROWS + CONTACT_FORCE], i * TRACE_SAMPLES + done
+                known[n + 2 + i] = force
+                if is_recording:
+                    trace[first_displacement + row] = contact[i * CONTACT_ROWS + CONTACT_DISPLACEMENT]
+                    trace[first_friction + row] = force
+            multiply_matrix(matrix, known, linear, forces + positions + n + extra_rows, n + 2 + contacts)
+            if is_velocity_law:  # the contact holds a velocity
+                trace[first_displacement + done] = linear[forces + positions + n]
+            current = take_steps(
+                linear, compliance, m, contact, z, states, current, time_step, arguments, last_call
+            )  # fmt: skip
+            # Next measurements and next state: the free part, and what the forces of all steps add.
+            for k in range(positions):
+                newest = k * (output_delay + 1)
+                for i in range(newest + output_delay, newest, -1):
+                    measurements[i] = measurements[i - 1]
+                next_position = linear[forces + k]
+                for j in range(forces):
+                    next_position += responses[k * forces + j] * linear[j]
+                measurements[newest] = next_position
+            next_position = measurements[0]
+            for i in range(n):
+                state = linear[forces + positions + i]
+                for j in range(forces):
+                    state += responses[(positions + i) * forces + j] * linear[j]
+                known[i] = state
             done += 1
-            if not inside(newest, limit):
+            # One comparison for all lanes; which of them diverged is found out after the block.
+            if not is_within(next_position, limit):
                 break
-        frame.now, frame.done = now, done
+        trace[TRACE_NEXT_POSITION] = measurements[0]
+        frame.current_memory, frame.samples_done = current, done
 
     return block
 
 
-@njit(forceinline=True)
-def _within(value, limit):  # type: ignore[no-untyped-def]
-    return abs(value) < limit
+def trace_rows(contacts: int, positions: int) -> int:
+    """Return the rows of a trace."""
+    return (TRACE_CHANNELS + 1 + 2 * contacts + positions) * TRACE_SAMPLES
 
 
-@njit(forceinline=True)
-def _no_compensation(frame, position):  # type: ignore[no-untyped-def]
+@compiled(forceinline=True)
+def _no_compensation(frame: LoopFrame, position: LaneValue) -> float:
     return 0.0
 
 
-def _compensation(law: Law, kinds: Any, wide: bool) -> Any:
+def _make_compensation(
+    law: Law, kinds: ArgumentKinds, layout: LaneLayout, is_observed: bool
+) -> Callable[..., LaneValue]:
     """Return what friction compensation adds to the control input [N], from the measured position."""
-    view, state_view, width = rows_at if wide else numbers_at, rows_at if wide else array_at, WIDTH if wide else 1
-    read = argument_reader(kinds, wide)
+    width, view, present_view, state_view = layout.width, layout.view, layout.present_view, layout.state_view
+    read = argument_reader(kinds, layout)
+    called = make_observed(law, COMPENSATION) if is_observed else law
+    law_arguments = with_record if is_observed else without_record
 
-    @njit(forceinline=True, **FAST)
-    def compensate(frame, position):  # type: ignore[no-untyped-def]
-        gain, viscous, time_step, parameters = read(frame.compensation, frame.compensation_sizes)
-        observer, states = view(frame.observer, 0), frame.observer_states
-        moved = position - observer[2 * states]
-        observer[2 * states] = position
-        z, z_next = state_view(frame.observer, states), state_view(frame.observer + 8 * width * states, states)
-        force = law(z, moved, time_step, z_next, *parameters)
-        for i in range(states):
-            observer[i] = observer[states + i]
-        return gain * (force + viscous * (moved / time_step))
+    @compiled(forceinline=True, **COMPILER_OPTIONS)
+    def compensate(frame: LoopFrame, position: LaneValue) -> LaneValue:
+        gain, viscous, sample_time, given = read(frame.compensation_arguments, frame.compensation_sizes)
+        arguments = law_arguments(frame.last_call, given)
+        memory, states = view(frame.compensation_memory, 0), frame.compensation_states
+        half = states + GUARD_ROWS
+        moved = position - memory[2 * half]
+        memory[2 * half] = position
+        z = present_view(frame.compensation_memory, states)
+        z_next = state_view(frame.compensation_memory + DOUBLE_BYTES * width * half, states)
+        force = called(z, moved, sample_time, z_next, *arguments)
+        for i in range(states):  # once per sample: not worth a second half that changes roles
+            memory[i] = memory[half + i]
+        return gain * (force + viscous * (moved / sample_time))
 
     return compensate
 
 
-@njit(forceinline=True, **FAST)
-def multiply(matrix, vector, result, rows, columns):  # type: ignore[no-untyped-def]
+@compiled(forceinline=True, **COMPILER_OPTIONS)
+def multiply_matrix(matrix: LaneRows, vector: LaneRows, result: LaneRows, rows: int, columns: int) -> None:
     """Multiply a matrix with a vector, four rows at a time: a number of the vector is loaded once for all four."""
     row = 0
     while row + 4 <= rows:
@@ -208,47 +326,3 @@ def multiply(matrix, vector, result, rows, columns):  # type: ignore[no-untyped-
             first += matrix[row * columns + i] * vector[i]
         result[row] = first
         row += 1
-
-
-def _prediction(law: Law) -> Any:
-    """Return the step in lanes: force [N], displacement [m] and stiffness [N/m] at its end."""
-
-    @njit(forceinline=True, **FAST)
-    def predict(a, gain, step, z, z_next, arguments, force, before, place, stiffness):  # type: ignore[no-untyped-def]
-        y = a - gain * (2.0 * force - before)
-        return law(z, y - place, step, z_next, *arguments), y, stiffness
-
-    return predict
-
-
-def _root(law: Law) -> Any:
-    """Return the implicit step: it finds the root of r(y) = y - a + gain*f(y), whose slope is 1 at least."""
-
-    @njit(forceinline=True, **FAST)
-    def solve(a, gain, step, z, z_next, arguments, force, before, place, stiffness):  # type: ignore[no-untyped-def]
-        y = a - gain * (2.0 * force - before)
-        after = law(z, y - place, step, z_next, *arguments)
-        residual = y - a + gain * after
-        slope = 1.0 + gain * stiffness
-        low, high = -np.inf, np.inf
-        for _ in range(60):
-            if abs(residual) <= 1e-7 * abs(y - place) + 1e-17:
-                break
-            if residual > 0.0:
-                high = y
-            else:
-                low = y
-            trial = y - residual / slope
-            if not low < trial < high:
-                trial = 0.5 * (low + high)
-            if trial == y:
-                break
-            after = law(z, trial - place, step, z_next, *arguments)
-            fresh = trial - a + gain * after
-            slope = max((fresh - residual) / (trial - y), 1.0)
-            y, residual = trial, fresh
-        if y != place:
-            stiffness = max((after - force) / (y - place), 0.0)
-        return after, y, stiffness
-
-    return solve

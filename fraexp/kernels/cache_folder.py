@@ -1,15 +1,15 @@
-"""The folder for what is made once per machine and can be made again: measured speeds, compiled kernels."""
+"""The folder of files that can be made again and are worth keeping: measured speeds, compiled kernels."""
 
 import os
 from pathlib import Path
 
 from platformdirs import user_cache_path
 
-VARIABLE = "FRAEXP_CACHE_DIR"
+CACHE_FOLDER_VARIABLE = "FRAEXP_CACHE_DIR"
 """Environment variable that names another folder."""
 
 
 def cache_folder() -> Path:
-    """Return the folder of the user's cache; it may be missing, or not writable."""
-    given = os.environ.get(VARIABLE)
+    """Return the user's cache folder; it may be missing or read-only."""
+    given = os.environ.get(CACHE_FOLDER_VARIABLE)
     return Path(given) if given else user_cache_path("fraexp")

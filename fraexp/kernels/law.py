@@ -1,4 +1,4 @@
-"""Making a friction law, written as a plain function, callable from compiled code."""
+"""Friction laws, written as plain functions: made known to the compiler, and identified by all that they use."""
 
 import contextlib
 import hashlib
@@ -9,46 +9,85 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+from numba.core import ir, ssa
+from numba.core.errors import NumbaError
 from numba.extending import register_jitable
 
 from fraexp.kernels.law_error import LawError
 from fraexp.kernels.watchdog import OverdueError, time_limit
 
 Law = Callable[..., float]
+BUILT_IN_PACKAGES = ("fraexp", "fraexp_plugins")
 
 
-def compilable(law: Law) -> Law:
-    """Return the law, made known to the compiler with the functions it calls; it stays plain Python itself."""
-    for helper in helpers(law):
-        _made_known(helper)
-    return _made_known(law)
+def register_law(law: Law) -> Law:
+    """Return the law, registered with the compiler together with the functions that it calls.
+
+    The function itself stays plain Python: observers, checks and tests call it without the compiler.
+    """
+    for function in called_functions(law):
+        _register_function(function)
+    return _register_function(law)
 
 
 @cache
-def _made_known(function: Law) -> Law:
-    made: Law = register_jitable(function)
-    return made
+def _register_function(function: Law) -> Law:
+    if is_built_in(function):
+        return register_jitable(function)
+    _dropped_in_files.add(Path(inspect.getfile(function)).resolve())
+    return register_jitable(boundscheck=True)(function)
 
 
-def helpers(law: Law) -> list[Law]:
+_dropped_in_files: set[Path] = set()
+"""Files of the laws in which the compiler refuses a variable that a branch leaves unassigned."""
+
+
+def _refuse_unassigned(name: str, place: ir.Loc) -> None:
+    """Raise an error for a variable of a dropped-in law that a branch leaves unassigned.
+
+    Plain Python raises one where such a variable is read. Compiled code would go on with any number. Numba's own
+    setting gives a warning, which depends on the filters of the whole process; `tests/testing/test_hostile_laws.py`
+    notices if this private function is called no longer.
+    """
+    if Path(place.filename).resolve() in _dropped_in_files:
+        raise NumbaError(f"{UNASSIGNED} {name}", loc=place)
+
+
+ssa._warn_about_uninitialized_variable = _refuse_unassigned
+
+
+def is_built_in(function: Law) -> bool:
+    """Return whether a function comes with fraexp, where tests show that it stays within its arrays.
+
+    In all others the compiler checks each index: a law that somebody drops in cannot write where it must not.
+    """
+    return function.__module__.partition(".")[0] in BUILT_IN_PACKAGES
+
+
+def called_functions(law: Law) -> list[Law]:
     """Return the Python functions that a law calls, directly or through others, each once."""
     found = [law]
-    for function in found:  # which grows meanwhile
-        found += [value for value in _used(function) if inspect.isfunction(value) and value not in found]
+    for function in found:  # the list grows while it is read: callees of callees are visited as well
+        found += [value for value in _used_values(function) if inspect.isfunction(value) and value not in found]
     return found[1:]
 
 
-def fingerprint(law: Law) -> str:
-    """Return a hash of all that decides what the law computes: its file, the constants and the functions it uses.
+def used_by(law: Law) -> list[Law]:
+    """Return a law and the functions that it calls."""
+    return [law, *called_functions(law)]
 
-    It is part of a kernel's identity: an edited law is compiled again.
+
+def fingerprint(law: Law) -> str:
+    """Return a hash of everything that decides what the law computes: its file, the constants and functions it uses.
+
+    It is part of a kernel's identity, so that an edited law is compiled again.
     """
     digest = hashlib.blake2b(digest_size=16)
-    for function in (law, *helpers(law)):
+    for function in used_by(law):
         path = Path(inspect.getfile(function))
-        digest.update(function.__qualname__.encode())
+        digest.update(f"{function.__qualname__} {is_built_in(function)}".encode())
         digest.update(path.read_bytes() if path.is_file() else function.__code__.co_code)
-        for value in _used(function):
+        for value in _used_values(function):
             if isinstance(value, np.ndarray):
                 digest.update(value.tobytes())
             elif isinstance(value, int | float | tuple):
@@ -56,46 +95,68 @@ def fingerprint(law: Law) -> str:
     return digest.hexdigest()
 
 
-def _used(law: Law) -> list[object]:
-    """Return what a law uses beside its arguments: of its module, and what it closes over.
+def _used_values(law: Law) -> list[object]:
+    """Return the values that a law uses beside its arguments: globals of its module, and what it closes over.
 
-    Of a function that has been given to the compiler already it is the Python function.
+    A function that its author has compiled already is replaced by the Python function inside.
     """
-    named = [law.__globals__[name] for name in law.__code__.co_names if name in law.__globals__]
-    used = named + [cell.cell_contents for cell in law.__closure__ or ()]
-    return [getattr(value, "py_func", value) for value in used]
+    global_values = [law.__globals__[name] for name in law.__code__.co_names if name in law.__globals__]
+    values = global_values + [cell.cell_contents for cell in law.__closure__ or ()]
+    return [getattr(value, "py_func", value) for value in values]
 
 
 @contextlib.contextmanager
-def explained(*laws: Law) -> Iterator[None]:
-    """Turn what goes wrong while laws are compiled into a LawError of one line, with the place in the law."""
+def explain_compiler_errors(*laws: Law) -> Iterator[None]:
+    """Turn errors of the `with` block, which compiles laws, into a LawError of one line with the place in the law."""
     names = " or ".join(dict.fromkeys(law.__qualname__ for law in laws))
     try:
-        with time_limit(COMPILE_LIMIT_S, of_processor=True):
+        with time_limit(COMPILE_LIMIT_S, is_processor_time=True):
             yield
     except OverdueError:
-        why = f"the compiler has not returned after {COMPILE_LIMIT_S:g} s; expected seconds: make the law simpler"
-        raise LawError(f"{names} ({_place('', laws)}) cannot be compiled: {why}") from None
-    except Exception as error:  # the compiler raises what it likes
-        lines = [line.strip() for line in str(error).splitlines() if line.strip()] or [type(error).__name__]
-        said = [line for line in lines if line.startswith(TELLING)] or lines[-1:]
-        raise LawError(f"{names} ({_place(str(error), laws)}) cannot be compiled: {said[-1]}") from None
+        reason = f"the compiler has not returned after {COMPILE_LIMIT_S:g} s; expected seconds: make the law simpler"
+        raise LawError(f"{names} ({_error_place('', laws)}) cannot be compiled: {reason}") from None
+    except Exception as error:  # the compiler raises errors of many kinds
+        cause = _error_cause(
+            [line.strip() for line in str(error).splitlines() if line.strip()] or [type(error).__name__]
+        )
+        raise LawError(f"{names} ({_error_place(str(error), laws)}) cannot be compiled: {cause}") from None
 
 
-def _place(message: str, laws: Sequence[Law]) -> str:
-    """Return file and line of a law: the last that the compiler's message names there, or where the law begins."""
-    files = {Path(inspect.getfile(law)).name for top in laws for law in (top, *helpers(top))}
-    named = [(Path(found[1] or found[2]).name, found[3]) for found in NAMED_PLACE.finditer(message)]
+def _error_cause(lines: list[str]) -> str:
+    """Return what the lines of a compiler's message say, in one line."""
+    unassigned = next((line.partition(UNASSIGNED)[2].strip() for line in lines if UNASSIGNED in line), "")
+    if unassigned:
+        return f"one of its branches leaves '{unassigned.partition('.')[0]}' unassigned; assign it before the branch"
+    meaning = next((text for begin, text in MEANINGS.items() for line in lines if line.startswith(begin)), "")
+    if meaning:
+        return meaning
+    at = next((at for at in reversed(range(len(lines))) if lines[at].startswith(CAUSE_PREFIXES)), len(lines) - 1)
+    if lines[at].endswith("found for signature:") and at + 1 < len(lines):  # the signature is in the line after it
+        return f"there is no implementation of {lines[at + 1].removeprefix('>>> ')}"
+    return lines[at]
+
+
+def _error_place(message: str, laws: Sequence[Law]) -> str:
+    """Return file and line of a law: the last that the compiler's message names, or where the law begins."""
+    files = {Path(inspect.getfile(function)).name for law in laws for function in used_by(law)}
+    named = [(Path(match[1] or match[2]).name, match[3]) for match in COMPILER_PLACE.finditer(message)]
     inside = [place for place in named if place[0] in files]
     file, line = inside[-1] if inside else (Path(inspect.getfile(laws[0])).name, laws[0].__code__.co_firstlineno)
     return f"{file}, line {line}"
 
 
 COMPILE_LIMIT_S = 20.0
-"""Processor time that one kernel may take to be compiled [s]: four times what the longest built-in law takes."""
-NAMED_PLACE = re.compile(r'(?:File "([^"]+)", line |Raised from (.+) \()(\d+)')
-"""The two ways in which the compiler names a place."""
-TELLING = (
+"""Limit of the processor time for compiling one kernel [s]: four times what the slowest built-in law takes."""
+COMPILER_PLACE = re.compile(r'(?:File "([^"]+)", line |Raised from (.+) \()(\d+)')
+"""The two forms in which the compiler names a file and a line."""
+UNASSIGNED = "Detected uninitialized variable"
+"""How the error about a variable begins that a branch leaves unassigned."""
+MEANINGS = {
+    ">>> setitem(readonly array": "it writes z, a parameter or an array of its module; it may write only z_next",
+    "Cannot modify readonly array": "it writes z, a parameter or an array of its module; it may write only z_next",
+}
+"""What a cause means in the words of a law's author, by how it begins."""
+CAUSE_PREFIXES = (
     "NameError",
     "Cannot",
     "Invalid use",
@@ -104,11 +165,11 @@ TELLING = (
     "Untyped global",
     "Unsupported",
 )
-"""How the line of the compiler's message begins that says what is wrong."""
+"""How the line of the compiler's message begins that names the cause."""
 
 
 @cache
-def kernel_sources() -> str:
-    """Return a hash of all kernels' sources."""
+def kernel_source_hash() -> str:
+    """Return a hash of all source files of the kernels."""
     sources = [path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py"))]
     return hashlib.blake2b(b"".join(sources), digest_size=16).hexdigest()

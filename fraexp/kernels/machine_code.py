@@ -1,7 +1,7 @@
 """Kernels as machine code: compiled once on a machine, kept in the user's cache folder, and loaded from there.
 
-Numba's own cache lies beside the sources and knows a function by its place there. Here a file is named after a hash of
-all that decides on the machine code, so that all checkouts and processes of a machine share it.
+Numba's own cache lies beside the sources and identifies a function by its place in them. Here a file is named after a
+hash of everything that determines the machine code, so that all checkouts and processes of a machine share it.
 """
 
 import contextlib
@@ -20,13 +20,15 @@ from typing import Any
 import llvmlite
 import numba
 from numba import njit
+from numba.core import types
 from numba.core.bytecode import FunctionIdentity
 from numba.core.caching import _Cache
 from numba.core.compiler import CompileResult
+from numba.core.dispatcher import Dispatcher
 from numba.core.registry import cpu_target
 from numba.core.serialize import dumps
 
-from fraexp.kernels.announcement import announce
+from fraexp.kernels.announcement import announce_compilation
 from fraexp.kernels.cache_folder import cache_folder
 
 try:
@@ -34,29 +36,34 @@ try:
 except ImportError:  # Windows: two processes may then compile the same kernel, which costs time and nothing else
     fcntl = None  # type: ignore[assignment]
 
-DIGEST_SIZE = 32
-"""Bytes of the hash that stands before the machine code in its file."""
+DIGEST_BYTES = 32
+"""Size of the hash at the beginning of a kernel's file, before the machine code."""
 DAY_S = 86400.0
-UNUSED_S = 90 * DAY_S
-"""Time after which a kernel that nobody has loaded is deleted [s]."""
+MAX_UNUSED_S = 90 * DAY_S
+"""Time [s] after which a kernel that no process has loaded is deleted."""
 
 
-def _count_functions_apart() -> None:
-    """Let this process name what it compiles as no other process does.
+def _randomise_function_ids() -> None:
+    """Let this process number the functions that it compiles as no other process does.
 
-    Numba counts the functions that a process compiles and makes the number part of their symbols. Machine code that
-    several processes have compiled meets in one, where equal symbols would be one function: another law would answer.
+    Numba counts the functions that a process compiles, and the number is part of their symbols. One process may load
+    machine code from several others, where equal symbols would be one function: another law would answer. Numba has no
+    public setting for this; `tests/kernels/test_machine_code.py` notices if the private one stops working.
     """
     FunctionIdentity._unique_ids = itertools.count(int.from_bytes(os.urandom(6), "big") << 16)
 
 
-_count_functions_apart()
+_randomise_function_ids()
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_count_functions_apart)
+    os.register_at_fork(after_in_child=_randomise_function_ids)
 
 
-class _File(_Cache):
-    """A file with the machine code of one function; numba asks it before it compiles, and tells it afterwards."""
+class _KernelFile(_Cache):
+    """A file with the machine code of one function: numba loads it before it compiles, and saves it afterwards.
+
+    Numba offers no public class for a cache elsewhere than beside the sources; the tests of this module notice a
+    change.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -69,107 +76,111 @@ class _File(_Cache):
         target_context.refresh()
         try:
             stored = self.path.read_bytes()
-            code = stored[DIGEST_SIZE:]
-            if _digest(code) != stored[:DIGEST_SIZE]:  # a single wrong bit may crash what runs it
+            code = stored[DIGEST_BYTES:]
+            if _digest(code) != stored[:DIGEST_BYTES]:  # a single wrong bit may crash the process
                 return None
-            return CompileResult._rebuild(target_context, *pickle.loads(code))  # type: ignore[no-untyped-call]
-        except Exception:  # not there, or of no use: compile
+            return CompileResult._rebuild(target_context, *pickle.loads(code))
+        except Exception:  # missing, or from another version: the caller compiles
             return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        if not data.library.has_dynamic_globals:  # such as an address in this process
-            code = dumps(data._reduce())  # type: ignore[no-untyped-call]
-            _write(self.path, _digest(code) + code)
+        if not data.library.has_dynamic_globals:  # an address of this process means nothing to another
+            code = dumps(data._reduce())
+            _write_atomically(self.path, _digest(code) + code)
 
     def enable(self) -> None:
-        """It always is."""
+        """Do nothing: the cache is always enabled."""
 
     def disable(self) -> None:
-        """It never is."""
+        """Do nothing: the cache is never disabled."""
 
     def flush(self) -> None:
         self.path.unlink(missing_ok=True)
 
 
 def _digest(code: bytes) -> bytes:
-    return hashlib.blake2b(code, digest_size=DIGEST_SIZE).digest()
+    return hashlib.blake2b(code, digest_size=DIGEST_BYTES).digest()
 
 
-def compile_kernel(name: str, source: str, make: Callable[[], Any], signature: tuple[Any, ...], **options: Any) -> Any:
-    """Return a compiled function: from the cache, or made, compiled and cached.
+def compile_kernel(
+    name: str, source: str, make: Callable[[], Any], signature: tuple[types.Type, ...], **options: Any
+) -> Dispatcher:
+    """Return a compiled function: from the cache, or compiled now and cached.
 
     Parameters
     ----------
     name
-        What it is, for people.
+        Description of the kernel; part of its identity.
     source
-        A hash of the sources behind it.
+        Hash of the sources behind it.
     make
-        Returns the Python function.
+        Returns the Python function to compile.
     signature
-        Types of its arguments.
+        Types of the function's arguments.
     options
-        Of the compiler.
+        Options of the compiler.
 
     """
     identity = "\n".join((name, source, str(signature), str(sorted(options.items())), *_toolchain()))
     path = cache_folder() / "kernels" / f"{hashlib.blake2b(identity.encode(), digest_size=16).hexdigest()}.kernel"
-    kernel = njit(nogil=True, **options)(make())
-    kernel._cache = _File(path)
+    kernel: Any = njit(nogil=True, **options)(make())
+    kernel._cache = _KernelFile(path)
     if path.exists():
-        _touch(path)
+        _mark_as_used(path)
         kernel.compile(signature)
         return kernel
-    with _alone(path):
-        if not path.exists():
-            announce()
+    with _compile_lock(path):
+        if not path.exists():  # another process may have compiled it while this one waited
+            announce_compilation()
         kernel.compile(signature)
     return kernel
 
 
 @cache
-def address(kernel: Any) -> int:
-    """Return the address of a compiled function of one signature, which other compiled code can call."""
-    result = next(iter(kernel.overloads.values()))
+def function_address(kernel: Dispatcher) -> int:
+    """Return the address of a compiled function of one signature, for other compiled code to call."""
+    result: Any = next(iter(kernel.overloads.values()))
     return int(result.library.get_pointer_to_function(result.fndesc.llvm_func_name))
 
 
 @cache
 def _toolchain() -> tuple[str, ...]:
-    """Return what decides, beside the sources, on the machine code: compiler, interpreter and processor."""
+    """Return what determines the machine code beside the sources: compiler, interpreter and processor."""
     processor = cpu_target.target_context.codegen().magic_tuple()
     return numba.__version__, llvmlite.__version__, platform.python_version(), str(processor)
 
 
 @contextlib.contextmanager
-def _alone(path: Path) -> Iterator[None]:
-    """Hold the lock of a kernel: what another process compiles just now is waited for, not compiled as well."""
+def _compile_lock(path: Path) -> Iterator[None]:
+    """Hold the lock of a kernel: wait for a process that compiles it just now, instead of compiling it as well."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         lock = path.with_suffix(".lock").open("wb")
-    except OSError:  # no folder can be written, as in a container
+    except OSError:  # a read-only folder, as in a container
         yield
         return
     with lock:
         if fcntl is not None:
             fcntl.flock(lock, fcntl.LOCK_EX)
-        yield
-        path.with_suffix(".lock").unlink(missing_ok=True)
+        try:
+            yield
+        finally:
+            path.with_suffix(".lock").unlink(missing_ok=True)
 
 
-def _write(path: Path, content: bytes) -> None:
-    """Write a file whole or not at all, and delete those that nobody has used for long."""
+def _write_atomically(path: Path, content: bytes) -> None:
+    """Write a file whole or not at all, and delete the files that no process has used for long."""
     with contextlib.suppress(OSError):
         with tempfile.NamedTemporaryFile(dir=path.parent, prefix=path.stem, delete=False) as part:
             part.write(content)
         Path(part.name).replace(path)
         for other in path.parent.iterdir():
-            if time.time() - other.stat().st_mtime > UNUSED_S:
+            if time.time() - other.stat().st_mtime > MAX_UNUSED_S:
                 other.unlink(missing_ok=True)
 
 
-def _touch(path: Path) -> None:
-    """Let a kernel count as used."""
+def _mark_as_used(path: Path) -> None:
+    """Renew the time of a kernel's file, by which unused kernels are found; once a day is enough."""
     with contextlib.suppress(OSError):
         if time.time() - path.stat().st_mtime > DAY_S:
             os.utime(path)

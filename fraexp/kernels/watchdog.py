@@ -1,4 +1,4 @@
-"""A time limit on interpreted code, in any thread: what does not return ends, and its line is known."""
+"""A time limit on interpreted code, in any thread: code that does not return is ended, and its line is reported."""
 
 import ctypes
 import re
@@ -10,76 +10,93 @@ from contextlib import contextmanager
 from pathlib import Path
 
 LAW_TIME_LIMIT_S = 10.0
-"""Time that a friction law has for all of its first trial in plain Python, which takes milliseconds."""
-TICKS = 20
-"""Looks at the clock within a limit."""
-MOST_AT_ONCE_S = 4.0
-"""Time that counts between two looks, at most: a process that was stopped meanwhile, as by Ctrl-Z, has not lost all.
-A call into C that lets no other thread run may take longer than a look."""
+"""Time limit [s] of a friction law's first trial in plain Python, which normally takes milliseconds."""
+POLLS_PER_LIMIT = 20
+"""Number of times that the watchdog reads the clock within a limit."""
+MAX_COUNTED_PER_POLL_S = 4.0
+"""Maximum time [s] that counts between two readings: a process that was stopped meanwhile, as by Ctrl-Z, has not used
+up its limit. A call into C that lets no other thread run may take longer than that."""
+STEPS_TO_RECEIVE = 100
+"""Jumps after which an error that was raised in this thread has arrived: one is enough, if no tracer intervenes."""
 
-DUMPED = re.compile(r'\s*File "(.*)", line (\d+) in ')
-"""A line of what the interpreter writes of its threads before it ends itself."""
+DUMPED_LINE = re.compile(r'\s*File "(.*)", line (\d+) in ')
+"""A line of the traceback that the interpreter writes of its threads before it ends itself."""
 
 
 class OverdueError(BaseException):
-    """Raised in the code that takes too long; no Exception, which that code may catch by itself."""
+    """Raised in code that exceeds its time limit; not an Exception, because such code may catch these itself."""
 
 
 @contextmanager
-def time_limit(seconds: float, of_processor: bool = False) -> Iterator[None]:
-    """Raise OverdueError in what this thread runs meanwhile, once it has taken that long [s].
+def time_limit(seconds: float, is_processor_time: bool = False) -> Iterator[None]:
+    """Raise OverdueError in the `with` block of this thread once it has taken that long [s].
 
-    `of_processor`: only time in which this process computes counts, for what takes long on a busy machine. It reaches
-    interpreted code only, as Python's own tools do: what waits inside a function written in C is not ended.
+    With `is_processor_time` only time counts in which this process computes: for work that takes long on a busy
+    machine. The error reaches interpreted code only, as with Python's own tools: a call that waits inside a function
+    written in C is not ended.
     """
-    watch = _Watch(seconds, of_processor)
-    watch.thread.start()
+    watchdog = _Watchdog(seconds, is_processor_time)
+    watchdog.thread.start()
     try:
         yield
     finally:
-        watch.end()
+        watchdog.stop()
 
 
-class _Watch:
-    """A thread that raises OverdueError in the one that has made it, unless it is ended before."""
+class _Watchdog:
+    """A thread that raises OverdueError in the thread that created it, unless it is stopped before."""
 
-    def __init__(self, seconds: float, of_processor: bool) -> None:
-        self._watched, self._tick, self._of_processor = threading.get_ident(), seconds / TICKS, of_processor
-        self._over, self._lock, self._raised = threading.Event(), threading.Lock(), False
+    def __init__(self, seconds: float, is_processor_time: bool) -> None:
+        self._watched = threading.get_ident()
+        self._poll_interval = seconds / POLLS_PER_LIMIT
+        self._is_processor_time = is_processor_time
+        self._stopped, self._lock, self._has_raised = threading.Event(), threading.Lock(), False
+        self._error: type[OverdueError] = type(
+            "OverdueError", (OverdueError,), {}
+        )  # distinguishes it from that of an outer limit
         self.thread = threading.Thread(target=self._run, daemon=True)
 
-    def end(self) -> None:
-        """See to it that nothing is raised from here on, also what is on its way."""
-        with self._lock:
-            self._over.set()
-        if self._raised:
-            _raise_in(self._watched, None)
+    def stop(self) -> None:
+        """Make sure that nothing is raised from here on; receive an error that is still on its way."""
+        # Withdrawing it would leave the interpreter's flag of such errors set, and in Python 3.11 code that is traced,
+        # as by coverage, stands still from then on.
+        try:
+            with self._lock:
+                self._stopped.set()
+            for _ in range(STEPS_TO_RECEIVE if self._has_raised else 0):
+                pass
+        except self._error:
+            self._stopped.set()
 
     def _run(self) -> None:
-        left, clock = self._tick * TICKS, time.process_time if self._of_processor else time.monotonic
-        while left > 0:
+        # The limit is spent in small steps, not waited for at once: each step counts no more than
+        # MAX_COUNTED_PER_POLL_S, and processor time cannot be waited for at all.
+        remaining = self._poll_interval * POLLS_PER_LIMIT
+        clock = time.process_time if self._is_processor_time else time.monotonic
+        while remaining > 0:
             before = clock()
-            if self._over.wait(self._tick):
+            if self._stopped.wait(self._poll_interval):
                 return
-            left -= min(clock() - before, MOST_AT_ONCE_S)
-        with self._lock:
-            if not self._over.is_set():
-                self._raised = True
-                _raise_in(self._watched, ctypes.py_object(OverdueError))
+            remaining -= min(clock() - before, MAX_COUNTED_PER_POLL_S)
+        with self._lock:  # the block may end just now: either it is stopped, or the error is raised, never both
+            if not self._stopped.is_set():
+                self._has_raised = True
+                _raise_in_thread(self._watched, self._error)
 
 
-def _raise_in(thread: int, error: "ctypes.py_object[type[BaseException]] | None") -> None:
-    ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), error)
+def _raise_in_thread(thread: int, error: type[BaseException]) -> None:
+    """Raise an error at the next jump or call of a thread."""
+    ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), ctypes.py_object(error))
 
 
-def place_of(error: BaseException, file: str, first_line: int) -> str:
-    """Return in which line of a file something was interrupted; `first_line` of what was run, if that is not known."""
+def error_location(error: BaseException, file: str, first_line: int) -> str:
+    """Return file and line at which code of a file was interrupted; `first_line` if the traceback does not say."""
     lines = traceback.extract_tb(error.__traceback__)
     inside = [line.lineno for line in lines if line.filename == file]
     return f"{Path(file).name}, line {inside[-1] if inside else first_line}"
 
 
-def place_in_dump(lines: Iterable[str], file: str) -> str:
-    """Return the innermost line of a file in what the interpreter wrote of its threads; empty if there is none."""
-    found = [match for line in lines if (match := DUMPED.match(line)) and Path(match[1]).name == Path(file).name]
-    return f"{Path(file).name}, line {found[0][2]}" if found else ""
+def dumped_location(dump: Iterable[str], file: str) -> str:
+    """Return the innermost line of a file in the interpreter's dump of its threads; empty if the file is not in it."""
+    matches = [match for line in dump if (match := DUMPED_LINE.match(line)) and Path(match[1]).name == Path(file).name]
+    return f"{Path(file).name}, line {matches[0][2]}" if matches else ""

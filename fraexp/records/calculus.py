@@ -1,16 +1,17 @@
-"""Integrals and derivatives of a channel over time, as far as its record can tell them."""
+"""Integrals and derivatives of a channel over time."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fraexp.errors import RecordError
 from fraexp.records.cutting import Cut
 
-BELOW = 0.5
-"""Share of the lowest line below which an integral is left out: there it is of drift and noise."""
+MIN_FREQUENCY_RATIO = 0.5
+"""Frequency relative to the lowest line below which an integral is set to 0: there it is drift and noise."""
 
 
-def integrated(blocks: np.ndarray, cut: Cut, times: int, place: str) -> np.ndarray:
-    """Return blocks of a channel, shape (blocks, samples), integrated so many times; below 0 differentiated.
+def integrate_blocks(blocks: NDArray[np.float64], cut: Cut, times: int, place: str) -> NDArray[np.float64]:
+    """Return blocks of a channel, shape (blocks, samples), integrated `times` times; if below 0, differentiated.
 
     A periodic record is divided by (jω)ⁿ at all its frequencies at once, which is exact at its lines; its mean and
     what lies below half the lowest line cannot be integrated and become 0. A record that does not repeat itself is
@@ -30,7 +31,7 @@ def integrated(blocks: np.ndarray, cut: Cut, times: int, place: str) -> np.ndarr
         return record.reshape(blocks.shape)
     omega = 2 * np.pi * np.fft.rfftfreq(record.size, cut.sample_time)
     lowest = 2 * np.pi * cut.lines[0] / (cut.samples * cut.sample_time)
-    kept = omega > (BELOW * lowest if times > 0 else 0.0)
+    kept = omega > (MIN_FREQUENCY_RATIO * lowest if times > 0 else 0.0)
     kept[-1] &= record.size % 2 == 1  # at the Nyquist frequency a derivative has no phase
     factor = np.zeros(omega.size, dtype=complex)
     factor[kept] = (1j * omega[kept]) ** -times

@@ -1,4 +1,4 @@
-"""A channel of a record: one column of a file, or the sum or difference of two, and how it becomes a quantity."""
+"""Channels of a record: a column of a file, or the sum or difference of two, with its unit and scale."""
 
 import math
 import re
@@ -8,21 +8,23 @@ from typing import Any
 from fraexp.components.parameters import Parameters, param
 from fraexp.errors import ParameterError
 
-SHORT = re.compile(r"^(?P<column>.*\S)\s*\[(?P<unit>[^\]]*)\]$")
-"""Something with its unit in square brackets, such as ``iq [A]``."""
-NUMBER = r"[+-]?(?:\d++\.?\d*+|\.\d++)(?:[eE][+-]?\d++)?"
-SCALED = re.compile(
-    rf"^(?P<inner>\S.*?)\s++(?P<operator>[*/])\s++(?P<gain>{NUMBER})(?:\s++(?P<sign>[+-])\s++(?P<offset>{NUMBER}))?$"
+COLUMN_WITH_UNIT = re.compile(r"^(?P<column>.*\S)\s*\[(?P<unit>[^\]]*)\]$")
+"""A text with a unit in square brackets, such as ``iq [A]``."""
+NUMBER_PATTERN = r"[+-]?(?:\d++\.?\d*+|\.\d++)(?:[eE][+-]?\d++)?"
+SCALED_COLUMN = re.compile(
+    rf"^(?P<inner>\S.*?)\s++(?P<operator>[*/])\s++(?P<gain>{NUMBER_PATTERN})(?:\s++(?P<sign>[+-])\s++(?P<offset>{NUMBER_PATTERN}))?$"
 )
-"""A column with a gain, such as ``volts * 31.5`` or ``counts / 4096 + 0.5``: blanks tell signs from those in names."""
-SUM = re.compile(r"^(?P<column>\S.*?)\s+(?P<sign>[+-])\s+(?P<other>\S.*)$")
-LONGEST = 1000
-"""Letters of a channel's text: longer ones take long to be understood."""
-EXPECTED = "expected such as 'volts * 31.5', '(volts - 2.5) * 31.5 + 4' or '(a - b) / 2', with blanks around the signs"
+"""A column with a gain, such as ``volts * 31.5`` or ``counts / 4096 + 0.5``; blanks separate signs from names."""
+COLUMN_SUM = re.compile(r"^(?P<column>\S.*?)\s+(?P<sign>[+-])\s+(?P<other>\S.*)$")
+MAX_TEXT_LENGTH = 1000
+"""Maximum length of a channel's text: longer ones take long to parse."""
+FORMULA_HINT = (
+    "expected such as 'volts * 31.5', '(volts - 2.5) * 31.5 + 4' or '(a - b) / 2', with blanks around the signs"
+)
 
 
 class Channel(Parameters):
-    """A column of the file and how its numbers become a quantity: (column ± another) · scale + offset, in `unit`."""
+    """A column of the file with the conversion of its numbers: (column ± another) · scale + offset, in `unit`."""
 
     column: str = param("", "name of the column in the file")
     unit: str = param("", "unit of the numbers in the file, such as mm; 1 for a pure number", "")
@@ -37,7 +39,7 @@ class Channel(Parameters):
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Names of the columns that it is made of."""
+        """Names of its columns."""
         return tuple(name for name in (self.column, self.plus, self.minus) if name)
 
     def model_post_init(self, context: object) -> None:
@@ -45,53 +47,53 @@ class Channel(Parameters):
         if not self.column:
             raise ParameterError("column is empty; expected the name of a column in the file")
         if self.plus and self.minus:
-            raise ParameterError(f"column '{self.column}' has plus and minus; expected two columns at most")
+            raise ParameterError(f"column '{self.column}' has plus and minus; expected only one of them")
 
 
-def channel_of(value: Any, place: str) -> Channel:
-    """Return the channel that a study describes by a table, or in short by a text."""
+def parse_channel(value: object, place: str) -> Channel:
+    """Return the channel that a study describes by a table or a text; ParameterError if it is invalid."""
     if isinstance(value, Channel):
         return value
     if isinstance(value, str):
-        if len(value) > LONGEST:
-            raise ParameterError(f"{place} has {len(value):,} letters; expected {LONGEST:,} at most")
-        short = SHORT.match(value)
+        if len(value) > MAX_TEXT_LENGTH:
+            raise ParameterError(f"{place} has {len(value):,} letters; expected no more than {MAX_TEXT_LENGTH:,}")
+        short = COLUMN_WITH_UNIT.match(value)
         unit = {"unit": short["unit"]} if short else {}
-        return Channel.parse({**_formula(short["column"] if short else value, place), **unit}, place)
+        return Channel.parse({**_parse_formula(short["column"] if short else value, place), **unit}, place)
     if not isinstance(value, Mapping):
         raise ParameterError(f"{place} is {value!r}; expected the name of a column, or a table with column and unit")
     return Channel.parse(value, place)
 
 
-def _formula(text: str, place: str) -> dict[str, Any]:
-    """Return columns, scale and offset of a text such as ``(a - b) * 0.5 + 3``; a bare text is a column's name."""
-    scaled = SCALED.match(text)
+def _parse_formula(text: str, place: str) -> dict[str, Any]:
+    """Return columns, scale and offset of a text such as ``(a - b) * 0.5 + 3``; other texts are names of columns."""
+    scaled = SCALED_COLUMN.match(text)
     if not scaled:
-        return _sum(_bare(text), 1.0)
+        return _parse_sum(_without_parentheses(text), 1.0)
     gain = float(scaled["gain"])
     if scaled["operator"] == "/" and not 0 < abs(gain) < math.inf:
-        raise ParameterError(f"{place}: '{text}' divides by {gain:g}; {EXPECTED}")
+        raise ParameterError(f"{place}: '{text}' divides by {gain:g}; {FORMULA_HINT}")
     scale = gain if scaled["operator"] == "*" else 1 / gain
     inner = scaled["inner"]
-    if (_bare(inner) == inner and SUM.match(inner)) or SCALED.match(inner):
-        raise ParameterError(f"{place}: '{text}' can be read in two ways; {EXPECTED}")
-    found = _sum(_bare(inner), scale)
+    if (_without_parentheses(inner) == inner and COLUMN_SUM.match(inner)) or SCALED_COLUMN.match(inner):
+        raise ParameterError(f"{place}: '{text}' is ambiguous; {FORMULA_HINT}")
+    found = _parse_sum(_without_parentheses(inner), scale)
     offset = float(f"{scaled['sign']}1") * float(scaled["offset"]) if scaled["offset"] else 0.0
     total = found.get("offset", 0.0) + offset
     return {**found, "scale": scale, **({"offset": total} if total else {})}
 
 
-def _bare(text: str) -> str:
-    """Return what stands within the parentheses around all of a text."""
+def _without_parentheses(text: str) -> str:
+    """Return a text without the parentheses around all of it."""
     return text[1:-1].strip() if text.startswith("(") and text.endswith(")") else text
 
 
-def _sum(text: str, scale: float) -> dict[str, Any]:
-    found = SUM.match(text)
+def _parse_sum(text: str, scale: float) -> dict[str, Any]:
+    found = COLUMN_SUM.match(text)
     if not found:
         return {"column": text}
-    if re.fullmatch(NUMBER, found["other"]):
+    if re.fullmatch(NUMBER_PATTERN, found["other"]):
         return {"column": found["column"], "offset": scale * float(f"{found['sign']}1") * float(found["other"])}
-    if SUM.match(found["other"]):
-        raise ParameterError(f"'{text}' is made of more than two columns; {EXPECTED}")
+    if COLUMN_SUM.match(found["other"]):
+        raise ParameterError(f"'{text}' has more than two columns; {FORMULA_HINT}")
     return {"column": found["column"], "plus" if found["sign"] == "+" else "minus": found["other"]}

@@ -1,4 +1,4 @@
-"""What is in a file that nobody has described yet, and the command that would probably import it."""
+"""Contents of a measured file, and a proposal of the command that imports it."""
 
 import re
 import shlex
@@ -8,22 +8,23 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fraexp.components.registry import Registry
 from fraexp.data.units import si
 from fraexp.errors import FraexpError, RecordError
-from fraexp.records.clocks import RATES, SAMPLE_TIMES, TIMES
-from fraexp.records.quantities import PURE
-from fraexp.records.repeats import detected_period
-from fraexp.records.source import existing, reader_of
-from fraexp.records.timebase import rate_of
+from fraexp.records.clocks import RATE_NAMES, SAMPLE_TIME_NAMES, TIME_NAMES
+from fraexp.records.quantities import UNITLESS_MARKS
+from fraexp.records.repeats import detect_period
+from fraexp.records.source import existing_file, find_reader
+from fraexp.records.timebase import sample_rate_of
 
-Listing = Callable[[Path], Mapping[str, tuple[tuple[int, ...], str]]]
-"""What a reader may offer as `contents`: sides and unit of all that it can read of a file, by name."""
-WORDS = {
-    "time": TIMES.pattern,
-    "sample rate": rf"{RATES.pattern}|rate",
-    "sample time": rf"{SAMPLE_TIMES.pattern}|t_s",
+ContentLister = Callable[[Path], Mapping[str, tuple[tuple[int, ...], str]]]
+"""Signature of a reader's optional `list_contents`: shape and unit of each variable of a file, by name."""
+NAME_PATTERNS = {
+    "time": TIME_NAMES.pattern,
+    "sample rate": rf"{RATE_NAMES.pattern}|rate",
+    "sample time": rf"{SAMPLE_TIME_NAMES.pattern}|t_s",
     "frequency": r"freq\w*|f_hz",
     "segment": r"level|lvl|segment|step|run|amplitude|ampl?",
     "excitation": r"inj\w*|exc\w*|anreg\w*|dither|perturb\w*|disturb\w*|multisine|chirp|prbs",
@@ -31,32 +32,32 @@ WORDS = {
     "u": r"u\d?|v|volts?|voltage|cmd|control\w*|ctrl|force\w*|kraft|thrust|current|iq\w*|torque|drive|dac\w*|f|fu",
     "y": r"y\d?|x\d?|pos\w*|enc\w*|counts?|inc\w*|scale|laser|disp\w*|angle|theta\w*|acc\w*|vel\w*|resp\w*|weg|ist\w*",
 }
-"""What columns are called, as whole words, by what they probably are."""
-ROLES = {"m": "y", "rad": "y", "m/s": "y", "m/s**2": "y", "N": "u", "A": "u", "V": "u", "N*m": "u", "s": "time"}
-"""What a column with an SI unit probably is."""
-PARTS = re.compile(r"[_.\s\d]+")
-NUMBERED = re.compile(r"^(?P<head>.*?)(?P<number>\d+)(?P<tail>\D*)$")
-CLOCKS = ("sample rate", "sample time")
+"""Usual names of columns, as whole words, by their probable role."""
+UNIT_ROLES = {"m": "y", "rad": "y", "m/s": "y", "m/s**2": "y", "N": "u", "A": "u", "V": "u", "N*m": "u", "s": "time"}
+"""Probable role of a column by its SI unit."""
+NAME_SEPARATORS = re.compile(r"[_.\s\d]+")
+NUMBERED_NAME = re.compile(r"^(?P<head>.*?)(?P<number>\d+)(?P<tail>\D*)$")
+CLOCK_ROLES = ("sample rate", "sample time")
 
 
 @dataclass(frozen=True)
-class Content:
-    """Something in a file that can be read."""
+class FileContent:
+    """A variable of a file."""
 
     name: str
     shape: tuple[int, ...]
     unit: str
     guess: str
-    """What it probably is: a role such as time, u, y, r, excitation, segment; empty if the name tells nothing."""
+    """Its probable role, such as time, u, y, r, excitation or segment; empty if it is unknown."""
 
     @property
     def size(self) -> int:
-        """How many numbers it has."""
+        """Number of values."""
         return int(np.prod(self.shape))
 
     @property
     def column(self) -> str:
-        """How a signal in it is named: an array needs numbers for all sides but samples and periods."""
+        """Name of a signal in it: an array needs an index for each side except samples and periods."""
         sides = [place for place, side in enumerate(self.shape) if side > 1]
         if len(sides) < 2:
             return self.name
@@ -66,82 +67,86 @@ class Content:
 
     @property
     def quantity(self) -> str:
-        """How a channel of it is given, with its unit if the file does not tell one."""
+        """Text of a channel with it, with a unit if the file has none."""
         ending = self.name.rpartition("_")[2]
-        guessed = ENDINGS.get(ending, UNITS.get(self.guess, "UNIT"))
+        guessed = NAME_ENDING_UNITS.get(ending, ROLE_UNITS.get(self.guess, "UNIT"))
         return self.column if self.unit else f"{self.column} [{guessed}]"
 
 
-UNITS = {"time": "s", "frequency": "Hz", "segment": "1"}
-ENDINGS = {unit: unit for unit in ("mm", "um", "nm", "m", "N", "mN", "V", "mV", "A", "mA", "rad", "deg", "s", "ms")}
-ENDINGS |= {"g": "g_0"}
-"""Units with which names end, such as ``force_N``."""
+ROLE_UNITS = {"time": "s", "frequency": "Hz", "segment": "1"}
+NAME_ENDING_UNITS = {
+    unit: unit for unit in ("mm", "um", "nm", "m", "N", "mN", "V", "mV", "A", "mA", "rad", "deg", "s", "ms")
+}
+NAME_ENDING_UNITS |= {"g": "g_0"}
+"""Units at the end of names, such as ``force_N``."""
 
 
-def contents(file: Path, registry: Registry, reader: str = "") -> list[Content]:
-    """Return all that is in a file; RecordError if its reader cannot list it."""
-    path = existing(file)
-    found = reader_of(reader, path, registry)
-    listing: Listing | None = getattr(found, "contents", None)
+def list_contents(file: Path, registry: Registry, reader: str = "") -> list[FileContent]:
+    """Return the variables of a file; RecordError if its reader cannot list them."""
+    path = existing_file(file)
+    found = find_reader(reader, path, registry)
+    listing: ContentLister | None = getattr(found, "contents", None)
     if listing is None:
         raise RecordError(f"{path.name}: reader '{found.name}' cannot list a file; give --channel NAME=COLUMN")
-    all_of = [Content(name, shape, unit, _guess(name, unit, shape)) for name, (shape, unit) in listing(path).items()]
+    all_of = [
+        FileContent(name, shape, unit, _guess_role(name, unit, shape)) for name, (shape, unit) in listing(path).items()
+    ]
     if not all_of:
-        raise RecordError(f"{path.name}: nothing in it can be read; expected columns or variables of numbers")
+        raise RecordError(f"{path.name}: nothing in the file can be read; expected columns or variables of numbers")
     return all_of
 
 
-def _guess(name: str, unit: str, shape: Sequence[int]) -> str:
+def _guess_role(name: str, unit: str, shape: Sequence[int]) -> str:
     single = int(np.prod(shape)) <= 1
     last = name.rpartition(".")[2].lower()
-    for word in (last, *(part for part in PARTS.split(last) if part)):
-        for role, pattern in WORDS.items():
-            if re.fullmatch(pattern, word) and (role in CLOCKS) == single:
+    for word in (last, *(part for part in NAME_SEPARATORS.split(last) if part)):
+        for role, pattern in NAME_PATTERNS.items():
+            if re.fullmatch(pattern, word) and (role in CLOCK_ROLES) == single:
                 return role
     with suppress(FraexpError):
-        if unit.strip() and unit.strip() not in PURE and not single:
-            return ROLES.get(si(unit.strip())[1], "")
+        if unit.strip() and unit.strip() not in UNITLESS_MARKS and not single:
+            return UNIT_ROLES.get(si(unit.strip())[1], "")
     return ""
 
 
-def proposal(file: Path, found: Sequence[Content], registry: Registry) -> str:
-    """Return a command that would import the file; words in capitals are for the user to fill in."""
+def propose_import(file: Path, found: Sequence[FileContent], registry: Registry) -> str:
+    """Return a command that imports the file; the user must replace words in capitals."""
     signals = [one for one in found if one.size > 1]
     longest = max((one.size for one in signals), default=0)
     alike = [one for one in signals if one.size == longest]
-    alike = _columns(alike)
+    alike = _matrix_columns(alike)
     chosen = {role: next((one for one in alike if one.guess == role), None) for role in ("u", "y", "r", "excitation")}
     rest = [one for one in alike if not one.guess]
     for role in ("u", "y"):
         chosen[role] = chosen[role] or (rest.pop(0) if rest else None)
     words = ["fraexp", "import", str(file)]
-    level = _levels(chosen, found)
+    level = _common_levels(chosen, found)
     for role, one in chosen.items():
         if one or role in ("u", "y"):
             name = "reference" if role == "r" else role
-            words += ["--channel", f"{name}={_leveled(one.quantity, level) if one else 'COLUMN [UNIT]'}"]
+            words += ["--channel", f"{name}={_with_level(one.quantity, level) if one else 'COLUMN [UNIT]'}"]
     if level:
         words += [part for number in level for part in ("--level", number)]
-    words += _clock(file, alike, found, registry)
+    words += _clock_options(file, alike, found, registry)
     one = chosen["u"]
-    words += _period(file, one, registry) if one else []
+    words += _period_options(file, one, registry) if one else []
     return shlex.join(words)
 
 
-def _columns(alike: Sequence[Content]) -> list[Content]:
-    """Return the columns of the only variable, if that is a matrix: its channels, most probably."""
+def _matrix_columns(alike: Sequence[FileContent]) -> list[FileContent]:
+    """Return the columns of the only variable if it is a matrix: they are probably the channels."""
     if len(alike) != 1 or len(alike[0].shape) != 2 or min(alike[0].shape) == 1:
         return list(alike)
     one = alike[0]
     count, length = sorted(one.shape)
-    return [Content(f"{one.name}.{number + 1}", (length,), "", "") for number in range(count)]
+    return [FileContent(f"{one.name}.{number + 1}", (length,), "", "") for number in range(count)]
 
 
-def _levels(chosen: Mapping[str, Content | None], found: Sequence[Content]) -> list[str]:
-    """Return the numbers by which names like those chosen differ, if each of these has them all."""
+def _common_levels(chosen: Mapping[str, FileContent | None], found: Sequence[FileContent]) -> list[str]:
+    """Return the numbers in the names of the chosen variables, if each of these exists with all of them."""
     numbers: list[list[str]] = []
     for one in (chosen["u"], chosen["y"]):
-        match = NUMBERED.match(one.name) if one else None
+        match = NUMBERED_NAME.match(one.name) if one else None
         if match is None:
             return []
         others = (re.fullmatch(rf"{re.escape(match['head'])}(\d+){re.escape(match['tail'])}", of.name) for of in found)
@@ -149,41 +154,43 @@ def _levels(chosen: Mapping[str, Content | None], found: Sequence[Content]) -> l
     return numbers[0] if numbers[0] == numbers[1] and len(numbers[0]) > 1 else []
 
 
-def _leveled(text: str, level: Sequence[str]) -> str:
-    match = NUMBERED.match(text.partition("(")[0].partition(" [")[0]) if level else None
+def _with_level(text: str, level: Sequence[str]) -> str:
+    match = NUMBERED_NAME.match(text.partition("(")[0].partition(" [")[0]) if level else None
     return text if match is None else f"{match['head']}{{level}}{match['tail']}{text[match.end() :]}"
 
 
-def _clock(file: Path, alike: Sequence[Content], found: Sequence[Content], registry: Registry) -> list[str]:
+def _clock_options(
+    file: Path, alike: Sequence[FileContent], found: Sequence[FileContent], registry: Registry
+) -> list[str]:
     time = next((one for one in alike if one.guess == "time"), None)
     if time:
         return ["--time", time.quantity]
     for one in found:
-        if one.guess in CLOCKS:
-            value = float(_values(file, one.name, registry)[0])
+        if one.guess in CLOCK_ROLES:
+            value = float(_read_values(file, one.name, registry)[0])
             rate = value if one.guess == "sample rate" else 1 / value if value else 0.0
             if rate > 0:
                 return ["--sample-rate", f"{rate:.10g}"]
     return ["--sample-rate", "HZ"]
 
 
-def _period(file: Path, one: Content, registry: Registry) -> list[str]:
+def _period_options(file: Path, one: FileContent, registry: Registry) -> list[str]:
     sides = [side for side in one.shape if side > 1]
     if len(sides) > 1:
-        return ["--period", str(max(sides))]
-    period = detected_period(_values(file, one.column, registry))
-    return ["--period", str(period)] if period else ["--not-periodic", "--estimator", "sliding_identification"]
+        return ["--samples-per-period", str(max(sides))]
+    period = detect_period(_read_values(file, one.column, registry))
+    return ["--samples-per-period", str(period)] if period else ["--aperiodic", "--estimator", "sliding_identification"]
 
 
-def _values(file: Path, name: str, registry: Registry) -> np.ndarray:
-    path = existing(file)
-    return reader_of("", path, registry).read(path, [name]).columns[name]
+def _read_values(file: Path, name: str, registry: Registry) -> NDArray[np.float64]:
+    path = existing_file(file)
+    return find_reader("", path, registry).read(path, [name]).columns[name]
 
 
-def seems_uneven(file: Path, time: Content, registry: Registry) -> str:
-    """Return what is wrong with a column that is probably the time, or nothing."""
+def clock_fault(file: Path, time: FileContent, registry: Registry) -> str:
+    """Return the fault of a column that is probably the time; empty if there is none."""
     try:
-        rate_of(_values(file, time.name, registry), f"the time in '{time.name}'")
+        sample_rate_of(_read_values(file, time.name, registry), f"the time in '{time.name}'")
     except RecordError as error:
         return str(error)
     return ""

@@ -1,28 +1,29 @@
-"""Which lines of a periodic signal somebody has excited, and which friction, feedback or noise have made."""
+"""Excited lines of a periodic signal, separated from those of friction, feedback and noise."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fraexp.records.cutting import Cut
 
-SIGNIFICANT = 20.0
-"""Power of a line over the variance of its mean from which it is more than noise."""
-NEGLIGIBLE = 1e-3
-"""Amplitude relative to the greatest line below which a line counts as not excited."""
-NOTHING = 1e-9
-"""Amplitude relative to the greatest line that is rounding."""
-STEP = 3.0
+SIGNIFICANCE_RATIO = 20.0
+"""Power of a line relative to the variance of its mean above which it is more than noise."""
+NEGLIGIBLE_RATIO = 1e-3
+"""Amplitude relative to the strongest line below which a line is not excited."""
+ROUNDING_RATIO = 1e-9
+"""Amplitude relative to the strongest line up to which it is rounding."""
+MIN_GAP_RATIO = 3.0
 """Least ratio of amplitudes that separates excited lines from distortion."""
-WEAK = 0.03
-"""Amplitude relative to the median of the excited lines below which a line is far weaker than they are."""
-BESIDE = 5
-"""Lines on either side of the edge of an excited band that show it."""
-SLOPE = 3
-"""Power of the frequency by which an excitation, or what feedback leaves of it, may rise or fall."""
-POOLED = 33
-"""Neighbouring lines whose scatter is looked at together: that of one line may by chance be small."""
+WEAK_RATIO = 0.03
+"""Amplitude relative to the median of the excited lines below which a line is much weaker."""
+EDGE_LINES = 5
+"""Lines on either side of the edge of an excited frequency range that show it."""
+MAX_SLOPE = 3
+"""Power of the frequency with which an excitation under feedback may rise or fall."""
+POOLED_LINES = 33
+"""Neighbouring lines whose scatter is pooled: that of one line may be small by chance."""
 
 
 @dataclass(frozen=True)
@@ -31,83 +32,92 @@ class ExcitedLines:
 
     lines: Sequence[int]
     anywhere: Sequence[int] = ()
-    """Those outside of the band that was asked for as well."""
+    """Excited lines inside and outside of the requested range."""
     left_out: int = 0
-    """How many others stand out of the noise, if there are some that are not far weaker."""
+    """Number of other lines above the noise, if some of them are not much weaker."""
     doubtful: int = 0
-    """How many are far weaker than the others."""
+    """Number of lines that are much weaker than the others."""
 
 
-def injected_lines(blocks: np.ndarray, band: tuple[float, float]) -> ExcitedLines:
+def find_injected_lines(blocks: NDArray[np.float64], band: tuple[float, float]) -> ExcitedLines:
     """Return the lines of a signal that neither friction nor feedback touches, in blocks of shape (blocks, samples).
 
-    All that stands out of its noise and rounding is excited. Rounding repeats itself: below a thousandth of the
+    All lines above its noise and rounding are excited. Rounding repeats itself: below a thousandth of the
     greatest line, lines count if no gap of a factor of 3 parts them from the others.
     """
     amplitude, scatter = line_spectrum(blocks)
     greatest = amplitude.max(initial=0.0)
-    above = (amplitude**2 > SIGNIFICANT * scatter) & (amplitude > NOTHING * greatest)
-    above &= amplitude > _widest_gap(amplitude[above], NEGLIGIBLE * greatest)
+    above = (amplitude**2 > SIGNIFICANCE_RATIO * scatter) & (amplitude > ROUNDING_RATIO * greatest)
+    above &= amplitude > _gap_level(amplitude[above], NEGLIGIBLE_RATIO * greatest)
     lines = np.flatnonzero(above) + 1
-    return ExcitedLines(_within(lines, band), lines.tolist())
+    return ExcitedLines(_lines_within(lines, band), lines.tolist())
 
 
-def detected_lines(blocks: np.ndarray, band: tuple[float, float] = (1, np.inf), stated: bool = False) -> ExcitedLines:
-    """Return the lines that stand out of noise and distortion in the blocks of an input, shape (blocks, samples).
+def find_excited_lines(
+    blocks: NDArray[np.float64], band: tuple[float, float] = (1, np.inf), stated: bool = False
+) -> ExcitedLines:
+    """Return the lines above noise and distortion in the blocks of an input, shape (blocks, samples).
 
-    A controller's input also holds lines that friction has made. Where the lines above the noise fall by more than a
+    A controller's input also contains lines that friction has made. Where the lines above the noise fall by more than a
     factor of 3 from one to the next and stay low, at either end, all beyond is friction's. The others are sorted by
-    amplitude and cut at their widest gap, if that is at least a factor of 3. What lies outside of the band tells of
+    amplitude and cut at their widest gap, if that is at least a factor of 3. Lines outside of the range indicate
     friction within it too, unless both ends of it are `stated`.
     """
     amplitude, scatter = line_spectrum(blocks)
-    significant = (amplitude**2 > SIGNIFICANT * scatter) & (amplitude > NEGLIGIBLE * amplitude.max(initial=0.0))
+    significant = (amplitude**2 > SIGNIFICANCE_RATIO * scatter) & (
+        amplitude > NEGLIGIBLE_RATIO * amplitude.max(initial=0.0)
+    )
     above = np.flatnonzero(significant)
     kept = _between_edges(amplitude, above)
-    kept = kept[amplitude[kept] > _widest_gap(amplitude[kept], np.inf)]
-    weak = WEAK * float(np.median(amplitude[kept])) if kept.size else 0.0
-    lines, others = _within(kept + 1, band), _within(np.setdiff1d(above, kept) + 1, band if stated else (1, np.inf))
-    strong = any(amplitude[line - 1] > weak for line in others) and len(blocks) > 1  # one block does not tell the noise
+    kept = kept[amplitude[kept] > _gap_level(amplitude[kept], np.inf)]
+    weak = WEAK_RATIO * float(np.median(amplitude[kept])) if kept.size else 0.0
+    lines, others = (
+        _lines_within(kept + 1, band),
+        _lines_within(np.setdiff1d(above, kept) + 1, band if stated else (1, np.inf)),
+    )
+    strong = (
+        any(amplitude[line - 1] > weak for line in others) and len(blocks) > 1
+    )  # the noise is unknown with one block
     doubtful = sum(bool(amplitude[line - 1] < weak) for line in lines)
     return ExcitedLines(lines, (kept + 1).tolist(), len(others) if strong else 0, doubtful)
 
 
-def _within(lines: np.ndarray, band: tuple[float, float]) -> list[int]:
+def _lines_within(lines: NDArray[np.intp], band: tuple[float, float]) -> list[int]:
     return [int(line) for line in lines if band[0] <= line <= band[1]]
 
 
-def _widest_gap(amplitude: np.ndarray, highest: float) -> float:
+def _gap_level(amplitude: NDArray[np.float64], highest: float) -> float:
     """Return the level just below the widest gap of the amplitudes, if that is one and lies below `highest`; else 0."""
     levels = np.sort(amplitude)
     ratios = np.where(levels[:-1] < highest, levels[1:] / levels[:-1], 0.0)
-    return float(levels[np.argmax(ratios)]) if ratios.max(initial=0.0) >= STEP else 0.0
+    return float(levels[np.argmax(ratios)]) if ratios.max(initial=0.0) >= MIN_GAP_RATIO else 0.0
 
 
-def _between_edges(amplitude: np.ndarray, lines: np.ndarray) -> np.ndarray:
+def _between_edges(amplitude: NDArray[np.float64], lines: NDArray[np.intp]) -> NDArray[np.intp]:
     """Return those of the lines, as ascending indices, that lie between the edges of the excited band."""
-    lines = lines[: _edge(amplitude[lines], lines + 1)]
-    return lines[lines.size - _edge(amplitude[lines][::-1], (lines + 1)[::-1]) :]
+    lines = lines[: _edge_index(amplitude[lines], lines + 1)]
+    return lines[lines.size - _edge_index(amplitude[lines][::-1], (lines + 1)[::-1]) :]
 
 
-def _edge(amplitude: np.ndarray, frequency: np.ndarray) -> int:
+def _edge_index(amplitude: NDArray[np.float64], frequency: NDArray[np.intp]) -> int:
     """Return how many lines come before the amplitudes fall steeply and stay low; all of them if they do not.
 
     The greatest of all lines beyond is compared with the median of those just before the edge.
     """
     count = amplitude.size
-    if count < 2 * BESIDE:
+    if count < 2 * EDGE_LINES:
         return count
-    before = np.median(np.lib.stride_tricks.sliding_window_view(amplitude, BESIDE), axis=1)[:-BESIDE]
-    last = np.arange(BESIDE - 1, count - BESIDE)  # the line just before the edge
+    before = np.median(np.lib.stride_tricks.sliding_window_view(amplitude, EDGE_LINES), axis=1)[:-EDGE_LINES]
+    last = np.arange(EDGE_LINES - 1, count - EDGE_LINES)  # the line just before the edge
     beyond = np.maximum.accumulate(amplitude[::-1])[::-1][last + 1]
-    turn = frequency[last + 1] / frequency[last - BESIDE // 2]
-    drop = before / beyond / np.maximum(turn, 1 / turn) ** SLOPE
-    drop[amplitude[last] < before / STEP] = 0.0  # such a line is beyond the edge itself
+    turn = frequency[last + 1] / frequency[last - EDGE_LINES // 2]
+    drop = before / beyond / np.maximum(turn, 1 / turn) ** MAX_SLOPE
+    drop[amplitude[last] < before / MIN_GAP_RATIO] = 0.0  # such a line is beyond the edge itself
     steepest = int(np.argmax(drop))
-    return int(last[steepest]) + 1 if drop[steepest] >= STEP else count
+    return int(last[steepest]) + 1 if drop[steepest] >= MIN_GAP_RATIO else count
 
 
-def line_spectrum(blocks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def line_spectrum(blocks: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the amplitude of the mean spectrum from line 1, not scaled, and the variance of that mean.
 
     The variance is that of the line, or that usual around it if that is greater.
@@ -116,26 +126,29 @@ def line_spectrum(blocks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     mean = np.add.reduce(spectra, axis=0) / len(spectra)
     pairs = max(len(spectra) * (len(spectra) - 1), 1)  # one block alone has no scatter
     scatter = np.add.reduce(np.abs(spectra - mean) ** 2, axis=0) / pairs
-    return np.abs(mean), np.maximum(scatter, _pooled(scatter))
+    return np.abs(mean), np.maximum(scatter, _pooled_scatter(scatter))
 
 
-def _pooled(scatter: np.ndarray) -> np.ndarray:
+def _pooled_scatter(scatter: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the median of the scatter of each line and its neighbours."""
-    if scatter.size < POOLED:
+    if scatter.size < POOLED_LINES:
         return np.full(scatter.size, np.median(scatter)) if scatter.size else scatter
-    padded = np.pad(scatter, POOLED // 2, mode="reflect")
-    return np.asarray(np.median(np.lib.stride_tricks.sliding_window_view(padded, POOLED), axis=1))
+    padded = np.pad(scatter, POOLED_LINES // 2, mode="reflect")
+    return np.asarray(np.median(np.lib.stride_tricks.sliding_window_view(padded, POOLED_LINES), axis=1))
 
 
-def power_of_lines(blocks: np.ndarray) -> np.ndarray:
-    """Return the power of each line from 1 that stands out of the noise, not scaled; 0 for the others."""
+def line_power(blocks: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the power of each line from 1 that is above the noise, not scaled; 0 for the others."""
     amplitude, scatter = line_spectrum(blocks)
-    return np.where(amplitude**2 > SIGNIFICANT * scatter, amplitude**2, 0.0)
+    return np.where(amplitude**2 > SIGNIFICANCE_RATIO * scatter, amplitude**2, 0.0)
 
 
-def doubts(cuts: Sequence[Cut]) -> str:
-    """Return a sentence on lines of which the input does not tell surely whether they are excited; or nothing."""
-    remedy = "give the injected signal as channel 'reference' or 'excitation', or state lines, or lowest and highest"
+def describe_doubts(cuts: Sequence[Cut]) -> str:
+    """Return a sentence about lines that may not be excited; empty if there is no doubt."""
+    remedy = (
+        "give the injected signal as channel 'reference' or 'excitation', or give harmonics, or min_frequency and "
+        "max_frequency"
+    )
     worst = max(cuts, key=lambda cut: (cut.left_out, cut.doubtful))
     if worst.left_out:
         return (

@@ -1,4 +1,4 @@
-"""Which harmonics are excited, and whether the input is where the study says."""
+"""Selection of the excited harmonics, and checks of the harmonics that the study states."""
 
 import math
 from collections import Counter
@@ -6,48 +6,54 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fraexp.errors import RecordError
 from fraexp.records.cutting import Cut
 from fraexp.records.excited import (
-    NEGLIGIBLE,
-    NOTHING,
-    SIGNIFICANT,
+    NEGLIGIBLE_RATIO,
+    ROUNDING_RATIO,
+    SIGNIFICANCE_RATIO,
     ExcitedLines,
-    detected_lines,
-    injected_lines,
+    find_excited_lines,
+    find_injected_lines,
+    line_power,
     line_spectrum,
-    power_of_lines,
 )
 from fraexp.records.record_settings import RecordSettings
 
-FEW = 0.2
-"""Share of lines by which realisations of one multisine may seem to differ."""
-SHARE = 0.5
-"""Share of the input's power at the lines of the reference, below which something else excites the machine."""
+MAX_LINE_DIFFERENCE = 0.2
+"""Share of lines in which realisations of one multisine may differ by noise."""
+MIN_POWER_SHARE = 0.5
+"""Share of the input's power at the lines of the reference below which something else excites the machine."""
 
 
-def with_lines(settings: RecordSettings, cut: Cut, values: Mapping[str, np.ndarray], place: str) -> Cut:
-    """Return the cut with its excited harmonics: those stated, else those that stand out of what was injected.
+def select_lines(settings: RecordSettings, cut: Cut, values: Mapping[str, NDArray[np.float64]], place: str) -> Cut:
+    """Return the cut with its excited harmonics: those stated, otherwise those that are found in the injected signal.
 
-    `lines`, or `every` from `lowest` to `highest`, state them; RecordError if nothing is injected there. If no channel
-    holds what was injected, they are looked for in the input, where they must stand out of friction's as well.
+    `harmonics`, or `harmonic_step` from `min_frequency` to `max_frequency`, state them; RecordError if nothing is
+    injected there. Without a channel for the injected signal they are found in the input, where they must be stronger
+    than the lines of friction.
     """
     _check_statement(settings, cut, place)
     last = (cut.samples - 1) // 2
     base = cut.periods / (cut.samples * cut.sample_time)
-    lowest = max(math.ceil((settings.lowest or 0.0) / base - 1e-6), 1)
-    highest = math.floor(settings.highest / base + 1e-6) if settings.highest else last // cut.periods
-    stated = sorted(set(settings.lines or (range(lowest, highest + 1, settings.every) if settings.every else ())))
+    lowest = max(math.ceil((settings.min_frequency or 0.0) / base - 1e-6), 1)
+    highest = math.floor(settings.max_frequency / base + 1e-6) if settings.max_frequency else last // cut.periods
+    stated = sorted(
+        set(
+            settings.harmonics or (range(lowest, highest + 1, settings.harmonic_step) if settings.harmonic_step else ())
+        )
+    )
     lines = [line * cut.periods for line in stated]
     band = (lowest * cut.periods, highest * cut.periods)
-    found = ExcitedLines(lines) if stated else _found(settings, cut, values, band, place)
+    found = ExcitedLines(lines) if stated else _find_lines(settings, cut, values, band, place)
     lines = list(found.lines)
     if not lines or lines[0] < 1 or lines[-1] > last:
         found_text = f"{lines[0] // cut.periods} to {lines[-1] // cut.periods}" if lines else "none"
         raise RecordError(
             f"{place}: the excited harmonics are {found_text}; expected some from 1 to {last // cut.periods} "
-            f"({base:.4g} to {0.5 / cut.sample_time:.4g} Hz): correct lowest and highest, or lines"
+            f"({base:.4g} to {0.5 / cut.sample_time:.4g} Hz): correct min_frequency and max_frequency, or harmonics"
         )
     if stated:
         blocks = cut.blocks_of(values[settings.injected])
@@ -55,32 +61,32 @@ def with_lines(settings: RecordSettings, cut: Cut, values: Mapping[str, np.ndarr
     return replace(cut, lines=tuple(lines), left_out=found.left_out, doubtful=found.doubtful)
 
 
-def _found(
-    settings: RecordSettings, cut: Cut, values: Mapping[str, np.ndarray], band: tuple[int, int], place: str
+def _find_lines(
+    settings: RecordSettings, cut: Cut, values: Mapping[str, NDArray[np.float64]], band: tuple[int, int], place: str
 ) -> ExcitedLines:
-    """Return the lines that are excited within a band, and how sure that is."""
+    """Return the excited lines within a frequency range, with the doubtful ones."""
     name, blocks = settings.injected, cut.blocks_of(values[settings.injected])
     if name == settings.reference:
-        found = detected_lines(blocks, band, stated=bool(settings.lowest and settings.highest))
+        found = find_excited_lines(blocks, band, stated=bool(settings.min_frequency and settings.max_frequency))
     else:
-        found = injected_lines(blocks, band)
+        found = find_injected_lines(blocks, band)
         if name == "reference":
             _check_share(found.anywhere, cut.blocks_of(values[settings.reference]), settings.reference, place)
     if found.anywhere and not found.lines:
         spacing = 1 / (cut.samples * cut.sample_time)
         low, high = (line * spacing for line in (found.anywhere[0], found.anywhere[-1]))
         raise RecordError(
-            f"{place}: none of the excited lines, {low:.4g} to {high:.4g} Hz, is between lowest and highest; "
-            "correct them, or state lines"
+            f"{place}: none of the excited lines, {low:.4g} to {high:.4g} Hz, is between min_frequency and "
+            "max_frequency; correct both, or give harmonics"
         )
     return found
 
 
-def _check_share(lines: Sequence[int], blocks: np.ndarray, name: str, place: str) -> None:
+def _check_share(lines: Sequence[int], blocks: NDArray[np.float64], name: str, place: str) -> None:
     """Raise RecordError if the input has most of its power at other lines than those of the reference."""
-    power = power_of_lines(blocks)
+    power = line_power(blocks)
     share = float(power[np.array(lines, dtype=int) - 1].sum() / power.sum()) if power.any() else 1.0
-    if share < SHARE:
+    if share < MIN_POWER_SHARE:
         raise RecordError(
             f"{place}: '{name}' has {share:.0%} of its power at the {len(lines)} lines of 'reference': something else "
             f"excites the machine; give that as channel 'excitation', or input = '{name}' (--input {name}) to look for "
@@ -91,54 +97,61 @@ def _check_share(lines: Sequence[int], blocks: np.ndarray, name: str, place: str
 def common_lines(cuts: Sequence[Cut]) -> list[Cut]:
     """Return cuts whose lines are those that most of them have, where noise alone makes them differ.
 
-    Realisations are told to be such by equal lines. Where more than a few differ, as with random grids, all is left.
+    Realisations are recognised by equal lines. If more than a few differ, as with random grids, all cuts are kept.
     """
     found = list(cuts)
     for shape in {(cut.samples, cut.sample_time) for cut in cuts}:
         places = [place for place, cut in enumerate(cuts) if (cut.samples, cut.sample_time) == shape]
         counts = Counter(line for place in places for line in cuts[place].lines)
         most = {line for line, count in counts.items() if count > len(places) / 2}
-        if all(len(most.symmetric_difference(cuts[place].lines)) <= FEW * len(most) for place in places):
+        if all(
+            len(most.symmetric_difference(cuts[place].lines)) <= MAX_LINE_DIFFERENCE * len(most) for place in places
+        ):
             for place in places:
                 found[place] = replace(cuts[place], lines=tuple(sorted(most)))
     return found
 
 
 def _check_statement(settings: RecordSettings, cut: Cut, place: str) -> None:
-    if settings.lines and (settings.every or settings.lowest or settings.highest):
-        raise RecordError(f"{place}: lines are given, and lowest, highest or every as well; expected one way")
-    if settings.every and not (settings.lowest and settings.highest):
-        raise RecordError(f"{place}: every is given without lowest and highest; give both, or lines")
-    if settings.highest and settings.highest > 0.5 / cut.sample_time:
+    if settings.harmonics and (settings.harmonic_step or settings.min_frequency or settings.max_frequency):
+        raise RecordError(f"{place}: expected either harmonics, or min_frequency, max_frequency and harmonic_step")
+    if settings.harmonic_step and not (settings.min_frequency and settings.max_frequency):
         raise RecordError(
-            f"{place}: highest is {settings.highest:.4g} Hz; expected at most half the sample rate, "
+            f"{place}: harmonic_step is given without min_frequency and max_frequency; give both, or harmonics"
+        )
+    if settings.max_frequency and settings.max_frequency > 0.5 / cut.sample_time:
+        raise RecordError(
+            f"{place}: max_frequency is {settings.max_frequency:.4g} Hz; expected at most half the sample rate, "
             f"{0.5 / cut.sample_time:.4g} Hz"
         )
-    if settings.lowest and settings.highest and settings.lowest > settings.highest:
+    if settings.min_frequency and settings.max_frequency and settings.min_frequency > settings.max_frequency:
         raise RecordError(
-            f"{place}: lowest is {settings.lowest:g} Hz and highest {settings.highest:g} Hz; expected lowest below"
+            f"{place}: min_frequency is {settings.min_frequency:g} Hz and max_frequency {settings.max_frequency:g} Hz; "
+            "expected the first below"
         )
 
 
-def _check_excited(lines: list[int], blocks: np.ndarray, spacing: float, periods: int, place: str) -> None:
-    """Raise RecordError if a stated line cannot be told from the noise; `spacing` of the block's lines in Hz."""
+def _check_excited(lines: list[int], blocks: NDArray[np.float64], spacing: float, periods: int, place: str) -> None:
+    """Raise RecordError if a stated line is lost in noise; `spacing` is that of the block's lines [Hz]."""
     amplitude, scatter = line_spectrum(blocks)
     stated = np.array(lines) - 1
     others = np.delete(amplitude, stated)
     floor = np.maximum(scatter, np.median(others**2) if others.size else 0.0)[stated]
     share = amplitude[stated] / amplitude.max() if amplitude.any() else amplitude[stated]
-    lost = (share < NEGLIGIBLE) & (amplitude[stated] ** 2 <= SIGNIFICANT * floor) | (share < NOTHING)
+    lost = (share < NEGLIGIBLE_RATIO) & (amplitude[stated] ** 2 <= SIGNIFICANCE_RATIO * floor) | (
+        share < ROUNDING_RATIO
+    )
     if lost.any():
         first = int(np.argmax(lost))
         more = f", nor at {int(lost.sum()) - 1} more of the {len(lines)} stated lines" if lost.sum() > 1 else ""
         raise RecordError(
             f"{place} does not excite {lines[first] * spacing:.6g} Hz (harmonic "
             f"{lines[first] // periods}), with {share[first]:.1e} of the strongest line{more}; "
-            "correct lines, or leave out every"
+            "correct harmonics, or leave out harmonic_step"
         )
 
 
-def check_steps(cuts: list[Cut], channel: np.ndarray, rate: float, name: str, place: str) -> None:
+def check_step_frequencies(cuts: list[Cut], channel: NDArray[np.float64], rate: float, name: str, place: str) -> None:
     """Raise RecordError if in most steps the input is strongest at another frequency than the stated one."""
     wrong = []
     for cut in cuts:

@@ -1,34 +1,35 @@
-"""Figures of stored results: what command line, terminal UI and reports draw, with the plant that was simulated."""
+"""Figures of stored results, with the simulated plant, for the command line, the terminal UI and reports."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fraexp.components.registry import Registry
 from fraexp.data.figure_kinds import AGAINST_PLANT, OF_METRICS
 from fraexp.data.results import Result
 from fraexp.errors import FraexpError, PluginError, StoreError
-from fraexp.figures.elements.bundles import MANY
+from fraexp.figures.elements.bundles import MAX_SINGLE_CURVES
 from fraexp.figures.elements.label_units import label_units
-from fraexp.figures.elements.labels import curve_names, drawn_names, group_names
+from fraexp.figures.elements.labels import curve_names, describe_draws, group_names
 from fraexp.figures.elements.shown import ShownResult
-from fraexp.figures.elements.stamp import digest, is_current
-from fraexp.figures.elements.view import ALL, View
+from fraexp.figures.elements.stamp import is_current, stamp_digest
+from fraexp.figures.elements.view import FULL_VIEW, View
+from fraexp.figures.kinds.bode import Reference
 from fraexp.simulation.machine import reference_response
-from fraexp.store import Store, StoredSweep
+from fraexp.store import Store, StoredSweep, leave_out_damaged
 
-AMPLITUDE = "excitation.amplitude"
-"""Where a study says how strongly is excited."""
+AMPLITUDE_PATH = "excitation.amplitude"
+"""Path of the excitation's amplitude in a study."""
 REFERENCE_POINTS = 800
 """Frequencies at which P(jω) is drawn: enough for a resonance with 1 % damping."""
 
 
 @dataclass(frozen=True)
 class StoredFigures:
-    """Draws stored results with the components that are there now."""
+    """Draws stored results with the present components."""
 
     registry: Registry
 
@@ -39,16 +40,17 @@ class StoredFigures:
         path: Path,
         title: str,
         kind: str = "",
-        tell: Callable[[str], object] = lambda _: None,
-        view: View = ALL,
+        warn: Callable[[str], object] = lambda _: None,
+        view: View = FULL_VIEW,
     ) -> dict[Path, bool]:
         """Draw sweeps into a file for each unit of their responses: the first is `path`, then ``<name>-2`` and so on.
 
-        `kind` is that of the figure, by default what fits the results. `tell` is called with what had to be left
-        out: the plant's own response if its plugin is no longer there. Returns for each file whether it was drawn
-        now or showed them already; nothing if there is nothing to draw.
+        `kind` is the kind of the figure, by default the one that fits the results. `warn` is called with a warning if
+        the response of the plant is left out because its plugin is missing. Returns for each file whether it was drawn
+        now; otherwise it was up to date. No file is drawn if the sweeps have nothing to draw.
         """
         results = store.results(sweep.key for sweep in sweeps)
+        sweeps = leave_out_damaged(sweeps, results, warn)
         groups: dict[str | None, list[StoredSweep]] = {}
         for sweep in sweeps:
             result = results.get(sweep.key)
@@ -61,8 +63,8 @@ class StoredFigures:
         for group in groups.values():
             target = path.with_stem(f"{path.stem}-{len(drawn) + 1}") if drawn else path
             try:
-                drawn[target] = self._draw_group(group, results, target, title, kind, tell, view)
-            except FraexpError as error:  # a kind need not fit what other sweeps of the study have found
+                drawn[target] = self._draw_group(group, results, target, title, kind, warn, view)
+            except FraexpError as error:  # a kind may not fit the results of other sweeps of the study
                 unfit.append(error)
         if unfit and not (drawn and kind):
             raise unfit[0]
@@ -75,73 +77,79 @@ class StoredFigures:
         path: Path,
         title: str,
         kind: str,
-        tell: Callable[[str], object],
+        warn: Callable[[str], object],
         view: View,
     ) -> bool:
         stamp = [f"{sweep.key} {sweep.created} {sorted(sweep.labels.items())}" for sweep in sweeps] + [title]
-        stamp += group_names([sweep.labels for sweep in sweeps]) if len(sweeps) > MANY else []
+        stamp += group_names([sweep.labels for sweep in sweeps]) if len(sweeps) > MAX_SINGLE_CURVES else []
         stamp += [f"as {kind}"] if kind else []
         stamp += view.options()
-        if is_current(path, digest(stamp)):
+        if is_current(path, stamp_digest(stamp)):
             return False
         try:
             reference = self.reference(sweeps, results)
-        except PluginError as error:  # what is stored can be drawn without the plugins that computed it
-            tell(f"the plant's own response is left out: {error}")
+        except PluginError as error:  # results can be drawn without the plugins that computed them
+            warn(f"the plant's own response is left out: {error}")
             reference, stamp = None, [*stamp, "without the plant"]
-        from fraexp.figures.drawing import figure_for, save  # matplotlib: only when something is drawn
+        from fraexp.figures.drawing import draw_figure, save_figure  # matplotlib: only when something is drawn
 
-        shown = self.shown(sweeps, results, kind in AGAINST_PLANT)
-        save(figure_for(shown, reference, title, kind, view), path, stamp)
+        shown = self.shown_results(sweeps, results, kind in AGAINST_PLANT)
+        save_figure(draw_figure(shown, reference, title, kind, view), path, stamp)
         return True
 
-    def shown(
+    def shown_results(
         self, sweeps: Sequence[StoredSweep], results: Mapping[str, Result], fully: bool = True
     ) -> list[ShownResult]:
-        """Return the results of sweeps with their names; `fully`, with P(jω) and the amplitude where they are known."""
+        """Return the results of sweeps with their names; if `fully`, also with P(jω) and the amplitude if known."""
         units = label_units(((s.labels, {**s.experiment, "estimator": s.estimator}) for s in sweeps), self.registry)
         labels, keys = [sweep.labels for sweep in sweeps], [sweep.key[4:12] for sweep in sweeps]
         names, groups = curve_names(labels, keys, units), group_names(labels, units)
         found = [
             (sweep, ShownResult(name, results[sweep.key], group, key=sweep.key, drawn=drawn))
-            for sweep, name, group, drawn in zip(sweeps, names, groups, drawn_names(labels, units), strict=True)
+            for sweep, name, group, drawn in zip(sweeps, names, groups, describe_draws(labels, units), strict=True)
             if sweep.key in results
         ]
         if not fully:
             return [shown for _, shown in found]
-        others = [{path: value for path, value in of.labels.items() if path != AMPLITUDE} for of, _ in found]
+        others = [{path: value for path, value in of.labels.items() if path != AMPLITUDE_PATH} for of, _ in found]
         series = curve_names(others, [""] * len(found), units)
         return [
-            replace(of, truth=self._truth(sweep, of.result), series=name, **self._amplitude(sweep))
+            self._with_amplitude(replace(of, truth=self._truth(sweep, of.result), series=name), sweep)
             for (sweep, of), name in zip(found, series, strict=True)
         ]
 
-    def _truth(self, sweep: StoredSweep, result: Result) -> np.ndarray | None:
-        """Return P(jω) at a result's frequencies if its response is that of a plant that can be made."""
+    def _truth(self, sweep: StoredSweep, result: Result) -> NDArray[np.complex128] | None:
+        """Return P(jω) at the frequencies of a result if its plant is known and its plugin exists."""
         response = result.response
         if response is None or response.unit != "m/N" or "plant" not in sweep.experiment:
             return None
         try:
-            return reference_response(sweep.experiment, response.frequency, self.registry)
-        except PluginError:  # no longer there
+            return reference_response(sweep.experiment, response.frequency, self.registry, response.output)
+        except PluginError:  # its plugin is missing
             return None
 
-    def _amplitude(self, sweep: StoredSweep) -> dict[str, Any]:
+    def _with_amplitude(self, shown: ShownResult, sweep: StoredSweep) -> ShownResult:
         value = sweep.experiment.get("excitation", {}).get("amplitude")
         if isinstance(value, bool) or not isinstance(value, int | float):
-            return {}
-        unit = label_units([({AMPLITUDE: value}, sweep.experiment)], self.registry).get(AMPLITUDE, "")
-        return {"amplitude": float(value), "amplitude_unit": unit}
+            return shown
+        unit = label_units([({AMPLITUDE_PATH: value}, sweep.experiment)], self.registry).get(AMPLITUDE_PATH, "")
+        return replace(shown, amplitude=float(value), amplitude_unit=unit)
 
-    def reference(
-        self, sweeps: Sequence[StoredSweep], results: Mapping[str, Result]
-    ) -> tuple[str, np.ndarray, np.ndarray] | None:
-        """Return label, frequency [Hz] and P(jω) [m/N] if all sweeps are simulations of the same plant in this unit."""
+    def reference(self, sweeps: Sequence[StoredSweep], results: Mapping[str, Result]) -> Reference | None:
+        """Return label, frequency [Hz] and P(jω) [m/N] if all sweeps show the same response of the same plant."""
         responses = [results[sweep.key].response for sweep in sweeps]
-        frequencies = [response.frequency for response in responses if response and response.unit == "m/N"]
-        plants = [sweep.experiment.get("plant") for sweep in sweeps]
-        if not frequencies or plants[0] is None or any(plant != plants[0] for plant in plants):
+        shown = [response for response in responses if response and response.unit == "m/N"]
+        frequencies, outputs = [response.frequency for response in shown], {response.output for response in shown}
+        plants = [(sweep.experiment.get("plant"), *_ports_of_loop(sweep)) for sweep in sweeps]
+        if len(outputs) != 1 or plants[0][0] is None or any(plant != plants[0] for plant in plants):
             return None
         everything = np.concatenate(frequencies)
         frequency = np.geomspace(everything.min(), everything.max(), REFERENCE_POINTS)
-        return "P(s), linear plant", frequency, reference_response(sweeps[0].experiment, frequency, self.registry)
+        plant = reference_response(sweeps[0].experiment, frequency, self.registry, outputs.pop())
+        return "P(s), linear plant", frequency, plant
+
+
+def _ports_of_loop(sweep: StoredSweep) -> tuple[object, object]:
+    """Return the names of thrust and position that the loop uses; None for the plant's first."""
+    loop = sweep.experiment.get("loop", {})
+    return loop.get("thrust"), loop.get("position")

@@ -1,170 +1,250 @@
 """The loop's linear part over one sample, exactly: any dead time, first-order lags, friction linear in the step."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from fraexp.components.kinds import FrictionModel, StateSpace
-from fraexp.errors import ParameterError
+from fraexp.components.ports import Ports
 
 TAYLOR_TERMS = 16
-"""Terms of e^M for a norm of a half: the next one is 1e-20."""
+"""Terms of the series of e^M where the norm of M is a half or less: the next one is 1e-20."""
 TIME_DIGITS = 15
 """Decimals [s] to which two instants of a sample are the same."""
-Path = tuple[float, tuple[float, ...]]
-"""Dead time [s] and time constants of first-order lags [s]."""
 
 
-class Discrete(NamedTuple):
-    """The loop over one sample of m steps: n states, two input values, m + 1 friction forces."""
+class SignalPath(NamedTuple):
+    """What delays a signal between controller and plant."""
 
-    displacement: np.ndarray
-    """Rows that give the displacement at each step's end from state and inputs, shape (m, n + 2)."""
-    compliance: np.ndarray
-    """Displacement at each step's end that the forces at the steps' bounds take away, shape (m, m + 1)."""
-    measured: np.ndarray
-    """Row that gives the next measured position from state, inputs and forces, shape (n + m + 3,)."""
-    transition: np.ndarray
-    """Rows that give the next state from state, inputs and forces, shape (n, n + m + 3)."""
-    numerator: np.ndarray
+    dead_time: float
+    """Dead time [s]."""
+    lags: tuple[float, ...]
+    """Time constants of first-order lags [s]."""
+
+
+class DiscreteLoop(NamedTuple):
+    """The loop over one sample of m steps: n states, two input values, and c contacts with m + 1 friction forces each.
+
+    Displacements and forces of a step stand together, those of the contacts one after another. For friction that is a
+    law of velocity the rows of the displacement at each step's end, and what forces take away there, are those of the
+    velocity; each force is held over the step that ends with it, and the first has no effect.
+    """
+
+    displacement: NDArray[np.float64]
+    """Rows that give the displacements at each step's end from state and inputs, shape (m c, n + 2)."""
+    compliance: NDArray[np.float64]
+    """Displacements at each step's end that the forces at the steps' bounds take away [m/N], shape (m c, (m + 1) c)."""
+    measured: NDArray[np.float64]
+    """Rows that give the next measured positions from state, inputs and forces, shape (p, n + 2 + (m + 1) c)."""
+    transition: NDArray[np.float64]
+    """Rows that give the next state from state, inputs and forces, shape (n, n + 2 + (m + 1) c)."""
+    contacts: int
+    """Number c of contacts."""
+    numerator: NDArray[np.float64]
     """C(z) in ascending powers of z⁻¹ [N/m], shape (p,)."""
-    denominator: np.ndarray
+    denominator: NDArray[np.float64]
     """Ascending powers of z⁻¹, starting with 1, shape (p,)."""
+    present: NDArray[np.float64]
+    """Row that gives the present displacement from the state, shape (1, n); empty, (0, n), if contacts hold it."""
 
     @property
-    def constants(self) -> tuple[np.ndarray, ...]:
-        """What the kernel multiplies with: for each step's displacement, the next measurement and the next state.
+    def constants(self) -> tuple[NDArray[np.float64], ...]:
+        """Constants of the kernel: three matrices of the linear part, then numerator and denominator of C(z).
 
-        Known before the sample is run are state, inputs and the first force: their rows; then what the forces in the
-        sample add to displacements, shape (m, m), and to measurement and state, shape (n + 1, m); then C(z).
+        State, inputs and the first force are known before the sample is run: the first matrix gives what they
+        contribute to each step's displacements, the next measurements and the next state, shape
+        (m c + p + n, n + 2 + c). The others give what the forces within the sample add to displacements, shape
+        (m c, m c), and to measurements and state, shape (p + n, m c).
         """
-        known = self.displacement.shape[1] + 1
+        known = self.displacement.shape[1] + self.contacts
         after = np.vstack([self.measured, self.transition])
-        before = np.hstack([self.displacement, -self.compliance[:, :1]])
-        matrix = np.vstack([before, after[:, :known]])
-        return matrix, -self.compliance[:, 1:], after[:, known:], self.numerator, self.denominator
+        before = np.hstack([self.displacement, -self.compliance[:, : self.contacts]])
+        present = np.hstack([self.present, np.zeros((len(self.present), 2 + self.contacts))])
+        matrix = np.vstack([before, after[:, :known], present])
+        return matrix, -self.compliance[:, self.contacts :], after[:, known:], self.numerator, self.denominator
 
     @property
-    def gain(self) -> float:
-        """Displacement at a step's end that the force there takes away [m/N]."""
-        return float(self.compliance[0, 1])
+    def positions(self) -> int:
+        """Number p of measured positions; the first is fed back."""
+        return int(self.measured.shape[0])
+
+    @property
+    def steps(self) -> int:
+        """Steps per sample."""
+        return int(self.compliance.shape[0]) // self.contacts
+
+    @property
+    def step_compliance(self) -> NDArray[np.float64]:
+        """Displacements at a step's end that the forces there take away [m/N], shape (c, c)."""
+        return self.compliance[: self.contacts, self.contacts : 2 * self.contacts]
 
 
 def discretise(
-    plant: StateSpace,
-    friction: FrictionModel,
-    controller: tuple[np.ndarray, np.ndarray],
+    plant: Ports,
+    viscous: Mapping[str, float],
+    controller: tuple[NDArray[np.float64], NDArray[np.float64]],
     *,
     sample_time: float,
     steps: int,
-    input_path: Path,
-    output_path: Path,
-) -> Discrete:
-    """Return the constants of the loop."""
-    a, drive, force, displacement, measured = _with_lags(plant, friction.viscous, input_path[1], output_path[1])
-    n, step = a.shape[0], sample_time / steps
-    late_in, late_out = split(input_path[0], sample_time)[1], split(output_path[0], sample_time)[1]
+    is_force_held: bool,
+    input_path: SignalPath,
+    output_path: SignalPath,
+) -> DiscreteLoop:
+    """Return the constants of the loop that the plant's first thrust and first position close.
 
-    instants = [bound * step for bound in range(steps + 1)]
-    reached = [*instants[1:], sample_time - late_out]
-    times = sorted({_rounded(time - since) for time in reached for since in (0.0, late_in, *instants)})
-    responses = zip(*_integrals(a, np.column_stack([drive, force]), times), strict=True)
-    known = dict(zip(times, responses, strict=True))
+    `viscous` has the viscous coefficient [N s/m] of each contact. Raises ParameterError for a plant whose velocity
+    jumps with a force.
+    """
+    part = _join_lags(plant, viscous, input_path.lags, output_path.lags)
+    n, step, contacts = part.a.shape[0], sample_time / steps, part.force.shape[1]
+    late_in = split_dead_time(input_path.dead_time, sample_time).rest
+    late_out = split_dead_time(output_path.dead_time, sample_time).rest
 
-    def after(time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        return known[_rounded(time)]
+    # All instants at which the state is needed, and all from which an input acts: each difference is computed once.
+    starts = [bound * step for bound in range(steps + 1)]
+    instants = [*starts[1:], sample_time - late_out]
+    times = sorted({_round_time(time - since) for time in instants for since in (0.0, late_in, *starts)})
+    responses = zip(*_integrals(part.a, np.column_stack([part.drive, part.force]), times), strict=True)
+    response_at = {time: _Responses(*response) for time, response in zip(times, responses, strict=True)}
 
-    def columns(time: float) -> np.ndarray:
-        """State after `time` in the sample, from its begin's state, two inputs and all forces, (n, n + 3 + steps)."""
-        effect = np.zeros((n, n + 3 + steps))
-        transition, held, _ = after(time)
-        later = after(time - late_in)[1]
+    def response_after(time: float) -> _Responses:
+        return response_at[_round_time(time)]
+
+    def effects_at(time: float) -> NDArray[np.float64]:
+        """Return what states, two inputs and all forces contribute to the state at `time`.
+
+        Its shape is (n, n + 2 + contacts (steps + 1)).
+        """
+        effect = np.zeros((n, n + 2 + contacts * (steps + 1)))
+        transition, held, _ = response_after(time)
+        later = response_after(time - late_in).step
         effect[:, :n], effect[:, n], effect[:, n + 1] = transition, held[:, 0] - later[:, 0], later[:, 0]
+        forces = effect[:, n + 2 :].reshape(n, steps + 1, contacts)
         for j in range(steps):  # the force goes from one bound's value to the next one's, then has no effect of its own
-            _, held_begin, ramp_begin = after(time - j * step)
-            _, held_end, ramp_end = after(time - (j + 1) * step)
-            rising = (ramp_begin - ramp_end) / step - held_end
-            effect[:, n + 2 + j] -= (held_begin - held_end - rising)[:, 1]
-            effect[:, n + 3 + j] -= rising[:, 1]
+            _, held_begin, ramp_begin = response_after(time - j * step)
+            _, held_end, ramp_end = response_after(time - (j + 1) * step)
+            rising = held_begin - held_end if is_force_held else (ramp_begin - ramp_end) / step - held_end
+            forces[:, j] -= (held_begin - held_end - rising)[:, 1:]
+            forces[:, j + 1] -= rising[:, 1:]
         return effect
 
-    ends = np.array([displacement @ columns((j + 1) * step) for j in range(steps)])
-    size = max(controller[0].size, controller[1].size)
+    rows = part.displacement @ part.a if is_force_held else part.displacement  # c·b = 0: c·a is the velocity
+    ends = np.concatenate([rows @ effects_at((j + 1) * step) for j in range(steps)])
+    size = max(coefficients.size for coefficients in controller)
     numerator, denominator = (np.concatenate([c, np.zeros(size - c.size)]) for c in controller)
-    return Discrete(
+    return DiscreteLoop(
         displacement=ends[:, : n + 2],
         compliance=-ends[:, n + 2 :],
-        measured=measured @ columns(sample_time - late_out),  # the instant whose position is sampled next
-        transition=columns(sample_time),
+        measured=part.measured @ effects_at(sample_time - late_out),  # the instant whose positions are sampled next
+        transition=effects_at(sample_time),
+        contacts=contacts,
         numerator=numerator,
         denominator=denominator,
+        present=part.displacement if is_force_held else np.empty((0, n)),
     )
 
 
-def split(dead_time: float, sample_time: float) -> tuple[int, float]:
-    """Return the whole samples of a dead time, and the rest [s]."""
-    whole = int(np.floor(dead_time / sample_time + 1e-9))
-    return whole, max(dead_time - whole * sample_time, 0.0)
+class DeadTime(NamedTuple):
+    """A dead time, split at the sample time."""
+
+    samples: int
+    """Whole samples."""
+    rest: float
+    """What is left of it [s]."""
 
 
-def _with_lags(
-    plant: StateSpace, viscous: float, lags_in: tuple[float, ...], lags_out: tuple[float, ...]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return a, the columns of control input and friction force, the rows of displacement and measured position.
+def split_dead_time(dead_time: float, sample_time: float) -> DeadTime:
+    """Return a dead time as whole samples and a rest; a rest that is rounding alone counts as none."""
+    samples = int(np.floor(dead_time / sample_time + 1e-9))
+    return DeadTime(samples, max(dead_time - samples * sample_time, 0.0))
 
-    Viscous friction is linear and therefore part of a; the velocity is c·a·x, as c·b = 0 for any P of relative
-    degree 2.
+
+class _LinearPart(NamedTuple):
+    """Plant and lags in one state space, with n states in all."""
+
+    a: NDArray[np.float64]
+    """State matrix, shape (n, n)."""
+    drive: NDArray[np.float64]
+    """Column of the control input, shape (n,)."""
+    force: NDArray[np.float64]
+    """Columns of the contacts' friction forces, shape (n, contacts)."""
+    displacement: NDArray[np.float64]
+    """Rows of the contacts' displacements, shape (contacts, n)."""
+    measured: NDArray[np.float64]
+    """Rows of the measured positions, that which is fed back first, shape (positions, n)."""
+
+
+def _join_lags(
+    plant: Ports,
+    viscous: Mapping[str, float],
+    lags_in: tuple[float, ...],
+    lags_out: tuple[float, ...],
+) -> _LinearPart:
+    """Return plant, viscous friction and lags in one state space.
+
+    Viscous friction is linear and therefore part of a; the velocity is d·a·x, as d·b = 0 for a relative degree of 2.
     """
-    if abs(plant.c @ plant.b) > 1e-9 * np.linalg.norm(plant.c) * np.linalg.norm(plant.b):
-        raise ParameterError(
-            "the plant's displacement jumps in velocity with the thrust; expected a relative degree of 2"
-        )
-    n, p, q = plant.b.size, len(lags_in), len(lags_out)
-    a = np.zeros((n + p + q, n + p + q))
-    a[:n, :n] = plant.a - viscous * np.outer(plant.b, plant.c @ plant.a)
-    drive, force = np.zeros(n + p + q), np.zeros(n + p + q)
-    displacement = np.zeros(n + p + q)
-    displacement[:n] = plant.c
-    force[:n] = plant.b
+    plant.check()
+    positions = plant.measured
+    n, p, q, count = plant.a.shape[0], len(lags_in), len(lags_out), len(positions)
+    size = n + p + q * count
+    a, drive = np.zeros((size, size)), np.zeros(size)
+    force, displacement = np.zeros((size, len(plant.contacts))), np.zeros((len(plant.contacts), size))
+    a[:n, :n] = plant.a
+    for k, (name, contact) in enumerate(plant.contacts.items()):
+        a[:n, :n] -= viscous[name] * np.outer(contact.force, contact.displacement @ plant.a)
+        force[:n, k], displacement[k, :n] = contact.force, contact.displacement
     for i, constant in enumerate(lags_in):
         a[n + i, n + i] = -1 / constant
         if i:
             a[n + i, n + i - 1] = 1 / constant
     if p:
-        a[:n, n + p - 1] = plant.b
+        a[:n, n + p - 1] = plant.drive
         drive[n] = 1 / lags_in[0]
     else:
-        drive[:n] = plant.b
+        drive[:n] = plant.drive
+    measured = np.zeros((count, size))
+    measured[:, :n] = positions
     for i, constant in enumerate(lags_out):
-        a[n + p + i, n + p + i] = -1 / constant
-        source = displacement if i == 0 else np.eye(n + p + q)[n + p + i - 1]
-        a[n + p + i] += source / constant
-    measured = np.eye(n + p + q)[-1] if q else displacement
-    return a, drive, force, displacement, measured
+        first = n + p + i * count
+        states = range(first, first + count)
+        a[first : first + count] += measured / constant
+        a[states, states] -= 1 / constant
+        measured = np.eye(size)[first : first + count]
+    return _LinearPart(a, drive, force, displacement, measured)
 
 
-def _rounded(time: float) -> float:
-    """Return a time of 0 s at least, such that the same instant reached in another way is the same number."""
+def _round_time(time: float) -> float:
+    """Return a time, 0 s or later, rounded such that one instant is one number however it was computed."""
     return max(round(time, TIME_DIGITS), 0.0)
 
 
-def _integrals(a: np.ndarray, b: np.ndarray, times: Sequence[float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return e^(at), and the responses to a unit step and a unit ramp of each input (Van Loan, 1978), at times [s].
+class _Responses(NamedTuple):
+    """How a state responds, at one time or, with a leading axis, at several."""
 
-    Their shapes are (times, n, n), (times, n, inputs) and (times, n, inputs).
-    """
+    transition: NDArray[np.float64]
+    """e^(at), shape (n, n)."""
+    step: NDArray[np.float64]
+    """Response to a unit step of each input, shape (n, inputs)."""
+    ramp: NDArray[np.float64]
+    """Response to a unit ramp of each input, shape (n, inputs)."""
+
+
+def _integrals(a: NDArray[np.float64], b: NDArray[np.float64], times: Sequence[float]) -> _Responses:
+    """Return the responses at times [s], each with a leading axis of times: C. F. Van Loan, IEEE TAC 23, 1978."""
     n, inputs = b.shape
     block = np.zeros((n + 2 * inputs, n + 2 * inputs))
     block[:n, :n], block[:n, n : n + inputs], block[n : n + inputs, n + inputs :] = a, b, np.eye(inputs)
     result = _exponentials(block * np.array(times)[:, None, None])
-    return result[:, :n, :n], result[:, :n, n : n + inputs], result[:, :n, n + inputs :]
+    return _Responses(result[:, :n, :n], result[:, :n, n : n + inputs], result[:, :n, n + inputs :])
 
 
-def _exponentials(matrices: np.ndarray) -> np.ndarray:
+def _exponentials(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return e^M of each matrix by scaling, Taylor's series and squaring, shape (count, n, n).
 
-    As exact as scipy's for these matrices, all at once, and without its fifth of a second of import.
+    For these matrices it is as exact as scipy's function, takes all of them at once, and saves the fifth of a second
+    that scipy takes to be imported.
     """
     norm = max(float(np.abs(matrices).sum(axis=1).max()), 1e-300)
     squarings = max(0, int(np.ceil(np.log2(norm))) + 1)

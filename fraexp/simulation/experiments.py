@@ -1,29 +1,25 @@
-"""Experiments on loops, run side by side: from machines and periods to segments."""
+"""Experiments on the loop: a machine made ready, one period of an excitation on it, and both counted in samples."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fraexp.components.kinds import FrictionModel, Period, Schedule
 from fraexp.components.parameters import Parameters, param
 from fraexp.data.signals import Segment, Settling
-from fraexp.errors import ParameterError
-from fraexp.simulation.discretisation import Discrete
+from fraexp.simulation.discretisation import DiscreteLoop
 
 if TYPE_CHECKING:
-    from fraexp.kernels.batch import KernelBatch, Laws
+    from fraexp.kernels.loop_laws import Laws
 
-LEAST_COMPARED = 0.1
-"""Time [s] over which periods are compared at least: at 200 Hz a slow transient hardly changes in one period."""
-AT_ONCE = 1_000_000
-"""Steps after which a long experiment shows that it is alive, and can be stopped."""
-REMEMBERED = 4_000_000
-"""Measured positions that a lane remembers at most, but for the stretches that it compares and records."""
-MOST_POOLED = 1 << 24
-"""Numbers of results that are kept together, at most."""
-Progress = Callable[[float], None]
+MIN_WINDOW_S = 0.1
+"""Shortest time [s] over which two windows are compared: at 200 Hz a slow transient hardly changes in one period."""
+QUICK_SETTLING_WINDOWS = 4
+"""Windows that a machine needs which settles quickly."""
 
 
 class Compensation(Parameters):
@@ -37,353 +33,203 @@ class Compensation(Parameters):
         return float(self.gain), float(self.friction.viscous), float(sample_time), self.friction.law_arguments()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Setup:
-    """A machine made ready: its loop in numbers. Those of one batch differ in these numbers alone."""
+    """A machine made ready: its loop in numbers. Those of one batch differ in these numbers alone.
 
-    friction: FrictionModel
-    discrete: Discrete
+    Two setups are equal only if they are one object: arrays have no single truth value to compare by, and experiments
+    on the same machine share its setup.
+    """
+
+    frictions: Mapping[str, FrictionModel]
+    """Friction model of each contact, by its name."""
+    positions: tuple[str, ...]
+    """Names of the measured positions; the first is fed back."""
+    discrete: DiscreteLoop
     sample_time: float
-    dead_samples: tuple[int, int]
-    """Whole samples of dead time before the thrust and before the measurement."""
+    """Sample time of the controller [s]."""
+    input_delay: int
+    """Whole samples of dead time before the thrust."""
+    output_delay: int
+    """Whole samples of dead time before the measurement."""
     delay: float
-    """Time that a change of the control input needs to be seen in the measured position [s]."""
+    """Time [s] after which a change of the control input shows in the measured position."""
     reference: float
     """Position reference [m]."""
     resolution: float
-    """Of the scale [m]."""
-    noise: float
-    """Standard deviation of the scale's noise [m]."""
+    """Quantisation step of the encoder [m]."""
+    noise_std: float
+    """Standard deviation of the encoder's noise [m]."""
     seed: int
-    stroke: float
+    """Seed of the encoder's noise."""
+    divergence_limit: float
     """Displacement that counts as diverged [m]."""
-    wide: bool
-    """Whether experiments are run in lanes."""
+    is_vectorised: bool
+    """Whether experiments run side by side, with explicit friction; else one by one, with implicit friction."""
     compensation: Compensation | None = None
 
-    @property
-    def channels(self) -> int:
-        """Number of channels that are recorded."""
-        return 5 if self.compensation else 4
+    @cached_property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the channels that are recorded; the first is the measured position that is fed back."""
+        return (
+            "y",
+            "u",
+            *(of_contact("displacement", name, self.frictions) for name in self.frictions),
+            *(of_contact("friction", name, self.frictions) for name in self.frictions),
+            *(f"y.{name}" for name in self.positions[1:]),
+            *(("compensation",) if self.compensation else ()),
+        )
+
+    @cached_property
+    def constants(self) -> tuple[NDArray[np.float64], ...]:
+        """Constants of the loop that the kernel takes."""
+        return self.discrete.constants
+
+    @cached_property
+    def state_size(self) -> int:
+        """Number of states of all friction laws."""
+        return sum(model.state_size for model in self.frictions.values())
+
+    @cached_property
+    def law_arguments(self) -> tuple[Any, ...]:
+        """Arguments that the kernel takes for the friction law, or for the one that chooses from several."""
+        from fraexp.kernels.contact_law import chosen_arguments
+
+        models = list(self.frictions.values())
+        return chosen_arguments([model.state_size for model in models], [model.law_arguments() for model in models])
 
     @property
-    def feedback_arguments(self) -> tuple[Any, ...]:
-        """What the kernel takes for the compensation; nothing without one."""
+    def compensation_arguments(self) -> tuple[Any, ...]:
+        """Arguments that the kernel takes for the compensation; none without one."""
         return self.compensation.law_arguments(self.sample_time) if self.compensation else ()
 
     @property
     def laws(self) -> "Laws":
-        """What is compiled for it."""
-        from fraexp.kernels.batch import Laws
-        from fraexp.kernels.law_arguments import structure
+        """Laws that are compiled for it."""
+        from fraexp.kernels.contact_law import chosen_law
+        from fraexp.kernels.law_arguments import argument_kinds
+        from fraexp.kernels.loop_laws import Laws
 
-        alone = Laws(self.friction.law, structure(self.friction.law_arguments()))
+        kinds, velocity_law = argument_kinds(self.law_arguments), set_valued_law(self.frictions)
+        models = list(self.frictions.values())
+        law = models[0].law if len(models) == 1 else chosen_law([model.law for model in models])
+        laws = Laws(velocity_law or law, kinds, is_velocity_law=velocity_law is not None, contacts=len(models))
         if self.compensation is None:
-            return alone
-        return alone._replace(
-            observer_law=self.compensation.friction.law, observer_kinds=structure(self.feedback_arguments)
+            return laws
+        return laws._replace(
+            compensation_law=self.compensation.friction.law,
+            compensation_kinds=argument_kinds(self.compensation_arguments),
         )
 
     @property
     def steps(self) -> int:
         """Steps per sample."""
-        return int(self.discrete.compliance.shape[0])
+        return self.discrete.steps
 
     @property
     def numerics(self) -> str:
-        """How it is computed, in words."""
-        way = "force at the predicted displacement, in lanes" if self.wide else "force solved for implicitly"
+        """How it is computed, in words; stored with each sweep."""
+        way = "force at the predicted displacement, in lanes" if self.is_vectorised else "force solved for implicitly"
+        if set_valued_law(self.frictions):
+            way = "stick and slip within the step" + (", in lanes" if self.is_vectorised else "")
         return f"{self.steps} step{'s' if self.steps > 1 else ''} per sample, {way}"
+
+
+def of_contact(channel: str, contact: str, contacts: Collection[str]) -> str:
+    """Return the name of a channel of one contact; where there is only one, that of the channel alone."""
+    return channel if len(contacts) == 1 else f"{channel}.{contact}"
+
+
+def set_valued_law(frictions: Mapping[str, FrictionModel]) -> Callable[..., float] | None:
+    """Return the law of velocity that is solved for stick and slip; None with several contacts, which need not be."""
+    models = list(frictions.values())
+    return models[0].velocity_law if len(models) == 1 else None
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """One period of an excitation on a machine, from rest until it repeats itself, and then recorded."""
+    """One period of an excitation on a machine, repeated from rest until the motion is periodic, and then recorded."""
 
     setup: Setup
     period: Period
     schedule: Schedule
     number: int
-    """Among those of its sweep: noise differs from one to the next."""
-
-
-def run(experiments: Sequence[Experiment], progress: Progress) -> list[Segment | None]:
-    """Return what each experiment recorded, in their order; None where the loop diverged.
-
-    `progress` is told the fraction done.
-    """
-    from fraexp.kernels import batch as kernel  # numba: imported only where a loop is run
-
-    plans = [_Plan.of(experiment) for experiment in experiments]
-    order = sorted(range(len(plans)), key=lambda k: -plans[k].expected)  # the longest first: lanes end together
-    plans = [plans[k] for k in order]
-    setup = experiments[0].setup
-    work, laws, budget = prepare(plans, setup), setup.laws, max(AT_ONCE // setup.steps, 1)
-    results = work.results
-    weights = np.array([plan.expected for plan in plans]) / sum(plan.expected for plan in plans)
-    pools: list[np.ndarray] = []
-    owner = np.full(len(plans), -1)
-    status = kernel.FULL
-    while status != kernel.DONE:
-        if status == kernel.FULL:
-            pools.append(np.empty(_room(plans, work, pools)))
-            work.queue["used"] = 0
-        status = kernel.advance(laws, setup.wide, work, pools[-1], budget)
-        owner[(results["place"] >= 0) & (owner < 0)] = len(pools) - 1
-        progress(_share(weights, plans, work))
-    segments: list[Segment | None] = [None] * len(plans)
-    for number, plan in enumerate(plans):
-        if results["place"][number] >= 0:
-            segments[order[number]] = plan.segment(results[number], pools[owner[number]])
-    return segments
+    """Index among the experiments of its sweep: the noise differs from one to the next."""
 
 
 @dataclass(frozen=True)
-class _Plan:
+class ExperimentPlan:
     """An experiment, counted in samples."""
 
     experiment: Experiment
     ramp: int
-    stretch: int
-    limit: int
-    count: int
+    """Samples before windows are compared."""
+    window: int
+    """Samples of a window, which is compared with the one before; 0 to record from the start."""
+    settling_limit: int
+    """Samples after which settling is given up."""
+    periods: int
     """Periods that are recorded."""
     record: int
     """Samples that are recorded."""
-    base: float
-    rate: float
+    start_amplitude: float
+    """Relative amplitude at the start."""
+    amplitude_rise: float
+    """Rise of the relative amplitude per sample."""
 
     @classmethod
-    def of(cls, experiment: Experiment) -> "_Plan":
+    def from_experiment(cls, experiment: Experiment) -> "ExperimentPlan":
+        """Return the plan of an experiment."""
         setup, schedule = experiment.setup, experiment.schedule
-        block, sample_time = experiment.period.waveform.size, setup.sample_time
-        count = max(schedule.periods, int(np.ceil(schedule.record_time / (block * sample_time))), 1)
-        if schedule.settle_limit == 0:  # the transient itself is asked for
-            return cls(experiment, 0, 0, 0, count, count * block, 1.0, 0.0)
+        period, sample_time = experiment.period.waveform.size, setup.sample_time
+        periods = max(schedule.recorded_periods, int(np.ceil(schedule.min_record_time / (period * sample_time))), 1)
+        if schedule.settling_timeout == 0:  # the transient itself is wanted
+            return cls(experiment, 0, 0, 0, periods, periods * period, 1.0, 0.0)
         ramp = int(np.ceil((schedule.ramp + setup.delay) / sample_time))
-        # what the loop has not yet heard of cannot show: a stretch lasts a turn of it at least
-        stretch = block * max(1, int(np.ceil(max(LEAST_COMPARED, setup.delay) / (block * sample_time))))
-        limit = int(np.ceil(schedule.settle_limit / sample_time))
-        rising = (0.0, sample_time / schedule.ramp) if schedule.ramp else (1.0, 0.0)
-        return cls(experiment, ramp, stretch, limit, count, count * block, *rising)
+        # A change cannot show before it has gone once around the loop: a window lasts at least as long.
+        window = period * max(1, int(np.ceil(max(MIN_WINDOW_S, setup.delay) / (period * sample_time))))
+        settling_limit = int(np.ceil(schedule.settling_timeout / sample_time))
+        start_amplitude, rise = (0.0, sample_time / schedule.ramp) if schedule.ramp else (1.0, 0.0)
+        return cls(experiment, ramp, window, settling_limit, periods, periods * period, start_amplitude, rise)
 
     @property
-    def longest(self) -> int:
-        """Samples from rest to the end of the record at most."""
-        return self.ramp + max(self.limit, 2 * self.stretch) + self.stretch + self.record
+    def max_samples(self) -> int:
+        """Greatest number of samples from rest to the end of the record."""
+        return self.ramp + max(self.settling_limit, 2 * self.window) + self.window + self.record
 
     @property
-    def expected(self) -> int:
-        """Samples that a machine takes which settles soon."""
-        return self.ramp + 4 * self.stretch + (self.record if self.record > self.stretch else 0)
+    def expected_samples(self) -> int:
+        """Samples that a machine takes which settles quickly."""
+        own_record = self.record if self.record > self.window else 0
+        return self.ramp + QUICK_SETTLING_WINDOWS * self.window + own_record
 
     @property
-    def floor(self) -> float:
-        """Difference of two stretches that scale and noise alone explain [m]."""
+    def noise_floor(self) -> float:
+        """Difference of two windows that encoder and noise alone explain [m]."""
         setup = self.experiment.setup
-        scatter = np.sqrt(2 * (setup.noise**2 + setup.resolution**2 / 12))
-        return float(scatter * (1 + 3 / np.sqrt(2 * self.stretch))) if self.stretch else 0.0
+        scatter = np.sqrt(2 * (setup.noise_std**2 + setup.resolution**2 / 12))
+        return float(scatter * (1 + 3 / np.sqrt(2 * self.window))) if self.window else 0.0
 
-    def segment(self, result: np.void, pool: np.ndarray) -> Segment:
-        """Return the recorded periods from the pool."""
-        from fraexp.kernels.batch import SETTLED
+    def read_segment(self, result: np.void, pool: NDArray[np.float64]) -> Segment:
+        """Return the recorded periods from the pool, where `result` says that they lie."""
+        from fraexp.kernels.batch_arrays import SETTLED
 
-        sample_time, period = self.experiment.setup.sample_time, self.experiment.period
-        begin, before, record = int(result["place"]), int(result["lead_in"]), self.record
+        setup, period = self.experiment.setup, self.experiment.period
+        begin, before, samples = int(result["pool_index"]), int(result["lead_in"]), period.waveform.size
         lead_in, first = pool[begin : begin + before], begin + before
-        count = self.experiment.setup.channels
-        numbers = pool[first : first + count * record].reshape(count, self.count, period.waveform.size)
+        names = setup.channels
+        numbers = pool[first : first + len(names) * self.record].reshape(len(names), self.periods, samples)
         waited = int(result["settling"])
-        settling = Settling(bool(result["status"] == SETTLED), waited * sample_time, float(result["residual"]))
-        channels = dict(zip(("y", "u", "displacement", "friction", "compensation"), numbers, strict=False))
-        channels["excitation"] = _repeated(period.waveform, waited, self.count)
+        settling = Settling(bool(result["status"] == SETTLED), waited * setup.sample_time, float(result["residual"]))
+        channels = dict(zip(names, numbers, strict=True))
+        channels["excitation"] = _repeat_period(period.waveform, waited, self.periods)
         if period.reference is not None:
-            channels["reference"] = self.experiment.setup.reference + _repeated(period.reference, waited, self.count)
-        return Segment(sample_time, channels, period.lines, settling, {"y": lead_in} if before else {})
+            channels["reference"] = setup.reference + _repeat_period(period.reference, waited, self.periods)
+        return Segment(setup.sample_time, channels, period.lines, settling, {"y": lead_in} if before else {})
 
 
-def _repeated(period: np.ndarray, waited: int, count: int) -> np.ndarray:
-    """Return a period as often as it is recorded, from where it stood when the record began."""
+def _repeat_period(period: NDArray[np.float64], waited: int, count: int) -> NDArray[np.float64]:
+    """Return a period `count` times, shape (count, n), beginning where it stood when the record began."""
     begin = waited % period.size
     shifted = np.concatenate([period[begin:], period[:begin]]) if begin else period
     return np.broadcast_to(shifted, (count, period.size)) if count > 1 else shifted.reshape(1, -1)
-
-
-def prepare(plans: list[_Plan], setup: Setup) -> "KernelBatch":
-    """Return experiments of like machines in numbers, with lanes at rest that have nothing to do."""
-    from fraexp.kernels.batch import IDLE, LANE, NOISE_ROWS, QUEUE, KernelBatch
-    from fraexp.kernels.block import DRIVE_ROWS, TRACE_ROWS
-    from fraexp.kernels.lanes import WIDTH
-    from fraexp.kernels.law_arguments import aligned_zeros, sizes
-
-    width = WIDTH if setup.wide else 1
-    machines, waves = _machines(plans), [plan.experiment.period.waveform for plan in plans]
-    silence = np.zeros(max(wave.size for wave in waves))
-    memory = _memory_rows(setup)
-    compared = max(2 * plan.stretch + plan.record for plan in plans)
-    room = max(min(max(plan.longest for plan in plans), REMEMBERED), compared)
-    lanes = np.zeros(width, LANE)
-    lanes["stage"] = IDLE
-    work = KernelBatch(
-        jobs=_jobs(plans),
-        results=_no_results(len(plans)),
-        machines=machines,
-        waves=np.concatenate([*waves, silence]),
-        goals=_goals(plans, silence),
-        sigma=setup.noise,
-        store=aligned_zeros(machines.shape[1] + sum(memory.values()), width),
-        drive=aligned_zeros(DRIVE_ROWS, width),
-        trace=aligned_zeros(TRACE_ROWS, width),
-        noise=aligned_zeros(NOISE_ROWS if setup.noise else 1, width),
-        lanes=lanes,
-        places=np.zeros((3, width), dtype=np.int64),
-        history=np.empty((width, room)),
-        others=np.empty((width, setup.channels - 1, max(plan.record for plan in plans))),
-        queue=np.zeros(1, QUEUE),
-        frame=np.empty(0),
-        argument_sizes=np.array([*sizes(setup.friction.law_arguments()), *sizes(setup.feedback_arguments)], np.int64),
-    )
-    return work._replace(frame=frame_of(work, setup))
-
-
-def frame_of(work: "KernelBatch", setup: Setup) -> np.ndarray:
-    """Return what a block of samples needs: sizes, addresses in the arrays of the work, and settings."""
-    from fraexp.kernels.batch import FILLED, SOURCE, START
-    from fraexp.kernels.block import FRAME
-    from fraexp.kernels.law_arguments import sizes
-
-    frame, own = np.zeros(1, FRAME), len(sizes(setup.friction.law_arguments()))
-    n, late, held = setup.discrete.transition.shape[0], *setup.dead_samples
-    values: dict[str, float] = {
-        "states": n, "steps": setup.steps, "friction_states": setup.friction.state_size,
-        "order": setup.discrete.numerator.size, "late": late, "held": held,
-        "observer_states": setup.compensation.friction.state_size if setup.compensation else 0,
-        "channels": work.others.shape[1], "history_row": work.history.shape[1], "others_row": work.others.shape[2],
-        "step": setup.sample_time / setup.steps, "resolution": setup.resolution, "limit": setup.stroke,
-        **{name: getattr(work, name).ctypes.data for name in (
-            "drive", "trace", "noise", "waves", "goals", "history", "others",
-        )},
-        "source": work.places[SOURCE].ctypes.data, "start": work.places[START].ctypes.data,
-        "filled": work.places[FILLED].ctypes.data,
-        "argument_sizes": work.argument_sizes.ctypes.data,
-        "compensation_sizes": work.argument_sizes[own:].ctypes.data,
-    }  # fmt: skip
-    row = 0
-    for name, rows in {**_constant_rows(setup), **_memory_rows(setup)}.items():
-        values[name] = work.store.ctypes.data + row * work.store.strides[0]
-        row += rows
-    for name, value in values.items():
-        frame[name] = value
-    return frame
-
-
-def _constant_rows(setup: Setup) -> dict[str, int]:
-    """Return how many numbers each part of a machine's constants and laws has, in their order."""
-    from fraexp.kernels.law_arguments import flatten
-
-    names = ("matrix", "compliance", "responses", "numerator", "denominator")
-    parts = {name: part.size for name, part in zip(names, setup.discrete.constants, strict=True)}
-    arguments, feedback = flatten(setup.friction.law_arguments()), flatten(setup.feedback_arguments)
-    return {**parts, "arguments": arguments.size, "compensation": feedback.size}
-
-
-def _memory_rows(setup: Setup) -> dict[str, int]:
-    """Return how many numbers each part of the loop's memory has, in their order."""
-    from fraexp.kernels.block import CONTACT_ROWS
-
-    n, m, (late, held) = setup.discrete.transition.shape[0], setup.steps, setup.dead_samples
-    observed = setup.compensation.friction.state_size if setup.compensation else 0
-    return {
-        "known": n + 3, "linear": m + 1 + n, "friction": 2 * setup.friction.state_size,
-        "filter": setup.discrete.numerator.size, "inputs": late + 2, "outputs": held + 1, "contact": CONTACT_ROWS,
-        "observer": 2 * observed + 1,
-    }  # fmt: skip
-
-
-def _jobs(plans: list[_Plan]) -> np.ndarray:
-    from fraexp.kernels.batch import JOB
-
-    setups, jobs, begin = _setups(plans), np.zeros(len(plans), JOB), 0
-    for job, plan in zip(jobs, plans, strict=True):
-        setup, schedule = plan.experiment.setup, plan.experiment.schedule
-        samples = plan.experiment.period.waveform.size
-        values = {
-            "machine": setups[id(setup)], "begin": begin, "period": samples, "ramp": plan.ramp, "stretch": plan.stretch,
-            "limit": plan.limit, "record": plan.record, "base": plan.base, "rate": plan.rate,
-            "tolerance": schedule.tolerance, "floor": plan.floor, "reference": setup.reference,
-            "seed": _seed(plan.experiment),
-        }  # fmt: skip
-        for name, value in values.items():
-            job[name] = value
-        begin += samples
-    return jobs
-
-
-def _setups(plans: list[_Plan]) -> dict[int, int]:
-    """Return the row of each setup among the machines."""
-    found: dict[int, int] = {}
-    for plan in plans:
-        found.setdefault(id(plan.experiment.setup), len(found))
-    return found
-
-
-def _seed(experiment: Experiment) -> int:
-    if not experiment.setup.noise:
-        return 0
-    sequence = np.random.SeedSequence([experiment.setup.seed, experiment.number])
-    return int(sequence.generate_state(1, np.uint64)[0])
-
-
-def _machines(plans: list[_Plan]) -> np.ndarray:
-    """Return constants of the loop and parameters of the laws, one machine a row."""
-    different = {id(plan.experiment.setup): plan.experiment.setup for plan in plans}
-    return np.array([_numbers(each) for each in different.values()])
-
-
-def _goals(plans: list[_Plan], silence: np.ndarray) -> np.ndarray:
-    """Return the reference of all samples [m]; nothing where none moves."""
-    rest = [plan.experiment.setup.reference for plan in plans]
-    periods = [plan.experiment.period for plan in plans]
-    if all(period.reference is None for period in periods):
-        return np.zeros(0)
-    for period in periods:
-        if period.reference is not None and period.reference.shape != period.waveform.shape:
-            found = f"a reference of shape {period.reference.shape} beside a waveform of {period.waveform.shape}"
-            raise ParameterError(f"the excitation gives {found}; expected equal shapes")
-    moving = [np.zeros(p.waveform.size) if p.reference is None else p.reference for p in periods]
-    return np.concatenate([*(place + goal for place, goal in zip(rest, moving, strict=True)), silence])
-
-
-def _numbers(setup: Setup) -> np.ndarray:
-    """Return constants and parameters of a machine, one after another."""
-    from fraexp.kernels.law_arguments import flatten
-
-    parts = [part.ravel() for part in setup.discrete.constants]
-    return np.concatenate([*parts, flatten(setup.friction.law_arguments()), flatten(setup.feedback_arguments)])
-
-
-def _no_results(jobs: int) -> np.ndarray:
-    from fraexp.kernels.batch import RESULT, WAITING
-
-    results = np.zeros(jobs, RESULT)
-    results["status"], results["place"], results["residual"] = WAITING, -1, np.nan
-    return results
-
-
-def _room(plans: list[_Plan], work: "KernelBatch", pools: list[np.ndarray]) -> int:
-    """Return the numbers that the next results need, as far as can be guessed: one of them at least."""
-    greatest = work.history.shape[1] + work.others[0].size
-    guess = sum(plan.expected + work.others.shape[1] * plan.record for plan in plans)
-    return max(greatest, min(guess, MOST_POOLED)) if pools or len(plans) == 1 else min(guess, MOST_POOLED)
-
-
-def _share(weights: np.ndarray, plans: list[_Plan], work: "KernelBatch") -> float:
-    """Return what is done at least of all experiments."""
-    from fraexp.kernels.batch import DIVERGED, IDLE
-
-    done = float(np.sum(weights[(work.results["place"] >= 0) | (work.results["status"] == DIVERGED)]))
-    for lane in work.lanes:
-        if lane["stage"] != IDLE:
-            job = int(lane["job"])
-            done += weights[job] * min(int(lane["elapsed"]) / max(plans[job].longest, 1), 0.9)
-    return min(done, 1.0)

@@ -1,8 +1,10 @@
-"""What an experiment may ask of a machine, checked before it is run."""
+"""Limits of a machine's motion, and the prediction by which an experiment is checked against them before it is run."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fraexp.analysis.delays import hold_response, path_response
 from fraexp.components.kinds import Excitation, Period
@@ -12,49 +14,60 @@ from fraexp.simulation.machine import Machine
 
 
 class MotionLimits(Parameters):
-    """The greatest stroke, velocity and force that a machine allows; what is not given is not checked."""
+    """The greatest stroke, velocity and force that a machine allows; a limit that is not given is not checked."""
 
-    stroke: float | None = param("m", "greatest way between both ends of the motion", None, above=0)
+    stroke: float | None = param("m", "greatest distance between both ends of the motion", None, above=0)
     velocity: float | None = param("m/s", "greatest velocity", None, above=0)
     force: float | None = param("N", "greatest control input", None, above=0)
 
 
 class Demand(NamedTuple):
-    """What a period asks of a machine."""
+    """Greatest stroke, velocity and force of a period's motion."""
 
     stroke: float
-    """Way between both ends of the motion [m]."""
+    """Distance between both ends of the motion [m]."""
     velocity: float
     """Greatest velocity [m/s]."""
     force: float
     """Greatest control input [N]."""
 
 
-UNITS = ("m", "m/s", "N")
-SHORTEST_SILENCE, LONGEST_SILENCE = 1.0, 64
-"""Time after a motion that starts from rest in which the loop comes to rest again: at least [s], and in motions."""
-REST = 1e-3
-"""Share of the motion that is rest."""
+class _Motion(NamedTuple):
+    """The linear loop's motion over a period, each of shape (n,)."""
+
+    displacement: NDArray[np.float64]
+    """Displacement [m]."""
+    velocity: NDArray[np.float64]
+    """Velocity [m/s]."""
+    force: NDArray[np.float64]
+    """Control input [N]."""
 
 
-def check(limits: MotionLimits, machine: Machine, excitation: Excitation) -> None:
+DEMAND_UNITS = ("m", "m/s", "N")
+MIN_SILENCE_S, MAX_SILENCE_MOTIONS = 1.0, 64
+"""Time after a motion from rest in which the loop comes to rest again: the shortest [s], the longest in motions."""
+REST_RATIO = 1e-3
+"""Displacement that counts as rest, relative to the greatest one."""
+
+
+def check_limits(limits: MotionLimits, machine: Machine, excitation: Excitation) -> None:
     """Raise ParameterError if a period of the excitation is predicted to exceed a limit: the message names the first.
 
-    The prediction is that of the linear loop: in its periodic state, or on its way from rest where the schedule does
-    not wait for that state. Friction makes a motion smaller in general; the force that overcomes it on a moving axis,
-    and what compensation feeds back, are added. What an excitation revises its periods to is its own to know.
+    The linear loop is the prediction: its periodic state, or its motion from rest where the schedule does not wait for
+    that state. Friction makes a motion smaller in general. The force that overcomes it on a moving axis, and the force
+    of its compensation, are added. For periods that an excitation revises, its own statement counts.
     """
     sample_time, schedule = machine.loop.sample_time, excitation.schedule
-    settles = schedule.settle_limit > 0
+    settles = schedule.settling_timeout > 0
     for period in excitation.periods(sample_time):
         if settles:
-            demand = predicted(machine, period)
-        elif period.reference is not None and machine.friction.force_bound:
-            demand = _planned(period, sample_time)
+            demand = predict_demand(machine, period)
+        elif period.reference is not None and _friction_bound(machine):
+            demand = _planned_demand(period, sample_time)
         else:
-            demand = predicted_from_rest(machine, period, schedule.periods)
-        demand = _with_friction(demand, machine, period, excitation)
-        for name, found, unit in zip(Demand._fields, demand, UNITS, strict=True):
+            demand = predict_demand_from_rest(machine, period, schedule.recorded_periods)
+        demand = _add_friction(demand, machine, period, excitation)
+        for name, found, unit in zip(Demand._fields, demand, DEMAND_UNITS, strict=True):
             allowed = getattr(limits, name)
             if allowed is not None and found > allowed:
                 frequency = period.lines[0] / (period.waveform.size * sample_time)
@@ -70,78 +83,96 @@ def check(limits: MotionLimits, machine: Machine, excitation: Excitation) -> Non
                 )
 
 
-def _planned(period: Period, sample_time: float) -> Demand:
-    """Return what a move needs that goes as its reference says: what is fed forward against friction is spent on it."""
-    course = np.asarray(period.reference)
-    velocity = float(np.abs(np.diff(course)).max()) / sample_time
-    return Demand(float(np.ptp(course)), velocity, float(np.abs(period.waveform).max()))
+def _planned_demand(period: Period, sample_time: float) -> Demand:
+    """Return what a move needs that follows its reference: what is fed forward against friction overcomes friction."""
+    reference = np.asarray(period.reference)
+    velocity = float(np.abs(np.diff(reference)).max()) / sample_time
+    return Demand(float(np.ptp(reference)), velocity, float(np.abs(period.waveform).max()))
 
 
-def _with_friction(demand: Demand, machine: Machine, period: Period, excitation: Excitation) -> Demand:
+def _add_friction(demand: Demand, machine: Machine, period: Period, excitation: Excitation) -> Demand:
     """Return the demand with what friction and its compensation add, or with what revised periods may ask for."""
     force = demand.force
-    if period.reference is not None and excitation.schedule.settle_limit > 0:
-        force += machine.friction.force_bound or 0.0
+    if period.reference is not None and excitation.schedule.settling_timeout > 0:
+        force += _friction_bound(machine)
     if machine.compensation:
         force += machine.compensation.gain * (machine.compensation.friction.force_bound or 0.0)
-    greatest, stroke = excitation.greatest()
+    max_force, stroke = excitation.max_force_and_stroke()
     if stroke is None:
-        return Demand(demand.stroke, demand.velocity, greatest or force)
+        return Demand(demand.stroke, demand.velocity, max_force or force)
     omega = 2 * np.pi * period.lines[-1] / (period.waveform.size * machine.loop.sample_time)
-    return Demand(stroke, float(omega * stroke / 2), greatest or force)
+    return Demand(stroke, float(omega * stroke / 2), max_force or force)
 
 
-def predicted(machine: Machine, period: Period) -> Demand:
-    """Return what a period needs on the machine without friction, but for its viscous part, once it repeats itself."""
-    rest = np.zeros(period.waveform.size) if period.reference is None else period.reference
-    return _demand(*_periodic(machine, period.waveform, rest), period.waveform)
+def _friction_bound(machine: Machine) -> float:
+    """Return the greatest friction force of all contacts [N], as far as it is known."""
+    return sum(model.force_bound or 0.0 for model in machine.frictions.values())
 
 
-def predicted_from_rest(machine: Machine, period: Period, periods: int) -> Demand:
-    """Return what `periods` of a period need on that machine, which rests before.
+def predict_demand(machine: Machine, period: Period) -> Demand:
+    """Return what a period needs in its periodic state, on the machine without friction but for its viscous part."""
+    reference = np.zeros(period.waveform.size) if period.reference is None else period.reference
+    return _measure_demand(_periodic_motion(machine, period.waveform, reference), period.waveform)
 
-    The course from rest is that of a period that goes on with silence until the loop is at rest again.
+
+def predict_demand_from_rest(machine: Machine, period: Period, periods: int) -> Demand:
+    """Return what `periods` of a period need from rest, on the machine without friction but for its viscous part.
+
+    The motion from rest is that of a longer period, which goes on with silence until the loop is at rest again.
     """
-    waveform, rest = (
+    waveform, reference = (
         np.tile(np.zeros(period.waveform.size) if part is None else part, periods)
         for part in (period.waveform, period.reference)
     )
-    silence = np.zeros(_next_power(waveform.size + SHORTEST_SILENCE / machine.loop.sample_time) - waveform.size)
+    silence = np.zeros(_next_power_of_two(waveform.size + MIN_SILENCE_S / machine.loop.sample_time) - waveform.size)
     while True:
-        courses = _periodic(machine, np.append(waveform, silence), np.append(rest, silence))
-        motion, velocity, force = (course - course[-1] for course in courses)  # at rest, which tells the mean
-        still = np.abs(motion[-silence.size // 4 :]).max() < REST * np.abs(motion).max()
-        if still or silence.size > LONGEST_SILENCE * waveform.size:
-            n = waveform.size
-            return _demand(motion[:n], velocity[:n], force[:n], waveform)
+        periodic = _periodic_motion(machine, np.append(waveform, silence), np.append(reference, silence))
+        motion = _Motion(*(part - part[-1] for part in periodic))  # it ends at rest, which is where it began
+        final = np.abs(motion.displacement[-silence.size // 4 :]).max()
+        is_at_rest = final < REST_RATIO * np.abs(motion.displacement).max()
+        if is_at_rest or silence.size > MAX_SILENCE_MOTIONS * waveform.size:
+            return _measure_demand(_Motion(*(part[: waveform.size] for part in motion)), waveform)
         silence = np.zeros(2 * (silence.size + waveform.size) - waveform.size)
 
 
-def _next_power(samples: float) -> int:
+def _next_power_of_two(samples: float) -> int:
     return 1 << int(np.ceil(np.log2(samples)))
 
 
-def _periodic(
-    machine: Machine, waveform: np.ndarray, reference: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return displacement [m], velocity [m/s] and control input [N] without their means, each of shape (n,)."""
+def _periodic_motion(machine: Machine, waveform: NDArray[np.float64], reference: NDArray[np.float64]) -> _Motion:
+    """Return the linear loop's periodic motion, without means."""
     loop, samples = machine.loop, waveform.size
     omega = 2 * np.pi * np.fft.rfftfreq(samples, loop.sample_time)[1:]
-    path_in = path_response(omega, loop.input_dead_time, loop.input_lags) * hold_response(omega, loop.sample_time)
-    path_out = path_response(omega, loop.output_dead_time, loop.output_lags)
-    free = machine.plant.response(omega)
-    plant = free / (1 + 1j * omega * machine.friction.viscous * free)
+    path_in = path_response(omega, loop.input_dead_time, loop.input_time_constants) * hold_response(
+        omega, loop.sample_time
+    )
+    path_out = path_response(omega, loop.output_dead_time, loop.output_time_constants)
+    plant = _viscous_plant(machine, omega)
     feedback = machine.controller.response(omega, loop.sample_time)
     sensitivity = 1 / (1 + feedback * path_in * plant * path_out)
     force = sensitivity * (np.fft.rfft(waveform)[1:] + feedback * np.fft.rfft(reference)[1:])
     motion = path_in * plant * force
-    return _wave(motion, samples), _wave(1j * omega * motion, samples), _wave(force, samples)
+    return _Motion(_synthesise(motion, samples), _synthesise(1j * omega * motion, samples), _synthesise(force, samples))
 
 
-def _demand(motion: np.ndarray, velocity: np.ndarray, force: np.ndarray, waveform: np.ndarray) -> Demand:
-    greatest = max(float(np.abs(force).max()), float(np.abs(waveform).max()))
-    return Demand(float(np.ptp(motion)), float(np.abs(velocity).max()), greatest)
+def _viscous_plant(machine: Machine, omega: NDArray[np.floating]) -> NDArray[np.complex128]:
+    """Return the response of the position that is fed back to the thrust [m/N], with viscous friction alone."""
+    loop, frictions = machine.loop, machine.frictions
+    if len(frictions) == 1 and not (loop.thrust or loop.position):
+        viscous, free = sum(model.viscous for model in frictions.values()), machine.response(omega)
+        return np.asarray(free / (1 + 1j * omega * viscous * free))
+    ports, a = machine.ports, machine.ports.a.copy()
+    for name, contact in ports.contacts.items():
+        a -= frictions[name].viscous * np.outer(contact.force, contact.displacement @ ports.a)
+    return replace(ports, a=a).response(omega)
 
 
-def _wave(bins: np.ndarray, samples: int) -> np.ndarray:
+def _measure_demand(motion: _Motion, waveform: NDArray[np.float64]) -> Demand:
+    """Return the greatest stroke and velocity of a motion, and its greatest force, or that of the excitation alone."""
+    force = max(float(np.abs(motion.force).max()), float(np.abs(waveform).max()))
+    return Demand(float(np.ptp(motion.displacement)), float(np.abs(motion.velocity).max()), force)
+
+
+def _synthesise(bins: NDArray[np.complex128], samples: int) -> NDArray[np.float64]:
+    """Return the signal, shape (samples,), of Fourier sums at the bins from 1 on; its mean is 0."""
     return np.fft.irfft(np.concatenate([[0.0], bins]), samples)

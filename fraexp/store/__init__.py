@@ -1,33 +1,38 @@
 """The database of runs, sweeps and results: one process writes, any number read."""
 
-from fraexp.store.backends.engine import shown
+from fraexp.store.backends.engine import masked_url, url_without_password
 from fraexp.store.liveness import Process
 from fraexp.store.store import Store
 from fraexp.store.stored_records import (
-    MOST_TOLD,
+    MAX_RUNNING_SHOWN,
+    ComponentOrigin,
     Conflict,
-    Listed,
+    ListedSweep,
     ListingPage,
-    Merged,
+    MergeSummary,
     RunProgress,
     RunSummary,
     StoredState,
     StoredSweep,
-    Supplied,
+    leave_out_damaged,
+    mark_damaged,
 )
 
 __all__ = [
-    "MOST_TOLD",
+    "MAX_RUNNING_SHOWN",
+    "ComponentOrigin",
     "Conflict",
-    "Listed",
+    "ListedSweep",
     "ListingPage",
-    "Merged",
+    "MergeSummary",
     "Process",
     "RunProgress",
     "RunSummary",
     "Store",
     "StoredState",
     "StoredSweep",
-    "Supplied",
-    "shown",
+    "leave_out_damaged",
+    "mark_damaged",
+    "masked_url",
+    "url_without_password",
 ]

@@ -1,18 +1,20 @@
-"""Results as rows and back; arrays as .npy bytes, in which no code can hide."""
+"""Conversion of results to rows and back; arrays are .npy bytes, which cannot contain code."""
 
 import io
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import fields
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from fraexp.data.results import Curve, Fit, FrequencyResponse, Metric, Result
 from fraexp.errors import StoreError
-from fraexp.store.validation import DamagedError, sound
+from fraexp.store.tables import RowValues, TableRow
+from fraexp.store.validation import DamagedError, check_types
 
-DTYPES: dict[str, type] = {
+ARRAY_TYPES: dict[str, type] = {
     "frequency": np.float64,
     "response": np.complex128,
     "covariance": np.float64,
@@ -24,85 +26,94 @@ DTYPES: dict[str, type] = {
     "harmonics": np.complex128,
 }
 """Type of each array of a frequency response."""
-SIDES = {"covariance": (2, 2), "model_covariance": (2, 2), "harmonics": (6,)}
-"""Sides of those that have more than one, beside the frequencies."""
-OPTIONAL = ("freedom", "noise_variance", "nonlinear_variance", "coherence", "model_covariance")
-"""Arrays of floats that a response may lack."""
+EXTRA_SIDES = {"covariance": (2, 2), "model_covariance": (2, 2), "harmonics": (6,)}
+"""Sides of arrays beside the frequencies, if they have any."""
+OPTIONAL_ARRAYS = (
+    "freedom",
+    "noise_variance",
+    "nonlinear_variance",
+    "coherence",
+    "model_covariance",
+    "numerical_error",
+)
+"""Arrays of floats that may be missing."""
 
 
-NUMBERS = "biufc"
-"""Kinds of types that are numbers."""
-MAGIC = b"\x93NUMPY\x01\x00"
-AGAIN = "compute the sweep again with --rerun all"
-HEADER = 10
-"""Bytes of the .npy format's first part: magic, version, and the length of the second in the last two."""
+NUMBER_KINDS = "biufc"
+"""Kinds of numpy types that are numbers."""
+NPY_MAGIC = b"\x93NUMPY\x01\x00"
+RECOMPUTE_HINT = "compute the sweep again with --rerun all"
+NPY_PREFIX_BYTES = 10
+"""Length of the .npy format's prefix: magic, version, and the length of the header in the last two bytes."""
 
 
-def encode(array: Any, what: str, dtype: type | None = None) -> bytes:
-    """Return an array as .npy bytes, converted to `dtype` if that loses nothing; StoreError names `what`."""
+def encode_array(array: ArrayLike, what: str, dtype: type | None = None) -> bytes:
+    """Return an array as .npy bytes, converted to `dtype` if that is lossless; StoreError mentions `what`."""
     values = np.asarray(array)
     if values.dtype.hasobject:
-        raise StoreError(f"{what} holds Python objects; expected an array of numbers")
+        raise StoreError(f"{what} contains Python objects; expected an array of numbers")
     if dtype is not None:
         if not np.can_cast(values.dtype, dtype, "same_kind"):
             raise StoreError(f"{what} is an array of {values.dtype}; expected {np.dtype(dtype)}")
         values = values.astype(dtype, copy=False)
     values = np.ascontiguousarray(values).reshape(values.shape)
-    # As numpy writes it, without the blanks that make room for files that grow: they are half of a short array.
+    # The header of numpy without the padding for growing files, which is half of a short array.
     layout = f"{{'descr':{values.dtype.str!r},'fortran_order':False,'shape':{values.shape}}}\n".encode()
-    return MAGIC + len(layout).to_bytes(2, "little") + layout + values.tobytes()
+    return NPY_MAGIC + len(layout).to_bytes(2, "little") + layout + values.tobytes()
 
 
-def decode(data: bytes, key: str = "") -> np.ndarray:
-    """Return the array in .npy bytes; DamagedError, with the key of the sweep that has it, if they are damaged."""
+def decode_array(data: bytes, key: str = "") -> NDArray[Any]:
+    """Return the array in .npy bytes of a sweep; DamagedError if they are invalid."""
     try:
-        begin = HEADER + int.from_bytes(data[HEADER - 2 : HEADER], "little")
-        shape, dtype = _layout(data[:begin])
-        array: np.ndarray = np.frombuffer(data, dtype, offset=begin).reshape(shape).copy()
-    except Exception as error:  # parsing what a header says raises whatever it leads it into
-        raise DamagedError(key, f"a stored array is damaged ({error}); {AGAIN}") from error
+        begin = NPY_PREFIX_BYTES + int.from_bytes(data[NPY_PREFIX_BYTES - 2 : NPY_PREFIX_BYTES], "little")
+        shape, dtype = _parse_header(data[:begin])
+        array: NDArray[Any] = np.frombuffer(data, dtype, offset=begin).reshape(shape).copy()
+    except Exception as error:  # numpy may raise anything for an invalid header
+        raise DamagedError(key, f"a stored array is invalid ({error}); {RECOMPUTE_HINT}") from error
     return array
 
 
 @lru_cache(256)
-def _layout(header: bytes) -> tuple[tuple[int, ...], np.dtype[Any]]:
-    """Return shape and type that a header tells: thousands of arrays have the same one, and numpy parses slowly."""
+def _parse_header(header: bytes) -> tuple[tuple[int, ...], np.dtype[Any]]:
+    """Return shape and type in a header: thousands of arrays share one, and numpy parses slowly."""
     stream = io.BytesIO(header)
     version = np.lib.format.read_magic(stream)
     if version != (1, 0):
         raise ValueError(f"format {version}; expected (1, 0)")
     shape, fortran, dtype = np.lib.format.read_array_header_1_0(stream)
-    if fortran or dtype.kind not in NUMBERS or min(shape, default=0) < 0:
-        raise ValueError("an array of Python objects, or by columns; expected numbers by rows")
+    if fortran or dtype.kind not in NUMBER_KINDS or min(shape, default=0) < 0:
+        raise ValueError("an array of Python objects, or in column order; expected numbers in row order")
     return shape, dtype
 
 
-def response_rows(key: str, response: FrequencyResponse | None) -> list[dict[str, Any]]:
-    """Return the row of a frequency response, or none."""
+def response_rows(key: str, response: FrequencyResponse | None) -> list[RowValues]:
+    """Return the row of a frequency response as a list; empty without a response."""
     if response is None:
         return []
     row = {item.name: getattr(response, item.name) for item in fields(response)}
-    types = DTYPES | {name: np.float64 for name in OPTIONAL if row[name] is not None}
-    row |= {name: encode(row[name], f"the response's {name}", dtype) for name, dtype in types.items()}
+    types = ARRAY_TYPES | {name: np.float64 for name in OPTIONAL_ARRAYS if row[name] is not None}
+    row |= {name: encode_array(row[name], f"the response's {name}", dtype) for name, dtype in types.items()}
     return [{"key": key, "points": len(response.frequency), **row}]
 
 
-def response_of(row: Mapping[Any, Any]) -> FrequencyResponse:
+def parse_response(row: TableRow) -> FrequencyResponse:
     """Return the frequency response in a row."""
-    values: dict[str, Any] = {name: row[name] for name in ("unit", "input", "output")}
+    values: RowValues = {name: row[name] for name in ("unit", "input", "output")}
     key = row["key"]
-    values |= {name: decode(row[name], key) for name in DTYPES}
-    values |= {name: decode(row[name], key) for name in OPTIONAL if row[name] is not None}
+    values |= {name: decode_array(row[name], key) for name in ARRAY_TYPES}
+    values |= {name: decode_array(row[name], key) for name in OPTIONAL_ARRAYS if row[name] is not None}
     points = values["frequency"].shape
-    for name, dtype in {**DTYPES, **dict.fromkeys(OPTIONAL, np.float64)}.items():
-        array, sides = values.get(name), SIDES.get(name, ())
+    for name, dtype in {**ARRAY_TYPES, **dict.fromkeys(OPTIONAL_ARRAYS, np.float64)}.items():
+        array, sides = values.get(name), EXTRA_SIDES.get(name, ())
         if array is not None and (array.dtype != dtype or array.shape != (*points, *sides) or len(points) != 1):
             expected = f"{np.dtype(dtype)} {(*points, *sides)}"
-            raise DamagedError(key, f"a stored {name} is {array.dtype} {array.shape}; expected {expected}: {AGAIN}")
-    return sound(FrequencyResponse(**values))
+            raise DamagedError(
+                key, f"a stored {name} is {array.dtype} {array.shape}; expected {expected}: {RECOMPUTE_HINT}"
+            )
+    return check_types(FrequencyResponse(**values))
 
 
-def metric_rows(key: str, metrics: Iterable[Metric]) -> list[dict[str, Any]]:
+def metric_rows(key: str, metrics: Iterable[Metric]) -> list[RowValues]:
     """Return a row for each metric."""
     return [
         {"key": key, "position": position, "name": item.name, "value": float(item.value), "unit": item.unit}
@@ -110,18 +121,18 @@ def metric_rows(key: str, metrics: Iterable[Metric]) -> list[dict[str, Any]]:
     ]
 
 
-def metric_of(row: Mapping[Any, Any]) -> Metric:
+def parse_metric(row: TableRow) -> Metric:
     """Return the metric in a row."""
-    return sound(Metric(row["name"], row["value"], row["unit"]))
+    return check_types(Metric(row["name"], row["value"], row["unit"]))
 
 
-def curve_rows(key: str, curves: Iterable[Curve]) -> list[dict[str, Any]]:
+def curve_rows(key: str, curves: Iterable[Curve]) -> list[RowValues]:
     """Return a row for each curve."""
     return [{"key": key, "position": position, "name": item.name} for position, item in enumerate(curves)]
 
 
-def column_rows(key: str, curves: Iterable[Curve]) -> list[dict[str, Any]]:
-    """Return a row for each column of each curve; a unit without a column is left out."""
+def column_rows(key: str, curves: Iterable[Curve]) -> list[RowValues]:
+    """Return a row for each column of each curve."""
     return [
         {
             "key": key,
@@ -129,24 +140,24 @@ def column_rows(key: str, curves: Iterable[Curve]) -> list[dict[str, Any]]:
             "position": position,
             "name": name,
             "unit": item.units.get(name),
-            "samples": encode(samples, f"column '{name}' of curve '{item.name}'"),
+            "samples": encode_array(samples, f"column '{name}' of curve '{item.name}'"),
         }
         for number, item in enumerate(curves)
         for position, (name, samples) in enumerate(item.columns.items())
     ]
 
 
-def curve_of(name: str, columns: Iterable[Mapping[Any, Any]]) -> Curve:
-    """Return the curve of a name from the rows of its columns, in order."""
+def parse_curve(name: str, columns: Iterable[TableRow]) -> Curve:
+    """Return the curve with a name and the rows of its columns, in their order."""
     rows = list(columns)
     units = {row["name"]: row["unit"] for row in rows if row["unit"] is not None}
-    found = {row["name"]: decode(row["samples"], row["key"]) for row in rows}
+    found = {row["name"]: decode_array(row["samples"], row["key"]) for row in rows}
     if not all(isinstance(text, str) for text in (*found, *units.values())):
-        raise TypeError("a column's name or unit is no text")
-    return sound(Curve(name, found, units))
+        raise TypeError("a column's name or unit is not a text")
+    return check_types(Curve(name, found, units))
 
 
-def fit_rows(key: str, fits: Iterable[Fit]) -> list[dict[str, Any]]:
+def fit_rows(key: str, fits: Iterable[Fit]) -> list[RowValues]:
     """Return a row for each fit."""
     return [
         {
@@ -156,29 +167,29 @@ def fit_rows(key: str, fits: Iterable[Fit]) -> list[dict[str, Any]]:
             "component": dict(item.component),
             "parameters": list(item.parameters),
             "units": list(item.units),
-            "values": encode(item.values, "the fit's values", np.float64),
-            "covariance": encode(item.covariance, "the fit's covariance", np.float64),
+            "values": encode_array(item.values, "the fit's values", np.float64),
+            "covariance": encode_array(item.covariance, "the fit's covariance", np.float64),
         }
         for position, item in enumerate(fits)
     ]
 
 
-def fit_of(row: Mapping[Any, Any]) -> Fit:
+def parse_fit(row: TableRow) -> Fit:
     """Return the fit in a row."""
     texts = (tuple(row["parameters"]), tuple(row["units"]))
-    arrays = (decode(row[name], row["key"]) for name in ("values", "covariance"))
+    arrays = (decode_array(row[name], row["key"]) for name in ("values", "covariance"))
     found = Fit(row["kind"], row["component"], *texts, *arrays)
     count = len(found.parameters)
     if found.values.shape != (count,) or found.covariance.shape != (count, count) or len(found.units) != count:
-        unlike = f"the stored fit of {found.kind!r} has not as many values as parameters; {AGAIN}"
+        unlike = f"the stored fit of {found.kind!r} has different numbers of values and parameters; {RECOMPUTE_HINT}"
         raise DamagedError(row["key"], unlike)
     if not all(isinstance(text, str) for of in texts for text in of):
-        raise TypeError("the name or unit of a fitted parameter is no text")
-    return sound(found)
+        raise TypeError("the name or unit of a fitted parameter is not a text")
+    return check_types(found)
 
 
-def result_rows(key: str, result: Result) -> dict[str, list[dict[str, Any]]]:
-    """Return the rows of a result by table name, parents first."""
+def result_rows(key: str, result: Result) -> dict[str, list[RowValues]]:
+    """Return the rows of a result by the name of their table, parents first."""
     return {
         "frequency_response": response_rows(key, result.response),
         "metric": metric_rows(key, result.metrics),

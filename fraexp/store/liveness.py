@@ -1,71 +1,103 @@
-"""Whether the process that wrote a run still lives."""
+"""Whether the process that executes a run is still alive."""
 
 import os
 import platform
-import sys
+from collections.abc import Callable
 from dataclasses import dataclass
-from datetime import timedelta
+from datetime import UTC, datetime, timedelta
 from functools import cache
 from pathlib import Path
 
-SILENCE = timedelta(minutes=2)
-"""A run that cannot be asked (another host) counts as dead after this time without a heartbeat."""
+from sqlalchemy import Connection
+
+HEARTBEAT_TIMEOUT = timedelta(minutes=2)
+"""Time without a heartbeat after which a process on another host counts as dead."""
 
 
 @dataclass(frozen=True)
 class Process:
-    """A process, such that no later one is mistaken for it."""
+    """A process, identified such that no later process is mistaken for it."""
 
     host: str
     boot: str
-    """Identity of the boot; empty where the system tells none."""
+    """Identifier of the system's boot; empty where the system has none."""
     pid: int
     process_start: int | None
-    """Start in clock ticks since boot; None where the system does not tell."""
+    """Start of the process in clock ticks since the boot; None where the system does not report it."""
 
 
 def this_process() -> Process:
     """Return the calling process."""
     pid = os.getpid()
-    stat = _stat(pid)
-    return Process(platform.node(), _boot(), pid, stat[1] if stat else None)
+    stat = _read_stat(pid)
+    return Process(platform.node(), _boot_id(), pid, stat.start if stat else None)
 
 
-def alive(process: Process, silence: timedelta) -> bool:
-    """Return whether a process still runs; `silence` is the time since its last heartbeat."""
-    if process.host != platform.node() or sys.platform == "win32":
-        return silence < SILENCE  # Windows has no signal that only asks
-    if process.boot != _boot():
+def is_alive(process: Process, silence: timedelta) -> bool:
+    """Return whether a process is running; `silence` is the time since its last heartbeat."""
+    if process.host != platform.node():
+        return abs(silence) < HEARTBEAT_TIMEOUT  # negative if a clock was set back
+    if process.boot != _boot_id():
         return False
-    if _stat(os.getpid()) is None:  # no /proc on this system
-        return _answers(process.pid)
-    stat = _stat(process.pid)
-    return stat is not None and stat[0] not in "ZX" and process.process_start in (None, stat[1])
+    if _read_stat(os.getpid()) is None:  # the system has no /proc
+        import psutil
+
+        return psutil.pid_exists(process.pid)
+    stat = _read_stat(process.pid)
+    return stat is not None and stat.state not in "ZX" and process.process_start in (None, stat.start)
+
+
+def _utc_now() -> datetime:
+    """Return the time by the clock of this computer."""
+    return datetime.now(UTC)
+
+
+@dataclass(frozen=True)
+class Host:
+    """The computer on which the caller of the store runs: its clock and its processes."""
+
+    clock: Callable[[], datetime] = _utc_now
+    this_process: Callable[[], Process] = this_process
+    is_alive: Callable[[Process, timedelta], bool] = is_alive
+
+
+HOST = "fraexp_host"
+"""Execution option of an engine whose host is simulated."""
+_REAL_HOST = Host()
+
+
+def host_of(connection: Connection) -> Host:
+    """Return the host of a connection: this computer, unless it is simulated."""
+    host: Host = connection.get_execution_options().get(HOST, _REAL_HOST)
+    return host
 
 
 @cache
-def _boot() -> str:
+def _boot_id() -> str:
     try:
         return Path("/proc/sys/kernel/random/boot_id").read_text().strip()
     except OSError:
         return ""
 
 
-def _stat(pid: int) -> tuple[str, int] | None:
-    """Return state letter and start time of a process from /proc."""
+@dataclass(frozen=True)
+class _Stat:
+    """What Linux reports about a process."""
+
+    state: str
+    """One letter: Z is a zombie, X is dead."""
+    start: int
+    """Start in clock ticks since the boot."""
+
+
+def _read_stat(pid: int) -> _Stat | None:
+    """Return the state of a process from /proc; None if there is no such process, or no /proc.
+
+    psutil reports the start of a process as a time of day only: it shifts when the clock is set, ticks do not.
+    """
     try:
         text = Path(f"/proc/{pid}/stat").read_text(errors="replace")
     except OSError:
         return None
-    fields = text.rpartition(")")[2].split()  # the name before it may hold anything
-    return fields[0], int(fields[19])
-
-
-def _answers(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except PermissionError:
-        return True  # it lives, and is somebody else's
-    except OSError:
-        return False
-    return True
+    fields = text.rpartition(")")[2].split()  # the name of the program before it may contain blanks and brackets
+    return _Stat(fields[0], int(fields[19]))

@@ -1,4 +1,4 @@
-"""Making a new database, and bringing an older one up to date."""
+"""Creation of a database, and migration of an older one to the current schema."""
 
 import os
 import shlex
@@ -14,7 +14,7 @@ from fraexp.store.migrations import FOLDER, HISTORY
 
 @dataclass(frozen=True)
 class Schema:
-    """A line of revisions and the folders that hold them."""
+    """The history of revisions and the folders with their scripts."""
 
     history: tuple[str, ...] = HISTORY
     folders: tuple[Path, ...] = (FOLDER / "versions",)
@@ -25,8 +25,8 @@ class Schema:
         return self.history[-1]
 
     def upgrade(self, connection: Connection, made: str | None = None) -> None:
-        """Run the revisions that the tables lack; `made` is that of tables which nobody has run revisions on."""
-        from alembic import command  # slow to import, and needed once in a database's life
+        """Run the missing revisions; `made` is the revision of tables that were created without any."""
+        from alembic import command  # its import is slow, and it is rarely needed
         from alembic.config import Config
 
         config = Config()
@@ -40,47 +40,53 @@ class Schema:
         command.upgrade(config, self.head)
 
 
-def prepare(database: Database, create: bool, schema: Schema) -> None:
-    """Make sure that there is a database of the current schema to write to; StoreError if there cannot be."""
+def prepare_database(database: Database, create: bool, schema: Schema) -> str:
+    """Create a database of the current schema, or migrate it to that; StoreError if this is impossible.
+
+    Return what a user should know about a migration; empty if there was none.
+    """
     if not database.exists():
         if not create:
-            raise _nothing(database)
+            raise _missing_database(database)
         database.create(HISTORY[-1], schema.upgrade)
     database.check_writable()
     revision = _checked_revision(database, schema)
     if revision != schema.head and not database.upgrades_itself:
         raise StoreError(
-            f"{database.name}: its schema {revision} is older than {schema.head}; 'fraexp migrate' brings it up "
-            "to date for all who use it"
+            f"{database.name}: its schema {revision} is older than {schema.head}; {_migrate_command(database)} brings "
+            "it up to date for all who use it"
         )
-    if revision != schema.head:
-        database.migrate(schema.head, schema.upgrade)
+    if revision == schema.head:
+        return ""
+    copy = database.migrate(schema.head, schema.upgrade)
+    return f"{database.name}: migrated from schema {revision} to {schema.head}{f'; {copy}' if copy else ''}"
 
 
-def migrate(database: Database, schema: Schema) -> str:
-    """Bring a database up to the current schema; return the revision that it had."""
+def migrate_database(database: Database, schema: Schema) -> tuple[str, str]:
+    """Migrate a database to the current schema; return its former revision, and where a copy of it is."""
     if not database.exists():
-        raise _nothing(database)
+        raise _missing_database(database)
     database.check_writable()
     revision = _checked_revision(database, schema)
-    if revision != schema.head:
-        database.migrate(schema.head, schema.upgrade)
-    return revision
+    copy = database.migrate(schema.head, schema.upgrade) if revision != schema.head else ""
+    return revision, copy
 
 
 def check_readable(database: Database, schema: Schema) -> None:
-    """Raise StoreError unless there is a database of the current schema."""
+    """Raise StoreError if there is no database of the current schema."""
     if not database.exists():
-        raise _nothing(database)
+        raise _missing_database(database)
     revision = _checked_revision(database, schema)
     if revision != schema.head:
-        remedy = f"'fraexp migrate --db {shlex.quote(database.name)}'"
-        raise StoreError(
-            f"{database.name}: its schema {revision} is older than {schema.head}; {remedy} brings it up to date"
-        )
+        remedy = f"{_migrate_command(database)} brings it up to date"
+        raise StoreError(f"{database.name}: its schema {revision} is older than {schema.head}; {remedy}")
 
 
-def _nothing(database: Database) -> StoreError:
+def _migrate_command(database: Database) -> str:
+    return f"fraexp migrate --db {shlex.quote(database.location)}"
+
+
+def _missing_database(database: Database) -> StoreError:
     return StoreError(f"{database.name}: there is no database yet; 'fraexp run STUDY' makes one")
 
 

@@ -1,120 +1,151 @@
-"""Sweeps as parts: sections that many sweeps share are stored once, their long lists beside what is searched."""
+"""Shared sections of sweeps: each is stored once as a part, with its long lists beside the searchable values."""
 
 import hashlib
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any
 
-from sqlalchemy import Connection, Row, delete, insert, select
+from sqlalchemy import Connection, bindparam, delete, insert, select
 
-from fraexp.data.sweep import Sweep
-from fraexp.store.tables import PARTS, SECTIONS, chunks, field, part, sweep
+from fraexp.data.sweep import Sweep, as_section
+from fraexp.store.damage import read_tolerantly
+from fraexp.store.digests import parts_digest
+from fraexp.store.tables import PARTS, SECTIONS, ResultRow, RowValues, TableRow, field, key_chunks, part, sweep
+from fraexp.store.validation import Json, JsonTable
 
-LONGEST = 16
-"""Values of a list that can be searched; longer ones are kept apart."""
+MAX_SEARCHABLE_VALUES = 16
+"""Length of lists whose values can be searched; longer ones are stored separately."""
+Place = list[str | int]
+"""Keys and indices of a value in plain data, from outside to inside."""
+FIND_NAMES = select(field.c.name).where(field.c.kind == bindparam("kind"))
 _compact = json.JSONEncoder(separators=(",", ":")).encode
 
 
-def store(connection: Connection, grid: Sequence[Sweep]) -> list[dict[str, int | None]]:
-    """Write what is new in sweeps; return the numbers of their parts, by column."""
+def store_parts(connection: Connection, grid: Sequence[Sweep]) -> list[dict[str, int | None]]:
+    """Store the new parts of sweeps, and return the numbers of each sweep's parts, and their digest, by column."""
     texts: dict[str, tuple[str, str]] = {}
-    digests = [{name: _digest(name, data, texts) for name, data in _parts(item)} for item in grid]
-    numbers = _numbers(connection, texts)
+    digests = [{name: _digest(name, data, texts) for name, data in _sections(item)} for item in grid]
+    numbers = _part_numbers(connection, texts)
     fresh = [digest for digest in texts if digest not in numbers]
-    rows = [_row(digest, *texts[digest]) for digest in fresh]
+    rows = [_part_row(digest, *texts[digest]) for digest in fresh]
     if rows:
         connection.execute(insert(part), rows)
-        numbers |= _numbers(connection, fresh)
-        names = {name for row in rows for name in paths(_below(row["section"]), row["content"])}
-        learn(connection, "parameter", names)
-    return [{f"{name}_part": numbers[of[name]] if name in of else None for name in PARTS} for of in digests]
+        numbers |= _part_numbers(connection, fresh)
+        names = {name for row in rows for name in value_paths(_path_prefix(row["section"]), row["content"])}
+        add_field_names(connection, "parameter", names)
+    return [
+        {f"{name}_part": numbers[of[name]] if name in of else None for name in PARTS}
+        | {"parts": parts_digest(item.key, map(of.get, PARTS))}
+        for item, of in zip(grid, digests, strict=True)
+    ]
 
 
-def load(connection: Connection, rows: Sequence[Any]) -> dict[str, tuple[dict[str, Any], dict[str, Any]]]:
-    """Return experiment and estimator, by key, of rows that have the key and the columns of the parts.
+def load_parts(connection: Connection, rows: Sequence[TableRow]) -> dict[str, tuple[JsonTable, JsonTable]]:
+    """Return experiment and estimator, by key, of rows with the key, the numbers of the parts, and their digest.
 
-    What sweeps share is the same object in all of them.
+    Sweeps of which a part is missing or damaged are left out. Parts that sweeps share are the same objects.
     """
     wanted = {number for row in rows for name in PARTS if (number := row[f"{name}_part"]) is not None}
-    contents: dict[int, Any] = {}
-    for chunk in chunks(wanted):
-        for found in connection.execute(select(part).where(part.c.number.in_(chunk))):
-            contents[found.number] = _whole(found)
-    return {row["key"]: _assembled(row, contents) for row in rows}
+    found = read_tolerantly(lambda chunk: _read_parts(connection, chunk), wanted)
+    contents = {number: content for number, (content, _) in found.items()}
+    digests = {number: digest for number, (_, digest) in found.items()}
+    return {row["key"]: _join_parts(row, contents) for row in rows if _has_parts(row, digests)}
 
 
-def learn(connection: Connection, kind: str, names: Iterable[str]) -> None:
-    """Note names that sweeps can be found by from now on."""
+def _has_parts(row: TableRow, digests: Mapping[int, str]) -> bool:
+    """Return whether the parts of a sweep are there, and are those that it was stored with."""
+    numbers = [row[f"{name}_part"] for name in PARTS]
+    if any(number is not None and number not in digests for number in numbers):
+        return False
+    own = (None if number is None else digests[number] for number in numbers)
+    return bool(row["parts"] == parts_digest(row["key"], own))
+
+
+def _read_parts(connection: Connection, numbers: list[int]) -> dict[int, tuple[Json, str]]:
+    """Return content and digest of parts by their numbers; damaged ones are left out."""
+    found: dict[int, tuple[Json, str]] = {}
+    for row in connection.execute(select(part).where(part.c.number.in_(numbers))):
+        content = _restore_lists(row)
+        if row.digest == _part_digest(row.section, _compact(content)):
+            found[row.number] = (as_section(content), row.digest)
+    return found
+
+
+def add_field_names(connection: Connection, kind: str, names: Iterable[str]) -> None:
+    """Add names to those that a filter can use."""
     wanted = set(names)
     if wanted:
-        wanted -= set(connection.scalars(select(field.c.name).where(field.c.kind == kind)))
+        wanted -= set(connection.scalars(FIND_NAMES, {"kind": kind}))
         rows = [{"kind": kind, "name": name} for name in sorted(wanted)]
         if rows:
             connection.execute(insert(field), rows)
 
 
-def sweep_out(connection: Connection) -> None:
-    """Delete the parts that no sweep has any more."""
+def delete_unused_parts(connection: Connection) -> None:
+    """Delete the parts that no sweep uses."""
     for name in PARTS:
         column = sweep.c[f"{name}_part"]
         used = select(column).where(column.is_not(None))
         connection.execute(delete(part).where(part.c.section == name, part.c.number.not_in(used)))
 
 
-def paths(prefix: str, data: Any) -> Iterator[str]:
-    """Yield the dotted paths of all single values in plain data."""
+def value_paths(prefix: str, data: Json) -> Iterator[str]:
+    """Yield the dotted paths of all values in plain data."""
     match data:
         case Mapping():
-            items: Iterable[tuple[Any, Any]] = data.items()
+            items: Iterable[tuple[object, Json]] = data.items()
         case list() | tuple():
             items = enumerate(data)
         case _:
             yield prefix
             return
     for key, value in items:
-        yield from paths(f"{prefix}.{key}" if prefix else str(key), value)
+        yield from value_paths(f"{prefix}.{key}" if prefix else str(key), value)
 
 
-def _parts(item: Sweep) -> Iterator[tuple[str, Any]]:
+def _sections(item: Sweep) -> Iterator[tuple[str, Json]]:
     yield "rest", {key: value for key, value in item.experiment.items() if key not in SECTIONS}
     yield from ((name, item.experiment[name]) for name in SECTIONS if name in item.experiment)
     yield "estimator", item.estimator
 
 
-def _digest(section: str, data: Any, texts: dict[str, tuple[str, str]]) -> str:
+def _digest(section: str, data: Json, texts: dict[str, tuple[str, str]]) -> str:
     text = _compact(data)
-    digest = hashlib.blake2b(f"{section}\n{text}".encode(), digest_size=20).hexdigest()
+    digest = _part_digest(section, text)
     texts[digest] = (section, text)
     return digest
 
 
-def _numbers(connection: Connection, digests: Iterable[str]) -> dict[str, int]:
+def _part_digest(section: str, text: str) -> str:
+    return hashlib.blake2b(f"{section}\n{text}".encode(), digest_size=20).hexdigest()
+
+
+def _part_numbers(connection: Connection, digests: Iterable[str]) -> dict[str, int]:
     query = select(part.c.digest, part.c.number)
     return {
         digest: number
-        for chunk in chunks(digests)
+        for chunk in key_chunks(digests)
         for digest, number in connection.execute(query.where(part.c.digest.in_(chunk)))
     }
 
 
-def _row(digest: str, section: str, text: str) -> dict[str, Any]:
-    lists: list[tuple[list[Any], list[Any]]] = []
-    content = _without_lists(json.loads(text), [], lists)
+def _part_row(digest: str, section: str, text: str) -> RowValues:
+    lists: list[tuple[Place, list[Json]]] = []
+    content = _extract_lists(json.loads(text), [], lists)
     return {"section": section, "digest": digest, "content": content, "lists": lists or None}
 
 
-def _without_lists(data: Any, place: list[Any], lists: list[tuple[list[Any], list[Any]]]) -> Any:
+def _extract_lists(data: Json, place: Place, lists: list[tuple[Place, list[Json]]]) -> Json:
     if isinstance(data, list):
-        if len(data) > LONGEST:
+        if len(data) > MAX_SEARCHABLE_VALUES:
             lists.append((place, data))
             return None
-        return [_without_lists(value, [*place, index], lists) for index, value in enumerate(data)]
+        return [_extract_lists(value, [*place, index], lists) for index, value in enumerate(data)]
     if isinstance(data, dict):
-        return {key: _without_lists(value, [*place, key], lists) for key, value in data.items()}
+        return {key: _extract_lists(value, [*place, key], lists) for key, value in data.items()}
     return data
 
 
-def _whole(row: Row[Any]) -> Any:
+def _restore_lists(row: ResultRow) -> Json:
     content = row.content
     for place, values in row.lists or ():
         if not place:
@@ -127,7 +158,7 @@ def _whole(row: Row[Any]) -> Any:
     return content
 
 
-def _assembled(row: Any, contents: Mapping[int, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+def _join_parts(row: TableRow, contents: Mapping[int, Json]) -> tuple[JsonTable, JsonTable]:
     experiment = dict(contents[row["rest_part"]])
     for name in SECTIONS:
         if row[f"{name}_part"] is not None:
@@ -135,5 +166,5 @@ def _assembled(row: Any, contents: Mapping[int, Any]) -> tuple[dict[str, Any], d
     return experiment, contents[row["estimator_part"]]
 
 
-def _below(section: str) -> str:
+def _path_prefix(section: str) -> str:
     return "" if section == "rest" else section

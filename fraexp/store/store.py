@@ -1,50 +1,56 @@
-"""The store: the one door to the database."""
+"""The store: the only access to the database."""
 
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
 from sqlalchemy import Connection, Engine
 
-from fraexp.data.results import Result
-from fraexp.data.sweep import Sweep
+from fraexp.data.results import Outcome, Result
+from fraexp.data.sweep import Plain, Sweep
 from fraexp.errors import StoreError
 from fraexp.store import integrity
-from fraexp.store.backends.engine import ALONE, BESIDE, WRITE, Database
-from fraexp.store.backends.urls import locate
+from fraexp.store.backends.engine import CONCURRENT, EXCLUSIVE, WRITE_MODE, Database
+from fraexp.store.backends.urls import locate_database
 from fraexp.store.changes import leases, merging, writing
+from fraexp.store.clock import steady_time
+from fraexp.store.liveness import this_process
 from fraexp.store.queries import annotations, reading, sweep_pages
-from fraexp.store.queries.filter_sql import Declared, undeclared
-from fraexp.store.schema import Schema, check_readable, migrate, prepare
+from fraexp.store.queries.filter_sql import UnitDeclarations, no_declared_units
+from fraexp.store.schema import Schema, check_readable, migrate_database, prepare_database
 from fraexp.store.stored_records import (
+    ComponentOrigin,
     ListingPage,
-    Merged,
-    Migrated,
+    MergeSummary,
+    MigrationSummary,
     RunProgress,
     RunSummary,
     StoredState,
     StoredSweep,
-    Supplied,
 )
-from fraexp.store.validation import FOREIGN, DamagedError, foreign
+from fraexp.store.validation import FOREIGN_DATA_ERRORS, DamagedError, foreign_data_error
 
-TIMEOUT = 10.0
-"""How long to wait for another process that writes [s]."""
+DEFAULT_TIMEOUT_S = 10.0
+"""Time to wait for another process that writes."""
 
 
 class Store:
-    """Runs, sweeps and results in a database. Every call is one transaction: it happens wholly or not at all.
+    """Runs, sweeps and results in a database. Each call is one transaction: it takes effect completely or not at all.
 
-    Whatever the database cannot do is raised as StoreError, in one line with the remedy.
+    All failures of the database are raised as StoreError, in one line with the remedy.
     """
 
-    def __init__(self, database: Database, engine: Engine, units: Declared = undeclared) -> None:
-        self._database, self._declared = database, units
+    def __init__(self, database: Database, engine: Engine, units: UnitDeclarations = no_declared_units) -> None:
+        self._database, self._unit_declarations = database, units
         self._engine = engine
+        self._writers = {mode: engine.execution_options(**{WRITE_MODE: mode}) for mode in (EXCLUSIVE, CONCURRENT)}
         self._reader = engine.execution_options(**database.reading)
         self._identity = database.identity()
         self._written = 0
+        self.notice = ""
+        """What a user should know about the migration of the database when it was opened; empty without one."""
+        self._begin_times: dict[int, float] = {}
+        """Steady times at which the runs of this process began [s]."""
 
     @classmethod
     def open(
@@ -53,8 +59,8 @@ class Store:
         *,
         create: bool = False,
         read_only: bool = False,
-        timeout: float = TIMEOUT,
-        units: Declared = undeclared,
+        timeout: float = DEFAULT_TIMEOUT_S,
+        units: UnitDeclarations = no_declared_units,
     ) -> Self:
         """Open the database at ``postgresql://user@host/database``, ``sqlite:///results.db`` or a plain path.
 
@@ -62,47 +68,47 @@ class Store:
 
         Parameters
         ----------
-        create : make its tables (and the file) if it is missing or empty.
-        read_only : for watchers, which cannot disturb a run; the database must be there.
-        timeout : how long to wait for another process that writes [s].
-        units : returns the units in which a parameter may be declared, so that filters can refuse others.
+        create : create the tables (and the file) if the database is missing or empty.
+        read_only : for readers, which cannot disturb a run; the database must exist.
+        timeout : time to wait for another process that writes [s].
+        units : returns the units in which a parameter is declared, so that filters can refuse others.
         """
-        database = locate(url, timeout)
+        database = locate_database(url, timeout)
         if read_only:
             check_readable(database, Schema())
             return cls(database, database.reader(), units)
-        prepare(database, create, Schema())
-        return cls(database, database.writer(), units)
+        notice = prepare_database(database, create, Schema())
+        store = cls(database, database.writer(), units)
+        store.notice = notice
+        return store
 
     @staticmethod
-    def exists(url: str, timeout: float = TIMEOUT) -> bool:
-        """Return whether there is a database, of whatever schema; StoreError if there is something else."""
-        return locate(url, timeout).exists()
+    def exists(url: str, timeout: float = DEFAULT_TIMEOUT_S) -> bool:
+        """Return whether there is a database of any schema; StoreError if there is something else."""
+        return locate_database(url, timeout).exists()
 
     @staticmethod
-    def refusal(url: str, timeout: float = TIMEOUT) -> str:
-        """Return why nothing can be written there, as far as that is plain beforehand; empty if it may be."""
+    def refusal(url: str, timeout: float = DEFAULT_TIMEOUT_S) -> str:
+        """Return why the database cannot be written, if that is known in advance; otherwise an empty text."""
         try:
-            locate(url, timeout).check_writable()
+            locate_database(url, timeout).check_writable()
         except StoreError as error:
             return str(error)
         return ""
 
     @staticmethod
-    def migrate(url: str, timeout: float = TIMEOUT) -> Migrated:
-        """Bring a database up to date, and give back unused room."""
-        database, schema = locate(url, timeout), Schema()
-        before = migrate(database, schema)
+    def migrate(url: str, timeout: float = DEFAULT_TIMEOUT_S) -> MigrationSummary:
+        """Migrate a database to the current schema, and free unused space."""
+        database, schema = locate_database(url, timeout), Schema()
+        before, copy = migrate_database(database, schema)
         size = database.size()
         database.tidy()
-        return Migrated(before, schema.head, size, database.size())
+        return MigrationSummary(before, schema.head, size, database.size(), copy)
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def close(self) -> None:
@@ -111,83 +117,103 @@ class Store:
 
     @property
     def name(self) -> str:
-        """The database as people know it: a file, or a URL without its password."""
+        """Name of the database for messages: its file, or its URL without the password."""
         return self._database.name
 
     @property
     def advice(self) -> str:
-        """What people should know of its place before they write to it; empty if all is well."""
+        """A warning about the place of the database; empty if there is none."""
         return self._database.advice()
 
-    def known(self, keys: Iterable[str]) -> dict[str, StoredState]:
-        """Return the state of those sweeps that have a result."""
+    def stored_states(self, keys: Iterable[str]) -> dict[str, StoredState]:
+        """Return the state of each sweep that has a result."""
         with self._reading() as connection:
-            return reading.known(connection, keys)
+            return reading.stored_states(connection, keys)
 
-    def begin_run(
-        self, study: str, study_file: str, command: str, provenance: Mapping[str, Any], sweeps: Sequence[Sweep]
-    ) -> int:
-        """Write a run of this process and its sweeps, all pending; return its number."""
+    def begin_run(self, study: str, study_file: str, command: str, provenance: Plain, sweeps: Sequence[Sweep]) -> int:
+        """Store a run of this process with its sweeps, all pending, and return its number.
+
+        With a ``run_id`` in its provenance it is stored once, however often the call is repeated.
+        """
+        began = steady_time()
         with self._writing() as connection:
-            return writing.begin_run(connection, study, study_file, command, provenance, sweeps)
+            number = writing.begin_run(connection, study, study_file, command, provenance, sweeps)
+        self._begin_times[number] = began
+        return number
 
     def beat(self, run: int, progress: RunProgress | None = None) -> None:
-        """Note that the run is still being worked on, and how far it came.
+        """Store a heartbeat of a run, with its progress.
 
-        Watchers on other hosts cannot see the process, and none can ask it for its progress.
+        Readers on other hosts cannot see the process, and no reader can ask it for its progress.
         """
-        with self._writing(BESIDE) as connection:  # another run may be storing much: that must not seem our death
-            writing.beat(connection, run, progress)
+        with self._writing(CONCURRENT) as connection:  # this run must not seem dead while another one stores much
+            writing.record_heartbeat(connection, run, progress)
 
     def claim(self, run: int, keys: Iterable[str], again: bool = False) -> set[str]:
-        """Take sweeps upon a run, all at once, and return those that it is to compute: no other living run holds them.
+        """Lease sweeps to a run in one step, and return those that it must compute: no other living run holds them.
 
-        What has a result is left out; `again`: only what has got one since the run began. `beat` keeps what is held,
-        and `save`, `fail` and `end_run` give it up. A run that is over, whose process here has died, or that has been
-        silent for a minute holds nothing.
+        Sweeps with a result are left out; with `again`, only those whose result is newer than the run. `beat` renews
+        the leases; `save`, `fail` and `end_run` end them. The leases of a run are void if it has ended, if its process
+        on this host has died, or if it has sent no heartbeat for a minute.
         """
         with self._writing() as connection:
-            return leases.claim(connection, run, keys, again)
+            return leases.claim_sweeps(connection, run, keys, again)
 
-    def held(self, keys: Iterable[str]) -> dict[str, int]:
-        """Return the living run that holds each of those sweeps that one holds."""
+    def lease_holders(self, keys: Iterable[str]) -> dict[str, int]:
+        """Return the living run that holds the lease of each sweep, for sweeps that are leased."""
         with self._reading() as connection:
-            return leases.held(connection, keys)
+            return leases.find_holders(connection, keys)
 
     def reuse(self, run: int, keys: Iterable[str]) -> None:
-        """Mark sweeps of the run as answered by stored results."""
+        """Mark sweeps of a run as reused."""
         with self._writing() as connection:
-            writing.mark(connection, run, keys, "reused")
+            writing.mark_sweeps(connection, run, keys, "reused")
 
-    def save(self, run: int, results: Sequence[tuple[Sweep, Result, Mapping[str, Supplied]]]) -> None:
-        """Store results, with the origin of each component by ``kind:name``, in place of older ones."""
-        with self._writing() as connection:
-            writing.save(connection, run, results)
+    def save(
+        self,
+        run: int,
+        results: Sequence[tuple[Sweep, Result, Mapping[str, ComponentOrigin]]],
+        is_fenced: bool = False,
+    ) -> set[str]:
+        """Store results, which replace older ones, and return the keys that the run has stored.
 
-    def fail(self, run: int, key: str, message: str, log: str) -> None:
-        """Note a failed attempt with its log; no result is stored, and an older one stays."""
+        Parameters
+        ----------
+        results : each sweep with its result and the origin of each of its components by ``kind:name``.
+        is_fenced : store only sweeps whose lease the run holds: after a silence another run may have taken them over.
+            A call may be repeated: what the run has stored before is not stored again.
+        """
         with self._writing() as connection:
-            writing.fail(connection, run, key, message, log)
+            return writing.save_results(connection, run, results, is_fenced)
+
+    def fail(self, run: int, key: str, message: str, log: str, is_fenced: bool = False) -> bool:
+        """Store a failed attempt with its log, and return whether it is stored; an older result stays.
+
+        With `is_fenced` it is stored only if the run holds the lease of the sweep.
+        """
+        with self._writing() as connection:
+            return writing.record_failure(connection, run, key, message, log, is_fenced)
 
     def end_run(self, run: int, state: str) -> None:
-        """Note how a run ended: ``complete``, ``partial`` or ``interrupted``."""
+        """Store the final state of a run: ``complete``, ``partial`` or ``interrupted``."""
+        began = self._begin_times.get(run)
         with self._writing() as connection:
-            writing.end_run(connection, run, state)
+            writing.end_run(connection, run, state, None if began is None else steady_time() - began)
 
     def runs(self) -> list[RunSummary]:
         """Return all runs, newest first; one whose process died shows as ``interrupted``."""
         with self._reading() as connection:
-            return reading.runs(connection)
+            return reading.read_runs(connection)
 
     def run(self, number: int) -> RunSummary:
-        """Return the run of a number."""
+        """Return the run with a number."""
         with self._reading() as connection:
-            return reading.one_run(connection, number)
+            return reading.read_run(connection, number)
 
     def sweeps(self, run: int) -> list[StoredSweep]:
         """Return the sweeps of a run in grid order, without arrays."""
         with self._reading() as connection:
-            return reading.sweeps(connection, run)
+            return reading.read_sweeps(connection, run)
 
     def page(
         self,
@@ -197,154 +223,175 @@ class Store:
         limit: int = 100,
         run: int | None = None,
     ) -> ListingPage:
-        """Return a part of the listing of all sweeps, or of a run's, without arrays.
+        """Return a page of the listing of all sweeps, or of a run's sweeps, without arrays.
 
         Parameters
         ----------
-        filter : terms such as ``estimator=proposed excitation.amplitude>=12 -tag:baseline``, which must all hold.
-        order : one of `fields`, with ``-`` before it for falling values: by default ``-created``, or a run's own
-            order (``position``). What lacks the value comes last.
-        offset, limit : how many rows are left out before the first, and how many are returned.
+        filter : terms such as ``estimator=effective_input excitation.amplitude>=12 -tag:baseline``; all must hold.
+        order : one of `fields`, with a leading ``-`` for falling values; by default ``-created``, or for a run its
+            own order (``position``). Sweeps without the value come last.
+        offset, limit : number of rows before the page, and in it.
         """
         with self._reading() as connection:
             if run is not None:
-                reading.one_run(connection, run)
-            return sweep_pages.page(connection, filter, order, offset, limit, run, self._declared)
+                reading.read_run(connection, run)
+            return sweep_pages.read_page(connection, filter, order, offset, limit, run, self._unit_declarations)
 
     def keys(self, filter: str = "", run: int | None = None) -> list[str]:  # noqa: A002 (the same)
-        """Return the keys of all sweeps that a filter lets through, in the default order of `page`."""
+        """Return the keys of all sweeps that match a filter, in the default order of `page`."""
         with self._reading() as connection:
             if run is not None:
-                reading.one_run(connection, run)
-            return sweep_pages.keys(connection, filter, run, self._declared)
+                reading.read_run(connection, run)
+            return sweep_pages.matching_keys(connection, filter, run, self._unit_declarations)
 
     def fields(self) -> list[str]:
         """Return the names that a filter may use: columns, then parameters, labels and metrics."""
         with self._reading() as connection:
-            return sweep_pages.fields(connection)
+            return sweep_pages.field_names(connection)
 
     def tag(self, keys: Iterable[str], name: str) -> None:
-        """Give sweeps a tag: a word."""
+        """Add a tag, which is a word, to sweeps."""
         with self._writing() as connection:
             annotations.add_tag(connection, keys, name)
 
     def untag(self, keys: Iterable[str], name: str) -> None:
-        """Take a tag from sweeps."""
+        """Remove a tag from sweeps."""
         with self._writing() as connection:
             annotations.remove_tag(connection, keys, name)
 
     def tags(self) -> dict[str, int]:
-        """Return how many sweeps have each tag, by name."""
+        """Return the number of sweeps with each tag, by name."""
         with self._reading() as connection:
-            return annotations.tags(connection)
+            return annotations.count_tags(connection)
 
     def annotate(self, key: str, text: str) -> None:
-        """Give a sweep a note in place of an older one; an empty text takes it away."""
+        """Set the note of a sweep; an empty text removes it."""
         with self._writing() as connection:
             annotations.annotate(connection, key, text)
 
     def note(self, key: str) -> str:
         """Return the note of a sweep; empty if it has none."""
         with self._reading() as connection:
-            return annotations.notes(connection, [key]).get(key, "")
+            return annotations.notes_of_sweeps(connection, [key]).get(key, "")
 
     def delete_sweeps(self, keys: Iterable[str]) -> int:
-        """Delete sweeps with their results, tags and notes; return how many there were. Not while a run uses them."""
+        """Delete sweeps with all their data and return their number; StoreError while a run uses one of them."""
         with self._writing() as connection:
             return annotations.delete_sweeps(connection, keys)
 
     def delete_run(self, number: int) -> int:
-        """Delete a run that has ended, and those of its sweeps that are in no other; return how many these were."""
+        """Delete a run that has ended with the sweeps that no other run has, and return the number of these sweeps."""
         with self._writing() as connection:
-            reading.one_run(connection, number)
+            reading.read_run(connection, number)
             return annotations.delete_run(connection, number)
 
     def sources(self) -> dict[str, dict[str, int]]:
-        """Return how many sweeps each component has computed, by ``kind:name`` and by the hash of its source."""
+        """Return the number of sweeps of each component, by ``kind:name`` and by the hash of its source."""
         with self._reading() as connection:
-            return reading.sources(connection)
+            return reading.count_sources(connection)
 
     def find(self, prefix: str) -> StoredSweep:
-        """Return the sweep whose key starts with a prefix, with or without ``fx1-``, as its latest run saw it."""
+        """Return the sweep whose key starts with a prefix, with or without ``fx2-``, as in its latest run."""
         with self._reading() as connection:
-            return reading.find(connection, prefix)
+            return reading.find_sweep(connection, prefix)
 
     def log(self, key: str) -> str:
         """Return the log of a sweep's latest attempt; empty if it did not fail."""
         with self._reading() as connection:
-            return reading.log(connection, key)
+            return reading.read_log(connection, key)
 
     def result(self, key: str) -> Result:
         """Return the result of a sweep, with arrays."""
         found = self.results([key])
         if key not in found:
             raise StoreError(f"{self.name}: there is no result of sweep {key}; run its study")
+        if found[key].outcome is Outcome.DAMAGED:
+            raise StoreError(f"{self.name}: sweep {key[4:12]}: {found[key].message}; {Outcome.DAMAGED.value}")
         return found[key]
 
     def results(self, keys: Iterable[str]) -> dict[str, Result]:
-        """Return the results of those sweeps that have one, with arrays."""
+        """Return the result of each sweep that has one, with arrays."""
         with self._reading() as connection:
-            return reading.results(connection, keys)
+            return reading.read_results(connection, keys)
 
     def leases(self) -> dict[int, int]:
-        """Return how many sweeps each run has taken upon itself, whether it lives or not."""
+        """Return the number of leases of each run, dead or alive."""
         with self._reading() as connection:
-            return leases.counts(connection)
+            return leases.count_leases(connection)
 
     def size(self) -> int:
-        """Return the room that the database takes [bytes]."""
+        """Return the size of the database [bytes]."""
         return self._database.size()
 
     def journal(self) -> str:
-        """Return how the database keeps what is being written."""
+        """Return the database's journal mode."""
         with self._reading() as connection:
             return self._database.journal(connection)
 
     def health(self) -> str:
-        """Return ``sound``, or the first finding: of the database's own check of its structure, or in what it holds."""
+        """Return ``sound``, or what is damaged in the structure of the database and in its contents."""
+        return str(self.examine())
+
+    def examine(self) -> integrity.Examination:
+        """Check the structure of the database and all digests; this reads everything."""
+        try:
+            with self._reading() as connection:
+                structure = self._database.health(connection)
+        except StoreError as error:
+            structure = str(error).removeprefix(f"{self.name}: ")
+        return integrity.examine(self._reading, "" if structure == "sound" else structure)
+
+    def confirm_run(self, number: int, computed: int) -> None:
+        """Raise StoreError unless the database is sound and has a run of this process with as many computed sweeps.
+
+        If another program overwrites the file while a run uses it, neither SQLite nor the system reports that.
+        """
         with self._reading() as connection:
             found = self._database.health(connection)
-            return found if found != "sound" else integrity.finding(connection) or found
+            runs = reading.read_runs(connection, number) if found == "sound" else []
+        why = "some of its results are missing" if found == "sound" else found
+        if not any(run.process == this_process() and run.computed >= computed for run in runs):
+            what = f"the database was overwritten or damaged while run {number} was using it ({why})"
+            raise StoreError(f"{self.name}: {what}; restore a copy, and run again")
 
-    def merge(self, other: "Store") -> Generator[tuple[int, int], None, Merged]:
-        """Add what another database has; yield how many of how many sweeps are done, and return what came of it.
+    def merge(self, other: "Store") -> Generator[tuple[int, int], None, MergeSummary]:
+        """Add the contents of another database; yield the numbers of done and of all sweeps, and return a summary.
 
-        Results are joined by key. What both have and differs is told, and stays as it is here. Runs are given new
-        numbers; those that are here already are known by host, process and start. Merging again adds nothing.
+        Results are matched by key. Results that differ are reported, and this database keeps its own. Runs get new
+        numbers; host, process and start identify runs that exist already. A second merge adds nothing.
         """
         if other.name == self.name or (self._identity is not None and other._identity == self._identity):
             raise StoreError(f"{self.name}: a database cannot be merged into itself; name another one")
-        return merging.merge(other._reading, self._reading, self._writing)
+        return merging.merge_databases(other._reading, self._reading, self._writing)
 
     def version(self) -> int:
-        """Return a number that changes when anything is written, by this process or another: cheap enough to poll."""
+        """Return a number that changes when any process writes; it is cheap to poll."""
         with self._reading() as connection:
             return self._written + self._database.version(connection)
 
-    def replaced(self) -> bool:
-        """Return whether the file that was opened has been deleted since, or another put in its place."""
+    def is_replaced(self) -> bool:
+        """Return whether the opened file has been deleted or replaced since."""
         return self._database.identity() != self._identity
 
-    def _check_there(self) -> None:
-        if self.replaced():
-            what = "replaced by another file" if self._database.identity() else "deleted or moved"
-            raise StoreError(f"{self.name}: the database has been {what} since it was opened; open it again")
+    def _check_unchanged(self) -> None:
+        if self.is_replaced():
+            fate = "replaced by another file" if self._database.identity() else "deleted or moved"
+            raise StoreError(f"{self.name}: the database has been {fate} since it was opened; open it again")
 
     @contextmanager
     def _reading(self) -> Iterator[Connection]:
-        self._check_there()
-        with self._database.sentences(), self._reader.connect() as connection:
+        self._check_unchanged()
+        with self._database.translated_errors(), self._reader.connect() as connection:
             try:
                 yield connection
             except DamagedError as error:
                 raise StoreError(f"{self.name}: {error}") from error
-            except FOREIGN as error:
-                raise foreign(self.name, error) from error
+            except FOREIGN_DATA_ERRORS as error:
+                raise foreign_data_error(self.name, error) from error
 
     @contextmanager
-    def _writing(self, how: str = ALONE) -> Iterator[Connection]:
-        self._check_there()
-        writer = self._engine.execution_options(**{WRITE: how})
-        with self._database.sentences(), writer.begin() as connection:
+    def _writing(self, mode: str = EXCLUSIVE) -> Iterator[Connection]:
+        self._check_unchanged()
+        with self._database.translated_errors(), self._writers[mode].begin() as connection:
             yield connection
         self._written += 1

@@ -1,19 +1,20 @@
-"""What the store answers with, apart from results: plain records without arrays."""
+"""Records that the store returns beside results: plain values without arrays."""
 
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from datetime import datetime
-from typing import Any
 
-from fraexp.data.results import Outcome
+from fraexp.data.results import Outcome, Result
 from fraexp.store.liveness import Process
+from fraexp.store.validation import JsonTable
 
-MOST_TOLD = 32
-"""Running sweeps that a run tells of, at most."""
+MAX_RUNNING_SHOWN = 32
+"""Maximum number of running sweeps in a run's progress."""
 
 
 @dataclass(frozen=True)
-class Supplied:
-    """Where a component came from when it was used."""
+class ComponentOrigin:
+    """Origin of a component that was used."""
 
     source_hash: str
     """Content hash of the file that defined it."""
@@ -23,34 +24,34 @@ class Supplied:
 
 @dataclass(frozen=True)
 class StoredState:
-    """What decides whether a stored sweep is reused."""
+    """State of a stored sweep, which decides whether it is reused."""
 
     outcome: Outcome
     sources: dict[str, str]
-    """Source hash at the time, by ``kind:name``."""
+    """Source hashes of the components that computed it, by ``kind:name``."""
     elapsed: float
     """Computing time [s]."""
 
 
 @dataclass(frozen=True)
 class RunProgress:
-    """How far a run has come with what it computes."""
+    """Progress of a run."""
 
     done: float
-    """Sweeps that are done, with the fractions of those that are running."""
+    """Number of finished sweeps, plus the fractions of the running ones."""
     total: int
-    """Sweeps to compute."""
+    """Number of sweeps to compute."""
     workers: int
-    """How many are computed at once, at most."""
+    """Number of sweeps that can be computed at the same time."""
     running: dict[str, float]
-    """Fraction done of sweeps that are being computed, by key; of the first MOST_TOLD of them."""
+    """Fraction done of the running sweeps, by key, of the first MAX_RUNNING_SHOWN of them."""
     doing: str = ""
-    """What is done before a first sweep gets on, such as compiling."""
+    """What delays the first sweep, such as compiling."""
 
 
 @dataclass(frozen=True)
 class RunSummary:
-    """One execution of a study and how far it came."""
+    """An execution of a study."""
 
     number: int
     study: str
@@ -62,55 +63,82 @@ class RunSummary:
     """In UTC; None while it runs, and for a run whose process died."""
     state: str
     """``running``, ``complete``, ``partial`` or ``interrupted``."""
-    provenance: dict[str, Any]
+    provenance: JsonTable
     total: int
     computed: int
     reused: int
     failed: int
     process: Process
-    """The process that writes it, or wrote it."""
+    """The process that executes it, or executed it."""
     heartbeat: datetime
-    """When that process last gave a sign of life, in UTC."""
+    """Time of the last heartbeat, in UTC."""
     progress: RunProgress | None = None
-    """What it then told of its progress; None if nothing."""
+    """Progress at the last heartbeat; None if it was not reported."""
+    silence: float = 0.0
+    """Time since the last heartbeat, by the clock of the database [s]; 0 unless it is running."""
 
 
 @dataclass(frozen=True)
 class StoredSweep:
-    """One sweep, without its arrays, as the run that asks for it (or the latest one) saw it."""
+    """A sweep without arrays, as in the requested run, or in its latest one."""
 
     key: str
-    experiment: dict[str, Any]
-    estimator: dict[str, Any]
-    labels: dict[str, Any]
+    experiment: JsonTable
+    estimator: JsonTable
+    labels: JsonTable
     outcome: Outcome | None
-    """None while there is no result."""
+    """None without a result."""
     message: str
-    """Why the attempt failed if it did, else the message of the result."""
+    """Reason of a failed attempt; otherwise the message of the result."""
     elapsed: float
-    """Computing time of the result [s]; 0 while there is none."""
+    """Computing time of the result [s]; 0 without a result."""
     created: datetime | None
     """When the result was stored, in UTC."""
     state: str
     """``pending``, ``computed``, ``reused`` or ``failed``."""
-    sources: dict[str, Supplied] = field(default_factory=dict)
+    sources: dict[str, ComponentOrigin] = field(default_factory=dict)
     """Origin of each component used, by ``kind:name``."""
     tags: tuple[str, ...] = ()
     note: str = ""
 
 
+def mark_damaged(sweeps: Iterable[StoredSweep], results: Mapping[str, Result]) -> list[StoredSweep]:
+    """Return sweeps of which those with a damaged result have this outcome: their rows alone do not show it."""
+    marked = []
+    for sweep in sweeps:
+        result = results.get(sweep.key)
+        is_damaged = result is not None and result.outcome is Outcome.DAMAGED
+        marked.append(
+            replace(sweep, outcome=result.outcome, message=result.message) if result and is_damaged else sweep
+        )
+    return marked
+
+
+def leave_out_damaged(
+    sweeps: Iterable[StoredSweep], results: Mapping[str, Result], warn: Callable[[str], object]
+) -> list[StoredSweep]:
+    """Return the sweeps that are not damaged; `warn` is called with a line for each that is."""
+    sound = []
+    for sweep in mark_damaged(sweeps, results):
+        if sweep.outcome is Outcome.DAMAGED:
+            warn(f"sweep {sweep.key[4:12]} is damaged and left out: {Outcome.DAMAGED.value}")
+        else:
+            sound.append(sweep)
+    return sound
+
+
 @dataclass(frozen=True)
-class Listed:
-    """One sweep in a listing, as its latest run (or the one that is asked for) saw it."""
+class ListedSweep:
+    """A sweep in a listing, as in the requested run, or in its latest one."""
 
     key: str
-    labels: dict[str, Any]
+    labels: JsonTable
     state: str
     """``pending``, ``computed``, ``reused`` or ``failed``."""
     outcome: Outcome | None
-    """None while there is no result."""
+    """None without a result."""
     message: str
-    """Why the attempt failed if it did, else the message of the result."""
+    """Reason of a failed attempt; otherwise the message of the result."""
     estimator: str | None
     friction: str | None
     plant: str | None
@@ -119,11 +147,11 @@ class Listed:
     source: str | None
     """``loop``, ``drive`` or ``record``."""
     elapsed: float
-    """Computing time of the result [s]; 0 while there is none."""
+    """Computing time of the result [s]; 0 without a result."""
     created: datetime | None
     """When the result was stored, in UTC."""
     run: int | None
-    """Number of that run; None for a sweep that is in no run."""
+    """Number of that run; None for a sweep without a run."""
     study: str | None
     tags: tuple[str, ...]
     note: str
@@ -131,49 +159,75 @@ class Listed:
 
 @dataclass(frozen=True)
 class ListingPage:
-    """A part of a listing."""
+    """A page of a listing."""
 
-    rows: tuple[Listed, ...]
+    rows: tuple[ListedSweep, ...]
     total: int
     """Number of sweeps in the whole listing."""
 
 
 @dataclass(frozen=True)
 class Conflict:
-    """A sweep that two databases answer differently."""
+    """A sweep or a run that differs between two databases, or is damaged in the one that is read."""
 
     key: str
+    """Key of the sweep, or ``run`` and its number."""
     what: tuple[str, ...]
-    """Of ``outcome``, ``response``, ``metrics``, ``curves`` and ``fits``; or ``key`` if it is damaged."""
+    """What differs: ``outcome``, ``message``, ``response``, ``metrics``, ``curves``, ``fits``, ``numerics``,
+    ``origins``, ``note``, ``key`` or ``run``; or what is damaged."""
     how: str
-    """In what, and how far: differences of arrays are relative to their largest value."""
+    """Description of the difference with both values; that of arrays is relative to their largest value."""
 
 
 @dataclass(frozen=True)
-class Merged:
-    """What came of joining a database to another one."""
+class MergeSummary:
+    """Result of merging a database into another one.
+
+    ``read`` is the sum of ``added``, ``there``, and the numbers of ``conflicts`` and ``damaged``; ``read_runs`` is that
+    of ``runs``, ``known_runs``, ``run_conflicts`` and ``damaged_runs``.
+    """
 
     sweeps: int
-    """Sweeps that were added, with a result or without."""
+    """Number of sweeps that were added, with or without a result."""
     results: int
-    """Results that were added."""
+    """Number of results that were added."""
     same: int
-    """Results that both have."""
+    """Number of results that both databases have."""
     runs: int
-    """Runs that were added."""
+    """Number of runs that were added."""
     known_runs: int
-    """Runs that both have."""
+    """Number of runs that both databases have."""
     conflicts: tuple[Conflict, ...]
-    """What both have and differs; the database that was added to keeps its own."""
+    """Sweeps that differ; the target database keeps its own."""
+    read: int = 0
+    """Number of sweeps that were read."""
+    added: int = 0
+    """Number of sweeps of which something was added: the sweep, its result, tags or a note."""
+    there: int = 0
+    """Number of sweeps that the target database had already, without a difference."""
+    tags: int = 0
+    """Number of tags that were added."""
+    notes: int = 0
+    """Number of notes that were added."""
+    damaged: tuple[Conflict, ...] = ()
+    """Sweeps that are damaged, with what was left out."""
+    read_runs: int = 0
+    """Number of runs that were read."""
+    run_conflicts: tuple[Conflict, ...] = ()
+    """Runs that differ; the target database keeps its own."""
+    damaged_runs: tuple[Conflict, ...] = ()
+    """Runs that are damaged, with what was left out."""
 
 
 @dataclass(frozen=True)
-class Migrated:
-    """What came of bringing a database up to date."""
+class MigrationSummary:
+    """Result of the migration of a database."""
 
     before: str
     now: str
     """Revisions of its schema."""
     size_before: int
     size: int
-    """Room that it takes, before unused room was given back and after [bytes]."""
+    """Size before and after unused space was freed [bytes]."""
+    copy: str = ""
+    """Where a copy of the database before the migration is; empty if there is none."""

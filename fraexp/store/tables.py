@@ -1,4 +1,4 @@
-"""The tables: runs, sweeps and what was learnt, with units and covariance in columns of their own.
+"""The tables of the database: runs, sweeps, results, and their annotations.
 
 Types are portable to PostgreSQL. Arrays are .npy bytes. A change here needs a revision under `migrations`.
 """
@@ -12,6 +12,7 @@ from sqlalchemy import (
     JSON,
     BigInteger,
     Column,
+    ColumnElement,
     Connection,
     DateTime,
     Dialect,
@@ -19,41 +20,55 @@ from sqlalchemy import (
     ForeignKey,
     ForeignKeyConstraint,
     Index,
+    Insert,
     Integer,
     MetaData,
+    Row,
+    RowMapping,
+    Select,
     SmallInteger,
     String,
     Table,
     Text,
+    bindparam,
 )
 from sqlalchemy.dialects import sqlite
 from sqlalchemy.types import TypeDecorator
 
-from fraexp.store.validation import Bytes
+from fraexp.store.validation import CheckedBytes
 
-NAMING = {
+NAMING_CONVENTION = {
     "ix": "ix_%(table_name)s_%(column_0_N_name)s",
     "fk": "fk_%(table_name)s_%(column_0_N_name)s_%(referred_table_name)s",
     "pk": "pk_%(table_name)s",
     "uq": "uq_%(table_name)s_%(column_0_N_name)s",
 }
-CHUNK = 500
-"""Keys per IN query: databases limit the variables of a statement."""
+MAX_KEYS_PER_QUERY = 500
+"""Keys of an IN query: databases limit the variables of a statement."""
 Key = TypeVar("Key", str, int)
+RowValues = dict[str, Any]
+"""Values of a row by column."""
+TableRow = RowMapping | RowValues
+"""A row that has been read, by column."""
+ResultRow = Row[Any]
+"""A row of a query's result; its columns are attributes."""
+Query = Select[Any]
+Expression = ColumnElement[Any]
+"""An SQL expression of any type."""
 SECTIONS = ("plant", "friction", "controller", "loop", "excitation", "numerics", "compensation", "record")
 """Sections of an experiment that are stored as parts, in the order in which an experiment has them."""
 PARTS = ("rest", *SECTIONS, "estimator")
-"""All parts of a sweep; `rest` is what stands in its experiment beside the sections."""
+"""All parts of a sweep; `rest` is what its experiment has beside the sections."""
 
 
-class Utc(TypeDecorator[datetime]):
-    """An aware moment in UTC; SQLite forgets time zones, so they are taken off and put back here."""
+class UtcDateTime(TypeDecorator[datetime]):
+    """A moment in UTC; SQLite does not store time zones, so they are removed and restored here."""
 
     impl = DateTime(timezone=True)
     cache_ok = True
 
     def process_bind_param(self, value: datetime | None, dialect: Dialect) -> datetime | None:
-        """Return the moment in UTC as the database takes it."""
+        """Return the moment in UTC as the database stores it."""
         if value is None:
             return None
         moment = value.astimezone(UTC)
@@ -66,8 +81,8 @@ class Utc(TypeDecorator[datetime]):
         return value.replace(tzinfo=UTC) if value.tzinfo is None else value.astimezone(UTC)
 
 
-class Number(TypeDecorator[float]):
-    """A float that may be NaN or infinite; SQLite has no NaN, so it is NULL there and everywhere."""
+class NullableFloat(TypeDecorator[float]):
+    """A float that may be NaN or infinite; NaN is stored as NULL, because SQLite has no NaN."""
 
     impl = Float(precision=53)
     cache_ok = True
@@ -81,52 +96,62 @@ class Number(TypeDecorator[float]):
         return math.nan if value is None else value
 
 
-class Words(TypeDecorator[str]):
-    """Free text; what no encoding can hold (file names of unknown encoding, NUL) is written as escapes."""
+class EscapedText(TypeDecorator[str]):
+    """Free text; what no encoding can store (file names of unknown encoding, NUL) is written as escapes."""
 
     impl = Text
     cache_ok = True
 
     def process_bind_param(self, value: str | None, dialect: Dialect) -> str | None:
-        """Return text that every database takes."""
+        """Return text that every database accepts."""
         return None if value is None else value.encode("utf-8", "backslashreplace").decode().replace("\0", "\\x00")
 
 
-LATEST, OVERTAKEN, REPEATED = range(3)
-"""Standing of a sweep in a run: it is its latest run, a later one has it too, or it stands in this run once before."""
+STANDING_LATEST, STANDING_OVERTAKEN, STANDING_REPEATED = range(3)
+"""Standing of a sweep in a run: it is the sweep's latest run, a later run has the sweep, or the run has it twice."""
+IN_RUNS, WITHOUT_RUN = "yes", "no"
+"""Whether a run has a sweep: words, of which none becomes the other one by a few changed bits."""
 
 
-def _array(name: str, nullable: bool = False) -> Column[bytes]:
-    return Column(name, Bytes, nullable=nullable)
+def _array_column(name: str, nullable: bool = False) -> Column[bytes]:
+    return Column(name, CheckedBytes, nullable=nullable)
 
 
-def _text(name: str, default: str | None = None) -> Column[str]:
-    return Column(name, Words, nullable=False, default=default)
+def _text_column(name: str, default: str | None = None) -> Column[str]:
+    return Column(name, EscapedText, nullable=False, default=default)
 
 
-def _sweep_key(**options: Any) -> Column[str]:
-    return Column("key", String(64), ForeignKey("sweep.key", ondelete="CASCADE"), nullable=False, **options)
+def _digest_column(name: str) -> Column[int]:
+    return Column(name, BigInteger)
 
 
-metadata = MetaData(naming_convention=NAMING)
+def _sweep_key_column(primary_key: bool = False) -> Column[str]:
+    reference = ForeignKey("sweep.key", ondelete="CASCADE")
+    return Column("key", String(64), reference, nullable=False, primary_key=primary_key)
+
+
+metadata = MetaData(naming_convention=NAMING_CONVENTION)
 
 run = Table(
     "run",
     metadata,
     Column("number", Integer, primary_key=True),
-    _text("study"),
-    _text("study_file"),
-    _text("command"),
+    _text_column("study"),
+    _text_column("study_file"),
+    _text_column("command"),
     Column("state", String(16), nullable=False),
-    Column("started", Utc, nullable=False),
-    Column("ended", Utc),
-    Column("heartbeat", Utc, nullable=False),
-    _text("host"),
-    _text("boot"),
+    Column("started", UtcDateTime, nullable=False),
+    Column("ended", UtcDateTime),
+    Column("heartbeat", UtcDateTime, nullable=False),
+    _text_column("host"),
+    _text_column("boot"),
     Column("pid", Integer, nullable=False),
     Column("process_start", BigInteger),  # clock ticks since boot, where known
     Column("provenance", JSON, nullable=False),
-    Column("progress", JSON(none_as_null=True)),  # as the run last told it; NULL before
+    Column("progress", JSON(none_as_null=True)),  # as the run last reported it; NULL before
+    Column("sweeps", Integer, nullable=False, default=0, server_default="0"),  # number of its rows of run_sweep
+    _digest_column("digest"),
+    Column("sweep_digests", BigInteger, nullable=False, default=0, server_default="0"),  # sum of those of these rows
     sqlite_autoincrement=True,  # a run's number is its name: never given twice
 )
 
@@ -136,19 +161,26 @@ sweep = Table(
     Column("key", String(64), primary_key=True),
     Column("experiment_key", String(64), nullable=False, index=True),
     Column("outcome", String(16)),  # name of the Outcome; NULL while there is no result
-    _text("message", ""),
+    _text_column("message", ""),
     Column("elapsed", Float(precision=53), nullable=False, default=0.0),
-    Column("numerics", Words, nullable=False, default="", server_default=""),  # how it was computed
-    Column("created", Utc, index=True),
-    Column("source", Words),
-    Column("plant_name", Words),
-    Column("friction_name", Words),
-    Column("controller_name", Words),
-    Column("excitation_name", Words),
-    Column("estimator_name", Words, index=True),
+    Column("numerics", EscapedText, nullable=False, default="", server_default=""),  # how it was computed
+    Column("created", UtcDateTime, index=True),
+    Column("source", EscapedText),
+    Column("plant_name", EscapedText),
+    Column("friction_name", EscapedText),
+    Column("controller_name", EscapedText),
+    Column("excitation_name", EscapedText),
+    Column("estimator_name", EscapedText, index=True),
+    # So that a sweep whose run is not found, because an index is damaged, does not seem to have none.
+    Column("in_runs", String(8), nullable=False, default=WITHOUT_RUN, server_default=IN_RUNS),
     # Numbers of parts, NULL where there is none. Not declared as references: an index on each, which removing
     # parts would need, is larger than the table.
     *(Column(f"{name}_part", Integer) for name in PARTS),
+    _digest_column("digest"),  # of what listings show
+    _digest_column("content"),  # of the result; NULL without one
+    _digest_column("origins"),  # of the origins of its components
+    _digest_column("parts"),  # of its parts
+    _digest_column("annotations"),  # of tags and note; NULL without any
 )
 
 part = Table(
@@ -166,22 +198,22 @@ field = Table(
     "field",
     metadata,
     Column("kind", String(16), primary_key=True),  # parameter, label, metric, or word: the name of a component
-    Column("name", Words, primary_key=True),
+    Column("name", EscapedText, primary_key=True),
 )
-"""Names that sweeps can be found by."""
+"""Names that a filter can use."""
 
 tag = Table(
     "tag",
     metadata,
-    _sweep_key(primary_key=True),
-    Column("name", Words, primary_key=True, index=True),
+    _sweep_key_column(primary_key=True),
+    Column("name", EscapedText, primary_key=True, index=True),
 )
 
 note = Table(
     "note",
     metadata,
-    _sweep_key(primary_key=True),
-    _text("text"),
+    _sweep_key_column(primary_key=True),
+    _text_column("text"),
 )
 
 run_sweep = Table(
@@ -189,65 +221,68 @@ run_sweep = Table(
     metadata,
     Column("run", Integer, ForeignKey("run.number", ondelete="CASCADE"), primary_key=True),
     Column("position", Integer, primary_key=True),
-    _sweep_key(),
+    _sweep_key_column(),
     Column("labels", JSON, nullable=False),
     Column("state", String(16), nullable=False, default="pending"),
-    _text("message", ""),
-    _text("log", ""),
-    Column("standing", SmallInteger, nullable=False, default=LATEST, server_default="0"),
-    # All that listings ask of a sweep's latest run, so that they need not read its labels.
+    _text_column("message", ""),
+    _text_column("log", ""),
+    Column("standing", SmallInteger, nullable=False, default=STANDING_LATEST, server_default="0"),
+    Column("log_digest", BigInteger, nullable=False, default=0, server_default="0"),
+    _digest_column("digest"),
+    # Contains all that a listing reads of a sweep's latest run, except its labels.
     Index("ix_run_sweep_key_standing_state_run", "key", "standing", "state", "run"),
 )
 
 lease = Table(
     "lease",
     metadata,
-    _sweep_key(primary_key=True),
+    _sweep_key_column(primary_key=True),
     Column("run", Integer, ForeignKey("run.number", ondelete="CASCADE"), nullable=False),
 )
-"""Sweeps that a run has taken upon itself; what its heartbeat does not keep alive counts for nothing."""
+"""Sweeps that a run has claimed; a lease is valid as long as the run sends heartbeats."""
 
 frequency_response = Table(
     "frequency_response",
     metadata,
-    _sweep_key(primary_key=True),
-    _text("unit"),
-    _text("input"),
-    _text("output"),
+    _sweep_key_column(primary_key=True),
+    _text_column("unit"),
+    _text_column("input"),
+    _text_column("output"),
     Column("points", Integer, nullable=False),
-    _array("frequency"),  # Hz, float (n,)
-    _array("response"),  # unit, complex (n,)
-    _array("covariance"),  # of (real, imaginary) part, unit², float (n, 2, 2)
-    _array("input_amplitude"),  # unit of the input, float (n,)
-    _array("output_amplitude"),  # unit of the output, float (n,)
-    _array("settled"),  # bool (n,)
-    _array("settling_time"),  # s, float (n,)
-    _array("residual"),  # float (n,)
-    _array("harmonics"),  # relative to the fundamental, complex (n, 6)
-    _array("freedom", nullable=True),  # of the covariance, float (n,)
-    _array("noise_variance", nullable=True),  # unit², float (n,)
-    _array("nonlinear_variance", nullable=True),  # unit², float (n,)
-    _array("coherence", nullable=True),  # squared, float (n,)
-    _array("model_covariance", nullable=True),  # of 1/response, 1/unit², float (n, 2, 2)
+    _array_column("frequency"),  # Hz, float (n,)
+    _array_column("response"),  # unit, complex (n,)
+    _array_column("covariance"),  # of (real, imaginary) part, unit², float (n, 2, 2)
+    _array_column("input_amplitude"),  # unit of the input, float (n,)
+    _array_column("output_amplitude"),  # unit of the output, float (n,)
+    _array_column("settled"),  # bool (n,)
+    _array_column("settling_time"),  # s, float (n,)
+    _array_column("residual"),  # float (n,)
+    _array_column("harmonics"),  # relative to the fundamental, complex (n, 6)
+    _array_column("freedom", nullable=True),  # of the covariance, float (n,)
+    _array_column("noise_variance", nullable=True),  # unit², float (n,)
+    _array_column("nonlinear_variance", nullable=True),  # unit², float (n,)
+    _array_column("coherence", nullable=True),  # squared, float (n,)
+    _array_column("model_covariance", nullable=True),  # of 1/response, 1/unit², float (n, 2, 2)
+    _array_column("numerical_error", nullable=True),  # relative, float (n,)
 )
 
 metric = Table(
     "metric",
     metadata,
-    _sweep_key(primary_key=True),
+    _sweep_key_column(primary_key=True),
     Column("position", Integer, primary_key=True),
-    _text("name"),
-    Column("value", Number),  # NULL: not a number
-    _text("unit"),
+    _text_column("name"),
+    Column("value", NullableFloat),  # NULL: not a number
+    _text_column("unit"),
     Index("ix_metric_name_key_value", "name", "key", "value"),
 )
 
 curve = Table(
     "curve",
     metadata,
-    _sweep_key(primary_key=True),
+    _sweep_key_column(primary_key=True),
     Column("position", Integer, primary_key=True),
-    _text("name"),
+    _text_column("name"),
 )
 
 curve_column = Table(
@@ -256,51 +291,59 @@ curve_column = Table(
     Column("key", String(64), primary_key=True),
     Column("curve", Integer, primary_key=True),
     Column("position", Integer, primary_key=True),
-    _text("name"),
-    Column("unit", Words),
-    _array("samples"),
+    _text_column("name"),
+    Column("unit", EscapedText),
+    _array_column("samples"),
     ForeignKeyConstraint(["key", "curve"], ["curve.key", "curve.position"], ondelete="CASCADE"),
 )
 
 fit = Table(
     "fit",
     metadata,
-    _sweep_key(primary_key=True),
+    _sweep_key_column(primary_key=True),
     Column("position", Integer, primary_key=True),
     Column("kind", String(32), nullable=False),
     Column("component", JSON, nullable=False),
     Column("parameters", JSON, nullable=False),  # names
     Column("units", JSON, nullable=False),
-    _array("values"),  # float (p,)
-    _array("covariance"),  # products of the units, float (p, p)
+    _array_column("values"),  # float (p,)
+    _array_column("covariance"),  # products of the units, float (p, p)
 )
 
 supplied_component = Table(
     "supplied_component",
     metadata,
-    _sweep_key(primary_key=True),
+    _sweep_key_column(primary_key=True),
     Column("kind", String(32), primary_key=True),
     Column("name", String(128), primary_key=True),
     Column("version", Integer),
-    _text("source_hash"),
-    _text("distribution"),
+    _text_column("source_hash"),
+    _text_column("distribution"),
 )
 
 RESULT_TABLES = (curve_column, curve, metric, fit, frequency_response, supplied_component)
-"""What belongs to a result and goes with it, children first."""
+"""Tables of a result's parts, which are deleted with it, children first."""
 
 
-def insert_or_ignore(connection: Connection, table: Table) -> Any:
-    """Return an INSERT that leaves rows alone which are there already."""
+def insert_or_ignore(connection: Connection, table: Table) -> Insert:
+    """Return an INSERT that skips rows which exist already."""
     if connection.dialect.name == "postgresql":
-        from sqlalchemy.dialects import postgresql  # which takes its time to import
+        from sqlalchemy.dialects import postgresql  # its import takes time
 
         return postgresql.insert(table).on_conflict_do_nothing()
     return sqlite.insert(table).on_conflict_do_nothing()
 
 
-def chunks(keys: Iterable[Key]) -> Iterator[list[Key]]:
+def is_one_of(column: Column[Any]) -> Expression:
+    """Return the condition of a prepared statement that a column has one of the values of its parameter `keys`.
+
+    SQLAlchemy takes several times as long to build a statement as to execute it: those of a run are built once.
+    """
+    return column.in_(bindparam("keys", expanding=True))
+
+
+def key_chunks(keys: Iterable[Key]) -> Iterator[list[Key]]:
     """Yield the distinct keys in lists short enough for an IN query."""
     distinct = list(dict.fromkeys(keys))
-    for start in range(0, len(distinct), CHUNK):
-        yield distinct[start : start + CHUNK]
+    for start in range(0, len(distinct), MAX_KEYS_PER_QUERY):
+        yield distinct[start : start + MAX_KEYS_PER_QUERY]

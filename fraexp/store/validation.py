@@ -1,9 +1,9 @@
-"""What comes out of a database that somebody else has written: SQLite keeps whatever was put into a column."""
+"""Validation of what is read: a file may come from somebody else, and SQLite stores any value in any column."""
 
 import json
 import re
 import types
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields
 from functools import cache
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
@@ -12,29 +12,33 @@ from sqlalchemy import Dialect, LargeBinary
 
 from fraexp.errors import StoreError
 
-Record = TypeVar("Record")
-DEEPEST = 64
-"""Levels of stored plain data."""
-LARGEST = 2**64
-"""Whole numbers in it are smaller."""
-OPENING = ("[", "{")
-LONG_NUMBER = re.compile(r"\d{20}")
-"""What may be a whole number of more than 64 bits, or part of something else."""
-FOREIGN = (ValueError, TypeError, LookupError, ArithmeticError, AttributeError, RecursionError, MemoryError)
-"""What reading raises where the database does not hold what fraexp writes."""
+Json = Any
+"""Stored plain data of any kind."""
+JsonTable = dict[str, Any]
+"""Stored plain data: texts, numbers, booleans, None, lists and tables by name."""
+RecordType = TypeVar("RecordType")
+MAX_DEPTH = 64
+"""Maximum nesting of stored plain data."""
+INTEGER_LIMIT = 2**64
+"""Whole numbers in stored plain data are smaller."""
+OPENING_BRACKETS = ("[", "{")
+LONG_DIGITS = re.compile(r"\d{20}")
+"""Digits that may be a whole number of more than 64 bits, or part of something else."""
+FOREIGN_DATA_ERRORS = (ValueError, TypeError, LookupError, ArithmeticError, AttributeError, RecursionError, MemoryError)
+"""Errors that reading raises if a database does not contain what fraexp writes."""
 
 
 class DamagedError(StoreError):
-    """What is stored of a sweep cannot be read; whoever knows of which database adds its name."""
+    """A stored sweep cannot be read; the store adds the name of the database."""
 
     def __init__(self, key: str, finding: str) -> None:
         super().__init__(f"sweep {key[4:12]}: {finding}" if key else finding)
 
 
-def sound(record: Record) -> Record:
-    """Return a dataclass whose values are of the types that it declares, inside of containers aside; else TypeError."""
+def check_types(record: RecordType) -> RecordType:
+    """Return a dataclass if its values have their declared types, except inside containers; otherwise TypeError."""
     record_type: Any = type(record)
-    for name, kinds in _kinds(record_type):
+    for name, kinds in _field_types(record_type):
         value = getattr(record, name)
         if not isinstance(value, kinds):
             raise TypeError(f"{name} is a {type(value).__name__}")
@@ -42,54 +46,54 @@ def sound(record: Record) -> Record:
 
 
 @cache
-def _kinds(record: type[Any]) -> tuple[tuple[str, tuple[type, ...]], ...]:
+def _field_types(record: type[Any]) -> tuple[tuple[str, tuple[type, ...]], ...]:
     hints = get_type_hints(record)
-    return tuple((item.name, _runtime(hints[item.name])) for item in fields(record))
+    return tuple((item.name, _runtime_types(hints[item.name])) for item in fields(record))
 
 
-def _runtime(hint: Any) -> tuple[type, ...]:
+def _runtime_types(hint: Any) -> tuple[type, ...]:
     if hint is Any:
         return (object,)
     if get_origin(hint) in (Union, types.UnionType):
-        return tuple(kind for of in get_args(hint) for kind in _runtime(of))
+        return tuple(kind for of in get_args(hint) for kind in _runtime_types(of))
     kind = get_origin(hint) or hint
     return (float, int) if kind is float else (kind,)
 
 
-def json_data(text: str) -> Any:
-    """Return plain data that nests and counts within reason; ValueError else."""
+def parse_json(text: str) -> object:
+    """Return the plain data in a JSON text; ValueError if it is invalid, too deep, or has too large numbers."""
     data = json.loads(text)
-    if sum(map(text.count, OPENING)) > DEEPEST or LONG_NUMBER.search(text):
-        _check(data)
+    if sum(map(text.count, OPENING_BRACKETS)) > MAX_DEPTH or LONG_DIGITS.search(text):
+        _check_json(data)
     return data
 
 
-def _check(data: Any) -> None:
+def _check_json(data: object) -> None:
     level = [data]
-    for _ in range(DEEPEST):
-        inner: list[Any] = []
+    for _ in range(MAX_DEPTH):
+        inner: list[object] = []
         for one in level:
             if isinstance(one, Mapping):
                 inner += one.values()
             elif isinstance(one, list):
                 inner += one
-            elif isinstance(one, int) and abs(one) >= LARGEST:
+            elif isinstance(one, int) and abs(one) >= INTEGER_LIMIT:
                 raise ValueError(f"a whole number has {one.bit_length()} bits")
         level = inner
         if not level:
             return
-    raise ValueError(f"data are nested deeper than {DEEPEST} levels")
+    raise ValueError(f"data are nested deeper than {MAX_DEPTH} levels")
 
 
-class Bytes(LargeBinary):
-    """Bytes, and nothing that Python would make bytes of: of a number it makes as many as it says."""
+class CheckedBytes(LargeBinary):
+    """A column of bytes that refuses other types: Python would convert a number to that many bytes."""
 
-    def result_processor(self, dialect: Dialect, coltype: object) -> Any:
-        """Return what checks the bytes."""
-        return _bytes
+    def result_processor(self, dialect: Dialect, coltype: object) -> Callable[[object], bytes | None]:
+        """Return the function that checks the bytes."""
+        return _checked_bytes
 
 
-def _bytes(value: Any) -> bytes | None:
+def _checked_bytes(value: object) -> bytes | None:
     if value is None or isinstance(value, bytes):
         return value
     if isinstance(value, memoryview | bytearray):
@@ -97,9 +101,8 @@ def _bytes(value: Any) -> bytes | None:
     raise TypeError(f"an array is a {type(value).__name__}")
 
 
-def foreign(name: str, error: BaseException) -> StoreError:
-    """Return what is said of a database that does not hold what fraexp writes."""
+def foreign_data_error(name: str, error: BaseException) -> StoreError:
+    """Return the error for a database that does not contain what fraexp writes."""
     what = " ".join(str(error).split())[:100]
-    return StoreError(
-        f"{name}: it holds what fraexp does not write ({type(error).__name__}: {what}); restore a copy of it"
-    )
+    reason = f"{type(error).__name__}: {what}"
+    return StoreError(f"{name}: the database contains data that fraexp does not write ({reason}); restore a copy of it")

@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from fraexp.errors import FraexpError
-from fraexp.study.study_file import described, packaged_studies, read, study_name
+from fraexp.study.former_names import current_tables
+from fraexp.study.study_file import describe_study, packaged_studies, read, study_name
 
-FIRST = "quick"
+FIRST_STUDY = "quick"
 """The study to begin with."""
 
 
@@ -32,7 +33,7 @@ class StudyEntry:
     @property
     def size(self) -> int:
         """Number of points that the file asks for, before what comes to the same is left out."""
-        grid, random, cases = (self.data.get(key) for key in ("grid", "random", "case"))
+        grid, random, cases = (self.data.get(key) for key in ("grid", "monte_carlo", "case"))
         axes = [len(of) for of in grid.values() if isinstance(of, list)] if isinstance(grid, Mapping) else []
         draws = random.get("count") if isinstance(random, Mapping) else 1
         return (
@@ -48,9 +49,9 @@ def catalogue(folder: Path) -> list[StudyEntry]:
     files: dict[str, Path] = {}
     for root in roots:
         for file in sorted(root.rglob("*.toml")):
-            if file.parent.name != "machines":
+            if file.parent.name != "machines" and not file.is_dir():
                 files.setdefault(study_name(file, roots), file)  # a workspace's own hides one that comes along
-    ordered = sorted(files, key=lambda name: (name != FIRST, "/" in name, name))
+    ordered = sorted(files, key=lambda name: (name != FIRST_STUDY, "/" in name, name))
     return [_entry(name, files[name], _stamp(files[name])) for name in ordered]
 
 
@@ -64,8 +65,8 @@ def _stamp(file: Path) -> int:
 @lru_cache(4096)
 def _entry(name: str, file: Path, stamp: int) -> StudyEntry:
     try:
-        data = read(file)
-        study = described(name, file, data)
+        data = current_tables(read(file), file)
+        study = describe_study(name, file, data)
     except FraexpError as error:
         return StudyEntry(name, file, name, "", str(error), stamp=stamp)
     return StudyEntry(name, file, study.title, study.question, data=data, stamp=stamp)

@@ -6,9 +6,10 @@ from typing import Any, get_args
 
 from pydantic.fields import FieldInfo
 
-from fraexp.components.kinds import nested_kind
+from fraexp.components.kinds import FrictionModel, nested_kind
 from fraexp.components.parameters import Parameters, unit_of
 from fraexp.components.registry import Registry
+from fraexp.data.sweep import models_by_contact
 from fraexp.errors import StudyError, did_you_mean
 from fraexp.simulation.experiments import Compensation
 from fraexp.simulation.machine import ControlLoop, Numerics
@@ -39,15 +40,15 @@ def value_at(sections: Mapping[str, Any], path: str) -> Any:
     return value
 
 
-def replaced(data: Any, parts: Sequence[str], value: Any) -> Any:
+def replace_at(data: Any, parts: Sequence[str], value: Any) -> Any:
     """Return plain data with another value at a path that is there; what lies beside the path is shared."""
     if not parts:
         return value
     head, *rest = parts
     if isinstance(data, list):
         index = int(head)
-        return [*data[:index], replaced(data[index], rest, value), *data[index + 1 :]]
-    return {**data, head: replaced(data[head], rest, value)}
+        return [*data[:index], replace_at(data[index], rest, value), *data[index + 1 :]]
+    return {**data, head: replace_at(data[head], rest, value)}
 
 
 def unit_at(sections: Mapping[str, Any], path: str, registry: Registry) -> str:
@@ -56,11 +57,27 @@ def unit_at(sections: Mapping[str, Any], path: str, registry: Registry) -> str:
     return unit_of(info) if info else ""
 
 
+def first_path(sections: Mapping[str, Any], path: str, registry: Registry) -> str:
+    """Return a path under the first names of its parameters, which random streams keep when parameters are renamed."""
+    section, parts, value = _descend(sections, path)
+    owner = SETTINGS.get(section) or component_of(section, value, registry)
+    first = path.split(".")[: -len(parts) or None]
+    for part in parts:
+        info = owner.model_fields.get(part) if owner else None
+        former = [old for old, new in owner.renamed_parameters().items() if new == part] if owner else []
+        first += former[:1] or [part]
+        if isinstance(value, list):
+            value = value[int(part)] if part.isdecimal() and int(part) < len(value) else None
+        else:
+            value = value.get(part) if isinstance(value, Mapping) else None
+        owner = _owner(info, value, registry)
+    return ".".join(first)
+
+
 def declared_at(sections: Mapping[str, Any], path: str, registry: Registry) -> FieldInfo | None:
     """Return how the parameter at a path is declared; None where that is not known."""
-    section, *parts = path.split(".")
-    value: Any = sections.get(section)
-    owner = SETTINGS.get(section) or _component(section, value, registry)
+    section, parts, value = _descend(sections, path)
+    owner = SETTINGS.get(section) or component_of(section, value, registry)
     info: FieldInfo | None = None
     for part in parts:
         if isinstance(value, list):  # whose unit is that of its values
@@ -72,24 +89,33 @@ def declared_at(sections: Mapping[str, Any], path: str, registry: Registry) -> F
     return info
 
 
+def _descend(sections: Mapping[str, Any], path: str) -> tuple[str, list[str], Any]:
+    """Return a path's section, the parts below the component that stands there, and this component in plain data."""
+    section, *parts = path.split(".")
+    value = sections.get(section)
+    models = models_by_contact(value) if section == FrictionModel.kind else {}
+    return (section, parts[1:], models[parts[0]]) if parts and parts[0] in models else (section, parts, value)
+
+
 def _owner(info: FieldInfo | None, value: Any, registry: Registry) -> Owner:
     if info is None or not isinstance(value, Mapping):
         return None
     kind = nested_kind(info)
     if kind is not None:
-        return _component(kind.kind, value, registry)
-    return next(iter(_of_parameters(info)), None)
+        return component_of(kind.kind, value, registry)
+    return next(iter(parameters_in(info)), None)
 
 
-def _component(kind: str, spec: Any, registry: Registry) -> Owner:
-    supply = registry.supplies.get((kind, str(spec.get("name")))) if isinstance(spec, Mapping) else None
-    return supply.component if supply else None
+def component_of(kind: str, spec: Any, registry: Registry) -> Owner:
+    """Return the component class that plain data name; None if they name none, or an unknown one."""
+    provider = registry.providers.get((kind, str(spec.get("name")))) if isinstance(spec, Mapping) else None
+    return provider.component if provider else None
 
 
 def units_of(path: str, registry: Registry) -> set[str]:
-    """Return the units in which what is at a path may be declared, whatever component has it; none if one has none."""
+    """Return the units that components declare for a path; none if one of them declares no unit."""
     section, *parts = path.split(".")
-    owners = [SETTINGS[section]] if section in SETTINGS else _supplied(section, registry)
+    owners = [SETTINGS[section]] if section in SETTINGS else _components_of_kind(section, registry)
     found: list[FieldInfo] = []
     for part in parts:
         if not part.isdecimal():  # the unit of a list is that of its values
@@ -101,13 +127,14 @@ def units_of(path: str, registry: Registry) -> set[str]:
 
 def _owners(info: FieldInfo, registry: Registry) -> list[type[Parameters]]:
     kind = nested_kind(info)
-    return _supplied(kind.kind, registry) if kind else _of_parameters(info)
+    return _components_of_kind(kind.kind, registry) if kind else parameters_in(info)
 
 
-def _of_parameters(info: FieldInfo) -> list[type[Parameters]]:
+def parameters_in(info: FieldInfo) -> list[type[Parameters]]:
+    """Return the classes of parameters that a parameter's own type names, such as that of a table in a list."""
     candidates = (info.annotation, *get_args(info.annotation))
     return [of for of in candidates if inspect.isclass(of) and issubclass(of, Parameters)]
 
 
-def _supplied(kind: str, registry: Registry) -> list[type[Parameters]]:
-    return [supply.component for (of, _), supply in registry.supplies.items() if of == kind]
+def _components_of_kind(kind: str, registry: Registry) -> list[type[Parameters]]:
+    return [provider.component for (of, _), provider in registry.providers.items() if of == kind]

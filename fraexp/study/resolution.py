@@ -1,84 +1,80 @@
-"""From what a study writes to sweeps: whatever points of a grid have in common is resolved once.
+"""From what a study writes to sweeps: every section is checked and completed once for all points that share it.
 
-A grid of a million points has few different sections, and each of them is built, checked and written as JSON once.
+A section may inherit values from others: an estimator its friction model from the machine, for example. What it is
+resolved to therefore follows from its own text and from the sections that it inherits from, and is kept by the
+hashes of both.
 """
 
-import itertools
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from fraexp import records
-from fraexp.components.kinds import Excitation, nested_kind
-from fraexp.components.parameters import inherited_from
+from fraexp.components.kinds import Excitation, FrictionModel, Plant, nested_kind
+from fraexp.components.parameters import Parameters, inherited_from
 from fraexp.components.registry import Registry, create
-from fraexp.data import fit_references
-from fraexp.data.sweep import Keys, Plain, Sweep
+from fraexp.data import fit_references, toml
+from fraexp.data.sweep import Plain, Section, Sweep, as_section, experiment_key, models_by_contact
 from fraexp.errors import FraexpError, StudyError
 from fraexp.simulation import motion_limits
 from fraexp.simulation.machine import Numerics, build_machine
 from fraexp.simulation.motion_limits import MotionLimits
-from fraexp.study.sections import COMPONENTS, MACHINE, SETTINGS, merge, nested, overlay
+from fraexp.study import grid as grids
+from fraexp.study.paths import component_of
+from fraexp.study.sections import MACHINE, SETTINGS, overlay
 
-OPTIONAL = ("compensation",)
-"""Sections of SETTINGS that decide the signals of a loop where they are given; without them its key is what it was."""
-EXCITATION, ESTIMATOR = Excitation.kind, "estimator"
-"""Components that may inherit from the other sections."""
-
-
-class _Watched(Mapping[str, Any]):
-    """Sections that remember which of them are looked at."""
-
-    def __init__(self, sections: Plain) -> None:
-        self._sections = sections
-        self.seen: dict[str, Any] = {}
-
-    def __getitem__(self, key: str) -> Any:
-        self.seen[key] = self._sections.get(key)
-        return self._sections[key]
-
-    def __iter__(self) -> Iterator[str]:
-        self.seen |= self._sections
-        return iter(self._sections)
-
-    def __len__(self) -> int:
-        return len(self._sections)
-
-    def __bool__(self) -> bool:
-        return True
+COMPENSATION = "compensation"
+"""Optional section of an experiment on the loop."""
+EXCITATION, ESTIMATOR = INHERITING = (Excitation.kind, "estimator")
+"""Components that inherit from resolved sections; all other sections inherit from the sections as written."""
+OF_A_DRIVE = ("friction", EXCITATION, "loop")
+OF_A_LOOP = (*MACHINE, EXCITATION, "numerics")
 
 
-Make = Callable[[Any, Plain, str], Any]
-Made = tuple[Any, tuple[Any, ...]]
+@dataclass
+class _Point:
+    """The sections of a point of the grid: as they are written, and resolved."""
+
+    written: dict[str, Any]
+    resolved: dict[str, Any]
+    inherits: dict[str, tuple[str, ...]]
+    """Which other sections each one inherits from."""
+    files: Mapping[str, str]
+
+    @property
+    def order(self) -> list[str]:
+        """Names of the sections, in the order in which they are resolved."""
+        return [name for name in self.written if name not in INHERITING] + [
+            name for name in INHERITING if name in self.written
+        ]
+
+    def affected_by(self, changed: str) -> list[str]:
+        """Return the names of the sections to be resolved again when one is written anew."""
+        affected: list[str] = []
+        for name in self.order:
+            if name == changed or not {changed, *affected}.isdisjoint(self.inherits[name]):
+                affected.append(name)
+        return affected
 
 
-class _Once:
-    """A function of a section, of the sections around it that it looks at, and of a place for what does not fit.
-
-    Its results are remembered by identity, for equal sections of a study are the same object. What it has looked at
-    is added to `looked`.
-    """
-
-    def __init__(self, make: Make, looked: set[str]) -> None:
-        self._make, self._looked = make, looked
-        self._found: dict[int, tuple[Any, dict[tuple[str, ...], dict[tuple[int, ...], Made]]]] = {}
-
-    def __call__(self, section: Any, around: Plain, place: str) -> Any:
-        found = self._found.get(id(section))
-        if found is None:
-            found = self._found[id(section)] = (section, {})  # which is kept, so that its identity stays its own
-        for names, made in found[1].items():
-            one = made.get(tuple([id(around.get(name)) for name in names]) if names else ())
-            if one is not None:
-                if names:
-                    self._looked.update(names)
-                return one[0]
-        watched = _Watched(around)
-        result = self._make(section, watched, place)
-        seen = tuple(watched.seen.values())
-        self._looked.update(watched.seen)
-        found[1].setdefault(tuple(watched.seen), {})[tuple([id(of) for of in seen])] = (result, seen)
-        return result
+def _blame_grid(
+    points: Iterator[tuple[_Point, tuple[Any, ...], Plain | None]], grid: Mapping[str, Sequence[Any]], row: grids.Row
+) -> Iterator[tuple[_Point, tuple[Any, ...], Plain | None]]:
+    """Yield the points of a row; an error about a parameter that the grid varies says so, with its value."""
+    done = 0
+    try:
+        for point in points:
+            yield point
+            done += 1
+    except FraexpError as error:
+        values = dict(zip(grid, row.values[min(done, len(row.values) - 1)], strict=True))
+        parts = [
+            f"{path} = {toml.as_text(value)}"
+            for path, value in values.items()
+            if path.rpartition(".")[2] in str(error) and f"[{path.partition('.')[0]}]" in str(error)
+        ]
+        raise type(error)(f"{error}; [grid] sets {', '.join(parts)}" if parts else str(error)) from None
 
 
 class Resolver:
@@ -86,21 +82,11 @@ class Resolver:
 
     def __init__(self, file: Path, registry: Registry) -> None:
         self._file, self._registry = file, registry
-        self._looked: set[str] = set()
-        """Sections at which others have looked since a point was resolved as a whole."""
-        once = {key: self._maker(key) for key in (*COMPONENTS, *SETTINGS, "record")}
-        self._sections = {key: _Once(make, self._looked) for key, make in once.items()}
-        self._drives = _Once(
-            lambda spec, around, place: self._excitation(spec).quantity == "displacement", self._looked
-        )
-        self._sampled = _Once(self._check_sampled, self._looked)
-        self._looped = _Once(lambda loop, around, place: {"sample_time": loop["sample_time"]}, self._looked)
-        self._within = _Once(self._check_limits, self._looked)
-        self._fit: dict[tuple[int, int], bool] = {}
-        """What `_sampled` has said of an excitation and a loop."""
-        self._numerics = Numerics().plain()
-        self._shared: dict[str, Any] = {}
-        self._keys = Keys()
+        self._known: dict[tuple[Any, ...], Any] = {}
+        """Sections that are resolved, and checks that are passed, by the hashes of all that they follow from."""
+        self._inherited: dict[tuple[str, str], tuple[str, ...]] = {}
+        """Sections from which one inherits, by its own name and that of its component."""
+        self._numerics = Section(Numerics().plain())
 
     def points(
         self, place: str, sections: Plain, labels: Plain, grid: Mapping[str, Sequence[Any]]
@@ -109,104 +95,118 @@ class Resolver:
 
         In the sweep the machine's own components stand in for fits.
         """
-        refers = fit_references.within(sections, grid)
-        sweep: Sweep | None = None
-        resolved: dict[str, Any] = {}
-        for values, written, changed in _written(sections, grid, f"{place}, [grid]"):
-            at_point = dict(zip(grid, values, strict=True))
-            at_point = {**labels, **at_point} if labels else at_point
-            beside = None
-            if sweep is not None and len(changed) == 1 and not refers:
-                beside = self._beside(changed[0], written, resolved, sweep, place)
-            if sweep is not None and beside is not None:
-                sweep = Sweep.with_key(*beside, at_point, sweep.files)
-            else:
-                stood = self._stood_in(written, place) if refers else written
-                sweep, resolved = self._sweep(place, stood, at_point)
-            yield sweep, dict(written) if refers else None
+        refers = fit_references.mentions_fit(sections, grid)
+        for row in grids.rows(sections, grid, f"{place}, [grid]"):
+            for point, values, written in _blame_grid(self._row(row, refers, place), grid, row):
+                at_point = dict(zip(grid, values, strict=True))
+                experiment = self._experiment(point.resolved, place)
+                estimator, all_labels = point.resolved[ESTIMATOR], {**labels, **at_point} if labels else at_point
+                yield Sweep(experiment, estimator, all_labels, point.files), written
 
-    def _beside(
-        self, section: str, sections: Plain, resolved: dict[str, Any], beside: Sweep, place: str
-    ) -> tuple[str, Plain, Plain] | None:
-        """Return key, experiment and estimator of a point that differs from another one in one section.
+    def _row(self, row: grids.Row, refers: bool, place: str) -> Iterator[tuple[_Point, tuple[Any, ...], Plain | None]]:
+        """Yield the points of a row with the values of the axes, and what was written if that refers to a fit."""
+        if refers:
+            for values, variant in zip(row.values, row.variants, strict=True):
+                written = {**row.sections, row.inner: variant} if row.inner else row.sections
+                yield self._resolve(fit_references.substitute_fits(written, place), place), values, written
+            return
+        point = self._resolve(row.sections, place)
+        yield point, row.values[0], None
+        affected = point.affected_by(row.inner)
+        for values, variant in zip(row.values[1:], row.variants[1:], strict=True):
+            point.written[row.inner] = variant
+            for name in affected:
+                self._complete(point, name, place)
+            yield point, values, None
 
-        None if that has to be resolved as a whole, for other sections have looked at this one.
-        """
-        if section in self._looked or section not in COMPONENTS:
-            return None
-        found = self._sections[section](sections[section], resolved, place)
-        if section == ESTIMATOR:
-            return self._keys.of(beside.experiment, found), beside.experiment, found
-        resolved[section] = found
-        if section == EXCITATION:
-            both = id(found), id(resolved.get("loop"))  # which stay their own, for `_sections` keeps them
-            drives = self._fit.get(both)
-            if drives is None:
-                drives = self._fit[both] = self._sampled(found, resolved, place)
-            if drives != (beside.experiment["source"] == "drive"):
-                return None
-            if "limits" in resolved:
-                self._within(found, resolved, place)
-        if section not in beside.experiment:  # of a driven friction model, or of a record
-            return beside.key, beside.experiment, beside.estimator
-        experiment = {**beside.experiment, section: found}
-        return self._keys.beside(section, found), experiment, beside.estimator
+    def _resolve(self, sections: Plain, place: str) -> _Point:
+        """Return all sections of a point, resolved."""
+        written = {name: as_section(value) for name, value in sections.items()}
+        if ESTIMATOR not in written:
+            known = ", ".join(self._registry.names(ESTIMATOR))
+            raise StudyError(f"{place}: lacks the section [estimator]; known: {known}")
+        point = _Point(written, {}, {}, NO_FILES)
+        point.resolved["numerics"] = self._numerics
+        for name in point.order:
+            self._complete(point, name, place)
+        return point
 
-    def _stood_in(self, written: Plain, place: str) -> dict[str, Any]:
-        sections = fit_references.stood_in(written, place)
-        return {
-            key: value if value is written[key] else self._shared.setdefault(repr(value), value)
-            for key, value in sections.items()
-        }
+    def _complete(self, point: _Point, name: str, place: str) -> None:
+        """Resolve a section of a point with the sections around it."""
+        around = point.resolved if name in INHERITING else point.written
+        section = point.written[name]
+        inherits = point.inherits[name] = self._inherited_sections(name, section, around)
+        try:
+            key = (name, section.digest, *[around[of].digest for of in inherits if of in around])
+        except (AttributeError, TypeError, ValueError):  # no table, or with a value that no parameter takes
+            found = self._make(name, section, around, place)
+        else:
+            found = self._known.get(key) or self._make(name, section, around, place)
+            self._known[key] = found
+        if name == "record":
+            found, point.files = found
+        point.resolved[name] = found
 
-    def _sweep(self, place: str, sections: Plain, labels: Plain) -> tuple[Sweep, dict[str, Any]]:
-        self._looked.clear()
-        resolved, files = self._resolve(place, sections)
-        if ESTIMATOR not in sections:
-            raise StudyError(
-                f"{place}: lacks the section [estimator]; known: {', '.join(self._registry.names(ESTIMATOR))}"
-            )
-        estimator = self._sections[ESTIMATOR](sections[ESTIMATOR], resolved, place)
-        experiment = self._experiment(place, resolved)
-        return Sweep.with_key(self._keys.of(experiment, estimator), experiment, estimator, labels, files), resolved
+    def _inherited_sections(self, name: str, section: Any, around: Plain) -> tuple[str, ...]:
+        """Return the sections from which one inherits, sorted."""
+        if not isinstance(section, Section):
+            return ()
+        key = (name, str(section.get("name")))
+        if key not in self._inherited or section.has_tables:
+            owner = SETTINGS.get(name) or component_of(name, section, self._registry)
+            origins = self._origins(owner, section, around) if owner else ()
+            self._inherited[key] = tuple(sorted(set(origins)))
+        return self._inherited[key]
 
-    def _resolve(self, place: str, sections: Plain) -> tuple[dict[str, Any], Mapping[str, str]]:
-        """Return every section but the estimator as full plain data, and the files that it names."""
-        resolved: dict[str, Any] = {}
-        files: Mapping[str, str] = NO_FILES
-        for key, value in sections.items():
-            if key not in (EXCITATION, ESTIMATOR):
-                resolved[key] = self._sections[key](value, sections, place)
-        if "record" in sections:
-            resolved["record"], files = resolved["record"]
-        resolved.setdefault("numerics", self._numerics)
-        if EXCITATION in sections:
-            resolved[EXCITATION] = self._sections[EXCITATION](sections[EXCITATION], resolved, place)
-        return resolved, files
+    def _origins(self, owner: type[Parameters], spec: Plain, around: Plain) -> Iterator[str]:
+        """Yield the sections from which a component, and those that it holds, inherit."""
+        for key, info in owner.model_fields.items():
+            origin, nested, value = inherited_from(info) or "", nested_kind(info), spec.get(key)
+            if origin:
+                yield origin.partition(".")[0]
+            if nested is not None:
+                for part in value if isinstance(value, list) else [value]:
+                    named = part if isinstance(part, Mapping) and "name" in part else around.get(origin)
+                    inner = component_of(nested.kind, named, self._registry)
+                    if inner is not None:
+                        yield from self._origins(inner, part if isinstance(part, Mapping) else {}, around)
 
-    def _maker(self, key: str) -> Make:
-        def make(section: Any, around: Plain, place: str) -> Any:
-            where = f"{place}, [{key}]"
-            if key == "record":
-                return self._record(section, where)
-            if key in SETTINGS:
-                return _settings(self._registry, key, section, around, where)
-            if key in (EXCITATION, ESTIMATOR):
-                given = _laid_over(key, section, around, self._registry)
-                return self._registry.create(key, given, around, where).spec()
-            return self._registry.create(key, section, place=where).spec()
+    def _make(self, name: str, section: Any, around: Plain, place: str) -> Any:
+        """Return a section as full plain data; a record together with its files."""
+        where = f"{place}, [{name}]"
+        self._check_misplaced(name, section, where)
+        if name == "record":
+            return self._make_record(section, where)
+        if name in SETTINGS:
+            return Section(_settings(self._registry, name, section, around, where))
+        if name in (EXCITATION, ESTIMATOR):
+            given = _complete_tables(name, section, around, self._registry)
+            return Section(self._registry.create(name, given, around, where).spec())
+        models = models_by_contact(section) if name == FrictionModel.kind else {}
+        if models:
+            made = {of: self._registry.create(name, model, place=f"{where[:-1]}.{of}]") for of, model in models.items()}
+            return Section({of: model.spec() for of, model in made.items()})
+        return Section(self._registry.create(name, section, place=where).spec())
 
-        return make
+    def _check_misplaced(self, name: str, section: Any, where: str) -> None:
+        """Raise StudyError if a component's section has a parameter of the loop, such as its sample time."""
+        owner = None if name in SETTINGS else component_of(name, section, self._registry)
+        if owner is None:
+            return
+        known = owner.model_fields.keys() | owner.renamed_parameters().keys() | {"name", "version", "preset"}
+        for key in section.keys() - known:
+            if other := next((of for of, settings in SETTINGS.items() if key in settings.model_fields), None):
+                raise StudyError(f"{where}: {section['name']} has no parameter '{key}'; it belongs into [{other}]")
 
-    def _record(self, section: Any, where: str) -> tuple[Plain, Mapping[str, str]]:
+    def _make_record(self, section: Any, where: str) -> tuple[Plain, Mapping[str, str]]:
         try:
             settings = records.RecordSettings.parse(section, "record")
             experiment, files = records.resolve(settings, self._file.parent, self._registry)
         except FraexpError as error:
             raise type(error)(f"{where}: {error}") from None
-        return experiment["record"], files
+        return Section(experiment["record"]), files
 
-    def _experiment(self, place: str, resolved: Plain) -> dict[str, Any]:
+    def _experiment(self, resolved: Plain, place: str) -> dict[str, Any]:
         """Return the sections that decide the signals, by their source."""
         if "record" in resolved:
             return {"source": "record", "record": resolved["record"]}
@@ -214,117 +214,98 @@ class Resolver:
             raise StudyError(
                 f"{place}: lacks the section [excitation] (for a simulation) or [record] (for measured data)"
             )
-        excitation = resolved[EXCITATION]
-        drives = self._drives(excitation, resolved, place)
+        drives = self._drives_law(resolved, place)
+        source, names = ("drive", OF_A_DRIVE) if drives else ("loop", OF_A_LOOP)
         try:
-            parts = {key: resolved[key] for key in (OF_A_DRIVE if drives else OF_A_LOOP)}
+            experiment = {"source": source, **{name: resolved[name] for name in names}}
         except KeyError as error:
-            section = error.args[0]
-            raise StudyError(f"{place}: lacks the section [{section}]; name a machine, or write the section") from None
-        self._sampled(excitation, resolved, place)
+            name = error.args[0]
+            raise StudyError(f"{place}: lacks the section [{name}]; name a machine, or write the section") from None
         if drives:
-            parts["loop"] = self._looped(resolved["loop"], resolved, place)
-            return {"source": "drive", **parts}
-        for key in OPTIONAL:
-            if key in resolved:
-                parts[key] = resolved[key]
+            return {**experiment, "loop": self._sample_time(resolved["loop"])}
+        if COMPENSATION in resolved:
+            experiment[COMPENSATION] = resolved[COMPENSATION]
+        self._check_ports(experiment, place)
         if "limits" in resolved:
-            self._within(excitation, resolved, place)
-        return {"source": "loop", **parts}
+            self._check_limits(experiment, resolved["limits"], place)
+        return experiment
 
-    def _excitation(self, spec: Plain) -> Excitation:
-        return create(self._registry, Excitation, spec)  # type: ignore[type-abstract]
+    def _drives_law(self, resolved: Plain, place: str) -> bool:
+        """Say whether an excitation drives a friction law; StudyError if it cannot be sampled as the loop is."""
+        spec, loop = resolved[EXCITATION], resolved.get("loop")
+        key = ("sampled", spec.digest, loop and loop.digest)
+        if key not in self._known:
+            excitation = create(self._registry, Excitation, spec)
+            drives = excitation.quantity == "displacement"
+            try:
+                if loop is not None:
+                    excitation.check(loop["sample_time"])
+            except FraexpError as error:
+                raise type(error)(f"{place}, [excitation]: {error}") from None
+            self._known[key] = drives
+        return bool(self._known[key])
 
-    def _check_sampled(self, spec: Plain, around: Plain, place: str) -> bool:
-        """Refuse an excitation that cannot be sampled as the loop is; return whether it drives a friction model."""
-        excitation = self._excitation(spec)
+    def _sample_time(self, loop: Section) -> Section:
+        """Return all that a driven law takes from the loop."""
+        key = ("sample_time", loop.digest)
+        if key not in self._known:
+            self._known[key] = Section(sample_time=loop["sample_time"])
+        return self._known[key]
+
+    def _check_ports(self, sections: Plain, place: str) -> None:
+        """Refuse friction models, a thrust or a position that do not fit the plant's ports."""
+        plant, friction, loop = (sections[name] for name in (Plant.kind, FrictionModel.kind, "loop"))
+        named = loop.get("thrust"), loop.get("position")
+        has_own_ports = getattr(component_of(Plant.kind, plant, self._registry), "ports", None) is not Plant.ports
+        if not (has_own_ports or models_by_contact(friction) or any(named)):
+            return  # one contact, one friction model
+        key = ("ports", plant.digest, friction.digest, *named)
+        if key in self._known:
+            return
         try:
-            excitation.check(around["loop"]["sample_time"])
+            machine = build_machine(sections, self._registry)
+            machine.ports.check()
+            machine.frictions  # noqa: B018  # raises an error where the models do not fit the contacts
         except FraexpError as error:
-            raise type(error)(f"{place}, [excitation]: {error}") from None
-        return excitation.quantity == "displacement"
+            raise type(error)(f"{place}: {error}") from None
+        self._known[key] = True
 
-    def _check_limits(self, spec: Plain, around: Plain, place: str) -> bool:
+    def _check_limits(self, sections: Plain, limits: Section, place: str) -> None:
         """Refuse what the machine does not allow; the limits themselves do not decide what the signals are."""
-        parts = {key: around[key] for key in (*OF_A_LOOP, *OPTIONAL) if key in around}
+        key = ("limits", limits.digest, experiment_key(sections))
+        if key in self._known:
+            return
         try:
-            machine = build_machine(parts, self._registry)
-            motion_limits.check(MotionLimits.parse(around["limits"], "limits"), machine, self._excitation(spec))
+            machine = build_machine(sections, self._registry)
+            excitation = create(self._registry, Excitation, sections[EXCITATION])
+            motion_limits.check_limits(MotionLimits.parse(limits, "limits"), machine, excitation)
         except FraexpError as error:
             raise type(error)(f"{place}, [excitation]: {error}") from None
-        return True
+        self._known[key] = True
 
 
 NO_FILES: Mapping[str, str] = {}
-OF_A_DRIVE = ("friction", EXCITATION, "loop")
-OF_A_LOOP = (*MACHINE, EXCITATION, "numerics")
 
 
-def _written(
-    sections: Plain, grid: Mapping[str, Sequence[Any]], place: str
-) -> Iterator[tuple[tuple[Any, ...], dict[str, Any], list[str]]]:
-    """Yield each point of a grid: its values, its sections, and which of them are others than at the point before.
-
-    A section that is written the same at several points is the same object; the dictionary is used again.
-    """
-    if not grid:
-        yield (), dict(sections), []
-        return
-    owners = [path.partition(".")[0] for path in grid]
-    *outer, last = grid.values()
-    groups = [
-        (section, [at for at, owner in enumerate(owners[:-1]) if owner == section], dict[tuple[int, ...], list[Any]]())
-        for section in dict.fromkeys(owners)
-    ]
-    written, inner = dict(sections), owners[-1]
-    for before, point in zip(
-        itertools.product(*outer), itertools.product(*(range(len(of)) for of in outer)), strict=True
-    ):
-        rows = {}
-        for section, places, known in groups:  # in each row what is written with each value of the last axis
-            at = tuple([point[place] for place in places])
-            rows[section] = known.setdefault(at, [None] * (len(last) if section == inner else 1))
-        for number, value in enumerate(last):
-            changed = []
-            for section, row in rows.items() if number == 0 else ((inner, rows[inner]),):
-                found = row[number]
-                if found is None:
-                    pairs = zip(grid, (*before, value), strict=True)
-                    found = row[number] = _laid(section, sections, pairs, place)
-                if written.get(section) is not found:
-                    changed.append(section)
-                    written[section] = found
-            yield (*before, value), written, changed
-
-
-def _laid(section: str, sections: Plain, point: Iterable[tuple[str, Any]], place: str) -> Any:
-    """Return a section as it is written at a point of the grid."""
-    whole = {section: sections[section]} if section in sections else {}
-    for path, value in point:
-        if path.partition(".")[0] == section:
-            whole = merge(whole, nested(path, value), place)
-    return whole[section]
-
-
-def _laid_over(kind: str, spec: Any, environment: Plain, registry: Registry) -> Any:
-    """Return a component whose own ones that have no name are laid over what they would inherit."""
-    supply = registry.supplies.get((kind, str(spec.get("name")))) if isinstance(spec, Mapping) else None
-    if supply is None:
+def _complete_tables(kind: str, spec: Any, environment: Plain, registry: Registry) -> Any:
+    """Return a component in which tables without a name are completed from what they would inherit."""
+    owner = component_of(kind, spec, registry)
+    if owner is None:
         return spec
     result = dict(spec)
-    for key, info in supply.component.model_fields.items():
+    for key, info in owner.model_fields.items():
         nested, origin, value = nested_kind(info), inherited_from(info), spec.get(key)
         if nested is None or not isinstance(value, Mapping):
             continue
         # another component, or the reference to a fit, is no part of one
         if not value.keys() & {"name", "preset", "fit"} and origin is not None and origin in environment:
             value = overlay(environment[origin], value)
-        result[key] = _laid_over(nested.kind, value, environment, registry)
+        result[key] = _complete_tables(nested.kind, value, environment, registry)
     return result
 
 
 def _settings(registry: Registry, key: str, value: Plain, sections: Plain, place: str) -> dict[str, Any]:
     try:
-        return SETTINGS[key].parse(registry.filled(SETTINGS[key], value, sections), key).plain()
+        return SETTINGS[key].parse(registry.fill_inherited(SETTINGS[key], value, sections), key).plain()
     except FraexpError as error:
         raise type(error)(f"{place}: {error}") from None

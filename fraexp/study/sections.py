@@ -26,7 +26,9 @@ def merge(base: Mapping[str, Any], change: Mapping[str, Any], place: str) -> dic
         if key not in SECTIONS:
             raise StudyError(f"{place}: there is no section '{key}'{did_you_mean(key, SECTIONS)}")
         if not isinstance(value, Mapping):
-            raise StudyError(f"{place}: {key} is {value!r}; expected a table such as [{key}]")
+            is_name = isinstance(value, str) and key in COMPONENTS
+            table = f"{{ name = '{value}' }}" if is_name else f"[{key}]"
+            raise StudyError(f"{place}: {key} is {toml.as_text(value)}; expected a table such as {table}")
         result[key] = overlay(result.get(key, {}), value)
     return result
 
@@ -58,23 +60,26 @@ def override(text: str) -> tuple[str, Any]:
 
 
 def _check_depth(path: str, place: str) -> None:
-    if path.count(".") >= toml.DEEPEST:
-        raise StudyError(f"{place}: a path has {path.count('.') + 1} parts; expected {toml.DEEPEST} at most")
+    if path.count(".") >= toml.MAX_DEPTH:
+        raise StudyError(f"{place}: a path has {path.count('.') + 1} parts; expected {toml.MAX_DEPTH} at most")
 
 
-def nested(path: str, value: Any) -> dict[str, Any]:
+def nested_table(path: str, value: Any) -> dict[str, Any]:
     """Return the sections in which a value stands at a path."""
     head, _, rest = path.partition(".")
-    return {head: nested(rest, value) if rest else value}
+    return {head: nested_table(rest, value) if rest else value}
 
 
 def axes(grid: Any, place: str) -> dict[str, list[Any]]:
     """Return the axes of a grid by path; StudyError says which one cannot be one."""
     if not isinstance(grid, Mapping):
-        raise StudyError(f"{place}: grid is {grid!r}; expected a table [grid]")
+        raise StudyError(f"{place}: grid is {toml.as_text(grid)}; expected a table [grid]")
     for path, values in grid.items():
+        if isinstance(values, Mapping) and path in SECTIONS:
+            inner = next(iter(values), "amplitude")
+            raise StudyError(f"{place}: '{path}' is a table; quote the path of an axis: \"{path}.{inner}\" = [...]")
         if not isinstance(values, list) or not values:
-            raise StudyError(f"{place}: '{path}' is {values!r}; expected a list such as [12, 75]")
+            raise StudyError(f"{place}: '{path}' is {toml.as_text(values)}; expected a list such as [12, 75]")
         _check_depth(path, place)
         section = path.partition(".")[0]
         if section not in SECTIONS:
@@ -82,8 +87,8 @@ def axes(grid: Any, place: str) -> dict[str, list[Any]]:
     return dict(grid)
 
 
-def varied(grid: Mapping[str, list[Any]], changes: Sequence[tuple[str, Any]]) -> dict[str, list[Any]]:
-    """Return the axes after changes in their order: one may set an axis, or a parameter that then is none."""
+def apply_changes(grid: Mapping[str, list[Any]], changes: Sequence[tuple[str, Any]]) -> dict[str, list[Any]]:
+    """Return the axes after changes in their order: a change sets an axis, or makes a parameter none."""
     result = dict(grid)
     for path, value in changes:
         axis = path.removeprefix(GRID)

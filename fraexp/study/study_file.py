@@ -1,4 +1,4 @@
-"""A study file: what shall be known, as TOML; its cases and its grid multiply into sweeps."""
+"""A study file in TOML: its cases and its grid multiply into sweeps."""
 
 import gc
 import math
@@ -16,14 +16,28 @@ from fraexp.data.figure_kinds import check_kind
 from fraexp.data.sweep import Sweep
 from fraexp.errors import FraexpError, StudyError, did_you_mean
 from fraexp.study import published_values
-from fraexp.study.published_values import Printed
-from fraexp.study.random_draws import Draws, drawn
+from fraexp.study.former_names import CurrentNames, current_tables
+from fraexp.study.published_values import PublishedNumber
+from fraexp.study.random_draws import Draws, sample_sweeps
 from fraexp.study.resolution import Resolver
-from fraexp.study.sections import GRID, MACHINE, SECTIONS, WORDS, axes, merge, nested, overlay, override, varied
+from fraexp.study.sections import (
+    GRID,
+    MACHINE,
+    SECTIONS,
+    WORDS,
+    apply_changes,
+    axes,
+    merge,
+    nested_table,
+    overlay,
+    override,
+)
 
-KEYS = (*WORDS, *SECTIONS, "case", "grid", "random", "printed")
-MOST_SWEEPS = 1_000_000
-LONGEST_NAME = 200
+KEYS = (*WORDS, *SECTIONS, "case", "grid", "monte_carlo", "published")
+DRAWS = "monte_carlo."
+"""Prefix of Monte Carlo settings on the command line."""
+MAX_SWEEPS = 1_000_000
+MAX_NAME_LENGTH = 200
 """Letters of a name that file systems take."""
 
 
@@ -39,7 +53,7 @@ class Study:
     sweeps: tuple[Sweep, ...]
     figure: str = ""
     """Kind of its figure; empty for the one that fits the results."""
-    printed: tuple[Printed, ...] = ()
+    published: tuple[PublishedNumber, ...] = ()
     """Numbers of a publication to which its own are compared."""
 
 
@@ -61,16 +75,21 @@ def packaged_studies() -> Path:
 
 def find_studies(name: str, folder: Path) -> list[tuple[str, Path]]:
     """Return name and file of a study (or of all in a directory), looked up as a path, in `folder`, in the package."""
+    if not name.strip():
+        raise StudyError("a study's name is empty; expected a study file, a name, or a folder (. for this one)")
     roots = (folder / "studies", packaged_studies())
     for base in (folder, *roots):
         for path in (base / name, base / f"{name}.toml"):
             if path.is_file():
                 return [(study_name(path, roots), path)]
-            files = sorted(path.glob("*.toml")) if path.is_dir() else []
+            files = sorted(file for file in path.glob("*.toml") if file.is_file()) if path.is_dir() else []
             if files:
                 return [(study_name(file, roots), file) for file in files]
     names = {
-        study_name(path, roots) for root in roots for path in root.rglob("*.toml") if path.parent.name != "machines"
+        study_name(path, roots)
+        for root in roots
+        for path in root.rglob("*.toml")
+        if path.parent.name != "machines" and path.is_file()
     }
     raise StudyError(f"there is no study '{name}'{did_you_mean(name.removesuffix('.toml'), names)}")
 
@@ -96,16 +115,21 @@ def resolve(
     name: str, file: Path, data: Mapping[str, Any], folder: Path, registry: Registry, overrides: Sequence[str] = ()
 ) -> Study:
     """Return the study that the data of a file describe, without reading the file itself."""
-    study = described(name, file, data)
-    changes = [override(text) for text in overrides]
-    grid = _grid(file, data, changes)
-    draws = _draws(data, grid, [change for change in changes if change[0].startswith("random.")], file)
-    whole = _whole(file, data, folder, changes)
+    describe_study(name, file, data)  # first what is wrong with the file as a whole
+    if not any(key in SECTIONS or key in ("case", "machine") for key in current_tables(data, file)):
+        empty = "the study is empty" if not data else "the study has no sections"
+        example = packaged_studies() / "quick.toml"
+        raise StudyError(f"{file}: {empty}; expected [excitation] and [estimator] at least, as in {example}")
+    written = _apply_current_names(file, data, folder, registry, overrides)
+    grid = _grid(file, written)
+    draws = _draws(written, grid, file)
+    study = describe_study(name, file, written.data)
+    whole = _merged_cases(file, written)
     _check_count(file, len(whole), grid, draws)
     first: dict[str, Sweep] = {}
     hidden: Sweep | None = None
     with _without_collection():
-        for sweep in _every(file, whole, grid, draws, registry):
+        for sweep in _all_sweeps(file, whole, grid, draws, registry):
             other = first.setdefault(sweep.key, sweep)
             if other is not sweep and other.labels.get("case") != sweep.labels.get("case"):
                 hidden = hidden or sweep
@@ -113,33 +137,58 @@ def resolve(
         names = (first[hidden.key].labels["case"], hidden.labels["case"])
         raise StudyError(f"{file}: the cases '{names[0]}' and '{names[1]}' come to the same sweep; let them differ")
     kept = tuple(first.values())  # points may say the same in two ways
-    if study.printed and not overrides:  # which may well leave out what is printed
-        published_values.check(study.printed, kept, str(file))
+    if study.published and not overrides:  # which may well leave out what is printed
+        published_values.check(study.published, kept, str(file))
     return replace(study, sweeps=kept)
 
 
 def outline(
-    file: Path, folder: Path, overrides: Sequence[str] = ()
+    file: Path, folder: Path, registry: Registry, overrides: Sequence[str] = ()
 ) -> tuple[list[dict[str, Any]], dict[str, list[Any]]]:
     """Return the sections of each case as they are written, machine included, and the axes of the grid.
 
     Nothing is resolved: what does not fit into a section shows when the study is loaded.
     """
     data = read(file)
-    _check_keys(data, file)
-    changes = [override(text) for text in overrides]
-    return [dict(case.sections) for case in _whole(file, data, folder, changes)], _grid(file, data, changes)
+    _check_keys(current_tables(data, file), file)
+    written = _apply_current_names(file, data, folder, registry, overrides)
+    return [dict(case.sections) for case in _merged_cases(file, written)], _grid(file, written)
 
 
-def described(name: str, file: Path, data: Mapping[str, Any] | None = None) -> Study:
+def describe_study(name: str, file: Path, data: Mapping[str, Any] | None = None) -> Study:
     """Return the words and printed numbers of a study's file, or of its data, without its sweeps."""
-    data = read(file) if data is None else data
+    data = current_tables(read(file) if data is None else data, file)
     _check_keys(data, file)
     try:
-        numbers = Printed.parse_all(data.get("printed", []))
+        numbers = PublishedNumber.parse_all(data.get("published", []))
     except FraexpError as error:
         raise type(error)(f"{file}, {error}") from None
     return Study(name, file, data.get("title", name), data.get("question", ""), (), data.get("figure", ""), numbers)
+
+
+@dataclass(frozen=True)
+class _Written:
+    """What a study, its machine and the command line say, under the names of today."""
+
+    data: Mapping[str, Any]
+    machine: Mapping[str, Any]
+    """Sections of the machine that the study names."""
+    changes: Sequence[tuple[str, Any]]
+    """Paths and values that the command line sets."""
+
+
+def _apply_current_names(
+    file: Path, data: Mapping[str, Any], folder: Path, registry: Registry, overrides: Sequence[str]
+) -> _Written:
+    """Return what is written, with a warning of former names."""
+    machine = machine_of(data, file, folder, registry)
+    names = CurrentNames(registry, str(file))
+    current = names.study(data, machine)
+    names.warn(file)
+    options = CurrentNames(registry, "--set")
+    changes = [options.change(*override(text), current, machine) for text in overrides]
+    options.warn("--set")
+    return _Written(current, machine, changes)
 
 
 def _check_keys(data: Mapping[str, Any], file: Path) -> None:
@@ -148,7 +197,7 @@ def _check_keys(data: Mapping[str, Any], file: Path) -> None:
         raise StudyError(f"{file}: there is no section or key '{unknown[0]}'{did_you_mean(unknown[0], KEYS)}")
     for word in WORDS:
         if not isinstance(data.get(word, ""), str):
-            raise StudyError(f"{file}: {word} is {data[word]!r}; expected a text")
+            raise StudyError(f"{file}: {word} is {toml.as_text(data[word])}; expected a text")
     check_kind(data.get("figure", ""), f"{file}: figure")
 
 
@@ -156,8 +205,10 @@ def read(file: Path) -> dict[str, Any]:
     """Return what a file says; StudyError if it is no TOML."""
     try:
         size = file.stat().st_size
-        if size > 4 * toml.LONGEST:  # bytes of a character
-            raise StudyError(f"{file}: it takes {size:,} bytes; expected a study, {toml.LONGEST:,} characters at most")
+        if size > 4 * toml.MAX_CHARACTERS:  # bytes of a character
+            raise StudyError(
+                f"{file}: it takes {size:,} bytes; expected a study, {toml.MAX_CHARACTERS:,} characters at most"
+            )
         return toml.loads(file.read_text(encoding="utf-8-sig"))
     except UnicodeDecodeError:
         raise StudyError(f"{file}: is no text in UTF-8") from None
@@ -167,9 +218,14 @@ def read(file: Path) -> dict[str, Any]:
         raise StudyError(f"{file}: cannot be read: {error.strerror}") from None
 
 
-def _machine(name: Any, study: Path, folder: Path) -> dict[str, Any]:
-    if not isinstance(name, str) or len(name) > LONGEST_NAME or "\0" in name:
-        raise StudyError(f"{study}: machine is {_shortened(name)}; expected the name of a file in studies/machines")
+def machine_of(data: Mapping[str, Any], study: Path, folder: Path, registry: Registry) -> dict[str, Any]:
+    """Return the sections of the machine that a study names, under the names of today; none if it names none."""
+    return _machine(data["machine"], study, folder, registry) if "machine" in data else {}
+
+
+def _machine(name: Any, study: Path, folder: Path, registry: Registry) -> dict[str, Any]:
+    if not isinstance(name, str) or len(name) > MAX_NAME_LENGTH or "\0" in name:
+        raise StudyError(f"{study}: machine is {_shorten(name)}; expected the name of a file in studies/machines")
     places = (study.parent / "machines", folder / "studies" / "machines", packaged_studies() / "machines")
     for place in places:
         file = place / f"{name}.toml"
@@ -178,14 +234,17 @@ def _machine(name: Any, study: Path, folder: Path) -> dict[str, Any]:
             unknown = sorted(set(data) - {"title", "source", *MACHINE})
             if unknown:
                 raise StudyError(f"{file}: a machine has no section '{unknown[0]}'{did_you_mean(unknown[0], MACHINE)}")
-            return {key: value for key, value in data.items() if key in MACHINE}
+            current = CurrentNames(registry, str(file))
+            sections = current.sections(data, {})
+            current.warn(file)
+            return sections
     names = {file.stem for place in places for file in place.glob("*.toml")}
     raise StudyError(f"{study}: there is no machine '{name}'{did_you_mean(name, names)}")
 
 
 def _cases(tables: Any, file: Path) -> list[_Case]:
     if not isinstance(tables, list) or not tables or not all(isinstance(table, Mapping) for table in tables):
-        raise StudyError(f"{file}: case is {_shortened(tables)}; expected tables, each under [[case]]")
+        raise StudyError(f"{file}: case is {_shorten(tables)}; expected tables, each under [[case]]")
     cases: dict[str, _Case] = {}
     for number, table in enumerate(tables, start=1):
         label = _label(table, f"{file}, [[case]] number {number}")
@@ -203,53 +262,53 @@ def _label(table: Mapping[str, Any], place: str) -> str:
         raise StudyError(f"{place}: lacks 'label', the name by which tables and figures tell it from the others")
     label = table["label"]
     if not isinstance(label, str) or not label.strip():
-        raise StudyError(f"{place}: label is {label!r}; expected a text")
+        raise StudyError(f"{place}: label is {toml.as_text(label)}; expected a text")
     return label
 
 
-def _shortened(value: Any) -> str:
-    text = repr(value)
+def _shorten(value: Any) -> str:
+    text = toml.as_text(value)
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
-def _whole(file: Path, data: Mapping[str, Any], folder: Path, changes: Sequence[tuple[str, Any]]) -> list[_Case]:
+def _merged_cases(file: Path, written: _Written) -> list[_Case]:
     """Return the cases with all of their sections: of the machine, the study, the case and the command line."""
-    base = {key: value for key, value in data.items() if key in SECTIONS}
-    if "machine" in data:
-        base = merge(_machine(data["machine"], file, folder), base, str(file))
-    cases = _cases(data["case"], file) if "case" in data else [_Case(str(file), {}, {})]
-    of_sections = [change for change in changes if not change[0].startswith(("random.", GRID))]
-    return [replace(case, sections=_of_case(base, case, of_sections)) for case in cases]
+    base = {key: value for key, value in written.data.items() if key in SECTIONS}
+    base = merge(written.machine, base, str(file))
+    cases = _cases(written.data["case"], file) if "case" in written.data else [_Case(str(file), {}, {})]
+    of_sections = [change for change in written.changes if not change[0].startswith((DRAWS, GRID))]
+    return [replace(case, sections=_case_sections(base, case, of_sections)) for case in cases]
 
 
-def _grid(file: Path, data: Mapping[str, Any], changes: Sequence[tuple[str, Any]]) -> dict[str, list[Any]]:
-    return varied(axes(data.get("grid", {}), f"{file}, [grid]"), changes)
+def _grid(file: Path, written: _Written) -> dict[str, list[Any]]:
+    return apply_changes(axes(written.data.get("grid", {}), f"{file}, [grid]"), written.changes)
 
 
-def _of_case(base: Mapping[str, Any], case: _Case, changes: Sequence[tuple[str, Any]]) -> dict[str, Any]:
+def _case_sections(base: Mapping[str, Any], case: _Case, changes: Sequence[tuple[str, Any]]) -> dict[str, Any]:
     """Return the study's sections with the case laid over them, and over both what the command line sets."""
     sections = merge(base, case.sections, case.place)
     for path, value in changes:
-        sections = merge(sections, nested(path, value), "--set")
+        sections = merge(sections, nested_table(path, value), "--set")
     return sections
 
 
-def _draws(
-    data: Mapping[str, Any], grid: Mapping[str, Any], changes: Sequence[tuple[str, Any]], file: Path
-) -> Draws | None:
+def _draws(written: _Written, grid: Mapping[str, Any], file: Path) -> Draws | None:
     """Return what is drawn at random, with what the command line sets of it; None if the study draws nothing."""
-    if "random" not in data:
+    changes = [change for change in written.changes if change[0].startswith(DRAWS)]
+    if "monte_carlo" not in written.data:
         if changes:
-            raise StudyError(f"--set {changes[0][0]}: {file} has no section [random]")
+            raise StudyError(f"--set {changes[0][0]}: {file} has no section [monte_carlo]")
         return None
-    section = data["random"]
+    section = written.data["monte_carlo"]
     for path, value in changes:
-        section = overlay(section, nested(path, value)["random"])
+        section = overlay(section, nested_table(path, value)["monte_carlo"])
     try:
         draws = Draws.parse(section)
         clash = next((path for path in draws.paths if path in grid), None)
         if clash:
-            raise StudyError(f"[random]: '{clash}' stands in [grid] too; expected one of both, or cases for the grid's")
+            raise StudyError(
+                f"[monte_carlo]: '{clash}' is in [grid] too; keep one of both, or use cases for the grid's"
+            )
     except FraexpError as error:
         raise type(error)(f"{file}, {error}") from None
     return draws
@@ -257,9 +316,9 @@ def _draws(
 
 def _check_count(file: Path, cases: int, grid: Mapping[str, Sequence[Any]], draws: Draws | None) -> None:
     count = cases * math.prod(len(values) for values in grid.values()) * (draws.count if draws else 1)
-    if count > MOST_SWEEPS:
-        place, what = ("[random]", "sweeps") if draws else ("[grid]", "points")
-        raise StudyError(f"{file}, {place}: it has {count:,} {what}; expected {MOST_SWEEPS:,} at most")
+    if count > MAX_SWEEPS:
+        place, what = ("[monte_carlo]", "sweeps") if draws else ("[grid]", "points")
+        raise StudyError(f"{file}, {place}: it has {count:,} {what}; expected {MAX_SWEEPS:,} at most")
 
 
 @contextmanager
@@ -274,7 +333,7 @@ def _without_collection() -> Iterator[None]:
             gc.enable()
 
 
-def _every(
+def _all_sweeps(
     file: Path, cases: Sequence[_Case], grid: Mapping[str, list[Any]], draws: Draws | None, registry: Registry
 ) -> Iterable[Sweep]:
     """Return the sweeps of all cases, points and draws, in their order."""
@@ -282,12 +341,12 @@ def _every(
     every = (
         (case, *found) for case in cases for found in resolver.points(case.place, case.sections, case.labels, grid)
     )
-    refers = any(fit_references.within(case.sections, grid) for case in cases)
+    refers = any(fit_references.mentions_fit(case.sections, grid) for case in cases)
     if not refers and not draws:
         return (sweep for _, sweep, _ in every)
     all_drawn = (
         (case.place, sweep, written)
         for case, one, written in every
-        for sweep in (drawn(case.place, one, draws, registry) if draws else [one])
+        for sweep in (sample_sweeps(case.place, one, draws, registry) if draws else [one])
     )
-    return fit_references.laid_in(list(all_drawn)) if refers else (sweep for _, sweep, _ in all_drawn)
+    return fit_references.insert_fits(list(all_drawn)) if refers else (sweep for _, sweep, _ in all_drawn)

@@ -1,4 +1,4 @@
-"""Which checks apply to which kind of component: the one list, the cheap ones and the most telling ones first."""
+"""Which checks apply to which kind of component: the one list, the cheap ones and those that say most come first."""
 
 from collections.abc import Callable
 from typing import Any
@@ -12,45 +12,65 @@ from fraexp.components.kinds import (
     Plant,
     RecordReader,
 )
-from fraexp.testing import of_any, of_friction, of_laws, of_observers, of_parts, of_results
-from fraexp.testing.conformance_check import Check, of_class, of_examples
+from fraexp.testing import (
+    component_checks,
+    friction_law_checks,
+    friction_motion_checks,
+    loop_part_checks,
+    observer_checks,
+    result_checks,
+)
+from fraexp.testing.conformance_check import Check, class_check, example_check
 from fraexp.testing.examples import strategy
-from fraexp.testing.walk import drives, turns
+from fraexp.testing.walk import drive_strategy, fixed_path_strategy
 
-ANY = (
-    of_class(of_any.units),
-    of_class(of_any.source),
-    of_class(of_any.presets),
+ANY_KIND = (
+    class_check(component_checks.units),
+    class_check(component_checks.source),
+    class_check(component_checks.presets),
 )
 FRICTION = (
-    of_examples(of_laws.finite, drives, 20, quick=6),
-    of_examples(of_laws.state_size, drives, 15, quick=6),
-    of_examples(of_laws.rest, strategy, 10, quick=3),
-    of_examples(of_laws.trial, drives, 12, quick=4),
-    of_examples(of_laws.odd, drives, 25, quick=10),
-    of_examples(of_laws.present, drives, 12, quick=5),
-    of_examples(of_laws.bound, drives, 25, quick=6),
-    of_examples(of_laws.stiffness, drives, 15, quick=5),
-    of_examples(of_laws.monotone, drives, 15, quick=5),
-    of_examples(of_laws.limits, strategy, 5, quick=2),
-    of_examples(of_any.plain_data, strategy, 10, quick=3),
+    example_check(friction_law_checks.finite, drive_strategy, 20, quick=6),
+    example_check(friction_law_checks.pure, strategy, 2, quick=1),
+    example_check(friction_law_checks.state_size, drive_strategy, 15, quick=6),
+    example_check(friction_law_checks.rest, strategy, 10, quick=3),
+    example_check(friction_law_checks.trial, drive_strategy, 12, quick=4),
+    example_check(friction_law_checks.odd, drive_strategy, 25, quick=10),
+    example_check(friction_law_checks.present, drive_strategy, 12, quick=5),
+    example_check(friction_law_checks.bound, drive_strategy, 25, quick=6),
+    example_check(friction_law_checks.stiffness, drive_strategy, 15, quick=5),
+    example_check(friction_law_checks.monotone, drive_strategy, 15, quick=5),
+    example_check(friction_law_checks.limits, strategy, 5, quick=2),
+    example_check(component_checks.plain_data, strategy, 10, quick=3),
     # from here on the force is the compiled one, unless the check is to be quick
-    of_examples(of_laws.compiled, drives, 20, is_compiled=True),
-    of_examples(of_laws.translation, drives, 12, quick=3, is_compiled=True),
-    of_examples(of_laws.order, drives, 6, quick=3, is_compiled=True),
-    of_examples(of_friction.continuous, of_friction.waves, 12, quick=2, is_compiled=True),
-    of_examples(of_friction.refinement, of_friction.waves, 12, quick=2, is_compiled=True),
-    of_examples(of_friction.energy, of_friction.closed, 100, quick=8, is_compiled=True),
-    of_examples(of_friction.elsewhere, turns, 1, is_compiled=True),
-    of_examples(of_observers.observer, of_observers.exposures, 4, is_compiled=True),
+    example_check(friction_law_checks.compiled, drive_strategy, 20, is_compiled=True),
+    example_check(friction_law_checks.translation, drive_strategy, 12, quick=3, is_compiled=True),
+    example_check(friction_law_checks.order, drive_strategy, 6, quick=3, is_compiled=True),
+    example_check(
+        friction_motion_checks.continuous, friction_motion_checks.wave_strategy, 12, quick=2, is_compiled=True
+    ),
+    example_check(
+        friction_motion_checks.refinement, friction_motion_checks.wave_strategy, 12, quick=2, is_compiled=True
+    ),
+    example_check(
+        friction_motion_checks.energy, friction_motion_checks.closed_path_strategy, 100, quick=8, is_compiled=True
+    ),
+    example_check(friction_motion_checks.endurance, strategy, 4, is_compiled=True),
+    example_check(friction_motion_checks.elsewhere, fixed_path_strategy, 1, is_compiled=True),
+    example_check(observer_checks.observer, observer_checks.exposure_strategy, 4, is_compiled=True),
 )
 PARTS: dict[type[Component], tuple[Callable[[Any], None], ...]] = {
-    Plant: (of_parts.shapes, of_parts.realisation, of_parts.relative_degree),
-    Controller: (of_parts.causal, of_parts.coefficients),
-    Excitation: (of_parts.whole_periods, of_parts.schedule, of_parts.refuses, of_parts.repeatable),
+    Plant: (loop_part_checks.shapes, loop_part_checks.realisation, loop_part_checks.relative_degree),
+    Controller: (loop_part_checks.causal, loop_part_checks.coefficients),
+    Excitation: (
+        loop_part_checks.whole_periods,
+        loop_part_checks.schedule,
+        loop_part_checks.refuses,
+        loop_part_checks.repeatable,
+    ),
 }
-RESULTS = (of_results.linear_plant, of_results.result_units, of_results.covariance, of_results.outcome)
-READERS = (of_results.suffixes, of_results.foreign_file)
+RESULTS = (result_checks.linear_plant, result_checks.result_units, result_checks.covariance, result_checks.outcome)
+READERS = (result_checks.suffixes, result_checks.foreign_file)
 
 
 def quick_checks_for(component: type[Component]) -> list[Check]:
@@ -61,10 +81,10 @@ def quick_checks_for(component: type[Component]) -> list[Check]:
 def checks_for(component: type[Component]) -> list[Check]:
     """Return the checks that apply to a component class, the cheap ones first."""
     if issubclass(component, FrictionModel):
-        return [*ANY, *FRICTION]
+        return [*ANY_KIND, *FRICTION]
     if issubclass(component, Estimator):
-        return [*ANY, *(of_class(body, is_compiled=True) for body in RESULTS)]
+        return [*ANY_KIND, *(class_check(body, is_compiled=True) for body in RESULTS)]
     if issubclass(component, RecordReader):
-        return [ANY[0], *map(of_class, READERS)]  # a reader follows a file format, not the literature
+        return [ANY_KIND[0], *map(class_check, READERS)]  # a reader follows a file format, not the literature
     bodies = next((bodies for kind, bodies in PARTS.items() if issubclass(component, kind)), ())
-    return [*ANY, *(of_examples(body, strategy, 20, quick=5) for body in (of_any.plain_data, *bodies))]
+    return [*ANY_KIND, *(example_check(body, strategy, 20, quick=5) for body in (component_checks.plain_data, *bodies))]

@@ -10,21 +10,23 @@ import signal
 import sys
 from collections.abc import Mapping
 from pathlib import Path
+from traceback import walk_tb
 from types import FrameType
 from typing import Any
 
 from fraexp.components.kinds import Component, FrictionModel
 from fraexp.errors import FraexpError
+from fraexp.kernels.call_watch import hang_listener, running_call_text
 from fraexp.testing.check_catalogue import checks_for, quick_checks_for
 from fraexp.testing.check_report import Finding, Verdict, findings, quick_findings
 from fraexp.testing.component_lookup import named_components
 from fraexp.testing.conformance_check import Check
-from fraexp.testing.sentinel import Sentinel, line_within
-from fraexp.testing.walk import Drive, described
+from fraexp.testing.sentinel import Sentinel, innermost_line
+from fraexp.testing.walk import Drive, describe_component
 
 
 class CheckProcess:
-    """Checks what is asked for, and tells of it; what a plugin prints goes to stderr."""
+    """Checks the components that are ordered, and reports each finding; what a plugin prints goes to stderr."""
 
     def __init__(self, order: Mapping[str, Any]) -> None:
         self._order, self._quick = order, bool(order["quick"])
@@ -32,84 +34,102 @@ class CheckProcess:
         os.dup2(2, 1)
         self._component: type[Component] = Component
         self._check: Check | None = None
-        self._example: Any = None
+        self._example: object = None
 
     def run(self) -> None:
         """Check all components."""
-        Sentinel(self._give_up, self._lines).start()
+        Sentinel(self._report_stuck, self._lines).start()
         try:
             order = self._order
-            for component in list(named_components(order["name"], order["kind"], Path(order["workspace"]))):
-                self._run(component)
-            self._tell(end=True)
+            # The sentinel ends the process; what compiled code is called with is on record where somebody listens.
+            with hang_listener(lambda text: None):
+                for component in named_components(order["name"], order["kind"], Path(order["workspace"])):
+                    self._check_component(component)
+            self._report(end=True)
         except FraexpError as error:
-            self._tell(error=str(error))
+            self._report(error=str(error))
+        except (KeyboardInterrupt, SystemExit) as error:  # Ctrl-C does not reach this process: a plugin raised it
+            subject = self._subject(list(walk_tb(error.__traceback__))[-1][0])
+            self._report_end(f"{subject} raises {type(error).__name__}, which ends fraexp; expected another error")
 
-    def _run(self, component: type[Component]) -> None:
+    def _check_component(self, component: type[Component]) -> None:
         self._component = component
         checks = checks_for(component)
         quick = quick_checks_for(component) if self._quick else checks
         left_out = {check.name for check in checks} - {check.name for check in quick}
-        self._tell(
+        self._report(
             component={"kind": component.kind, "name": component.name, "version": component.version},
-            place=_place(component),
+            place=_source_place(component),
             checks={check.name: check.meaning for check in quick},
             left_out=[check.name for check in checks if check.name in left_out],
         )
-        found = quick_findings(component, self._begin) if self._quick else findings(component, begins=self._begin)
+        found = (
+            quick_findings(component, self._note_example)
+            if self._quick
+            else findings(component, on_example=self._note_example)
+        )
         for finding in found:
-            self._tell(finding=_document(finding))
+            self._report(finding=_finding_document(finding))
 
-    def _begin(self, check: Check, example: Any) -> None:
+    def _note_example(self, check: Check, example: object) -> None:
         self._check, self._example = check, example
 
-    def _give_up(self, frame: FrameType, compiling: bool, seconds: float) -> None:
-        """Tell that the main thread does not come back, and with what it is busy."""
+    def _report_stuck(self, frame: FrameType, is_compiling: bool, seconds: float) -> None:
+        """Report that the main thread does not return, and what it is busy with."""
         if self._check is None:
-            self._tell(error=f"the plugins have not been loaded after {seconds:.0f} s; expected seconds")
+            self._report_end(f"the plugins have not been loaded after {seconds:.0f} s; expected seconds")
             return
-        did = "has not been compiled" if compiling else "has not returned"
-        reason = f"{self._named(frame)} {did} after {seconds:.0f} s; {REMEDY[compiling]}"
-        finding = Finding(self._check, Verdict.FAILED, reason, self._described(), reason)
-        self._tell(finding=_document(finding))
-        self._tell(end=True)
+        did = "has not been compiled" if is_compiling else "has not returned"
+        self._report_end(
+            running_call_text() or f"{self._subject(frame)} {did} after {seconds:.0f} s; {REMEDY[is_compiling]}"
+        )
 
-    def _named(self, frame: FrameType) -> str:
+    def _report_end(self, reason: str) -> None:
+        """Report why no more is checked: a failure of the check in progress, if there is one."""
+        if self._check is None:
+            self._report(error=reason)
+            return
+        finding = Finding(self._check, Verdict.FAILED, reason, self._example_text(), reason)
+        self._report(finding=_finding_document(finding))
+        self._report(end=True)
+
+    def _subject(self, frame: FrameType) -> str:
         """Return what is being checked, with its file and line."""
         owner = getattr(self._example, "model", self._example)
         if not isinstance(owner, FrictionModel):
             return f"{self._component.kind} {self._component.name}"
         code = owner.law.__code__
-        line = line_within(frame, code.co_filename) or code.co_firstlineno
+        line = innermost_line(frame, code.co_filename) or code.co_firstlineno
         return f"the law of {owner.name} ({Path(code.co_filename).name}, line {line})"
 
-    def _described(self) -> str:
-        """Return the example without trying the law: a path is told only where its length is known already."""
+    def _example_text(self) -> str:
+        """Return the example without trying the law: a path appears only if its length is known already."""
         owner = getattr(self._example, "model", self._example)
         if isinstance(self._example, Drive) and "length" in vars(self._example):
             return str(self._example)
-        return described(owner) if isinstance(owner, Component) else ""
+        return describe_component(owner) if isinstance(owner, Component) else ""
 
-    def _tell(self, **told: Any) -> None:
-        self._lines.write(json.dumps(told) + "\n")
+    def _report(self, **entry: object) -> None:
+        self._lines.write(json.dumps(entry) + "\n")
         self._lines.flush()
 
 
 REMEDY = {
-    True: "expected some seconds: make it shorter, or its loops simpler",
-    False: "expected a force at once: mend what ends its loops",
+    True: "expected some seconds; shorten it, or simplify its loops",
+    False: "expected a force within milliseconds; check the conditions that end its loops",
 }
-"""What to do about a law on which the compiler is busy, and about one that does not return."""
+"""Remedy, by whether the compiler is busy with the law (True) or the law does not return (False)."""
 
 
-def _document(finding: Finding) -> dict[str, Any]:
+def _finding_document(finding: Finding) -> dict[str, str]:
+    """Return a finding as the command reads it."""
     return {
         "name": finding.check.name, "meaning": finding.check.meaning, "verdict": finding.verdict.name.lower(),
-        "reason": finding.reason, "example": finding.example, "ends": finding.ends,
+        "reason": finding.reason, "example": finding.example, "ends": finding.stop_reason,
     }  # fmt: skip
 
 
-def _place(component: type[Component]) -> str:
+def _source_place(component: type[Component]) -> str:
     """Return file and line of a component: of a friction model, those of its law."""
     try:
         code = component.advance.__code__ if issubclass(component, FrictionModel) else None

@@ -1,24 +1,26 @@
-"""Running checks, and what came out of each."""
+"""Run checks and report their findings."""
 
+import inspect
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import nullcontext
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
-from typing import Any
+from pathlib import Path
 
 import numpy as np
 
 from fraexp.components.kinds import Component
-from fraexp.errors import PluginError, did_you_mean
+from fraexp.components.registry import reason_of
+from fraexp.errors import FraexpError, PluginError, did_you_mean
 from fraexp.kernels.watchdog import LAW_TIME_LIMIT_S, OverdueError, time_limit
 from fraexp.testing.check_catalogue import checks_for, quick_checks_for
 from fraexp.testing.conformance_check import Check, NotApplicableError, ViolationError
-from fraexp.testing.interpreted import interpreted
-from fraexp.testing.overdue import overdue, uncompiled
-from fraexp.testing.walk import described
+from fraexp.testing.interpreted_model import interpreted_class
+from fraexp.testing.law_failures import compile_error_reason, overdue_reason
+from fraexp.testing.walk import describe_component
 
-Begins = Callable[[Check, Any], None]
-"""Is told of each check's examples, before it is looked at."""
+ExampleListener = Callable[[Check, object], None]
+"""Called with check and example before the example is tried."""
 
 
 class Verdict(Enum):
@@ -34,7 +36,7 @@ class Verdict(Enum):
 
 @dataclass(frozen=True)
 class Finding:
-    """What one check has found."""
+    """The result of one check."""
 
     check: Check
     verdict: Verdict
@@ -42,12 +44,12 @@ class Finding:
     """Why it failed, was skipped, or is expected to fail; in one line."""
     example: str = ""
     """The smallest example that was found; empty for a check of the class itself."""
-    ends: str = ""
-    """Why checks that follow are in vain: all of them, or those that are compiled; empty if they are not."""
+    stop_reason: str = ""
+    """Why the checks that follow are not run: all of them, or the compiled ones; empty if they are."""
 
     @property
-    def wrong(self) -> bool:
-        """Whether this must be mended."""
+    def is_failure(self) -> bool:
+        """Whether the component must be repaired."""
         return self.verdict in (Verdict.FAILED, Verdict.UNEXPECTED)
 
     def __str__(self) -> str:
@@ -65,8 +67,8 @@ class Report:
 
     @property
     def sound(self) -> bool:
-        """Whether nothing must be mended."""
-        return not any(finding.wrong for finding in self.findings)
+        """Whether nothing must be repaired."""
+        return not any(finding.is_failure for finding in self.findings)
 
 
 def run_checks(
@@ -86,32 +88,34 @@ def findings(
     component: type[Component],
     checks: Iterable[Check] | None = None,
     expected_failures: Mapping[str, str] | None = None,
-    begins: Begins = lambda check, example: None,
+    on_example: ExampleListener = lambda check, example: None,
 ) -> Iterator[Finding]:
-    """Yield the findings one after another, as `run_checks` reports them; `begins` is told each example first."""
+    """Yield the findings one after another, as `run_checks` reports them; `on_example` is called with each example."""
     expected = expectations(component, expected_failures)
     last: Finding | None = None
     for check in checks if checks is not None else checks_for(component):
         if last and (check.is_compiled or not last.check.is_compiled):
-            yield Finding(check, Verdict.NOT_RUN, last.ends)
+            yield Finding(check, Verdict.NOT_RUN, last.stop_reason)
             continue
-        finding = run_check(check, component, expected.get(check.name), begins)
-        last = finding if finding.ends else last
+        finding = run_check(check, component, expected.get(check.name), on_example)
+        last = finding if finding.stop_reason else last
         yield finding
 
 
-def quick_findings(component: type[Component], begins: Begins = lambda check, example: None) -> Iterator[Finding]:
+def quick_findings(
+    component: type[Component], on_example: ExampleListener = lambda check, example: None
+) -> Iterator[Finding]:
     """Yield what the quick checks of a component find: fewer examples, and nothing compiled."""
     expected, last = expectations(component), ""
     for check in quick_checks_for(component):
         if last:
             yield Finding(check, Verdict.NOT_RUN, last)
             continue
-        looked_at = interpreted(component) if check.draws else component
-        finding = run_check(check, looked_at, expected.get(check.name), begins)
+        target = interpreted_class(component) if check.make_strategy else component
+        finding = run_check(check, target, expected.get(check.name), on_example)
         if finding.verdict is Verdict.UNEXPECTED:  # a few examples are no proof that it passes
             finding = Finding(check, Verdict.SKIPPED, f"declared to fail: {expected[check.name]}")
-        last = finding.ends
+        last = finding.stop_reason
         yield finding
 
 
@@ -129,54 +133,65 @@ def run_check(
     check: Check,
     component: type[Component],
     expected: str | None = None,
-    begins: Begins = lambda check, example: None,
+    on_example: ExampleListener = lambda check, example: None,
 ) -> Finding:
     """Run one check; `expected` is the reason why it must fail, if it must."""
+    if expected is not None:  # that no example fails must not be chance
+        check = replace(check, examples=EXPECTED_FAILURE_EFFORT * check.examples)
     with np.errstate(all="ignore"):  # what overflows shows as an infinite force
-        found = _Search(check, component, begins).finding()
-    if expected is None or found.ends or found.verdict is Verdict.SKIPPED:
+        found = _ExampleSearch(check, component, on_example).finding()
+    if expected is None or found.stop_reason or found.verdict is Verdict.SKIPPED:
         return found
     if found.verdict is Verdict.FAILED:
         return Finding(check, Verdict.EXPECTED, expected, found.example)
-    return Finding(check, Verdict.UNEXPECTED, f"take it out of expected_failures ({expected})")
+    return Finding(check, Verdict.UNEXPECTED, f"remove it from expected_failures ({expected})")
 
 
 @dataclass
-class _Search:
+class _ExampleSearch:
     """The search for an example that breaks a check."""
 
     check: Check
     component: type[Component]
-    begins: Begins
-    example: Any = None
-    looked_at: int = 0
+    on_example: ExampleListener
+    example: object = None
+    tried: int = 0
+    """Number of examples to which the check applies."""
     skipped: str = field(default="")
 
     def finding(self) -> Finding:
         """Return the finding."""
         try:
-            self._search() if self.check.draws else self._look(self.component)
+            self._search() if self.check.make_strategy else self._try(self.component)
         except ViolationError as violation:
-            return Finding(self.check, Verdict.FAILED, _line(str(violation)), self._example)
+            return Finding(self.check, Verdict.FAILED, _one_line(str(violation)), self._example_text)
         except OverdueError as error:
-            reason = overdue(error, self.example)
-            return Finding(self.check, Verdict.FAILED, reason, self._owner, f"{self.component.name} does not return")
+            reason = overdue_reason(error, self.example)
+            return Finding(
+                self.check, Verdict.FAILED, reason, self._owner_text, f"{self.component.name} does not return"
+            )
         except Exception as error:  # a stranger's component may raise anything
-            reason = _line(f"{type(error).__name__}: {error}")
+            reason = _one_line(str(error) if isinstance(error, FraexpError) else reason_of(error, self._file))
             if "cannot be compiled" in reason or type(error).__module__.startswith("numba"):
-                return Finding(self.check, Verdict.FAILED, uncompiled(error, self.example), self._owner, NOT_COMPILED)
-            return Finding(self.check, Verdict.FAILED, reason, self._example)
-        if not self.looked_at:
+                return Finding(
+                    self.check,
+                    Verdict.FAILED,
+                    compile_error_reason(error, self.example),
+                    self._owner_text,
+                    NOT_COMPILED,
+                )
+            return Finding(self.check, Verdict.FAILED, reason, self._example_text)
+        if not self.tried:
             return Finding(self.check, Verdict.SKIPPED, self.skipped)
         return Finding(self.check, Verdict.PASSED)
 
     def _search(self) -> None:
-        from hypothesis import HealthCheck, Phase, Verbosity, given, settings
+        from hypothesis import HealthCheck, Phase, Verbosity, given, seed, settings
 
-        draws = self.check.draws
-        if draws is None:
+        make_strategy = self.check.make_strategy
+        if make_strategy is None:
             return
-        found = given(draws(self.component))(self._look)
+        search = seed(EXAMPLE_SEED)(given(make_strategy(self.component))(self._try))
         settings(
             max_examples=self.check.examples,
             deadline=None,
@@ -186,37 +201,51 @@ class _Search:
             verbosity=Verbosity.quiet,
             suppress_health_check=list(HealthCheck),
             phases=(Phase.generate, Phase.target, *([Phase.shrink] if self.check.shrinks else [])),
-        )(found)()
+        )(search)()
 
-    def _look(self, example: Any) -> None:
+    def _try(self, example: object) -> None:
         self.example = example
-        self.begins(self.check, example)
+        self.on_example(self.check, example)
         try:
             with nullcontext() if self.check.is_compiled else time_limit(LAW_TIME_LIMIT_S):
                 self.check.body(example)
-            self.looked_at += 1
+            self.tried += 1
         except NotApplicableError as reason:
             self.skipped = str(reason)
 
     @property
-    def _example(self) -> str:
+    def _file(self) -> Path | None:
+        """The file of the component's class."""
+        try:
+            return Path(inspect.getfile(self.component))
+        except (OSError, TypeError):
+            return None
+
+    @property
+    def _example_text(self) -> str:
         if self.example is None or self.example is self.component:
             return ""
         try:
-            return described(self.example) if isinstance(self.example, Component) else str(self.example)
+            return describe_component(self.example) if isinstance(self.example, Component) else str(self.example)
         except Exception:  # the component may be too broken to be described further
-            return self._owner
+            return self._owner_text
 
     @property
-    def _owner(self) -> str:
+    def _owner_text(self) -> str:
         """The component of the example, described without trying it."""
         owner = getattr(self.example, "model", self.example)
-        return described(owner) if isinstance(owner, Component) else ""
+        return describe_component(owner) if isinstance(owner, Component) else ""
 
 
+EXPECTED_FAILURE_EFFORT = 8
+"""Factor on the examples of a check that must fail: the search ends with the first one that does."""
+EXAMPLE_SEED = 1
+"""Seed of all examples, so that a component has the same findings whenever it is checked. Any number will do, and tests
+take others. Without one hypothesis takes the source text of the function that tries them: an edit there would try every
+component on other examples."""
 NOT_COMPILED = "the law cannot be compiled"
 """Why the checks that need the compiled law are not run."""
 
 
-def _line(text: str) -> str:
+def _one_line(text: str) -> str:
     return " ".join(text.split())

@@ -1,7 +1,6 @@
 """All checks of a component as one pytest function."""
 
 from collections.abc import Callable, Mapping
-from typing import Any
 
 from fraexp.components.kinds import Component
 from fraexp.testing.check_catalogue import checks_for
@@ -24,9 +23,12 @@ def conformance(
     @pytest.mark.parametrize("check", checks, ids=[check.name for check in checks])
     def test(check: Check) -> None:
         finding = run_check(check, component, expected.get(check.name))
-        if finding.wrong:
+        if finding.is_failure:
             pytest.fail(str(finding), pytrace=False)
-        outcomes: dict[Verdict, Any] = {Verdict.SKIPPED: pytest.skip, Verdict.EXPECTED: pytest.xfail}
+        outcomes: dict[Verdict, Callable[[str], object]] = {
+            Verdict.SKIPPED: pytest.skip,
+            Verdict.EXPECTED: pytest.xfail,
+        }
         if finding.verdict in outcomes:
             outcomes[finding.verdict](finding.reason)
 

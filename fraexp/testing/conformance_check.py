@@ -3,12 +3,15 @@
 import inspect
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fraexp.components.kinds import Component
 
-Draws = Callable[[type[Component]], Any]
-"""Makes the hypothesis strategy of a check's examples for a class."""
+if TYPE_CHECKING:
+    from hypothesis.strategies import SearchStrategy
+
+StrategyMaker = Callable[[type[Component]], "SearchStrategy[Any]"]
+"""Makes the hypothesis strategy of a check's examples for a component class."""
 
 
 class ViolationError(Exception):
@@ -24,49 +27,54 @@ class Check:
     """One named sentence about a component."""
 
     name: str
-    """By which it is named in reports and in `expected_failures`."""
+    """Its name in reports and in `expected_failures`."""
     meaning: str
     """The sentence."""
     body: Callable[[Any], None]
     """Raises ViolationError for an example (or for the class itself) that breaks the sentence."""
-    draws: Draws | None = None
-    """Strategy of the examples; None for a check of the class itself."""
+    make_strategy: StrategyMaker | None = None
+    """Makes the strategy that draws the examples; None for a check of the class itself."""
     examples: int = 1
-    """Examples that are looked at."""
+    """Number of examples that are tried."""
     quick_examples: int = 1
-    """Examples that are looked at when the check is quick and nothing is compiled; 0 if it is left out then."""
+    """Number of examples in a quick check, which compiles nothing; 0 if it is left out of that."""
     is_compiled: bool = False
     """Whether it compiles a law, or asks for signals that compiled code has made."""
 
     shrinks: bool = True
-    """Whether the smallest example is looked for once one was found."""
+    """Whether, once an example breaks the check, a smaller one is searched for."""
 
     def quick(self) -> "Check":
-        """Return the check as it is when it is to be quick."""
+        """Return the quick form of the check."""
         return replace(self, examples=self.quick_examples, is_compiled=False, shrinks=False)
 
 
-def of_class(body: Callable[[Any], None], is_compiled: bool = False) -> Check:
-    """Return the check of a class that a function with a docstring makes; a compiled one is not quick."""
-    return Check(_name(body), _sentence(body), body, quick_examples=int(not is_compiled), is_compiled=is_compiled)
+def class_check(body: Callable[[Any], None], is_compiled: bool = False) -> Check:
+    """Return a check of component classes; its name and meaning are those of the function and its docstring.
+
+    A compiled check is left out of quick ones.
+    """
+    return Check(
+        _check_name(body), _check_meaning(body), body, quick_examples=int(not is_compiled), is_compiled=is_compiled
+    )
 
 
-def of_examples(
-    body: Callable[[Any], None], draws: Draws, examples: int, quick: int = 0, is_compiled: bool = False
+def example_check(
+    body: Callable[[Any], None], make_strategy: StrategyMaker, examples: int, quick: int = 0, is_compiled: bool = False
 ) -> Check:
-    """Return the check of drawn examples that a function with a docstring makes, fewer of them when it is quick."""
-    return Check(_name(body), _sentence(body), body, draws, examples, quick, is_compiled)
+    """Return a check of drawn examples; its name and meaning are those of the function and its docstring."""
+    return Check(_check_name(body), _check_meaning(body), body, make_strategy, examples, quick, is_compiled)
 
 
-def _name(body: Callable[..., None]) -> str:
+def _check_name(body: Callable[..., None]) -> str:
     return body.__name__.replace("_", "-")
 
 
-def _sentence(body: Callable[..., None]) -> str:
+def _check_meaning(body: Callable[..., None]) -> str:
     return " ".join(inspect.cleandoc(body.__doc__ or "").split())
 
 
-def require(true: object, reason: str) -> None:
-    """Raise ViolationError with a reason unless something is true."""
-    if not true:
+def require(condition: object, reason: str) -> None:
+    """Raise ViolationError with a reason unless the condition holds."""
+    if not condition:
         raise ViolationError(reason)

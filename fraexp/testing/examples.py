@@ -3,7 +3,7 @@
 import inspect
 from collections.abc import Mapping
 from functools import cache
-from typing import Any, get_args, get_origin
+from typing import Any, TypeVar, cast, get_args, get_origin
 
 from hypothesis import strategies as st
 from hypothesis.strategies import SearchStrategy
@@ -14,13 +14,14 @@ from fraexp.components.parameters import TYPICAL, Parameters, unit_of
 from fraexp.components.registry import Registry, discover
 from fraexp.errors import FraexpError
 
-DECADES = 0.5
-"""By how many decades a number is drawn below or above its preset."""
-LIST = 2
-"""Values of a list that no preset gives."""
+AnyComponent = TypeVar("AnyComponent", bound=Component)
+MAX_DECADES = 0.5
+"""Decades by which a number is drawn below or above its preset."""
+DEFAULT_LIST_LENGTH = 2
+"""Number of values of a list that no preset gives."""
 
 
-def strategy(component: type[Component]) -> SearchStrategy[Any]:
+def strategy(component: type[Component]) -> SearchStrategy[Component]:
     """Return a strategy that draws instances of a component class.
 
     Numbers are those of a preset, else the default, else within two declared bounds, else typical of the unit,
@@ -28,19 +29,19 @@ def strategy(component: type[Component]) -> SearchStrategy[Any]:
     drawn as well. What the class refuses is drawn again.
     """
     bases = list(component.presets.values()) or [{}]
-    return st.sampled_from(bases).flatmap(lambda base: _component(component, base))
+    return st.sampled_from(bases).flatmap(lambda base: _component_strategy(component, base))
 
 
-def numbers(info: FieldInfo) -> bool:
+def is_number(info: FieldInfo) -> bool:
     """Whether a parameter is a single number with a unit or of unit 1."""
     return float in (info.annotation, *get_args(info.annotation)) and get_origin(info.annotation) is not tuple
 
 
-def bounds(info: FieldInfo) -> tuple[float | None, float | None]:
+def value_bounds(info: FieldInfo) -> tuple[float | None, float | None]:
     """Return the least and the greatest value of a parameter, inside of exclusive bounds; None where there is none."""
-    declared = {word: getattr(item, word) for item in info.metadata for word in LIMITS if hasattr(item, word)}
+    declared = {word: getattr(item, word) for item in info.metadata for word in BOUND_NAMES if hasattr(item, word)}
     low, high = declared.get("ge"), declared.get("le")
-    span = typical(info)
+    span = typical_magnitude(info)
     if "gt" in declared:
         low = declared["gt"] + 1e-6 * span
     if "lt" in declared:
@@ -48,15 +49,15 @@ def bounds(info: FieldInfo) -> tuple[float | None, float | None]:
     return low, high
 
 
-LIMITS = ("gt", "ge", "lt", "le")
+BOUND_NAMES = ("gt", "ge", "lt", "le")
 
 
-def typical(info: FieldInfo) -> float:
+def typical_magnitude(info: FieldInfo) -> float:
     """Return a magnitude that is typical of a parameter's unit."""
     return TYPICAL.get(unit_of(info), 1.0)
 
 
-def built(component: type[Component], values: Mapping[str, Any]) -> Any:
+def try_build(component: type[AnyComponent], values: Mapping[str, object]) -> AnyComponent | None:
     """Return an instance, or None if the class refuses the values."""
     try:
         return component.parse(values, component.name)
@@ -64,107 +65,108 @@ def built(component: type[Component], values: Mapping[str, Any]) -> Any:
         return None
 
 
-def _component(component: type[Component], base: Mapping[str, Any]) -> SearchStrategy[Any]:
-    return _values(component, base).map(lambda values: built(component, values)).filter(lambda made: made is not None)
+def _component_strategy(component: type[Component], base: Mapping[str, object]) -> SearchStrategy[Component]:
+    built = _values_strategy(component, base).map(lambda values: try_build(component, values))
+    return cast("SearchStrategy[Component]", built.filter(lambda example: example is not None))
 
 
-def _values(owner: type[Parameters], base: Mapping[str, Any]) -> SearchStrategy[dict[str, Any]]:
-    drawn = {name: _value(info, base.get(name)) for name, info in owner.model_fields.items()}
+def _values_strategy(owner: type[Parameters], base: Mapping[str, object]) -> SearchStrategy[dict[str, object]]:
+    drawn = {name: _parameter_strategy(info, base.get(name)) for name, info in owner.model_fields.items()}
     return st.fixed_dictionaries({name: values for name, values in drawn.items() if values is not None})
 
 
-def _value(info: FieldInfo, base: Any) -> SearchStrategy[Any] | None:
+def _parameter_strategy(info: FieldInfo, base: Any) -> SearchStrategy[object] | None:
     """Return the strategy of one parameter; None to leave it at its default."""
-    nested, group = nested_kind(info), _group(info)
+    nested, group = nested_kind(info), _parameter_group(info)
     if nested is not None:
-        return _nested(nested, info, base)
+        return _nested_strategy(nested, info, base)
     if group is not None:
-        return _values(group, base) if isinstance(base, Mapping) else None
+        return _values_strategy(group, base) if isinstance(base, Mapping) else None
     if get_origin(info.annotation) is tuple:
-        return _list(info, base)
-    if not numbers(info):
-        return st.just(base) if base is not None else _plain(info)
-    return _number(info, base)
+        return _list_strategy(info, base)
+    if not is_number(info):
+        return st.just(base) if base is not None else _plain_strategy(info)
+    return _number_strategy(info, base)
 
 
-def _group(info: FieldInfo) -> type[Parameters] | None:
+def _parameter_group(info: FieldInfo) -> type[Parameters] | None:
     candidates = (info.annotation, *get_args(info.annotation))
     return next((part for part in candidates if inspect.isclass(part) and issubclass(part, Parameters)), None)
 
 
-def _number(info: FieldInfo, base: Any) -> SearchStrategy[float] | None:
-    low, high = bounds(info)
+def _number_strategy(info: FieldInfo, base: Any) -> SearchStrategy[float] | None:
+    low, high = value_bounds(info)
     start = base if base is not None else None if info.is_required() else info.default
     if low is not None and high is not None and unit_of(info) == "1":
         return st.floats(low, high)
     if start is None:
-        return _scaled(_middle(info), low, high) if info.is_required() else None
+        return _scaled_strategy(_middle_value(info), low, high) if info.is_required() else None
     if start == 0:
-        return st.one_of(st.just(0.0), _scaled(typical(info), low, high))
-    scaled = _scaled(float(start), low, high)
+        return st.one_of(st.just(0.0), _scaled_strategy(typical_magnitude(info), low, high))
+    scaled = _scaled_strategy(float(start), low, high)
     included = [item.ge for item in info.metadata if hasattr(item, "ge")]
     return st.one_of(scaled, st.just(float(included[0]))) if included else scaled
 
 
-def _middle(info: FieldInfo) -> float:
-    low, high = bounds(info)
-    return float((low + high) / 2 if low is not None and high is not None else typical(info))
+def _middle_value(info: FieldInfo) -> float:
+    low, high = value_bounds(info)
+    return float((low + high) / 2 if low is not None and high is not None else typical_magnitude(info))
 
 
-def _scaled(value: float, low: float | None, high: float | None) -> SearchStrategy[float]:
-    def inside(decades: float) -> float:
+def _scaled_strategy(value: float, low: float | None, high: float | None) -> SearchStrategy[float]:
+    def scale_within_bounds(decades: float) -> float:
         scaled = value * 10.0**decades
         return min(max(scaled, low if low is not None else scaled), high if high is not None else scaled)
 
-    return _decades().map(inside)
+    return _decade_strategy().map(scale_within_bounds)
 
 
-def _decades() -> SearchStrategy[float]:
-    return st.integers(-8, 8).map(lambda eighths: DECADES * eighths / 8)  # few steps: readable smallest examples
+def _decade_strategy() -> SearchStrategy[float]:
+    return st.integers(-8, 8).map(lambda eighths: MAX_DECADES * eighths / 8)  # few steps: readable smallest examples
 
 
-def _list(info: FieldInfo, base: Any) -> SearchStrategy[Any] | None:
+def _list_strategy(info: FieldInfo, base: Any) -> SearchStrategy[object] | None:
     if base is None and not info.is_required():
         return None
-    values = list(base) if base is not None else [_middle(info)] * LIST
+    values = list(base) if base is not None else [_middle_value(info)] * DEFAULT_LIST_LENGTH
     if unit_of(info) in ("1", "") or not all(isinstance(value, int | float) for value in values):
         return st.just(tuple(values))  # shares, names: no common factor fits
-    return _decades().map(lambda decades: tuple(value * 10.0**decades for value in values))
+    return _decade_strategy().map(lambda decades: tuple(value * 10.0**decades for value in values))
 
 
-def _plain(info: FieldInfo) -> SearchStrategy[Any] | None:
+def _plain_strategy(info: FieldInfo) -> SearchStrategy[object] | None:
     if not info.is_required():
         return None
-    low, _ = bounds(info)
-    plain: dict[Any, SearchStrategy[Any]] = {int: st.just(int(low or 1)), bool: st.booleans(), str: st.just("x")}
+    low, _ = value_bounds(info)
+    plain: dict[object, SearchStrategy[object]] = {int: st.just(int(low or 1)), bool: st.booleans(), str: st.just("x")}
     return plain.get(info.annotation)
 
 
-def _nested(kind: type[Component], info: FieldInfo, base: Any) -> SearchStrategy[Any] | None:
-    """Draw the components that a component holds: of its preset, else one (or a list of one) that has a preset."""
+def _nested_strategy(kind: type[Component], info: FieldInfo, base: Any) -> SearchStrategy[object] | None:
+    """Return the strategy of the components inside a component: those of its preset, else one that has a preset."""
     several = get_origin(info.annotation) is tuple
     if base is None and not info.is_required():
         return None
     specs = base if several else [base]
     if base is None:
-        specs = [{"name": _with_preset(kind.kind)}]
-    parts = st.tuples(*(_of_spec(kind.kind, spec) for spec in specs))
+        specs = [{"name": _name_with_preset(kind.kind)}]
+    parts = st.tuples(*(_spec_strategy(kind.kind, spec) for spec in specs))
     return parts if several else parts.map(lambda drawn: drawn[0])
 
 
-def _of_spec(kind: str, spec: Mapping[str, Any]) -> SearchStrategy[Any]:
-    component = installed().supply(kind, spec["name"]).component
+def _spec_strategy(kind: str, spec: Mapping[str, Any]) -> SearchStrategy[Component]:
+    component = installed_components().provider(kind, spec["name"]).component
     preset = component.presets.get(spec.get("preset", ""), {})
     given = {**preset, **{key: value for key, value in spec.items() if key not in ("name", "version", "preset")}}
-    return _component(component, given) if given else strategy(component)
+    return _component_strategy(component, given) if given else strategy(component)
 
 
-def _with_preset(kind: str) -> str:
-    names = installed().names(kind)
-    return next((name for name in names if installed().supply(kind, name).component.presets), names[0])
+def _name_with_preset(kind: str) -> str:
+    names = installed_components().names(kind)
+    return next((name for name in names if installed_components().provider(kind, name).component.presets), names[0])
 
 
 @cache
-def installed() -> Registry:
+def installed_components() -> Registry:
     """Return all installed components."""
     return discover()

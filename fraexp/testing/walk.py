@@ -3,45 +3,56 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from hypothesis import strategies as st
+from hypothesis.strategies import SearchStrategy
+from numpy.typing import NDArray
 
 from fraexp.components.kinds import Component, FrictionModel
+from fraexp.components.law_step import law_place, step_fault, step_text
 from fraexp.testing.conformance_check import ViolationError
 from fraexp.testing.examples import strategy
 
-SLOW = 1e30
+SLOW_TIME_STEP_S = 1e30
 """Time step [s] at which no rate matters."""
-SHORTEST, LONGEST = 1e-12, 1e-3
-"""Displacements [m] between which a law's first slip is looked for."""
+MIN_BREAKAWAY_M, MAX_BREAKAWAY_M = 1e-12, 1e-3
+"""Displacements [m] between which a law's breakaway is looked for."""
 
 
 class Walk:
     """A law in plain Python, with exactly the memory that the model declares."""
 
     def __init__(self, model: FrictionModel, time_step: float) -> None:
+        self.name = model.name
         self.law, self.arguments, self.time_step = model.law, model.law_arguments(), time_step
         self.z = np.zeros(model.state_size)
 
-    def trial(self, dy: float) -> tuple[float, np.ndarray]:
+    def try_step(self, dy: float) -> tuple[float, NDArray[np.float64]]:
         """Return force [N] and new memory after a displacement by dy [m]; the walk stays where it is."""
         z_next = np.full(self.z.size, np.nan)
         try:
-            force = self.law(self.z, dy, self.time_step, z_next, *self.arguments)
-        except IndexError as error:
-            raise ViolationError(f"the law reaches beyond its state_size of {self.z.size}: {error}") from None
+            force: object = self.law(self.z, dy, self.time_step, z_next, *self.arguments)
+        except (
+            ArithmeticError
+        ):  # an overflow, which compiled code makes infinite; whoever asked knows whether it may be
+            raise
+        except Exception as error:
+            fault = step_fault(self.name, self.law, self.arguments, self.z, dy, self.time_step, error)
+            raise ViolationError(fault) from error
+        if not isinstance(force, float | int) or np.isnan(force):
+            found = f"gives a force of {force!r:.60} {step_text(dy, self.time_step)}"
+            raise ViolationError(f"the law of {self.name} ({law_place(self.law)}) {found}; expected a finite number")
         return float(force), z_next
 
-    def step(self, dy: float) -> float:
+    def move(self, dy: float) -> float:
         """Move by dy [m] and return the force [N]."""
-        force, self.z = self.trial(dy)
+        force, self.z = self.try_step(dy)
         return force
 
-    def along(self, record: np.ndarray) -> np.ndarray:
+    def move_along(self, record: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the forces [N] along a displacement record [m], from rest at its beginning."""
-        return np.array([self.step(dy) for dy in np.diff(record, prepend=record[:1]).tolist()])
+        return np.array([self.move(dy) for dy in np.diff(record, prepend=record[:1]).tolist()])
 
 
 @dataclass(frozen=True)
@@ -57,94 +68,94 @@ class Drive:
     @cached_property
     def length(self) -> float:
         """Displacement [m] from rest at which the slow law has lost half of its stiffness."""
-        return slip_length(self.model)
+        return breakaway_displacement(self.model)
 
     @cached_property
-    def record(self) -> np.ndarray:
+    def record(self) -> NDArray[np.float64]:
         """The path [m], shape (steps,), from 0."""
         ends = np.array([0, *(end for end, _ in self.legs)]) * self.length / 4
         legs = zip(ends[:-1], ends[1:], (steps for _, steps in self.legs), strict=True)
         return np.concatenate([[0.0], *(np.linspace(begin, end, steps + 1)[1:] for begin, end, steps in legs)])
 
     @cached_property
-    def force(self) -> np.ndarray:
+    def force(self) -> NDArray[np.float64]:
         """Forces [N] of the law in plain Python, shape (steps,)."""
-        return Walk(self.model, self.time_step).along(self.record)
+        return Walk(self.model, self.time_step).move_along(self.record)
 
     @cached_property
-    def scale(self) -> float:
-        """Greatest force along the path [N], to compare errors with."""
+    def max_force(self) -> float:
+        """Greatest force along the path [N], to which errors are compared; 1 N if all are 0 N."""
         return float(np.max(np.abs(self.force), initial=0.0)) or 1.0
 
-    def slowly(self) -> "Drive":
+    def slow_copy(self) -> "Drive":
         """Return the same path in steps that take so long that no rate matters."""
-        return replace(self, time_step=SLOW)
+        return replace(self, time_step=SLOW_TIME_STEP_S)
 
     def walks(self) -> Iterator[tuple[Walk, float]]:
         """Yield the walk at every step of the path, with the displacement that is about to follow [m]."""
         walk = Walk(self.model, self.time_step)
         for dy in np.diff(self.record).tolist():
             yield walk, dy
-            walk.step(dy)
+            walk.move(dy)
 
     def __str__(self) -> str:
         """One line for a report."""
         ends = ", ".join(f"{end * self.length / 4:.3g} m in {steps}" for end, steps in self.legs)
-        return f"{described(self.model)}; from 0 m to {ends} steps of {self.time_step:g} s"
+        return f"{describe_component(self.model)}; from 0 m to {ends} steps of {self.time_step:g} s"
 
 
-def slip_length(model: FrictionModel) -> float:
-    """Return the displacement [m] from rest at which the slow secant stiffness is half of the first one."""
-    lengths = np.geomspace(SHORTEST, LONGEST, 46)
-    walk = Walk(model, SLOW)
-    forces = np.array([walk.trial(length)[0] for length in lengths.tolist()])
+def breakaway_displacement(model: FrictionModel) -> float:
+    """Return the displacement [m] from rest at which the secant stiffness of a slow motion has fallen to one half."""
+    lengths = np.geomspace(MIN_BREAKAWAY_M, MAX_BREAKAWAY_M, 46)
+    walk = Walk(model, SLOW_TIME_STEP_S)
+    forces = np.array([walk.try_step(length)[0] for length in lengths.tolist()])
     secants = np.nan_to_num(forces / lengths)
     slipped = np.flatnonzero(np.abs(secants) < 0.5 * abs(secants[0]))
-    return float(lengths[slipped[0]]) if slipped.size else float(LONGEST if secants[0] else 1e-5)
+    return float(lengths[slipped[0]]) if slipped.size else float(MAX_BREAKAWAY_M if secants[0] else 1e-5)
 
 
-def described(component: Component) -> str:
-    """Return a component with its parameters, as short as it can be read."""
-    return f"{component.name}({', '.join(f'{key}={_short(value)}' for key, value in component.plain().items())})"
+def describe_component(component: Component) -> str:
+    """Return a component with its parameters, in one short line."""
+    return f"{component.name}({', '.join(f'{key}={_short_text(value)}' for key, value in component.plain().items())})"
 
 
-def _short(value: Any) -> str:
+def _short_text(value: object) -> str:
     if isinstance(value, float):
         return f"{value:.4g}"
     if isinstance(value, list):
-        inner = [_short(item) for item in value]
+        inner = [_short_text(item) for item in value]
         return f"[{', '.join(inner if len(inner) < 4 else [inner[0], '...', inner[-1]])}]"
     if isinstance(value, dict):
-        return f"{{{', '.join(f'{key}={_short(item)}' for key, item in value.items() if item is not None)}}}"
+        return f"{{{', '.join(f'{key}={_short_text(item)}' for key, item in value.items() if item is not None)}}}"
     return str(value)
 
 
-def drives(component: type[Component]) -> Any:
-    """Return the strategy of drives of a friction model."""
-    return _drives(component, st.integers(1, 12))
+def drive_strategy(component: type[Component]) -> SearchStrategy[Drive]:
+    """Return the strategy of paths for a friction model."""
+    return _legs_strategy(component, st.integers(1, 12))
 
 
-def loops(component: type[Component]) -> Any:
-    """Return the strategy of drives to and fro: of any kind, or creeping, then dashing on."""
+def loop_strategy(component: type[Component]) -> SearchStrategy[Drive]:
+    """Return the strategy of closed paths: of any kind, or alternately in tiny steps and in one long step."""
     creep, dash = st.integers(4, 24), st.integers(4, 24)
     creeping = st.tuples(creep, dash).map(lambda to: ((to[0], 1024), (sum(to), 1), (to[1], 1024), (0, 1)))
     return st.one_of(
-        to_and_fro(component),
+        back_and_forth_strategy(component),
         st.builds(Drive, strategy(component), creeping, st.sampled_from([1e-4, 1e-5])),
     )
 
 
-def to_and_fro(component: type[Component]) -> Any:
-    """Return the strategy of drives to and fro, in few steps and in many."""
-    return _drives(component, st.sampled_from([8, 1, 64]))
+def back_and_forth_strategy(component: type[Component]) -> SearchStrategy[Drive]:
+    """Return the strategy of back-and-forth paths, in few steps and in many."""
+    return _legs_strategy(component, st.sampled_from([8, 1, 64]))
 
 
-def _drives(component: type[Component], steps: Any) -> Any:
+def _legs_strategy(component: type[Component], steps: SearchStrategy[int]) -> SearchStrategy[Drive]:
     leg = st.tuples(st.integers(-16, 16), steps)
     legs = st.lists(leg, min_size=1, max_size=6).map(tuple)
     return st.builds(Drive, strategy(component), legs, st.sampled_from([1e-3, 1e-4, 1e-5]))
 
 
-def turns(component: type[Component]) -> Any:
-    """Return the strategy of drives to and fro along one and the same path."""
+def fixed_path_strategy(component: type[Component]) -> SearchStrategy[Drive]:
+    """Return the strategy of one fixed back-and-forth path."""
     return st.builds(Drive, strategy(component), st.just(((6, 4), (-9, 7), (3, 5))), st.just(1e-4))

@@ -1,1 +1,1 @@
-"""The terminal UI: a client of the workspace and its database, which never computes itself."""
+"""The terminal UI: a client of the workspace and its database, which computes nothing itself."""

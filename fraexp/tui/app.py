@@ -1,4 +1,4 @@
-"""The application: its places, the keys that work everywhere, and the look at the database."""
+"""The application: its screens, the keys that work everywhere, and the polling of database and plugins."""
 
 import os
 import sys
@@ -17,32 +17,31 @@ from textual.message import Message
 from textual.notifications import SeverityLevel
 from textual.screen import Screen
 
+from fraexp.data.terminal_text import printable
 from fraexp.errors import FraexpError, did_you_mean
-from fraexp.figures.elements.labels import printable
-from fraexp.tui.key_queue import Ahead
-from fraexp.tui.page import PLACES, Changed, Page, shortened
+from fraexp.tui.key_queue import KeyQueue
+from fraexp.tui.page import PLACES, DatabaseChanged, Page, shorten
 from fraexp.tui.services import user_settings
-from fraexp.tui.services.ascii_filter import AsciiOnly
-from fraexp.tui.services.gc_policy import Collector
-from fraexp.tui.services.plugin_watch import PluginsChanged, PluginsWatch, loaded_anew
-from fraexp.tui.services.selection import Marks
+from fraexp.tui.services.ascii_filter import AsciiFilter
+from fraexp.tui.services.gc_policy import GarbageCollector
+from fraexp.tui.services.plugin_watch import PluginsChanged, PluginWatch, reload_plugins
+from fraexp.tui.services.selection import Selection
 from fraexp.tui.services.terminal_watch import end_with_terminal
 
 if TYPE_CHECKING:
-    from fraexp.tui.services.database_access import Desk
-    from fraexp.tui.widgets.field_list import Written
+    from fraexp.tui.services.database_access import Backend
+    from fraexp.tui.widgets.field_list import FormDraft
 
-TURN = 0.5e-3
-"""Seconds after which a thread that computes lets keys have their turn: Python's own 5 ms, at each of the many small
-steps in which a screen is drawn, would be felt."""
-LOOK = 0.5
-"""Seconds between two looks whether the database has changed."""
-AGAIN = 4
-"""Looks after which a screen is told even so: a run whose process dies changes nothing in the database."""
-LOOK_AT_PLUGINS = 2.0
-"""Seconds between two looks whether a file in the plugins folder has changed."""
-TIDY = 15.0
-"""Seconds between two looks whether garbage may be collected."""
+SWITCH_INTERVAL_S = 0.5e-3
+"""Seconds after which Python switches threads: its own 5 ms would delay each of the many steps of drawing a screen."""
+POLL_INTERVAL_S = 0.5
+"""Seconds between two polls of the database version."""
+POLLS_PER_REFRESH = 4
+"""Polls after which a screen refreshes even without a change: a run whose process dies changes nothing."""
+PLUGIN_POLL_INTERVAL_S = 2.0
+"""Seconds between two polls of the plugins folder."""
+GC_INTERVAL_S = 15.0
+"""Seconds between two attempts to collect garbage."""
 SCREENS = {
     "studies": ("fraexp.tui.screens.studies_page", "StudiesPage"),
     "runs": ("fraexp.tui.screens.runs_page", "RunsPage"),
@@ -53,20 +52,20 @@ SCREENS = {
 """Module and class of each place, imported when it is first shown."""
 
 
-def _screen(place: str) -> Callable[[], Screen[Any]]:
+def _screen_factory(place: str) -> Callable[[], Screen[Any]]:
     module, name = SCREENS[place]
     return lambda: getattr(import_module(module), name)()  # noqa: PLW0108 - imported when it is first shown
 
 
-class Opening(Page):
-    """What is seen until the studies are there: whether anything is installed and at work shall be seen at once."""
+class OpeningPage(Page):
+    """The first frame, shown at once until the studies are loaded."""
 
     PLACE: ClassVar[str] = "studies"
-    ready = False  # keys are meant for what comes
+    ready = False  # keys are meant for the next screen
 
     async def load(self) -> None:
-        """Tell what is waited for."""
-        self.tell("reading the studies ...")
+        """Show what is being loaded."""
+        self.show_notice("loading the studies ...")
 
 
 class FraexpApp(App[None]):
@@ -74,64 +73,64 @@ class FraexpApp(App[None]):
 
     TITLE = "fraexp"
     CSS_PATH = "look.tcss"
-    MODES: ClassVar[dict[str, str | Callable[[], Screen[Any]]]] = {place: _screen(place) for place in SCREENS}
+    MODES: ClassVar[dict[str, str | Callable[[], Screen[Any]]]] = {place: _screen_factory(place) for place in SCREENS}
     HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (110, "-wide")]  # noqa: RUF012 - as Textual declares it
     VERTICAL_BREAKPOINTS = [(0, "-low"), (32, "-high")]  # noqa: RUF012
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("s", "place('studies')", "Studies", show=False, id="studies", tooltip="what can be run"),
-        Binding("r", "place('runs')", "Runs", show=False, id="runs", tooltip="what has been run, and what runs"),
+        Binding("s", "place('studies')", "Studies", show=False, id="studies", tooltip="the studies that can be run"),
+        Binding("r", "place('runs')", "Runs", show=False, id="runs", tooltip="finished and running runs"),
         Binding("w", "place('sweeps')", "Sweeps", show=False, id="sweeps", tooltip="all sweeps in the database"),
-        Binding("c", "place('compare')", "Compare", show=False, id="compare", tooltip="the marked sweeps together"),
+        Binding("c", "place('compare')", "Compare", show=False, id="compare", tooltip="compare the marked sweeps"),
         Binding("p", "place('plugins')", "Plugins", show=False, id="plugins", tooltip="components and their state"),
-        Binding("colon", "command_palette", "commands", show=False, id="palette", tooltip="find a command by name"),
-        Binding("q", "quit", "quit", show=False, id="quit", tooltip="leave; runs go on"),
+        Binding("colon", "command_palette", "commands", show=False, id="palette", tooltip="search for a command"),
+        Binding("q", "quit", "quit", show=False, id="quit", tooltip="quit; runs continue"),
     ]
 
     def __init__(
         self, folder: str | Path, database: str | None = None, plain: bool | None = None, tracing: bool = False
     ) -> None:
-        """Open a workspace; FraexpError if the settings are wrong.
+        """Open a workspace; FraexpError if the settings are invalid.
 
-        `plain` draws with ASCII alone, `tracing` shows the traceback of an error of its own.
+        `plain` draws with ASCII characters only, `tracing` shows the traceback of an internal error.
         """
         super().__init__()
-        self.settings = user_settings.read(user_settings.place())
+        self.settings = user_settings.read_settings(user_settings.settings_file())
         self._place = (folder, database)
-        self.marks = Marks()
-        self.drafts: dict[str, Written] = {}
-        """What is written in the forms of studies, and not launched yet, by study."""
-        self._plugins = PluginsWatch(Path(folder) / "plugins")
+        self.marks = Selection()
+        self.drafts: dict[str, FormDraft] = {}
+        """Unlaunched changes in the forms of studies, by study."""
+        self._plugins = PluginWatch(Path(folder) / "plugins")
         wished = self.settings.ascii if plain is None else plain
-        self._ascii = AsciiOnly(user_settings.plain_terminal(os.environ) if wished is None else wished)
+        self._ascii = AsciiFilter(user_settings.is_ascii_terminal(os.environ) if wished is None else wished)
         self._tracing = tracing
         self._version: object = "not looked yet"
         self._looks = 0
-        self._collector = Collector()
-        self._ahead = Ahead(self)
+        self._collector = GarbageCollector()
+        self._key_queue = KeyQueue(self)
         self._choose()
 
     @cached_property
-    def desk(self) -> "Desk":
+    def backend(self) -> "Backend":
         """The workspace and its database; FraexpError if there is no such folder."""
         from fraexp.tui.services.database_access import (
-            Desk,  # and with it all that computes and stores: what is seen first need not wait
+            Backend,  # it imports all that computes and stores: the first frame must not wait for it
         )
 
-        return Desk(*self._place)
+        return Backend(*self._place)
 
     def _choose(self) -> None:
-        """Take the user's theme and keys."""
+        """Apply the theme and the keys of the user."""
         if self.settings.theme:
             if self.settings.theme not in self.available_themes:
                 known = did_you_mean(self.settings.theme, self.available_themes)
-                raise FraexpError(f"{user_settings.place()}: there is no theme '{self.settings.theme}'{known}")
+                raise FraexpError(f"{user_settings.settings_file()}: unknown theme '{self.settings.theme}'{known}")
             self.theme = self.settings.theme
         if self.settings.keys:
             from fraexp.tui.services import (
-                key_bindings,  # and with it all screens: only where somebody has keys of their own
+                key_bindings,  # it imports all screens: only for users with keys of their own
             )
 
-            key_bindings.check(self.settings.keys, str(user_settings.place()))
+            key_bindings.check_keys(self.settings.keys, str(user_settings.settings_file()))
             self.set_keymap(dict(self.settings.keys))
 
     @property
@@ -140,68 +139,70 @@ class FraexpApp(App[None]):
         return self._ascii.enabled
 
     def get_line_filters(self) -> Sequence[LineFilter]:
-        """Return what every line goes through before it is shown."""
+        """Return the filters of each line that is shown."""
         return [*super().get_line_filters(), *([self._ascii] if self._ascii.enabled else [])]
 
     def get_default_screen(self) -> Screen[Any]:
-        """Return what is seen first."""
-        return Opening()
+        """Return the first frame."""
+        return OpeningPage()
 
     def on_mount(self) -> None:
-        """Show a first frame, then begin."""
-        sys.setswitchinterval(TURN)
+        """Show the first frame, then load."""
+        sys.setswitchinterval(SWITCH_INTERVAL_S)
         if not self.is_headless:
             end_with_terminal()
         self.call_after_refresh(self._begin)
 
     def _begin(self) -> None:
-        """Begin with the studies, and look at the database from now on."""
+        """Show the studies, and start polling."""
         self.switch_mode("studies")
-        self.set_interval(LOOK, self.look)
-        self.set_interval(LOOK_AT_PLUGINS, self.look_at_plugins)
-        self.set_interval(TIDY, self._collector.look)
+        self.set_interval(POLL_INTERVAL_S, self.poll_database)
+        self.set_interval(PLUGIN_POLL_INTERVAL_S, self.poll_plugins)
+        self.set_interval(GC_INTERVAL_S, self._collector.collect_if_idle)
 
     async def on_event(self, event: events.Event) -> None:
-        """Take what the terminal tells."""
-        if isinstance(event, events.Key) and not event.is_forwarded:  # else it comes back from a screen
-            self._collector.typed()
-            key = events.Key("enter", "\r") if event.key == "ctrl+j" else event  # as Enter comes until all keys do
-            if not self._ahead.takes(key, super().on_event):
+        """Handle an event of the terminal."""
+        if isinstance(event, events.Key) and not event.is_forwarded:  # a forwarded key comes back from a screen
+            self._collector.note_key()
+            key = (
+                events.Key("enter", "\r") if event.key == "ctrl+j" else event
+            )  # Enter before the terminal is in raw mode
+            if not self._key_queue.holds(key, super().on_event):
                 await super().on_event(key)
             return
         await super().on_event(event)
 
-    async def look(self) -> None:
-        """Tell the screen if the database has changed since the last look, or a while has passed."""
+    async def poll_database(self) -> None:
+        """Notify the screen if the database has changed, or at every few polls."""
         try:
-            version: object = (await self.desk.read(lambda store: store.version()), self.desk.opened)
+            version: object = (await self.backend.read(lambda store: store.version()), self.backend.opened)
         except FraexpError:
-            version = None  # none yet, or gone: the screen will say so when it asks
+            version = None  # missing: the screen reports it when it reads
         self._looks += 1
         changed, self._version = version != self._version, version
-        if changed or self._looks % AGAIN == 0:
-            self._tell(Changed(changed))
+        if changed or self._looks % POLLS_PER_REFRESH == 0:
+            self._post_to_page(DatabaseChanged(changed))
 
-    def _tell(self, message: Message) -> None:
-        """Tell the screen that is seen; there is none while places are changed, and when all ends."""
+    def _post_to_page(self, message: Message) -> None:
+        """Post a message to the current screen; there is none during a switch, and at the end."""
         if self.screen_stack and isinstance(self.screen_stack[-1], Page):
             self.screen_stack[-1].post_message(message)
 
-    async def look_at_plugins(self) -> None:
-        """Load plugins anew if their files have changed, and tell what became of them."""
+    async def poll_plugins(self) -> None:
+        """Reload plugins if their files have changed, and report the result."""
         changes = self._plugins.changes()
         if not changes:
             return
-        found = await self.desk.work(lambda workspace: loaded_anew(workspace, changes))
-        text = "\n".join(printable(shortened(str(change))) for change in found)
+        found = await self.backend.work(lambda workspace: reload_plugins(workspace, changes))
+        text = "\n".join(printable(shorten(str(change))) for change in found)
         broken = any(change.reason for change in found)
         self.notify(text, title="plugins", severity="warning" if broken else "information", markup=False)
-        self._tell(PluginsChanged())
+        self._post_to_page(PluginsChanged())
 
     def action_place(self, place: str) -> None:
-        """Go to a place: to its list, as it was left."""
+        """Switch to a place: to its list, as the user left it."""
         self.switch_mode(place)
-        while len(self.screen_stack) > 1:  # not awaited: what is typed next is for the list
+        while len(self.screen_stack) > 1:  # not awaited, as the next keys are for the list
             self.pop_screen()
 
     def notify(
@@ -213,59 +214,59 @@ class FraexpApp(App[None]):
         timeout: float | None = None,
         markup: bool = True,
     ) -> None:
-        """Tell something for a moment; of what is long the begin."""
-        super().notify(shortened(message), title=title, severity=severity, timeout=timeout, markup=markup)
+        """Show a notification for a moment, shortened if it is long."""
+        super().notify(shorten(message), title=title, severity=severity, timeout=timeout, markup=markup)
 
     def on_notify(self) -> None:
-        """Take away what was told before: two messages would cover what is drawn."""
+        """Remove the previous notification: two of them would cover the plots."""
         self.clear_notifications()
 
     def get_key_display(self, binding: Binding) -> str:
-        """Return how a key is written; the sign for Enter has nothing like it in ASCII."""
+        """Return the text of a key; the sign for Enter has no counterpart in ASCII."""
         text = super().get_key_display(binding)
         return text.replace("⏎", "Enter") if self.plain else text
 
     def action_keys(self) -> None:
-        """Show what the screen is for, and its keys."""
+        """Show the help of the screen and its keys."""
         from fraexp.tui.screens.help_screen import HelpPage
 
         if isinstance(self.screen, Page):
             self.push_screen(HelpPage(self.screen))
 
-    def get_system_commands(self, screen: Screen[Any]) -> Iterable[SystemCommand]:
-        """Return what the command palette offers: the places, the screen's keys, and themes."""
+    def get_system_commands(self, screen: Screen[object]) -> Iterable[SystemCommand]:
+        """Return the entries of the command palette: places, keys of the screen, theme, ASCII and quit."""
         for place, name in PLACES.items():
             yield SystemCommand(name, f"go to {name}", lambda place=place: self.action_place(place))
         for binding in screen.active_bindings.values():
             key = binding.binding
-            ours = key.id and key.description  # not what the toolkit has on every screen
+            ours = key.id and key.description  # skip those that Textual adds to every screen
             if binding.node is screen and ours and key.action not in ("back", "app.keys"):
                 text = f"{key.tooltip or key.description} (key {self.get_key_display(key)})"
                 yield SystemCommand(key.description, text, lambda action=key.action: self._act(action))
         yield SystemCommand("Theme", "choose colours", self.action_change_theme)
-        yield SystemCommand("ASCII", "draw with ASCII characters alone, or with all", self.action_ascii)
-        yield SystemCommand("Quit", "leave; runs go on", self.exit)
+        yield SystemCommand("ASCII", "switch between ASCII and Unicode characters", self.action_ascii)
+        yield SystemCommand("Quit", "quit; runs continue", self.exit)
 
     def _act(self, action: str) -> None:
         self.call_later(self.screen.run_action, action)
 
     def action_ascii(self) -> None:
-        """Draw with ASCII characters alone, or with all of them."""
+        """Switch between ASCII and Unicode characters."""
         self._ascii.enabled = not self._ascii.enabled
         self.refresh_css(animate=False)
         self.screen.refresh_bindings()
         self.screen.refresh(layout=True)
 
     def _fatal_error(self) -> None:
-        """End with one line after an error that nobody has foreseen; what runs goes on."""
+        """End with one line after an unexpected error; runs continue."""
+        # private in Textual, which has no public place for unhandled errors; tests/tui/test_toolkit.py watches it
         if self._tracing or self.is_headless:
             super()._fatal_error()
             return
         what = f"{type(self._exception).__name__}: {printable(str(self._exception))}"
-        advice = "runs go on; fraexp tui --debug shows the traceback"
-        self._exit_renderables.append(Text(f"fraexp: internal error: {what}; {advice}"))
-        self._close_messages_no_wait()
+        advice = "runs continue; fraexp tui --debug shows the traceback"
+        self.panic(Text(f"fraexp: internal error: {what}; {advice}"))
 
     def on_unmount(self) -> None:
-        """Leave the database."""
-        self.desk.close()
+        """Close the database."""
+        self.backend.close()

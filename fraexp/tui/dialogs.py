@@ -1,4 +1,4 @@
-"""Small questions over a screen: yes or no, and a line of text."""
+"""Dialogs over a screen: a confirmation, and a line of text."""
 
 from collections.abc import Callable, Iterable
 from typing import ClassVar
@@ -12,18 +12,18 @@ from textual.screen import ModalScreen
 from textual.suggester import SuggestFromList
 from textual.widgets import Input, Static
 
-from fraexp.figures.elements.labels import printable
-from fraexp.tui.page import shortened
+from fraexp.data.terminal_text import printable
+from fraexp.tui.page import shorten
 
-BOX = """
+BOX_CSS = """
     width: 72; max-width: 96%; height: auto; padding: 1 2; background: $surface; border: round $primary;
 """
 
 
-class Confirm(ModalScreen[bool]):
-    """A question whose answer is yes only if that is said: Enter alone says no."""
+class ConfirmDialog(ModalScreen[bool]):
+    """A yes-or-no question; Enter answers no."""
 
-    DEFAULT_CSS = "Confirm { align: center middle; } Confirm > Vertical {" + BOX + "}"
+    DEFAULT_CSS = "ConfirmDialog { align: center middle; } ConfirmDialog > Vertical {" + BOX_CSS + "}"
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("y", "answer(True)", "yes", id="confirm.yes"),
         Binding("n,escape,enter", "answer(False)", "no", id="confirm.no"),
@@ -44,11 +44,15 @@ class Confirm(ModalScreen[bool]):
         self.dismiss(answer)
 
 
-class Ask(ModalScreen[str | None]):
-    """A question whose answer is a line of text; None if it was left with Esc."""
+class InputDialog(ModalScreen[str | None]):
+    """A question whose answer is a line of text; None after Esc."""
 
-    DEFAULT_CSS = "Ask { align: center middle; } Ask > Vertical {" + BOX + "} Ask .wrong { color: $text-error; }"
-    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "leave", "leave", id="ask.leave")]
+    DEFAULT_CSS = (
+        "InputDialog { align: center middle; } InputDialog > Vertical {"
+        + BOX_CSS
+        + "} InputDialog .wrong { color: $text-error; }"
+    )
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "leave", "cancel", id="ask.leave")]
 
     def __init__(
         self,
@@ -57,27 +61,27 @@ class Ask(ModalScreen[str | None]):
         check: Callable[[str], str] = lambda _: "",
         offered: Iterable[str] = (),
     ) -> None:
-        """Ask; `check` returns what is wrong with an answer, or nothing; what is offered completes what is typed."""
+        """Ask; `check` returns the fault of an answer, or an empty text; `offered` answers complete the typed text."""
         super().__init__()
         self._question, self._value, self._check = question, value, check
         self._suggester = SuggestFromList(offered)
 
     def compose(self) -> ComposeResult:
-        """Show the question, a line to write in, and what is wrong with it."""
+        """Show the question, an input, and the fault of its text."""
         with Vertical():
             yield Static(Text(printable(self._question)))
             yield Input(self._value, suggester=self._suggester)
             yield Static("", classes="wrong")
 
     @on(Input.Changed)
-    def _checked(self, event: Input.Changed) -> None:
-        self.query_one(".wrong", Static).update(Text(printable(shortened(self._check(event.value)))))
+    def _show_fault(self, event: Input.Changed) -> None:
+        self.query_one(".wrong", Static).update(Text(printable(shorten(self._check(event.value)))))
 
     @on(Input.Submitted)
-    def _answered(self, event: Input.Submitted) -> None:
+    def _submit(self, event: Input.Submitted) -> None:
         if not self._check(event.value):
             self.dismiss(event.value)
 
     def action_leave(self) -> None:
-        """Leave without an answer."""
+        """Close without an answer."""
         self.dismiss(None)

@@ -1,4 +1,4 @@
-"""Keys that come faster than they can be taken: typed before a screen is there, pasted, or sent over a slow line."""
+"""A queue for keys that arrive before they can be handled: typed ahead, pasted, or sent over a slow line."""
 
 import time
 from collections import deque
@@ -14,19 +14,19 @@ from fraexp.tui.page import Page
 if TYPE_CHECKING:
     from fraexp.tui.app import FraexpApp
 
-TICK = 0.02
-"""Seconds between two looks whether the next key may go."""
-LONGEST = 0.25
-"""Seconds that a key waits for what the one before does, at most: on a screen that is always busy."""
-AT_ONCE = ("ctrl+c", "ctrl+q")
-"""Keys that never wait."""
+RELEASE_INTERVAL_S = 0.02
+"""Seconds between two attempts to deliver the next key."""
+MAX_WAIT_S = 0.25
+"""Maximum seconds that a key waits for the effect of the previous one, on a screen that is always busy."""
+IMMEDIATE_KEYS = ("ctrl+c", "ctrl+q")
+"""Keys that are never queued."""
 
 
-class Ahead:
-    """Lets keys take effect in their order, and not before the screen has read what it shows at first.
+class KeyQueue:
+    """Delivers keys in order, and not before the screen has loaded.
 
-    A letter goes straight to the line that is written in; a key that has a meaning goes through all that is around the
-    line first. A letter that followed it at once would overtake it.
+    A letter goes straight to the focused input; a key with a binding passes through its ancestors first. A letter that
+    followed it at once would overtake it.
     """
 
     def __init__(self, app: "FraexpApp") -> None:
@@ -36,37 +36,37 @@ class Ahead:
         self._before: Key | None = None
         self._since = 0.0
 
-    def takes(self, key: Key, deliver: Callable[[Key], Awaitable[None]]) -> bool:
-        """Return whether a key is held back; it is delivered later then."""
-        if key.key in AT_ONCE:
+    def holds(self, key: Key, deliver: Callable[[Key], Awaitable[None]]) -> bool:
+        """Return whether a key is queued; `deliver` is then called later."""
+        if key.key in IMMEDIATE_KEYS:
             return False
-        if not self._held and self._ready() and self._done():
-            self._let_pass(key)
+        if not self._held and self._is_ready() and self._is_handled():
+            self._note_delivered(key)
             return False
         self._held.append(key)
         if self._timer is None:
-            self._timer = self._app.set_interval(TICK, lambda: self._let_go(deliver))
+            self._timer = self._app.set_interval(RELEASE_INTERVAL_S, lambda: self._release(deliver))
         return True
 
-    async def _let_go(self, deliver: Callable[[Key], Awaitable[None]]) -> None:
-        while self._held and self._ready() and self._done():
+    async def _release(self, deliver: Callable[[Key], Awaitable[None]]) -> None:
+        while self._held and self._is_ready() and self._is_handled():
             key = self._held.popleft()
-            self._let_pass(key)
+            self._note_delivered(key)
             await deliver(key)
         if not self._held and self._timer:
             self._timer.stop()
             self._timer = None
 
-    def _let_pass(self, key: Key) -> None:
+    def _note_delivered(self, key: Key) -> None:
         self._before, self._since = key, time.monotonic()
 
-    def _ready(self) -> bool:
-        stack = self._app.screen_stack  # which is empty while places change
+    def _is_ready(self) -> bool:
+        stack = self._app.screen_stack  # empty while places change
         return bool(stack) and (not isinstance(stack[-1], Page) or stack[-1].ready)
 
-    def _done(self) -> bool:
-        """Return whether the key before has taken effect: it may open a screen, or lead to another line."""
-        if self._before is None or time.monotonic() > self._since + LONGEST:
+    def _is_handled(self) -> bool:
+        """Return whether the previous key has taken effect: it may open a screen, or move the focus."""
+        if self._before is None or time.monotonic() > self._since + MAX_WAIT_S:
             return True
         focused = self._app.focused
         if isinstance(focused, Input) and self._before.is_printable:

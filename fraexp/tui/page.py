@@ -1,4 +1,4 @@
-"""What all screens have in common: where one is, the command line that does the same, the keys, and what went wrong."""
+"""The base of all screens: a header with the place and the equivalent command, a notice, and the keys."""
 
 import asyncio
 import re
@@ -14,8 +14,8 @@ from textual.reactive import reactive
 from textual.screen import Screen
 from textual.widgets import Footer, Static
 
+from fraexp.data.terminal_text import printable
 from fraexp.errors import FraexpError
-from fraexp.figures.elements.labels import printable
 
 if TYPE_CHECKING:
     from fraexp.tui.app import FraexpApp
@@ -23,44 +23,44 @@ if TYPE_CHECKING:
 Answer = TypeVar("Answer")
 
 PLACES = {"studies": "Studies", "runs": "Runs", "sweeps": "Sweeps", "compare": "Compare", "plugins": "Plugins"}
-"""The screens between which a key leads from anywhere, by the name of their mode; their first letter but for sweeps."""
+"""The places that a key leads to from anywhere, by mode: the first letter of the name, but w for sweeps."""
 
 
-PATIENCE = 2.0
-"""Seconds for which keys wait while a screen reads what it shows at first."""
-LOAD, PAGE = READING = "load", "page"
-"""Groups of the workers that read what is shown: by the screen, and by its tables."""
-LONG = 60
-"""Characters of a quoted value that are told."""
-MOST = 800
-"""Characters of a message that are told: it must leave room for the rest of the screen."""
-QUOTED = re.compile(rf"(?<!\w)(['\"])((?:(?!\1).){{{LONG + 1},}})\1", re.DOTALL)
+LOAD_TIMEOUT_S = 2.0
+"""Maximum seconds that keys wait for a screen to load."""
+LOAD_GROUP, TABLE_GROUP = READING_GROUPS = "load", "page"
+"""Groups of the workers that load: those of the screen, and those of its tables."""
+MAX_QUOTE_LENGTH = 60
+"""Maximum characters of a quoted value in a message."""
+MAX_MESSAGE_LENGTH = 800
+"""Maximum characters of a message: it must leave room for the rest of the screen."""
+LONG_QUOTE = re.compile(rf"(?<!\w)(['\"])((?:(?!\1).){{{MAX_QUOTE_LENGTH + 1},}})\1", re.DOTALL)
 
 
-def shortened(text: str) -> str:
-    """Return a message in which long quoted values are cut, and the end if it is long even so."""
-    text = QUOTED.sub(lambda found: f"{found[1]}{found[2][: LONG - 3]}...{found[1]}", text)
-    return text if len(text) <= MOST else f"{text[:MOST]}..."
+def shorten(text: str) -> str:
+    """Return a message with long quoted values cut, and its end if it is still too long."""
+    text = LONG_QUOTE.sub(lambda found: f"{found[1]}{found[2][: MAX_QUOTE_LENGTH - 3]}...{found[1]}", text)
+    return text if len(text) <= MAX_MESSAGE_LENGTH else f"{text[:MAX_MESSAGE_LENGTH]}..."
 
 
-class Changed(Message):
-    """The database has changed, or time has passed, in which a run may have died."""
+class DatabaseChanged(Message):
+    """The database has changed, or some time has passed, in which a run may have died."""
 
     def __init__(self, data: bool) -> None:
         super().__init__()
         self.data = data
-        """Whether it is the database."""
+        """Whether the database has changed."""
 
 
-class Head(Static):
-    """Two lines: where one is and what is marked; and the command line that gives the same as the screen."""
+class PageHeader(Static):
+    """Two lines: the place and the number of marked sweeps; and the equivalent command line."""
 
     DEFAULT_CSS = """
-    Head { height: 2; dock: top; background: $panel; padding: 0 1; text-wrap: nowrap; text-overflow: ellipsis; }
+    PageHeader { height: 2; dock: top; background: $panel; padding: 0 1; text-wrap: nowrap; text-overflow: ellipsis; }
     """
 
     def show(self, place: str, title: str, marked: int, command: str) -> None:
-        """Show where one is."""
+        """Show place, title, marks and command."""
         first = Text("fraexp ", style="bold")
         for mode, name in PLACES.items():
             first.append(f" {name} ", style="reverse bold" if mode == place else "")
@@ -72,7 +72,7 @@ class Head(Static):
 
 
 class Notice(Static):
-    """What stands where nothing is to be shown: loading, empty, or an error with its remedy."""
+    """A text in place of the content: loading, empty, or an error with its remedy."""
 
     DEFAULT_CSS = """
     Notice { width: 1fr; height: auto; padding: 1 2; display: none; }
@@ -80,9 +80,9 @@ class Notice(Static):
     Notice.-error { color: $text-error; }
     """
 
-    def tell(self, text: str, error: bool = False) -> None:
-        """Show a text, or nothing."""
-        self.update(Text("\n".join(printable(line) for line in shortened(text).splitlines())))
+    def show(self, text: str, error: bool = False) -> None:
+        """Show a text; an empty one hides the notice."""
+        self.update(Text("\n".join(printable(line) for line in shorten(text).splitlines())))
         self.set_class(bool(text), "-shown")
         self.set_class(error, "-error")
 
@@ -90,31 +90,31 @@ class Notice(Static):
 class Page(Screen[None]):
     """A screen of the application.
 
-    A subclass yields its widgets from `body`, sets `command`, and reads what it shows in `load`, which runs when the
-    screen is shown and whenever the database has changed; what `fetch` cannot get is told in the screen's notice.
+    A subclass yields its widgets from `body`, sets `command`, and reads its content in `load`, which runs when the
+    screen is shown and whenever the database has changed; `fetch` shows errors in the notice of the screen.
     """
 
     PLACE: ClassVar[str] = ""
     """Name of its mode."""
     HELP: ClassVar[str] = ""
-    """What the screen is for, and its words, as its help shows them."""
+    """The help text: purpose and terms of the screen."""
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("escape", "back", "back", show=False, id="back", tooltip="one layer back"),
-        Binding("question_mark,f1", "app.keys", "help", id="help", tooltip="what this screen is for, and its keys"),
+        Binding("escape", "back", "back", show=False, id="back", tooltip="go back"),
+        Binding("question_mark,f1", "app.keys", "help", id="help", tooltip="help: purpose and keys of this screen"),
         Binding("y", "copy_command", "copy", show=False, id="copy", tooltip="copy the command line at the top"),
     ]
     live: bool = False
-    """Whether something runs that is shown, so that time matters."""
+    """Whether the content changes with time, as a running run does."""
     _reading = _once_more = _ready = False
-    _began: float | None = None  # when it began to read
+    _began: float | None = None  # when loading began
     command: reactive[str] = reactive("fraexp tui", repaint=False)
     heading: reactive[str] = reactive("", repaint=False)
 
     app: "FraexpApp"
 
     def compose(self) -> ComposeResult:
-        """Put what the screen shows between head and keys."""
-        yield Head()
+        """Put the content between header and footer."""
+        yield PageHeader()
         yield Notice()
         yield from self.body()
         yield Footer(show_command_palette=False)
@@ -124,38 +124,40 @@ class Page(Screen[None]):
         yield from ()
 
     async def load(self) -> None:
-        """Read what the screen shows."""
+        """Read the content."""
 
     def on_mount(self) -> None:
-        """Show the head at once; the rest is read when the screen is shown, which is next."""
-        self.head()
+        """Show the header at once; the content is loaded when the screen resumes, which is next."""
+        self.show_header()
 
     def on_screen_resume(self) -> None:
-        """Read what the screen shows, or look again at what may have changed meanwhile."""
-        self.head()
+        """Load the content, or load it again."""
+        self.show_header()
         self.reload()
 
-    def on_changed(self, event: Changed) -> None:
-        """Look again, also as time passes if something that is shown lives."""
+    def on_database_changed(self, event: DatabaseChanged) -> None:
+        """Load again; without a change only if the content is live."""
         if event.data or self.live:
             self.reload()
 
     @property
     def ready(self) -> bool:
-        """Whether all that it shows at first has been read, and keys find what they are meant for; or takes long."""
+        """Whether the content has been loaded once, or takes too long, so that keys can be delivered."""
         if not self._ready and self._began is not None:
-            reading = any(of.group in READING and not of.is_finished and of.node.screen is self for of in self.workers)
-            self._ready = not reading or time.monotonic() > self._began + PATIENCE
+            reading = any(
+                of.group in READING_GROUPS and not of.is_finished and of.node.screen is self for of in self.workers
+            )
+            self._ready = not reading or time.monotonic() > self._began + LOAD_TIMEOUT_S
         return self._ready
 
     def reload(self) -> None:
-        """Start reading; what is being read already is read once more afterwards, and never left half shown."""
+        """Start loading; a load in progress is completed, and repeated."""
         self._began = self._began or time.monotonic()
         if self._reading:
             self._once_more = True
             return
         self._reading = True
-        self.run_worker(self._read_all(), group=LOAD)
+        self.run_worker(self._read_all(), group=LOAD_GROUP)
 
     async def _read_all(self) -> None:
         self._once_more = True
@@ -166,49 +168,49 @@ class Page(Screen[None]):
         finally:
             self._reading = False
 
-    async def fetch(self, asked: Awaitable[Answer], instead: Callable[[str], None] | None = None) -> Answer | None:
-        """Return what was asked for; None if it cannot be had, which is told in the notice, or by `instead`."""
+    async def fetch(self, asked: Awaitable[Answer], on_error: Callable[[str], None] | None = None) -> Answer | None:
+        """Return the answer; None after an error, which is shown in the notice, or passed to `on_error`."""
         try:
-            return await self.here(asked)
+            return await self.wait_for(asked)
         except FraexpError as error:
-            (instead or self.tell_error)(str(error))
+            (on_error or self.show_error)(str(error))
             return None
 
-    async def here(self, asked: Awaitable[Answer]) -> Answer:
-        """Return what was asked for, or raise what came of it; what asks ends if the screen has been left meanwhile."""
+    async def wait_for(self, asked: Awaitable[Answer]) -> Answer:
+        """Return the answer or raise its error; the caller is cancelled if the screen has been removed meanwhile."""
         try:
             return await asked
         finally:
-            if self.app._exit or self._pruning or not self.is_running:
+            if not (self.is_running and self.is_attached and self.display):  # it ends, or is being removed
                 raise asyncio.CancelledError  # there is nothing to show it in
 
-    def tell_error(self, text: str) -> None:
-        """Show an error in place of what the screen shows."""
-        self.query_one(Notice).tell(text, error=True)
+    def show_error(self, text: str) -> None:
+        """Show an error in place of the content."""
+        self.query_one(Notice).show(text, error=True)
 
-    def tell(self, text: str = "") -> None:
-        """Show a text in place of what the screen shows; without one take it away."""
-        self.query_one(Notice).tell(text)
+    def show_notice(self, text: str = "") -> None:
+        """Show a text in place of the content; an empty one hides the notice."""
+        self.query_one(Notice).show(text)
 
-    def head(self) -> None:
-        """Show where one is."""
+    def show_header(self) -> None:
+        """Show place, title, marks and command."""
         if self.is_mounted:
-            self.query_one(Head).show(self.PLACE, self.heading, len(self.app.marks), self.command)
+            self.query_one(PageHeader).show(self.PLACE, self.heading, len(self.app.marks), self.command)
 
     def watch_command(self) -> None:
-        """Show another command."""
-        self.head()
+        """Show the new command."""
+        self.show_header()
 
     def watch_heading(self) -> None:
-        """Show another title."""
-        self.head()
+        """Show the new title."""
+        self.show_header()
 
     def action_back(self) -> None:
-        """Leave what was opened last; the first screen stays."""
+        """Close the screen, unless it is the first of its place."""
         if len(self.app.screen_stack) > 1:
             self.app.pop_screen()
 
     def action_copy_command(self) -> None:
-        """Copy the command line that gives the same as the screen."""
+        """Copy the equivalent command line."""
         self.app.copy_to_clipboard(self.command)
-        self.app.notify(self.command, title="copied, if the terminal lets it", timeout=3)
+        self.app.notify(self.command, title="copied, if the terminal allows it", timeout=3)

@@ -1,1 +1,1 @@
-"""What the store holds, as people read it: words, fields and tables for the command line and the terminal UI."""
+"""Texts, fields and tables that show stored runs, sweeps and results on the command line and in the terminal UI."""

@@ -1,4 +1,4 @@
-"""In what sweeps differ: parameters, metrics and responses."""
+"""The differences between sweeps: parameters, metrics and responses."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -9,19 +9,19 @@ from fraexp.data.identity import key_of
 from fraexp.data.results import Result
 from fraexp.figures.kinds.difference import Difference, response_difference
 from fraexp.store import Store, StoredSweep
-from fraexp.views.words import flat, number, short, value_text
+from fraexp.views.words import flatten, number_text, short_key, value_text
 
 ABSENT = "-"
 
 
-def named_alike(store: Store, sweeps: Sequence[StoredSweep]) -> list[StoredSweep]:
-    """Return sweeps of whatever runs with labels that tell them apart: those of the runs that computed them, in all."""
-    return completed(labelled_as_computed(store, sweeps))
+def with_common_labels(store: Store, sweeps: Sequence[StoredSweep]) -> list[StoredSweep]:
+    """Return sweeps of several runs, all with the same labels, from the runs that computed them."""
+    return with_all_labels(with_original_labels(store, sweeps))
 
 
-def labelled_as_computed(store: Store, sweeps: Sequence[StoredSweep]) -> list[StoredSweep]:
+def with_original_labels(store: Store, sweeps: Sequence[StoredSweep]) -> list[StoredSweep]:
     """Return sweeps with the labels that they have in the runs that computed them, not in those that reused them."""
-    labels: dict[str, dict[str, Any]] = {}
+    labels: dict[str, dict[str, object]] = {}
     for run in store.runs():
         end = run.ended or datetime.max.replace(tzinfo=UTC)
         wanted = [sweep.key for sweep in sweeps if sweep.created and run.started <= sweep.created <= end]
@@ -31,31 +31,31 @@ def labelled_as_computed(store: Store, sweeps: Sequence[StoredSweep]) -> list[St
     return [replace(sweep, labels=labels.get(sweep.key, sweep.labels)) for sweep in sweeps]
 
 
-def completed(sweeps: Sequence[StoredSweep]) -> list[StoredSweep]:
-    """Return sweeps that all have the labels of each, so that names of sweeps from several studies say the same."""
+def with_all_labels(sweeps: Sequence[StoredSweep]) -> list[StoredSweep]:
+    """Return sweeps that all have the labels of each, so that their names are made in the same way."""
     paths = dict.fromkeys(path for sweep in sweeps for path in sweep.labels)
-    found = [{path: _looked_up(sweep, path) for path in paths} | sweep.labels for sweep in sweeps]
+    found = [{path: _label_value(sweep, path) for path in paths} | sweep.labels for sweep in sweeps]
     return [
         replace(sweep, labels={path: value for path, value in labels.items() if value is not None})
         for sweep, labels in zip(sweeps, found, strict=True)
     ]
 
 
-def _looked_up(sweep: StoredSweep, path: str) -> Any:
-    """Return what a sweep has at a label's path: a plain value, or a component's name."""
-    value: Any = {**sweep.experiment, "estimator": sweep.estimator}
+def _label_value(sweep: StoredSweep, path: str) -> object:
+    """Return the value of a sweep at the path of a label: a plain value, or the name of a component."""
+    value: object = {**sweep.experiment, "estimator": sweep.estimator}
     for part in path.split("."):
         value = value.get(part) if isinstance(value, Mapping) else None
     return value.get("name") if isinstance(value, Mapping) else value
 
 
-def metrics_of(result: Result | None) -> dict[str, Any]:
+def metric_values(result: Result | None) -> dict[str, Any]:
     """Return a result's metrics by name and unit."""
     return {f"{metric.name} [{metric.unit}]": metric.value for metric in result.metrics} if result else {}
 
 
-def fits_of(result: Result | None) -> dict[str, str]:
-    """Return what was identified, with its 95 % limits, by kind, name and unit."""
+def fit_texts(result: Result | None) -> dict[str, str]:
+    """Return the identified parameters with their 95 % limits, by kind, name and unit."""
     if result is None or not result.fits:
         return {}
     from fraexp.views.result_rows import fit_rows  # which needs scipy
@@ -67,32 +67,35 @@ def fits_of(result: Result | None) -> dict[str, str]:
     }
 
 
-def parameters_of(sweep: StoredSweep) -> dict[str, Any]:
+def parameter_values(sweep: StoredSweep) -> dict[str, Any]:
     """Return all parameters of a sweep by dotted path."""
-    return flat({**sweep.experiment, "estimator": sweep.estimator})
+    return flatten({**sweep.experiment, "estimator": sweep.estimator})
 
 
-def rows_that_differ(sweeps: Sequence[StoredSweep], results: Mapping[str, Result]) -> list[list[str]]:
-    """Return a row for each parameter, metric and fit in which sweeps differ: its name, and a text for each sweep."""
+def difference_rows(sweeps: Sequence[StoredSweep], results: Mapping[str, Result]) -> list[list[str]]:
+    """Return a row for each parameter, metric and fit that differs: its name, and a text for each sweep."""
     found = [results.get(sweep.key) for sweep in sweeps]
-    parameters = differing([parameters_of(sweep) for sweep in sweeps])
-    metrics, fits = differing([metrics_of(of) for of in found]), differing([fits_of(of) for of in found])
+    parameters = differing_values([parameter_values(sweep) for sweep in sweeps])
+    metrics, fits = (
+        differing_values([metric_values(of) for of in found]),
+        differing_values([fit_texts(of) for of in found]),
+    )
     rows = [[path, *_texts(row)] for path, row in parameters.items()]
-    rows += [[path, *(number(value) for value in row)] for path, row in metrics.items()]
+    rows += [[path, *(number_text(value) for value in row)] for path, row in metrics.items()]
     return rows + [[path, *(text or ABSENT for text in row)] for path, row in fits.items()]
 
 
-def _texts(row: Sequence[Any]) -> list[str]:
-    """Return the values in short; long lists that look alike though they differ get a mark of their content."""
+def _texts(row: Sequence[object]) -> list[str]:
+    """Return the values in short form; different long lists with the same short form get a hash of their content."""
     texts = [ABSENT if value is None else value_text(value) for value in row]
     marked = len(set(texts)) < len({key_of(value) for value in row})
     if not marked:
         return texts
-    return [f"{text} #{short(key_of(value))[:4]}" for text, value in zip(texts, row, strict=True)]
+    return [f"{text} #{short_key(key_of(value))[:4]}" for text, value in zip(texts, row, strict=True)]
 
 
-def differing(values: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
-    """Return the values of each path in which the sweeps differ, None where one has none."""
+def differing_values(values: Sequence[Mapping[str, object]]) -> dict[str, list[Any]]:
+    """Return the values of each path that differs between the sweeps; a missing value is None."""
     paths = dict.fromkeys(path for of in values for path in of)
     rows = {path: [of.get(path) for of in values] for path in paths}
     return {path: row for path, row in rows.items() if any(value != row[0] for value in row)}
@@ -101,7 +104,7 @@ def differing(values: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
 def differences_from_first(
     sweeps: Sequence[StoredSweep], results: Mapping[str, Result]
 ) -> list[tuple[StoredSweep, Difference | None]]:
-    """Return how the response of each other sweep differs from that of the first; None where it cannot be told."""
+    """Return the difference of each response from that of the first sweep; None where they cannot be compared."""
     responses = [results[sweep.key].response if sweep.key in results else None for sweep in sweeps]
     first = responses[0]
     return [

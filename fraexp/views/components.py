@@ -1,4 +1,4 @@
-"""Components as plugins declare them: plain data, and a row for each parameter."""
+"""Components as plugins declare them: plain data, and a row of text for each parameter."""
 
 import inspect
 from collections.abc import Mapping
@@ -9,16 +9,16 @@ from pydantic.fields import FieldInfo
 
 from fraexp.components.kinds import KINDS
 from fraexp.components.parameters import inherited_from, unit_of
+from fraexp.components.providers import Provider
 from fraexp.components.registry import Registry
-from fraexp.components.supplies import Supply
 from fraexp.views.words import plural, value_text
 
-BOUNDS = {"gt": ">", "ge": "≥", "lt": "<", "le": "≤"}
+BOUND_SIGNS = {"gt": ">", "ge": "≥", "lt": "<", "le": "≤"}
 
 
 @dataclass(frozen=True)
 class Offer:
-    """A component that plugins offer, or a plugin that is broken."""
+    """A component that plugins provide, or a plugin that fails to load."""
 
     kind: str
     name: str
@@ -27,67 +27,71 @@ class Offer:
     """The file in the workspace, or name and version of the installed package."""
     reason: str = ""
     """Why it cannot be used; empty if it can."""
-    supply: Supply | None = None
+    provider: Provider | None = None
 
     def uses(self, sources: Mapping[str, Mapping[str, int]]) -> tuple[int, int]:
-        """Return by how many stored sweeps it was used, and by how many of them when its source was another one."""
-        found = sources.get(f"{self.kind}:{self.name}", {}) if self.supply else {}
-        now = found.get(self.supply.source_hash, 0) if self.supply else 0
+        """Return how many stored sweeps used it, and how many of them with a different source."""
+        found = sources.get(f"{self.kind}:{self.name}", {}) if self.provider else {}
+        now = found.get(self.provider.source_hash, 0) if self.provider else 0
         return sum(found.values()), sum(found.values()) - now
 
     def state(self, sources: Mapping[str, Mapping[str, int]]) -> str:
-        """Return in words how it is."""
+        """Return its state in words."""
         stale = self.uses(sources)[1]
         return "broken" if self.reason else f"ok, {stale} stale" if stale else "ok"
 
 
-def offers(registry: Registry) -> list[Offer]:
-    """Return what is broken, then all components: friction first, by name."""
+def list_offers(registry: Registry) -> list[Offer]:
+    """Return the broken plugins, then all components: friction first, by name."""
     order = [str(kind.kind) for kind in KINDS]
     broken = [Offer("broken", _file_name(of.place), "", of.place, of.reason) for of in registry.failures]
-    known = sorted(registry.supplies, key=lambda key: (order.index(key[0]), key[1]))
-    return [*broken, *(_offer(registry.supplies[key], registry.clashes.get(key, "")) for key in known)]
+    known = sorted(registry.providers, key=lambda key: (order.index(key[0]), key[1]))
+    return [*broken, *(_offer(registry.providers[key], registry.clashes.get(key, "")) for key in known)]
 
 
-def _offer(supply: Supply, clash: str) -> Offer:
-    component = supply.component
-    origin = f"plugins/{supply.file.name}" if supply.distribution == "workspace" else supply.distribution
-    return Offer(component.kind, component.name, str(component.version), origin, clash, supply)
+def _offer(provider: Provider, clash: str) -> Offer:
+    component = provider.component
+    origin = f"plugins/{provider.file.name}" if provider.distribution == "workspace" else provider.distribution
+    return Offer(component.kind, component.name, str(component.version), origin, clash, provider)
 
 
 def _file_name(place: str) -> str:
     return place.replace("\\", "/").rpartition("/")[2]
 
 
-def uses_text(used: int, stale: int) -> str:
-    """Return in words by how many stored sweeps a component was used."""
+def usage_text(used: int, stale: int) -> str:
+    """Return in words how many stored sweeps used a component."""
     what = f"used by {plural(used, 'stored sweep')}" if used else "used by no stored sweep"
-    return f"{what}, {stale} of them with another source: fraexp run STUDY --rerun stale" if stale else what
+    return (
+        f"{what}, {stale} of them with a different source; fraexp run STUDY --rerun stale computes them again"
+        if stale
+        else what
+    )
 
 
-def paragraphs(supply: Supply, most: int | None = None) -> list[str]:
-    """Return the paragraphs of a component's description, each as one line; the first ones alone if they are many."""
-    text = inspect.cleandoc(supply.component.__doc__ or "")
+def description_paragraphs(provider: Provider, most: int | None = None) -> list[str]:
+    """Return the paragraphs of a component's description, each as one line; only the first `most` if given."""
+    text = inspect.cleandoc(provider.component.__doc__ or "")
     return [" ".join(part.split()) for part in text.split("\n\n") if part.strip()][:most]
 
 
-def component_document(supply: Supply) -> dict[str, Any]:
+def component_document(provider: Provider) -> dict[str, Any]:
     """Return a component with its parameters."""
-    component = supply.component
+    component = provider.component
     return {
         "kind": component.kind,
         "name": component.name,
         "version": component.version,
         "meaning": (component.__doc__ or "").strip().partition("\n")[0],
-        "distribution": supply.distribution,
-        "file": str(supply.file),
+        "distribution": provider.distribution,
+        "file": str(provider.file),
         "parameters": [parameter_document(name, info) for name, info in component.model_fields.items()],
     }
 
 
 def parameter_document(name: str, info: FieldInfo) -> dict[str, Any]:
     """Return a parameter as it was declared."""
-    bounds = {word: getattr(item, word) for item in info.metadata for word in BOUNDS if hasattr(item, word)}
+    bounds = {word: getattr(item, word) for item in info.metadata for word in BOUND_SIGNS if hasattr(item, word)}
     return {
         "name": name,
         "unit": unit_of(info),
@@ -95,11 +99,11 @@ def parameter_document(name: str, info: FieldInfo) -> dict[str, Any]:
         "required": info.is_required() and inherited_from(info) is None,
         "default": None if info.is_required() else _plain_default(info),
         "inherited_from": inherited_from(info),
-        "bounds": {BOUNDS[word]: value for word, value in bounds.items()},
+        "bounds": {BOUND_SIGNS[word]: value for word, value in bounds.items()},
     }
 
 
-def _plain_default(info: FieldInfo) -> Any:
+def _plain_default(info: FieldInfo) -> object:
     default = info.get_default(call_default_factory=True, validated_data={})
     if isinstance(default, tuple):
         return list(default)

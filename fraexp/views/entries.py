@@ -1,4 +1,4 @@
-"""A component's parameters as lines that can be written: each by its dotted path, with what declares it."""
+"""The parameters of a component as editable entries: each by its dotted path, with its declaration."""
 
 import inspect
 from collections.abc import Iterator, Mapping
@@ -15,20 +15,20 @@ from fraexp.errors import FraexpError
 from fraexp.views.components import parameter_document
 from fraexp.views.fields import toml_value
 
-MACHINE = "linear_motor_table"
-"""Preset that is shown first, where a component has it: the machine of the examples."""
-LIST = 2
-"""Values of a list that has to be given and no preset gives."""
+EXAMPLE_PRESET = "linear_motor_table"
+"""Preset of the example machine, which is preferred where a component has it."""
+EXAMPLE_LIST_LENGTH = 2
+"""Length of an example list for a required parameter without a preset."""
 
 
 @dataclass(frozen=True)
 class ParameterEntry:
-    """A parameter that can be written."""
+    """An editable parameter."""
 
     path: str
     info: FieldInfo
     text: str
-    """Its value as a study writes it; empty for one that is not given."""
+    """Its value as written in a study; empty if it is not given."""
 
     @property
     def hint(self) -> str:
@@ -37,14 +37,16 @@ class ParameterEntry:
         bounds = [f"{sign} {value:g}" for sign, value in document["bounds"].items()]
         unit = "" if document["unit"] in ("", "1") else f"[{document['unit']}]"
         default = document["default"]
-        known = "needed" if document["required"] else "" if default in (None, []) else f"default {toml_value(default)}"
+        known = (
+            "required" if document["required"] else "" if default in (None, []) else f"default {toml_value(default)}"
+        )
         few = [choice for choice in self.choices if choice not in document["meaning"]]
         listed = f"one of {', '.join(few)}" if few else ""
         return ", ".join(part for part in (f"{document['meaning']} {unit}".strip(), *bounds, listed, known) if part)
 
     @property
     def choices(self) -> tuple[str, ...]:
-        """The values that it may have, if they are few."""
+        """The allowed values, if they are few."""
         for part in (self.info.annotation, *get_args(self.info.annotation)):
             if get_origin(part) is Literal:
                 return tuple(str(value) for value in get_args(part))
@@ -53,12 +55,12 @@ class ParameterEntry:
         return ()
 
     @property
-    def whole(self) -> bool:
+    def is_whole(self) -> bool:
         """Whether it is a whole number."""
         return int in (self.info.annotation, *get_args(self.info.annotation))
 
-    def moved(self, text: str, share: float) -> str:
-        """Return a number that is greater by a share of itself, within the bounds; or the next of few values."""
+    def next_text(self, text: str, share: float) -> str:
+        """Return the text of a number increased by a fraction of itself, within bounds; or the next allowed value."""
         if self.choices:
             index = self.choices.index(text) if text in self.choices else -1
             return self.choices[(index + (1 if share > 0 else -1)) % len(self.choices)]
@@ -67,36 +69,36 @@ class ParameterEntry:
             value = float(head)
         except ValueError:
             return text
-        if self.whole:
-            return f"{self._inside(value + (1 if share > 0 else -1)):.0f}{blank}{unit}"
+        if self.is_whole:
+            return f"{self._clamp(value + (1 if share > 0 else -1)):.0f}{blank}{unit}"
         moved = value * (1 + share) if share > 0 else value / (1 - share)
         moved = moved if value or share < 0 else TYPICAL.get(unit_of(self.info), 1.0) * share
-        return f"{float(f'{moved if unit else self._inside(moved):.4g}'):.10g}{blank}{unit}"
+        return f"{float(f'{moved if unit else self._clamp(moved):.4g}'):.10g}{blank}{unit}"
 
-    def _inside(self, value: float) -> float:
+    def _clamp(self, value: float) -> float:
         for item in self.info.metadata:
             value = max(value, getattr(item, "ge", value))
             value = min(value, getattr(item, "le", value))
         return value
 
 
-def example(component: type[Component], registry: Registry) -> dict[str, Any]:
-    """Return a component in plain data with sensible values: of a preset, else what is typical; all that it takes."""
+def example_spec(component: type[Component], registry: Registry) -> dict[str, object]:
+    """Return a component in plain data with sensible values for all parameters: of a preset, else typical ones."""
     presets = component.presets
-    given = presets.get(MACHINE) or next(iter(presets.values()), None) or _typical(component)
+    given = presets.get(EXAMPLE_PRESET) or next(iter(presets.values()), None) or _typical_values(component)
     try:
         made = registry.create(component.kind, {"name": component.name, **given})
-    except FraexpError:  # what is typical need not fit; its author will see why
+    except FraexpError:  # typical values may not fit together; creating it later reports why
         return {"name": component.name, **given}
     return {key: value for key, value in made.spec().items() if key != "version"}
 
 
-def _typical(component: type[Component]) -> dict[str, Any]:
+def _typical_values(component: type[Component]) -> dict[str, object]:
     required = {name: info for name, info in component.model_fields.items() if info.is_required()}
-    return {name: value for name, info in required.items() if (value := _of_unit(info)) is not None}
+    return {name: value for name, info in required.items() if (value := _typical_value(info)) is not None}
 
 
-def _of_unit(info: FieldInfo) -> Any:
+def _typical_value(info: FieldInfo) -> object:
     entry = ParameterEntry("", info, "")
     if entry.choices:
         return entry.choices[0]
@@ -110,29 +112,29 @@ def _of_unit(info: FieldInfo) -> Any:
     elif (low is not None and value <= low) or (high is not None and value >= high):
         value = 2 * low if low else (high or 0.0) / 2
     if get_origin(info.annotation) is tuple:
-        return [1 / LIST if unit_of(info) == "1" else value] * LIST
-    if entry.whole:
+        return [1 / EXAMPLE_LIST_LENGTH if unit_of(info) == "1" else value] * EXAMPLE_LIST_LENGTH
+    if entry.is_whole:
         return int(max(value, 1))
     return value if float in (info.annotation, *get_args(info.annotation)) else None
 
 
-def entries(
-    owner: type[Parameters], values: Mapping[str, Any], registry: Registry, prefix: str = ""
+def parameter_entries(
+    owner: type[Parameters], values: Mapping[str, object], registry: Registry, prefix: str = ""
 ) -> Iterator[ParameterEntry]:
-    """Yield all parameters of a component and of what it holds, with the values that plain data give them."""
+    """Yield all parameters of a component and of nested components, with their values in plain data."""
     for name, info in owner.model_fields.items():
         path, value, inner = f"{prefix}{name}", values.get(name), nested_kind(info)
         group = _group(info)
         listed: list[Any] = list(value) if isinstance(value, list | tuple) else [value]
         if inner is not None and listed and all(isinstance(part, Mapping) for part in listed):
             for index, part in enumerate(listed):
-                supply = registry.supplies.get((inner.kind, str(part.get("name"))))
+                provider = registry.providers.get((inner.kind, str(part.get("name"))))
                 place = path if isinstance(value, Mapping) else f"{path}.{index}"
-                yield from entries(supply.component, part, registry, f"{place}.") if supply else ()
+                yield from parameter_entries(provider.component, part, registry, f"{place}.") if provider else ()
         elif group is not None and isinstance(value, Mapping):
-            yield from entries(group, value, registry, f"{path}.")
+            yield from parameter_entries(group, value, registry, f"{path}.")
         else:
-            yield ParameterEntry(path, info, _text(value))
+            yield ParameterEntry(path, info, _entry_text(value))
 
 
 def _group(info: FieldInfo) -> type[Parameters] | None:
@@ -140,7 +142,7 @@ def _group(info: FieldInfo) -> type[Parameters] | None:
     return next((of for of in candidates if inspect.isclass(of) and issubclass(of, Parameters)), None)
 
 
-def _text(value: Any) -> str:
+def _entry_text(value: object) -> str:
     if value is None or value in ([], ()):
         return ""
     if isinstance(value, float):
@@ -148,36 +150,36 @@ def _text(value: Any) -> str:
     return value if isinstance(value, str) else toml_value(value)
 
 
-def written(base: Mapping[str, Any], texts: Mapping[str, str]) -> dict[str, Any]:
-    """Return plain data with the values that were written at their paths; what is empty is left out."""
-    data = _copied(base)
+def apply_texts(base: Mapping[str, object], texts: Mapping[str, str]) -> dict[str, Any]:
+    """Return plain data with texts applied at their paths; an empty text removes the value."""
+    data = _copy_without_version(base)
     for path, text in texts.items():
         *parents, last = path.split(".")
         place: Any = data
         for part in parents:
             place = place[int(part)] if isinstance(place, list) else place[part]
         if text.strip():
-            place[last] = _value(text.strip())
+            place[last] = _parse_text(text.strip())
         else:
             place.pop(last, None)
     return data
 
 
-def _copied(value: Any) -> Any:
+def _copy_without_version(value: object) -> Any:
     if isinstance(value, Mapping):
-        return {key: _copied(item) for key, item in value.items() if key != "version"}
-    return [_copied(item) for item in value] if isinstance(value, list | tuple) else value
+        return {key: _copy_without_version(item) for key, item in value.items() if key != "version"}
+    return [_copy_without_version(item) for item in value] if isinstance(value, list | tuple) else value
 
 
-def _value(text: str) -> Any:
+def _parse_text(text: str) -> Any:
     try:
         return toml.value(text)
     except ValueError:
         return text
 
 
-def told(owner: type[Parameters], data: Mapping[str, Any], registry: Registry) -> dict[str, Any]:
-    """Return plain data without what is as declared anyway."""
+def without_defaults(owner: type[Parameters], data: Mapping[str, Any], registry: Registry) -> dict[str, Any]:
+    """Return plain data without values that equal the declared defaults."""
     kept: dict[str, Any] = {"name": data["name"]} if "name" in data else {}
     for name, info in owner.model_fields.items():
         if name not in data:
@@ -187,16 +189,16 @@ def told(owner: type[Parameters], data: Mapping[str, Any], registry: Registry) -
         if not info.is_required() and (value == default or (isinstance(default, tuple) and tuple(value) == default)):
             continue
         if inner is not None and isinstance(value, list):
-            value = [_told_component(inner.kind, part, registry) for part in value]
+            value = [_component_without_defaults(inner.kind, part, registry) for part in value]
         elif inner is not None and isinstance(value, Mapping):
-            value = _told_component(inner.kind, value, registry)
+            value = _component_without_defaults(inner.kind, value, registry)
         elif group is not None and isinstance(value, Mapping):
-            value = told(group, value, registry)
+            value = without_defaults(group, value, registry)
         kept[name] = value
     return kept
 
 
-def _told_component(kind: str, data: Any, registry: Registry) -> Any:
+def _component_without_defaults(kind: str, data: Any, registry: Registry) -> Any:
     name = data.get("name") if isinstance(data, Mapping) else None
-    supply = registry.supplies.get((kind, str(name)))
-    return told(supply.component, data, registry) if supply else data
+    provider = registry.providers.get((kind, str(name)))
+    return without_defaults(provider.component, data, registry) if provider else data

@@ -4,11 +4,13 @@ import json
 import math
 import time
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 from fraexp.figures.elements.labels import label_text
 from fraexp.store import RunSummary, StoredSweep
-from fraexp.views.words import duration, moment, short
+from fraexp.views.words import duration_text, short_key, timestamp_text
+
+MIN_SILENCE_S = 60.0
+"""Time without a heartbeat from which a run is called silent: its leases end then, and others compute its sweeps."""
 
 
 def run_fields(run: RunSummary) -> list[tuple[str, str]]:
@@ -21,26 +23,33 @@ def run_fields(run: RunSummary) -> list[tuple[str, str]]:
         ("study", run.study),
         ("file", run.study_file),
         ("command", run.command),
-        ("state", run.state),
+        ("state", run_state_text(run)),
         ("sweeps", f"{run.total}: {run.computed} computed, {run.reused} reused, {run.failed} failed"),
-        ("started", moment(run.started)),
-        ("took", took(run)),
+        ("started", timestamp_text(run.started)),
+        ("took", run_duration_text(run)),
         ("code", f"fraexp {run.provenance.get('fraexp') or '(version unknown)'}{commit}"),
     ]
 
 
-def took(run: RunSummary) -> str:
-    """Return how long a run took; empty while it is not known."""
-    return duration((run.ended - run.started).total_seconds()) if run.ended else ""
+def run_state_text(run: RunSummary) -> str:
+    """Return the state of a run, with its silence if it has sent no heartbeat for a while."""
+    if run.silence < MIN_SILENCE_S:
+        return run.state
+    return f"{run.state}, silent for {duration_text(run.silence)}"
 
 
-def running_for(run: RunSummary) -> str:
-    """Return for how long a run has been going on, in whole seconds."""
-    return duration(max(math.floor(time.time() - run.started.timestamp()), 0))
+def run_duration_text(run: RunSummary) -> str:
+    """Return how long a run took; empty while it is unknown."""
+    return duration_text((run.ended - run.started).total_seconds()) if run.ended else ""
+
+
+def elapsed_text(run: RunSummary) -> str:
+    """Return the time since a run started, in whole seconds."""
+    return duration_text(max(math.floor(time.time() - run.started.timestamp()), 0))
 
 
 def remedies(sweeps: Sequence[StoredSweep]) -> list[str]:
-    """Return a line for each outcome that is not as wished, with the number of sweeps and the remedy."""
+    """Return a line for each outcome with a remedy: how many sweeps have it, and the remedy."""
     outcomes = [sweep.outcome for sweep in sweeps if sweep.outcome and sweep.outcome.value]
     lines = []
     for outcome in dict.fromkeys(outcomes):
@@ -56,21 +65,21 @@ def outcome_text(sweep: StoredSweep) -> str:
 def sweep_fields(sweep: StoredSweep) -> list[tuple[str, str]]:
     """Return names and values of a sweep."""
     return [
-        ("sweep", short(sweep.key)),
+        ("sweep", short_key(sweep.key)),
         ("key", sweep.key),
         ("labels", ", ".join(f"{path} = {label_text(value)}" for path, value in sweep.labels.items())),
         ("state", sweep.state),
         ("outcome", outcome_text(sweep)),
         ("message", sweep.message),
         ("remedy", sweep.outcome.value if sweep.outcome else ""),
-        ("computed", moment(sweep.created)),
-        ("took", duration(sweep.elapsed) if sweep.created else ""),
+        ("computed", timestamp_text(sweep.created)),
+        ("took", duration_text(sweep.elapsed) if sweep.created else ""),
         ("tags", ", ".join(sweep.tags)),
         ("note", sweep.note),
     ]
 
 
-def toml_value(value: Any) -> str:
+def toml_value(value: object) -> str:
     """Return a value as a study writes it."""
     if isinstance(value, Mapping):
         return "{ " + ", ".join(f"{key} = {toml_value(item)}" for key, item in value.items() if item is not None) + " }"

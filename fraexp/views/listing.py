@@ -1,4 +1,4 @@
-"""A listing of sweeps: its columns, and those of them that a width has room for."""
+"""A listing of sweeps: its columns, and how they fit into a width."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -6,24 +6,25 @@ from datetime import datetime
 
 from rich.cells import cell_len
 
-from fraexp.figures.elements.labels import label_columns, label_texts, printable
-from fraexp.store import Listed, StoredSweep
-from fraexp.views.words import duration, short
+from fraexp.data.terminal_text import printable
+from fraexp.figures.elements.labels import label_columns, label_texts
+from fraexp.store import ListedSweep, StoredSweep
+from fraexp.views.words import duration_text, short_key
 
-GAP = 2
+COLUMN_GAP = 2
 """Cells between two columns."""
-SHOWN = ("estimator", "estimator.name", "friction", "friction.name")
+LABELS_WITH_COLUMN = ("estimator", "estimator.name", "friction", "friction.name")
 """Labels that have a column of their own."""
-RANKS = {"message": 9, "note": 8, "took": 7, "friction": 6, "created": 5, "study": 4, "tags": 3, "estimator": 2}
-"""The higher, the sooner a column is left out where there is no room for all."""
-MOST = {"note": 40, "message": 60, "tags": 24, "study": 28, "estimator": 28, "friction": 24}
-"""Widths beyond which a column is cut."""
-LAST = ("message", "note")
-"""Columns that take the room that is left if they are the last."""
-WIDEST = 200
-"""Width beyond which any column is cut."""
-LEAST = 8
-"""Width to which the labels, all in one column, are cut before another column is left out for them."""
+COLUMN_RANKS = {"message": 9, "note": 8, "took": 7, "friction": 6, "created": 5, "study": 4, "tags": 3, "estimator": 2}
+"""The higher the rank, the sooner a column is dropped if not all fit."""
+MAX_WIDTHS = {"note": 40, "message": 60, "tags": 24, "study": 28, "estimator": 28, "friction": 24}
+"""Maximum widths of columns, by title."""
+STRETCHED_COLUMNS = ("message", "note")
+"""Columns that use the remaining width if they are last."""
+MAX_COLUMN_WIDTH = 200
+"""Maximum width of any other column."""
+MIN_LABEL_WIDTH = 8
+"""Width to which merged labels are cut before another column is dropped."""
 
 
 @dataclass(frozen=True)
@@ -33,79 +34,86 @@ class Column:
     title: str
     cells: tuple[str, ...]
     order: str = ""
-    """Field that sorts by it; empty if none does."""
+    """Field that sorts by it; empty if it cannot be sorted."""
     rank: int = 0
-    """The higher, the sooner it is left out; 0 stays."""
-    right: bool = False
-    """Whether its cells stand at the right: numbers."""
-    most: int = WIDEST
-    """Width beyond which it is cut."""
+    """The higher, the sooner it is dropped; 0 is never dropped."""
+    right_aligned: bool = False
+    """Whether its cells are right-aligned, as numbers are."""
+    max_width: int = MAX_COLUMN_WIDTH
+    """Maximum width."""
+    is_label: bool = False
+    """Whether it shows a label of the sweeps: labels are cut or merged before another column is dropped."""
 
     @property
     def width(self) -> int:
-        """Cells that it takes if there is room."""
-        return min(self.uncut, self.most)
+        """Wanted width in terminal cells."""
+        return min(self.full_width, self.max_width)
 
     @property
-    def uncut(self) -> int:
-        """Cells that all of it takes."""
+    def full_width(self) -> int:
+        """Width without cutting, in terminal cells."""
         return max(map(cell_len, (*self.title.splitlines(), *self.cells)), default=0)
 
 
-def listing_columns(rows: Sequence[Listed], *, one_run: bool, running: Mapping[str, float]) -> list[Column]:
-    """Return all columns that have something to tell of sweeps; `running` has what is done of those that run."""
+def listing_columns(rows: Sequence[ListedSweep], *, one_run: bool, running: Mapping[str, float]) -> list[Column]:
+    """Return all columns with any content; `running` holds the finished fraction of running sweeps by key."""
     columns = [
-        _column("sweep", [short(row.key) for row in rows], "key"),
+        _column("sweep", [short_key(row.key) for row in rows], "key"),
         *([] if one_run else [_column("study", [_study_text(row) for row in rows], "study")]),
         *_label_columns(rows),
         _column("estimator", _component_texts(rows, "estimator"), "estimator"),
         _column("friction", _component_texts(rows, "friction"), "friction"),
         _column("outcome", [state_text(row, running.get(row.key)) for row in rows], "outcome"),
         _column("tags", [" ".join(row.tags) for row in rows]),
-        _column("created", [when(row.created) for row in rows], "created"),
-        _column("took", [duration(row.elapsed) if row.created else "" for row in rows], "elapsed"),
+        _column("created", [time_text(row.created) for row in rows], "created"),
+        _column("took", [duration_text(row.elapsed) if row.created else "" for row in rows], "elapsed"),
         _column("message", [row.message for row in rows], "message"),
         _column("note", [row.note for row in rows], "note"),
     ]
     return [column for column in columns if any(column.cells) or not rows]
 
 
-def fitted(columns: Sequence[Column], width: int) -> list[tuple[Column, int]]:
-    """Return the columns for which there is room, each with its width; what does not fit is left out or cut."""
+def fit_columns(columns: Sequence[Column], width: int) -> list[tuple[Column, int]]:
+    """Return the columns that fit, each with its width; others are dropped or cut."""
     kept = [(column, column.width) for column in columns]
-    labels = [column for column, _ in kept if _is_label(column)]
-    if len(labels) > 1 and _total([pair for pair in kept if pair[0].rank < RANKS["friction"]]) > width:
-        together = _together(labels)
+    labels = [column for column, _ in kept if column.is_label]
+    if len(labels) > 1 and _total_width([pair for pair in kept if pair[0].rank < COLUMN_RANKS["friction"]]) > width:
+        together = _merge_labels(labels)
         at = next(index for index, (column, _) in enumerate(kept) if column in labels)
         kept = [pair for pair in kept if pair[0] not in labels]
         kept.insert(at, (together, together.width))
-    while _total(kept) > width:
-        cut = max((pair for pair in kept if _is_label(pair[0])), key=lambda pair: pair[1], default=None)
+    while _total_width(kept) > width:
+        cut = max((pair for pair in kept if pair[0].is_label), key=lambda pair: pair[1], default=None)
         least = max((pair for pair in kept if pair[0].rank), key=lambda pair: pair[0].rank, default=None)
-        over = _total(kept) - width
-        if cut and cut[1] - over >= (3 * LEAST if least else LEAST):
+        over = _total_width(kept) - width
+        if cut and cut[1] - over >= (3 * MIN_LABEL_WIDTH if least else MIN_LABEL_WIDTH):
             kept[kept.index(cut)] = (cut[0], cut[1] - over)
-        elif least and least[0].title in LAST and least[1] - over >= 2 * LEAST:
+        elif least and least[0].title in STRETCHED_COLUMNS and least[1] - over >= 2 * MIN_LABEL_WIDTH:
             kept[kept.index(least)] = (least[0], least[1] - over)
         elif least:
             kept.remove(least)
         else:
             break
-    spare = width - _total(kept)
-    return [(of, min(of.uncut, room + spare) if of.title in LAST and of is kept[-1][0] else room) for of, room in kept]
+    spare = width - _total_width(kept)
+    return [
+        (of, min(of.full_width, room + spare) if of.title in STRETCHED_COLUMNS and of is kept[-1][0] else room)
+        for of, room in kept
+    ]
 
 
-def state_text(row: Listed | StoredSweep, fraction: float | None = None) -> str:
-    """Return how it stands with a sweep: its outcome, unless the attempt failed or is still to come."""
+def state_text(row: ListedSweep | StoredSweep, fraction: float | None = None) -> str:
+    """Return the state of a sweep: its outcome, unless the attempt failed or is pending."""
     if fraction is not None:
         return f"running {100 * fraction:.0f} %"
-    if row.state in ("pending", "failed") or row.outcome is None:
+    if row.state in ("pending", "failed"):
         return row.state
+    if row.outcome is None:  # it was damaged, and merging left it out
+        return "no result"
     return row.outcome.name.lower().replace("_", " ")
 
 
-def when(time: datetime | None) -> str:
-    """Return a moment in short: the time if it is today, else the date."""
+def time_text(time: datetime | None) -> str:
+    """Return a time in short: the time of day if it is today, else the date."""
     if time is None:
         return ""
     local = time.astimezone()
@@ -114,41 +122,43 @@ def when(time: datetime | None) -> str:
 
 def _column(title: str, cells: Sequence[str], order: str = "") -> Column:
     return Column(
-        title, tuple(map(printable, cells)), order, RANKS.get(title, 0), title == "took", MOST.get(title, WIDEST)
+        title,
+        tuple(map(printable, cells)),
+        order,
+        COLUMN_RANKS.get(title, 0),
+        title == "took",
+        MAX_WIDTHS.get(title, MAX_COLUMN_WIDTH),
     )
 
 
-def _study_text(row: Listed) -> str:
+def _study_text(row: ListedSweep) -> str:
     return f"{row.study} {row.run}" if row.run is not None else ""
 
 
-def _component_texts(rows: Sequence[Listed], kind: str) -> list[str]:
-    """Return a component's name, with the parameters that tell it from others of its name if labels have them."""
+def _component_texts(rows: Sequence[ListedSweep], kind: str) -> list[str]:
+    """Return the name of a component, with the labels that distinguish it from others of its name."""
     return label_texts([row.labels.get(kind) or getattr(row, kind) for row in rows])
 
 
-def _label_columns(rows: Sequence[Listed]) -> list[Column]:
-    labels = [{path: value for path, value in row.labels.items() if path not in SHOWN} for row in rows]
+def _label_columns(rows: Sequence[ListedSweep]) -> list[Column]:
+    labels = [{path: value for path, value in row.labels.items() if path not in LABELS_WITH_COLUMN} for row in rows]
     columns = []
     for path, title in label_columns(labels).items():
         values = [of.get(path) for of in labels]
         right = all(isinstance(value, int | float | None) for value in values)
-        columns.append(Column(title, tuple(map(printable, label_texts(values))), path, right=right))
+        cells = tuple(map(printable, label_texts(values)))
+        columns.append(Column(title, cells, path, right_aligned=right, is_label=True))
     return columns
 
 
-def _is_label(column: Column) -> bool:
-    return not column.rank and column.order not in ("key", "outcome")
-
-
-def _together(labels: Sequence[Column]) -> Column:
+def _merge_labels(labels: Sequence[Column]) -> Column:
     """Return one column for all labels."""
     cells = [
         ", ".join(f"{column.title} {column.cells[index]}" for column in labels if column.cells[index])
         for index in range(len(labels[0].cells))
     ]
-    return Column("labels", tuple(cells))
+    return Column("labels", tuple(cells), is_label=True)
 
 
-def _total(columns: Sequence[tuple[Column, int]]) -> int:
-    return sum(width + GAP for _, width in columns)
+def _total_width(columns: Sequence[tuple[Column, int]]) -> int:
+    return sum(width + COLUMN_GAP for _, width in columns)

@@ -1,4 +1,4 @@
-"""Where a sweep's result comes from: the run that computed it, the code, and whether that is still the same."""
+"""Provenance of a result: the run that computed it, the code, and whether the sources have changed."""
 
 from dataclasses import dataclass
 
@@ -8,18 +8,18 @@ from fraexp.views.fields import run_fields
 
 
 @dataclass(frozen=True)
-class Source:
+class SourceState:
     """The file that defined a component when a sweep was computed."""
 
     component: str
     distribution: str
     source_hash: str
-    now: str
-    """Whether it is the same now."""
+    status: str
+    """Whether the source is the same now, in words."""
 
 
-def runs_of(store: Store, sweep: StoredSweep) -> tuple[RunSummary | None, RunSummary | None]:
-    """Return the run that computed a sweep, None if it is not there any more, and the latest run that has it."""
+def computing_and_latest_run(store: Store, sweep: StoredSweep) -> tuple[RunSummary | None, RunSummary | None]:
+    """Return the run that computed a sweep, None if it was deleted, and the latest run that has the sweep."""
     latest = store.page(f"key={sweep.key}", limit=1).rows
     number = latest[0].run if latest else None
     newest = store.run(number) if number is not None else None
@@ -37,13 +37,13 @@ def provenance_fields(run: RunSummary) -> list[tuple[str, str]]:
     return [pair for pair in run_fields(run) if pair[0] not in ("sweeps", "took")]
 
 
-def sources_now(sweep: StoredSweep, registry: Registry) -> list[Source]:
-    """Return where a sweep's components came from, and whether their files have changed since."""
+def source_states(sweep: StoredSweep, registry: Registry) -> list[SourceState]:
+    """Return the sources of a sweep's components, and whether they have changed since."""
     found = []
     for name, supplied in sweep.sources.items():
         kind, _, own = name.partition(":")
-        supply = registry.supplies.get((kind, own))
-        same = supply is not None and supply.source_hash == supplied.source_hash
-        now = "gone" if supply is None else "unchanged" if same else "changed since: --rerun stale computes it again"
-        found.append(Source(name, supplied.distribution, supplied.source_hash[:12], now))
+        provider = registry.providers.get((kind, own))
+        same = provider is not None and provider.source_hash == supplied.source_hash
+        now = "gone" if provider is None else "unchanged" if same else "changed since; --rerun stale computes it again"
+        found.append(SourceState(name, supplied.distribution, supplied.source_hash[:12], now))
     return found

@@ -1,4 +1,4 @@
-"""The resolved parameters of a sweep, each with its unit, its meaning and where its value is from."""
+"""The resolved parameters of a sweep, each with unit, meaning and the origin of its value."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,12 +9,12 @@ from fraexp.components.registry import Registry
 from fraexp.errors import StudyError
 from fraexp.store import StoredSweep
 from fraexp.study.paths import declared_at, value_at
-from fraexp.views.words import flat, value_text, without_segments
+from fraexp.views.words import flatten, summarise_segments, value_text
 
 
 @dataclass(frozen=True)
-class Resolved:
-    """A parameter as a sweep has it."""
+class ResolvedParameter:
+    """A resolved parameter of a sweep."""
 
     path: str
     value: str
@@ -24,48 +24,52 @@ class Resolved:
     meaning: str
 
 
-def resolved_parameters(sweep: StoredSweep, registry: Registry) -> list[Resolved]:
+def resolved_parameters(sweep: StoredSweep, registry: Registry) -> list[ResolvedParameter]:
     """Return all parameters of a sweep in the order of its experiment, the estimator last."""
     sections = {**sweep.experiment, "estimator": sweep.estimator}
-    shown = flat({**without_segments(sweep.experiment), "estimator": sweep.estimator})
-    return [_resolved(path, value, sections, sweep, registry) for path, value in shown.items() if not _version(path)]
+    shown = flatten({**summarise_segments(sweep.experiment), "estimator": sweep.estimator})
+    return [_resolve(path, value, sections, sweep, registry) for path, value in shown.items() if not _is_version(path)]
 
 
-def _version(path: str) -> bool:
+def _is_version(path: str) -> bool:
     return path.endswith(".version")
 
 
-def _resolved(path: str, value: Any, sections: Mapping[str, Any], sweep: StoredSweep, registry: Registry) -> Resolved:
+def _resolve(
+    path: str, value: object, sections: Mapping[str, object], sweep: StoredSweep, registry: Registry
+) -> ResolvedParameter:
     owner, _, last = path.rpartition(".")
     if last == "name" and owner:
-        return _component(owner, sections, sweep, registry)
+        return _resolve_component(owner, sections, sweep, registry)
     try:
         info = declared_at(sections, path, registry)
-    except (ValueError, IndexError):  # a record's section has a shape of its own
+    except (ValueError, IndexError):  # the section of a record has a different structure
         info = None
     if info is None:
-        return Resolved(path, value_text(value), "", "grid" if _in_grid(path, sweep) else "", "")
+        return ResolvedParameter(path, value_text(value), "", "grid" if _is_in_grid(path, sweep) else "", "")
     unit = unit_of(info)
-    origin = "grid" if _in_grid(path, sweep) else "study"
+    origin = "grid" if _is_in_grid(path, sweep) else "study"
     inherited = inherited_from(info)
     if origin == "study" and inherited and _value(sections, inherited) == value:
         origin = inherited
     elif origin == "study" and not info.is_required() and _default(info) == value:
         origin = "default"
-    return Resolved(path, value_text(value), "" if unit == "1" else unit, origin, info.description or "")
+    return ResolvedParameter(path, value_text(value), "" if unit == "1" else unit, origin, info.description or "")
 
 
-def _component(path: str, sections: Mapping[str, Any], sweep: StoredSweep, registry: Registry) -> Resolved:
-    """Return the row of a component: its name and version, and what it is."""
+def _resolve_component(
+    path: str, sections: Mapping[str, object], sweep: StoredSweep, registry: Registry
+) -> ResolvedParameter:
+    """Return the row of a component: name, version and meaning."""
     spec = _value(sections, path)
     name, version = spec.get("name"), spec.get("version")
-    found = [supply.component for (_, of), supply in registry.supplies.items() if of == name]
+    found = [provider.component for (_, of), provider in registry.providers.items() if of == name]
     meaning = (found[0].__doc__ or "").strip().partition("\n")[0] if len(found) == 1 else ""
     text = f"{name}, version {version}" if version else str(name)
-    return Resolved(path, text, "", "grid" if _in_grid(f"{path}.name", sweep) else "study", meaning)
+    return ResolvedParameter(path, text, "", "grid" if _is_in_grid(f"{path}.name", sweep) else "study", meaning)
 
 
-def _in_grid(path: str, sweep: StoredSweep) -> bool:
+def _is_in_grid(path: str, sweep: StoredSweep) -> bool:
     for label, value in sweep.labels.items():
         if path == label or (path.startswith(f"{label}.") and not isinstance(value, Mapping)):
             return True
@@ -74,7 +78,7 @@ def _in_grid(path: str, sweep: StoredSweep) -> bool:
     return False
 
 
-def _value(sections: Mapping[str, Any], path: str) -> Any:
+def _value(sections: Mapping[str, object], path: str) -> Any:
     try:
         return value_at(sections, path)
     except StudyError:

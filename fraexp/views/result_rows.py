@@ -5,33 +5,33 @@ import numpy as np
 from fraexp.analysis.confidence import interval_factor
 from fraexp.data.results import Curve, Fit, Result
 from fraexp.views.fields import toml_value
-from fraexp.views.words import number
+from fraexp.views.words import number_text
 
 FIT_COLUMNS = ["parameter", "value", "± 95 %", "unit"]
 
 
 def metric_fields(result: Result) -> list[tuple[str, str]]:
     """Return names and values of metrics."""
-    return [(metric.name, f"{number(metric.value)} {metric.unit}") for metric in result.metrics]
+    return [(metric.name, f"{number_text(metric.value)} {metric.unit}") for metric in result.metrics]
 
 
 def fit_rows(fit: Fit) -> list[list[str]]:
-    """Return a row under `FIT_COLUMNS` for each parameter that was identified."""
+    """Return a row under `FIT_COLUMNS` for each identified parameter."""
     spread = interval_factor(np.inf) * fit.standard_deviation
     return [
-        [name, number(value, 6), number(band, 3) if np.isfinite(band) else "", unit]
+        [name, number_text(value, 6), number_text(band, 3) if np.isfinite(band) else "", unit]
         for name, value, band, unit in zip(fit.parameters, fit.values, spread, fit.units, strict=True)
     ]
 
 
 def fit_section(fit: Fit) -> list[str]:
-    """Return the section of a study that uses what was identified."""
+    """Return the section of a study that uses the identified parameters."""
     values = fit.component.items()
     told = [f"{name} = {toml_value(value)}" for name, value in values if name != "version" and value is not None]
     return [f"[{fit.kind}]", *told]
 
 
 def curve_text(curve: Curve) -> str:
-    """Return what a curve holds."""
+    """Return name, columns and number of points of a curve."""
     columns = ", ".join(f"{name} [{curve.units.get(name, '')}]" for name in curve.columns)
     return f"{curve.name}: {columns}, {len(next(iter(curve.columns.values()), ()))} points"

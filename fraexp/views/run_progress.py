@@ -1,55 +1,55 @@
-"""How far a run has come, in words and as a bar."""
+"""Progress of a run, in words and as a bar."""
 
-from fraexp.store import MOST_TOLD, RunSummary
+from fraexp.store import MAX_RUNNING_SHOWN, RunSummary
 from fraexp.views.pace import rate_text
-from fraexp.views.words import duration, plural
+from fraexp.views.words import duration_text, plural
 
 FULL, EMPTY = "█", "░"
 
 
-def finished(run: RunSummary) -> int:
-    """Return how many sweeps of a run have come to their end."""
+def finished_count(run: RunSummary) -> int:
+    """Return the number of finished sweeps of a run."""
     return run.computed + run.reused + run.failed
 
 
-def done(run: RunSummary) -> float:
-    """Return how many sweeps are done; of those that are running their share."""
+def done_count(run: RunSummary) -> float:
+    """Return the number of finished sweeps plus the finished fractions of running ones."""
     running = sum(run.progress.running.values()) if run.progress and run.state == "running" else 0.0
     told = run.reused + run.progress.done if run.progress and run.state == "running" else 0.0
-    return min(max(finished(run) + running, told), float(run.total))
+    return min(max(finished_count(run) + running, told), float(run.total))
 
 
-def share(run: RunSummary) -> float:
-    """Return what part of a run is done."""
-    return done(run) / run.total if run.total else 1.0
+def done_fraction(run: RunSummary) -> float:
+    """Return the finished fraction of a run."""
+    return done_count(run) / run.total if run.total else 1.0
 
 
-def bar(part: float, width: int) -> str:
-    """Return a bar of a width that is full to a part; it is only full when all is done."""
+def bar_text(part: float, width: int) -> str:
+    """Return a progress bar; it is full only when all is done."""
     full = width if part >= 1 else min(int(part * width), width - 1)
     return FULL * full + EMPTY * (width - full)
 
 
 def progress_text(run: RunSummary, rate: float | None, width: int = 20) -> str:
-    """Return a bar with percentage and counts; while it runs, with speed and time left."""
-    part, count = share(run), finished(run)
+    """Return a bar with percentage and counts; while the run lasts, with rate and time left."""
+    part, count = done_fraction(run), finished_count(run)
     parts = [f"{count} of {plural(run.total, 'sweep')}"]
     if run.state == "running":
         if run.progress and run.progress.doing:
             parts.append(run.progress.doing)
         if run.progress and run.progress.running:
             running = len(run.progress.running)
-            parts.append(f"{running} or more under way" if running >= MOST_TOLD else f"{running} under way")
+            parts.append(f"{running} or more in progress" if running >= MAX_RUNNING_SHOWN else f"{running} in progress")
         if rate:
-            parts += [rate_text(rate), f"about {duration((run.total - done(run)) / rate)} left"]
-        if run.progress:
+            parts += [rate_text(rate), f"about {duration_text((run.total - done_count(run)) / rate)} left"]
+        if run.progress and run.progress.workers:
             parts.append(plural(run.progress.workers, "worker"))
     percent = 100 if count >= run.total else min(int(100 * part), 99)
-    return f"{bar(part if count < run.total else 1.0, width)} {percent:3d} %  {', '.join(parts)}"
+    return f"{bar_text(part if count < run.total else 1.0, width)} {percent:3d} %  {', '.join(parts)}"
 
 
 def counts_text(run: RunSummary) -> str:
-    """Return what has become of the sweeps so far."""
-    pending = run.total - finished(run)
+    """Return how many sweeps were computed and reused, how many failed, and how many are left."""
+    pending = run.total - finished_count(run)
     left = f", {pending} to do" if pending else ""
     return f"{run.computed} computed, {run.reused} reused, {run.failed} failed{left}"

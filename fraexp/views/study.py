@@ -1,27 +1,26 @@
-"""Studies as a list shows them: what running each of them would do, and how its last run went."""
+"""Studies in a list: what running each of them would compute, and its last run."""
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
 
 from fraexp.errors import FraexpError, StoreError
 from fraexp.execution.events import Planned
 from fraexp.store import RunSummary
-from fraexp.study.catalogue import FIRST, StudyEntry
+from fraexp.study.catalogue import FIRST_STUDY, StudyEntry
 from fraexp.study.sections import SECTIONS
-from fraexp.views.fields import toml_value, took
-from fraexp.views.pace import expected_time
-from fraexp.views.words import moment, plural
+from fraexp.views.fields import run_duration_text, toml_value
+from fraexp.views.pace import expected_time_text
+from fraexp.views.words import plural, timestamp_text
 from fraexp.workspace.workspace import Workspace
 
 STUDY_COLUMNS = ["study", "title", "state", "sweeps", "last run"]
-MANY = 12
-"""Values of an axis, and cases, of which the first ones are shown."""
+MAX_SHOWN_VALUES = 12
+"""Maximum number of values of an axis, and of cases, that are shown."""
 
 
 @dataclass(frozen=True)
-class Surveyed:
-    """What running a study would do."""
+class StudySurvey:
+    """What running a study would compute."""
 
     name: str
     total: int = 0
@@ -45,39 +44,39 @@ class Surveyed:
         return "complete" if not self.missing else "partial" if self.reused else "new"
 
 
-def surveyed(workspace: Workspace, entry: StudyEntry) -> Surveyed:
-    """Return what running a study would do; a study that cannot be run is an answer too.
+def survey_study(workspace: Workspace, entry: StudyEntry) -> StudySurvey:
+    """Return what running a study would compute, or why it cannot be run.
 
-    StoreError if the database cannot be read, which is no fault of a study.
+    StoreError if the database cannot be read, which is not a fault of the study.
     """
     if entry.error:
-        return Surveyed(entry.name, error=entry.error)
+        return StudySurvey(entry.name, error=entry.error)
     try:
         planned = workspace.plan(str(entry.file.absolute()))[1][0]
     except StoreError:
         raise
     except FraexpError as error:
-        return Surveyed(entry.name, error=str(error))
-    except Exception as error:  # a stranger's plugin may raise anything; the other studies are listed
-        return Surveyed(entry.name, error=f"{type(error).__name__}: {' '.join(str(error).split())}")
-    return surveyed_plan(entry.name, planned)
+        return StudySurvey(entry.name, error=str(error))
+    except Exception as error:  # a plugin may raise anything; the other studies are still listed
+        return StudySurvey(entry.name, error=f"{type(error).__name__}: {' '.join(str(error).split())}")
+    return survey_plan(entry.name, planned)
 
 
-def surveyed_plan(name: str, planned: Planned) -> Surveyed:
-    """Return what a plan says of a study."""
+def survey_plan(name: str, planned: Planned) -> StudySurvey:
+    """Return the survey of a study from its plan."""
     numbers = (planned.total, planned.reused, planned.missing, planned.stale, planned.seconds, planned.compiling)
-    return Surveyed(name, *numbers)
+    return StudySurvey(name, *numbers)
 
 
-def survey(
-    workspace: Workspace, entries: Iterable[StudyEntry], first: Collection[str] = (FIRST,)
-) -> Iterator[Surveyed]:
-    """Yield what running each of the studies would do: those that come `first`, then the small ones."""
+def survey_studies(
+    workspace: Workspace, entries: Iterable[StudyEntry], first: Collection[str] = (FIRST_STUDY,)
+) -> Iterator[StudySurvey]:
+    """Yield the survey of each study: those named in `first`, then the others by size."""
     for entry in sorted(entries, key=lambda one: (one.name not in first, one.size)):
-        yield surveyed(workspace, entry)
+        yield survey_study(workspace, entry)
 
 
-def newest(runs: Iterable[RunSummary]) -> dict[str, RunSummary]:
+def newest_runs(runs: Iterable[RunSummary]) -> dict[str, RunSummary]:
     """Return the newest run of each study."""
     found: dict[str, RunSummary] = {}
     for run in runs:
@@ -86,8 +85,8 @@ def newest(runs: Iterable[RunSummary]) -> dict[str, RunSummary]:
     return found
 
 
-def study_state(entry: StudyEntry, found: Surveyed | None, last: RunSummary | None) -> str:
-    """Return a study's state in a word; empty while it is not known."""
+def study_state(entry: StudyEntry, found: StudySurvey | None, last: RunSummary | None) -> str:
+    """Return the state of a study in one word; empty while unknown."""
     if entry.error:
         return "broken"
     if last and last.state == "running":
@@ -95,12 +94,12 @@ def study_state(entry: StudyEntry, found: Surveyed | None, last: RunSummary | No
     return found.state if found else ""
 
 
-def run_words(run: RunSummary | None) -> str:
+def run_text(run: RunSummary | None) -> str:
     """Return number, state and time of a run."""
-    return f"run {run.number} {run.state}, {moment(run.started)[:16]}" if run else ""
+    return f"run {run.number} {run.state}, {timestamp_text(run.started)[:16]}" if run else ""
 
 
-def study_row(entry: StudyEntry, found: Surveyed | None, last: RunSummary | None) -> list[str]:
+def study_row(entry: StudyEntry, found: StudySurvey | None, last: RunSummary | None) -> list[str]:
     """Return the cells of a study under `STUDY_COLUMNS`."""
     total = found.total if found and not found.error else entry.size
     return [
@@ -108,11 +107,11 @@ def study_row(entry: StudyEntry, found: Surveyed | None, last: RunSummary | None
         entry.title,
         study_state(entry, found, last),
         "" if entry.error else str(total),
-        run_words(last),
+        run_text(last),
     ]
 
 
-def study_document(entry: StudyEntry, found: Surveyed | None, last: RunSummary | None) -> dict[str, Any]:
+def study_document(entry: StudyEntry, found: StudySurvey | None, last: RunSummary | None) -> dict[str, object]:
     """Return a study as plain data."""
     return {
         "study": entry.name,
@@ -120,46 +119,46 @@ def study_document(entry: StudyEntry, found: Surveyed | None, last: RunSummary |
         "question": entry.question,
         "file": str(entry.file),
         "state": study_state(entry, found, last),
-        **{key: value for key, value in asdict(found or Surveyed(entry.name)).items() if key != "name"},
+        **{key: value for key, value in asdict(found or StudySurvey(entry.name)).items() if key != "name"},
         "last_run": last.number if last else None,
     }
 
 
-def would_do(found: Surveyed) -> str:
-    """Return in one line what running a study would do."""
-    time = expected_time(found.seconds, found.compiling)
+def plan_summary(found: StudySurvey) -> str:
+    """Return in one line what running a study would compute."""
+    time = expected_time_text(found.seconds, found.compiling)
     stale = f" ({found.stale} stale)" if found.stale else ""
     return f"{plural(found.total, 'sweep')}: {found.reused} reused{stale}, {found.missing} to compute{time}"
 
 
-def study_fields(entry: StudyEntry, found: Surveyed | None, last: RunSummary | None) -> list[tuple[str, str]]:
-    """Return what a study is about, as names and values; what its file does not say is left out."""
+def study_fields(entry: StudyEntry, found: StudySurvey | None, last: RunSummary | None) -> list[tuple[str, str]]:
+    """Return names and values that describe a study; empty values are not shown."""
     data = entry.data
     error = entry.error or (found.error if found else "")
     return [
         ("error", error),
-        ("asks", entry.question),
+        ("question", entry.question),
         ("machine", str(data.get("machine", ""))),
         *[(f"grid {path}", axis_text(values)) for path, values in _table(data.get("grid")).items()],
-        *([("cases", _cases(data["case"]))] if isinstance(data.get("case"), list) else []),
-        *([("random", f"{data['random'].get('count')} draws")] if isinstance(data.get("random"), Mapping) else []),
+        *([("cases", _cases_text(data["case"]))] if isinstance(data.get("case"), list) else []),
+        *[("monte_carlo", f"{of.get('count')} samples") for of in [data.get("monte_carlo")] if isinstance(of, Mapping)],
         *[(key, section_text(data[key])) for key in SECTIONS if key in data],
-        ("running it", would_do(found) if found and not error else ""),
-        ("last run", _last(last)),
+        ("plan", plan_summary(found) if found and not error else ""),
+        ("last run", _last_run_text(last)),
         ("file", str(entry.file)),
     ]
 
 
-def axis_text(values: Any) -> str:
-    """Return the values of a grid's axis in short."""
+def axis_text(values: object) -> str:
+    """Return the values of a grid axis in short."""
     if not isinstance(values, list):
         return str(values)
-    more = f", … ({len(values)} values)" if len(values) > MANY else ""
-    return ", ".join(section_text(value) for value in values[:MANY]) + more
+    more = f", … ({len(values)} values)" if len(values) > MAX_SHOWN_VALUES else ""
+    return ", ".join(section_text(value) for value in values[:MAX_SHOWN_VALUES]) + more
 
 
-def section_text(value: Any) -> str:
-    """Return a section in short: the component's name, then what is set of it."""
+def section_text(value: object) -> str:
+    """Return a section in short: the name of the component, then its settings."""
     if not isinstance(value, Mapping):
         return toml_value(value) if not isinstance(value, str) else value
     rest = ", ".join(f"{key} = {toml_value(item)}" for key, item in value.items() if key != "name")
@@ -167,19 +166,19 @@ def section_text(value: Any) -> str:
     return f"{name} ({rest})" if name and rest else name or rest
 
 
-def _table(value: Any) -> Mapping[str, Any]:
+def _table(value: object) -> Mapping[str, object]:
     return value if isinstance(value, Mapping) else {}
 
 
-def _cases(cases: Sequence[Any]) -> str:
+def _cases_text(cases: Sequence[object]) -> str:
     labels = [str(_table(case).get("label", "?")) for case in cases]
-    more = f"; … ({len(labels)} cases)" if len(labels) > MANY else ""
-    return "; ".join(labels[:MANY]) + more
+    more = f"; … ({len(labels)} cases)" if len(labels) > MAX_SHOWN_VALUES else ""
+    return "; ".join(labels[:MAX_SHOWN_VALUES]) + more
 
 
-def _last(run: RunSummary | None) -> str:
+def _last_run_text(run: RunSummary | None) -> str:
     if run is None:
         return ""
     failed = f", {run.failed} failed" if run.failed else ""
-    time = f", took {took(run)}" if run.ended else ""
-    return f"{run_words(run)}: {run.computed} computed, {run.reused} reused{failed}{time}"
+    time = f", took {run_duration_text(run)}" if run.ended else ""
+    return f"{run_text(run)}: {run.computed} computed, {run.reused} reused{failed}{time}"

@@ -1,31 +1,33 @@
-"""Numbers, times and nested data as people read them."""
+"""Numbers, times and nested data as text."""
 
 import math
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 from typing import Any
 
-LONG = 4
-"""Lists with more values are shown by their ends."""
+from fraexp.data.frequency_text import frequency_text
+
+MAX_LIST_ITEMS = 4
+"""Maximum number of list items shown; of longer lists the ends are."""
 
 
-def number(value: float | None, digits: int = 6) -> str:
-    """Return a number in short; ``-`` where it is unknown."""
+def number_text(value: float | None, digits: int = 6) -> str:
+    """Return a number in short; ``-`` if unknown."""
     return "-" if value is None or not math.isfinite(value) else f"{value:.{digits}g}"
 
 
-def fixed(value: float, decimals: int) -> str:
-    """Return a number with fixed decimals; ``-`` where it is unknown."""
+def fixed_text(value: float, decimals: int) -> str:
+    """Return a number with fixed decimals; ``-`` if unknown."""
     return f"{round(value, decimals) + 0.0:.{decimals}f}" if math.isfinite(value) else "-"  # + 0.0: never -0.00
 
 
-def moment(time: datetime | None) -> str:
+def timestamp_text(time: datetime | None) -> str:
     """Return a point in time, in the local time zone."""
     return "" if time is None else time.astimezone().strftime("%Y-%m-%d %H:%M:%S")
 
 
-def duration(seconds: float) -> str:
-    """Return a duration [s] in the two units that matter."""
+def duration_text(seconds: float) -> str:
+    """Return a duration [s] in its two leading units."""
     if seconds < 60:
         return f"{seconds:.2g} s" if seconds < 10 else f"{seconds:.0f} s"
     whole = round(seconds)
@@ -35,17 +37,17 @@ def duration(seconds: float) -> str:
 
 
 def plural(count: int, word: str, many: str = "") -> str:
-    """Return a count with its word: ``1 sweep``, ``2 sweeps``; `many` where an s does not do."""
+    """Return a count with its word: ``1 sweep``, ``2 sweeps``; `many` where adding s is wrong."""
     return f"{count} {word if count == 1 else many or f'{word}s'}"
 
 
-def short(key: str) -> str:
-    """Return the part of a sweep's key that people type."""
+def short_key(key: str) -> str:
+    """Return the short form of a sweep key, which users type."""
     return key.partition("-")[2][:8]
 
 
-def without_segments(experiment: Mapping[str, Any]) -> dict[str, Any]:
-    """Return an experiment in which a record's segments are one line: how many, and over which frequencies."""
+def summarise_segments(experiment: Mapping[str, Any]) -> dict[str, Any]:
+    """Return an experiment in which the segments of a record are one text: their number and frequency range."""
     record = experiment.get("record", {})
     segments = record.get("segments")
     if not isinstance(segments, list) or not segments:
@@ -60,33 +62,33 @@ def _segments_text(segments: Sequence[Mapping[str, Any]]) -> str:
         if segment.get("samples") and segment.get("sample_time")
         for line in segment.get("lines") or ()
     ]
-    span = f", {number(min(lines), 4)} to {number(max(lines), 4)} Hz" if lines else ""
+    span = f", {frequency_text(lines)}" if lines else ""
     return f"{plural(len(segments), 'segment')}{span}"
 
 
-def flat(data: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+def flatten(data: Mapping[str, object], prefix: str = "") -> dict[str, object]:
     """Return nested data by dotted path; a list of plain values is one value."""
-    found: dict[str, Any] = {}
+    found: dict[str, object] = {}
     for key, value in data.items():
-        inner = _numbered(value)
+        inner = _index_items(value)
         if isinstance(inner, Mapping) and inner:
-            found |= flat(inner, f"{prefix}{key}.")
+            found |= flatten(inner, f"{prefix}{key}.")
         else:
             found[f"{prefix}{key}"] = inner
     return found
 
 
-def _numbered(value: Any) -> Any:
+def _index_items(value: Any) -> Any:
     nested = isinstance(value, list) and any(isinstance(item, Mapping | list) for item in value)
     return {str(index): item for index, item in enumerate(value)} if nested else value
 
 
-def value_text(value: Any) -> str:
+def value_text(value: object) -> str:
     """Return one value of `flat` in short."""
     if isinstance(value, list):
         texts = [value_text(item) for item in value]
-        ends = texts if len(texts) <= LONG else [texts[0], "...", texts[-1]]
-        return f"[{', '.join(ends)}]" + (f" ({len(texts)} values)" if len(texts) > LONG else "")
+        ends = texts if len(texts) <= MAX_LIST_ITEMS else [texts[0], "...", texts[-1]]
+        return f"[{', '.join(ends)}]" + (f" ({len(texts)} values)" if len(texts) > MAX_LIST_ITEMS else "")
     if isinstance(value, float):
         return f"{value:.10g}"
     if isinstance(value, bool):

@@ -1,1 +1,1 @@
-"""The folder that a user sees, as one object: the service that every face calls."""
+"""A workspace folder as one object: the service that command line and terminal UI call."""

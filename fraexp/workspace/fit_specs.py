@@ -1,7 +1,7 @@
-"""Models that were identified: fitted to stored responses, and as matrices for other programs."""
+"""Fits of plant models to stored responses, as estimator specifications, and fitted plants as matrices."""
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -10,51 +10,53 @@ from fraexp.components.registry import Registry, create
 from fraexp.data import toml
 from fraexp.data.results import Fit
 from fraexp.data.sweep import Sweep
-from fraexp.errors import StudyError, did_you_mean
+from fraexp.errors import FormerNameWarning, ParameterError, StudyError, did_you_mean
 from fraexp.store import StoredSweep
 
-ROUNDING = 1e-12
-"""Coefficients below this share of the greatest one are those of rounding."""
-METHOD = "method"
-"""Parameter of an estimator that fits: the estimator of the response."""
+COEFFICIENT_ROUNDING = 1e-12
+"""Coefficients below this fraction of the greatest one are rounding."""
+METHOD_PARAMETER = "method"
+"""Parameter of a fitting estimator that holds the estimator of the response."""
 
 
-def estimator(registry: Registry, name: str = "") -> str:
-    """Return the name of the estimator that fits a plant: the one of this name, or the one that there is."""
-    fitting = [
-        known
-        for known in registry.names(Estimator.kind)
-        if registry.supply(Estimator.kind, known).component.fits  # type: ignore[attr-defined]
-    ]
+def fit_estimator(registry: Registry, name: str = "") -> str:
+    """Return the name of the estimator that fits a plant: the given one, or the only one."""
+    estimators = {known: registry.provider(Estimator.kind, known).component for known in registry.names(Estimator.kind)}
+    fitting = [known for known, component in estimators.items() if issubclass(component, Estimator) and component.fits]
     if name:
         if name not in fitting:
-            raise StudyError(f"fit: no estimator that fits is called '{name}'{did_you_mean(name, fitting)}")
+            raise StudyError(f"fit: no fitting estimator is called '{name}'{did_you_mean(name, fitting)}")
         return name
     if len(fitting) != 1:
         raise StudyError(
-            f"fit: found {len(fitting)} estimators that fit; choose by --using one of {', '.join(fitting)}"
+            f"fit: found {len(fitting)} fitting estimators; choose one with --estimator: {', '.join(fitting)}"
         )
     return fitting[0]
 
 
-def wrapped(
+def as_fit_sweeps(
     sweeps: Sequence[StoredSweep],
     fitting: str,
     settings: Sequence[str],
     registry: Registry,
     files: Callable[[StoredSweep], Mapping[str, str]],
 ) -> tuple[Sweep, ...]:
-    """Return the sweeps with their estimators inside of the one that fits, which keeps what a study's own fit had set.
+    """Return the sweeps with their estimators inside the fitting one, which inherits the settings of a study's own fit.
 
-    A setting without a value, such as ``modes=``, is the default.
+    A setting without a value, such as ``modes=``, restores the default.
     """
-    given = dict(_setting(text) for text in settings)
+    given = _current_settings(registry, fitting, settings, tell=True)
     found = []
     for sweep in sweeps:
-        inner = sweep.estimator[METHOD] if sweep.estimator["name"] == fitting else sweep.estimator
+        inner = sweep.estimator[METHOD_PARAMETER] if sweep.estimator["name"] == fitting else sweep.estimator
         place = f"fit of {sweep.key[4:12]}"
         environment = {key: value for key, value in sweep.experiment.items() if key != "source"}
-        wanted = {"name": fitting, METHOD: inner, **taken_over(sweep, fitting, (), registry), **given}
+        wanted = {
+            "name": fitting,
+            METHOD_PARAMETER: inner,
+            **inherited_fit_settings(sweep, fitting, (), registry),
+            **given,
+        }
         wanted = {key: value for key, value in wanted.items() if value is not None}
         spec = registry.create(Estimator.kind, wanted, environment, place).spec()
         labels = sweep.labels or {"fit of": sweep.key[4:12]}
@@ -62,12 +64,14 @@ def wrapped(
     return tuple({sweep.key: sweep for sweep in found}.values())
 
 
-def taken_over(sweep: StoredSweep, fitting: str, settings: Sequence[str], registry: Registry) -> dict[str, Any]:
-    """Return what a sweep's own fit had set other than the default, without what `settings` give anew."""
+def inherited_fit_settings(
+    sweep: StoredSweep, fitting: str, settings: Sequence[str], registry: Registry
+) -> dict[str, object]:
+    """Return the settings of a sweep's own fit that differ from the defaults and are not in `settings`."""
     if sweep.estimator["name"] != fitting:
         return {}
-    anew = {METHOD, *(_setting(text)[0] for text in settings)}
-    parameters = registry.supply(Estimator.kind, fitting).component.model_fields
+    anew = {METHOD_PARAMETER, *_current_settings(registry, fitting, settings)}
+    parameters = registry.provider(Estimator.kind, fitting).component.model_fields
     return {
         name: value
         for name, value in sweep.estimator.items()
@@ -75,8 +79,23 @@ def taken_over(sweep: StoredSweep, fitting: str, settings: Sequence[str], regist
     }
 
 
-def _setting(text: str) -> tuple[str, Any]:
-    """Return path and value of a setting; None, which stands for the default, if it has none."""
+def _current_settings(
+    registry: Registry, fitting: str, settings: Sequence[str], tell: bool = False
+) -> dict[str, object]:
+    """Return the values of settings under the names of today; `tell`: warn of former names."""
+    given = dict(_parse_setting(text) for text in settings)
+    try:
+        current = registry.provider(Estimator.kind, fitting).component.with_current_names(given)
+    except ParameterError as error:
+        raise StudyError(f"--set: {error}") from None
+    for old, new in zip(given, current, strict=True):
+        if tell and old != new:
+            warnings.warn(f"--set: {old} is now {new}", FormerNameWarning, stacklevel=3)
+    return current
+
+
+def _parse_setting(text: str) -> tuple[str, object]:
+    """Return path and value of a setting; the value None stands for the default."""
     path, equals, value = text.partition("=")
     if not equals or not path.strip():
         raise StudyError(f"--set {text}: expected PARAMETER=VALUE, such as modes=2")
@@ -88,12 +107,12 @@ def _setting(text: str) -> tuple[str, Any]:
         return path.strip(), value.strip()
 
 
-def matrices(fit: Fit, registry: Registry) -> dict[str, Any]:
-    """Return ẋ = A x + B u, y = C x, and P(s) in descending powers of s, of a fitted plant, and its dead time."""
-    plant = create(registry, Plant, fit.component).state_space()  # type: ignore[type-abstract]
+def matrices(fit: Fit, registry: Registry) -> dict[str, object]:
+    """Return ẋ = A x + B u, y = C x, P(s) in descending powers of s, and the dead time of a fitted plant."""
+    plant = create(registry, Plant, fit.component).state_space()
     denominator = np.poly(plant.a)
     numerator = np.poly(plant.a - np.outer(plant.b, plant.c)) - denominator  # det(sI - A + BC) - det(sI - A)
-    numerator[np.abs(numerator) < ROUNDING * np.abs(numerator).max()] = 0.0  # below the relative degree
+    numerator[np.abs(numerator) < COEFFICIENT_ROUNDING * np.abs(numerator).max()] = 0.0  # below the relative degree
     known = dict(zip(fit.parameters, fit.values, strict=True))
     return {
         "a": plant.a,

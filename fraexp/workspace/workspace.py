@@ -1,78 +1,49 @@
-"""The folder that a user sees, as one object: the service that command line, terminal UI and notebooks call."""
+"""A workspace as one object: the service that command line, terminal UI and notebooks call."""
 
 import platform
 import shlex
-from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fraexp.components.kinds import Plant
-from fraexp.components.registry import Registry, discover
-from fraexp.data.identity import key_of
+from fraexp.data.atomic_file import atomic_file
 from fraexp.data.results import Result
-from fraexp.errors import FraexpError, StoreError, StudyError
+from fraexp.data.sweep import experiment_key
+from fraexp.errors import FraexpError, StudyError
 from fraexp.execution import background, provenance, scheduler
-from fraexp.execution.estimates.learning import timed_figures
+from fraexp.execution.database_retry import DatabaseRetry
+from fraexp.execution.estimates.learning import draw_timed
 from fraexp.execution.events import Ended, Event, Planned
-from fraexp.execution.executors import ResourceLimits, workers_of
-from fraexp.records.written import Request, same_study, study_of, toml
-from fraexp.reports import html_report
+from fraexp.execution.executors import ResourceLimits, worker_count
+from fraexp.records.study_writer import ImportRequest, is_same_study, study_data, study_text
+from fraexp.reports.html_report import gather_chapter, write_report
 from fraexp.reports.stored_figures import StoredFigures
 from fraexp.store import RunSummary, Store, StoredSweep
 from fraexp.study.catalogue import StudyEntry, catalogue
-from fraexp.study.paths import units_of
 from fraexp.study.published_values import PublishedComparison
 from fraexp.study.study_file import Study, find_studies, load, outline, resolve
 from fraexp.workspace import fit_specs
+from fraexp.workspace.workspace_folder import WorkspaceFolder
+
+if TYPE_CHECKING:
+    from fraexp.study.rewriting import Rewritten
 
 
 @dataclass(frozen=True)
-class Workspace:
-    """A folder with ``plugins/``, ``studies/`` and ``results.db``, each of which may be missing."""
-
-    folder: Path
-    database: str
-
-    @classmethod
-    def open(cls, folder: str | Path, database: str | None = None) -> "Workspace":
-        """Open a folder; the database is ``results.db`` in it, unless a path or URL is given."""
-        root = Path(folder)
-        if not root.is_dir():
-            raise StudyError(f"{root}: there is no such folder to work in")
-        return cls(root, str(database or root / "results.db"))
-
-    @cached_property
-    def registry(self) -> Registry:
-        """All components: installed ones and those in the workspace's ``plugins/``."""
-        return discover(self.folder / "plugins")
+class Workspace(WorkspaceFolder):
+    """A workspace that resolves, runs, fits and draws studies."""
 
     @property
     def figures(self) -> StoredFigures:
-        """What draws stored results."""
+        """The figures of stored results."""
         return StoredFigures(self.registry)
 
-    def reload(self) -> None:
-        """Look at the plugins again: one may have been added, mended or broken since."""
-        self.__dict__.pop("registry", None)
-
-    def units(self, path: str) -> set[str]:
-        """Return the units in which a parameter may be declared: for filters."""
-        return units_of(path, self.registry)
-
-    def has_database(self) -> bool:
-        """Return whether there is a database already; the first run makes it."""
-        if "://" not in self.database:
-            return Path(self.database).exists()
-        try:
-            return Store.exists(self.database)
-        except StoreError:  # whoever opens it is told
-            return True
-
     def catalogue(self) -> list[StudyEntry]:
-        """Return the studies that there are, read but not resolved."""
+        """Return all studies, read but not resolved."""
         return catalogue(self.folder)
 
     def studies(self, names: Sequence[str], overrides: Sequence[str] = ()) -> list[Study]:
@@ -89,19 +60,20 @@ class Workspace:
         rerun: str | None = None,
         limits: ResourceLimits | None = None,
     ) -> Generator[Event, None, None]:
-        """Run studies one after another and yield events; closing the generator interrupts and keeps what is done.
+        """Run studies one after another and yield events; closing the generator interrupts the run.
 
-        All studies are resolved before the first one starts, and nothing is written if one of them is wrong.
+        Finished sweeps are kept. All studies are resolved before the first one starts, and nothing is written if one of
+        them is invalid.
         """
-        workers_of(executor or "processes")
+        worker_count(executor or "processes")
         limits = limits or ResourceLimits()
         limits.check(executor)
         resolved = self.studies(names := list(studies), overrides)
         if dry_run:
-            yield from self._plans(resolved, rerun, executor=executor, limits=limits)
+            yield from self._plan_events(resolved, rerun, executor=executor, limits=limits)
             return
         command = shlex.join(["fraexp", "run", *names, *(f"--set={text}" for text in overrides)])
-        with Store.open(self.database, create=True) as store:
+        with self.open_store("create") as store:
             for study in resolved:
                 yield from self._run_one(study, store, command, executor, rerun, limits)
 
@@ -122,11 +94,13 @@ class Workspace:
             limits=limits,
             rerun=rerun,
             command=command,
-            provenance=provenance.gather() | ({"executor": executor} if executor else {}),
+            provenance=provenance.gather_provenance() | ({"executor": executor} if executor else {}),
             plugins=str(self.folder / "plugins"),
         )
-        for event in events:
-            yield self._illustrated(event, study, store) if isinstance(event, Ended) else event
+        retry = DatabaseRetry(timeout=(limits or ResourceLimits()).database)
+        with closing(events):
+            for event in events:
+                yield (yield from self._draw_ended(event, study, store, retry)) if isinstance(event, Ended) else event
 
     def fit(
         self, sweeps: Sequence[StoredSweep], name: str, settings: Sequence[str] = (), using: str = ""
@@ -136,61 +110,72 @@ class Workspace:
         `settings` are texts such as ``modes=2`` for the estimator that fits: the one called `using`, or the one that
         there is.
         """
-        fitting = fit_specs.estimator(self.registry, using)
-        wrapped = fit_specs.wrapped(sweeps, fitting, settings, self.registry, self._files)
+        fitting = fit_specs.fit_estimator(self.registry, using)
+        wrapped = fit_specs.as_fit_sweeps(sweeps, fitting, settings, self.registry, self._record_files)
         study = Study(name, Path(name), f"Fit of {name.removesuffix('-fit')}", "", wrapped)
-        with Store.open(self.database, create=True) as store:
+        with self.open_store("create") as store:
             yield from self._run_one(study, store, shlex.join(["fraexp", "fit", *(s.key[4:12] for s in sweeps)]))
 
-    def _files(self, sweep: StoredSweep) -> Mapping[str, str]:
-        """Return where the files are that a sweep names: its studies know."""
+    def _record_files(self, sweep: StoredSweep) -> Mapping[str, str]:
+        """Return the files of a sweep's record, which the study of one of its runs names."""
         if "record" not in sweep.experiment:
             return {}
-        with Store.open(self.database, read_only=True) as store:
+        with self.open_store() as store:
             runs = [run for run in store.runs() if any(of.key == sweep.key for of in store.sweeps(run.number))]
         for run in runs:
             if Path(run.study_file).is_file():
                 study = load(run.study, Path(run.study_file), self.folder, self.registry)
                 for found in study.sweeps:
-                    if found.experiment_key == key_of(sweep.experiment):
+                    if found.experiment_key == experiment_key(sweep.experiment):
                         return found.files
-        raise StudyError(f"sweep {sweep.key[4:12]}: the study that knows where its record is has gone or has changed")
+        raise StudyError(
+            f"sweep {sweep.key[4:12]}: the study that names its record was deleted or changed; run that study again"
+        )
 
-    def models(self, result: Result) -> dict[str, dict[str, Any]]:
-        """Return state space and transfer function of the plants that were fitted, by kind."""
+    def models(self, result: Result) -> dict[str, dict[str, object]]:
+        """Return state space and transfer function of fitted plants, by kind."""
         return {fit.kind: fit_specs.matrices(fit, self.registry) for fit in result.fits if fit.kind == Plant.kind}
 
-    def import_record(self, request: Request, target: Path | None = None) -> Generator[Event, None, None]:
+    def import_record(self, request: ImportRequest, target: Path | None = None) -> Generator[Event, None, None]:
         """Write a study that analyses measured records, and run it.
 
-        The study is ``studies/<name of the first file>.toml`` unless told otherwise; nothing is written if a record
-        does not fit.
+        The study is ``studies/<name of the first file>.toml`` unless `target` is given; nothing is written if a record
+        is invalid.
         """
         path = target or self.folder / "studies" / f"{request.stem}.toml"
-        data = study_of(request, path.parent, self.registry)
+        data = study_data(request, path.parent, self.registry)
         resolve(path.stem, path, data, self.folder, self.registry)
-        if path.exists() and not same_study(path, data):
-            raise StudyError(f"{path}: there is another study already; choose a file with --study")
+        if path.exists() and not is_same_study(path, data):
+            raise StudyError(f"{path}: a different study is in this file; choose another file with --study")
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(toml(data), encoding="utf-8")
+        with atomic_file(path) as draft:
+            draft.write_text(study_text(data), encoding="utf-8")
         yield from self.run([str(path.resolve())])
+
+    def rewrite_studies(self, files: Sequence[Path] = ()) -> "Iterator[Rewritten]":
+        """Replace former names in study files, all of the workspace if none is given; yield what was done to each."""
+        from fraexp.study.rewriting import rewrite_all  # which needs a TOML writer that nothing else here does
+
+        return rewrite_all(files, self.folder, self.registry)
 
     def plan(
         self, study: str, overrides: Sequence[str] = (), rerun: str | None = None, executor: str | None = None
     ) -> tuple[list[Study], list[Planned]]:
-        """Return studies by name, file or folder, resolved, and what running them would do; nothing is written."""
+        """Return studies by name, file or folder, resolved, and the plans of running them; nothing is written."""
         resolved = self.studies([study], overrides)
-        store = Store.open(self.database, read_only=True) if self.has_database() else None
+        store = self.open_store() if self.has_database() else None
         try:
             return resolved, [scheduler.plan(of, store, self.registry, rerun, executor=executor)[1] for of in resolved]
         finally:
             if store:
                 store.close()
 
-    def outline(self, study: str, overrides: Sequence[str] = ()) -> tuple[list[dict[str, Any]], dict[str, list[Any]]]:
-        """Return what a study's cases write into their sections, and the axes of its grid; nothing is resolved."""
+    def outline(
+        self, study: str, overrides: Sequence[str] = ()
+    ) -> tuple[list[dict[str, object]], dict[str, list[object]]]:
+        """Return the sections of each case of a study as written, and the axes of its grid; nothing is resolved."""
         ((_, file),) = find_studies(study, self.folder)[:1]
-        return outline(file, self.folder, overrides)
+        return outline(file, self.folder, self.registry, overrides)
 
     def launch(
         self,
@@ -199,11 +184,18 @@ class Workspace:
         executor: str | None = None,
         rerun: str | None = None,
         limits: ResourceLimits | None = None,
+        is_awaited: bool = False,
     ) -> background.BackgroundRun:
-        """Start a run of one or several studies that outlives this process, as ``fraexp run --detach`` does."""
+        """Start a run of one or several studies that outlives this process, as ``fraexp run --detach`` does.
+
+        If `is_awaited`, the caller waits for it to begin.
+        """
         options = limits.options() if limits else []
         return background.start(
-            [*self._command(study, overrides, executor, rerun), *options, *self.place()], self.folder
+            [*self._command(study, overrides, executor, rerun), *options, *self.location_options()],
+            self.folder,
+            self.location_environment(),
+            is_awaited=is_awaited,
         )
 
     def command(
@@ -224,46 +216,47 @@ class Workspace:
         options += [f"--rerun={rerun}"] if rerun else []
         return ["run", *([study] if isinstance(study, str) else study), *options]
 
-    def place(self) -> list[str]:
-        """Return the options that name this workspace and its database from any folder."""
-        database = self.database if "://" in self.database else str(Path(self.database).absolute())
-        return [f"--workspace={self.folder.absolute()}", f"--db={database}"]
-
-    def stop(self, run: RunSummary, hard: bool = False) -> None:
-        """Ask a run to end and keep what is finished; `hard`, end its processes at once."""
+    def stop(self, run: RunSummary, kill: bool = False) -> None:
+        """Stop a run and keep finished sweeps; with `kill`, kill its processes at once."""
         if run.state != "running":
-            raise StudyError(f"run {run.number} is {run.state}; there is nothing to stop")
+            raise StudyError(f"run {run.number} is {run.state}; it cannot be stopped")
         if run.process.host != platform.node():
             raise StudyError(f"run {run.number} runs on {run.process.host}; stop it there")
-        background.stop(run.process.pid, hard)
+        background.stop(run.process.pid, kill)
 
-    def _plans(self, studies: Sequence[Study], rerun: str | None, **how: Any) -> Generator[Event, None, None]:
-        store = Store.open(self.database, read_only=True) if self.has_database() else None
+    def _plan_events(self, studies: Sequence[Study], rerun: str | None, **how: Any) -> Generator[Event, None, None]:
+        store = self.open_store() if self.has_database() else None
         for study in studies:
             yield from (scheduler.plan(study, store, self.registry, rerun, True, **how)[1], Ended(None, "dry"))
         if store:
             store.close()
 
-    def _illustrated(self, ended: Ended, study: Study, store: Store) -> Ended:
+    def _draw_ended(
+        self, ended: Ended, study: Study, store: Store, retry: DatabaseRetry
+    ) -> Generator[Event, None, Ended]:
+        """Draw the figures of a run that has ended, and return its event with them, or with why there are none."""
         try:
-            return replace(ended, figures=timed_figures(lambda: self._figures(study, store, ended.run)))
+            figures = yield from retry.call(lambda: draw_timed(lambda: self._draw_figures(study, store, ended.run)))
+            return replace(ended, figures=figures)
         except FraexpError as error:
             return replace(ended, note=str(error))
-        except Exception as error:  # whatever drawing runs into, the numbers are there and are worth more
+        except Exception as error:  # a figure is worth less than the run, whose results are stored
             return replace(ended, note=f"{type(error).__name__}: {error}")
 
-    def _figures(self, study: Study, store: Store, run: int | None) -> dict[Path, bool]:
+    def _draw_figures(self, study: Study, store: Store, run: int | None) -> dict[Path, bool]:
         path = self.folder / "figures" / f"{study.name}.png"
-        if not path.parent.resolve().is_relative_to(self.folder.resolve()):  # a workspace may come from a stranger
-            raise FraexpError(f"{path}: it lies outside of the workspace, by a link; draw it with 'fraexp plot'")
+        if not path.parent.resolve().is_relative_to(
+            self.folder.resolve()
+        ):  # a workspace from elsewhere may contain links
+            raise FraexpError(f"{path}: a link leads outside of the workspace; draw the figure with 'fraexp plot'")
         stored = {sweep.key: sweep for sweep in store.sweeps(run)} if run is not None else {}
         sweeps = [replace(stored[sweep.key], labels=dict(sweep.labels)) for sweep in study.sweeps]
         return self.figures.draw(store, sweeps, path, study.title, study.figure)
 
     def report(self, store: Store, runs: Sequence[int], path: Path, title: str) -> list[PublishedComparison]:
-        """Write an HTML report of runs, and return the printed numbers of their studies beside ours.
+        """Write an HTML report of runs, and return the published values of their studies compared with ours.
 
-        Their figures are those of the workspace; a run that is not its study's newest one leaves them as they are.
+        The newest run of a study updates its figure in the workspace; older runs are drawn elsewhere.
         """
         newest = {run.study: run.number for run in reversed(store.runs())}
         with TemporaryDirectory() as spare:
@@ -271,13 +264,12 @@ class Workspace:
             for number in runs:
                 current = number == newest[store.run(number).study]
                 folder = self.folder / "figures" if current else Path(spare) / str(number)
-                chapters.append(
-                    html_report.chapter(store, number, self.folder, self.registry, self._drawer(store, folder))
-                )
-            html_report.write(path, title, chapters)
+                drawer = self._drawing_function(store, folder)
+                chapters.append(gather_chapter(store, number, self.folder, self.registry, drawer))
+            write_report(path, title, chapters)
         return [one for chapter in chapters for one in chapter.compared]
 
-    def _drawer(self, store: Store, folder: Path) -> Callable[[Study, Sequence[StoredSweep]], Iterable[Path]]:
-        """Return what draws the sweeps of a study into a folder."""
+    def _drawing_function(self, store: Store, folder: Path) -> Callable[[Study, Sequence[StoredSweep]], Iterable[Path]]:
+        """Return a function that draws the sweeps of a study into a folder."""
         draw = self.figures.draw
         return lambda study, sweeps: draw(store, sweeps, folder / f"{study.name}.png", study.title, study.figure)

@@ -1,9 +1,9 @@
-"""The built-in components: ordinary plugins, one method a file, each imported when one of its components is used."""
+"""The built-in components: ordinary plugins, one a file, imported when they are used; helpers lie in `_shared`."""
 
 from fraexp.api import component_modules, hookimpl
 
 
 @hookimpl
 def fraexp_component_modules() -> dict[str, list[str]]:
-    """Return every module in this package, with the names of its components."""
+    """Return the modules of this package with the names of their components."""
     return component_modules(__name__, __path__)

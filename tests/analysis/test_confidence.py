@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from fraexp.analysis.confidence import circle_factor, interval_factor, inverse_covariance, limits, relative_deviations
+from fraexp.analysis.confidence import (
+    circle_factor,
+    confidence_limits,
+    interval_factor,
+    inverse_covariance,
+    relative_deviations,
+)
 from fraexp.data.results import FrequencyResponse
 
 
@@ -51,7 +57,7 @@ def test_bands_from_few_realisations_hold_the_truth_in_95_percent(realisations: 
     response = response_of(found, np.eye(2), freedom=freedom)
     response = replace(response, covariance=variance[:, None, None] / 2 * np.eye(2))
     inside = np.abs(found - truth) <= response.standard_deviation * circle_factor(freedom)
-    magnitude, phase = limits(response)
+    magnitude, phase = confidence_limits(response)
     size, turn = np.abs(truth / found), np.angle(truth / found)
     assert inside.mean() == pytest.approx(0.95, abs=0.006)  # 3.9 standard deviations of 20,000 draws
     assert np.mean((magnitude[0] < size) & (size < magnitude[1])) == pytest.approx(0.95, abs=0.006)
@@ -67,7 +73,7 @@ def test_the_deviations_are_those_along_and_across_the_response() -> None:
 
 def test_an_unknown_covariance_gives_no_limits() -> None:
     for known in ({}, {"model_covariance": np.full((1, 2, 2), np.nan)}):
-        magnitude, phase = limits(response_of([1 + 1j], np.full((2, 2), np.nan), **known))
+        magnitude, phase = confidence_limits(response_of([1 + 1j], np.full((2, 2), np.nan), **known))
         assert np.isnan(magnitude).all()
         assert np.isnan(phase).all()
 
@@ -88,7 +94,7 @@ def test_noise_and_model_add_in_the_inverse_response() -> None:
 def test_the_limits_are_the_extremes_of_the_ellipse_around_the_inverse() -> None:
     value = 0.5 * np.exp(-2.0j)
     covariance = np.array([[0.05, 0.03], [0.03, 0.04]])
-    magnitude, phase = limits(response_of([value], np.zeros((2, 2)), model_covariance=covariance[None]))
+    magnitude, phase = confidence_limits(response_of([value], np.zeros((2, 2)), model_covariance=covariance[None]))
     angle = np.linspace(0, 2 * np.pi, 100_001)
     edge = np.linalg.cholesky(covariance) @ np.stack([np.cos(angle), np.sin(angle)])
     reach = np.sqrt(stats.chi2.ppf(0.95, 2))  # of a covariance that is known
@@ -100,7 +106,7 @@ def test_the_limits_are_the_extremes_of_the_ellipse_around_the_inverse() -> None
 
 def test_a_response_may_be_infinite_where_the_ellipse_holds_the_origin() -> None:
     covariance = np.eye(2)[None]  # of 1/G = 1: √6 wide
-    magnitude, phase = limits(response_of([1.0], np.zeros((2, 2)), model_covariance=covariance))
+    magnitude, phase = confidence_limits(response_of([1.0], np.zeros((2, 2)), model_covariance=covariance))
     assert magnitude[1, 0] == np.inf
     assert magnitude[0, 0] == pytest.approx(1 / (1 + np.sqrt(stats.chi2.ppf(0.95, 2))), rel=1e-3)
     np.testing.assert_allclose(phase[:, 0], [-np.pi, np.pi])
@@ -112,7 +118,7 @@ def test_the_ellipse_holds_the_truth_in_95_percent() -> None:
     inverse = 1 / truth + rng.multivariate_normal([0, 0], covariance, 20_000) @ [1, 1j]
     found = 1 / inverse
     models = np.broadcast_to(covariance, (20_000, 2, 2))
-    magnitude, phase = limits(response_of(found, np.zeros((2, 2)), model_covariance=models))
+    magnitude, phase = confidence_limits(response_of(found, np.zeros((2, 2)), model_covariance=models))
     size, turn = np.abs(truth / found), np.angle(truth / found)
     both = (magnitude[0] <= size) & (size <= magnitude[1]) & (phase[0] <= turn) & (turn <= phase[1])
     # The box around an ellipse of 95 % holds more; each side alone is the shadow of the ellipse.

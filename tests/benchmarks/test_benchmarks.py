@@ -9,7 +9,7 @@ import pytest
 
 @pytest.mark.parametrize(
     ("script", "arguments"),
-    [("accuracy.py", []), ("friction.py", ["rolling", "gms", "elastoplastic"])],
+    [("accuracy.py", []), ("friction.py", ["rolling", "gms", "elastoplastic"]), ("controller_search.py", [])],
 )
 @pytest.mark.thorough
 def test_no_stated_accuracy_is_missed(checkout: Path, script: str, arguments: list[str]) -> None:

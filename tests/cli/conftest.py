@@ -10,7 +10,7 @@ import pytest
 
 from fraexp.data.results import Curve, FrequencyResponse, Metric, Outcome, Result
 from fraexp.data.sweep import Sweep
-from fraexp.store import Store, Supplied
+from fraexp.store import ComponentOrigin, Store
 from tests.waiting import HANG_TIMEOUT_S
 
 ROOT = Path(__file__).parents[2]
@@ -64,7 +64,7 @@ def fill(path: Path) -> list[Sweep]:
     with Store.open(str(path), create=True) as store:
         provenance = {"fraexp": "0.1.0", "git": {"commit": "c0ffee" * 6, "dirty": True}}
         run = store.begin_run("bench", "studies/bench.toml", "fraexp run studies/bench.toml", provenance, sweeps)
-        origin = {"estimator:h1": Supplied("0123456789abcdef", "fraexp 0.1.0")}
+        origin = {"estimator:h1": ComponentOrigin("0123456789abcdef", "fraexp 0.1.0")}
         store.save(run, [(sweep, result, origin) for sweep, result in zip(sweeps, results, strict=False)])
         store.fail(run, sweeps[4].key, "ZeroDivisionError: float division by zero", "the log")
         store.end_run(run, "partial")

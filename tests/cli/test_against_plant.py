@@ -20,13 +20,13 @@ figure = "errors"
 name = "stepped_sine"
 amplitude = 75
 frequencies = [20, 40, 80]
-settle_limit = 2
+settling_timeout = 2
 [[case]]
 label = "as measured"
-estimator = { name = "conventional", remove_delay = true }
+estimator = { name = "conventional", refer_to_plant = true }
 [[case]]
 label = "friction taken off"
-estimator = { name = "proposed" }
+estimator = { name = "effective_input" }
 """
 
 
@@ -55,14 +55,14 @@ def test_a_run_of_cases_ends_with_their_errors(folder: Path, capsys: pytest.Capt
     assert row[1:4] == ["friction", "taken", "off"]
     assert max(abs(float(cell)) for cell in row[4:7]) < 0.01
     assert "error against P(jω) in degrees" in out
-    assert "each at the nearest settled frequency, up to 2.6 % away" in err
+    assert "errors are those at the nearest settled frequency, up to 2.6 % away" in err
     assert "as measured" in out.splitlines()[2], "the case is a column of the table of sweeps"
 
 
 def test_the_errors_as_json_are_those_of_the_response(
     folder: Path, registry: Registry, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    line = ["compare", "1", "--against", "plant", "--at", "20,39,60", "--json"]
+    line = ["compare", "1", "--against", "plant", "--frequencies", "20,39,60", "--json"]
     document = json.loads(printed(folder, capsys, *line)[0])
     first, second = document["sweeps"]
     assert (first["name"], second["labels"]) == ("as measured", {"case": "friction taken off"})
@@ -79,10 +79,10 @@ def test_the_errors_as_json_are_those_of_the_response(
 def test_many_sweeps_are_summarised_on_a_terminal(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(summary, "MOST", 1)
+    monkeypatch.setattr(summary, "MAX_LISTED_SWEEPS", 1)
     monkeypatch.setattr(type(sys.stdout), "isatty", lambda _: True)
     monkeypatch.setenv("COLUMNS", "120")
-    out, err = printed(folder, capsys, "compare", "1", "--against", "plant", "--at", "20")
+    out, err = printed(folder, capsys, "compare", "1", "--against", "plant", "--frequencies", "20")
     rows = {line.split("  ")[0]: line.split() for line in out.splitlines()}
     assert float(rows["error at 20 Hz [dB]"][-5]) < 0.001 < float(rows["error at 20 Hz [dB]"][-1])
     assert "--all shows each sweep" in err
@@ -90,7 +90,7 @@ def test_many_sweeps_are_summarised_on_a_terminal(
 
 
 def test_frequencies_that_nobody_has_are_told(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    out, err = printed(folder, capsys, "compare", "1", "--against", "plant", "--at", "20,30,60")
+    out, err = printed(folder, capsys, "compare", "1", "--against", "plant", "--frequencies", "20,30,60")
     assert "20 Hz" in out
     assert "30 Hz" not in out
     assert "no response has a settled frequency within 5 % of 30, 60 Hz" in err
@@ -111,11 +111,14 @@ def test_the_study_names_its_figure_and_plot_may_ask_for_another(
 @pytest.mark.parametrize(
     ("line", "sentence"),
     [
-        ("compare 1 --against plan", "'plan' is no WHAT; did you mean 'plant'?"),
-        ("compare 1 --at 20", "--at is for --against plant"),
-        ("compare 1 --against plant --at 20,x", "'20,x' are no frequencies; expected such as 5,39,80"),
-        ("compare 1 --against plant --at -1", "are no frequencies"),
-        ("plot 1 --kind error -o x.png", "'error' is no KIND; did you mean 'errors'?"),
+        ("compare 1 --against plan", "unknown WHAT 'plan'; did you mean 'plant'?"),
+        ("compare 1 --frequencies 20", "--frequencies needs --against plant"),
+        (
+            "compare 1 --against plant --frequencies 20,x",
+            "'20,x' is invalid; expected frequencies [Hz] above 0",
+        ),
+        ("compare 1 --against plant --frequencies -1", "is invalid; expected frequencies"),
+        ("plot 1 --kind error -o x.png", "unknown KIND 'error'; did you mean 'errors'?"),
     ],
 )
 def test_what_is_wrong_is_one_line(folder: Path, line: str, sentence: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -123,3 +126,8 @@ def test_what_is_wrong_is_one_line(folder: Path, line: str, sentence: str, capsy
     err = capsys.readouterr().err
     assert sentence in err
     assert err.count("\n") == 1
+
+
+def test_a_frequency_that_no_response_reaches_is_named(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    _, err = printed(folder, capsys, "compare", "1", "--against", "plant", "--frequencies", "40,9000")
+    assert err.splitlines()[-1] == "no response reaches 9000 Hz"

@@ -14,8 +14,13 @@ from fraexp.store import Store
 from tests.examples import some
 from tests.waiting import HANG_TIMEOUT_S, wait_until
 
-SLOW = ["quick", "--set=excitation.lowest=1e-3", "--set=excitation.points=3", "--set=excitation.tolerance=1e-15"]
-SLOW += ["--set=excitation.settle_limit=10000", "--executor=processes:1"]
+SLOW = [
+    "quick",
+    "--set=excitation.min_frequency=1e-3",
+    "--set=excitation.points=3",
+    "--set=excitation.settling_tolerance=1e-15",
+]
+SLOW += ["--set=excitation.settling_timeout=10000", "--executor=processes:1"]
 
 
 def fraexp(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
@@ -46,7 +51,7 @@ def test_a_run_in_the_background_comes_to_its_end_and_notes_its_log(tmp_path):
     assert "quick: 4 sweeps, 0 reused, 4 to compute" in Path(started["log"]).read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("hard", some([(), ("--hard",)], ()))
+@pytest.mark.parametrize("hard", some([(), ("--kill",)], ()))
 def test_a_run_in_the_background_can_be_stopped(tmp_path, hard):
     started = json.loads(fraexp(tmp_path, "run", *SLOW, "--detach", "--json").stdout)["started"]
     wait_until(lambda: " worker" in Path(started["log"]).read_text(encoding="utf-8"))
@@ -58,7 +63,7 @@ def test_a_run_in_the_background_can_be_stopped(tmp_path, hard):
     wait_until(lambda: not _lives(started["pid"]))
     again = fraexp(tmp_path, "stop", "1")
     assert again.returncode == ExitCode.USAGE
-    assert again.stderr == "fraexp: run 1 is interrupted; there is nothing to stop\n"
+    assert again.stderr == "fraexp: run 1 is interrupted; it cannot be stopped\n"
 
 
 def _lives(group: int) -> bool:
@@ -74,7 +79,7 @@ def _lives(group: int) -> bool:
     [
         (["quick", "--set", "excitation.point=2"], "did you mean 'points'?"),
         (["quick", "--executor", "seriall"], "did you mean 'serial'?"),
-        (["quick", "--dry-run"], "give one of them"),
+        (["quick", "--dry-run"], "give only one of them"),
     ],
 )
 def test_what_does_not_fit_is_told_before_anything_is_started(tmp_path, arguments, says):

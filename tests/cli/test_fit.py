@@ -24,7 +24,7 @@ amplitude = 75.0
 points = 40
 
 [estimator]
-name = "proposed"
+name = "effective_input"
 """
 
 
@@ -46,12 +46,12 @@ def test_a_stored_response_is_fitted_shown_and_exported(
         sweep = store.sweeps(2)[0]
         fit = store.result(sweep.key).fits[0]
     found = dict(zip(fit.parameters, fit.values, strict=True))
-    assert found["gain"] == pytest.approx(0.132, rel=1e-3)
+    assert found["rigid_body_gain"] == pytest.approx(0.132, rel=1e-3)
     assert found["frequencies.0"] == pytest.approx(38.8, abs=0.02)
     assert main(["show", sweep.key]) == 0
     shown = capsys.readouterr().out
     assert "fit of the plant" in shown
-    assert '[plant]\nname = "modal"\ngain = 0.13' in shown
+    assert '[plant]\nname = "modal"\nrigid_body_gain = 0.13' in shown
     assert main(["show", sweep.key, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["fits"][0]["kind"] == "plant"
 
@@ -81,26 +81,37 @@ def test_a_fit_is_a_sweep_that_is_reused_and_fitted_anew_with_other_settings(
     with Store.open(str(computed / "results.db"), read_only=True) as store:
         last = store.sweeps(4)[0].estimator
     assert last["modes"] == 1
-    assert last["method"]["name"] == "proposed"
+    assert last["method"]["name"] == "effective_input"
 
 
 @pytest.mark.thorough
 def test_a_fit_of_a_fit_keeps_its_band_and_says_so(computed: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["fit", "1", "--set", "modes=2", "--set", "lowest=20", "--set", "highest=150"]) == 0
-    assert "taken over" not in capsys.readouterr().err
-    assert main(["fit", "table-fit", "--set", "highest=120", "--set", "modes="]) == 0
-    assert "taken over from the study's own fit: lowest=20.0; --set lowest= for the default" in capsys.readouterr().err
+    assert main(["fit", "1", "--set", "modes=2", "--set", "min_frequency=20", "--set", "max_frequency=150"]) == 0
+    assert "own fit" not in capsys.readouterr().err
+    assert main(["fit", "table-fit", "--set", "max_frequency=120", "--set", "modes="]) == 0
+    told = capsys.readouterr().err
+    assert "settings of the study's own fit are kept: min_frequency=20.0; reset one by --set min_frequency=" in told
     with Store.open(str(computed / "results.db"), read_only=True) as store:
         last = store.sweeps(3)[0].estimator
-    assert (last["lowest"], last["highest"], last["modes"]) == (20, 120, None)
+    assert (last["min_frequency"], last["max_frequency"], last["modes"]) == (20, 120, None)
+
+
+@pytest.mark.thorough
+@pytest.mark.filterwarnings("default::fraexp.errors.FormerNameWarning")
+def test_a_setting_by_its_former_name_is_taken_and_told(computed: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["fit", "1", "--set", "modes=2", "--set", "highest=150"]) == 0
+    assert "--set: highest is now max_frequency\n" in capsys.readouterr().err
+    with Store.open(str(computed / "results.db"), read_only=True) as store:
+        assert store.sweeps(2)[0].estimator["max_frequency"] == 150
 
 
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
+        (["1", "--set", "highest=9", "--set", "max_frequency=9"], "'highest' is now called 'max_frequency'"),
         (["1", "--set", "mode=2"], "has no parameter 'mode'; did you mean 'modes'?"),
         (["1", "--set", "modes"], "expected PARAMETER=VALUE"),
-        (["1", "--using", "modal_fits"], "did you mean 'modal_fit'?"),
+        (["1", "--estimator", "modal_fits"], "did you mean 'modal_fit'?"),
         (["9"], "there is no run 9"),
     ],
 )

@@ -6,12 +6,12 @@ from pathlib import Path
 import pytest
 
 from fraexp.cli.exits import ExitCode
-from fraexp.cli.follow import Story, follow, report
+from fraexp.cli.follow import RunEvents, follow, print_outcome
 from fraexp.data.results import Outcome, Result
 from fraexp.data.sweep import Sweep
 from fraexp.execution.events import Begun, Ended, Event, Finished, Planned, Preparing, Progress
 from fraexp.store import Store
-from fraexp.views.words import short
+from fraexp.views.words import short_key
 from fraexp.workspace.workspace import Workspace
 
 PLANNED = Planned("bench", "Two sensors", 5, 3, 2, 1, 65.0)
@@ -32,20 +32,20 @@ def test_events_become_talk_on_stderr(sweeps: list[Sweep], capsys: pytest.Captur
         Finished(sweeps[4], None, "failed", "ZeroDivisionError: \x1b[31mdivision"),
         Ended(1, "partial"),
     ]
-    story = follow(event for event in events)
+    followed = follow(event for event in events)
     printed = capsys.readouterr()
     assert printed.out == ""
     assert printed.err.splitlines() == [
         "bench: 5 sweeps, 3 reused (1 stale: a plugin's source has changed; --rerun stale), 2 to compute, about "
         "1 min 05 s",
         "starting 2 workers",
-        rf"{short(sweeps[4].key)} failed: ZeroDivisionError: \x1b[31mdivision",
+        rf"{short_key(sweeps[4].key)} failed: ZeroDivisionError: \x1b[31mdivision",
     ]
-    assert (story.begun, story.ended, story.interrupted) == ([1], [Ended(1, "partial")], False)
+    assert (followed.begun, followed.ended, followed.interrupted) == ([1], [Ended(1, "partial")], False)
 
 
-def told(story: Story, arguments: Namespace) -> ExitCode:
-    return report(story, arguments, Workspace.open(arguments.workspace))
+def told(followed: RunEvents, arguments: Namespace) -> ExitCode:
+    return print_outcome(followed, arguments, Workspace.open(arguments.workspace))
 
 
 def test_ctrl_c_closes_the_events_and_tells_what_is_kept(
@@ -65,28 +65,28 @@ def test_ctrl_c_closes_the_events_and_tells_what_is_kept(
     assert told(follow(events()), arguments) == ExitCode.INTERRUPTED
     assert closed == [True]
     # Four are stored of the run, though one was told of.
-    assert "interrupted: 4 sweeps computed and kept; the same command goes on" in capsys.readouterr().err
+    assert "interrupted: 4 sweeps computed and kept; the same command continues" in capsys.readouterr().err
 
 
 def test_the_end_is_a_table_the_run_and_its_figure(
     arguments: Namespace, sweeps: list[Sweep], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    story = Story(ended=[Ended(1, "partial", (Path("figures/bench.png"), Path("figures/bench-2.png")))])
-    assert told(story, arguments) == ExitCode.INCOMPLETE
+    followed = RunEvents(ended=[Ended(1, "partial", (Path("figures/bench.png"), Path("figures/bench-2.png")))])
+    assert told(followed, arguments) == ExitCode.INCOMPLETE
     printed = capsys.readouterr()
     lines = printed.out.splitlines()
     assert lines[0] == "magnitudes in dB re 1 mm/N"
     assert lines[1].split()[:2] == ["sweep", "output"]
-    assert [line.split()[0] for line in lines[2:7]] == [short(sweep.key) for sweep in sweeps]
+    assert [line.split()[0] for line in lines[2:7]] == [short_key(sweep.key) for sweep in sweeps]
     assert lines[-3].startswith("run 1 partial: 5 sweeps, 4 computed, 0 reused, 1 failed")
     assert lines[-2:] == ["figure figures/bench.png", "figure figures/bench-2.png"]
     here = f" --workspace {arguments.workspace}"
-    assert f"next: fraexp show 1{here}, fraexp show {short(sweeps[0].key)}{here}, fraexp plot 1 -o" in printed.err
+    assert f"next: fraexp show 1{here}, fraexp show {short_key(sweeps[0].key)}{here}, fraexp plot 1 -o" in printed.err
 
 
 def test_a_run_as_json_is_one_document(arguments: Namespace, capsys: pytest.CaptureFixture[str]) -> None:
     arguments.json = True
-    assert told(Story(planned=[PLANNED], ended=[Ended(1, "partial")]), arguments) == ExitCode.INCOMPLETE
+    assert told(RunEvents(planned=[PLANNED], ended=[Ended(1, "partial")]), arguments) == ExitCode.INCOMPLETE
     document = json.loads(capsys.readouterr().out)
     assert document["planned"][0]["reused"] == 3
     assert document["runs"][0]["number"] == 1
@@ -94,7 +94,7 @@ def test_a_run_as_json_is_one_document(arguments: Namespace, capsys: pytest.Capt
 
 
 def test_a_dry_run_prints_no_table(arguments: Namespace, capsys: pytest.CaptureFixture[str]) -> None:
-    assert told(Story(planned=[PLANNED], ended=[Ended(None, "dry")]), arguments) == ExitCode.OK
+    assert told(RunEvents(planned=[PLANNED], ended=[Ended(None, "dry")]), arguments) == ExitCode.OK
     assert capsys.readouterr().out == ""
 
 
@@ -103,7 +103,7 @@ def test_a_dry_run_prints_no_table(arguments: Namespace, capsys: pytest.CaptureF
     [
         (Outcome.OK, ExitCode.OK),
         (Outcome.NOT_SETTLED, ExitCode.OK),
-        (Outcome.NO_SIGNAL, ExitCode.INCOMPLETE),
+        (Outcome.NO_MOTION, ExitCode.INCOMPLETE),
         (Outcome.DIVERGED, ExitCode.INCOMPLETE),
     ],
 )
@@ -116,8 +116,8 @@ def test_outcomes_decide_the_exit_code_and_nothing_is_plotted_where_nothing_is(
         store.save(run, [(sweep, Result(outcome, "why"), {})])
         store.end_run(run, "complete")
     arguments = Namespace(db=None, workspace=tmp_path, json=False)
-    assert told(Story(ended=[Ended(run, "complete", note="two\nlines")]), arguments) == code
+    assert told(RunEvents(ended=[Ended(run, "complete", note="two\nlines")]), arguments) == code
     printed = capsys.readouterr()
     assert outcome.name.lower().replace("_", " ") in printed.out
-    assert "run 1 has no figure: two lines\n" in printed.err
+    assert "run 1: no figure was drawn: two lines\n" in printed.err
     assert "fraexp plot" not in printed.err

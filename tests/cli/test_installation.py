@@ -12,6 +12,7 @@ from fraexp.data.sweep import Sweep
 from fraexp.store import Store
 from fraexp.testing import selftest
 from tests.cli.conftest import fill
+from tests.store.conftest import reseal
 
 GOOD = '''
 """A plant of my own."""
@@ -69,19 +70,20 @@ def test_doctor_finds_everything_sound(workspace: Path, capsys: pytest.CaptureFi
 
 def test_doctor_names_a_foreign_database(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "results.db").write_text("this is no database")
-    assert main(["doctor", "--workspace", str(tmp_path)]) == ExitCode.STORE
+    assert main(["doctor", "--workspace", str(tmp_path)]) == ExitCode.INCOMPLETE
     (line,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("database")]
-    assert line.split(maxsplit=1)[1].startswith(f"{tmp_path / 'results.db'}: this is no database; ")
+    assert line.split(maxsplit=1)[1].startswith(f"{tmp_path / 'results.db'}: this is not a database; ")
     assert line.count("results.db") == 1
 
 
 @pytest.mark.parametrize(
     ("statement", "finding"),
     [
-        ("UPDATE frequency_response SET response = x'00'", "its frequency response has an array that is none"),
-        ("UPDATE frequency_response SET harmonics = 'text'", "its frequency response has an array that is none"),
-        ("UPDATE curve_column SET samples = zeroblob(1000)", "its curve column has an array that is none"),
-        ("UPDATE sweep SET outcome = 'ok' WHERE outcome IS NOT NULL", "it has an unknown outcome 'ok'"),
+        ("UPDATE frequency_response SET response = x'00'", "2 of 5 sweeps and 0 of 1 runs are damaged"),
+        ("UPDATE frequency_response SET harmonics = 'text'", "2 of 5 sweeps and 0 of 1 runs are damaged"),
+        ("UPDATE curve_column SET samples = zeroblob(1000)", "1 of 5 sweeps and 0 of 1 runs are damaged"),
+        ("UPDATE sweep SET outcome = 'ok' WHERE outcome IS NOT NULL", "4 of 5 sweeps and 0 of 1 runs are damaged"),
+        ("UPDATE run SET study = 'other'", "0 of 5 sweeps and 1 of 1 runs are damaged"),
     ],
 )
 def test_doctor_finds_what_is_no_result(
@@ -90,10 +92,10 @@ def test_doctor_finds_what_is_no_result(
     fill(tmp_path / "results.db")
     with closing(sqlite3.connect(tmp_path / "results.db")) as connection, connection:
         connection.execute(statement)
-    assert main(["doctor", "--workspace", str(tmp_path), "--json"]) == ExitCode.STORE
+    assert main(["doctor", "--workspace", str(tmp_path), "--json"]) == ExitCode.INCOMPLETE
     error = json.loads(capsys.readouterr().out)["database"]["error"]
-    assert error.startswith(f"{tmp_path / 'results.db'}: sweep ")
-    assert error.endswith(f": {finding}; restore a backup")
+    assert error.startswith(f"{tmp_path / 'results.db'}: {finding}; ")
+    assert error.endswith("; restore a copy of the database, or save what is sound with fraexp merge into a new one")
 
 
 @pytest.mark.skipif(os.name != "posix", reason="permissions of POSIX")
@@ -105,7 +107,7 @@ def test_doctor_tells_what_cannot_be_written(
 ) -> None:
     fill(tmp_path / "results.db")
     # Whoever runs the tests may be one who may write everywhere.
-    monkeypatch.setattr("fraexp.store.backends.sqlite._may_write", lambda path: path != tmp_path / part)
+    monkeypatch.setattr("fraexp.store.backends.sqlite._is_writable", lambda path: path != tmp_path / part)
     assert main(["doctor", "--workspace", str(tmp_path)]) == ExitCode.OK
     printed = capsys.readouterr()
     assert f"read-only: {tmp_path / 'results.db'}: {finding}; " in printed.err
@@ -114,7 +116,7 @@ def test_doctor_tells_what_cannot_be_written(
 
 def test_doctor_looks_before_the_first_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["doctor", "--workspace", str(tmp_path)]) == ExitCode.OK
-    assert "not there yet; the first run makes it" in capsys.readouterr().out
+    assert "not created yet; the first run creates it" in capsys.readouterr().out
     assert list(tmp_path.iterdir()) == []
 
 
@@ -138,17 +140,18 @@ def test_doctor_finds_wrong_numbers(
 ) -> None:
     monkeypatch.setattr(selftest, "TRUTH", {key: 1.00001 * value for key, value in selftest.TRUTH.items()})
     assert main(["doctor", "--workspace", str(tmp_path)]) == ExitCode.INCOMPLETE
-    assert "wrong numbers: the response differs by 1.0e-05 of the truth" in capsys.readouterr().out
+    assert "wrong results: the response differs by 1.0e-05 of the truth" in capsys.readouterr().out
 
 
 def broken_off_and_run_again(folder: Path, end: str) -> None:
     """Write a run that was broken off, and a later one of the same study that ended in this way."""
-    sweep = Sweep({"source": "loop"}, {"name": "proposed"})
+    sweep = Sweep({"source": "loop"}, {"name": "effective_input"})
     with Store.open(str(folder / "results.db"), create=True) as store:
         store.begin_run("bench", "bench.toml", "fraexp run bench", {}, [sweep])
         store.end_run(store.begin_run("bench", "bench.toml", "fraexp run bench", {}, [sweep]), end)
     with closing(sqlite3.connect(folder / "results.db")) as connection, connection:
         connection.execute("UPDATE run SET pid = 4194305 WHERE number = 1")  # above the greatest that there can be
+    reseal(str(folder / "results.db"))
 
 
 @pytest.mark.parametrize(("end", "count"), [("complete", 0), ("partial", 1)])
@@ -161,17 +164,17 @@ def test_doctor_says_nothing_of_a_run_that_a_later_one_has_completed(
 
 
 def test_doctor_names_a_run_that_was_broken_off(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    sweep = Sweep({"source": "loop"}, {"name": "proposed"})
+    sweep = Sweep({"source": "loop"}, {"name": "effective_input"})
     with Store.open(str(tmp_path / "results.db"), create=True) as store:
         run = store.begin_run("bench", "bench.toml", "fraexp run bench", {}, [sweep])
         assert store.claim(run, [sweep.key]) == {sweep.key}
     with sqlite3.connect(tmp_path / "results.db") as connection:
         connection.execute("UPDATE run SET pid = 4194305")  # above the greatest that there can be
+    reseal(str(tmp_path / "results.db"))
     assert main(["doctor", "--workspace", str(tmp_path)]) == ExitCode.OK
-    assert (
-        "run 1 was broken off, with 1 sweep leased to it; fraexp run bench goes on from there"
-        in capsys.readouterr().err
-    )
+    told = capsys.readouterr().err
+    again = f"fraexp run bench --workspace {tmp_path} continues it"
+    assert f"run 1 was interrupted, with 1 sweep leased to it; {again}" in told
 
 
 @pytest.mark.skipif(os.name != "posix", reason="permissions of POSIX")
@@ -185,4 +188,4 @@ def test_a_plugin_that_cannot_be_written_is_one_line(
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith(f"fraexp: {tmp_path}")
     assert "cannot be written (" in line
-    assert line.endswith("; name a folder of yours with --workspace")
+    assert line.endswith("; choose a writable folder with --workspace")

@@ -13,7 +13,7 @@ from fraexp.store import Store
 from tests.examples import thorough
 from tests.waiting import HANG_TIMEOUT_S, wait_until
 
-SLOW = {"lowest": 1e-3, "points": 3, "tolerance": 1e-15, "settle_limit": 10_000}
+SLOW = {"min_frequency": 1e-3, "points": 3, "settling_tolerance": 1e-15, "settling_timeout": 10_000}
 LONG = ["run", "quick", *(f"--set=excitation.{name}={value}" for name, value in SLOW.items())]
 
 OTHER_SIGNALS = [

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from fraexp.cli.layout import blocks
+from fraexp.cli.layout import column_blocks
 from fraexp.data.sweep import Sweep
-from fraexp.views.words import short
+from fraexp.views.words import short_key
 
 TITLES = ["sweep", "estimator", "gain [dB re 1 mm/N]", "message"]
 CELLS = [["710b13ab", "conventional", "-49.31", "a rather long sentence that says why"], ["63760706", "x", "7.89", ""]]
@@ -22,11 +22,11 @@ SOLID = [False, False, True, False]
 
 
 def test_columns_are_as_wide_as_they_wish_where_there_is_room() -> None:
-    assert blocks(TITLES, CELLS, SOLID, 200) == [{0: 8, 1: 12, 2: 19, 3: 36}]
+    assert column_blocks(TITLES, CELLS, SOLID, 200) == [{0: 8, 1: 12, 2: 19, 3: 36}]
 
 
 def test_titles_and_texts_give_way_and_numbers_do_not() -> None:
-    (widths,) = blocks(TITLES, CELLS, SOLID, 60)
+    (widths,) = column_blocks(TITLES, CELLS, SOLID, 60)
     assert sum(widths.values()) + 2 * 3 == 60
     assert widths[0] == 8
     assert widths[1] == 12
@@ -35,9 +35,9 @@ def test_titles_and_texts_give_way_and_numbers_do_not() -> None:
 
 
 def test_what_does_not_fit_follows_below_the_first_column() -> None:
-    assert [list(block) for block in blocks(TITLES, CELLS, SOLID, 40)] == [[0, 1, 2], [0, 3]]
-    assert [list(block) for block in blocks(TITLES, CELLS, SOLID, 1)] == [[0, 1], [0, 2], [0, 3]]
-    assert blocks(TITLES, CELLS, SOLID, 1)[1][2] == len("-49.31"), "a number is never folded"
+    assert [list(block) for block in column_blocks(TITLES, CELLS, SOLID, 40)] == [[0, 1, 2], [0, 3]]
+    assert [list(block) for block in column_blocks(TITLES, CELLS, SOLID, 1)] == [[0, 1], [0, 2], [0, 3]]
+    assert column_blocks(TITLES, CELLS, SOLID, 1)[1][2] == len("-49.31"), "a number is never folded"
 
 
 def on_a_terminal(columns: int, *arguments: str) -> str:
@@ -66,7 +66,7 @@ def _read(terminal: int) -> bytes:
 @pytest.mark.parametrize("columns", [80, 40])
 @pytest.mark.thorough
 def test_a_narrow_terminal_shows_every_digit(columns: int, workspace: Path, sweeps: list[Sweep]) -> None:
-    key = short(sweeps[0].key)
+    key = short_key(sweeps[0].key)
     common = ("--workspace", str(workspace))
     run = on_a_terminal(columns, "show", "1", *common)
     points = on_a_terminal(columns, "show", key, *common).partition("response y/u")[2]
@@ -76,6 +76,6 @@ def test_a_narrow_terminal_shows_every_digit(columns: int, workspace: Path, swee
         assert word in run
     for word in ("frequency", "magnitude", "distortion", "-52.041", "-180.00", "3e-05"):
         assert word in points
-    for word in (*(short(sweep.key) for sweep in sweeps), "record.channels.y.column", "6.0206"):
+    for word in (*(short_key(sweep.key) for sweep in sweeps), "record.channels.y.column", "6.0206"):
         assert word in compared
     assert [line for line in points.splitlines() if len(line) > columns] == []

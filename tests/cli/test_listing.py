@@ -45,12 +45,12 @@ def test_all_sweeps_are_listed_in_parts_and_what_is_left_out_is_told(folder, cap
     assert "2 more sweeps of 5" in err
     out, err = said(capsys, "list", "--sweeps", "--offset", "9")
     assert not out
-    assert "5 sweeps, all before --offset 9" in err
+    assert "--offset 9 is beyond the last of 5 sweeps" in err
 
 
 def test_sweeps_are_sorted(folder, capsys):
-    rising = json.loads(said(capsys, "list", "--sweeps", "--order", "key", "--json")[0])["sweeps"]
-    falling = json.loads(said(capsys, "list", "--sweeps", "--order", "-key", "--json")[0])["sweeps"]
+    rising = json.loads(said(capsys, "list", "--sweeps", "--sort", "key", "--json")[0])["sweeps"]
+    falling = json.loads(said(capsys, "list", "--sweeps", "--sort", "-key", "--json")[0])["sweeps"]
     keys = [sweep["key"] for sweep in rising]
     assert keys == sorted(keys)
     assert [sweep["key"] for sweep in falling] == keys[::-1]
@@ -70,10 +70,10 @@ def test_a_filter_that_finds_nothing_says_so(folder, capsys):
 @pytest.mark.parametrize(
     ("arguments", "told", "code"),
     [
-        (["estimatr=h1"], "did you mean 'estimator'", ExitCode.STORE),
-        (["--sweeps", "--order", "estimatr"], "did you mean 'estimator'", ExitCode.STORE),
+        (["estimatr=h1"], "did you mean 'estimator'", ExitCode.USAGE),
+        (["--sweeps", "--sort", "estimatr"], "did you mean 'estimator'", ExitCode.USAGE),
         (["--sweeps", "--limit", "-1"], "expected 0 or more", ExitCode.USAGE),
-        (["--studies", "estimator=h1"], "give one of them", ExitCode.USAGE),
+        (["--studies", "estimator=h1"], "give only one of them", ExitCode.USAGE),
         (["--sweeps", "--limit", "many"], "many", ExitCode.USAGE),
     ],
 )
@@ -113,7 +113,7 @@ def test_all_sweeps_of_a_run_are_tagged(folder, capsys):
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (["two words", "1"], "is no tag"),
+        (["two words", "1"], "is not a tag"),
         (["good", "ffffffff"], "no sweep's key starts with 'ffffffff'"),
         (["good", "1", "--remove"], "no sweep has the tag 'good'"),
     ],
@@ -129,7 +129,7 @@ def test_a_note_is_written_shown_and_taken_away(folder, sweeps, capsys):
     assert r"odd loop\x1b[31m" in said(capsys, "show", sweeps[2].key)[0]
     document = json.loads(said(capsys, "show", sweeps[2].key, "--json")[0])
     assert document["note"] == "odd loop\x1b[31m"
-    assert "has no note" in said(capsys, "note", sweeps[2].key, "")[1]
+    assert "note removed from sweep" in said(capsys, "note", sweeps[2].key, "")[1]
     assert "odd loop" not in said(capsys, "show", sweeps[2].key)[0]
 
 
@@ -152,14 +152,14 @@ def test_nothing_is_deleted_where_nobody_can_be_asked(folder, sweeps, capsys, mo
     with open(os.devnull) as nobody:  # noqa: PTH123 (a device)
         monkeypatch.setattr(sys, "stdin", nobody)
         _, err = said(capsys, "delete", sweeps[0].key, code=ExitCode.USAGE)
-    assert "to be deleted: 1 sweep with results" in err
+    assert "will be deleted: 1 sweep with results" in err
     assert "--yes" in err
     assert count(folder) == 5
 
 
 def test_a_study_is_no_name_of_what_to_delete(folder, capsys):
     _, err = said(capsys, "delete", "bench", "--yes", code=ExitCode.USAGE)
-    assert "expected a run's number (1 is its newest)" in err
+    assert "expected a run number (its newest run is 1)" in err
     assert count(folder) == 5
 
 

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from fraexp.cli.compare import execute as compare
-from fraexp.cli.follow import ERRORS, SHOWN, Story, follow, report
+from fraexp.cli.follow import MAX_REPORTED_FAILURES, MAX_TABLE_SWEEPS, RunEvents, follow, print_outcome
 from fraexp.cli.show import execute as show
-from fraexp.cli.summary import Quantity, counts, measured, parameter_rows, quantile_rows
+from fraexp.cli.summary import Quantity, counts_of_texts, is_continuous, parameter_rows, quantile_rows
 from fraexp.data.results import Metric, Outcome, Result
 from fraexp.data.sweep import Sweep
 from fraexp.execution.events import Ended, Event, Finished
 from fraexp.store import Store
-from fraexp.views.words import short
+from fraexp.views.words import short_key
 from fraexp.workspace.workspace import Workspace
 from tests.cli.conftest import response_of
 
@@ -59,7 +59,7 @@ def arguments(folder: Path, **options: bool) -> Namespace:
         "points": False,
         "all": False,
         "against": "first",
-        "at": None,
+        "frequencies": None,
     }
     return Namespace(**common | options, id="1", ids=["1"])
 
@@ -99,7 +99,7 @@ def test_elsewhere_every_sweep_is_a_row(folder: Path, capsys: pytest.CaptureFixt
 
 @pytest.mark.usefixtures("terminal")
 def test_a_run_ends_with_the_summary(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    report(Story(ended=[Ended(1, "complete")]), arguments(folder), Workspace.open(folder))
+    print_outcome(RunEvents(ended=[Ended(1, "complete")]), arguments(folder), Workspace.open(folder))
     printed = capsys.readouterr()
     assert "outcomes   59 ok, 1 diverged" in printed.out
     assert f"fraexp show 1 --all --workspace {folder} shows each sweep" in printed.err
@@ -107,9 +107,9 @@ def test_a_run_ends_with_the_summary(folder: Path, capsys: pytest.CaptureFixture
 
 
 def test_a_run_elsewhere_ends_with_rows(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    report(Story(ended=[Ended(1, "complete")]), arguments(folder), Workspace.open(folder))
+    print_outcome(RunEvents(ended=[Ended(1, "complete")]), arguments(folder), Workspace.open(folder))
     printed = capsys.readouterr()
-    assert printed.out.count(" ok ") == SHOWN
+    assert printed.out.count(" ok ") == MAX_TABLE_SWEEPS
     assert "10 more sweeps; see fraexp show 1" in printed.err
 
 
@@ -126,12 +126,12 @@ def test_a_comparison_has_quantiles_of_what_differs(folder: Path, capsys: pytest
 
 
 def test_few_values_and_texts_are_counted_and_numbers_are_measured() -> None:
-    assert measured([float(index) for index in range(7)])
-    assert not measured([1.0, 2.0] * 20)
-    assert not measured([*range(20), "x"])
-    assert counts(["a", "b", "a", ""]) == "2 a, 1 b, 1 (none)"
-    assert counts(["ok", "ok"]) == "ok"
-    assert counts([str(index) for index in range(30)]) == "30 values"
+    assert is_continuous([float(index) for index in range(7)])
+    assert not is_continuous([1.0, 2.0] * 20)
+    assert not is_continuous([*range(20), "x"])
+    assert counts_of_texts(["a", "b", "a", ""]) == "2 a, 1 b, 1 (none)"
+    assert counts_of_texts(["ok", "ok"]) == "ok"
+    assert counts_of_texts([str(index) for index in range(30)]) == "30 values"
     counted, rows = parameter_rows({"a": list(range(11)), "b": [True] * 5 + [False] * 6, "c": [None, *range(10)]})
     assert counted == [("b", "5 true, 6 false"), ("c", "11 values")]
     assert rows == [["a", "", "0", "0.5", "5", "9.5", "10", ""]]
@@ -144,8 +144,17 @@ def test_unknown_numbers_are_in_no_quantile() -> None:
 
 def test_many_failures_are_told_by_the_first_ones(capsys: pytest.CaptureFixture[str]) -> None:
     sweep = Sweep({"source": "drive"}, {"name": "hysteresis"}, {})
-    events: list[Event] = [Finished(replace(sweep), None, "failed", "broken")] * 500
+    events: list[Event] = [Finished(replace(sweep), None, "failed", f"broken {index}") for index in range(500)]
     follow(event for event in events)
     lines = capsys.readouterr().err.splitlines()
-    assert lines[:ERRORS] == [f"{short(sweep.key)} failed: broken"] * ERRORS
-    assert lines[ERRORS:] == ["further sweeps that fail are only counted; fraexp show has them all"]
+    key = short_key(sweep.key)
+    assert lines[:MAX_REPORTED_FAILURES] == [f"{key} failed: broken {index}" for index in range(MAX_REPORTED_FAILURES)]
+    assert lines[MAX_REPORTED_FAILURES:] == ["further failures are only counted; fraexp show lists all"]
+
+
+def test_a_reason_of_many_failures_is_told_once(capsys: pytest.CaptureFixture[str]) -> None:
+    sweep = Sweep({"source": "drive"}, {"name": "hysteresis"}, {})
+    events: list[Event] = [Finished(replace(sweep), None, "failed", "broken")] * 500
+    follow(event for event in [*events, Ended(1, "partial")])
+    told = [f"{short_key(sweep.key)} failed: broken", "500 sweeps failed for this reason: broken"]
+    assert capsys.readouterr().err.splitlines() == told

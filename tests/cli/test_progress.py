@@ -29,15 +29,15 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
 def test_the_speed_is_that_of_the_last_seconds_and_not_of_the_preparation() -> None:
     speed = Speed()
     for now in range(20):
-        speed.see(now, 0)
+        speed.update(now, 0)
     assert speed.rate is None
     for now in range(20, 40):
-        speed.see(now, 2.0 * (now - 19))
+        speed.update(now, 2.0 * (now - 19))
     assert speed.rate == pytest.approx(2)
     for now in range(40, 80):
-        speed.see(now, 40.0 + 10 * (now - 39))
+        speed.update(now, 40.0 + 10 * (now - 39))
     assert speed.rate == pytest.approx(10), "what was 40 s ago is forgotten"
-    speed.see(80, 0.5)
+    speed.update(80, 0.5)
     assert speed.rate is None, "another study"
 
 
@@ -48,7 +48,7 @@ def test_a_line_tells_what_has_ended_how_fast_and_how_long(clock: Clock, capsys:
     for _ in range(195):
         meter.finish()
     meter.move(200, 1000, 8)
-    assert capsys.readouterr().err == "195 of 1000 sweeps, 8 under way, 10 s, 20/s, about 41 s left\n"
+    assert capsys.readouterr().err == "195 of 1000 sweeps, 8 in progress, 10 s, 20/s, about 41 s left\n"
 
 
 def test_what_is_under_way_is_told_and_no_share_that_contradicts_the_count(
@@ -58,13 +58,13 @@ def test_what_is_under_way_is_told_and_no_share_that_contradicts_the_count(
     meter.move(0, 4, 0)
     clock.now += 10
     meter.move(2, 4, 4)
-    assert capsys.readouterr().err == "0 of 4 sweeps, 4 under way at 50 %, 10 s, 12/min, at least 10 s left\n"
+    assert capsys.readouterr().err == "0 of 4 sweeps, 4 in progress at 50 %, 10 s, 12/min, at least 10 s left\n"
     clock.now += 10
     meter.move(2, 4)
-    assert capsys.readouterr().err.startswith("0 of 4 sweeps, more under way, 20 s")
+    assert capsys.readouterr().err.startswith("0 of 4 sweeps, others in progress, 20 s")
     clock.now += 10
     meter.move(0.5, 1)
-    assert capsys.readouterr().err.startswith("0 of 1 sweep, 1 under way at 50 %, 30 s")
+    assert capsys.readouterr().err.startswith("0 of 1 sweep, 1 in progress at 50 %, 30 s")
 
 
 def test_it_is_not_all_done_while_a_sweep_is_estimated(clock: Clock, capsys: pytest.CaptureFixture[str]) -> None:
@@ -72,7 +72,7 @@ def test_it_is_not_all_done_while_a_sweep_is_estimated(clock: Clock, capsys: pyt
     meter.finish()
     clock.now += 10
     meter.move(2, 2, 1)
-    assert capsys.readouterr().err == "1 of 2 sweeps, 1 under way, 10 s, estimating\n"
+    assert capsys.readouterr().err == "1 of 2 sweeps, 1 in progress, 10 s, estimating\n"
     clock.now += 10
     meter.finish()
     meter.move(2, 2, 0)
@@ -90,7 +90,8 @@ def test_the_time_left_knows_that_estimators_take_longer(clock: Clock, capsys: p
     clock.now += 5
     meter.move(3, 10, 1)
     assert (
-        capsys.readouterr().err.splitlines()[-1] == "2 of 10 sweeps, 1 under way, 25 s, 6.0/min, about 1 min 15 s left"
+        capsys.readouterr().err.splitlines()[-1]
+        == "2 of 10 sweeps, 1 in progress, 25 s, 6.0/min, about 1 min 15 s left"
     )
 
 
@@ -105,7 +106,7 @@ def test_sweeps_that_tell_nothing_before_they_end_have_a_speed(
         meter.finish()
     clock.now += 5
     meter.move(3, 6, 3)
-    assert capsys.readouterr().err.splitlines()[-1] == "3 of 6 sweeps, 3 under way, 25 s, 9.0/min, about 15 s left"
+    assert capsys.readouterr().err.splitlines()[-1] == "3 of 6 sweeps, 3 in progress, 25 s, 9.0/min, about 15 s left"
 
 
 def test_what_another_run_computes_meanwhile_counts_but_not_what_was_there(
@@ -117,7 +118,7 @@ def test_what_another_run_computes_meanwhile_counts_but_not_what_was_there(
         meter.finish()
     clock.now += 10
     meter.move(2, 2, 1)
-    assert capsys.readouterr().err == "1 of 2 sweeps, 1 under way, 10 s, estimating\n"
+    assert capsys.readouterr().err == "1 of 2 sweeps, 1 in progress, 10 s, estimating\n"
 
 
 def test_another_study_counts_anew(clock: Clock, capsys: pytest.CaptureFixture[str]) -> None:
@@ -127,7 +128,7 @@ def test_another_study_counts_anew(clock: Clock, capsys: pytest.CaptureFixture[s
     meter.begin()
     clock.now += 5
     meter.move(0.5, 2, 1)
-    assert capsys.readouterr().err == "0 of 2 sweeps, 1 under way, 5 s\n"
+    assert capsys.readouterr().err == "0 of 2 sweeps, 1 in progress, 5 s\n"
 
 
 @pytest.mark.parametrize(
@@ -142,4 +143,12 @@ def test_a_run_that_is_watched_tells_what_is_under_way() -> None:
     told = RunProgress(2.0, 4, 4, dict.fromkeys("abcd", 0.5))
     process = Process("here", 1, "", "")
     run = RunSummary(1, "s", "s.toml", "run s", now, None, "running", {}, 4, 0, 0, 0, process, now, told)
-    assert progress_text(run, None, 4) == "██░░  50 %  0 of 4 sweeps, 4 under way, 4 workers"
+    assert progress_text(run, None, 4) == "██░░  50 %  0 of 4 sweeps, 4 in progress, 4 workers"
+
+
+def test_a_run_without_workers_tells_what_it_waits_for() -> None:
+    now = datetime(2026, 1, 1, tzinfo=UTC)
+    told = RunProgress(2.0, 4, 0, {}, "no workers for 20 s")
+    process = Process("here", 1, "", "")
+    run = RunSummary(1, "s", "s.toml", "run s", now, None, "running", {}, 4, 2, 0, 0, process, now, told)
+    assert progress_text(run, None, 4) == "██░░  50 %  2 of 4 sweeps, no workers for 20 s"

@@ -11,11 +11,11 @@ from fraexp.cli.main import main
 from fraexp.data.results import Outcome, Result
 from fraexp.data.sweep import Sweep
 from fraexp.store import Store, StoredSweep
-from fraexp.views.comparison import completed
-from fraexp.views.words import short
+from fraexp.views.comparison import with_all_labels
+from fraexp.views.words import short_key
 from tests.cli.conftest import fill, response_of
 
-Printed = Callable[..., tuple[str, str]]
+PublishedNumber = Callable[..., tuple[str, str]]
 SEGMENTS = [
     {"start": 0, "periods": 6, "samples": 250, "sample_time": 0.0005, "lines": [1]},
     {"start": 1500, "periods": 3, "samples": 100, "sample_time": 0.0005, "lines": [1, 3]},
@@ -23,7 +23,7 @@ SEGMENTS = [
 
 
 @pytest.fixture
-def printed(workspace: Path, capsys: pytest.CaptureFixture[str]) -> Printed:
+def printed(workspace: Path, capsys: pytest.CaptureFixture[str]) -> PublishedNumber:
     def run(*arguments: str) -> tuple[str, str]:
         assert main([*arguments, "--workspace", str(workspace)]) == ExitCode.OK
         output = capsys.readouterr()
@@ -32,14 +32,14 @@ def printed(workspace: Path, capsys: pytest.CaptureFixture[str]) -> Printed:
     return run
 
 
-def document(printed: Printed, *arguments: str) -> Any:
+def document(printed: PublishedNumber, *arguments: str) -> Any:
     def refuse(constant: str) -> None:
         raise ValueError(f"{constant} is no JSON")
 
     return json.loads(printed(*arguments, "--json")[0], parse_constant=refuse)
 
 
-def test_runs_are_listed(printed: Printed) -> None:
+def test_runs_are_listed(printed: PublishedNumber) -> None:
     header, row = printed("list")[0].splitlines()
     assert header.split() == ["run", "study", "state", "sweeps", "computed", "reused", "failed", "started", "took"]
     assert row.split()[:7] == ["1", "bench", "partial", "5", "4", "0", "1"]
@@ -47,26 +47,35 @@ def test_runs_are_listed(printed: Printed) -> None:
     assert (run["number"], run["state"], run["total"]) == (1, "partial", 5)
 
 
-def test_a_run_shows_its_sweeps_and_remedies(printed: Printed, sweeps: list[Sweep]) -> None:
+def test_a_run_shows_its_sweeps_and_remedies(printed: PublishedNumber, sweeps: list[Sweep]) -> None:
     out, err = printed("show", "1")
     assert "code     fraexp 0.1.0 (c0ffeec0ffee with local changes)" in out
-    first = next(line for line in out.splitlines() if line.startswith(short(sweeps[0].key)))
+    first = next(line for line in out.splitlines() if line.startswith(short_key(sweeps[0].key)))
     # 0.1 m/N at 1 Hz is 40 dB re 1 mm/N, falling by 40 dB per decade; 1 Hz itself had not settled: no such column.
-    assert first.split()[:8] == [short(sweeps[0].key), "scale", "computed", "ok", "37/40", "-0.12", "-23.72", "-35.52"]
+    assert first.split()[:8] == [
+        short_key(sweeps[0].key),
+        "scale",
+        "computed",
+        "ok",
+        "37/40",
+        "-0.12",
+        "-23.72",
+        "-35.52",
+    ]
     assert "settled  10.1 Hz  39.2 Hz  77.3 Hz  gain [m/N]" in out
     assert "ZeroDivisionError: float division by zero" in out
-    assert "1 not settled: raise excitation.settle_limit" in err
+    assert "1 not settled: raise excitation.settling_timeout" in err
     assert "1 diverged: the loop is unstable" in err
 
 
-def test_a_name_from_a_file_cannot_command_the_terminal(printed: Printed, sweeps: list[Sweep]) -> None:
-    for line in (["show", "1"], ["show", short(sweeps[1].key)], ["compare", "1"]):
+def test_a_name_from_a_file_cannot_command_the_terminal(printed: PublishedNumber, sweeps: list[Sweep]) -> None:
+    for line in (["show", "1"], ["show", short_key(sweeps[1].key)], ["compare", "1"]):
         out, err = printed(*line)
         assert "\x1b" not in out + err
         assert r"laser\x1b[31m" in out
 
 
-def test_a_sweep_shows_parameters_sources_metrics_and_points(printed: Printed, sweeps: list[Sweep]) -> None:
+def test_a_sweep_shows_parameters_sources_metrics_and_points(printed: PublishedNumber, sweeps: list[Sweep]) -> None:
     out, err = printed("show", sweeps[0].key)
     assert "record.channels.y.column  scale" in out
     assert "record.lines              [0, ..., 19] (20 values)" in out
@@ -76,38 +85,38 @@ def test_a_sweep_shows_parameters_sources_metrics_and_points(printed: Printed, s
     assert points[0].startswith("frequency [Hz]  magnitude [dB re 1 mm/N]  phase [deg]")
     assert len(points) == 1 + 12
     assert err == "28 more frequencies; --points shows all\n"
-    everything = printed("show", short(sweeps[0].key), "--points")[0].partition("response y/u\n")[2]
+    everything = printed("show", short_key(sweeps[0].key), "--points")[0].partition("response y/u\n")[2]
     assert len(everything.splitlines()) == 1 + 40
 
 
-def test_a_sweep_as_json_has_its_numbers(printed: Printed, sweeps: list[Sweep]) -> None:
+def test_a_sweep_as_json_has_its_numbers(printed: PublishedNumber, sweeps: list[Sweep]) -> None:
     found = document(printed, "show", sweeps[1].key[:14])
     assert (found["key"], found["outcome"]) == (sweeps[1].key, "not_settled")
-    assert found["remedy"].startswith("raise excitation.settle_limit")
+    assert found["remedy"].startswith("raise excitation.settling_timeout")
     assert found["labels"] == {"record.output": "laser\x1b[31m"}
     assert found["response"]["real"][0] == pytest.approx(-0.2)
     assert len(found["response"]["frequency"]) == 40
     assert document(printed, "show", sweeps[0].key)["metrics"][1] == {"name": "delay", "value": None, "unit": "s"}
 
 
-def test_a_run_as_json_has_points_only_if_asked(printed: Printed) -> None:
+def test_a_run_as_json_has_points_only_if_asked(printed: PublishedNumber) -> None:
     assert "response" not in document(printed, "show", "1")["sweeps"][0]
     assert len(document(printed, "show", "1", "--points")["sweeps"][0]["response"]["real"]) == 40
 
 
-def test_compare_shows_only_what_differs(printed: Printed, sweeps: list[Sweep]) -> None:
-    keys = [short(sweep.key) for sweep in sweeps[:2]]
+def test_compare_shows_only_what_differs(printed: PublishedNumber, sweeps: list[Sweep]) -> None:
+    keys = [short_key(sweep.key) for sweep in sweeps[:2]]
     out = printed("compare", *keys)[0]
     table, _, responses = out.partition("\n\n")
     rows = [line.split() for line in table.splitlines()]
-    assert rows[0] == ["what", "differs", *keys]
+    assert rows[0] == ["difference", *keys]
     assert ["record.channels.y.column", "scale", "laser"] in rows
     assert ["gain", "[m/N]", "0.1", "0.2"] in rows
     assert "record.hash" not in table
     assert "6.0206" in responses
 
 
-def test_compare_as_json_has_the_difference_in_decibel(printed: Printed, sweeps: list[Sweep]) -> None:
+def test_compare_as_json_has_the_difference_in_decibel(printed: PublishedNumber, sweeps: list[Sweep]) -> None:
     found = document(printed, "compare", sweeps[0].key, sweeps[1].key, sweeps[2].key)
     assert found["parameters"]["record.channels.y.column"] == ["scale", "laser", None]
     difference = found["responses"][0]["difference"]
@@ -118,12 +127,12 @@ def test_compare_as_json_has_the_difference_in_decibel(printed: Printed, sweeps:
 
 
 def test_compare_needs_two_sweeps(workspace: Path, sweeps: list[Sweep], capsys: pytest.CaptureFixture[str]) -> None:
-    line = ["compare", sweeps[0].key, short(sweeps[0].key), "--workspace", str(workspace)]
+    line = ["compare", sweeps[0].key, short_key(sweeps[0].key), "--workspace", str(workspace)]
     assert main(line) == ExitCode.USAGE
-    assert "found one sweep; name at least two" in capsys.readouterr().err
+    assert "found one sweep; expected at least two" in capsys.readouterr().err
 
 
-def test_a_plot_is_drawn_once(printed: Printed, sweeps: list[Sweep], tmp_path: Path) -> None:
+def test_a_plot_is_drawn_once(printed: PublishedNumber, sweeps: list[Sweep], tmp_path: Path) -> None:
     target = tmp_path / "figure.svg"
     line = ["plot", sweeps[0].key, sweeps[1].key, sweeps[4].key, "-o", str(target)]
     assert printed(*line) == (f"{target}\n", "1 sweep without a result left out\n")
@@ -168,9 +177,11 @@ def test_a_stored_run_is_drawn_without_the_plugin_of_its_plant(
     assert target.is_file()
 
 
-def test_a_driven_friction_model_is_plotted_as_a_loop(printed: Printed, sweeps: list[Sweep], tmp_path: Path) -> None:
+def test_a_driven_friction_model_is_plotted_as_a_loop(
+    printed: PublishedNumber, sweeps: list[Sweep], tmp_path: Path
+) -> None:
     target = tmp_path / "loop.png"
-    printed("plot", short(sweeps[2].key), "-o", str(target))
+    printed("plot", short_key(sweeps[2].key), "-o", str(target))
     assert target.read_bytes().startswith(b"\x89PNG")
 
 
@@ -179,14 +190,14 @@ def test_a_sweep_without_a_result_is_not_plotted(
 ) -> None:
     line = ["plot", sweeps[4].key, "-o", str(tmp_path / "a.png"), "--workspace", str(workspace)]
     assert main(line) == ExitCode.USAGE
-    assert "found nothing to draw in 1 sweep" in capsys.readouterr().err
+    assert "nothing to plot in 1 sweep" in capsys.readouterr().err
 
 
 def test_compare_names_sweeps_by_the_run_that_computed_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     result = Result(Outcome.OK, response=response_of(0.1))
     first, second = (
         Sweep({"source": "loop", "excitation": {"amplitude": force}}, {"name": name}, {"excitation.amplitude": force})
-        for force, name in ((12, "conventional"), (12, "proposed"))
+        for force, name in ((12, "conventional"), (12, "effective_input"))
     )
     with Store.open(str(tmp_path / "results.db"), create=True) as store:
         for sweep in (first, second):
@@ -196,7 +207,7 @@ def test_compare_names_sweeps_by_the_run_that_computed_them(tmp_path: Path, caps
         again = [replace(first, labels={"later": 1}), replace(second, labels={"later": 2})]
         store.reuse(run := store.begin_run("other", "other.toml", "", {}, again), [sweep.key for sweep in again])
         store.end_run(run, "complete")
-    keys = [short(sweep.key) for sweep in (first, second)]
+    keys = [short_key(sweep.key) for sweep in (first, second)]
     assert main(["compare", *keys, "--workspace", str(tmp_path)]) == ExitCode.OK
     assert f"responses against {keys[0]} (amplitude 12)\n" in capsys.readouterr().out
 
@@ -207,10 +218,10 @@ def test_a_sweep_without_a_label_is_named_by_its_parameters() -> None:
         return StoredSweep("k", experiment, {"name": name, "x": 1}, labels, Outcome.OK, "", 0.0, None, "computed")
 
     one = stored(12, "conventional", {"excitation.amplitude": 12})
-    two = stored(75, "proposed", {"estimator": {"name": "proposed"}, "unknown.path": 3})
-    assert [sweep.labels for sweep in completed([one, two])] == [
+    two = stored(75, "effective_input", {"estimator": {"name": "effective_input"}, "unknown.path": 3})
+    assert [sweep.labels for sweep in with_all_labels([one, two])] == [
         {"excitation.amplitude": 12, "estimator": "conventional"},
-        {"excitation.amplitude": 75, "estimator": {"name": "proposed"}, "unknown.path": 3},
+        {"excitation.amplitude": 75, "estimator": {"name": "effective_input"}, "unknown.path": 3},
     ]
 
 
@@ -233,7 +244,7 @@ def test_responses_of_two_units_are_two_figures(tmp_path: Path, capsys: pytest.C
     assert target.read_bytes() != second.read_bytes()
     assert main(line) == ExitCode.OK
     assert capsys.readouterr().err == "the figures are up to date\n"
-    assert main(["show", short(speed.key), "--workspace", str(tmp_path)]) == ExitCode.OK
+    assert main(["show", short_key(speed.key), "--workspace", str(tmp_path)]) == ExitCode.OK
     titles = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("frequency [Hz]"))
     assert {"input", "output", "distortion"} <= set(titles.split())
     assert "[m]" not in titles, "which part of m/s/N is whose is not known"

@@ -10,6 +10,7 @@ from fraexp.cli.main import main
 from fraexp.errors import UnreachedError
 from fraexp.execution.executors.serial import Serial
 from fraexp.store import Store
+from tests.store.conftest import reseal
 
 STUDY = """
 title = "Two methods"
@@ -18,11 +19,11 @@ machine = "linear_motor_table"
 name = "stepped_sine"
 amplitude = 12
 frequencies = [20, 40, 80]
-settle_limit = 2
+settling_timeout = 2
 [estimator]
 name = "conventional"
 [grid]
-"estimator.name" = ["conventional", "proposed"]
+"estimator.name" = ["conventional", "effective_input"]
 """
 
 
@@ -38,8 +39,8 @@ def test_a_run_prints_its_table_and_figure_and_is_reused(folder: Path, capsys: p
     assert main(["run", "methods", "--executor", "serial"]) == ExitCode.OK
     first = capsys.readouterr()
     assert "run 1 complete: 2 sweeps, 2 computed, 0 reused, 0 failed" in first.out
-    assert "conventional  ok " in first.out
-    assert "proposed      ok " in first.out
+    assert "conventional     ok " in first.out
+    assert "effective_input  ok " in first.out
     figure = folder / "figures/methods.png"
     assert first.out.endswith("figure figures/methods.png\n")
     assert figure.read_bytes().startswith(b"\x89PNG")
@@ -56,8 +57,8 @@ def test_a_run_prints_its_table_and_figure_and_is_reused(folder: Path, capsys: p
     ("options", "said"),
     [
         (["--executor=dask:tcp://127.0.0.1:1"], "no Dask scheduler answers at tcp://127.0.0.1:1"),
-        (["--executor=dask:tcp://127.0.0.1:1", "--memory=2GB"], "capped where they are started"),
-        (["--executor=serial", "--memory=2GB"], "cannot cap memory"),
+        (["--executor=dask:tcp://127.0.0.1:1", "--memory-limit=2GB"], "capped where they are started"),
+        (["--executor=serial", "--memory-limit=2GB"], "cannot cap memory"),
     ],
 )
 def test_an_executor_that_cannot_be_had_leaves_no_run(
@@ -68,21 +69,20 @@ def test_an_executor_that_cannot_be_had_leaves_no_run(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     dask = pytest.importorskip(
-        "fraexp.execution.executors.dask", reason="Dask is not installed: pip install 'fraexp[dask]'"
+        "fraexp.execution.executors.dask", reason="Dask is not installed: pip install distributed"
     )
-    pytest.importorskip("distributed", reason="Dask is not installed: pip install 'fraexp[dask]'")
-    monkeypatch.setattr(dask, "CONNECT", 0.1)
+    pytest.importorskip("distributed", reason="Dask is not installed: pip install distributed")
+    monkeypatch.setattr(dask, "CONNECT_TIMEOUT_S", 0.1)
     assert main(["run", "methods", *options]) == ExitCode.USAGE
     assert said in capsys.readouterr().err.splitlines()[-1]
     main(["list", "--json"])
-    listed = capsys.readouterr().out
-    assert not listed or json.loads(listed)["runs"] == []
+    assert json.loads(capsys.readouterr().out).get("runs", []) == []
 
 
 def test_a_study_with_nothing_to_compute_needs_no_executor(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    pytest.importorskip("distributed", reason="Dask is not installed: pip install 'fraexp[dask]'")
+    pytest.importorskip("distributed", reason="Dask is not installed: pip install distributed")
     assert main(["run", "methods", "--executor", "serial"]) == ExitCode.OK
     assert main(["run", "methods", "--executor", "dask:tcp://127.0.0.1:1"]) == ExitCode.OK
     assert "run 2 complete: 2 sweeps, 0 computed, 2 reused" in capsys.readouterr().out
@@ -123,20 +123,30 @@ def test_a_dry_run_says_why_and_names_what_differs(folder: Path, capsys: pytest.
         "  2 reused: stored, computed by the same sources",
         "  4 new: excitation.amplitude = 30, 50 N, stored 12 N (compared with the nearest sweep of run 1)",
     ]
-    (line,) = told("--set", "plant.gain=0.2", "--set", "estimator.name=proposed", "--set", "estimator.force_scale=2")
-    assert "plant.gain = 0.2 m/(N s²), stored 0.132 m/(N s²)" in line
+    (line,) = told(
+        "--set",
+        "plant.rigid_body_gain=0.2",
+        "--set",
+        "estimator.name=effective_input",
+        "--set",
+        "estimator.force_scale=2",
+    )
+    assert "plant.rigid_body_gain = 0.2 m/(N s²), stored 0.132 m/(N s²)" in line
     assert "estimator.force_scale = 2, stored 1" in line
 
     with sqlite3.connect("results.db") as connection:
-        connection.execute("UPDATE supplied_component SET source_hash = 'c0ffee00' WHERE name = 'proposed'")
+        connection.execute("UPDATE supplied_component SET source_hash = 'c0ffee00' WHERE name = 'effective_input'")
         connection.execute("UPDATE sweep SET outcome = 'DIVERGED' WHERE estimator_name = 'conventional'")
+    reseal("results.db")
     stale, failed = sorted(told(), key=len, reverse=True)
-    assert stale.startswith("  1 reused, stale: the source has changed since of estimator proposed (version 1 of ")
-    assert stale.endswith(", stored c0ffee00); --rerun stale computes them")
-    assert failed.startswith("  1 reused, failed: stored, but without a result of use: ")
-    assert failed.endswith(" diverged; --rerun failed computes them")
+    assert stale.startswith(
+        "  1 reused, stale: the source has changed since of estimator effective_input (version 4 of "
+    )
+    assert stale.endswith(", stored c0ffee00); --rerun stale computes them again")
+    assert failed.startswith("  1 reused, unusable: stored, but without a result of use: ")
+    assert failed.endswith(" diverged; --rerun unusable computes them again")
     assert any(line.startswith("  1 computed again, stale: ") for line in told("--rerun", "stale"))
-    assert any(line.startswith("  1 to be tried again: ") for line in told("--rerun", "failed"))
+    assert any(line.startswith("  1 to be tried again: ") for line in told("--rerun", "unusable"))
 
     assert main(["run", "methods", "--dry-run", "--json", "--set", "excitation.amplitude=30"]) == ExitCode.OK
     (planned,) = json.loads(capsys.readouterr().out)["planned"]
@@ -178,10 +188,10 @@ def test_a_figure_that_cannot_be_written_is_a_note_and_the_table_is_there(
     assert main(["run", "methods", "--executor", "serial"]) == ExitCode.OK
     printed = capsys.readouterr()
     assert "run 1 complete: 2 sweeps, 2 computed" in printed.out
-    assert "conventional  ok " in printed.out
+    assert "conventional     ok " in printed.out
     notes = [line for line in printed.err.splitlines() if "figure" in line]
     assert notes == [notes[0]]
-    assert notes[0].startswith("run 1 has no figure: figures/methods.png: the figure cannot be written: ")
+    assert notes[0].startswith("run 1: no figure was drawn: figures/methods.png: the figure cannot be written: ")
 
 
 @pytest.mark.thorough
@@ -197,6 +207,6 @@ def test_several_studies_head_their_tables_and_a_rerun_is_told_to_the_old_run(
     assert main(["run", "methods", "--executor", "serial", "--rerun", "all"]) == ExitCode.OK
     assert not capsys.readouterr().out.startswith("methods")
     assert main(["show", "1"]) == ExitCode.OK
-    assert "2 of 2 sweeps have been computed again since" in capsys.readouterr().err
+    assert "2 of 2 sweeps have been recomputed since" in capsys.readouterr().err
     assert main(["show", "3"]) == ExitCode.OK
     assert "again" not in capsys.readouterr().err

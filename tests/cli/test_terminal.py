@@ -1,8 +1,8 @@
 import pytest
 
 from fraexp.cli.output import print_table
-from fraexp.figures.elements.labels import printable
-from fraexp.views.words import duration, flat, value_text
+from fraexp.data.terminal_text import printable
+from fraexp.views.words import duration_text, flatten, value_text
 
 
 @pytest.mark.parametrize(
@@ -28,10 +28,10 @@ def test_numbers_stand_right_and_empty_columns_are_left_out(capsys: pytest.Captu
     ("seconds", "text"), [(0.123, "0.12 s"), (42.4, "42 s"), (59.99, "60 s"), (185, "3 min 05 s"), (3725, "1 h 02 min")]
 )
 def test_durations(seconds: float, text: str) -> None:
-    assert duration(seconds) == text
+    assert duration_text(seconds) == text
 
 
 def test_nested_data_is_flattened_by_path() -> None:
     data = {"a": {"b": 1.5}, "modes": [{"f": 38.8}, {"f": 80.0}], "list": [1, 2], "none": {}}
-    assert flat(data) == {"a.b": 1.5, "modes.0.f": 38.8, "modes.1.f": 80.0, "list": [1, 2], "none": {}}
+    assert flatten(data) == {"a.b": 1.5, "modes.0.f": 38.8, "modes.1.f": 80.0, "list": [1, 2], "none": {}}
     assert value_text([0.5, 1.0, 2.0, 4.0, 8.0]) == "[0.5, ..., 8] (5 values)"

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from fraexp.cli.arguments import COMMANDS
+from fraexp.cli.arguments import COMMANDS, parse
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
+from fraexp.cli.options import RENAMED
 from tests.cli.conftest import Command
 from tests.waiting import HANG_TIMEOUT_S
 
@@ -19,11 +20,11 @@ HEAVY = {"numpy", "pydantic", "sqlalchemy", "alembic", "matplotlib", "numba", "s
 @pytest.mark.parametrize(
     ("line", "sentence"),
     [
-        ("lst", "'lst' is no command; did you mean 'list'?"),
-        ("show 1 --jsn", "show: no option '--jsn'; did you mean '--json'?"),
-        ("plot 1 --ouput x.png", "plot: no option '--ouput'; did you mean '--output'?"),
-        ("--debgu list", "no option '--debgu'; did you mean '--debug'?"),
-        ("run a.toml --rerun stal", "'stal' is no --rerun; did you mean 'stale'?"),
+        ("lst", "unknown command 'lst'; did you mean 'list'?"),
+        ("show 1 --jsn", "show: unknown option '--jsn'; did you mean '--json'?"),
+        ("plot 1 --ouput x.png", "plot: unknown option '--ouput'; did you mean '--output'?"),
+        ("--debgu list", "unknown option '--debgu'; did you mean '--debug'?"),
+        ("run a.toml --rerun stal", "unknown --rerun 'stal'; did you mean 'stale'?"),
         ("show", "show: the following arguments are required: ID; see fraexp show --help"),
         ("", "no command; choose one of run, stop, list, show"),
         ("list --db", "list: argument --db: expected one argument; see fraexp list --help"),
@@ -38,6 +39,34 @@ def test_a_wrong_command_line_is_one_line_with_the_nearest_name(
     assert printed.out == ""
     assert printed.err.startswith(f"fraexp: {sentence}")
     assert printed.err.count("\n") == 1
+
+
+@pytest.mark.parametrize(("command", "old"), [(name, old) for name, renamed in RENAMED.items() for old in renamed])
+def test_an_earlier_spelling_of_an_option_is_understood_with_advice(
+    command: str, old: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    new = RENAMED[command][old]
+    for argument in (old, f"{old}=3"):
+        main([command, argument, "--no-such-option"])
+        advice, error = capsys.readouterr().err.splitlines()
+        assert advice == f"{old} is now {new}"
+        assert error.startswith(f"fraexp: {command}: unknown option '--no-such-option'")
+    assert main([command, "--help"]) == ExitCode.OK
+    text = capsys.readouterr().out
+    assert re.search(rf"  {new}\b", text)
+    assert not re.search(rf"{old}[ ,=]", text)
+
+
+def test_earlier_spellings_give_the_same(workspace: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    found = {}
+    for option in ("--sort", "--order"):
+        for line in ([option, "-key"], [f"{option}=-key"]):
+            assert main(["list", "--sweeps", "--workspace", str(workspace), "--json", *line]) == ExitCode.OK
+            printed = capsys.readouterr()
+            found[printed.out] = printed.err
+    assert list(found.values()) == ["--order is now --sort\n"]
+    assert parse(["run", "quick", "--rerun", "failed"]).rerun == "unusable"
+    assert capsys.readouterr().err == "--rerun failed is now --rerun unusable\n"
 
 
 def test_help_loads_nothing_heavy() -> None:
@@ -78,10 +107,10 @@ def test_common_options_may_stand_before_or_after_the_command(
         (["show", "9"], 3, "there is no run 9; the newest is run 1"),
         (["show", "abcdefabcdef"], 3, "no sweep's key starts with 'abcdefabcdef'"),
         (["show", "bnech"], 3, "no sweep's key starts with 'bnech'; 'fraexp list' shows the runs and their studies"),
-        (["export", "bench", "-o", "r.csv"], 2, "export: run 1 has 5 sweeps; name one of them: "),
+        (["export", "bench", "-o", "r.csv"], 2, "export: run 1 has 5 sweeps; expected one of them: "),
         (["list", "--db", "elsewhere.db"], 3, "elsewhere.db"),
         (["plot", "1", "-o", "figure.bmp"], 2, "choose one of .png, .svg, .pdf"),
-        (["export", "1", "-o", "r.csv"], 2, "export: run 1 has 5 sweeps; name one of them: "),
+        (["export", "1", "-o", "r.csv"], 2, "export: run 1 has 5 sweeps; expected one of them: "),
     ],
 )
 def test_what_is_wrong_is_one_line_and_an_exit_code(

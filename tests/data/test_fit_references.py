@@ -17,12 +17,12 @@ machine = "linear_motor_table"
 [excitation]
 name = "stepped_sine"
 amplitude = 75.0
-lowest = 5.0
+min_frequency = 5.0
 points = 60
 
 [[case]]
 label = "positioned"
-estimator = { name = "positioning" }
+estimator = { name = "positioning_metrics" }
 [case.excitation]
 name = "point_to_point"
 targets = [1.5e-3]
@@ -31,7 +31,7 @@ plant = { fit = "plant", case = "identified" }
 
 [[case]]
 label = "identified"
-estimator = { name = "modal_fit", modes = MODES, method = { name = "proposed" } }
+estimator = { name = "modal_fit", modes = MODES, method = { name = "effective_input" } }
 """
 
 
@@ -103,8 +103,8 @@ def test_sweeps_take_turns_after_what_they_need() -> None:
     first = Sweep({"source": "loop"}, {"name": "a"})
     second = Sweep({"source": "loop", "excitation": {"plant": {"fit": "plant", "of": first.key}}}, {"name": "b"})
     third = Sweep({"source": "loop"}, {"name": "c", "friction": {"fit": "friction", "of": second.key}})
-    assert list(fit_references.in_turn([third, second, first])) == [[first], [second], [third]]
-    assert list(fit_references.in_turn([third])) == [[third]]  # what it needs is stored already
+    assert list(fit_references.topological_batches([third, second, first])) == [[first], [second], [third]]
+    assert list(fit_references.topological_batches([third])) == [[third]]  # what it needs is stored already
 
 
 def test_of_several_sweeps_of_a_case_the_one_at_the_same_point_is_meant() -> None:
@@ -113,12 +113,12 @@ def test_of_several_sweeps_of_a_case_the_one_at_the_same_point_is_meant() -> Non
         for x in (12, 75)
     ]
     reference = {"fit": "plant", "case": "identified"}
-    found = fit_references.resolved(
+    found = fit_references.resolve_reference(
         reference, {"case": "used", "excitation.amplitude": 75}, {"identified": sweeps}, "here"
     )
     assert found == {"fit": "plant", "of": sweeps[1].key}
     with pytest.raises(StudyError, match="2 sweeps, 2 of them at this point of the grid; expected one"):
-        fit_references.resolved(reference, {"case": "used"}, {"identified": sweeps}, "here")
+        fit_references.resolve_reference(reference, {"case": "used"}, {"identified": sweeps}, "here")
 
 
 RANDOM = """
@@ -130,18 +130,21 @@ estimator = { name = "rolling_identification" }
 [[case]]
 label = "moved"
 excitation = { friction = { fit = "friction", case = "identified" } }
-estimator = { name = "positioning" }
-[random]
+estimator = { name = "positioning_metrics" }
+[monte_carlo]
 count = 2
 draw = [{ paths = "excitation.PATH", relative = 0.01 }]
 """
 
 
 def test_within_what_is_identified_nothing_is_drawn(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    Path("drawn.toml").write_text(RANDOM.replace("PATH", "friction.curve.coulomb"), encoding="utf-8")
+    Path("drawn.toml").write_text(RANDOM.replace("PATH", "friction.curve.coulomb_force"), encoding="utf-8")
     assert main(["run", "drawn.toml", "--dry-run"]) == 2
     said = capsys.readouterr().err.strip()
-    assert "case 'moved', [random]: 'excitation.friction.curve.coulomb' lies in what { fit = 'friction' }" in said
+    assert (
+        "case 'moved', [monte_carlo]: 'excitation.friction.curve.coulomb_force' lies in what { fit = 'friction' }"
+        in said
+    )
     assert "\n" not in said
     Path("drawn.toml").write_text(RANDOM.replace("PATH", "targets.0"), encoding="utf-8")
     assert main(["run", "drawn.toml", "--dry-run"]) == 0

@@ -24,6 +24,8 @@ MAKE_RUN = "fraexp run paper/fig12"
 REDUCED = {
     "fraexp run paper": "fraexp run paper --dry-run",
     "fraexp run methods/comparison": "fraexp run methods/comparison --dry-run",
+    "fraexp run autonomous": "fraexp run autonomous --dry-run",
+    "fraexp run paper/fig08_identified": "fraexp run paper/fig08_identified --dry-run",
     "fraexp run amplitudes": "fraexp run amplitudes --set excitation.points=4 --executor serial",
     "fraexp run loop": "fraexp run loop --set excitation.points=4",
     "fraexp run quick --json": "fraexp run quick --json --set excitation.points=4 --executor serial",

@@ -1,8 +1,10 @@
 """The pages against the code: what is generated is current, what is named exists, and nothing is left out."""
 
+import ast
 import importlib.util
 import re
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -14,8 +16,10 @@ from fraexp.study.study_file import KEYS
 from fraexp.workspace.workspace import Workspace
 from tests.docs.conftest import MAKE_RUN, ROOT, blocks
 
-PAGES = sorted(str(path.relative_to(ROOT)) for path in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")])
+TOP = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")
+PAGES = sorted([*TOP, *(str(path.relative_to(ROOT)) for path in (ROOT / "docs").rglob("*.md"))])
 MAKEFILE = (ROOT / "Makefile").read_text("utf-8")
+ANCHOR = re.compile(r"\]\((?!https?:)([^)#]*)#([^)]+)\)")
 LINK = re.compile(r"\]\((?!https?:)([^)#]+)")
 NAMED = re.compile(r"`((?:studies|docs|plugins|benchmarks|tests|fraexp)/[\w./-]*)`")
 WRITTEN_BY_READERS = ("plugins/", "studies/", "studies/amplitudes.toml", "studies/bench.toml", "studies/machines/")
@@ -38,12 +42,12 @@ def test_generated_pages_are_current(registry: Registry) -> None:
 
 def test_every_component_and_parameter_is_in_the_reference(registry: Registry) -> None:
     reference = read("docs/reference.md")
-    for (kind, name), supply in registry.supplies.items():
-        section = reference.partition(f"### {kind} `{name}`, version {supply.component.version}\n")[2].partition("\n#")[
-            0
-        ]
+    for (kind, name), provider in registry.providers.items():
+        section = reference.partition(f"### {kind} `{name}`, version {provider.component.version}\n")[2].partition(
+            "\n#"
+        )[0]
         assert section, f"{kind} {name}"
-        for parameter in supply.component.model_fields:
+        for parameter in provider.component.model_fields:
             assert f"| `{parameter}` |" in section
 
 
@@ -56,6 +60,30 @@ def test_every_command_is_in_the_readme_and_on_its_page() -> None:
 def test_every_section_of_a_study_is_explained() -> None:
     table = read("docs/studies.md").partition("\n## ")[0]
     assert [key for key in KEYS if f"`{key}`" not in table and f"`[{key}]`" not in table] == []
+
+
+def test_the_messages_in_troubleshooting_are_those_of_the_code() -> None:
+    tables = re.findall(r"^\| message \|.*\n\|-.*\n((?:\|.*\n)+)", read("docs/troubleshooting.md"), re.MULTILINE)
+    quoted = [row.split(" | ")[0].strip("| ") for table in tables for row in table.splitlines()]
+    texts = [
+        text for folder in ("fraexp", "plugins") for file in (ROOT / folder).rglob("*.py") for text in texts_in(file)
+    ]
+    assert len(quoted) > 30
+    assert [text for text in quoted if not any(all(part in one for part in parts(text)) for one in texts)] == []
+
+
+def parts(quoted: str) -> list[str]:
+    """Return what stands between the values of a message."""
+    return [part.strip("' ") for part in quoted.split("…") if part.strip("' ")]
+
+
+def texts_in(file: Path) -> Iterator[str]:
+    """Yield the texts of a module; a value in one is an ellipsis."""
+    for node in ast.walk(ast.parse(file.read_text("utf-8"))):
+        if isinstance(node, ast.JoinedStr):
+            yield "".join(str(of.value) if isinstance(of, ast.Constant) else "…" for of in node.values)
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+            yield node.value
 
 
 def test_every_outcome_is_explained() -> None:
@@ -82,6 +110,23 @@ def test_links_and_named_files_exist(page: str) -> None:
     assert [link for link in LINK.findall(text) if not (ROOT / page).parent.joinpath(link).exists()] == []
     named = [name for name in NAMED.findall(text) if name not in WRITTEN_BY_READERS and "FILE" not in name]
     assert [name for name in named if not (ROOT / name).exists()] == []
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_links_lead_to_headings(page: str) -> None:
+    found = [((ROOT / page).parent / file if file else ROOT / page, name) for file, name in ANCHOR.findall(read(page))]
+    assert [name for file, name in found if name not in anchors(file.read_text("utf-8"))] == []
+
+
+def anchors(text: str) -> set[str]:
+    """Return the anchors of a page's headings, as GitHub makes them."""
+    headings = re.findall(r"^#+ (.*)$", re.sub(r"```.*?```", "", text, flags=re.DOTALL), re.MULTILINE)
+    return {re.sub(r"[^\w\s-]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+def test_every_page_is_in_the_index() -> None:
+    index = read("docs/README.md")
+    assert [file.name for file in (ROOT / "docs").glob("*.md") if f"]({file.name})" not in index] == ["README.md"]
 
 
 @pytest.mark.parametrize("page", PAGES)

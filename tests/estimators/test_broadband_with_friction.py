@@ -4,10 +4,10 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-from fraexp_plugins.estimators.best_linear import BestLinear
-from fraexp_plugins.estimators.fast_best_linear import FastBestLinear
+from fraexp_plugins.estimators.best_linear_approximation import BestLinearApproximation
+from fraexp_plugins.estimators.effective_input import EffectiveInput
+from fraexp_plugins.estimators.fast_best_linear_approximation import FastBestLinearApproximation
 from fraexp_plugins.estimators.joint_input_output import JointInputOutput
-from fraexp_plugins.estimators.proposed import Proposed
 from fraexp_plugins.excitations.multisine import Multisine
 
 from fraexp.analysis.confidence import circle_factor
@@ -25,11 +25,14 @@ SCALE = {"noise": 30e-9, "resolution": 0.1e-6}
 def recorded() -> Signals:
     """Return 40 realisations of an odd multisine of 12 N."""
     loop = ControlLoop.parse({"sample_time": 5e-4, **DELAYS, **SCALE}, "loop")
-    excitation = Multisine(rms=12.0, resolution=0.5, realisations=40, whole_periods=2, tolerance=1e-2)
+    excitation = Multisine(rms=12.0, line_spacing=0.5, realisations=40, recorded_periods=2, settling_tolerance=1e-2)
     return simulate_loop(Machine(TABLE, guide(), LEAD, loop, Numerics()), excitation, lambda _: None)
 
 
-def found(estimator: BestLinear | FastBestLinear | JointInputOutput | Proposed, signals: Signals) -> FrequencyResponse:
+def found(
+    estimator: BestLinearApproximation | FastBestLinearApproximation | JointInputOutput | EffectiveInput,
+    signals: Signals,
+) -> FrequencyResponse:
     response = estimator.estimate(signals).response
     assert response is not None
     return response
@@ -37,10 +40,13 @@ def found(estimator: BestLinear | FastBestLinear | JointInputOutput | Proposed, 
 
 def test_neither_realisations_nor_a_reference_take_friction_away_and_the_proposed_method_does() -> None:
     signals = recorded()
-    proposed = found(Proposed(friction=guide(), method=BestLinear(), **DELAYS, **SCALE), signals)
+    proposed = found(EffectiveInput(friction=guide(), method=BestLinearApproximation(), **DELAYS, **SCALE), signals)
     truth = TABLE.response(2 * np.pi * proposed.frequency)
     low = proposed.frequency < 5
-    for estimator in (BestLinear(remove_delay=True, **DELAYS), JointInputOutput(remove_delay=True, **DELAYS)):
+    for estimator in (
+        BestLinearApproximation(refer_to_plant=True, **DELAYS),
+        JointInputOutput(refer_to_plant=True, **DELAYS),
+    ):
         response = found(estimator, signals)
         assert np.max(decibel(response.response / truth)[low]) < -10
         # and its band does not tell so
@@ -50,7 +56,7 @@ def test_neither_realisations_nor_a_reference_take_friction_away_and_the_propose
 
 
 def test_joint_estimate_and_best_linear_approximation_are_one_for_equal_amplitudes() -> None:
-    best, joint = found(BestLinear(), recorded()), found(JointInputOutput(), recorded())
+    best, joint = found(BestLinearApproximation(), recorded()), found(JointInputOutput(), recorded())
     np.testing.assert_allclose(joint.response, best.response, rtol=1e-9)
     np.testing.assert_allclose(joint.covariance, best.covariance, rtol=1e-6)
     np.testing.assert_array_equal(joint.freedom, best.freedom)
@@ -58,10 +64,10 @@ def test_joint_estimate_and_best_linear_approximation_are_one_for_equal_amplitud
 
 def test_the_band_of_a_single_realisation_holds_the_best_linear_approximation_of_all() -> None:
     signals = recorded()
-    best = found(BestLinear(), signals)
+    best = found(BestLinearApproximation(), signals)
     inside, ratio = [], []
     for segment in signals.segments:
-        one = found(FastBestLinear(), replace(signals, segments=(segment,)))
+        one = found(FastBestLinearApproximation(), replace(signals, segments=(segment,)))
         inside.append(np.abs(one.response - best.response) <= one.standard_deviation * circle_factor(one.freedom))
         ratio.append(one.nonlinear_variance / best.nonlinear_variance)
     assert 0.93 <= np.mean(inside) <= 0.97

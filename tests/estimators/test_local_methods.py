@@ -161,7 +161,7 @@ def test_realisations_hold_what_they_promise() -> None:
     assert abs(held.mean() - 0.95) < 0.02
 
 
-def test_realisations_tell_distortion_from_noise() -> None:
+def test_realisations_separate_distortion_and_noise() -> None:
     """What the lines have that the bins between them have not: 1 % of the input, with another phase each time."""
     generator, plant, lines = np.random.default_rng(5), resonance(0.05), np.arange(1, 100)
     records = []
@@ -189,7 +189,7 @@ def test_an_arbitrary_record_in_closed_loop_needs_its_reference(method: type) ->
         record = closed_loop(plant, 5 * generator.standard_normal(12_000), 10e-6 * generator.standard_normal(12_000))
         seen = signals([record], 1, lines)
         referred.append(answered(method(), seen).response / truth)
-        direct.append(answered(method(reference_channel=""), seen).response / truth)
+        direct.append(answered(method(excitation_channel=""), seen).response / truth)
     band = slice(0, 5)  # 50 to 83 Hz, where noise moves u as much as the reference does
     scatter = np.std(referred, axis=0)[band] / 10
     assert np.all(np.abs(np.mean(referred, axis=0) - 1)[band] < 5 * scatter + 0.02)
@@ -205,8 +205,10 @@ def simulated(excitation: Excitation) -> Signals:
 @pytest.mark.parametrize("method", METHODS)
 def test_a_simulated_loop_from_rest(method: type) -> None:
     """Hold, images and dead time removed it is P(jω), up to the images' approximation."""
-    seen = simulated(Multisine(rms=5, resolution=1, detection=0, transient=True, whole_periods=4, highest=120))
-    response = answered(method(remove_delay=True, input_dead_time=1e-3), seen)
+    seen = simulated(
+        Multisine(rms=5, line_spacing=1, detection_group_size=0, transient=True, recorded_periods=4, max_frequency=120)
+    )
+    response = answered(method(refer_to_plant=True, input_dead_time=1e-3), seen)
     truth = TABLE.response(2 * np.pi * response.frequency)
     assert np.max(np.abs(response.response / truth - 1)) < 1e-3
     assert np.median(np.abs(response.response / truth - 1)) < 1e-5
@@ -214,9 +216,9 @@ def test_a_simulated_loop_from_rest(method: type) -> None:
 
 def test_one_sine_of_several_periods() -> None:
     """Frequencies of their own length, two periods from rest each: the lines need no neighbours."""
-    seen = simulated(SteppedSine(amplitude=5, frequencies=(10.0, 45.0), whole_periods=2, settle_limit=1.0))
+    seen = simulated(SteppedSine(amplitude=5, frequencies=(10.0, 45.0), recorded_periods=2, settling_timeout=1.0))
     seen = replace(seen, segments=tuple(replace(each, settling=None) for each in seen.segments))
-    response = answered(LocalPolynomial(remove_delay=True, input_dead_time=1e-3), seen)
+    response = answered(LocalPolynomial(refer_to_plant=True, input_dead_time=1e-3), seen)
     assert np.max(np.abs(response.response / TABLE.response(2 * np.pi * response.frequency) - 1)) < 1e-4
 
 
@@ -236,15 +238,15 @@ def test_what_the_record_lacks_is_said() -> None:
     one = signals([open_loop(plant, wave[:200])], 1, lines)
     short = signals([open_loop(plant, wave[:40])], 2, np.array([3]))
     sine = signals([open_loop(plant, np.sin(2 * np.pi * 5 * np.arange(400) / 400))], 1, np.array([5]))
-    with pytest.raises(RecordError, match="one period; the periodic variant needs two at least"):
+    with pytest.raises(RecordError, match="one period; expected two or more"):
         LocalPolynomial(variant="periodic").estimate(one)
-    with pytest.raises(RecordError, match="expected 20 at least: record more periods"):
+    with pytest.raises(RecordError, match="expected 20 or more: record more periods"):
         LocalPolynomial(half_width=10).estimate(short)
     with pytest.raises(RecordError, match="record for longer"):
         LocalPolynomial(half_width=10, variant="arbitrary").estimate(signals([open_loop(plant, wave[:40])], 1, lines))
     with pytest.raises(RecordError, match="record two periods or more"):
         LocalPolynomial().estimate(sine)
     with pytest.raises(RecordError, match="no channel 'exitation'"):
-        LocalPolynomial(reference_channel="exitation").estimate(one)
-    with pytest.raises(ParameterError, match=r"half_width is 1; .* expected 3 at least"):
+        LocalPolynomial(excitation_channel="exitation").estimate(one)
+    with pytest.raises(ParameterError, match=r"half_width is 1, .* expected 3 or more"):
         LocalPolynomial(half_width=1).estimate(signals([open_loop(plant, wave)], 2, lines))

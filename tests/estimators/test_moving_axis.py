@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fraexp_plugins.estimators.conventional import Conventional
+from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.estimators.moving_axis import MovingAxis
-from fraexp_plugins.estimators.proposed import Proposed
 from fraexp_plugins.excitations.moving_sine import MovingSine
 
 from fraexp.analysis.confidence import circle_factor
@@ -24,7 +24,12 @@ RUN_IN = 1.0
 
 def moving(amplitude=4.0, velocity=0.05, viscous=4.69, frequencies=FREQUENCIES, base_period=4.0, **given):
     excitation = MovingSine(
-        amplitude=amplitude, velocity=velocity, frequencies=frequencies, run_in=RUN_IN, base_period=base_period, **given
+        amplitude=amplitude,
+        velocity=velocity,
+        frequencies=frequencies,
+        reversal_settling_time=RUN_IN,
+        base_period=base_period,
+        **given,
     )
     machine = Machine(TABLE, guide(viscous=viscous), LEAD, ControlLoop(sample_time=500e-6, **DELAYS), Numerics())
     return simulate_loop(machine, excitation, lambda _: None)
@@ -43,33 +48,33 @@ def ratio(result, viscous=0.0):
 
 
 def test_what_remains_of_friction_is_its_viscous_part(signals):
-    found = MovingAxis(remove_delay=True, run_in=RUN_IN, **DELAYS).estimate(signals)
+    found = MovingAxis(refer_to_plant=True, reversal_settling_time=RUN_IN, **DELAYS).estimate(signals)
     assert np.max(np.abs(decibel(ratio(found, viscous=4.69)))) < 0.003
     assert np.max(np.abs(degrees(ratio(found, viscous=4.69)))) < 0.02
     bare = decibel(ratio(found))
     assert bare[0] == pytest.approx(-0.04, abs=0.005)  # at 1 Hz
-    conventional = Conventional(remove_delay=True, **DELAYS).estimate(simulated(guide(), FREQUENCIES, 4.0))
+    conventional = Conventional(refer_to_plant=True, **DELAYS).estimate(simulated(guide(), FREQUENCIES, 4.0))
     assert np.abs(decibel(ratio(conventional)))[0] > 20
 
 
 @pytest.mark.parametrize("given", [{"amplitude": 10.0}, {"velocity": 0.1}])
 def test_neither_amplitude_nor_velocity_matter(signals, given):
-    estimator = MovingAxis(run_in=RUN_IN)
+    estimator = MovingAxis(reversal_settling_time=RUN_IN)
     found = [estimator.estimate(each).response.response for each in (signals, moving(**given))]
     assert np.max(np.abs(decibel(found[0] / found[1]))) < 0.003
 
 
-@pytest.mark.parametrize("error", [{}, {"force_scale": 1.1}, {"force_scale": 0.9}, {"width_scale": 1.1}])
+@pytest.mark.parametrize("error", [{}, {"force_scale": 1.1}, {"force_scale": 0.9}, {"displacement_scale": 1.1}])
 def test_with_the_observer_it_is_immune_to_the_errors_of_the_model(signals, error):
-    estimator = Proposed(friction=guide(), **DELAYS, method=MovingAxis(run_in=RUN_IN), **error)
+    estimator = EffectiveInput(friction=guide(), **DELAYS, method=MovingAxis(reversal_settling_time=RUN_IN), **error)
     found = estimator.estimate(signals)
     assert found.response.input == "u_e"
     assert np.max(np.abs(decibel(ratio(found)))) < 0.003
     assert np.max(np.abs(degrees(ratio(found)))) < 0.02
 
 
-def test_the_velocity_that_is_left_is_told(signals):
-    metrics = {metric.name: metric for metric in MovingAxis(run_in=RUN_IN).estimate(signals).metrics}
+def test_the_velocity_that_is_left_is_reported(signals):
+    metrics = {metric.name: metric for metric in MovingAxis(reversal_settling_time=RUN_IN).estimate(signals).metrics}
     assert 0.03 < metrics["minimum velocity"].value < 0.05
     assert metrics["minimum velocity"].unit == "m/s"
     assert metrics["stretches per frequency"].value == 2
@@ -81,7 +86,7 @@ def test_a_record_without_its_reference_will_do():
     signals = moving(base_period=8.0)
     bare = {name: unit for name, unit in signals.units.items() if name in ("u", "y")}
     segments = [replace(s, channels={name: s.channels[name] for name in bare}) for s in signals.segments]
-    found = MovingAxis(remove_delay=True, run_in=RUN_IN, **DELAYS).estimate(
+    found = MovingAxis(refer_to_plant=True, reversal_settling_time=RUN_IN, **DELAYS).estimate(
         replace(signals, segments=tuple(segments), units=bare)
     )
     assert np.max(np.abs(decibel(ratio(found, viscous=4.69)))) < 0.003
@@ -101,7 +106,7 @@ def ramps(noise, generator, turns=6):
 @pytest.mark.thorough
 def test_the_band_covers_95_percent():
     generator, truth = np.random.default_rng(3), 1e-5 / 3 * np.exp(-2j)
-    estimator, runs, inside = MovingAxis(run_in=0.02), 1000, 0
+    estimator, runs, inside = MovingAxis(reversal_settling_time=0.02), 1000, 0
     for _ in range(runs):
         found = estimator.estimate(ramps(1e-6, generator)).response
         assert found.freedom[0] == 2 * (11 - 1)  # of twelve stretches the record's ends cut one
@@ -110,7 +115,7 @@ def test_the_band_covers_95_percent():
 
 
 def test_a_constant_velocity_is_fitted_exactly():
-    found = MovingAxis(run_in=0.02).estimate(ramps(0.0, np.random.default_rng(0))).response
+    found = MovingAxis(reversal_settling_time=0.02).estimate(ramps(0.0, np.random.default_rng(0))).response
     assert abs(found.response[0] / (1e-5 / 3 * np.exp(-2j)) - 1) < 1e-9
 
 
@@ -123,6 +128,6 @@ def test_a_slow_sine_as_base_is_refused_or_remarked_upon():
     """An offset and a slope do not describe it: with its reference that is known, without it the residual tells."""
     signals = moving(base="sine", frequencies=(80.0,))
     with pytest.raises(RecordError, match="constant velocity"):
-        MovingAxis(run_in=RUN_IN).estimate(signals)
-    found = MovingAxis(run_in=0.5, reference_channel="").estimate(signals)
+        MovingAxis(reversal_settling_time=RUN_IN).estimate(signals)
+    found = MovingAxis(reversal_settling_time=0.5, reference_channel="").estimate(signals)
     assert "constant velocity" in found.message

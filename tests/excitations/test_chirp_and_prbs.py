@@ -11,7 +11,7 @@ from tests.excitations.spectra import TS, amplitudes, crest_factor
 
 @pytest.mark.parametrize("sweep", ["logarithmic", "linear"])
 def test_a_chirp_closes_and_stays_in_its_band(sweep):
-    (period,) = Chirp(amplitude=10, lowest=2, highest=200, period=10, sweep=sweep).periods(TS)
+    (period,) = Chirp(amplitude=10, min_frequency=2, max_frequency=200, period=10, spacing=sweep).periods(TS)
     frequency = period.lines / 10
     assert (frequency[0], frequency[-1]) == (2, 200)
     assert period.lines.size == 1981
@@ -26,21 +26,27 @@ def test_a_chirp_closes_and_stays_in_its_band(sweep):
 
 @pytest.mark.parametrize(("sweep", "slope"), [("logarithmic", -0.5), ("linear", 0.0)])
 def test_a_chirp_has_as_much_energy_per_octave_or_per_hertz(sweep, slope):
-    (period,) = Chirp(amplitude=10, lowest=2, highest=200, period=20, sweep=sweep).periods(TS)
+    (period,) = Chirp(amplitude=10, min_frequency=2, max_frequency=200, period=20, spacing=sweep).periods(TS)
     frequency, found = period.lines / 20, amplitudes(period)[period.lines]
     inside = (frequency > 5) & (frequency < 150)
     assert np.polyfit(np.log(frequency[inside]), np.log(found[inside]), 1)[0] == pytest.approx(slope, abs=0.02)
 
 
 def test_the_shape_of_a_chirp_bounds_its_peaks():
-    shaped = Chirp(amplitude=10, lowest=2, highest=200, shape=((2.0, 0.1), (200.0, 1.0))).periods(TS)[0].waveform
+    shaped = (
+        Chirp(amplitude=10, min_frequency=2, max_frequency=200, amplitude_profile=((2.0, 0.1), (200.0, 1.0)))
+        .periods(TS)[0]
+        .waveform
+    )
     assert np.abs(shaped[: shaped.size // 2]).max() == pytest.approx(10 * 10**-0.5, rel=0.02)  # half way: 20 Hz
     assert np.abs(shaped).max() == pytest.approx(10, rel=0.02)
 
 
 @pytest.mark.parametrize("order", range(3, 14))
 def test_the_lines_of_a_maximum_length_sequence_are_flat(order):
-    (period,) = Prbs(amplitude=3, order=order, inverse_repeat=False, lowest=1e-3, highest=999.9).periods(TS)
+    (period,) = Prbs(amplitude=3, order=order, inverse_repeat=False, min_frequency=1e-3, max_frequency=999.9).periods(
+        TS
+    )
     bits = 2**order - 1
     assert period.waveform.size == bits
     np.testing.assert_array_equal(period.lines, np.arange(1, bits // 2 + 1))
@@ -50,7 +56,7 @@ def test_the_lines_of_a_maximum_length_sequence_are_flat(order):
 
 
 def test_an_inverse_repeat_sequence_has_odd_lines_alone():
-    (period,) = Prbs(amplitude=3, order=11, clock=2, lowest=1, highest=200).periods(TS)
+    (period,) = Prbs(amplitude=3, order=11, samples_per_bit=2, min_frequency=1, max_frequency=200).periods(TS)
     half = period.waveform.size // 2
     assert half == 2 * (2**11 - 1)
     np.testing.assert_array_equal(period.waveform[half:], -period.waveform[:half])
@@ -65,7 +71,9 @@ def test_an_inverse_repeat_sequence_has_odd_lines_alone():
 
 @pytest.mark.parametrize("inverse_repeat", [True, False])
 def test_harmonics_without_power_are_no_lines(inverse_repeat):
-    sequence = Prbs(amplitude=1, order=6, clock=8, inverse_repeat=inverse_repeat, lowest=1, highest=900)
+    sequence = Prbs(
+        amplitude=1, order=6, samples_per_bit=8, inverse_repeat=inverse_repeat, min_frequency=1, max_frequency=900
+    )
     (period,) = sequence.periods(TS)
     found, bits = amplitudes(period), period.waveform.size // 8
     assert found[bits::bits].max() < 1e-12  # multiples of the clock
@@ -76,12 +84,15 @@ def test_harmonics_without_power_are_no_lines(inverse_repeat):
 @pytest.mark.parametrize(
     ("excitation", "reason"),
     [
-        (Chirp(amplitude=1, highest=1000), "chirp reaches 1000 Hz"),
-        (Chirp(amplitude=1, period=0.1, lowest=1, highest=5), "no line between 1 and 5 Hz; widen the band"),
+        (Chirp(amplitude=1, max_frequency=1000), "chirp reaches 1000 Hz"),
+        (
+            Chirp(amplitude=1, period=0.1, min_frequency=1, max_frequency=5),
+            "no line between 1 and 5 Hz; widen the frequency range",
+        ),
         (Chirp(amplitude=1, period=2000), "chirp has 4,000,000 samples per period"),
-        (Prbs(amplitude=1, highest=1200), "prbs reaches 1200 Hz"),
-        (Prbs(amplitude=1, order=20, clock=4), "prbs has 8,388,600 samples per period"),
-        (Prbs(amplitude=1, order=3, highest=10), "no line between 1 and 10 Hz"),
+        (Prbs(amplitude=1, max_frequency=1200), "prbs reaches 1200 Hz"),
+        (Prbs(amplitude=1, order=20, samples_per_bit=4), "prbs has 8,388,600 samples per period"),
+        (Prbs(amplitude=1, order=3, max_frequency=10), "no line between 1 and 10 Hz"),
     ],
 )
 def test_impossible_bands_are_refused_in_one_line(excitation, reason):

@@ -8,7 +8,7 @@ from fraexp_plugins.friction.rolling import Rolling
 from fraexp.errors import ParameterError
 from tests.excitations.spectra import TS, amplitudes, crest_factor, others
 
-FLAT = {"rms": 12.0, "detection": 0}
+FLAT = {"rms": 12.0, "detection_group_size": 0}
 ROUNDING = 1e-13
 
 
@@ -29,7 +29,7 @@ def test_exactly_the_lines_of_the_band_are_excited_equally(harmonics, expected):
     assert period.waveform.std() == pytest.approx(12, rel=1e-12)
 
 
-@pytest.mark.parametrize("changes", [{}, {"crest_iterations": 50}, {"points": 40}, {"detection": 4}])
+@pytest.mark.parametrize("changes", [{}, {"crest_iterations": 50}, {"points": 40}, {"detection_group_size": 4}])
 def test_even_lines_are_exactly_empty(changes):
     _, _, period = only(**changes)
     half = period.waveform.size // 2
@@ -37,7 +37,7 @@ def test_even_lines_are_exactly_empty(changes):
 
 
 def test_an_odd_friction_law_leaves_the_even_lines_of_its_force_empty():
-    _, _, period = only(detection=4)
+    _, _, period = only(detection_group_size=4)
     friction = Rolling(stiffness=(2e5, 1e5), limit_force=(2.0, 4.0))
     force = friction.force(2e-6 * period.waveform, TS, periodic=True)
     spectrum = np.abs(np.fft.rfft(force)) * 2 / force.size
@@ -50,7 +50,7 @@ def test_an_odd_friction_law_leaves_the_even_lines_of_its_force_empty():
 @pytest.mark.parametrize("k", [2, 3, 4, 7])
 def test_of_every_k_neighbours_one_is_left_out_at_random(k):
     everything = np.arange(3, 400, 2)
-    lines, _, _ = only(detection=k)
+    lines, _, _ = only(detection_group_size=k)
     whole = everything[: everything.size // k * k].reshape(-1, k)
     assert (np.isin(whole, lines).sum(axis=1) == k - 1).all()
     assert np.isin(everything[whole.size :], lines).all()
@@ -80,7 +80,7 @@ def test_a_seed_reproduces_and_realisations_differ_in_their_phases_alone():
 
 
 def test_phases_are_uniform_and_independent_over_realisations():
-    periods = Multisine(rms=12, realisations=200, detection=0).periods(TS)
+    periods = Multisine(rms=12, realisations=200, detection_group_size=0).periods(TS)
     phasors = np.array([np.fft.rfft(period.waveform)[period.lines] for period in periods])
     turns = phasors / np.abs(phasors)
     assert np.abs(turns.mean(axis=0)).max() < 4 / np.sqrt(200)
@@ -97,7 +97,7 @@ def test_the_shape_is_interpolated_on_logarithmic_axes_and_keeps_the_total():
 
 @pytest.mark.parametrize(
     ("changes", "least", "most"),
-    [({}, 1.35, 1.45), ({"detection": 4}, 1.45, 1.6), ({"points": 60}, 1.6, 1.9)],
+    [({}, 1.35, 1.45), ({"detection_group_size": 4}, 1.45, 1.6), ({"points": 60}, 1.6, 1.9)],
 )
 def test_a_lower_crest_factor_at_the_same_amplitudes(changes, least, most):
     _, random, before = only(**changes)
@@ -121,13 +121,13 @@ def test_periods_are_even_numbers_of_samples_with_small_prime_factors(sample_tim
 
 
 def test_the_transient_from_rest_is_recorded_where_it_is_asked_for():
-    assert Multisine(rms=1, transient=True, whole_periods=3).schedule.settle_limit == 0
-    assert Multisine(rms=1, transient=True, whole_periods=3).schedule.periods == 3
-    assert Multisine(rms=1).schedule.settle_limit > 0
+    assert Multisine(rms=1, transient=True, recorded_periods=3).schedule.settling_timeout == 0
+    assert Multisine(rms=1, transient=True, recorded_periods=3).schedule.recorded_periods == 3
+    assert Multisine(rms=1).schedule.settling_timeout > 0
 
 
 def test_detection_may_be_as_large_as_the_number_of_lines():
-    excitation = Multisine(rms=1, highest=5, detection=4)
+    excitation = Multisine(rms=1, max_frequency=5, detection_group_size=4)
     excitation.check(TS)
     assert excitation.grid().size == 4
     assert excitation.lines().size == 3
@@ -136,19 +136,25 @@ def test_detection_may_be_as_large_as_the_number_of_lines():
 @pytest.mark.parametrize(
     ("parameters", "reason"),
     [
-        ({"lowest": 20, "highest": 10}, "multisine.lowest is 20 Hz; expected at most highest, 10 Hz"),
-        ({"highest": 1000}, "multisine reaches 1000 Hz; at a sample time of 0.0005 s the Nyquist frequency is 1000 Hz"),
-        ({"lowest": 10.1, "highest": 10.2}, "no line between 10.1 and 10.2 Hz; widen the band"),
-        ({"resolution": 1e-4}, "has 20,000,000 samples per period"),
-        ({"realisations": 1000, "whole_periods": 100}, "records 400,000,000 samples in all"),
-        ({"realisations": 2, "crest_iterations": 9}, "2 realisations, whose phases must stay random; give one of both"),
-        ({"detection": 1}, "multisine.detection is 1, which leaves out all lines"),
         (
-            {"detection": 5, "highest": 5},
-            "multisine.detection is 5, which leaves no line out of the 4 between 1 and 5 Hz",
+            {"min_frequency": 20, "max_frequency": 10},
+            "multisine.min_frequency is 20 Hz; it must not be above max_frequency, 10 Hz",
         ),
-        ({"shape": ((10, 1), (5, 1))}, "expected them to ascend"),
-        ({"shape": ((10, 0),)}, "multisine.shape has a number of 0 or less"),
+        (
+            {"max_frequency": 1000},
+            "multisine reaches 1000 Hz; at a sample time of 0.0005 s the Nyquist frequency is 1000 Hz",
+        ),
+        ({"min_frequency": 10.1, "max_frequency": 10.2}, "no line between 10.1 and 10.2 Hz; widen the frequency range"),
+        ({"line_spacing": 1e-4}, "has 20,000,000 samples per period"),
+        ({"realisations": 1000, "recorded_periods": 100}, "records 400,000,000 samples in all"),
+        ({"realisations": 2, "crest_iterations": 9}, "2 realisations, whose phases must stay random; give one of both"),
+        ({"detection_group_size": 1}, "multisine.detection_group_size is 1, which leaves no line to excite"),
+        (
+            {"detection_group_size": 5, "max_frequency": 5},
+            "multisine.detection_group_size is 5, but there are only 4 lines between 1 and 5 Hz",
+        ),
+        ({"amplitude_profile": ((10, 1), (5, 1))}, "expected them to ascend"),
+        ({"amplitude_profile": ((10, 0),)}, "multisine.amplitude_profile has a number of 0 or less"),
     ],
 )
 def test_impossible_grids_are_refused_in_one_line(parameters, reason):

@@ -1,11 +1,12 @@
 """Stepped excitations: shaped amplitude, held response, moving axis."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from fraexp_plugins.excitations.moving_sine import MovingSine
-from fraexp_plugins.excitations.response_controlled import ResponseControlled, next_force
+from fraexp_plugins.excitations.response_controlled import ForceTrial, ResponseControlled, next_force
 from fraexp_plugins.excitations.stepped_sine import SteppedSine
 
 from fraexp.analysis.delays import hold_response, image_factor, path_response
@@ -33,7 +34,7 @@ def amplitude(segment: Segment, channel: str) -> float:
 
 def test_the_amplitude_of_a_stepped_sine_follows_its_shape():
     shape = ((10.0, 1.0), (100.0, 5.0))
-    periods = SteppedSine(amplitude=12, frequencies=(1, 10, 31.6228, 100, 200), shape=shape).periods(TS)
+    periods = SteppedSine(amplitude=12, frequencies=(1, 10, 31.6228, 100, 200), amplitude_profile=shape).periods(TS)
     found = [amplitudes(period)[period.lines[0]] for period in periods]
     np.testing.assert_allclose(found, 12 * np.array([1, 1, 5**0.5, 5, 5]), rtol=1e-5)
     assert max(others(period).max() for period in periods) < 1e-12
@@ -50,7 +51,7 @@ def test_the_response_amplitude_is_reached_on_the_table_with_friction_in_few_rou
         return revise(self, period, segment)
 
     monkeypatch.setattr(ResponseControlled, "revise", counted)
-    excitation = ResponseControlled(displacement=displacement, highest_force=200, frequencies=FREQUENCIES)
+    excitation = ResponseControlled(displacement=displacement, max_force=200, frequencies=FREQUENCIES)
     signals = signals_of(excitation, noise=noise)
     assert len(signals.segments) == len(FREQUENCIES)
     for segment in signals.segments:
@@ -59,7 +60,7 @@ def test_the_response_amplitude_is_reached_on_the_table_with_friction_in_few_rou
 
 
 def test_the_highest_force_is_never_exceeded_and_what_was_reached_is_taken():
-    excitation = ResponseControlled(displacement=50e-6, highest_force=20, frequencies=FREQUENCIES)
+    excitation = ResponseControlled(displacement=50e-6, max_force=20, frequencies=FREQUENCIES)
     segments = signals_of(excitation).segments
     forces = np.array([amplitude(segment, "excitation") for segment in segments])
     responses = np.array([amplitude(segment, "y") for segment in segments])
@@ -70,14 +71,14 @@ def test_the_highest_force_is_never_exceeded_and_what_was_reached_is_taken():
     assert 0 < reached.sum() < reached.size
 
 
-def searched(response, target, highest=100.0, accuracy=0.01):
-    """Return the pairs of force and response that were tried."""
-    tried = ((10.0, response(10.0)),)
+def searched(response, target, max_force=100.0, accuracy=0.01):
+    """Return the forces that were tried, with their responses."""
+    tried = (ForceTrial(10.0, response(10.0)),)
     for _ in range(11):
-        force = next_force(tried, target, highest, accuracy)
+        force = next_force(tried, target, max_force, accuracy)
         if force is None:
             break
-        tried = (*tried, (force, response(force)))
+        tried = (*tried, ForceTrial(force, response(force)))
     return tried
 
 
@@ -88,31 +89,31 @@ def searched(response, target, highest=100.0, accuracy=0.01):
         lambda force: 1e-8 * force if force < 20 else 1e-8 * force + 1e-4 * (force - 20),  # breaks away
         lambda force: 1e-9 * force**3,
         lambda force: 1e-4 * force**0.4,
-        lambda force: 0.0 if force < 30 else 2e-5 * (force - 29),  # hidden by the scale at first
+        lambda force: 0.0 if force < 30 else 2e-5 * (force - 29),  # below the encoder's resolution at first
     ],
 )
 @pytest.mark.parametrize("target", [1e-4, 2e-4])
 def test_false_position_finds_the_force_of_any_rising_response(response, target):
     tried = searched(response, target)
-    assert tried[-1][1] == pytest.approx(target, rel=0.01)
+    assert tried[-1].response == pytest.approx(target, rel=0.01)
     assert len(tried) <= 10
     assert max(force for force, _ in tried) <= 100
 
 
 def test_a_response_that_jumps_over_the_amplitude_ends_the_search_at_the_jump():
     tried = searched(lambda force: 1e-6 if force < 40 else 1e-3, target=1e-4)
-    assert tried[-1][0] == pytest.approx(40, rel=0.01)
+    assert tried[-1].force == pytest.approx(40, rel=0.01)
 
 
 def test_a_channel_that_is_no_response_is_refused():
-    given = {"displacement": 5e-6, "highest_force": 20, "channel": "u"}
+    given = {"displacement": 5e-6, "max_force": 20, "channel": "u"}
     with pytest.raises(ParameterError, match=r"response_controlled.channel is 'u'.*expected 'y' or 'displacement'"):
         ResponseControlled.parse(given, "response_controlled")
 
 
 def test_frequencies_that_miss_the_amplitude_are_told():
-    def remark(highest_force):
-        excitation = ResponseControlled(displacement=50e-6, highest_force=highest_force, frequencies=(5, 39, 150, 200))
+    def remark(max_force):
+        excitation = ResponseControlled(displacement=50e-6, max_force=max_force, frequencies=(5, 39, 150, 200))
         signals = signals_of(excitation)
         assert signals.outcome is Outcome.OK
         reached = [amplitude(segment, "y") * 1e6 for segment in signals.segments]
@@ -120,13 +121,13 @@ def test_frequencies_that_miss_the_amplitude_are_told():
 
     message, missed = remark(20)
     assert 1 < len(missed) < 4
-    expected = f"{len(missed)} of 4 frequencies miss 50 µm: at highest_force, 20 N, they reach"
+    expected = f"{len(missed)} of 4 frequencies miss 50 µm: at max_force, 20 N, they reach"
     assert message == f"{expected} {min(missed):.4g} to {max(missed):.4g} µm"
     assert remark(1000) == ("", [])
 
 
 def test_a_jump_over_the_amplitude_is_told_as_such():
-    excitation = ResponseControlled(displacement=50e-6, highest_force=1000, frequencies=(39,))
+    excitation = ResponseControlled(displacement=50e-6, max_force=1000, frequencies=(39,))
     (segment,) = signals_of(excitation).segments
     jumped = replace(segment, channels={**segment.channels, "y": 1.1 * segment.channels["y"]})
     assert excitation.remark([segment]) == ""
@@ -134,13 +135,39 @@ def test_a_jump_over_the_amplitude_is_told_as_such():
 
 
 def test_limits_are_told_the_highest_force_and_the_stroke_of_the_amplitude():
-    assert ResponseControlled(displacement=50e-6, highest_force=20).greatest() == (20.0, 100e-6)
+    assert ResponseControlled(displacement=50e-6, max_force=20).max_force_and_stroke() == (20.0, 100e-6)
 
 
 @pytest.mark.parametrize("kind", [SteppedSine, MovingSine])
 def test_a_frequency_that_is_given_twice_is_refused(kind):
     with pytest.raises(ParameterError, match=rf"{kind.name}.frequencies has 20 Hz 2 times; expected each once"):
         kind.parse({"amplitude": 1, "frequencies": [10, 20, 30, "0.02 kHz"]}, kind.name)
+
+
+@pytest.mark.parametrize(
+    ("excitation", "message"),
+    [
+        (
+            SteppedSine(amplitude=1, frequencies=(5, 100, 100.01)),
+            "stepped_sine has 100 and 100.01 Hz, and both become 100 Hz, where whole periods fit into whole samples of "
+            "0.0005 s; expected frequencies farther apart, by 0.2% or more: leave one of them out",
+        ),
+        (SteppedSine(amplitude=1, min_frequency=100, max_frequency=101, points=100), "more: lower 'points'"),
+        (ResponseControlled(displacement=1e-6, max_force=1, frequencies=(20.001, 20)), "has 20 and 20.001 Hz"),
+        (MovingSine(amplitude=1, frequencies=(20, 20.001)), "moving_sine has 20 and 20.001 Hz"),
+    ],
+)
+def test_frequencies_that_become_the_same_one_are_refused(excitation, message):
+    """Whole periods in whole samples move a frequency: two that meet would be two realisations of one."""
+    with pytest.raises(ParameterError, match=re.escape(message)):
+        excitation.check(TS)
+
+
+def test_frequencies_that_are_close_but_stay_apart_are_run():
+    excitation = SteppedSine(amplitude=1, frequencies=(200.0, 200.2, 20.0))
+    excitation.check(TS)
+    lines = {period.lines[0] / period.waveform.size for period in excitation.periods(TS)}
+    assert len(lines) == 3
 
 
 def velocity(period) -> np.ndarray:
@@ -150,7 +177,9 @@ def velocity(period) -> np.ndarray:
 
 @pytest.mark.parametrize("frequency", [0.5, 7.3, 33.3, 200.0, 640.0])
 def test_the_base_moves_at_constant_velocity_for_the_cycles_that_are_asked_for(frequency):
-    excitation = MovingSine(amplitude=4, frequencies=(frequency,), velocity=0.03, run_in=0.3, whole_cycles=5)
+    excitation = MovingSine(
+        amplitude=4, frequencies=(frequency,), velocity=0.03, reversal_settling_time=0.3, whole_cycles=5
+    )
     (period,) = excitation.periods(TS)
     speed, half = velocity(period), period.waveform.size // 2
     assert np.abs(speed).max() == pytest.approx(0.03, rel=1e-9)
@@ -178,7 +207,7 @@ def test_the_sine_is_an_even_harmonic_of_a_base_of_odd_ones(base, frequency):
 
 
 def test_between_reversals_the_moving_table_shows_its_plant_with_viscous_friction_alone():
-    excitation = MovingSine(amplitude=12, frequencies=FREQUENCIES, run_in=1.0)
+    excitation = MovingSine(amplitude=12, frequencies=FREQUENCIES, reversal_settling_time=1.0)
     signals = signals_of(excitation, resolution=0.0)
     found = np.array([response_between_reversals(segment, excitation) for segment in signals.segments])
     omega = 2 * np.pi * np.array([segment.frequency[0] for segment in signals.segments])
@@ -189,11 +218,11 @@ def test_between_reversals_the_moving_table_shows_its_plant_with_viscous_frictio
 
 
 def response_between_reversals(segment: Segment, excitation: MovingSine) -> complex:
-    """Return y/u over whole cycles between run-in and reversal; both halves of a period added."""
+    """Return y/u over whole cycles between settling and reversal; both halves of a period added."""
     half = segment.samples // 2
     begin = int(np.argmin(segment.channels["reference"][0]))
     corner = excitation.velocity / excitation.acceleration
-    first, last = int((corner + excitation.run_in) / TS) + 1, half - int(corner / TS) - 1
+    first, last = int((corner + excitation.reversal_settling_time) / TS) + 1, half - int(corner / TS) - 1
     turn = 2 * np.pi * segment.lines[0] * np.arange(half) / segment.samples
     columns = np.stack([np.cos(turn), np.sin(turn), np.ones(half)], axis=1)[first:last]
     phasors = []
@@ -207,10 +236,10 @@ def response_between_reversals(segment: Segment, excitation: MovingSine) -> comp
 @pytest.mark.parametrize(
     ("excitation", "reason"),
     [
-        (SteppedSine(amplitude=1, lowest=1e-4), "stepped_sine has 2e+07 samples per period at 0.0001 Hz"),
-        (ResponseControlled(displacement=1, highest_force=1, highest=1000), "response_controlled reaches 1000 Hz"),
+        (SteppedSine(amplitude=1, min_frequency=1e-4), "stepped_sine has 2e+07 samples per period at 0.0001 Hz"),
+        (ResponseControlled(displacement=1, max_force=1, max_frequency=1000), "response_controlled reaches 1000 Hz"),
         (
-            MovingSine(amplitude=1, lowest=2e-3),
+            MovingSine(amplitude=1, min_frequency=2e-3),
             "moving_sine has a base period of 2e+03 s; at a sample time of 0.0005 s",
         ),
         (MovingSine(amplitude=1, base_period=2000), "lower 'whole_cycles' or 'base_period'"),

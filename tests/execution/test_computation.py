@@ -16,7 +16,7 @@ from fraexp.cli.exits import ExitCode
 from fraexp.components.registry import Registry
 from fraexp.data.results import Outcome, Result
 from fraexp.data.sweep import Sweep
-from fraexp.execution.computation import Computation, Pulse, Setting
+from fraexp.execution.computation import Computation, Heartbeat, RunContext
 from fraexp.execution.events import Event, Finished
 from fraexp.execution.executors import Answer, WorkerLostError, Workers
 from fraexp.execution.job import Failure, Job
@@ -74,10 +74,10 @@ def good(job: Job) -> Answer:
 def computed(path: Path, sweeps: Sequence[Sweep], workers: Workers) -> tuple[list[Event], list[StoredSweep]]:
     with Store.open(str(path / "results.db"), create=True) as store:
         run = store.begin_run("scripted", "scripted.toml", "", {}, sweeps)
-        setting = Setting(run, store, Registry(), "", again=False)
-        pulse = Pulse(store, run, len(sweeps))
-        events = list(Computation(sweeps, setting, workers, lambda reference: reference, pulse).events())
-        assert store.held([sweep.key for sweep in sweeps]) == {}
+        context = RunContext(run, store, Registry(), "", is_rerun=False)
+        heartbeat = Heartbeat(store, run, len(sweeps))
+        events = list(Computation(sweeps, context, workers, lambda reference: reference, heartbeat).events())
+        assert store.lease_holders([sweep.key for sweep in sweeps]) == {}
         store.end_run(run, "complete")
         return events, store.sweeps(run)
 
@@ -132,7 +132,7 @@ def test_an_estimator_that_costs_workers_fails_alone_where_it_is_not_known(tmp_p
 
 def test_a_limit_that_is_reached_is_not_tried_again(tmp_path):
     def answer(job: Job, under_way: int) -> Answer | Exception:
-        return WorkerLostError("it took longer than the time limit of 3 s", again=False)
+        return WorkerLostError("it took longer than the time limit of 3 s", is_retryable=False)
 
     workers = Scripted(answer)
     _, sweeps = computed(tmp_path, grid(2), workers)
@@ -256,7 +256,7 @@ def test_a_disk_that_is_full_ends_the_run_in_one_line_and_loses_nothing(tmp_path
     process = begun(tmp_path, study(4000), "--executor=processes:1", preexec_fn=limited)
     told, talk = process.communicate(timeout=HANG_TIMEOUT_S)
     assert process.returncode == ExitCode.STORE, talk
-    assert told == ""
+    assert "disk" in json.loads(told)["error"]["message"]
     (line,) = [line for line in talk.splitlines() if line.startswith("fraexp: ")]
     assert "disk" in line
     assert "Traceback" not in talk

@@ -9,12 +9,13 @@ import pytest
 
 from fraexp.data import fit_references
 from fraexp.data.results import Result
-from fraexp.execution.executors import make
+from fraexp.execution.executors import create_workers
 from fraexp.execution.job import Job
 from fraexp.workspace.workspace import Workspace
 from tests.waiting import HANG_TIMEOUT_S
 
 STUDIES = [
+    "contacts/two_mass",
     "friction/drift",
     "friction/hysteresis",
     "identification/friction_viscous",
@@ -33,7 +34,7 @@ STUDIES = [
     "quick",
 ]
 """In which each estimator has a sweep of about a second at most."""
-LONG = {"back_propagation", "autonomous", "gms_identification", "rolling_identification", "sliding_identification"}
+LONG = {"gradient_fit", "plant_and_friction", "gms_identification", "rolling_identification", "sliding_identification"}
 LONG |= {"elastoplastic_identification", "masing_inversion"}
 """Identification that takes ten seconds and more; it computes as viscous_identification does, which is here."""
 UNUSED = {"local_rational"}
@@ -46,7 +47,7 @@ def jobs_of_each_estimator(folder: Path) -> dict[str, Job]:
     for study in workspace.studies(STUDIES):
         for sweep in study.sweeps:
             name = sweep.estimator["name"]
-            if name not in jobs and not list(fit_references.found_in([sweep.experiment, sweep.estimator])):
+            if name not in jobs and not list(fit_references.references_in([sweep.experiment, sweep.estimator])):
                 jobs[name] = Job(sweep.experiment, (sweep.estimator,), sweep.files)
     assert set(jobs) >= set(workspace.registry.names("estimator")) - LONG - UNUSED
     return {name: job for name, job in jobs.items() if name not in LONG}
@@ -64,7 +65,7 @@ def test_results_are_the_same_to_the_last_bit(tmp_path: Path) -> None:
     for executor, seed in (("serial", 0), ("processes:1", 1), ("processes:3", 2), ("processes:3", 3)):
         order = sorted(jobs)
         random.Random(seed).shuffle(order)
-        with make(executor, len(jobs)) as workers:
+        with create_workers(executor, len(jobs)) as workers:
             futures = {name: workers.submit(number, jobs[name]) for number, name in enumerate(order)}
             answers = {name: bits(future.result(timeout=HANG_TIMEOUT_S)[0]) for name, future in futures.items()}
         for name, answer in answers.items():

@@ -18,7 +18,7 @@ class Stored:
     def __init__(self, sweeps: list[Sweep]) -> None:
         self.states = {sweep.key: StoredState(Outcome.OK, {}, 0.1) for sweep in sweeps}
 
-    def known(self, _: list[str]) -> dict[str, StoredState]:
+    def stored_states(self, _: list[str]) -> dict[str, StoredState]:
         return self.states
 
 

@@ -24,7 +24,7 @@ def shown(make_response: ResponseMaker, amplitude: float, series: str = "", **op
 def test_rows_are_amplitudes_and_values_are_relative_to_the_plant(make_response: ResponseMaker) -> None:
     info = amplitude_map_info([shown(make_response, amplitude) for amplitude in (12.0, 3.0, 75.0)])
     (found,) = info.maps
-    assert info.relative
+    assert info.is_relative
     np.testing.assert_array_equal(found.amplitude, [3, 12, 75])
     np.testing.assert_allclose(found.magnitude, np.repeat([[3.0], [12.0], [75.0]], 30, axis=1))
     np.testing.assert_allclose(found.phase, found.magnitude)
@@ -32,7 +32,7 @@ def test_rows_are_amplitudes_and_values_are_relative_to_the_plant(make_response:
 
 def test_without_the_plant_values_are_absolute(make_response: ResponseMaker) -> None:
     info = amplitude_map_info([shown(make_response, amplitude, "unknown") for amplitude in (1.0, 2.0)])
-    assert (info.relative, info.unit) == (False, "mm/N")
+    assert (info.is_relative, info.unit) == (False, "mm/N")
     np.testing.assert_allclose(info.maps[0].magnitude[0], 20 * np.log10(-1e3 * PLANT) + 1)
     labels = [axes.get_ylabel() for axes in draw_amplitude_map(info).axes]
     assert labels == ["Excitation amplitude [N]"] * 2 + ["Magnitude [dB re 1 mm/N]", "Phase [deg]"]
@@ -71,7 +71,11 @@ def test_each_series_has_a_map_and_all_share_their_colours(make_response: Respon
 
 @pytest.mark.parametrize(
     ("count", "series", "sentence"),
-    [(1, 1, 'vary "excitation.amplitude" in'), (0, 1, "found no two amplitudes"), (2, 5, "found 5 series; 4 maps")],
+    [
+        (1, 1, 'vary "excitation.amplitude" in'),
+        (0, 1, "found fewer than two amplitudes"),
+        (2, 5, "found 5 series; no more than 4 maps"),
+    ],
 )
 def test_what_makes_no_map_is_refused(count: int, series: int, sentence: str, make_response: ResponseMaker) -> None:
     curves = [shown(make_response, 1.0 + row, str(name)) for name in range(series) for row in range(count)]

@@ -1,14 +1,14 @@
 import numpy as np
 import pytest
 from fraexp_plugins.estimators.conventional import Conventional
-from fraexp_plugins.identification.modal_fit import ModalFit
+from fraexp_plugins.identification.plant.modal_fit import ModalFit
 from fraexp_plugins.plants.modal import Modal
 
 from fraexp.analysis.confidence import relative_deviations
 from fraexp.data.results import FrequencyResponse, Outcome, Result
 from fraexp.errors import FraexpError
-from fraexp.figures.drawing import figure_for
-from fraexp.figures.elements.frequency_lines import THIN, alone
+from fraexp.figures.drawing import draw_figure
+from fraexp.figures.elements.frequency_lines import MODEL_LINE_WIDTH, isolated_points
 from fraexp.figures.elements.shown import ShownResult
 from fraexp.figures.kinds.bode import bode_info, draw_bode
 from tests.figures.conftest import ResponseMaker
@@ -67,8 +67,8 @@ def test_unsettled_points_are_gaps_in_the_line(make_response: ResponseMaker) -> 
     settled = [True, False, True, False, True, True]
     info = bode_info([("P", make_response(np.arange(1, 7), np.full(6, 1e-3), settled=settled))])
     curve = info.curves[0]
-    np.testing.assert_array_equal(np.isnan(curve.joined(curve.magnitude)), ~np.array(settled))
-    np.testing.assert_array_equal(alone(curve.settled), [True, False, True, False, False, False])
+    np.testing.assert_array_equal(np.isnan(curve.with_gaps(curve.magnitude)), ~np.array(settled))
+    np.testing.assert_array_equal(isolated_points(curve.settled), [True, False, True, False, False, False])
     np.testing.assert_allclose(curve.magnitude, 0, atol=1e-9)  # still there to be drawn hollow
     hollow = [line for line in draw_bode(info).axes[0].lines if line.get_fillstyle() == "none"]
     assert [list(line.get_xdata()) for line in hollow] == [[2, 4]]
@@ -104,26 +104,26 @@ def test_every_curve_has_a_style_of_its_own_and_a_place_in_the_legend(count: int
     assert len(figure.legends[0].get_texts()) == count
 
 
-PLANT = Modal(gain=0.132, frequencies=(38.8,), damping_ratios=(0.005,), residues=(0.34,))
+PLANT = Modal(rigid_body_gain=0.132, frequencies=(38.8,), damping_ratios=(0.005,), modal_gain_ratios=(0.34,))
 """A resonance far narrower than the points are apart."""
 
 
 def fitted(make_response: ResponseMaker, **given: object) -> Result:
     frequency = np.geomspace(5, 150, 60)
     response: FrequencyResponse = make_response(frequency, PLANT.response(2 * np.pi * frequency))
-    return ModalFit(method=Conventional(), modes=1, lowest=10, **given).fit_of(response)
+    return ModalFit(method=Conventional(), modes=1, lowest=10, **given).fit_response(response)
 
 
 def test_a_fitted_plant_is_a_thin_line_through_the_points_of_its_response(make_response: ResponseMaker) -> None:
     plain = ShownResult("plain", Result(Outcome.OK, response=make_response([5.0, 150.0], [-1e-3, -1e-6])))
-    figure = figure_for([plain, ShownResult("a", fitted(make_response)), ShownResult("b", fitted(make_response))])
+    figure = draw_figure([plain, ShownResult("a", fitted(make_response)), ShownResult("b", fitted(make_response))])
     texts = [text.get_text() for text in figure.legends[0].get_texts()]
     assert texts == ["plain", "a", "b", "fitted plant"]
     for axes, part in zip(figure.axes, ("magnitude", "phase"), strict=True):
         drawn = [line for line in axes.lines if len(line.get_xdata()) > 2]
         points, lines = drawn[::2], drawn[1::2]
         assert [(line.get_linestyle(), len(line.get_xdata())) for line in points] == [("None", 60)] * 2
-        assert [line.get_linewidth() for line in lines] == [THIN] * 2
+        assert [line.get_linewidth() for line in lines] == [MODEL_LINE_WIDTH] * 2
         x, y = (np.asarray(values) for values in lines[0].get_data())
         assert x.min() == pytest.approx(min(f for f in points[0].get_xdata() if f >= 10)), "the band that was fitted"
         expected = PLANT.response(2 * np.pi * x)
@@ -153,4 +153,4 @@ def test_a_plant_fitted_to_the_magnitude_has_no_phase_to_draw(make_response: Res
 def test_a_response_without_a_fit_has_no_model(make_response: ResponseMaker) -> None:
     plain = ShownResult("a", Result(Outcome.OK, response=make_response([1.0, 2.0], [1.0, 1.0])))
     assert plain.fitted is None
-    assert [text.get_text() for text in figure_for([plain]).legends[0].get_texts()] == ["a"]
+    assert [text.get_text() for text in draw_figure([plain]).legends[0].get_texts()] == ["a"]

@@ -7,7 +7,7 @@ import pytest
 
 from fraexp.data.results import Curve, FrequencyResponse
 from fraexp.figures.elements.branches import continuous_phases
-from fraexp.figures.elements.bundles import FEW, MANY, Bundle, split, stacked
+from fraexp.figures.elements.bundles import MAX_SINGLE_CURVES, MIN_QUANTILE_CURVES, Bundle, group_indices, stack_padded
 from fraexp.figures.elements.labels import group_names, label_texts
 from fraexp.figures.elements.scales import continuous_phase
 from fraexp.figures.kinds.bode import BodeInfo, bode_info, draw_bode
@@ -46,14 +46,14 @@ def test_groups_keep_apart_and_a_small_one_has_no_quantiles(make_response: Respo
     assert legend(bode_info(curves, groups=["H1"] * 25 + ["H2"] * 5)) == [
         "H1, 25 sweeps", "H2, 5 sweeps", "median", "5…95 %",
     ]  # fmt: skip
-    assert legend(bode_info(curves, groups=[str(index // FEW) for index in range(30)]))[:3] == [
+    assert legend(bode_info(curves, groups=[str(index // MIN_QUANTILE_CURVES) for index in range(30)]))[:3] == [
         "0, 10 sweeps", "1, 10 sweeps", "2, 10 sweeps",
     ]  # fmt: skip
     assert legend(bode_info(curves, groups=[str(index) for index in range(30)]))[0] == "30 sweeps"
 
 
 def test_up_to_the_limit_each_curve_has_its_name(make_response: ResponseMaker) -> None:
-    assert len(legend(bode_info(many(make_response, MANY)))) == MANY
+    assert len(legend(bode_info(many(make_response, MAX_SINGLE_CURVES)))) == MAX_SINGLE_CURVES
 
 
 def test_unsettled_points_are_hollow_and_in_no_quantile(make_response: ResponseMaker) -> None:
@@ -116,10 +116,10 @@ def test_other_curves_are_bundled_too() -> None:
 
 
 def test_rows_are_filled_up() -> None:
-    np.testing.assert_array_equal(stacked([np.array([1.0]), np.array([1.0, 2.0])]), [[1, np.nan], [1, 2]])
-    flags = stacked([np.array([True]), np.array([True, True])], missing=False)
+    np.testing.assert_array_equal(stack_padded([np.array([1.0]), np.array([1.0, 2.0])]), [[1, np.nan], [1, 2]])
+    flags = stack_padded([np.array([True]), np.array([True, True])], missing=False)
     assert flags.dtype == bool
-    assert split(["a", "b", "a"]) == {"a": [0, 2], "b": [1]}
+    assert group_indices(["a", "b", "a"]) == {"a": [0, 2], "b": [1]}
 
 
 def test_groups_are_those_of_the_label_with_the_fewest_values() -> None:

@@ -31,7 +31,7 @@ def test_coherence_and_distortion_are_shown_where_they_are_known(make_response: 
     np.testing.assert_allclose(spectral.coherence, [0.9, 0.8, 0.7])
     assert spectral.distortion is None
     assert info.parts == ("coherence", "distortion")
-    assert not info.decades
+    assert not info.is_logarithmic
     figure = draw_coherence(info)
     assert [axes.get_ylabel() for axes in figure.axes] == ["Squared coherence [1]", "Harmonic distortion [%]"]
 
@@ -40,11 +40,11 @@ def test_one_panel_is_drawn_if_one_is_known_and_decades_have_their_axis(make_res
     few = [shown(make_response, "a", distortion=0.001), shown(make_response, "b", distortion=0.5)]
     info = coherence_info(few)
     assert info.parts == ("distortion",)
-    assert info.decades
+    assert info.is_logarithmic
     (axes,) = draw_coherence(info).axes
     assert axes.get_yscale() == "log"
 
 
 def test_without_either_it_says_what_would_tell_them(make_response: ResponseMaker) -> None:
-    with pytest.raises(FraexpError, match="a stepped sine tells distortion"):
+    with pytest.raises(FraexpError, match="a stepped sine gives distortion"):
         coherence_info([shown(make_response, "nothing")])

@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
-from fraexp_plugins.identification.friction_report import force_over_velocity, virgin_curve
+from fraexp_plugins.identification._shared.friction_curves import force_over_velocity, virgin_curve
 from matplotlib.colors import to_hex
 
 from fraexp.data.results import Curve, Outcome, Result
 from fraexp.errors import FraexpError
-from fraexp.figures.drawing import figure_for
-from fraexp.figures.elements.bundles import TINT, mixed
-from fraexp.figures.elements.frequency_lines import THIN
+from fraexp.figures.drawing import draw_figure
+from fraexp.figures.elements.bundles import TINT_SHARE, mix_grey
+from fraexp.figures.elements.frequency_lines import MODEL_LINE_WIDTH
 from fraexp.figures.elements.shown import ShownResult
 from fraexp.figures.kinds.other_curves import curves_info, draw_curves
 
@@ -47,7 +47,7 @@ def test_curves_with_names_of_their_own_are_told_apart():
 
 
 def test_curves_with_other_columns_are_below_under_their_names():
-    figure = figure_for(
+    figure = draw_figure(
         [ShownResult("a", Result(Outcome.OK, curves=(harmonic("H1"), levels())))], title="Study", kind="curves"
     )
     assert figure.get_suptitle() == "Study"
@@ -87,8 +87,8 @@ def test_a_model_is_a_line_through_points_with_a_gap_where_nothing_is_known():
     assert legend(figure) == ["a", "model"]
     points, line = [line for line in axes.lines if len(line.get_xdata())]
     assert (points.get_linestyle(), points.get_marker(), len(points.get_xdata())) == ("None", "o", 4)
-    assert to_hex(points.get_color()) == to_hex(mixed(line.get_color(), 1.0, TINT))
-    assert line.get_linewidth() == THIN
+    assert to_hex(points.get_color()) == to_hex(mix_grey(line.get_color(), 1.0, TINT_SHARE))
+    assert line.get_linewidth() == MODEL_LINE_WIDTH
     np.testing.assert_allclose(line.get_xdata(), [-20, -10, 0, 10, 20])
     np.testing.assert_allclose(line.get_ydata(), [-5.02, -5.01, np.nan, 5.01, 5.02])
     assert axes.get_xlabel() == "Velocity [mm/s]"
@@ -140,6 +140,6 @@ def test_a_curve_without_an_ordinate_is_left_out():
 
 def test_curves_are_chosen_where_not_every_result_has_a_loop(make_loop):
     alone = ShownResult("loop", Result(Outcome.OK, curves=(make_loop(1e-5), sliding())))
-    assert figure_for([alone]).axes[0].get_ylabel() == "Friction force [N]"
-    both = figure_for([alone, ShownResult("other", Result(Outcome.OK, curves=(sliding(),)))])
+    assert draw_figure([alone]).axes[0].get_ylabel() == "Friction force [N]"
+    both = draw_figure([alone, ShownResult("other", Result(Outcome.OK, curves=(sliding(),)))])
     assert [axes.get_title(loc="left") for axes in both.axes] == ["Loop", "Force over velocity"]

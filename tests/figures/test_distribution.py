@@ -7,10 +7,10 @@ import pytest
 
 from fraexp.data.results import Metric, Outcome, Result
 from fraexp.errors import FraexpError
-from fraexp.figures.drawing import figure_for
-from fraexp.figures.elements.labels import Drawn, curve_names, drawn_names, group_names
+from fraexp.figures.drawing import draw_figure
+from fraexp.figures.elements.labels import RandomDraw, curve_names, describe_draws, group_names
 from fraexp.figures.elements.shown import ShownResult
-from fraexp.figures.kinds.distribution import MOST, distribution_info
+from fraexp.figures.kinds.distribution import MAX_METRICS, distribution_info
 
 
 def shown(family, *columns, unit="s", extra=()):
@@ -19,7 +19,7 @@ def shown(family, *columns, unit="s", extra=()):
     for number, values in enumerate(zip(*columns, strict=True), start=1):
         metrics = tuple(Metric(f"metric {n}", value, unit) for n, value in enumerate(values))
         result = Result(Outcome.OK, metrics=(*metrics, *extra))
-        drawn = Drawn(number, family, f"gain {number}")
+        drawn = RandomDraw(number, family, f"gain {number}")
         found.append(ShownResult(f"{family}, draw {number}", result, key=f"fx1-{number:08d}", drawn=drawn))
     return found
 
@@ -34,7 +34,7 @@ def test_quantiles_and_the_worst_are_those_of_the_draws():
     assert (panel.metric, panel.unit, sample.count) == ("metric 0", "ms", 10)
     assert sample.quantile(0.5) == pytest.approx(14.0)
     assert sample.quantile(0.95) == pytest.approx(19.0)
-    assert sample.worst.drawn == Drawn(3, "nominal", "gain 3")
+    assert sample.worst.drawn == RandomDraw(3, "nominal", "gain 3")
     assert sample.missing is None
 
 
@@ -47,7 +47,9 @@ def test_a_draw_without_a_value_counts_as_worse_than_all():
     assert sample.missing is not None
     assert sample.missing.drawn.number == 10
     texts = [
-        text.get_text() for axes in figure_for(shown("nominal", times), kind="distribution").axes for text in axes.texts
+        text.get_text()
+        for axes in draw_figure(shown("nominal", times), kind="distribution").axes
+        for text in axes.texts
     ]
     assert {"none", "1, first draw 10"} <= set(texts)
 
@@ -60,7 +62,7 @@ def test_a_metric_that_most_draws_lack_is_shown():
 
 def test_a_metric_that_no_draw_has_is_shown_as_that():
     found = shown("nominal", [np.nan] * 10)
-    axes, table, _ = figure_for(found, kind="distribution").axes
+    axes, table, _ = draw_figure(found, kind="distribution").axes
     assert [text.get_text() for text in axes.texts] == ["no draw has a value"]
     assert "10, first draw 1" in [text.get_text() for text in table.texts]
 
@@ -69,7 +71,7 @@ def test_a_case_that_never_has_a_value_has_its_row():
     found = shown("nominal", TIMES) + shown("wrong", [np.nan] * 10)
     (panel,) = distribution_info(found).panels
     assert [sample.worst is None for sample in panel.samples] == [False, True]
-    (axes, table, _) = figure_for(found, kind="distribution").axes
+    (axes, table, _) = draw_figure(found, kind="distribution").axes
     assert [text.get_text() for text in axes.texts] == ["draw 3"]
     assert "10, first draw 1" in [text.get_text() for text in table.texts]
 
@@ -81,7 +83,7 @@ def test_the_worst_is_the_greatest_magnitude():
 
 def test_cases_lie_over_each_other_and_the_worst_draws_are_told():
     both = shown("nominal", TIMES) + shown("wrong", [2 * time for time in reversed(TIMES)])
-    figure = figure_for(both, title="Robustness", kind="distribution")
+    figure = draw_figure(both, title="Robustness", kind="distribution")
     panel, table, notes = figure.axes
     assert panel.get_xlabel() == "Metric 0 [ms]"
     assert [text.get_text() for text in panel.texts] == ["draw 3", "draw 8"]
@@ -102,7 +104,7 @@ def test_only_metrics_that_differ_are_drawn_in_their_order_and_not_what_an_exper
     ]
     names = [panel.metric for panel in distribution_info(taken).panels]
     assert names == ["metric 1", "metric 2", "metric 3", "metric 4"]
-    assert len(names) == MOST
+    assert len(names) == MAX_METRICS
 
 
 def test_too_little_or_too_much_is_refused():
@@ -111,9 +113,9 @@ def test_too_little_or_too_much_is_refused():
     with pytest.raises(FraexpError, match="no metric differs from draw to draw; draw numbers that matter"):
         distribution_info(shown("", [1.0] * 20))
     for count, found in ((1, "1 draw"), (6, "6 draws")):
-        with pytest.raises(FraexpError, match=rf"found {found}; expected 7 at least: raise 'count' in the section"):
+        with pytest.raises(FraexpError, match=rf"found {found}; expected at least 7: raise 'count' in the section"):
             distribution_info(shown("", TIMES[:count]))
-    with pytest.raises(FraexpError, match="found 7 cases; 6 at most"):
+    with pytest.raises(FraexpError, match="found 7 cases; no more than 6"):
         distribution_info([of for n in range(7) for of in shown(f"case {n}", TIMES)])
 
 
@@ -128,6 +130,6 @@ UNITS = {"plant.gain": "m/(N s**2)", "plant.frequencies.0": "Hz"}
 def test_a_draw_is_named_by_its_number_and_grouped_by_what_it_was_drawn_around():
     assert curve_names(LABELS, [""] * 6, UNITS)[:2] == ["a, draw 1", "a, draw 2"]
     assert group_names(LABELS, UNITS) == ["a", "a", "a", "b", "b", "b"]
-    found = drawn_names(LABELS, UNITS)
-    assert found[3] == Drawn(1, "b", "gain 0.14 m/(N s²), frequencies.0 39 Hz")
-    assert drawn_names([{"case": "a"}], {}) == [None]
+    found = describe_draws(LABELS, UNITS)
+    assert found[3] == RandomDraw(1, "b", "gain 0.14 m/(N s²), frequencies.0 39 Hz")
+    assert describe_draws([{"case": "a"}], {}) == [None]

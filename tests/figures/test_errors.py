@@ -4,7 +4,7 @@ import pytest
 from fraexp.data.results import Metric, Outcome, Result
 from fraexp.errors import FraexpError
 from fraexp.figures.elements.shown import ShownResult
-from fraexp.figures.kinds.plant_errors import NEAR, draw_errors, errors_info
+from fraexp.figures.kinds.plant_errors import FREQUENCY_FACTOR, draw_errors, errors_info
 from tests.figures.conftest import ResponseMaker
 
 FREQUENCY = np.array([39.0, 1.0, 5.0, 12.4, 150.0])
@@ -31,17 +31,20 @@ def test_the_table_takes_the_nearest_settled_point_and_none_that_is_far(make_res
     info = errors_info([shown(make_response, 1.0, settled=settled)])
     (curve,) = info.curves
     assert info.spots == (1, 5, 12, 20, 39, 80, 150)
-    at = [curve.at(spot) for spot in info.spots]
+    at = [curve.index_near(spot) for spot in info.spots]
     assert [None if index is None else curve.frequency[index] for index in at] == [1, None, 12.4, None, 39, None, 150]
-    assert errors_info([shown(make_response, 1.0)], spots=(0.5, 39, 150 * NEAR, 200)).spots == (39, 150 * NEAR)
+    assert errors_info([shown(make_response, 1.0)], spots=(0.5, 39, 150 * FREQUENCY_FACTOR, 200)).spots == (
+        39,
+        150 * FREQUENCY_FACTOR,
+    )
 
 
 def test_the_share_of_limits_that_hold_the_plant(make_response: ResponseMaker) -> None:
     deviation = np.abs(PLANT) * 0.01
     factor = np.array([1.005, 1.005, 1.005, 1.1, 1.005])
     (curve,) = errors_info([shown(make_response, factor, deviation=deviation)]).curves
-    assert curve.inside == pytest.approx(0.9)  # one magnitude of five is off, no phase is
-    assert np.isnan(errors_info([shown(make_response, factor)]).curves[0].inside)
+    assert curve.coverage == pytest.approx(0.9)  # one magnitude of five is off, no phase is
+    assert np.isnan(errors_info([shown(make_response, factor)]).curves[0].coverage)
 
 
 def test_responses_without_a_known_plant_are_left_out(make_response: ResponseMaker) -> None:
@@ -64,5 +67,5 @@ def test_lines_and_table_tell_the_same(make_response: ResponseMaker) -> None:
 
 
 def test_more_curves_than_can_be_told_apart_are_refused(make_response: ResponseMaker) -> None:
-    with pytest.raises(FraexpError, match="found 21 responses; 20 at most"):
+    with pytest.raises(FraexpError, match="found 21 responses; no more than 20"):
         draw_errors(errors_info([shown(make_response, 1.0, str(number)) for number in range(21)]))

@@ -201,9 +201,9 @@ def test_a_name_that_no_file_can_have_is_one_line(tmp_path: Path, result: Result
 REFUSED: dict[str, tuple[Callable[[Result, Path], None], str]] = {
     "suffix": (
         lambda r, p: export(r, {}, p / "a.xls"),
-        r"a\.xls: '\.xls' is no format of export; known: \.csv, \.json",
+        r"a\.xls: '\.xls' is not an export format; known: \.csv, \.json",
     ),
-    "no suffix": (lambda r, p: export(r, {}, p / "a"), r"a: '' is no format of export"),
+    "no suffix": (lambda r, p: export(r, {}, p / "a"), r"a: '' is not an export format"),
     "folder": (lambda r, p: export(r, {}, p / "x" / "a.csv"), r"a\.csv: cannot be written: No such file"),
     "folder for hdf5": (lambda r, p: export(r, {}, p / "x" / "a.h5"), r"a\.h5: cannot be written"),
     "folder for unv": (lambda r, p: export(r, {}, p / "x" / "a.unv"), r"a\.unv: cannot be written"),

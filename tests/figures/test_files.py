@@ -7,9 +7,9 @@ import pytest
 
 from fraexp.data.results import Outcome, Result
 from fraexp.errors import FraexpError
-from fraexp.figures.drawing import figure_for, save
+from fraexp.figures.drawing import draw_figure, save_figure
 from fraexp.figures.elements.shown import ShownResult
-from fraexp.figures.elements.stamp import digest, is_current
+from fraexp.figures.elements.stamp import is_current, stamp_digest
 from tests.figures.conftest import LoopMaker, ResponseMaker
 
 STARTS = {".png": b"\x89PNG\r\n\x1a\n", ".svg": b"<?xml", ".pdf": b"%PDF"}
@@ -24,46 +24,46 @@ def result(make_response: ResponseMaker) -> Result:
 def test_a_file_is_whole_stamped_and_the_same_every_time(suffix: str, tmp_path: Path, result: Result) -> None:
     first, second = tmp_path / f"new folder/one{suffix}", tmp_path / f"two{suffix}"
     for path in (first, second):
-        save(figure_for([ShownResult("conventional", result)]), path, ["fx1-a", "title"])
+        save_figure(draw_figure([ShownResult("conventional", result)]), path, ["fx1-a", "title"])
     assert first.read_bytes() == second.read_bytes()
     assert first.read_bytes().startswith(STARTS[suffix])
-    assert is_current(first, digest(["fx1-a", "title"]))
-    assert not is_current(first, digest(["fx1-b", "title"]))
+    assert is_current(first, stamp_digest(["fx1-a", "title"]))
+    assert not is_current(first, stamp_digest(["fx1-b", "title"]))
     assert [path.name for path in first.parent.iterdir()] == [first.name], "no temporary file is left"
 
 
 def test_a_file_that_is_cut_off_or_missing_is_not_current(tmp_path: Path, result: Result) -> None:
     path = tmp_path / "figure.png"
-    save(figure_for([ShownResult("a", result)]), path, ["k"])
+    save_figure(draw_figure([ShownResult("a", result)]), path, ["k"])
     path.write_bytes(path.read_bytes()[:-20])
-    assert not is_current(path, digest(["k"]))
-    assert not is_current(tmp_path / "missing.png", digest(["k"]))
+    assert not is_current(path, stamp_digest(["k"]))
+    assert not is_current(tmp_path / "missing.png", stamp_digest(["k"]))
 
 
 def test_an_unknown_suffix_is_refused(tmp_path: Path, result: Result) -> None:
     with pytest.raises(FraexpError, match=r"figure.bmp: .* '.bmp'; choose one of .png, .svg, .pdf"):
-        save(figure_for([ShownResult("a", result)]), tmp_path / "figure.bmp", [])
+        save_figure(draw_figure([ShownResult("a", result)]), tmp_path / "figure.bmp", [])
 
 
 def test_a_place_that_cannot_be_written_is_one_line(tmp_path: Path, result: Result) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(FraexpError, match="the figure cannot be written: "):
-        save(figure_for([ShownResult("a", result)]), tmp_path / "file/figure.png", [])
+        save_figure(draw_figure([ShownResult("a", result)]), tmp_path / "file/figure.png", [])
 
 
 def test_the_figure_fits_the_results(result: Result, make_loop: LoopMaker) -> None:
     driven = Result(Outcome.OK, curves=(make_loop(1e-5),))
-    assert len(figure_for([ShownResult("a", result)]).axes) == 2
-    assert [axes.get_ylabel() for axes in figure_for([ShownResult("a", driven)]).axes] == ["Friction force [N]"]
+    assert len(draw_figure([ShownResult("a", result)]).axes) == 2
+    assert [axes.get_ylabel() for axes in draw_figure([ShownResult("a", driven)]).axes] == ["Friction force [N]"]
     with pytest.raises(FraexpError, match="no result has a frequency response or a curve"):
-        figure_for([ShownResult("a", Result(Outcome.DIVERGED))])
+        draw_figure([ShownResult("a", Result(Outcome.DIVERGED))])
 
 
 @pytest.mark.parametrize("kind", ["", "bode", "errors", "amplitude_map", "levels", "hysteresis", "curves"])
 def test_what_has_nothing_to_draw_is_one_line(kind: str, make_response: ResponseMaker) -> None:
     empty = Result(Outcome.DIVERGED, response=make_response([], []))
     with pytest.raises(FraexpError) as caught:
-        figure_for([ShownResult("a", empty, truth=np.empty(0), amplitude=1.0)] * 2, kind=kind)
+        draw_figure([ShownResult("a", empty, truth=np.empty(0), amplitude=1.0)] * 2, kind=kind)
     assert "\n" not in str(caught.value)
 
 
@@ -73,16 +73,16 @@ def test_points_where_nothing_moved_are_left_out(kind: str, make_response: Respo
     response = make_response([1, 2, 3], values, settled=[False, True, True], deviation=[1e-6, 1e-6, 1e-2])
     plant = np.full(3, -1e-3 + 0j)
     shown = [
-        ShownResult(str(amplitude), Result(Outcome.NO_SIGNAL, response=response), truth=plant, amplitude=amplitude)
+        ShownResult(str(amplitude), Result(Outcome.NO_MOTION, response=response), truth=plant, amplitude=amplitude)
         for amplitude in (1.0, 2.0)
     ]
-    save(figure_for(shown, kind=kind), tmp_path / "figure.png", [])  # a warning would be an error
+    save_figure(draw_figure(shown, kind=kind), tmp_path / "figure.png", [])  # a warning would be an error
 
 
 @pytest.mark.parametrize("name", ["\x1b[31m red", "$unbalanced", "摩擦", "_hidden", "two\nlines", ""])
 def test_any_name_can_be_drawn(name: str, result: Result, tmp_path: Path) -> None:
-    figure = figure_for([ShownResult(name, result), ShownResult("other", result)], title=name)
-    save(figure, tmp_path / "figure.png", [])
+    figure = draw_figure([ShownResult(name, result), ShownResult("other", result)], title=name)
+    save_figure(figure, tmp_path / "figure.png", [])
     texts = [text.get_text() for text in figure.legends[0].get_texts()]
     assert len(texts) == (2 if name else 1)
     assert all("\x1b" not in text and "\n" not in text for text in texts)
@@ -108,5 +108,5 @@ def test_drawing_leaves_no_trace_in_the_users_settings(result: Result, tmp_path:
     import matplotlib
 
     before = dict(matplotlib.rcParams)
-    save(figure_for([ShownResult("a", result)]), tmp_path / "a.svg", [])
+    save_figure(draw_figure([ShownResult("a", result)]), tmp_path / "a.svg", [])
     assert dict(matplotlib.rcParams) == before

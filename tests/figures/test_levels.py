@@ -42,7 +42,7 @@ def test_only_what_is_known_is_drawn(make_response: ResponseMaker) -> None:
     assert list(info.panels[0].quantities) == [RESPONSE, TOTAL]
     figure = draw_levels(info)
     assert [text.get_text() for text in figure.legends[0].get_texts()] == [RESPONSE, TOTAL]
-    with pytest.raises(FraexpError, match="no response tells noise"):
+    with pytest.raises(FraexpError, match="no response has noise"):
         levels_info([shown(make_response)])
 
 
@@ -54,5 +54,5 @@ def test_each_response_has_a_panel_on_shared_axes(count: int, make_response: Res
     assert len(drawn) == count
     assert len({axes.get_ylim() for axes in drawn}) == 1
     assert (drawn[0].get_title() if count == 1 else figure.get_suptitle()) == "Title"
-    with pytest.raises(FraexpError, match="found 13 responses; 12 panels at most"):
+    with pytest.raises(FraexpError, match="found 13 responses; no more than 12 panels"):
         levels_info(curves[:1] * 13)

@@ -24,8 +24,8 @@ def test_responses_lie_in_the_complex_plane_in_the_unit_people_read(make_respons
     np.testing.assert_allclose(curve.imaginary, [0, 0, 1], atol=1e-12)
     assert curve.settled.tolist() == [True, False, True]
     assert curve.size == pytest.approx(1)  # the point of 2 had not settled
-    assert curve.spots()[10.0] == 2
-    assert 3.0 not in curve.spots()
+    assert curve.marked_points()[10.0] == 2
+    assert 3.0 not in curve.marked_points()
 
 
 def test_the_plant_is_drawn_with_them_and_frequencies_are_named(make_response: ResponseMaker) -> None:

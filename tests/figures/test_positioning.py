@@ -5,9 +5,9 @@ import pytest
 
 from fraexp.data.results import Curve, Outcome, Result
 from fraexp.errors import FraexpError
-from fraexp.figures.drawing import figure_for
+from fraexp.figures.drawing import draw_figure
 from fraexp.figures.elements.shown import ShownResult
-from fraexp.figures.kinds.positioning_moves import LEAST, is_positioning, positioning_info
+from fraexp.figures.kinds.positioning_moves import MIN_HEIGHT_RATIO, is_positioning, positioning_info
 
 BAND = 4e-6
 
@@ -33,7 +33,7 @@ def shown(*curves, groups=None):
 
 
 def test_it_is_drawn_by_itself_where_there_are_such_curves():
-    figure = figure_for(shown(motion(), motion(20e-6)), title="Fig 8")
+    figure = draw_figure(shown(motion(), motion(20e-6)), title="Fig 8")
     upper, lower = figure.axes
     assert upper.get_title() == "Fig 8"
     assert (upper.get_ylabel(), lower.get_ylabel()) == ("Position − target [µm]", "Thrust [N]")
@@ -44,28 +44,28 @@ def test_it_is_drawn_by_itself_where_there_are_such_curves():
 
 
 def test_deviation_and_time_count_from_the_move_on():
-    (course,) = positioning_info([("a", motion(20e-6, wait=30), "")]).courses
-    assert course.time[30] == pytest.approx(0)
-    assert course.deviation[30] == pytest.approx(-1000)
-    assert course.deviation[71] == pytest.approx(20)
-    assert course.after == pytest.approx(20)
+    (move,) = positioning_info([("a", motion(20e-6, wait=30), "")]).moves
+    assert move.time[30] == pytest.approx(0)
+    assert move.deviation[30] == pytest.approx(-1000)
+    assert move.deviation[71] == pytest.approx(20)
+    assert move.residual == pytest.approx(20)
 
 
 def test_the_axis_shows_a_few_bands_and_is_logarithmic_where_that_is_not_enough():
-    quiet, far = (figure_for(shown(motion(overshoot))).axes[0] for overshoot in (1e-6, 200e-6))
+    quiet, far = (draw_figure(shown(motion(overshoot))).axes[0] for overshoot in (1e-6, 200e-6))
     assert quiet.get_yscale() == "linear"
-    assert quiet.get_ylim() == pytest.approx((-4 * LEAST, 4 * LEAST))
+    assert quiet.get_ylim() == pytest.approx((-4 * MIN_HEIGHT_RATIO, 4 * MIN_HEIGHT_RATIO))
     assert far.get_yscale() == "symlog"
     assert far.get_ylim()[1] > 200
 
 
 def test_without_thrust_there_is_one_panel():
-    assert len(figure_for(shown(motion(thrust=False))).axes) == 1
+    assert len(draw_figure(shown(motion(thrust=False))).axes) == 1
 
 
 def test_many_draws_are_bundles_by_their_case():
     curves = [motion(1e-6 * n) for n in range(40)]
-    figure = figure_for(shown(*curves, groups=["nominal"] * 20 + ["wrong"] * 20))
+    figure = draw_figure(shown(*curves, groups=["nominal"] * 20 + ["wrong"] * 20))
     texts = [text.get_text() for text in figure.legends[0].get_texts()]
     assert texts == ["nominal, 20 sweeps", "wrong, 20 sweeps", "median", "5…95 %", "±4 µm"]
 
@@ -74,5 +74,5 @@ def test_other_curves_are_none():
     other = motion()
     del other.columns["band"]
     assert not is_positioning(other)
-    with pytest.raises(FraexpError, match="there is no positioning motion; take the estimator"):
-        figure_for(shown(other), kind="positioning")
+    with pytest.raises(FraexpError, match="there is no positioning motion; use estimator"):
+        draw_figure(shown(other), kind="positioning")

@@ -5,9 +5,9 @@ import pytest
 
 from fraexp.data.results import Outcome, Result
 from fraexp.errors import FraexpError
-from fraexp.figures.drawing import figure_for
+from fraexp.figures.drawing import draw_figure
 from fraexp.figures.elements.shown import ShownResult
-from fraexp.figures.elements.view import View, wrap
+from fraexp.figures.elements.view import View, wrap_phase
 from tests.figures.conftest import ResponseMaker
 
 
@@ -21,7 +21,7 @@ def shown(make_response: ResponseMaker) -> list[ShownResult]:
 
 
 def test_only_a_band_is_seen_as_high_as_its_lines(shown: list[ShownResult]) -> None:
-    upper, lower = figure_for(shown, view=View.of("2:20")).axes
+    upper, lower = draw_figure(shown, view=View.parse("2:20")).axes
     assert upper.get_xlim() == pytest.approx((2 / 1.01, 20 * 1.01))
     low, high = upper.get_ylim()
     assert -28.0 < low < -26.0
@@ -30,7 +30,7 @@ def test_only_a_band_is_seen_as_high_as_its_lines(shown: list[ShownResult]) -> N
 
 
 def test_a_wrapped_phase_is_interrupted_where_it_jumps(shown: list[ShownResult]) -> None:
-    lower = figure_for(shown, view=View(wrapped=True)).axes[1]
+    lower = draw_figure(shown, view=View(wrapped=True)).axes[1]
     phase = np.concatenate([np.asarray(line.get_ydata(), float) for line in lower.lines])
     assert np.nanmin(phase) >= -180.0
     assert np.nanmax(phase) < 180.0
@@ -39,30 +39,32 @@ def test_a_wrapped_phase_is_interrupted_where_it_jumps(shown: list[ShownResult])
 
 
 def test_without_a_view_all_is_seen(shown: list[ShownResult]) -> None:
-    upper, lower = figure_for(shown).axes
+    upper, lower = draw_figure(shown).axes
     assert upper.get_xlim() == pytest.approx((1 / 1.01, 100 * 1.01))
     assert np.ptp(lower.get_ylim()) > 540.0
 
 
 def test_a_phase_is_wrapped_to_the_nearest_turn() -> None:
-    assert wrap(np.array([-540.0, -190.0, -180.0, 0.0, 179.0, 181.0])) == pytest.approx([-180, 170, -180, 0, 179, -179])
+    assert wrap_phase(np.array([-540.0, -190.0, -180.0, 0.0, 179.0, 181.0])) == pytest.approx(
+        [-180, 170, -180, 0, 179, -179]
+    )
 
 
 @pytest.mark.parametrize("text", ["20:6", "0:3", "3", "a:b", "1:2:3", "1:inf", "-1:3", "nan:3"])
 def test_what_is_no_band_is_refused(text: str) -> None:
     with pytest.raises(FraexpError, match="expected two frequencies"):
-        View.of(text)
+        View.parse(text)
 
 
 def test_a_view_tells_its_options_and_reads_them_again() -> None:
     view = View((4.5, 45.25), wrapped=True)
-    assert view.options() == ["--band=4.5:45.25", "--wrapped"]
-    assert View.of("4.5:45.25", wrapped=True) == view
+    assert view.options() == ["--frequency-range=4.5:45.25", "--wrap-phase"]
+    assert View.parse("4.5:45.25", wrapped=True) == view
     assert View().options() == []
 
 
 def test_kinds_without_frequencies_or_phase_refuse(shown: list[ShownResult]) -> None:
-    with pytest.raises(FraexpError, match="nyquist is not drawn over frequency"):
-        figure_for(shown, kind="nyquist", view=View((1.0, 2.0)))
-    with pytest.raises(FraexpError, match="coherence has no phase"):
-        figure_for(shown, kind="coherence", view=View(wrapped=True))
+    with pytest.raises(FraexpError, match="nyquist figures have no frequency axis"):
+        draw_figure(shown, kind="nyquist", view=View((1.0, 2.0)))
+    with pytest.raises(FraexpError, match="coherence figures show no phase"):
+        draw_figure(shown, kind="coherence", view=View(wrapped=True))

@@ -1,6 +1,7 @@
 """The parsers of texts and plain data, each with valid inputs to begin with."""
 
 import contextlib
+import io
 import json
 import tomllib
 from collections.abc import Callable, Sequence
@@ -11,21 +12,24 @@ from typing import Any
 
 import pytest
 
+from fraexp.cli.arguments import parse
+from fraexp.cli.parser import UsageError
 from fraexp.components.registry import Registry
 from fraexp.data import units
+from fraexp.data.identity import TAG
+from fraexp.data.terminal_text import printable
 from fraexp.errors import FraexpError
-from fraexp.figures.elements.labels import printable
 from fraexp.records import RecordSettings, resolve
-from fraexp.records.channels import channel_of
-from fraexp.records.written import Request, study_of, toml
-from fraexp.store.queries.filters import parse
-from fraexp.store.queries.json_sql import number, span
+from fraexp.records.channels import parse_channel
+from fraexp.records.study_writer import ImportRequest, study_data, study_text
+from fraexp.store.queries.filters import parse_filter
+from fraexp.store.queries.json_sql import parse_number, parse_time_span
 from fraexp.study import study_file
-from fraexp.study.published_values import Printed
+from fraexp.study.published_values import PublishedNumber
 from fraexp.study.random_draws import Draws
 from fraexp.study.sections import override
 from fraexp.tui.services import launch_form, user_settings
-from fraexp.views.words import flat, value_text
+from fraexp.views.words import flatten, value_text
 from tests.fuzz import mutation
 from tests.fuzz.watching import Target
 
@@ -63,7 +67,7 @@ CHANNELS = (
     "x{level} [mm]",
 )
 FILTERS = (
-    "estimator=proposed excitation.amplitude>=12 -tag:baseline",
+    "estimator=effective_input excitation.amplitude>=12 -tag:baseline",
     '"two words" state!=failed',
     "metric.gain<0.1um run=1",
     "created:today note:'x'",
@@ -79,13 +83,27 @@ SETTINGS = (
 )
 OVERRIDES = (
     "excitation.amplitude=20",
-    'estimator={ name = "proposed", friction = "dahl" }',
+    'estimator={ name = "effective_input", friction = "dahl" }',
     "grid.excitation.amplitude=[12, 75]",
     "random.seed=3",
     "plant.modes=[{ frequency = 40, damping = 0.01 }]",
     "loop.resolution=1 um",
     "record.file=../x.csv",
     "limits.stroke=1 mm",
+)
+COMMAND_LINES = (
+    "run quick paper --set excitation.points=5 --executor processes:2 --rerun all --time-limit 90 --memory-limit 2GB",
+    "run own --dry-run --json --db sqlite:///a.db --workspace w",
+    "list outcome=ok created:today --sort -elapsed --json",
+    "show 1 fx1-2a --json",
+    "plot 1 --kind bode -o a.pdf --force --frequency-range 1:100",
+    "import a.csv --channel u=force[N] --channel y=y --sample-rate 1000 --samples-per-period 100 --harmonics 1,2,3",
+    "check rolling --quick --json",
+    "merge other.db --json",
+    "tag 1 baseline",
+    "compare 1 2",
+    "delete 1 --dry-run",
+    "fit own --estimator modal_fit --frequencies 1,2,3",
 )
 CSV = "t [s],u [N],y [mm],level\n" + "".join(
     f"{k / 100},{k % 10 - 4.5},{(k % 10) ** 2},{k // 50 + 1}\n" for k in range(100)
@@ -117,7 +135,15 @@ RECORDS: tuple[dict[str, Any], ...] = (
     },
 )
 PRINTED: tuple[dict[str, Any], ...] = (
-    {"what": "k0", "value": 177.0, "unit": "mm/(N*s^2)", "tolerance": "1 %", "metric": "k0", "where": {"case": "a"}},
+    {
+        "what": "k0",
+        "value": 177.0,
+        "unit": "mm/(N*s^2)",
+        "tolerance": "1 %",
+        "metric": "k0",
+        "where": {"case": "a"},
+        "origin": "input",
+    },
     {"what": "f1", "value": 41.9, "unit": "Hz", "compare": "above", "metric": "f1"},
 )
 RANDOM: tuple[dict[str, Any], ...] = (
@@ -154,8 +180,9 @@ def targets(folder: Path, registry: Registry) -> list[Target]:
         Target("studies as text", _texts(texts, names), partial(_study_text, folder, registry), 0.012),
         Target("studies as data", _plain(data, names), partial(_study, folder, registry), 0.012),
         Target("record sections", _plain(RECORDS, names), partial(_record, folder, registry), 0.01),
-        Target("printed numbers", _plain([list(PRINTED)], names), Printed.parse_all, 0.04),
+        Target("printed numbers", _plain([list(PRINTED)], names), PublishedNumber.parse_all, 0.04),
         Target("random sections", _plain(RANDOM, names), Draws.parse, 0.04),
+        Target("command lines", _command_line, _parse_command_line, 0.02),
         Target("imports", _imports, partial(_import, folder, registry), 0.008),
     ]
 
@@ -176,14 +203,14 @@ def packaged() -> list[tuple[str, dict[str, Any]]]:
 
 def _names(studies: Sequence[tuple[str, dict[str, Any]]], registry: Registry) -> list[str]:
     """Return what studies consist of: sections, parameters by path, components, and a few values."""
-    found = {name for _, data in studies for path in flat(data) for name in (path, *path.split("."))}
-    found |= {name for _, name in registry.supplies}
-    found |= {name for supply in registry.supplies.values() for name in supply.component.model_fields}
+    found = {name for _, data in studies for path in flatten(data) for name in (path, *path.split("."))}
+    found |= {name for _, name in registry.providers}
+    found |= {name for provider in registry.providers.values() for name in provider.component.model_fields}
     found |= {
         "grid",
         "case",
-        "random",
-        "printed",
+        "monte_carlo",
+        "published",
         "limits",
         "compensation",
         "record",
@@ -196,33 +223,33 @@ def _names(studies: Sequence[tuple[str, dict[str, Any]]], registry: Registry) ->
 
 
 def _unit(text: str) -> None:
-    number(text)
+    parse_number(text)
     units.number(text, "m")
 
 
 def _channel(text: str) -> None:
-    channel_of(text, "channels.u")
+    parse_channel(text, "channels.u")
 
 
 def _filter(text: str) -> None:
     from datetime import UTC, datetime
 
-    for condition in parse(text):
-        number(condition.value)
+    for condition in parse_filter(text):
+        parse_number(condition.value)
         if condition.field == "created":
-            span(condition.value, datetime.now(UTC))
+            parse_time_span(condition.value, datetime.now(UTC))
 
 
 def _settings(folder: Path, text: str) -> None:
     file = folder / "tui.toml"
     file.write_bytes(text.encode("utf-8", "surrogatepass"))
-    user_settings.read(file)
+    user_settings.read_settings(file)
 
 
 def _override(text: str) -> None:
     value = text.partition("=")[2]
-    launch_form.text_of(launch_form.parsed(value))
-    value_text(launch_form.parsed(value))
+    launch_form.field_text(launch_form.parse_text(value))
+    value_text(launch_form.parse_text(value))
     override(text)
 
 
@@ -236,12 +263,35 @@ def _study(folder: Path, registry: Registry, data: Any) -> None:
     if not isinstance(data, dict):
         return
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(study_file, "MOST_SWEEPS", FEW)
+        patch.setattr(study_file, "MAX_SWEEPS", FEW)
         found = study_file.resolve("study", folder / "study.toml", data, folder, registry)
     for sweep in found.sweeps[:3]:
-        assert sweep.key.startswith("fx1-")
+        assert sweep.key.startswith(f"{TAG}-")
         printable(str(sweep.labels))
         json.dumps(sweep.labels)
+
+
+def _command_line(rng: Random) -> list[str]:
+    """Return the words of a command line, of which some are changed, doubled, missing or of another command."""
+    words = rng.choice(COMMAND_LINES).split()
+    for _ in range(1 + int(rng.expovariate(0.8))):
+        place = rng.randrange(len(words) + 1)
+        word = rng.choice(
+            (*mutation.HOSTILE, *mutation.NUMBERS, *" ".join(COMMAND_LINES).split(), "--", "-", "--x=", "@a")
+        )
+        words[place : place + rng.randrange(3)] = [word, mutation.text(rng, word or "-", [word], ["-", "=", "--"])][
+            : rng.randrange(3)
+        ]
+    return words
+
+
+def _parse_command_line(words: list[str]) -> None:
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit):  # what help prints and ends with
+        try:
+            parse(words)
+        except UsageError as error:
+            assert len(printable(str(error)).splitlines()) == 1, "a refusal of several lines"
+            raise FraexpError(str(error)) from None
 
 
 def _record(folder: Path, registry: Registry, data: Any) -> None:
@@ -262,9 +312,9 @@ def _imports(rng: Random) -> dict[str, Any]:
 
 def _import(folder: Path, registry: Registry, made: dict[str, Any]) -> None:
     """What is written is read back the same, or refused before."""
-    data = study_of(Request([folder / "a.csv"], **made), folder, registry)
+    data = study_data(ImportRequest([folder / "a.csv"], **made), folder, registry)
     file = folder / "import.toml"
     with contextlib.suppress(FraexpError):
         resolve(RecordSettings.parse(data["record"], "record"), folder, registry)
-    file.write_text(toml(data), encoding="utf-8")
+    file.write_text(study_text(data), encoding="utf-8")
     assert study_file.read(file) == data

@@ -9,9 +9,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from fraexp.components.registry import Registry
-from fraexp.views.words import flat
+from fraexp.views.words import flatten
 from tests.examples import portion
-from tests.fuzz import files, targets
+from tests.fuzz import bombs, files, targets
 from tests.fuzz.watching import LONGEST, Tally, Target, feed, short
 
 INPUTS = 3000
@@ -23,7 +23,7 @@ pytestmark = pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="there 
 @pytest.fixture(scope="module")
 def every(tmp_path_factory: pytest.TempPathFactory, registry: Registry) -> dict[str, Target]:
     folder = tmp_path_factory.mktemp("fuzz")
-    return {one.name: one for one in (*targets.targets(folder, registry), *files.targets(folder, registry))}
+    return {one.name: one for module in (targets, files, bombs) for one in module.targets(folder, registry)}
 
 
 def told(tally: Tally) -> str:
@@ -56,7 +56,7 @@ def test_any_value_in_place_of_a_valid_one_is_taken_or_refused(
     every: dict[str, Target], name: str, data: st.DataObject, value: Any
 ) -> None:
     valid = data.draw(st.sampled_from(VALID[name]))
-    path = data.draw(st.sampled_from(list(flat(valid))))
+    path = data.draw(st.sampled_from(list(flatten(valid))))
     made = put(valid, path.split("."), value)
     tally = feed(Target(name, lambda rng: made, every[name].parse, 1.0), 0, 1)
     assert not tally.findings, told(tally)

@@ -2,32 +2,40 @@
 
 import numpy as np
 from fraexp_plugins.estimators.conventional import Conventional
-from fraexp_plugins.identification.modal_fit import ModalFit
+from fraexp_plugins.identification.plant.modal_fit import ModalFit
 from fraexp_plugins.plants.modal import Modal
 
 from fraexp.data.results import FrequencyResponse
 
-TWO = Modal(gain=0.132, frequencies=(38.8, 81.2), damping_ratios=(0.03, 0.012), residues=(0.342, 0.3))
+TWO = Modal(
+    rigid_body_gain=0.132, frequencies=(38.8, 81.2), damping_ratios=(0.03, 0.012), modal_gain_ratios=(0.342, 0.3)
+)
 DEAD_TIME = 1.25e-3
 FREQUENCY = np.geomspace(1.0, 200.0, 200)
 PLANTS = {
-    "rigid body": Modal(gain=2.0),
-    "one mode": Modal(gain=0.132, frequencies=(38.8,), damping_ratios=(0.04,), residues=(0.342,)),
+    "rigid body": Modal(rigid_body_gain=2.0),
+    "one mode": Modal(rigid_body_gain=0.132, frequencies=(38.8,), damping_ratios=(0.04,), modal_gain_ratios=(0.342,)),
     "two modes": TWO,
+    "close modes": Modal(
+        rigid_body_gain=0.132, frequencies=(60.0, 62.0), damping_ratios=(0.02, 0.02), modal_gain_ratios=(0.3, 0.3)
+    ),
     "modes that overlap": Modal(
-        gain=1.1, frequencies=(25.2, 60.5, 69.6), damping_ratios=(0.011, 0.056, 0.056), residues=(0.39, 0.35, 0.29)
+        rigid_body_gain=1.1,
+        frequencies=(25.2, 60.5, 69.6),
+        damping_ratios=(0.011, 0.056, 0.056),
+        modal_gain_ratios=(0.39, 0.35, 0.29),
     ),
     "a mode out of phase": Modal(
-        gain=0.02,
+        rigid_body_gain=0.02,
         frequencies=(11.3, 22.3, 45.0, 110.0),
         damping_ratios=(0.01, 0.02, 0.03, 0.02),
-        residues=(0.5, -0.3, 0.4, 0.3),
+        modal_gain_ratios=(0.5, -0.3, 0.4, 0.3),
     ),
     "six modes": Modal(
-        gain=0.5,
+        rigid_body_gain=0.5,
         frequencies=(8.0, 15.0, 27.0, 48.0, 85.0, 150.0),
         damping_ratios=(0.02, 0.01, 0.03, 0.02, 0.01, 0.02),
-        residues=(0.4, 0.3, 0.5, -0.3, 0.4, 0.6),
+        modal_gain_ratios=(0.4, 0.3, 0.5, -0.3, 0.4, 0.6),
     ),
 }
 
@@ -59,7 +67,7 @@ def measured(plant=TWO, *, noise=0.01, known=False, dead_time=DEAD_TIME, frequen
 
 
 def fitted(response, **given):
-    return ModalFit(method=Conventional(), **given).fit_of(response)
+    return ModalFit(method=Conventional(), **given).fit_response(response)
 
 
 def values(result):

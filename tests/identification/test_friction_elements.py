@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from fraexp_plugins.friction.frictionless import Frictionless
+from fraexp_plugins.friction.none import Frictionless
 from fraexp_plugins.friction.rolling import Rolling
-from fraexp_plugins.identification.back_propagation import BackPropagation
-from fraexp_plugins.identification.masing_inversion import MasingInversion
-from fraexp_plugins.identification.rolling_identification import RollingIdentification
+from fraexp_plugins.identification.friction.gradient_fit import GradientFit
+from fraexp_plugins.identification.friction.masing_inversion import MasingInversion
+from fraexp_plugins.identification.friction.rolling_identification import RollingIdentification
 
 from fraexp.components.kinds import FrictionModel
 from fraexp.components.registry import create
@@ -38,7 +38,7 @@ def test_known_thresholds_give_every_stiffness_to_rounding(registry):
     assert fit.covariance.shape == (fit.values.size, fit.values.size)
 
 
-@pytest.mark.parametrize("estimator", [RollingIdentification(), thorough(BackPropagation())], ids=lambda one: one.name)
+@pytest.mark.parametrize("estimator", [RollingIdentification(), thorough(GradientFit())], ids=lambda one: one.name)
 def test_with_noise_the_coulomb_force_is_found_and_held_out_cycles_are_met_to_the_noise(estimator):
     y = motion(1000, 8)
     clean = driven(GUIDE, y, 1e-3)
@@ -54,7 +54,7 @@ def test_with_noise_the_coulomb_force_is_found_and_held_out_cycles_are_met_to_th
     ids=["least squares", "alike", "narrow"],
 )
 def test_back_propagation_finds_thresholds_from_any_of_these_starts(start):
-    fit = BackPropagation(start=start, elements=3).estimate(record(THREE)).fits[0]
+    fit = GradientFit(start=start, elements=3).estimate(record(THREE)).fits[0]
     assert fit.values == pytest.approx([*THREE.stiffness, *THREE.limit_force, THREE.viscous], rel=1e-8)
 
 
@@ -62,14 +62,14 @@ def test_back_propagation_finds_thresholds_from_any_of_these_starts(start):
 def test_back_propagation_finds_the_elements_viscous_coefficients():
     damped = Rolling(stiffness=THREE.stiffness, limit_force=THREE.limit_force, damping=(20.0, 10.0, 30.0))
     near = Rolling(stiffness=(2.5e5, 1.2e5, 4e4), limit_force=(2.5, 3.0, 7.0), damping=(10.0, 10.0, 10.0))
-    found = BackPropagation(start=near, damped=True, viscous_coefficient=0.0).estimate(record(damped)).fits[0]
+    found = GradientFit(start=near, fit_damping=True, viscous_coefficient=0.0).estimate(record(damped)).fits[0]
     assert found.component["damping"] == pytest.approx(damped.damping, rel=1e-6)
 
 
 @pytest.mark.thorough
 def test_back_propagation_is_never_worse_than_its_start():
     noisy = record(GUIDE, noise=NOISE)
-    grid, refined = (values(one.estimate(noisy)) for one in (RollingIdentification(), BackPropagation()))
+    grid, refined = (values(one.estimate(noisy)) for one in (RollingIdentification(), GradientFit()))
     assert refined["rms error, fitted cycles"] <= grid["rms error, fitted cycles"] * (1 + 1e-12)
 
 
@@ -84,7 +84,7 @@ def test_the_offset_is_found_and_so_is_a_viscous_friction_that_differs_by_direct
     y = motion(1000, 8)
     speed = np.abs(np.gradient(y, 1e-3))
     force = driven(THREE, y, 1e-3, offset=0.7) + 1.5 * speed
-    estimator = RollingIdentification(thresholds=tuple(THREE.limit_deflection.tolist()), asymmetry=True)
+    estimator = RollingIdentification(thresholds=tuple(THREE.limit_deflection.tolist()), fit_asymmetry=True)
     found = values(estimator.estimate(signals(y, force, 1e-3, 8)))
     assert found["offset"] == pytest.approx(0.7, rel=1e-8)
     assert found["viscous asymmetry"] == pytest.approx(1.5, rel=1e-8)
@@ -105,7 +105,11 @@ def test_a_record_from_rest_is_used_from_its_first_sample():
     )
     once = signals(y, driven(THREE, y, 1e-3), 1e-3, 1, from_rest=True)
     thresholds = tuple(THREE.limit_deflection.tolist())
-    fit = RollingIdentification(thresholds=thresholds, viscous_coefficient=4.69, holdout=0).estimate(once).fits[0]
+    fit = (
+        RollingIdentification(thresholds=thresholds, viscous_coefficient=4.69, holdout_fraction=0)
+        .estimate(once)
+        .fits[0]
+    )
     assert fit.component["stiffness"] == pytest.approx(THREE.stiffness, rel=1e-6)
 
 
@@ -114,7 +118,7 @@ def test_a_record_from_rest_is_used_from_its_first_sample():
     [
         (RollingIdentification(thresholds=KNOWN), GUIDE, 0.90),
         thorough(RollingIdentification(), GUIDE, 0.90),
-        thorough(BackPropagation(start=THREE), THREE, 0.90),
+        thorough(GradientFit(start=THREE), THREE, 0.90),
     ],
     ids=["known", "grid", "free"],
 )
@@ -139,18 +143,18 @@ def test_the_number_of_elements_follows_the_squared_error():
 
 def test_a_motion_that_never_slips_through_is_refused():
     y = motion(1000, 8, amplitude=20e-6)
-    with pytest.raises(RecordError, match=r"does not slip through.*several times as wide"):
+    with pytest.raises(RecordError, match=r"stays in presliding.*several times as wide"):
         RollingIdentification().estimate(signals(y, driven(THREE, y, 1e-3), 1e-3, 8))
 
 
 def test_thresholds_that_the_motion_never_forgets_are_refused():
-    with pytest.raises(RecordError, match=r"nowhere does the motion span twice the widest threshold, 0.01 m"):
+    with pytest.raises(RecordError, match=r"never spans twice the largest threshold, 0.01 m"):
         RollingIdentification(thresholds=(1e-5, 1e-2)).estimate(record(THREE))
 
 
 def test_a_force_of_the_wrong_sign_is_refused():
     y = motion(1000, 8)
-    with pytest.raises(RecordError, match=r"no friction is found.*check the force's sign"):
+    with pytest.raises(RecordError, match=r"no friction is identifiable.*check its sign"):
         RollingIdentification().estimate(signals(y, -driven(THREE, y, 1e-3), 1e-3, 8))
 
 
@@ -167,7 +171,7 @@ def test_what_does_not_move_or_vary_is_refused():
 def test_a_coarse_scale_is_remarked_on():
     y = np.round(motion(1000, 8) / 10e-6) * 10e-6
     message = RollingIdentification().estimate(signals(y, driven(THREE, y, 1e-3), 1e-3, 8)).message
-    assert "the scale's step of 1e-05 m is more than a tenth of the presliding deflection" in message
+    assert "the encoder's quantisation step of 1e-05 m is more than a tenth of the presliding deflection" in message
 
 
 def test_one_speed_alone_is_remarked_on_and_no_viscous_friction_is_stated():
@@ -180,19 +184,19 @@ def test_one_speed_alone_is_remarked_on_and_no_viscous_friction_is_stated():
 def test_a_motion_that_hardly_turns_is_remarked_on():
     y = np.linspace(0, 400e-6, 1000) + 100e-6 * np.linspace(0, 1, 1000) ** 3
     once = signals(y, driven(THREE, y, 1e-3), 1e-3, 1, from_rest=True)
-    assert "the motion turns 0 times" in RollingIdentification(viscous_coefficient=4.69).estimate(once).message
+    assert "the motion has 0 reversals" in RollingIdentification(viscous_coefficient=4.69).estimate(once).message
 
 
 def test_a_descent_that_does_not_end_is_an_error():
-    with pytest.raises(RecordError, match="did not converge in 2 steps; raise iterations"):
-        BackPropagation(start=Rolling(stiffness=(1e5,), limit_force=(3.0,)), iterations=2).estimate(record(THREE))
+    with pytest.raises(RecordError, match="did not converge in 2 steps; raise max_iterations"):
+        GradientFit(start=Rolling(stiffness=(1e5,), limit_force=(3.0,)), max_iterations=2).estimate(record(THREE))
 
 
 def test_thresholds_that_do_not_ascend_are_refused():
-    with pytest.raises(ParameterError, match="thresholds must be above 0 and ascending"):
+    with pytest.raises(ParameterError, match="thresholds: expected values above 0 in ascending order"):
         RollingIdentification.parse({"thresholds": [2e-6, 1e-6]}, "estimator")
-    with pytest.raises(ParameterError, match=r"narrowest is 0.001 m; it must be below widest"):
-        RollingIdentification.parse({"narrowest": 1e-3, "widest": 1e-4}, "estimator")
+    with pytest.raises(ParameterError, match=r"min_threshold is 0.001 m; expected less than max_threshold"):
+        RollingIdentification.parse({"min_threshold": 1e-3, "max_threshold": 1e-4}, "estimator")
 
 
 def test_a_channel_without_its_gain_is_refused() -> None:

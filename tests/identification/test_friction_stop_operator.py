@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from fraexp_plugins.friction.rolling import Rolling
-from fraexp_plugins.identification.stop_operator import stop_operators, threshold_sensitivity, turning_points
+from fraexp_plugins.identification._shared.stop_operator import stop_operators, threshold_sensitivity, turning_points
 
 THRESHOLDS = np.geomspace(0.3, 60, 20)
 

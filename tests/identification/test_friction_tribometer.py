@@ -23,7 +23,7 @@ friction = {{ column = "Friction", unit = "uN", scale = -1 }}
 [grid]
 "estimator" = [
     {{ name = "rolling_identification" }},
-    {{ name = "back_propagation", elements = 1 }},
+    {{ name = "gradient_fit", elements = 1 }},
     {{ name = "masing_inversion" }},
 ]
 """
@@ -52,7 +52,7 @@ def results(tmp_path_factory):
         return {sweep.estimator["name"]: store.result(sweep.key) for sweep in sweeps}
 
 
-@pytest.mark.parametrize("name", ["rolling_identification", "back_propagation"])
+@pytest.mark.parametrize("name", ["rolling_identification", "gradient_fit"])
 def test_the_tribometers_loops_give_force_width_and_energy(results, name):
     found = values(results[name])
     assert found["Coulomb force"] == pytest.approx(2.33, abs=0.05)
@@ -62,12 +62,12 @@ def test_the_tribometers_loops_give_force_width_and_energy(results, name):
     assert "all sliding is at one speed" in results[name].message
 
 
-def test_the_branches_alone_tell_the_same_but_for_their_slow_rise(results):
+def test_the_branches_give_the_same_curve_except_for_their_slow_rise(results):
     assert values(results["masing_inversion"])["presliding deflection"] == pytest.approx(58e-6, abs=4e-6)
 
 
 def test_the_fit_is_stored_with_its_covariance(results):
-    (fit,) = results["back_propagation"].fits
+    (fit,) = results["gradient_fit"].fits
     assert fit.component["name"] == "rolling"
     assert fit.parameters == ("stiffness.0", "limit_force.0")
     assert fit.component["stiffness"] == pytest.approx([40.2e3], rel=0.03)

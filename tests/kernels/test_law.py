@@ -6,7 +6,7 @@ from pathlib import Path
 import numba
 import pytest
 
-from fraexp.kernels.law import Law, fingerprint, helpers
+from fraexp.kernels.law import Law, called_functions, fingerprint
 
 HELPER = """
 def halved(x, times):
@@ -41,7 +41,7 @@ def read_law(folder: Path, *, factor: str = "1.0", helper: str = HELPER, is_comp
 
 
 def test_a_helper_that_calls_itself_is_counted_once(tmp_path: Path) -> None:
-    assert [helper.__name__ for helper in helpers(read_law(tmp_path))] == ["halved"]
+    assert [helper.__name__ for helper in called_functions(read_law(tmp_path))] == ["halved"]
 
 
 @pytest.mark.parametrize("is_compiled", [False, True], ids=["plain", "compiled by its author"])

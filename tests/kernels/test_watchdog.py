@@ -1,12 +1,13 @@
 """A time limit on interpreted code: it ends what does not return, in any thread, and nothing else."""
 
 import itertools
+import sys
 import threading
 from collections.abc import Callable
 
 import pytest
 
-from fraexp.kernels.watchdog import OverdueError, place_in_dump, place_of, time_limit
+from fraexp.kernels.watchdog import OverdueError, dumped_location, error_location, time_limit
 
 
 def endless_loop() -> None:
@@ -25,7 +26,7 @@ def endless_count() -> None:
 def ended(action: Callable[[], None], seconds: float = 0.05) -> str:
     with pytest.raises(OverdueError) as caught, time_limit(seconds):
         action()
-    return place_of(caught.value, __file__, 1)
+    return error_location(caught.value, __file__, 1)
 
 
 @pytest.mark.parametrize("action", [endless_loop, endless_count])
@@ -52,6 +53,16 @@ def test_what_returns_is_left_alone_whatever_follows() -> None:
         pass
 
 
+def test_an_error_that_was_raised_leaves_traced_code_running() -> None:
+    ended(endless_loop)
+    tracer = sys.gettrace()
+    sys.settrace(lambda *_: None)
+    try:
+        assert [str(number) for number in range(2)] == ["0", "1"]
+    finally:
+        sys.settrace(tracer)
+
+
 def test_a_limit_within_a_limit_ends_the_inner_one() -> None:
     with time_limit(600.0):
         assert ended(endless_loop)
@@ -60,5 +71,5 @@ def test_a_limit_within_a_limit_ends_the_inner_one() -> None:
 def test_the_interpreters_dump_tells_the_innermost_line_of_a_file() -> None:
     dump = ["Timeout (0:00:10)!", '  File "/a/threading.py", line 3 in wait', '  File "/b/law.py", line 12 in advance']
     dump.append('  File "/b/law.py", line 40 in outer')
-    assert place_in_dump(dump, "/b/law.py") == "law.py, line 12"
-    assert place_in_dump(dump, "/b/other.py") == ""
+    assert dumped_location(dump, "/b/law.py") == "law.py, line 12"
+    assert dumped_location(dump, "/b/other.py") == ""

@@ -29,7 +29,7 @@ def compensated(gain: float, amplitude: float, **loop: object) -> Signals:
         Numerics(steps_per_sample=5),
         Compensation(gain=gain, friction=FRICTION),
     )
-    excitation = SteppedSine(amplitude=amplitude, frequencies=FREQUENCIES, tolerance=1e-5, settle_limit=10)
+    excitation = SteppedSine(amplitude=amplitude, frequencies=FREQUENCIES, settling_tolerance=1e-5, settling_timeout=10)
     return simulate_loop(machine, excitation, lambda _: None)
 
 
@@ -75,7 +75,7 @@ def test_without_a_share_the_loop_is_that_without_compensation() -> None:
             ControlLoop(sample_time=500e-6, input_dead_time=DEAD_TIME),
             Numerics(steps_per_sample=5),
         ),
-        SteppedSine(amplitude=12.0, frequencies=FREQUENCIES, tolerance=1e-5, settle_limit=10),
+        SteppedSine(amplitude=12.0, frequencies=FREQUENCIES, settling_tolerance=1e-5, settling_timeout=10),
         lambda _: None,
     )
     assert "compensation" not in with_none.segments[0].channels
@@ -91,7 +91,7 @@ def test_too_much_of_it_is_an_outcome() -> None:
 @pytest.mark.thorough
 def test_another_law_than_the_machines_may_be_fed_back_and_is_computed_one_by_one_if_it_must() -> None:
     model = Elastoplastic.model_validate(Elastoplastic.presets["linear_motor_table"])
-    assert FRICTION.vectorises and not model.vectorises
+    assert FRICTION.is_vectorisable and not model.is_vectorisable
     machine = Machine(
         TABLE,
         FRICTION,

@@ -9,8 +9,8 @@ from scipy.special import ive
 from tests.machines import along, cosine, harmonic, work
 
 FC, SIGMA = 2.0, 5e4
-DAHL = Dahl(stiffness=SIGMA, coulomb=FC)
-MODELS = [DAHL, LuGre(sigma0=SIGMA, coulomb=FC, breakaway=FC)]
+DAHL = Dahl(stiffness=SIGMA, coulomb_force=FC)
+MODELS = [DAHL, LuGre(bristle_stiffness=SIGMA, coulomb_force=FC, static_force=FC)]
 REFERENCE = LuGre.parse(LuGre.presets["canudas_de_wit_1995"], "lugre")
 of_dahl_kind = pytest.mark.parametrize("model", MODELS, ids=lambda model: model.name)
 RATIOS = (0.05, 0.3, 1.0, 3.0, 10.0, 40.0)
@@ -64,7 +64,7 @@ def test_return_points_are_forgotten(model):
 
 @pytest.mark.parametrize("velocity", [2e-5, -3e-4, 1e-3, -1e-2])
 def test_lugre_approaches_the_stribeck_curve_exponentially(velocity):
-    lugre = REFERENCE.model_copy(update={"sigma1": 0.0})  # then the force is sigma0 z
+    lugre = REFERENCE.model_copy(update={"bristle_damping": 0.0})  # then the force is sigma0 z
     time = np.linspace(0, 40e-6 / abs(velocity), 200)
     force = lugre.force(velocity * time, time[1])
     steady = 1.0 + 0.5 * np.exp(-((velocity / 1e-3) ** 2))
@@ -78,7 +78,7 @@ def test_lugre_damping_is_of_second_order_in_the_step():
     errors = []
     for points in (100, 200, 400):
         force = lugre.force(cosine(amplitude, points), 1 / 50 / points, periodic=True)
-        errors.append(abs(harmonic(force) / amplitude / (1e5 + 1j * omega * lugre.sigma1) - 1))
+        errors.append(abs(harmonic(force) / amplitude / (1e5 + 1j * omega * lugre.bristle_damping) - 1))
     assert errors[0] < 5e-3
     assert errors[0] / errors[1] == pytest.approx(4, rel=0.1)
 
@@ -86,6 +86,6 @@ def test_lugre_damping_is_of_second_order_in_the_step():
 @pytest.mark.parametrize("step", [1e-7, 1e-4, 1e-2, 1.0, 1e3])
 def test_bristles_of_lugre_stay_within_static_friction_at_any_step(step):
     walk = np.cumsum(np.random.default_rng(1).normal(0, 1e-3, 3000) * step)
-    force = REFERENCE.model_copy(update={"sigma1": 0.0}).force(walk, step)
+    force = REFERENCE.model_copy(update={"bristle_damping": 0.0}).force(walk, step)
     assert np.max(np.abs(force)) <= 1.5 * (1 + 1e-12)
     assert np.isfinite(force).all()

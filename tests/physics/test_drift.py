@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from fraexp_plugins.controllers.transfer import ZTransfer
+from fraexp_plugins.controllers.transfer_function import TransferFunction
 from fraexp_plugins.estimators.drift import Drift
 from fraexp_plugins.excitations.biased_sine import BiasedSine
 from fraexp_plugins.friction.dahl import Dahl
@@ -13,7 +13,7 @@ from fraexp_plugins.friction.rolling import Rolling
 from fraexp_plugins.plants.modal import Modal
 from numba import njit
 
-from fraexp.kernels.law import compilable
+from fraexp.kernels.law import register_law
 from fraexp.simulation.loop import simulate_loop
 from fraexp.simulation.machine import ControlLoop, Machine, Numerics
 
@@ -30,10 +30,10 @@ HOLDING = {
 
 def drift(friction) -> float:
     """Return how far 1 kg has gone from the second to the last of 50 periods [m]."""
-    still = ZTransfer(numerator=(0.0,))
-    plant = Modal(gain=1.0, frequencies=(), damping_ratios=(), residues=())
+    still = TransferFunction(numerator=(0.0,))
+    plant = Modal(rigid_body_gain=1.0, frequencies=(), damping_ratios=(), modal_gain_ratios=())
     machine = Machine(plant, friction, still, ControlLoop(sample_time=SAMPLE), Numerics(steps_per_sample=STEPS))
-    push = BiasedSine(bias=0.4, amplitude=0.2, frequency=5.0, whole_periods=50)
+    push = BiasedSine(bias=0.4, amplitude=0.2, frequency=5.0, recorded_periods=50)
     (found,) = Drift().estimate(simulate_loop(machine, push, lambda _: None)).metrics
     return found.value
 
@@ -48,7 +48,7 @@ def test_lugre_creeps_by_its_known_amount():
 
 
 def test_dahl_creeps_too():
-    assert drift(Dahl(stiffness=1e5, coulomb=1.0)) > 100e-6
+    assert drift(Dahl(stiffness=1e5, coulomb_force=1.0)) > 100e-6
 
 
 def _make_backward_euler(law):
@@ -78,7 +78,7 @@ def test_the_creep_of_lugre_is_the_same_in_a_loop_of_another_kind():
     step = 1e-4
     time = np.arange(100_001) * step
     force = 0.4 + 0.2 * np.sin(2 * np.pi * 5 * time)
-    run = _make_backward_euler(compilable(LUGRE.law))
+    run = _make_backward_euler(register_law(LUGRE.law))
     position = run(force, step, np.zeros((2, LUGRE.state_size)), LUGRE.law_arguments())
     means = position[1:].reshape(50, -1).mean(axis=1)
     assert means[-1] - means[1] == pytest.approx(drift(LUGRE), rel=0.02)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from fraexp_plugins.controllers.transfer import ZTransfer
+from fraexp_plugins.controllers.transfer_function import TransferFunction
 from fraexp_plugins.estimators.drift import Drift
 from fraexp_plugins.estimators.hysteresis import Hysteresis
 from fraexp_plugins.excitations.biased_sine import BiasedSine
@@ -43,7 +43,9 @@ def test_a_driven_element_shows_its_describing_function():
 
 def test_viscous_friction_is_part_of_the_loop():
     period: Period = DisplacementTriangle(amplitude=1.0, frequency=1.0).periods(SAMPLE)[0]
-    signals = drive_friction(Coulomb(coulomb=3.0, viscous_coefficient=2.0), DisplacementTriangle(amplitude=1.0), SAMPLE)
+    signals = drive_friction(
+        Coulomb(coulomb_force=3.0, viscous_coefficient=2.0), DisplacementTriangle(amplitude=1.0), SAMPLE
+    )
     force = signals.segments[0].channels["friction"][0]
     assert np.max(np.abs(period.waveform)) == 1.0
     assert np.median(np.abs(force)) == pytest.approx(3.0 + 2.0 * 4.0, rel=1e-2)  # the velocity is 4 A f
@@ -60,9 +62,9 @@ def test_a_measured_displacement_is_answered_with_the_models_force():
 
 
 def test_a_force_below_static_friction_does_not_move_the_guide_and_moves_a_free_machine():
-    open_loop = ZTransfer(numerator=(0.0,))
+    open_loop = TransferFunction(numerator=(0.0,))
     machine = Machine(TABLE, guide(), open_loop, ControlLoop(sample_time=SAMPLE), Numerics())
-    push = BiasedSine(bias=0.06, amplitude=0.02, frequency=5.0, whole_periods=10)
+    push = BiasedSine(bias=0.06, amplitude=0.02, frequency=5.0, recorded_periods=10)
     held = metrics(Drift().estimate(simulate_loop(machine, push, lambda _: None)))["drift"]
     free = Machine(TABLE, FRICTIONLESS, open_loop, ControlLoop(sample_time=SAMPLE), Numerics())
     moved = metrics(Drift().estimate(simulate_loop(free, push, lambda _: None)))["drift"]
@@ -82,5 +84,5 @@ def test_too_coarse_sampling_is_refused_with_the_remedy():
 def test_a_step_that_is_too_long_for_the_friction_is_refused_with_the_number_needed():
     stiff = Rolling(stiffness=(1e9,), limit_force=(10.0,))
     machine = Machine(TABLE, stiff, LEAD, ControlLoop(sample_time=SAMPLE), Numerics(steps_per_sample=2))
-    with pytest.raises(ParameterError, match=r"steps_per_sample is 2; .* resonates at .* Hz: expected \d+ at least"):
+    with pytest.raises(ParameterError, match=r"steps_per_sample is 2; .* resonates at .* Hz: expected \d+ or more"):
         simulate_loop(machine, BiasedSine(bias=1, amplitude=1, frequency=5), lambda _: None)

@@ -5,6 +5,7 @@ import pytest
 from fraexp_plugins.friction.rolling import Rolling
 from fraexp_plugins.friction.rolling_force_slider import RollingForceSlider
 from scipy.integrate import quad, solve_ivp
+from scipy.interpolate import CubicSpline
 
 from tests.machines import along, cosine, guide, harmonic, work
 
@@ -14,7 +15,7 @@ SHAPES = {"exponential": lambda x: FC * (1 - np.exp(-x / WIDTH)), "hyperbolic": 
 
 
 def generated(shape: str, elements: int = 20) -> Rolling:
-    curve = {"shape": shape, "coulomb": FC, "width": WIDTH, "elements": elements}
+    curve = {"shape": shape, "coulomb_force": FC, "characteristic_displacement": WIDTH, "elements": elements}
     return Rolling.parse({"curve": curve}, "rolling")
 
 
@@ -34,7 +35,7 @@ def test_elements_of_a_measured_virgin_curve_pass_through_its_points():
     x, g = (2e-6, 5e-6, 9e-6, 40e-6), (2.0, 4.4, 6.4, 9.0)
     friction = Rolling.parse({"curve": {"shape": "table", "displacements": x, "forces": g}}, "rolling")
     assert np.allclose(friction.force(np.array([0.0, *x]), 1e-4)[1:], g, rtol=1e-12)
-    assert friction.greatest_stiffness == pytest.approx(1e6, rel=1e-12)
+    assert friction.max_stiffness == pytest.approx(1e6, rel=1e-12)
 
 
 def test_a_straight_piece_of_a_table_needs_no_element():
@@ -162,9 +163,54 @@ def test_undamped_elements_are_passive_step_by_step(seed):
     assert np.min(force[1:] * dy - gain) >= -1e-16
 
 
+@pytest.mark.parametrize("law", [Rolling, RollingForceSlider])
 @pytest.mark.parametrize("step", [1e-5, 1e-3, 0.1])
-def test_damped_force_sliders_are_passive_step_by_step(step):
-    friction = RollingForceSlider(stiffness=(3e5, 1e5), limit_force=(3.0, 2.0), damping=(300.0, 50.0))
-    walk = np.cumsum(np.random.default_rng(3).normal(0, 3e-6, 600))
-    force, energy = stored(friction, walk, step)
-    assert np.min(force[1:] * np.diff(walk) - np.diff(energy)) >= -1e-16
+def test_damped_elements_are_passive_along_a_motion_that_the_steps_resolve(law, step):
+    friction = law(stiffness=(3e5, 1e5), limit_force=(3.0, 2.0), damping=(300.0, 50.0))
+    knots = np.cumsum(np.random.default_rng(3).normal(0, 3e-6, 30))
+    motion = CubicSpline(np.arange(30), knots, bc_type="clamped")(np.linspace(0, 29, 6000))
+    force, energy = stored(friction, motion, step)
+    supplied = np.cumsum((force[1:] + force[:-1]) / 2 * np.diff(motion))
+    assert np.all(supplied >= energy[1:] - 1e-3 * supplied[-1])
+    assert supplied[-1] > 2 * energy[-1]  # the motion slips, not only stores
+
+
+def swept_force(friction: Rolling | RollingForceSlider, points: int) -> complex:
+    """Return the describing function at 28 µm and 60 Hz, from `points` steps a period."""
+    motion = 28e-6 * np.cos(2 * np.pi * np.arange(points) / points)
+    force = friction.force(motion, 1 / 60.0 / points, periodic=True)
+    return complex(2 / 28e-6 * np.mean(force * np.exp(-2j * np.pi * np.arange(points) / points)))
+
+
+@pytest.mark.parametrize("law", [Rolling, RollingForceSlider])
+def test_the_force_of_damped_elements_is_of_second_order_in_the_step(law):
+    """The damper is as fast as the slip, 2 µm within two steps: the mean velocity of a step is far off at its end."""
+    friction = law(stiffness=(4e5, 2.5e5), limit_force=(0.8, 1.25), damping=(300.0, 200.0))
+    truth = swept_force(friction, 100_000)
+    # the number of steps is no multiple of four, so that no reversal lies on a step's bound
+    errors = {points: abs(swept_force(friction, points) / truth - 1) for points in (251, 502, 1006, 2010)}
+    assert all(error < 1e-3 * (251 / points) ** 2 for points, error in errors.items()), errors
+
+
+@pytest.mark.parametrize("law", [Rolling, RollingForceSlider])
+def test_damped_elements_obey_their_differential_equation(law):
+    """Both readings by adaptive integration, which knows no steps: force = K y + D ẏ limited to ±F_m."""
+    stiffness, limit, damping, omega, amplitude = 4e5, 0.8, 300.0, 2 * np.pi * 60.0, 28e-6
+
+    def force_of(y: np.ndarray, v: np.ndarray) -> np.ndarray:
+        return np.clip(stiffness * y + damping * v, -limit, limit)
+
+    def right(time: float, y: np.ndarray) -> list[float]:
+        v = -omega * amplitude * np.sin(omega * time)
+        if law is Rolling:  # the deflection is the slider: it stops at F_m/K
+            return [0.0 if abs(y[0]) >= limit / stiffness and y[0] * v > 0 else v]
+        trial = stiffness * y[0] + damping * v
+        return [v if abs(trial) <= limit else (np.sign(trial) * limit - stiffness * y[0]) / damping]
+
+    period = 2 * np.pi / omega
+    time = 2 * period + np.arange(4000) * period / 4000
+    y = solve_ivp(right, (0, 3 * period), [0.0], t_eval=time, rtol=1e-8, atol=1e-13, max_step=period / 2000).y[0]
+    expected = force_of(y, -omega * amplitude * np.sin(omega * time))
+    truth = 2 / amplitude * np.mean(expected * np.exp(-2j * np.pi * np.arange(4000) / 4000))
+    friction = law(stiffness=(stiffness,), limit_force=(limit,), damping=(damping,))
+    assert swept_force(friction, 1006) == pytest.approx(truth, rel=5e-4)

@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
-from fraexp_plugins.friction.elastoplastic import Elastoplastic, _relaxed
+from fraexp_plugins.friction.elastoplastic import Elastoplastic, _deflection_at_alpha
 from fraexp_plugins.friction.lugre import LuGre
 from scipy.integrate import solve_ivp
 
 from tests.machines import along, cosine
 
 REFERENCE = Elastoplastic.parse(Elastoplastic.presets["dupont_2002"], "elastoplastic")
-UNDAMPED = REFERENCE.model_copy(update={"sigma1": 0.0})  # the force is sigma0 z
+UNDAMPED = REFERENCE.model_copy(update={"bristle_damping": 0.0})  # the force is sigma0 z
 ELASTIC = 0.7 * 1.0 / 1e5  # m
 
 
@@ -62,8 +62,8 @@ def test_it_converges_to_its_differential_equation(frequency):
 
 def test_without_elastic_range_it_is_nearly_lugre():
     y = np.cumsum(np.random.default_rng(4).normal(0, 2e-7, 4000)) + along(0, 60e-6, -60e-6, points=2000)[:4000]
-    flowing = REFERENCE.model_copy(update={"elastic_share": 1e-9, "breakaway": 1.0, "sigma1": 0.0})
-    lugre = LuGre(sigma0=1e5, coulomb=1.0, breakaway=1.0).force(y, 1e-4)
+    flowing = REFERENCE.model_copy(update={"elastic_limit_ratio": 1e-9, "static_force": 1.0, "bristle_damping": 0.0})
+    lugre = LuGre(bristle_stiffness=1e5, coulomb_force=1.0, static_force=1.0).force(y, 1e-4)
     assert np.max(np.abs(flowing.force(y, 1e-4))) <= 1.0 + 1e-12
     assert np.max(np.abs(lugre)) <= np.max(np.abs(flowing.force(y, 1e-4)))  # bristles that flow at once carry less
 
@@ -78,9 +78,9 @@ def test_no_plastic_flow_is_lost_in_the_smallest_steps():
     steady, alpha, steps = 15e-6, 0.3, 20_000
     path, z = 1e-10 * steady, 0.8 * steady  # alpha*path/steady is 3e-11
     for _ in range(steps):
-        z = _relaxed(z, path, steady, alpha)
-    whole = _relaxed(0.8 * steady, steps * path, steady, alpha)
-    elastic = _relaxed(0.8 * steady, steps * path, steady, 0.0)
+        z = _deflection_at_alpha(z, path, steady, alpha)
+    whole = _deflection_at_alpha(0.8 * steady, steps * path, steady, alpha)
+    elastic = _deflection_at_alpha(0.8 * steady, steps * path, steady, 0.0)
     assert elastic == 0.8 * steady + steps * path
     assert elastic - whole == pytest.approx(steps * path * alpha * 0.8, rel=1e-5)
     assert z == pytest.approx(whole, rel=steps * 1.2e-16, abs=0)  # one rounding a step

@@ -84,7 +84,7 @@ def test_stiffness_after_a_reversal_is_the_sum_of_all():
     friction = guide()
     path = np.array([0.0, 50e-6, 50e-6 - 1e-7])
     force = friction.force(path, 1e-4)
-    assert (force[1] - force[2]) / 1e-7 == pytest.approx(friction.greatest_stiffness, rel=1e-9)
+    assert (force[1] - force[2]) / 1e-7 == pytest.approx(friction.max_stiffness, rel=1e-9)
 
 
 def test_viscoelastic_elements_add_damping_below_slip():

@@ -8,7 +8,7 @@ from fraexp_plugins.friction.rolling import Rolling
 from tests.machines import cosine, guide, harmonic
 
 REFERENCE = GeneralizedMaxwellSlip.parse(GeneralizedMaxwellSlip.presets["reference"], "gms")
-LEVEL = REFERENCE.model_copy(update={"breakaway": 1.0})
+LEVEL = REFERENCE.model_copy(update={"static_force": 1.0})
 AS_ROLLING = Rolling(stiffness=LEVEL.stiffness, limit_force=(0.1,) * 10)
 
 
@@ -24,10 +24,10 @@ def test_the_table_with_static_as_coulomb_friction_is_its_rolling_guide():
     total = sum(friction.limit_force)
     level = GeneralizedMaxwellSlip(
         stiffness=friction.stiffness,
-        shares=tuple(force / total for force in friction.limit_force),
-        coulomb=total,
-        breakaway=total,
-        attraction=500.0,
+        force_fractions=tuple(force / total for force in friction.limit_force),
+        coulomb_force=total,
+        static_force=total,
+        attraction_rate=500.0,
     )
     y = cosine(90e-6)
     assert np.allclose(level.force(y, 1e-4), friction.force(y, 1e-4), rtol=0, atol=1e-12 * total)
@@ -35,7 +35,7 @@ def test_the_table_with_static_as_coulomb_friction_is_its_rolling_guide():
 
 def hysteresis(frequency: float, attraction: float) -> float:
     """Return the friction force's lead of acceleration over deceleration, at the mean velocity of a pulsating slide."""
-    lagging = REFERENCE.model_copy(update={"attraction": attraction})
+    lagging = REFERENCE.model_copy(update={"attraction_rate": attraction})
     points, omega = 4000, 2 * np.pi * frequency
     time = np.arange(20 * points + 1) / points / frequency
     y = 1e-3 * (time + 0.8 * (1 - np.cos(omega * time)) / omega)  # velocity 1 mm/s (1 + 0.8 sin ωt): it never turns
@@ -92,7 +92,12 @@ def test_the_force_is_continuous_when_a_sticking_element_is_set_going_fast():
 def test_what_was_before_may_decide_the_periodic_force():
     """An element with Fc/Fs Y < A < Y slips in every period or in none, as its past has it."""
     one = GeneralizedMaxwellSlip(
-        stiffness=(1e5,), shares=(1.0,), coulomb=1.0, breakaway=1.5, stribeck_velocity=1e-3, attraction=5000.0
+        stiffness=(1e5,),
+        force_fractions=(1.0,),
+        coulomb_force=1.0,
+        static_force=1.5,
+        stribeck_velocity=1e-3,
+        attraction_rate=5000.0,
     )
     y = cosine(12e-6)  # between 10 and 15 µm; at 30 Hz, whose velocity is above the Stribeck velocity
     step = 1 / 30 / y.size
@@ -101,7 +106,7 @@ def test_what_was_before_may_decide_the_periodic_force():
     swings = [abs(harmonic(one.force(path, step)[-y.size :])) for path in (at_rest, rising)]
     assert swings[1] == pytest.approx(1e5 * 12e-6, rel=1e-9)  # a spring all the time
     assert swings[0] < 0.99 * swings[1]
-    level = one.model_copy(update={"breakaway": 1.0})
+    level = one.model_copy(update={"static_force": 1.0})
     swings = [abs(harmonic(level.force(path, step)[-y.size :])) for path in (at_rest, rising)]
     assert swings[0] == pytest.approx(swings[1], rel=1e-9)  # the rolling model forgets
 

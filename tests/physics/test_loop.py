@@ -6,15 +6,15 @@ import control
 import numpy as np
 import pytest
 from fraexp_plugins.controllers.pid import Pid
-from fraexp_plugins.controllers.transfer import ZTransfer
+from fraexp_plugins.controllers.transfer_function import TransferFunction
 from fraexp_plugins.estimators.conventional import Conventional
-from fraexp_plugins.estimators.proposed import Proposed
+from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.excitations.stepped_sine import SteppedSine
 from scipy.integrate import solve_ivp
 
 from fraexp.analysis.delays import hold_response, image_factor, path_response
 from fraexp.analysis.fourier import phasors
-from fraexp.components.kinds import StateSpace
+from fraexp.components.ports import StateSpace
 from fraexp.data.results import Outcome
 from fraexp.errors import ParameterError
 from fraexp.simulation.loop import simulate_loop
@@ -52,13 +52,16 @@ def sampled(omega: np.ndarray, dead_time: float, plant=TABLE) -> np.ndarray:
 def test_without_friction_both_methods_give_the_sampled_plant(dead_time):
     signals = simulated(FRICTIONLESS, FREQUENCIES, tolerance=1e-8, input_dead_time=dead_time)
     conventional = Conventional().estimate(signals).response
-    proposed = Proposed(friction=FRICTIONLESS, input_dead_time=dead_time).estimate(signals).response
+    method = EffectiveInput(friction=FRICTIONLESS, input_dead_time=dead_time)
+    with_images = method.model_copy(update={"interpolation_tolerance": 0.1})
+    plant, proposed = (each.estimate(signals).response for each in (method, with_images))
     omega = 2 * np.pi * conventional.frequency
     truth = sampled(omega, dead_time)
     path = path_response(omega, dead_time, ()) * hold_response(omega, SAMPLE)
     path = path * image_factor(omega, SAMPLE, dead_time, (), 2)
     assert np.max(np.abs(conventional.response / truth - 1)) < 1e-6
     assert np.max(np.abs(proposed.response * path / truth - 1)) < 1e-6
+    assert np.max(np.abs(plant.response / TABLE.response(omega) - 1)) < 1e-4
 
 
 def test_images_are_exact_for_a_double_integrator():
@@ -73,12 +76,12 @@ def test_images_are_exact_for_a_double_integrator():
 def test_lags_and_fractional_delays_on_both_sides_are_undone_exactly(output_dead_time):
     delays = {
         "input_dead_time": 0.7e-3,
-        "input_lags": (0.3e-3, 0.1e-3),
+        "input_time_constants": (0.3e-3, 0.1e-3),
         "output_dead_time": output_dead_time,
-        "output_lags": (0.2e-3,),
+        "output_time_constants": (0.2e-3,),
     }
     signals = simulated(FRICTIONLESS, FREQUENCIES, tolerance=1e-8, **delays)
-    response = Conventional(remove_delay=True, **delays).estimate(signals).response
+    response = Conventional(refer_to_plant=True, **delays).estimate(signals).response
     error = response.response / TABLE.response(2 * np.pi * response.frequency) - 1
     assert np.max(np.abs(error)) < 5e-5  # images that the modes shift a little
 
@@ -101,7 +104,7 @@ def test_with_friction_the_motion_agrees_with_an_adaptive_integrator():
     """One rigid body stuck on a spring-like element, open loop: y¨ = k0 (u - f(y) - Dv v)."""
     friction = guide(elements=3)
     signals = simulated(
-        friction, (7.0,), amplitude=12.0, controller=ZTransfer(numerator=(0.0,)), tolerance=1e-7, steps=20
+        friction, (7.0,), amplitude=12.0, controller=TransferFunction(numerator=(0.0,)), tolerance=1e-7, steps=20
     )
     segment = signals.segments[0]
     u, y = segment.channels["u"][-1], segment.channels["displacement"][-1]
@@ -132,7 +135,7 @@ def test_with_friction_the_motion_agrees_with_an_adaptive_integrator():
 def test_matched_proposed_method_recovers_the_plant_at_any_amplitude(amplitude):
     friction = guide()
     signals = simulated(friction, (1.0, 3.0, 12.0, 25.0, 39.0, 80.0, 150.0, 200.0), amplitude)
-    response = Proposed(friction=friction, input_dead_time=1e-3).estimate(signals).response
+    response = EffectiveInput(friction=friction, input_dead_time=1e-3).estimate(signals).response
     ratio = response.response / TABLE.response(2 * np.pi * response.frequency)
     assert np.max(np.abs(decibel(ratio))) < 0.005
     assert np.max(np.abs(degrees(ratio))) < 0.02
@@ -147,22 +150,26 @@ def describing(friction, amplitude: float) -> complex:
 def test_conventional_method_follows_the_describing_function_at_high_frequency():
     friction = guide()
     signals = simulated(friction, (35.0, 40.0, 60.0, 80.0, 120.0, 180.0))  # below, the third harmonic meets a mode
-    response = Conventional(remove_delay=True, input_dead_time=1e-3).estimate(signals).response
+    response = Conventional(refer_to_plant=True, input_dead_time=1e-3).estimate(signals).response
     omega = 2 * np.pi * response.frequency
     plant = TABLE.response(omega)
     n = np.array([describing(friction, a) for a in response.output_amplitude]) + 1j * omega * friction.viscous
     assert np.max(np.abs(decibel(response.response / (plant / (1 + plant * n))))) < 0.15
 
 
-@pytest.mark.parametrize(("force_scale", "width_scale"), [(1.1, 1.0), (0.9, 1.0), (1.0, 1.1), (1.0, 0.9)])
-def test_error_law_of_the_proposed_method_above_25_hz(force_scale, width_scale):
+@pytest.mark.parametrize(("force_scale", "displacement_scale"), [(1.1, 1.0), (0.9, 1.0), (1.0, 1.1), (1.0, 0.9)])
+def test_error_law_of_the_proposed_method_above_25_hz(force_scale, displacement_scale):
     friction = guide()
     signals = simulated(friction, (26.0, 40.0, 60.0, 80.0, 120.0, 180.0))
-    estimator = Proposed(friction=friction, input_dead_time=1e-3, force_scale=force_scale, width_scale=width_scale)
+    estimator = EffectiveInput(
+        friction=friction, input_dead_time=1e-3, force_scale=force_scale, displacement_scale=displacement_scale
+    )
     response = estimator.estimate(signals).response
     plant = TABLE.response(2 * np.pi * response.frequency)
     right = np.array([describing(friction, a) for a in response.output_amplitude])
-    wrong = np.array([describing(friction, a / width_scale) / width_scale for a in response.output_amplitude])
+    wrong = np.array(
+        [describing(friction, a / displacement_scale) / displacement_scale for a in response.output_amplitude]
+    )
     predicted = 1 / (1 / plant + right - force_scale * wrong)
     assert np.max(np.abs(decibel(response.response / predicted))) < 0.1
 
@@ -172,7 +179,7 @@ def test_halving_the_step_converges_with_second_order():
     errors = []
     for steps in (1, 2, 4):
         signals = simulated(friction, (80.5,), steps=steps, tolerance=1e-7)
-        response = Proposed(friction=friction, input_dead_time=1e-3).estimate(signals).response
+        response = EffectiveInput(friction=friction, input_dead_time=1e-3).estimate(signals).response
         errors.append(abs(response.response[0] / TABLE.response(2 * np.pi * response.frequency)[0] - 1))
     assert errors[0] / errors[1] == pytest.approx(4, rel=0.25)
     assert errors[1] / errors[2] == pytest.approx(4, rel=0.25)
@@ -187,7 +194,7 @@ def test_an_unstable_loop_is_an_outcome_with_a_remedy():
 
 
 def test_what_has_not_settled_says_so():
-    machine_without_feedback = ZTransfer(numerator=(0.0,))
+    machine_without_feedback = TransferFunction(numerator=(0.0,))
     signals = simulated(FRICTIONLESS, (200.0,), controller=machine_without_feedback, tolerance=1e-13)
     assert signals.outcome is Outcome.NOT_SETTLED
     assert not Conventional().estimate(signals).response.settled.any()
@@ -220,14 +227,16 @@ def test_a_slow_transient_settles_under_noise_too():
 
 def test_lags_after_the_position_do_not_hide_the_motion_from_the_friction_model():
     friction, lags = guide(), (5e-3,)
-    signals = simulated(friction, (2.0, 12.0, 30.0), amplitude=75.0, output_lags=lags)
-    response = Proposed(friction=friction, input_dead_time=1e-3, output_lags=lags).estimate(signals).response
+    signals = simulated(friction, (2.0, 12.0, 30.0), amplitude=75.0, output_time_constants=lags)
+    response = (
+        EffectiveInput(friction=friction, input_dead_time=1e-3, output_time_constants=lags).estimate(signals).response
+    )
     ratio = response.response / TABLE.response(2 * np.pi * response.frequency)
     assert np.max(np.abs(ratio - 1)) < 5e-4
 
 
 def test_nothing_counts_as_settled_before_it_has_arrived():
-    signals = simulated(FRICTIONLESS, (50.0,), controller=ZTransfer(numerator=(0.0,)), input_dead_time=1.5)
+    signals = simulated(FRICTIONLESS, (50.0,), controller=TransferFunction(numerator=(0.0,)), input_dead_time=1.5)
     assert signals.segments[0].settling.time > 1.5
     assert np.ptp(signals.segments[0].channels["y"]) > 0
 
@@ -235,7 +244,7 @@ def test_nothing_counts_as_settled_before_it_has_arrived():
 def test_a_scale_that_shows_nothing_is_no_result():
     signals = simulated(guide(), (10.0, 150.0), resolution=1e-3)
     result = Conventional().estimate(signals)
-    assert result.outcome is Outcome.NO_SIGNAL
+    assert result.outcome is Outcome.NO_MOTION
     assert np.isnan(result.response.response).all()
     assert not result.response.settled.any()
 
@@ -244,7 +253,7 @@ def test_a_scale_that_shows_nothing_is_no_result():
 def test_an_unstable_loop_is_not_taken_for_settled_before_it_has_heard_of_itself(dead_time):
     signals = simulated(guide(), (10.0,), 75.0, input_dead_time=dead_time)
     assert signals.outcome is Outcome.DIVERGED
-    assert Proposed(friction=guide()).estimate(signals).outcome is Outcome.DIVERGED
+    assert EffectiveInput(friction=guide()).estimate(signals).outcome is Outcome.DIVERGED
 
 
 class MovingReference(SteppedSine, name="moving_reference", version=1):

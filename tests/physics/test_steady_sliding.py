@@ -15,7 +15,7 @@ SLIDING = [
     Elastoplastic.parse(Elastoplastic.presets["dupont_2002"], "elastoplastic"),
     GeneralizedMaxwellSlip.parse(GeneralizedMaxwellSlip.presets["reference"], "gms"),
 ]
-UNIT = Coulomb(coulomb=1.0)
+UNIT = Coulomb(coulomb_force=1.0)
 
 
 @pytest.mark.parametrize("velocity", [1e-5, 4e-4, -1e-3, 3e-3, -1e-2])
@@ -42,14 +42,14 @@ def test_harmonics_of_coulomb_friction():
 
 @pytest.mark.parametrize("amplitude", [1e-6, 1e-3, 2.0])
 def test_describing_function_and_energy_of_coulomb_friction_at_any_stroke(amplitude):
-    model, y = Coulomb(coulomb=3.0, sticking=1e-14), cosine(amplitude)
+    model, y = Coulomb(coulomb_force=3.0, stiction_displacement=1e-14), cosine(amplitude)
     force = model.force(y, 1e-4, periodic=True)
     assert (harmonic(force) / amplitude).imag == pytest.approx(4 * 3.0 / (np.pi * amplitude), rel=1e-6)
     assert work(force, y) == pytest.approx(4 * 3.0 * amplitude, rel=1e-6)
 
 
 def test_asymmetric_coulomb_friction_has_another_force_each_way():
-    model = Coulomb(coulomb=2.0, asymmetry=0.7, sticking=1e-14)
+    model = Coulomb(coulomb_force=2.0, negative_ratio=0.7, stiction_displacement=1e-14)
     force = model.force(cosine(1e-3), 1e-4, periodic=True)
     y = np.diff(cosine(1e-3))
     assert np.allclose(force[1:][y > 0], 2.0)
@@ -58,6 +58,6 @@ def test_asymmetric_coulomb_friction_has_another_force_each_way():
 
 
 def test_at_rest_coulomb_friction_takes_any_value_within_the_static_one():
-    model = Coulomb(coulomb=1.0, breakaway=1.5, sticking=1e-9)
+    model = Coulomb(coulomb_force=1.0, static_force=1.5, stiction_displacement=1e-9)
     rest = model.force(np.array([0.0, 0.25e-9, 0.5e-9, 0.5e-9, -0.5e-9]), 1.0)  # so slowly that S is Fs
     assert np.allclose(rest, [0.0, 0.375, 0.75, 0.75, -0.75])

@@ -6,33 +6,35 @@ import control
 import numpy as np
 import pytest
 from fraexp_plugins.plants.modal import Modal
-from fraexp_plugins.positioning.deadbeat import Program
-from fraexp_plugins.positioning.design_model import DesignModel
+from fraexp_plugins.positioning._shared.deadbeat_program import DeadbeatProgram
+from fraexp_plugins.positioning._shared.design_model import DesignModel
 from scipy.optimize import minimize
 
-from fraexp.components.kinds import StateSpace
+from fraexp.components.ports import StateSpace
 from fraexp.errors import ParameterError
 from tests.machines import TABLE
 
-SAMPLE_TIME, STEP = 500e-6, 1.5e-3
-BODY = Modal(gain=0.132)
+SAMPLE_TIME_S, STEP = 500e-6, 1.5e-3
+BODY = Modal(rigid_body_gain=0.132)
 
 
-def model_of(plant, dead_time=0.0, lags_in=(), lags_out=(), sample_time=SAMPLE_TIME):
-    return DesignModel.of(plant.state_space(), sample_time, dead_time, lags_in, lags_out)
+def model_of(plant, dead_time=0.0, input_time_constants=(), output_time_constants=(), sample_time=SAMPLE_TIME_S):
+    return DesignModel.from_plant(
+        plant.state_space(), sample_time, dead_time, input_time_constants, output_time_constants
+    )
 
 
-def program_of(plant, samples, order=1, lags_in=()):
-    model = model_of(plant, lags_in=lags_in)
-    transition, held = model.after(SAMPLE_TIME)
+def program_of(plant, samples, order=1, input_time_constants=()):
+    model = model_of(plant, input_time_constants=input_time_constants)
+    state_part, thrust_part = model.transition(SAMPLE_TIME_S)
     state, rest = model.at_rest(STEP)
-    return Program.of(transition, held, state, rest, samples, order)
+    return DeadbeatProgram.from_model(state_part, thrust_part, state, rest, samples, order)
 
 
 @pytest.mark.parametrize(("samples", "order"), list(itertools.product((8, 40, 80, 400), (0, 1, 2))))
 def test_the_model_is_at_rest_at_the_target_after_the_last_sample(samples, order):
     thrust = np.append(program_of(TABLE, samples, order).solve(), np.zeros(200))
-    found = model_of(TABLE).moved(thrust, np.zeros(6), 4)
+    found = model_of(TABLE).simulate(thrust, np.zeros(6), 4)
     assert np.abs(found.displacement[4 * samples :] - STEP).max() < 1e-12
 
 
@@ -41,7 +43,7 @@ def test_thrust_and_trajectory_are_denominator_and_numerator_times_one_finite_se
     samples = 40
     thrust = program_of(TABLE, samples).solve()
     model = TABLE.state_space()
-    sampled = control.sample_system(control.ss(model.a, model.b[:, None], model.c, 0), SAMPLE_TIME, "zoh")
+    sampled = control.sample_system(control.ss(model.a, model.b[:, None], model.c, 0), SAMPLE_TIME_S, "zoh")
     factors = control.tf(sampled)
     numerator = np.concatenate([np.zeros(7 - factors.num[0][0].size), factors.num[0][0]])
     v = np.zeros(samples + 60)
@@ -50,7 +52,7 @@ def test_thrust_and_trajectory_are_denominator_and_numerator_times_one_finite_se
         v[k] = (thrust[k] if k < samples else 0.0) - past
     end = v[samples - 6]
     assert np.abs(v[samples - 6 :] / end - 1).max() < 1e-4  # constant: the increments of v are finite in number
-    trajectory = model_of(TABLE).moved(np.append(thrust, np.zeros(60)), np.zeros(6), 1).displacement[:-1]
+    trajectory = model_of(TABLE).simulate(np.append(thrust, np.zeros(60)), np.zeros(6), 1).displacement[:-1]
     assert np.abs(np.convolve(numerator, v)[: v.size] - trajectory).max() < 1e-3 * STEP  # D in binary: six poles near 1
 
 
@@ -60,9 +62,9 @@ def test_the_smoothest_thrust_of_a_rigid_body_is_that_of_the_calculus_of_variati
     samples = 400
     thrust = program_of(BODY, samples, order).solve()
     time = (np.arange(samples) + 0.5) / samples
-    duration = samples * SAMPLE_TIME
+    duration = samples * SAMPLE_TIME_S
     shape = 6 * (1 - 2 * time) if order == 0 else 60 * time * (1 - time) * (1 - 2 * time)
-    expected = STEP / duration**2 / BODY.gain * shape
+    expected = STEP / duration**2 / BODY.rigid_body_gain * shape
     assert np.abs(thrust - expected).max() < 0.02 * np.abs(expected).max()
 
 
@@ -73,8 +75,8 @@ def test_a_bounded_thrust_is_the_least_one_within_its_bounds():
     assert np.abs(free).max() > 1.15 * bound
     assert np.abs(found).max() <= bound * (1 + 1e-9)
     columns = np.array([np.eye(samples)[k] for k in range(samples)])
-    transition, held = model_of(BODY).after(SAMPLE_TIME)
-    reach = np.array([np.linalg.matrix_power(transition, samples - 1 - k) @ held for k in range(samples)]).T
+    state_part, thrust_part = model_of(BODY).transition(SAMPLE_TIME_S)
+    reach = np.array([np.linalg.matrix_power(state_part, samples - 1 - k) @ thrust_part for k in range(samples)]).T
     goal = model_of(BODY).at_rest(STEP)[0]
     scale = 1 / np.abs(reach).max(axis=1)
     other = minimize(
@@ -95,13 +97,15 @@ def test_a_bounded_thrust_is_the_least_one_within_its_bounds():
 
 def test_bounds_that_cannot_be_kept_are_found_out():
     program = program_of(BODY, 24)
-    least = 4 * STEP / (24 * SAMPLE_TIME) ** 2 / BODY.gain  # bang-bang
+    least = 4 * STEP / (24 * SAMPLE_TIME_S) ** 2 / BODY.rigid_body_gain  # bang-bang
     assert program.solve(np.full(24, -0.999 * least), np.full(24, 0.999 * least)) is None
     assert program.solve(np.full(24, -1.001 * least), np.full(24, 1.001 * least)) is not None
 
 
 def test_modes_that_one_thrust_cannot_tell_apart_are_refused():
-    twins = Modal(gain=0.1, frequencies=(40.0, 40.0), damping_ratios=(0.05, 0.05), residues=(0.3, 0.3))
+    twins = Modal(
+        rigid_body_gain=0.1, frequencies=(40.0, 40.0), damping_ratios=(0.05, 0.05), modal_gain_ratios=(0.3, 0.3)
+    )
     with pytest.raises(ParameterError, match="modes of different frequencies"):
         program_of(twins, 80)
 
@@ -109,42 +113,44 @@ def test_modes_that_one_thrust_cannot_tell_apart_are_refused():
 @pytest.mark.parametrize("dead_time", [0.0, 1e-3, 1.17e-3, 0.2e-3])
 def test_the_reference_is_the_displacement_a_dead_time_ago_at_any_fraction(dead_time):
     thrust = program_of(TABLE, 80).solve()
-    found = model_of(TABLE, dead_time).moved(thrust, np.zeros(6), 100)
-    times = np.arange(thrust.size) * SAMPLE_TIME - dead_time
-    fine = np.arange(found.displacement.size) * SAMPLE_TIME / 100
+    found = model_of(TABLE, dead_time).simulate(thrust, np.zeros(6), 100)
+    times = np.arange(thrust.size) * SAMPLE_TIME_S - dead_time
+    fine = np.arange(found.displacement.size) * SAMPLE_TIME_S / 100
     assert np.abs(found.measured - np.interp(times, fine, found.displacement)).max() < 1e-9
     assert not found.measured[times <= 1e-12].any()
 
 
 def test_lags_before_the_thrust_come_to_rest_too_and_those_of_the_measurement_follow():
-    lags_in, lags_out = (1e-3, 0.4e-3), (0.7e-3,)
-    model = model_of(TABLE, 0.3e-3, lags_in, lags_out)
-    transition, held = model.after(SAMPLE_TIME)
-    driven = model.driven
+    input_time_constants, output_time_constants = (1e-3, 0.4e-3), (0.7e-3,)
+    model = model_of(TABLE, 0.3e-3, input_time_constants, output_time_constants)
+    state_part, thrust_part = model.transition(SAMPLE_TIME_S)
+    driven = model.driven_states
     state, rest = model.at_rest(STEP)
-    thrust = Program.of(transition[:driven, :driven], held[:driven], state[:driven], rest, 80, 1).solve()
-    found = model.moved(np.append(thrust, np.zeros(100)), np.zeros(9), 1)
+    thrust = DeadbeatProgram.from_model(
+        state_part[:driven, :driven], thrust_part[:driven], state[:driven], rest, 80, 1
+    ).solve()
+    found = model.simulate(np.append(thrust, np.zeros(100)), np.zeros(9), 1)
     assert np.abs(found.displacement[80:] - STEP).max() < 1e-11
     assert abs(found.measured[82] - STEP) > 1e-12
     assert abs(found.measured[-1] - STEP) < 1e-11
-    slow = control.tf([1], [lags_out[0], 1])
-    time = np.arange(found.displacement.size) * SAMPLE_TIME
-    dense = model.moved(np.append(thrust, np.zeros(100)), np.zeros(9), 50).displacement
-    answer = control.forced_response(slow, np.arange(dense.size) * SAMPLE_TIME / 50, dense).outputs
-    late = np.interp(time[:-1] - 0.3e-3, np.arange(dense.size) * SAMPLE_TIME / 50, answer, left=0.0)
+    slow = control.tf([1], [output_time_constants[0], 1])
+    time = np.arange(found.displacement.size) * SAMPLE_TIME_S
+    dense = model.simulate(np.append(thrust, np.zeros(100)), np.zeros(9), 50).displacement
+    answer = control.forced_response(slow, np.arange(dense.size) * SAMPLE_TIME_S / 50, dense).outputs
+    late = np.interp(time[:-1] - 0.3e-3, np.arange(dense.size) * SAMPLE_TIME_S / 50, answer, left=0.0)
     assert np.abs(found.measured - late).max() < 1e-8
 
 
 def test_a_spring_holds_the_target_by_a_thrust():
     mass, damping, stiffness = 5.0, 40.0, 2e4
     spring = StateSpace(np.array([[0, 1], [-stiffness / mass, -damping / mass]]), np.array([0, 1 / mass]), np.eye(2)[0])
-    model = DesignModel.of(spring, SAMPLE_TIME, 0.0)
+    model = DesignModel.from_plant(spring, SAMPLE_TIME_S, 0.0)
     state, rest = model.at_rest(STEP)
     assert rest == pytest.approx(stiffness * STEP)
-    transition, held = model.after(SAMPLE_TIME)
+    state_part, thrust_part = model.transition(SAMPLE_TIME_S)
     for order in (0, 1, 2):
-        thrust = Program.of(transition, held, state, rest, 60, order).solve()
-        found = model.moved(np.append(thrust, np.full(50, rest)), np.zeros(2), 1)
+        thrust = DeadbeatProgram.from_model(state_part, thrust_part, state, rest, 60, order).solve()
+        found = model.simulate(np.append(thrust, np.full(50, rest)), np.zeros(2), 1)
         assert np.abs(found.displacement[60:] - STEP).max() < 1e-12
     assert abs(thrust[-1] - rest) < 0.1 * rest  # where differences are made small, it ends as it goes on
 
@@ -152,7 +158,7 @@ def test_a_spring_holds_the_target_by_a_thrust():
 def test_a_model_that_cannot_rest_or_is_unstable_is_refused():
     differentiator = StateSpace(np.array([[-1.0, 0], [0, -2.0]]), np.array([1.0, 1.0]), np.array([1.0, -2.0]))
     with pytest.raises(ParameterError, match="cannot rest"):
-        DesignModel.of(differentiator, SAMPLE_TIME, 0.0).at_rest(STEP)
+        DesignModel.from_plant(differentiator, SAMPLE_TIME_S, 0.0).at_rest(STEP)
     unstable = StateSpace(np.array([[0, 1.0], [400.0, 0]]), np.array([0, 1.0]), np.array([1.0, 0]))
     with pytest.raises(ParameterError, match=r"unstable, with a pole at \+20 rad/s"):
-        DesignModel.of(unstable, SAMPLE_TIME, 0.0)
+        DesignModel.from_plant(unstable, SAMPLE_TIME_S, 0.0)

@@ -4,13 +4,14 @@ import tomllib
 
 import numpy as np
 import pytest
-from fraexp_plugins.friction.frictionless import Frictionless
+from fraexp_plugins.friction.none import Frictionless
 from fraexp_plugins.plants.modal import Modal
+from fraexp_plugins.positioning._shared.motion_profiles import s_curve, s_curve_velocity
 from fraexp_plugins.positioning.point_to_point import PointToPoint
-from fraexp_plugins.positioning.positioning import Positioning
-from fraexp_plugins.positioning.profiles import s_curve, s_curve_velocity
+from fraexp_plugins.positioning.positioning_metrics import PositioningMetrics
 
-from fraexp.components.kinds import Plant, StateSpace
+from fraexp.components.kinds import Plant
+from fraexp.components.ports import StateSpace
 from fraexp.components.registry import discover
 from fraexp.data.results import Outcome
 from fraexp.errors import ParameterError
@@ -19,16 +20,16 @@ from fraexp.simulation.machine import ControlLoop, Machine, Numerics
 from fraexp.study.study_file import packaged_studies
 from tests.machines import FRICTIONLESS, LEAD, TABLE, guide
 
-SAMPLE_TIME, STEP = 500e-6, 1.5e-3
-BODY = Modal(gain=0.132)
+SAMPLE_TIME_S, STEP = 500e-6, 1.5e-3
+BODY = Modal(rigid_body_gain=0.132)
 GUIDE = guide()
 
 
 def moved(plant=TABLE, friction=GUIDE, loop=None, design=None, compensated=None, **given):
     """Return the signals of a machine; the feedforward is designed on it, or on other models."""
     path = {"input_dead_time": 1e-3} if loop is None else loop
-    machine = Machine(plant, friction, LEAD, ControlLoop(sample_time=SAMPLE_TIME, **path), Numerics())
-    delays = {name: value for name, value in path.items() if name not in ("resolution", "stroke")}
+    machine = Machine(plant, friction, LEAD, ControlLoop(sample_time=SAMPLE_TIME_S, **path), Numerics())
+    delays = {name: value for name, value in path.items() if name not in ("resolution", "divergence_limit")}
     excitation = PointToPoint(plant=design or plant, friction=compensated or friction, **delays, **given)
     return simulate_loop(machine, excitation, lambda _: None)
 
@@ -38,7 +39,7 @@ def channel(signals, name):
 
 
 def metrics(signals, **given):
-    return {metric.name: metric.value for metric in Positioning(**given).estimate(signals).metrics}
+    return {metric.name: metric.value for metric in PositioningMetrics(**given).estimate(signals).metrics}
 
 
 PATHS = [
@@ -101,7 +102,7 @@ def test_what_a_study_does_not_give_is_that_of_its_machine():
     sections = tomllib.loads((packaged_studies() / "machines" / "linear_motor_table.toml").read_text())
     motion = discover().create("excitation", {"name": "point_to_point"}, sections)
     assert motion.input_dead_time == 1e-3
-    assert motion.plant.gain == 0.132
+    assert motion.plant.rigid_body_gain == 0.132
     assert motion.friction.viscous == 4.69
 
 
@@ -110,11 +111,11 @@ def test_a_move_that_is_too_short_for_the_limit_is_refused_with_the_least_number
     with pytest.raises(
         ParameterError, match=r"80 samples.*too short.*force_limit 35 N; expected (\d+) samples"
     ) as error:
-        PointToPoint(**given).check(SAMPLE_TIME)
+        PointToPoint(**given).check(SAMPLE_TIME_S)
     least = int(str(error.value).split("expected ")[1].split()[0])
-    PointToPoint(duration=least * SAMPLE_TIME, **given).check(SAMPLE_TIME)
+    PointToPoint(duration=least * SAMPLE_TIME_S, **given).check(SAMPLE_TIME_S)
     with pytest.raises(ParameterError, match=f"expected {least} samples"):
-        PointToPoint(duration=(least - 1) * SAMPLE_TIME, **given).check(SAMPLE_TIME)
+        PointToPoint(duration=(least - 1) * SAMPLE_TIME_S, **given).check(SAMPLE_TIME_S)
 
 
 @pytest.mark.parametrize(
@@ -128,48 +129,50 @@ def test_a_move_that_is_too_short_for_the_limit_is_refused_with_the_least_number
             "4,000 samples cannot be planned for a force_limit",
         ),
         (
-            {"hold": 1000.0, "targets": (1e-3, 2e-3)},
-            "4,000,160 samples; expected 250,000.*shorten 'hold', or take fewer",
+            {"dwell_time": 1000.0, "targets": (1e-3, 2e-3)},
+            "4,000,160 samples; expected 250,000.*shorten 'dwell_time', or take fewer",
         ),
-        ({"duration": 1000.0}, "2,000,400 samples; expected 250,000 at most: shorten 'duration'$"),
-        ({"targets": ()}, "targets must be one position at least"),
-        ({"targets": (1e-3, 1e-3)}, "each another than the last one"),
-        ({"input_lags": (0.0,)}, "a first-order lag must be above 0 s"),
+        ({"duration": 1000.0}, "2,000,400 samples; expected 250,000 or fewer: shorten 'duration'$"),
+        ({"targets": ()}, "targets needs one or more positions"),
+        ({"targets": (1e-3, 1e-3)}, "each different from the one before"),
+        ({"input_time_constants": (0.0,)}, "those of first-order lags must be above 0 s"),
         (
             {"duration": 4e-3},
-            r"8 samples \(0.004 s\) needs 4.14e\+07 N and 9e\+06 m/s².*force_limit, the greatest thrust",
+            r"8 samples \(0.004 s\) needs 4.14e\+07 N and 9e\+06 m/s².*force_limit, the maximum thrust",
         ),
         ({"duration": 3e-3, "profile": "jerk_limited"}, r"needs 8.4\d+e\+03 N and 1.3\d*e\+03 m/s²"),
     ],
 )
 def test_what_cannot_be_planned_is_refused_in_one_line(given, message):
     with pytest.raises(ParameterError, match=message) as error:
-        PointToPoint(**{"plant": TABLE, "friction": GUIDE, **given}).check(SAMPLE_TIME)
+        PointToPoint(**{"plant": TABLE, "friction": GUIDE, **given}).check(SAMPLE_TIME_S)
     assert "\n" not in str(error.value)
 
 
 def test_a_thrust_that_the_user_states_is_believed_and_so_is_an_axis_at_40_g():
     with pytest.raises(ParameterError, match="beyond 1000 m/s²"):
-        PointToPoint(plant=TABLE, duration=6e-3).check(SAMPLE_TIME)
-    PointToPoint(plant=TABLE, duration=6e-3, force_limit=1e8).check(SAMPLE_TIME)
-    fast = PointToPoint(plant=BODY, duration=6e-3, targets=(3e-3,)).plan(SAMPLE_TIME)
-    assert fast.acceleration == pytest.approx(0.132 * np.abs(fast.thrust).max(), rel=1e-6)
-    assert 400 < fast.acceleration < 440
+        PointToPoint(plant=TABLE, duration=6e-3).check(SAMPLE_TIME_S)
+    PointToPoint(plant=TABLE, duration=6e-3, force_limit=1e8).check(SAMPLE_TIME_S)
+    fast = PointToPoint(plant=BODY, duration=6e-3, targets=(3e-3,)).plan(SAMPLE_TIME_S)
+    assert fast.max_acceleration == pytest.approx(0.132 * np.abs(fast.thrust).max(), rel=1e-6)
+    assert 400 < fast.max_acceleration < 440
 
 
 @pytest.mark.parametrize(
-    ("targets", "stroke", "message"),
+    ("targets", "limit", "message"),
     [
-        ((0.15,), 0.1, "the move leads to 0.15 m, beyond loop.stroke, which is ±0.1 m: move less far, or raise"),
-        ((0.09,), 0.1, "on a move of 0.09 m the displacement left ±0.1 m: mend the design model, or take more time"),
+        ((0.15,), 0.1, "the move leads to 0.15 m; loop.divergence_limit is ±0.1 m; shorten the move, or raise"),
+        ((0.09,), 0.1, "on a move of 0.09 m the displacement left ±0.1 m; correct the design model, or take more time"),
     ],
 )
-def test_a_move_that_leaves_the_stroke_says_so_in_words_of_moves(targets, stroke, message):
-    wrong = TABLE.model_copy(update={"gain": 0.066})  # twice the thrust
-    signals = moved(loop={"stroke": stroke}, design=wrong, friction=FRICTIONLESS, targets=targets, duration=0.05)
+def test_a_move_that_leaves_the_stroke_says_so_in_words_of_moves(targets, limit, message):
+    wrong = TABLE.model_copy(update={"rigid_body_gain": 0.066})  # twice the thrust
+    signals = moved(
+        loop={"divergence_limit": limit}, design=wrong, friction=FRICTIONLESS, targets=targets, duration=0.05
+    )
     assert signals.outcome is Outcome.DIVERGED
     assert signals.message.startswith(message)
-    assert "amplitude or distance" in signals.outcome.value
+    assert "the amplitude, or the distance" in signals.outcome.value
 
 
 def test_a_single_target_is_a_list_of_one():
@@ -193,14 +196,14 @@ class Unstable(Plant):
 
 def test_an_unstable_design_model_is_refused():
     with pytest.raises(ParameterError, match="point_to_point: the design model is unstable"):
-        PointToPoint(plant=Unstable()).check(SAMPLE_TIME)
+        PointToPoint(plant=Unstable()).check(SAMPLE_TIME_S)
 
 
 def test_a_wrong_design_model_overshoots_and_more_so_the_more_it_is_wrong():
     scale = {"input_dead_time": 1e-3, "resolution": 1e-7}
     overshoots = []
     for gain, frequency in ((0.132, 38.8), (0.135, 38.8), (0.177, 38.8), (0.177, 41.9)):
-        wrong = TABLE.model_copy(update={"gain": gain, "frequencies": (frequency, 80.0)})
+        wrong = TABLE.model_copy(update={"rigid_body_gain": gain, "frequencies": (frequency, 80.0)})
         overshoots.append(metrics(moved(loop=scale, design=wrong, hold=0.3))["overshoot"])
     assert overshoots[0] < 0.3e-6
     assert overshoots == sorted(overshoots)
@@ -215,7 +218,7 @@ def test_the_rigid_body_profile_leaves_the_modes_to_ring():
     assert 30 < metrics(ringing)["vibration frequency"] < 45
     exact = moved(plant=BODY, friction=FRICTIONLESS, profile="jerk_limited")
     # held over a sample the thrust's mean is right, its course is not: jerk Ts³/12 each sample, in each quarter
-    error = 32 * STEP / 0.04**3 * SAMPLE_TIME**3 / 12 * 20
+    error = 32 * STEP / 0.04**3 * SAMPLE_TIME_S**3 / 12 * 20
     assert np.abs(channel(exact, "y") - channel(exact, "reference")).max() < 1.5 * error
 
 
@@ -228,9 +231,9 @@ def test_the_rigid_body_profile_wants_a_rigid_body_and_keeps_the_limit():
             return 0.1 / (30.0 - omega**2 + 1j * omega)
 
     with pytest.raises(ParameterError, match="free rigid body; take deadbeat"):
-        PointToPoint(plant=Spring(), profile="jerk_limited").check(SAMPLE_TIME)
+        PointToPoint(plant=Spring(), profile="jerk_limited").check(SAMPLE_TIME_S)
     with pytest.raises(ParameterError, match=r"force_limit 40 N; expected \d+ samples"):
-        PointToPoint(plant=BODY, profile="jerk_limited", force_limit=40.0).check(SAMPLE_TIME)
+        PointToPoint(plant=BODY, profile="jerk_limited", force_limit=40.0).check(SAMPLE_TIME_S)
 
 
 def test_the_s_curve_goes_from_0_to_1_with_a_jerk_of_constant_magnitude():
@@ -243,7 +246,7 @@ def test_the_s_curve_goes_from_0_to_1_with_a_jerk_of_constant_magnitude():
 
 
 def test_its_lines_carry_its_energy():
-    (period,) = PointToPoint(plant=TABLE, friction=GUIDE).periods(SAMPLE_TIME)
+    (period,) = PointToPoint(plant=TABLE, friction=GUIDE).periods(SAMPLE_TIME_S)
     energy = np.abs(np.fft.rfft(period.waveform)) ** 2
     assert energy[period.lines].sum() / energy[1:].sum() >= 0.99
     assert energy[period.lines].min() > 0

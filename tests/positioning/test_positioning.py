@@ -4,16 +4,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fraexp_plugins.positioning.positioning import Positioning
+from fraexp_plugins.positioning.positioning_metrics import PositioningMetrics
 
 from fraexp.components.registry import discover
 from fraexp.data.results import Outcome
 from fraexp.data.signals import Segment, Signals
 from fraexp.errors import RecordError
-from fraexp.execution.job import Job, perform
+from fraexp.execution.job import Job, run_job
 from fraexp.study.study_file import load, packaged_studies
 
-SAMPLE_TIME = 1e-3
+SAMPLE_TIME_S = 1e-3
 BAND = 4e-6
 
 
@@ -25,16 +25,16 @@ def signals(deviation, target=1e-3, start=0.0, before=50, u=None):
     units = {"y": "m", "reference": "m"}
     if u is not None:
         channels["u"], units["u"] = np.full((1, y.size), u), "N"
-    return Signals((Segment(SAMPLE_TIME, channels, np.array([1])),), units)
+    return Signals((Segment(SAMPLE_TIME_S, channels, np.array([1])),), units)
 
 
 def metrics(of, **given):
-    result = Positioning(band=BAND, **given).estimate(of)
+    result = PositioningMetrics(settling_window=BAND, **given).estimate(of)
     return {metric.name: metric.value for metric in result.metrics}
 
 
 def ringing(amplitude, frequency=40.0, decay=20.0, samples=400):
-    time = np.arange(samples) * SAMPLE_TIME
+    time = np.arange(samples) * SAMPLE_TIME_S
     return -amplitude * np.exp(-decay * time) * np.cos(2 * np.pi * frequency * time)
 
 
@@ -47,8 +47,8 @@ def test_a_decaying_vibration():
     assert found["residual vibration"] == pytest.approx(extremes.sum() / 2, rel=0.01)
     last = np.flatnonzero(np.abs(deviation) > BAND)[-1]
     # the reference moves from sample 49 to sample 50, where the deviation begins
-    assert found["settling time"] == pytest.approx((last + 2) * SAMPLE_TIME)
-    assert found["first entry"] == pytest.approx((np.flatnonzero(np.abs(deviation) <= BAND)[0] + 1) * SAMPLE_TIME)
+    assert found["settling time"] == pytest.approx((last + 2) * SAMPLE_TIME_S)
+    assert found["first entry"] == pytest.approx((np.flatnonzero(np.abs(deviation) <= BAND)[0] + 1) * SAMPLE_TIME_S)
     assert found["steady-state error"] == pytest.approx(0, abs=0.5e-6)
     assert found["peak thrust"] == 30.0
 
@@ -71,51 +71,56 @@ def test_how_often_the_band_is_left_again():
 
 def test_what_stays_outside_has_no_settling_time_and_says_so():
     of = signals(np.full(200, 5e-6))
-    result = Positioning(band=BAND).estimate(of)
+    result = PositioningMetrics(settling_window=BAND).estimate(of)
     found = metrics(of)
     assert np.isnan(found["settling time"]) and np.isnan(found["first entry"])
     assert found["steady-state error"] == pytest.approx(5e-6)
     assert result.outcome is Outcome.OK
     assert result.message == (
         "after 1 of 1 move the position is not within ±4 µm: it stays 5 µm off, as with wrong friction compensation or "
-        "plant gain; improve the friction model or the design model, or allow a longer hold or a wider band"
+        "plant gain; improve the friction model or the design model, or allow a longer dwell time or a wider "
+        "settling window"
     )
 
 
 def test_what_goes_on_vibrating_is_told_apart_from_what_stays_off():
-    result = Positioning(band=BAND).estimate(signals(ringing(20e-6, frequency=25.0, decay=0.0)))
+    result = PositioningMetrics(settling_window=BAND).estimate(signals(ringing(20e-6, frequency=25.0, decay=0.0)))
     assert "±4 µm: it vibrates by 20 µm at 25 Hz, as with wrong modes; improve" in result.message
     assert "off" not in result.message
-    both = Positioning(band=BAND).estimate(signals(30e-6 + ringing(20e-6, frequency=25.0, decay=0.0)))
+    both = PositioningMetrics(settling_window=BAND).estimate(signals(30e-6 + ringing(20e-6, frequency=25.0, decay=0.0)))
     assert "±4 µm: it stays 30 µm off and it vibrates by 20 µm at 25 Hz; improve" in both.message
 
 
 def test_a_band_that_the_scale_does_not_resolve_names_the_scale():
     of = signals(np.full(200, 1e-7))
-    message = Positioning(band=1e-12, resolution=1e-7).estimate(of).message
+    message = PositioningMetrics(settling_window=1e-12, resolution=1e-7).estimate(of).message
     assert message == (
-        "after 1 of 1 move the position is not within ±0.001 nm: the scale has a resolution of 0.1 µm; take a wider "
-        "band, or a better scale"
+        "after 1 of 1 move the position is not within ±0.001 nm: the encoder has a quantisation step of 0.1 µm; "
+        "take a wider settling window, or a better encoder"
     )
-    assert "a noise of 50 nm" in Positioning(band=9e-8, noise=50e-9).estimate(of).message
+    assert "a noise of 50 nm" in PositioningMetrics(settling_window=9e-8, noise=50e-9).estimate(of).message
 
 
 @pytest.mark.parametrize(("band", "target"), [(1.0, 1e-3), (4e-6, 1e-9)])
 def test_a_move_within_the_band_tests_nothing_and_says_so(band, target):
-    result = Positioning(band=band).estimate(signals(np.zeros(200), target=target))
+    result = PositioningMetrics(settling_window=band).estimate(signals(np.zeros(200), target=target))
     found = {metric.name: metric.value for metric in result.metrics}
     assert np.isnan(found["settling time"]) and np.isnan(found["first entry"])
-    assert result.message.startswith("1 of 1 move is no longer than the band of ±")
-    assert result.message.endswith("which tests nothing: lower 'band', or move farther")
+    assert result.message.startswith("1 of 1 move is no longer than the settling window of ±")
+    assert result.message.endswith("which tests nothing: lower 'settling_window', or move farther")
 
 
 def test_a_small_correction_does_not_hide_the_move_before_it():
     reference = np.concatenate([np.zeros(50), np.full(400, 1e-3), np.full(400, 1.001e-3)])
     y = np.concatenate([np.zeros(50), 1e-3 + ringing(30e-6), np.full(400, 1.001e-3)])
     channels = {"y": y[None], "reference": reference[None]}
-    of = Signals((Segment(SAMPLE_TIME, channels, np.array([1])),), {"y": "m", "reference": "m"})
+    of = Signals((Segment(SAMPLE_TIME_S, channels, np.array([1])),), {"y": "m", "reference": "m"})
     assert metrics(of)["settling time"] == pytest.approx(metrics(signals(ringing(30e-6)))["settling time"])
-    assert Positioning(band=BAND).estimate(of).message.startswith("1 of 2 moves is no longer than the band of ±4 µm")
+    assert (
+        PositioningMetrics(settling_window=BAND)
+        .estimate(of)
+        .message.startswith("1 of 2 moves is no longer than the settling window of ±4 µm")
+    )
 
 
 def test_the_scale_is_no_vibration():
@@ -132,7 +137,7 @@ def test_of_several_moves_the_worst_one_counts():
     reference = np.concatenate([np.zeros(50), np.full(400, 1e-3), np.full(400, -1e-3)])
     y = np.concatenate([np.zeros(50), 1e-3 + first, -1e-3 - second])
     of = Signals(
-        (Segment(SAMPLE_TIME, {"y": y[None], "reference": reference[None]}, np.array([1])),),
+        (Segment(SAMPLE_TIME_S, {"y": y[None], "reference": reference[None]}, np.array([1])),),
         {"y": "m", "reference": "m"},
     )
     found, alone = metrics(of), metrics(signals(first))
@@ -141,21 +146,21 @@ def test_of_several_moves_the_worst_one_counts():
 
 
 def test_the_curve_holds_what_is_to_be_drawn():
-    (curve,) = Positioning().estimate(signals(ringing(20e-6), u=1.0)).curves
+    (curve,) = PositioningMetrics().estimate(signals(ringing(20e-6), u=1.0)).curves
     assert curve.name == "positioning"
     assert list(curve.columns) == ["time", "position", "reference", "error", "target", "band", "thrust"]
     lengths = ("position", "reference", "error", "target", "band")
     assert curve.units == {"time": "s", **dict.fromkeys(lengths, "m"), "thrust": "N"}
     assert np.array_equal(curve.columns["error"], curve.columns["reference"] - curve.columns["position"])
-    assert list(Positioning().estimate(signals(ringing(20e-6))).curves[0].columns)[-1] == "band"
+    assert list(PositioningMetrics().estimate(signals(ringing(20e-6))).curves[0].columns)[-1] == "band"
 
 
 def test_each_sample_has_the_target_of_its_move():
     steps = [(100, 0.0), (150, 1e-3), (200, 3e-3), (80, 1e-3)]
     reference = np.concatenate([np.full(count, place) for count, place in steps])
     channels = {"y": reference[None], "reference": reference[None]}
-    of = Signals((Segment(SAMPLE_TIME, channels, np.array([1])),), {"y": "m", "reference": "m"})
-    (curve,) = Positioning(band=2e-6).estimate(of).curves
+    of = Signals((Segment(SAMPLE_TIME_S, channels, np.array([1])),), {"y": "m", "reference": "m"})
+    (curve,) = PositioningMetrics(settling_window=2e-6).estimate(of).curves
     expected = np.repeat([1e-3, 3e-3, 1e-3], [100 + 150 - 1, 200, 80 + 1])  # a move begins at the sample before
     assert np.array_equal(curve.columns["target"], expected)
     assert np.array_equal(curve.columns["band"], np.full(reference.size, 2e-6))
@@ -163,20 +168,21 @@ def test_each_sample_has_the_target_of_its_move():
 
 def test_what_cannot_be_judged_is_refused():
     resting = signals(np.zeros(100), target=0.0)
-    with pytest.raises(RecordError, match="reference does not move: positioning needs a motion"):
-        Positioning().estimate(resting)
+    with pytest.raises(RecordError, match="reference does not move: positioning_metrics needs a motion"):
+        PositioningMetrics().estimate(resting)
     ramp = np.linspace(0, 1e-3, 500)
     going = Signals(
-        (Segment(SAMPLE_TIME, {"y": ramp[None], "reference": ramp[None]}, np.array([1])),), {"y": "m", "reference": "m"}
+        (Segment(SAMPLE_TIME_S, {"y": ramp[None], "reference": ramp[None]}, np.array([1])),),
+        {"y": "m", "reference": "m"},
     )
     with pytest.raises(RecordError, match="moves until the record ends"):
-        Positioning().estimate(going)
+        PositioningMetrics().estimate(going)
     with pytest.raises(RecordError, match="no channel 'r'"):
-        Positioning(reference="r").estimate(resting)
+        PositioningMetrics(reference="r").estimate(resting)
 
 
 def test_a_loop_that_diverged_has_no_metrics_but_its_outcome():
-    found = Positioning().estimate(Signals((), {"y": "m", "reference": "m"}, Outcome.DIVERGED, "it left"))
+    found = PositioningMetrics().estimate(Signals((), {"y": "m", "reference": "m"}, Outcome.DIVERGED, "it left"))
     assert (found.outcome, found.message, found.metrics) == (Outcome.DIVERGED, "it left", ())
 
 
@@ -186,7 +192,7 @@ def figure_8(tmp_path_factory):
     folder: Path = tmp_path_factory.mktemp("workspace")
     study = load("paper/fig08", packaged_studies() / "paper" / "fig08.toml", folder, discover())
     answers = {
-        sweep.labels["case"]: perform(Job(sweep.experiment, (sweep.estimator,)), lambda _: None)[0]
+        sweep.labels["case"]: run_job(Job(sweep.experiment, (sweep.estimator,)), lambda _: None)[0]
         for sweep in study.sweeps
     }
     return {label: {metric.name: metric.value for metric in answer.metrics} for label, answer in answers.items()}
@@ -201,3 +207,15 @@ def test_figure_8(figure_8):
     assert wrong["departures"] >= 1
     assert wrong["overshoot"] > 4e-6
     assert np.isnan(wrong["settling time"])
+
+
+def test_with_integral_action_the_overshoot_of_figure_8_returns(tmp_path):
+    study = load("paper/fig08_integral", packaged_studies() / "paper" / "fig08_integral.toml", tmp_path, discover())
+    moves = [sweep for sweep in study.sweeps if sweep.estimator["name"] == "positioning_metrics"]
+    answers = [run_job(Job(sweep.experiment, (sweep.estimator,)), lambda _: None)[0] for sweep in moves]
+    nominal, wrong = ({metric.name: metric.value for metric in answer.metrics} for answer in answers)
+    assert nominal["overshoot"] < 1e-6
+    assert nominal["departures"] == 0
+    assert wrong["overshoot"] > 50e-6  # 127 µm: far more than the window
+    assert wrong["settling time"] < 0.16  # 144 ms; the record ends after 200 ms
+    assert abs(wrong["steady-state error"]) < 1e-6

@@ -16,7 +16,7 @@ RIGHT = "nominal P_d"
 def workspace(tmp_path_factory):
     folder = tmp_path_factory.mktemp("robustness")
     found = Workspace.open(folder)
-    *_, ended = found.run(["positioning/robustness"], executor="serial", overrides=["random.count=25"])
+    *_, ended = found.run(["positioning/robustness"], executor="serial", overrides=["monte_carlo.count=25"])
     assert ended.state == "complete"
     assert [path.name for path in ended.figures] == ["robustness.png"]
     return found
@@ -48,15 +48,18 @@ def test_a_wrong_model_costs_more_than_the_tolerances(stored):
 def test_the_worst_draw_is_found_again_by_its_number_and_its_parameters(workspace, stored):
     sweeps, overshoot = column(stored, RIGHT, "overshoot")
     worst = sweeps[int(np.argmax(overshoot))]
-    (study,) = workspace.studies(["positioning/robustness"], ["random.count=30"])
+    (study,) = workspace.studies(["positioning/robustness"], ["monte_carlo.count=30"])
     again = next(of for of in study.sweeps if of.labels == worst.labels)
     assert again.key == worst.key, "though more are drawn"
     drawn = {path: value for path, value in worst.labels.items() if "." in path}
-    overrides = ["random.count=1", *(f"{path}={value!r}" for path, value in drawn.items() if path[-1] not in "012")]
+    overrides = [
+        "monte_carlo.count=1",
+        *(f"{path}={value!r}" for path, value in drawn.items() if path[-1] not in "012"),
+    ]
     (alone,) = workspace.studies(["positioning/robustness"], overrides)
     # what is set moves the nominal machine, around which is drawn
-    ratio = alone.sweeps[0].labels["plant.gain"] / study.sweeps[0].labels["plant.gain"]
-    assert ratio == pytest.approx(drawn["plant.gain"] / 0.132, rel=1e-12)
+    ratio = alone.sweeps[0].labels["plant.rigid_body_gain"] / study.sweeps[0].labels["plant.rigid_body_gain"]
+    assert ratio == pytest.approx(drawn["plant.rigid_body_gain"] / 0.132, rel=1e-12)
 
 
 def test_the_summary_names_the_worst_draws(workspace, stored, capsys):

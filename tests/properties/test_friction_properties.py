@@ -29,7 +29,11 @@ few = settings(max_examples=portion(60))
 @st.composite
 def stribeck(draw) -> dict[str, float]:
     coulomb = draw(positive)
-    return {"coulomb": coulomb, "breakaway": coulomb * draw(number(1.0, 3.0)), "stribeck_velocity": draw(positive)}
+    return {
+        "coulomb_force": coulomb,
+        "static_force": coulomb * draw(number(1.0, 3.0)),
+        "stribeck_velocity": draw(positive),
+    }
 
 
 @st.composite
@@ -44,23 +48,27 @@ def generalized(draw):
     total = sum(share for _, share in drawn)
     return GeneralizedMaxwellSlip(
         stiffness=tuple(k for k, _ in drawn),
-        shares=tuple(share / total for _, share in drawn),
-        attraction=draw(positive),
+        force_fractions=tuple(share / total for _, share in drawn),
+        attraction_rate=draw(positive),
         **draw(stribeck()),
     )
 
 
-dahls = st.builds(Dahl, stiffness=positive, coulomb=positive)
-lugres = stribeck().flatmap(lambda g: st.builds(LuGre, sigma0=positive, **{k: st.just(v) for k, v in g.items()}))
+dahls = st.builds(Dahl, stiffness=positive, coulomb_force=positive)
+lugres = stribeck().flatmap(
+    lambda g: st.builds(LuGre, bristle_stiffness=positive, **{k: st.just(v) for k, v in g.items()})
+)
 elastoplastics = stribeck().flatmap(
     lambda g: st.builds(
         Elastoplastic,
-        sigma0=positive,
-        elastic_share=number(0.05, 0.95),
+        bristle_stiffness=positive,
+        elastic_limit_ratio=number(0.05, 0.95),
         **{k: st.just(v) for k, v in g.items()},
     )
 )
-coulombs = stribeck().flatmap(lambda g: st.builds(Coulomb, sticking=positive, **{k: st.just(v) for k, v in g.items()}))
+coulombs = stribeck().flatmap(
+    lambda g: st.builds(Coulomb, stiction_displacement=positive, **{k: st.just(v) for k, v in g.items()})
+)
 path_dependent = st.one_of(rollings(), rollings(RollingForceSlider), dahls)
 any_model = st.one_of(path_dependent, generalized(), lugres, elastoplastics, coulombs)
 
@@ -69,7 +77,7 @@ def greatest(model) -> float:
     """Return the force that no motion can exceed [N]."""
     if hasattr(model, "limit_force"):
         return sum(model.limit_force)
-    return model.breakaway if hasattr(model, "breakaway") else model.coulomb
+    return model.static_force if hasattr(model, "static_force") else model.coulomb_force
 
 
 @few
@@ -104,7 +112,7 @@ def test_more_samples_of_the_same_path_change_nothing(model, walk, finer):
     between = np.arange(walk.size * finer - finer + 1) / finer
     fine = np.interp(between, np.arange(walk.size), walk)
     change = np.abs(model.force(fine, 1e-3)[::finer] - model.force(walk, 1e-3))
-    assert np.max(change) <= 1e-12 * (greatest(model) + model.greatest_stiffness * np.max(np.abs(walk)))
+    assert np.max(change) <= 1e-12 * (greatest(model) + model.max_stiffness * np.max(np.abs(walk)))
 
 
 @few
@@ -178,23 +186,27 @@ def test_forces_of_parallel_elements_add_up(first, second, walk):
 @few
 @given(generalized(), walks, steps)
 def test_without_stribeck_effect_gms_is_rolling(model, walk, step):
-    level = model.model_copy(update={"breakaway": model.coulomb})
-    force = tuple(model.coulomb * share for share in model.shares)
+    level = model.model_copy(update={"static_force": model.coulomb_force})
+    force = tuple(model.coulomb_force * share for share in model.force_fractions)
     rolling = Rolling(stiffness=model.stiffness, limit_force=force)
-    assert np.allclose(level.force(walk, step), rolling.force(walk, step), rtol=0, atol=1e-13 * model.coulomb)
+    assert np.allclose(level.force(walk, step), rolling.force(walk, step), rtol=0, atol=1e-13 * model.coulomb_force)
 
 
 @few
 @given(stribeck(), positive, walks)
 def test_without_damping_and_stribeck_effect_lugre_is_dahl(curve, stiffness, walk):
-    lugre = LuGre(sigma0=stiffness, coulomb=curve["coulomb"], breakaway=curve["coulomb"])
-    dahl = Dahl(stiffness=stiffness, coulomb=curve["coulomb"])
-    assert np.allclose(lugre.force(walk, 1e-3), dahl.force(walk, 1e-3), rtol=0, atol=1e-12 * curve["coulomb"])
+    lugre = LuGre(
+        bristle_stiffness=stiffness, coulomb_force=curve["coulomb_force"], static_force=curve["coulomb_force"]
+    )
+    dahl = Dahl(stiffness=stiffness, coulomb_force=curve["coulomb_force"])
+    assert np.allclose(lugre.force(walk, 1e-3), dahl.force(walk, 1e-3), rtol=0, atol=1e-12 * curve["coulomb_force"])
 
 
 @few
 @given(elastoplastics, st.lists(number(-1, 1), min_size=1, max_size=40), steps)
 def test_elastoplastic_friction_is_a_spring_within_its_elastic_limit(model, shares, step):
-    limit = model.elastic_share * model.coulomb / model.sigma0
+    limit = model.elastic_limit_ratio * model.coulomb_force / model.bristle_stiffness
     walk = np.concatenate([[0.0], np.array(shares) * limit])
-    assert np.allclose(model.force(walk, step), model.sigma0 * walk, rtol=0, atol=1e-12 * model.coulomb)
+    assert np.allclose(
+        model.force(walk, step), model.bristle_stiffness * walk, rtol=0, atol=1e-12 * model.coulomb_force
+    )

@@ -3,7 +3,7 @@
 import numpy as np
 from fraexp_plugins.controllers.pid import Pid
 from fraexp_plugins.estimators.conventional import Conventional
-from fraexp_plugins.estimators.proposed import Proposed
+from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.friction.rolling import Rolling
 from fraexp_plugins.plants.modal import Modal
 from hypothesis import given, settings
@@ -14,7 +14,7 @@ from tests.examples import portion
 from tests.machines import FRICTIONLESS, TABLE, guide, simulated
 
 FREQUENCIES = (4.0, 23.0, 61.0)
-SAMPLE_TIME = 500e-6
+SAMPLE_TIME_S = 500e-6
 number = st.floats
 
 machines = st.fixed_dictionaries(
@@ -23,7 +23,7 @@ machines = st.fixed_dictionaries(
         "mode": number(25.0, 90.0),
         "damping": number(0.02, 0.2),
         "residue": number(0.05, 0.6),
-        "coulomb": number(0.5, 20.0),
+        "coulomb_force": number(0.5, 20.0),
         "width": number(10e-6, 200e-6),
         "viscous": number(0.0, 50.0),
         "crossover": number(2.0, 8.0),
@@ -37,12 +37,12 @@ machines = st.fixed_dictionaries(
 def built(values: dict[str, float]):
     """Return plant, friction, controller and delays of drawn numbers."""
     plant = Modal(
-        gain=1 / values["mass"],
+        rigid_body_gain=1 / values["mass"],
         frequencies=(values["mode"],),
         damping_ratios=(values["damping"],),
-        residues=(values["residue"],),
+        modal_gain_ratios=(values["residue"],),
     )
-    friction = guide(values["coulomb"], values["width"], values["viscous"], elements=10)
+    friction = guide(values["coulomb_force"], values["width"], values["viscous"], elements=10)
     omega = 2 * np.pi * values["crossover"]
     controller = Pid(proportional=values["mass"] * omega**2 / 4, derivative_time=3 / omega, filter_time=0.2 / omega)
     delays = {"input_dead_time": values["dead_time"], "output_dead_time": values["output_dead_time"]}
@@ -56,10 +56,10 @@ def test_matched_model_recovers_plant_and_effective_input(values):
     signals = simulated(
         friction, FREQUENCIES, values["amplitude"], plant=plant, controller=controller, steps=16, **delays
     )
-    response = Proposed(friction=friction, **delays).estimate(signals).response
+    response = EffectiveInput(friction=friction, **delays).estimate(signals).response
     omega = 2 * np.pi * response.frequency
     # errors of y' enter P through P·N
-    weight = np.maximum(1.0, np.abs(plant.response(omega)) * friction.greatest_stiffness)
+    weight = np.maximum(1.0, np.abs(plant.response(omega)) * friction.max_stiffness)
     tolerance = np.maximum(6e-4, held_images(plant, friction, response.frequency)) * weight
     assert np.all(np.abs(response.response / plant.response(omega) - 1) < tolerance)
     true_input = response.output_amplitude / np.abs(plant.response(omega))
@@ -74,9 +74,9 @@ def held_images(plant: Modal, friction: Rolling, frequency: np.ndarray) -> np.nd
 
     def compliance(at: np.ndarray) -> np.ndarray:
         free = plant.response(2 * np.pi * at)
-        return np.abs(free / (1 + friction.greatest_stiffness * free))
+        return np.abs(free / (1 + friction.max_stiffness * free))
 
-    images = [order / SAMPLE_TIME + sign * frequency for order in (1, 2, 3) for sign in (-1, 1)]
+    images = [order / SAMPLE_TIME_S + sign * frequency for order in (1, 2, 3) for sign in (-1, 1)]
     return sum(frequency / image * compliance(image) for image in images) / compliance(frequency)
 
 
@@ -87,7 +87,7 @@ def test_the_estimated_friction_is_the_delayed_true_one(values):
     signals = simulated(
         friction, FREQUENCIES, values["amplitude"], plant=plant, controller=controller, steps=16, **delays
     )
-    estimator = Proposed(friction=friction, **delays)
+    estimator = EffectiveInput(friction=friction, oversampling=8, **delays)
     for segment in signals.segments:
         omega = 2 * np.pi * segment.frequency
         delayed = phasors(segment, "friction") * estimator.output_path(omega)
@@ -104,8 +104,8 @@ def test_without_friction_both_methods_agree(values):
     signals = simulated(
         FRICTIONLESS, FREQUENCIES, amplitude, plant=plant, controller=controller, tolerance=1e-8, **delays
     )
-    conventional = Conventional(remove_delay=True, **delays).estimate(signals).response
-    proposed = Proposed(friction=FRICTIONLESS, **delays).estimate(signals).response
+    conventional = Conventional(refer_to_plant=True, **delays).estimate(signals).response
+    proposed = EffectiveInput(friction=FRICTIONLESS, **delays).estimate(signals).response
     assert np.allclose(proposed.response, conventional.response, rtol=1e-12, atol=0)
 
 
@@ -114,7 +114,7 @@ def test_without_friction_both_methods_agree(values):
 def test_the_amplitude_drops_out(first, second):
     friction = guide()
     found = [
-        Proposed(friction=friction, input_dead_time=1e-3)
+        EffectiveInput(friction=friction, input_dead_time=1e-3)
         .estimate(simulated(friction, FREQUENCIES, a, steps=8))
         .response
         for a in (first, second)

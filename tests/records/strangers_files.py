@@ -66,7 +66,8 @@ def check_response(with_friction: Result, without: Result) -> None:
     """The proposed method is left with the mass; the other one is biased by friction where the thrust is small."""
     errors = []
     for result in (with_friction, without):
-        assert result.message == ""  # of what these methods do not need
+        said = result.message  # nothing of what these methods do not need; where it reverses, friction is hidden
+        assert said == "" or (result is without and said.startswith("the motion does not show the friction force"))
         response = result.response
         assert response is not None
         mass = 1 / (DRIVE.mass * (2j * np.pi * response.frequency) ** 2)

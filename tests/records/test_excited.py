@@ -8,12 +8,13 @@ import pytest
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
 from fraexp.data.results import Result
-from fraexp.records.excited import detected_lines, injected_lines
+from fraexp.records.excited import find_excited_lines, find_injected_lines
 from tests.records.strangers_files import DRIVE, results
 
 PERIOD, PERIODS = 1000, 5
 EXCITED = tuple(range(3, 100))
-COMMAND = ["import", "drive.csv", "--period", str(PERIOD), "--skip", "1", "--channel", "u=u", "--channel", "y=y"]
+PERIODIC = ["--samples-per-period", str(PERIOD), "--skip-periods", "1"]
+COMMAND = ["import", "drive.csv", *PERIODIC, "--channel", "u=u", "--channel", "y=y"]
 TELL = "lines that stand out of the input's noise are left out: they are far weaker"
 
 
@@ -76,7 +77,7 @@ def test_a_stated_band_silences_it(folder: Path) -> None:
 
 
 def test_a_stated_line_that_was_not_injected_is_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main([*COMMAND, "--channel", "reference=inj", "--lines", "10,150"]) == ExitCode.USAGE
+    assert main([*COMMAND, "--channel", "reference=inj", "--harmonics", "10,150"]) == ExitCode.USAGE
     assert "'reference' does not excite 150 Hz (harmonic 150)" in capsys.readouterr().err
 
 
@@ -98,7 +99,7 @@ def test_the_proposed_command_takes_the_injected_signal(folder: Path, capsys: py
     assert main(["import", "drive.csv"]) == ExitCode.OK
     printed = capsys.readouterr()
     assert printed.out.splitlines()[-1].split()[-1] == "excitation"
-    assert "--channel excitation=inj --time time --period 1000" in printed.err
+    assert "--channel excitation=inj --time time --samples-per-period 1000" in printed.err
 
 
 def wave_of(amplitudes: dict[int, float], blocks: int, noise: float) -> np.ndarray:
@@ -117,21 +118,21 @@ TRIANGLE = {k: k**-2.0 for k in range(1, 100, 2)}
 @pytest.mark.parametrize("amplitudes", [FALLING, TRIANGLE, RISING])
 def test_an_injected_signal_may_fall_steeply(amplitudes: dict[int, float], noise: float) -> None:
     written = np.round(wave_of(amplitudes, 3, noise), 7)  # as in a file
-    assert list(injected_lines(written, (1, 499)).lines) == list(amplitudes)
+    assert list(find_injected_lines(written, (1, 499)).lines) == list(amplitudes)
 
 
 def test_noise_over_two_periods_is_not_taken_for_excitation() -> None:
     blocks = wave_of(dict.fromkeys(range(10, 60), 1.0), 2, noise=0.3)
-    for found in (injected_lines(blocks, (1, 499)), detected_lines(blocks)):
+    for found in (find_injected_lines(blocks, (1, 499)), find_excited_lines(blocks)):
         assert (list(found.lines), found.left_out, found.doubtful) == (list(range(10, 60)), 0, 0)
 
 
 def test_a_spectrum_that_rises_smoothly_has_no_edge() -> None:
-    found = detected_lines(wave_of(RISING, 4, noise=1e-5))
+    found = find_excited_lines(wave_of(RISING, 4, noise=1e-5))
     assert (list(found.lines), found.left_out) == (list(RISING), 0)
 
 
 def test_lines_that_are_far_weaker_without_a_gap_are_doubted() -> None:
     levels = dict.fromkeys(range(1, 61), 1.0) | {k: 0.9 * 0.8 ** (k - 60) for k in range(61, 80)}
-    found = detected_lines(wave_of(levels, 4, noise=1e-5))
+    found = find_excited_lines(wave_of(levels, 4, noise=1e-5))
     assert (list(found.lines), found.doubtful) == (list(levels), 4)

@@ -30,7 +30,9 @@ RECORD = {
 
 
 def covariance_of(spectrum: PeriodicSpectrum) -> np.ndarray:
-    return response_covariance(spectrum.input, spectrum.output, spectrum.var_input, spectrum.var_output, spectrum.cov)
+    return response_covariance(
+        spectrum.input, spectrum.output, spectrum.input_variance, spectrum.output_variance, spectrum.covariance
+    )
 
 
 def test_a_phasor_is_the_amplitude_and_phase_of_its_line() -> None:
@@ -41,7 +43,7 @@ def test_a_phasor_is_the_amplitude_and_phase_of_its_line() -> None:
     assert spectrum.frequency == pytest.approx([70.0])
     np.testing.assert_allclose(spectrum.input, [3 * np.exp(0.4j)], rtol=1e-13)
     np.testing.assert_allclose(spectrum.output / spectrum.input, [-2], rtol=1e-13)
-    assert spectrum.var_input == pytest.approx([0.0], abs=1e-28)
+    assert spectrum.input_variance == pytest.approx([0.0], abs=1e-28)
 
 
 def test_one_period_tells_no_variance(bench: Any) -> None:
@@ -122,9 +124,9 @@ def test_the_bench_gives_the_reference_standard_deviation_but_for_its_conjugate(
     reference = np.loadtxt(BENCH / "reference_frf.csv", delimiter=",", skiprows=1)[:, REFERENCE[output][2]]
     s = periodic_spectrum(motor, "iq", output)
     conjugated = np.abs(s.output / s.input) * np.sqrt(
-        s.var_output / np.abs(s.output) ** 2
-        + s.var_input / np.abs(s.input) ** 2
-        - 2 * np.real(np.conj(s.cov) / (s.output * np.conj(s.input)))
+        s.output_variance / np.abs(s.output) ** 2
+        + s.input_variance / np.abs(s.input) ** 2
+        - 2 * np.real(np.conj(s.covariance) / (s.output * np.conj(s.input)))
     )
     np.testing.assert_allclose(conjugated, reference, rtol=1e-9)
     ratio = np.sqrt(np.trace(covariance_of(s), axis1=1, axis2=2)) / reference

@@ -6,7 +6,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from fraexp_plugins.readers import measured
+from fraexp_plugins.readers._shared import record_checks
 from fraexp_plugins.readers.csv_reader import CsvReader
 from fraexp_plugins.readers.mat_reader import MatReader
 from scipy.io import savemat
@@ -68,9 +68,9 @@ BROKEN = {
     ),
     "text": (
         "t,Positon\n0,1\n1,off\n2,off\n",
-        r"a\.csv, line 3: 'off' in column 'Positon' is no finite number \(2 such",
+        r"a\.csv, line 3: 'off' in column 'Positon' is not a finite number \(2 such",
     ),
-    "gap": ("t,Positon\n0,\n1,2\n", r"line 2: '' in column 'Positon' is no finite number;"),
+    "gap": ("t,Positon\n0,\n1,2\n", r"line 2: '' in column 'Positon' is not a finite number;"),
     "short line": ("t,Positon\n0,1\n1\n", r"line 3: '' in column 'Positon'"),
     "nan": ("t,Positon\n0,1\n# note\n1,nan\n", r"line 4: 'nan' in column 'Positon'"),
     "infinite": ("t,Positon\n0,1\n1,-inf\n", r"line 3: '-inf'"),
@@ -80,7 +80,7 @@ BROKEN = {
     "quote left open": ('t,Positon\n0,1\n"1,2\n', r"line 3: '' in column 'Positon'"),
     "broken character": ("t,Positon\n" + "0,1\n" * 30000 + "1,\udcff\n", r"line 30002: '.' in column 'Positon'"),
     "endless cell": ("t,Positon\n0,1\n1," + "x" * 200_000 + "\n", r"line 3: '' in column 'Positon'"),
-    "binary": ("t\0\0", r"this is no text file"),
+    "binary": ("t\0\0", r"this is not a text file"),
     "empty": ("", r"no line of numbers"),
 }
 
@@ -215,8 +215,8 @@ def test_a_variable_is_refused_by_its_decoded_size(
     tmp_path: Path, write: Callable[[Path], None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write(tmp_path / "a.mat")
-    monkeypatch.setattr(measured, "LARGEST", 20)
-    with pytest.raises(RecordError, match=r"'column' takes .* GiB; at most"):
+    monkeypatch.setattr(record_checks, "MAX_SIZE_BYTES", 20)
+    with pytest.raises(RecordError, match=r"'column' takes .* GiB; expected up to"):
         MatReader().read(tmp_path / "a.mat", ["column"])
 
 
@@ -224,5 +224,5 @@ def test_a_text_file_is_refused_by_its_size(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     with path.open("wb") as stream:
         stream.truncate(3 * 1024**3)  # sparse: takes no room
-    with pytest.raises(RecordError, match=r"the file takes 3\.0 GiB; at most 2 GiB are read"):
+    with pytest.raises(RecordError, match=r"the file takes 3\.0 GiB; expected up to 2 GiB"):
         CsvReader().read(path, ["t"])

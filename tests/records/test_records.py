@@ -13,9 +13,9 @@ from fraexp.data.identity import key_of
 from fraexp.data.signals import Signals
 from fraexp.errors import FraexpError, ParameterError, RecordError
 from fraexp.records import RecordSettings, load, resolve
-from fraexp.records.cutting import coherent
-from fraexp.records.excited import detected_lines
-from fraexp.records.repeats import detected_period
+from fraexp.records.cutting import coherent_block
+from fraexp.records.excited import find_excited_lines
+from fraexp.records.repeats import detect_period
 
 Read = Callable[..., Signals]
 
@@ -90,7 +90,7 @@ def test_distortion_is_not_taken_for_excitation() -> None:
     time = np.arange(8 * 100)
     excited = np.cos(2 * np.pi * 3 * time / 100) + 0.5 * np.cos(2 * np.pi * 7 * time / 100)
     distorted = excited + 0.1 * np.cos(2 * np.pi * 9 * time / 100) + 1e-3 * rng.normal(size=time.size)
-    assert detected_lines(distorted.reshape(8, 100)).lines == [3, 7]
+    assert find_excited_lines(distorted.reshape(8, 100)).lines == [3, 7]
 
 
 def test_skipped_periods_and_time_are_left_out(tmp_path: Path, signals_of: Read, bench: Any) -> None:
@@ -109,9 +109,9 @@ def test_a_period_between_samples_takes_several_periods(tmp_path: Path, signals_
     assert segment.channels["u"].shape == (13, 75)
     assert segment.lines.tolist() == [2]
     assert segment.frequency[0] == pytest.approx(80 / 3, rel=1e-12)
-    assert coherent(37.5, 1000, 1e-3) == (75, 2)
-    assert coherent(51.5463918, 10_000, 1e-6) == (5000, 97)
-    assert coherent(np.pi * 10, 300, 1e-6) is None
+    assert coherent_block(37.5, 1000, 1e-3) == (75, 2)
+    assert coherent_block(51.5463918, 10_000, 1e-6) == (5000, 97)
+    assert coherent_block(np.pi * 10, 300, 1e-6) is None
 
 
 @pytest.mark.parametrize("as_column", [False, True])
@@ -182,10 +182,8 @@ def test_settings_survive_the_way_through_plain_data(bench: Any) -> None:
 
 
 def test_the_period_of_a_record_is_found(bench: Any) -> None:
-    assert (
-        detected_period(bench.rows(4)[:, 1] + 1.0) == bench.period // 2
-    )  # only even lines: it repeats after half of it
-    assert detected_period(np.random.default_rng(1).normal(size=2000)) is None
+    assert detect_period(bench.rows(4)[:, 1] + 1.0) == bench.period // 2  # only even lines: it repeats after half of it
+    assert detect_period(np.random.default_rng(1).normal(size=2000)) is None
 
 
 REFUSED = {
@@ -234,19 +232,31 @@ REFUSED = {
     ),
     "no period": (
         {"period": None},
-        r"give period .*it seems to repeat every 100 samples \(0\.1 s\): give period = 100 \(--period\)",
+        r"repeat every 100 samples \(0\.1 s\): give samples_per_period = 100 \(--samples-per-period\)",
     ),
     "two periods": ({"period_time": 0.2}, r"period and period_time are both given"),
     "wrong period": ({"period": 130}, r"'u' does not repeat after 130 samples .*repeat every 100 samples"),
-    "period off by one": ({"period": 199}, r"repeats worse after 199 samples than after 100; it .* period = 100 \("),
+    "period off by one": (
+        {"period": 199},
+        r"repeats worse after 199 samples than after 100; it .* samples_per_period = 100 \(",
+    ),
     "too short": ({"skip": 3}, r"200 samples are left, 1\.00 periods; expected at least 2 periods"),
-    "too high": ({"lowest": 10, "highest": 600}, r"highest is 600 Hz; expected at most half the sample rate, 500 Hz"),
+    "too high": (
+        {"lowest": 10, "highest": 600},
+        r"max_frequency is 600 Hz; expected at most half the sample rate, 500 Hz",
+    ),
     "no lines": ({"lowest": 300}, r"none of the excited lines, 10 to 200 Hz, is between"),
     "lines too high": ({"lines": [2, 120]}, r"excited harmonics are 2 to 120; expected some from 1 to 99"),
-    "lowest above highest": ({"lowest": 30, "highest": 20}, r"lowest is 30 Hz and highest 20 Hz"),
-    "every without ends": ({"every": 2, "lowest": 10}, r"every is given without lowest and highest"),
-    "lines in two ways": ({"lines": [2], "every": 2}, r"lines are given, and lowest, highest or every as well"),
-    "no such input": ({"input": "v"}, r"input is 'v', which is no channel"),
+    "lowest above highest": ({"lowest": 30, "highest": 20}, r"min_frequency is 30 Hz and max_frequency 20 Hz"),
+    "every without ends": (
+        {"every": 2, "lowest": 10},
+        r"harmonic_step is given without min_frequency and max_frequency",
+    ),
+    "lines in two ways": (
+        {"lines": [2], "every": 2},
+        r"expected either harmonics, or min_frequency, max_frequency and harmonic_step",
+    ),
+    "no such input": ({"input": "v"}, r"input is 'v', which is not a channel"),
     "constant": ({"file": "still.csv"}, r"channel 'y' \(column 'Position'\) is constant, 3"),
     "jitter": (
         {"file": "jitter.csv"},

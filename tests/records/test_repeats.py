@@ -10,7 +10,7 @@ import pytest
 from fraexp.data.signals import Signals
 from fraexp.errors import RecordError
 from fraexp.records.cutting import Cut
-from fraexp.records.repeats import check_repeats, detected_period
+from fraexp.records.repeats import check_repeats, detect_period
 
 RATE = 1000.0
 DISTURBANCES = ("white", "walk", "ramp", "decay", "hum")
@@ -57,10 +57,11 @@ def test_a_miscounted_period_is_refused_with_the_right_one(off: int, noise: floa
     signal = sum(np.cos(2 * np.pi * line * time / period + line**2) for line in range(1, 60)) / np.sqrt(30)
     signal = signal + noise * rng.normal(size=time.size)
     cut = Cut(0, time.size // (period + off), period + off, 1, 1 / RATE)
-    with pytest.raises(RecordError, match=r"seems to repeat every 2000 samples \(2 s\): give period = 2000") as caught:
+    hint = r"seems to repeat every 2000 samples \(2 s\): give samples_per_period = 2000"
+    with pytest.raises(RecordError, match=hint) as caught:
         check_repeats(cut, signal, RATE, "u", "record")
     assert "\n" not in str(caught.value)
-    assert detected_period(signal) == period
+    assert detect_period(signal) == period
 
 
 def test_a_period_between_samples_is_not_refused(
@@ -99,8 +100,8 @@ def test_a_column_that_is_not_evidently_the_time_is_no_clock(
 @pytest.mark.parametrize(
     ("pattern", "remedy"),
     [
-        ("aaaabbbb", r"from period 5 on; if realisations follow one another, give periods = 4 \(--periods 4\)"),
-        ("baaaaaaa", r"from period 2 on; if it was still settling, give skip = 1 \(--skip 1\)"),
+        ("aaaabbbb", r"from period 5 on; .* follow one another, give periods_per_realisation = 4 \(--periods 4\)"),
+        ("baaaaaaa", r"from period 2 on; if it was still settling, give skip_periods = 1 \(--skip-periods 1\)"),
         ("aaaaabbbbbbcccc", r"from period 6 on; cut the record there, or use segment"),
     ],
 )
@@ -118,14 +119,14 @@ def test_the_period_of_a_smooth_record_is_found_to_the_sample(blocks: float, lin
     rng = np.random.default_rng(3)
     for phases in rng.uniform(0, 2 * np.pi, (5, len(lines))):
         angle = 2 * np.pi * np.outer(np.arange(round(10_000 * blocks)), lines) / 10_000 + phases
-        assert detected_period(np.cos(angle).sum(axis=1)) == 10_000
+        assert detect_period(np.cos(angle).sum(axis=1)) == 10_000
 
 
 def test_many_periods_find_the_period_through_noise() -> None:
     rng = np.random.default_rng(4)
     wave = np.cos(2 * np.pi * np.outer(np.arange(107_000), (1, 2, 3)) / 10_000 + rng.uniform(0, 6, 3)).sum(axis=1)
     for _ in range(5):
-        assert detected_period(wave + 0.03 * rng.normal(size=wave.size)) == 10_000
+        assert detect_period(wave + 0.03 * rng.normal(size=wave.size)) == 10_000
 
 
 def test_a_record_that_lacks_the_end_of_its_second_period_is_not_taken_for_two_shorter_ones() -> None:

@@ -24,7 +24,7 @@ from tests.records.strangers_files import (
 
 Arrays = tuple[np.ndarray, np.ndarray]
 LEVELS = ["--level", "1", "--level", "2", "--level", "3"]
-PERIODIC = ["--sample-rate", "512", "--period", "1024", "--set", "estimator.reference_channel=u"]
+PERIODIC = ["--sample-rate", "512", "--samples-per-period", "1024", "--set", "estimator.excitation_channel=u"]
 FOUR = [text for number in "1234" for text in ("--realisation", number)]
 
 
@@ -44,12 +44,12 @@ def channels(u: str, y: str) -> list[str]:
     return ["--channel", f"u={u}", "--channel", f"y={y}"]
 
 
-@pytest.mark.parametrize("extra", [[], ["--set", "estimator.highest=8"], ["--skip-time", "2.5"]])
+@pytest.mark.parametrize("extra", [[], ["--set", "estimator.max_frequency=8"], ["--skip-time", "2.5"]])
 @pytest.mark.thorough
 def test_a_drives_motion_gives_mass_and_friction(folder: Path, extra: list[str]) -> None:
     write_drive(folder / "drive.mat", triangle_and_sines(DRIVE.rate))
     command = ["import", "drive.mat", *channels("servo_volt * 31.5 [N]", "enc_cnt * 0.5 [um]"), "--sample-rate", "1000"]
-    assert main([*command, "--not-periodic", "--estimator", "sliding_identification", *extra]) == ExitCode.OK
+    assert main([*command, "--aperiodic", "--estimator", "sliding_identification", *extra]) == ExitCode.OK
     (result,) = results(folder, "drive")
     check_drive(result)
     assert result.fits[0].component["name"] == "coulomb"
@@ -58,7 +58,7 @@ def test_a_drives_motion_gives_mass_and_friction(folder: Path, extra: list[str])
 def test_what_the_model_does_not_know_is_told(folder: Path) -> None:
     write_drive(folder / "drive.mat", triangle_and_sines(DRIVE.rate))
     command = ["import", "drive.mat", *channels("servo_volt * -31.5 [N]", "enc_cnt * 0.5 [um]")]
-    more = ["--sample-rate", "1000", "--not-periodic", "--estimator", "sliding_identification"]
+    more = ["--sample-rate", "1000", "--aperiodic", "--estimator", "sliding_identification"]
     assert main([*command, *more]) == ExitCode.INCOMPLETE  # the thrust has the wrong sign
 
 
@@ -98,7 +98,16 @@ def files(folder: Path, vibration: Arrays) -> list[str]:
     for level in range(3):
         write_level(folder / f"v{level + 1}.csv", vibration[0][..., level], vibration[1][..., level])
     names = [f"v{level + 1}.csv" for level in range(3)]
-    return [*names, "--each-file", *channels("Force", "Acceleration"), "--time", "t", "--segment", "run", *PERIODIC]
+    return [
+        *names,
+        "--separate-files",
+        *channels("Force", "Acceleration"),
+        "--time",
+        "t",
+        "--segment",
+        "run",
+        *PERIODIC,
+    ]
 
 
 def one_table(folder: Path, vibration: Arrays) -> list[str]:
@@ -110,7 +119,7 @@ def one_table(folder: Path, vibration: Arrays) -> list[str]:
     rows = np.column_stack([*columns, level, run])
     np.savetxt(folder / "v.csv", rows, "%.9g", ",", header="F [N],A [m/s^2],level,run", comments="")
     named = [text for value in STRUCTURE.levels for text in ("--level", f"{value:g}")]
-    return ["v.csv", *channels("F", "A"), "--where", "level={level}", "--segment", "run", *named, *PERIODIC]
+    return ["v.csv", *channels("F", "A"), "--select", "level={level}", "--segment", "run", *named, *PERIODIC]
 
 
 LAYOUTS = (arrays, other_order, vectors, struct, files, one_table)
@@ -163,7 +172,7 @@ def test_what_is_in_a_file_is_listed_with_a_command_that_is_nearly_right(
     expected = {
         "drive.mat": ["u=servo_volt [UNIT]", "y=enc_cnt [UNIT]", "reference=soll_mm [mm]", "--sample-rate 1000"],
         "v.mat": ["u=F{level} [UNIT]", "y=A{level} [UNIT]", "--level 1 --level 2 --level 3"],
-        "table.csv": ["u=Force ", "y=Acceleration ", "--time t ", "--period 1024"],
+        "table.csv": ["u=Force ", "y=Acceleration ", "--time t ", "--samples-per-period 1024"],
     }
     for name, parts in expected.items():
         assert main(["import", name]) == ExitCode.OK
@@ -174,25 +183,28 @@ def test_what_is_in_a_file_is_listed_with_a_command_that_is_nearly_right(
 
 REFUSED = {
     "several levels as one": (["--segment", "level", "--periods", "3"], "analyse each level by itself"),
-    "realisations as one record": (["--where", "level=5"], "another signal from period 4 on"),
-    "no such level": (["--where", "level=7", "--segment", "run"], "'level' is nowhere 7; it is 5, 20, 60"),
-    "no condition": (["--where", "level"], "where is 'level'; expected a column and a number"),
+    "realisations as one record": (["--select", "level=5"], "another signal from period 4 on"),
+    "no such level": (["--select", "level=7", "--segment", "run"], "'level' is nowhere 7; it is 5, 20, 60"),
+    "no condition": (["--select", "level"], "select is 'level'; expected a column and a number"),
     "level without a place": (["--level", "1"], "level is given, but {level} stands in no name"),
-    "place without a level": (["--where", "level={level}"], "{level} stands in a name; give level (--level)"),
+    "place without a level": (["--select", "level={level}"], "{level} stands in a name; give level (--level)"),
     "gram": (["--channel", "z=A [g]"], "'g' is the gram; write g_0"),
-    "two gains": (["--channel", "z=A * 2 * 3 [N]"], "can be read in two ways"),
+    "two gains": (["--channel", "z=A * 2 * 3 [N]"], "is ambiguous"),
     "three columns": (["--channel", "z=A - F - run [N]"], "more than two columns"),
     "different units": (["--channel", "z=A - F"], "its columns are in m/s^2 and N; expected one unit"),
     "unknown setting": (["--set", "estimator.ordre=2"], "has no such parameter"),
     "setting of something else": (["--set", "loop.sample_time=2"], "expected estimator.PARAMETER=VALUE"),
     "integral of what is not there": (["--integrate", "q=2"], "--integrate q=2: expected a channel and 1, 2, -1 or -2"),
     "not periodic, and a period": (
-        ["--not-periodic", "--estimator", "spectral"],
-        "periodic = false and period are both",
+        ["--aperiodic", "--estimator", "h1_h2_hv"],
+        "periodic = false and samples_per_period are both",
     ),
-    "not periodic, no estimator": (["--not-periodic"], "does not repeat itself needs --estimator"),
-    "no harmonics": (["--lines", "1,x"], "'1,x' are no harmonics"),
-    "wrong number of periods": (["--segment", "run", "--where", "level=5", "--periods", "2"], "1.50 realisations of 2"),
+    "not periodic, no estimator": (["--aperiodic"], "does not repeat itself needs --estimator"),
+    "no harmonics": (["--harmonics", "1,x"], "'1,x' is invalid; expected harmonics"),
+    "wrong number of periods": (
+        ["--segment", "run", "--select", "level=5", "--periods", "2"],
+        "1.50 realisations of 2",
+    ),
 }
 
 
@@ -201,7 +213,7 @@ def test_what_cannot_be_right_is_refused_in_one_line(
     folder: Path, vibration: Arrays, extra: list[str], sentence: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     one_table(folder, vibration)
-    command = ["import", "v.csv", *channels("F", "A"), "--sample-rate", "512", "--period", "1024"]
+    command = ["import", "v.csv", *channels("F", "A"), "--sample-rate", "512", "--samples-per-period", "1024"]
     assert main([*command, *extra]) == ExitCode.USAGE
     printed = capsys.readouterr().err
     assert sentence in printed
@@ -213,6 +225,6 @@ def test_an_integral_over_a_record_that_does_not_repeat_itself_is_refused(
     folder: Path, vibration: Arrays, capsys: pytest.CaptureFixture[str]
 ) -> None:
     one_table(folder, vibration)
-    command = ["import", "v.csv", *channels("F", "A"), "--sample-rate", "512", "--not-periodic"]
-    assert main([*command, "--estimator", "spectral", "--integrate", "y=2"]) == ExitCode.USAGE
+    command = ["import", "v.csv", *channels("F", "A"), "--sample-rate", "512", "--aperiodic"]
+    assert main([*command, "--estimator", "h1_h2_hv", "--integrate", "y=2"]) == ExitCode.USAGE
     assert "cannot be integrated" in capsys.readouterr().err

@@ -28,14 +28,14 @@ def noise(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_an_estimator_of_whole_periods_refuses(noise: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main([*COMMAND, "--not-periodic", "--estimator", "conventional"]) == ExitCode.INCOMPLETE
+    assert main([*COMMAND, "--aperiodic", "--estimator", "conventional"]) == ExitCode.INCOMPLETE
     assert "does not repeat itself" in (said := capsys.readouterr().err)
-    assert "take spectral or local_polynomial" in said
+    assert "take h1_h2_hv or local_polynomial" in said
 
 
-@pytest.mark.parametrize("estimator", ["spectral", "local_polynomial"])
+@pytest.mark.parametrize("estimator", ["h1_h2_hv", "local_polynomial"])
 def test_another_one_has_nothing_to_say_of_it(noise: Path, estimator: str) -> None:
-    assert main([*COMMAND, "--not-periodic", "--estimator", estimator, "--lowest", "1", "--highest", "20"]) == 0
+    assert main([*COMMAND, "--aperiodic", "--estimator", estimator, "--lowest", "1", "--highest", "20"]) == 0
     (result,) = results(noise, "noise")
     assert result.outcome is Outcome.OK
     assert "periodic" not in result.message

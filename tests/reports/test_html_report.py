@@ -1,21 +1,17 @@
-"""Printed numbers beside ours, and reports as HTML."""
+"""Reports as HTML, with published values beside computed ones."""
 
+import json
 import shutil
 from html.parser import HTMLParser
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
-from fraexp.data.results import Metric
-from fraexp.data.sweep import Sweep
-from fraexp.errors import FraexpError, StudyError
+from fraexp.errors import FraexpError
 from fraexp.reports.stored_figures import StoredFigures
 from fraexp.store import Store
-from fraexp.study.published_values import Candidate, Printed, PublishedComparison, check, readable, written
-from fraexp.study.study_file import described
 from fraexp.workspace.workspace import Workspace
 
 EVIL = "<script>alert('&')</script>"
@@ -41,7 +37,7 @@ name = "hysteresis"
 [grid]
 "excitation.amplitude" = ["0.5 mm", "1 mm"]
 
-[[printed]]
+[[published]]
 what = "energy {EVIL}"
 source = "the paper's Table \\"1\\""
 value = 16
@@ -49,8 +45,10 @@ unit = "mJ"
 tolerance = "0.1 %"
 metric = "energy per cycle"
 where = {{ "excitation.amplitude" = 0.5e-3 }}
+origin = "predicted"
+note = "4 F_m (A - Y) {EVIL}"
 
-[[printed]]
+[[published]]
 what = "energy at another amplitude"
 value = 16
 unit = "mJ"
@@ -58,21 +56,12 @@ compare = "above"
 metric = "energy per cycle"
 where = {{ "excitation.amplitude" = "1 mm" }}
 
-[[printed]]
+[[published]]
 what = "nobody's"
 value = 1
 compare = "below"
 metric = "energy per stroke"
 """
-WHERE = {"estimator.method": "proposed", "excitation.amplitude": 12}
-SWEEPS = [
-    Candidate(
-        {"excitation.amplitude": f"{amplitude} N"},
-        {"excitation": {"amplitude": float(amplitude)}, "estimator": {"method": {"name": "proposed", "version": 1}}},
-        [Metric("k0", k0, "m/(N s**2)"), Metric("f1", float("nan"), "Hz")],
-    )
-    for amplitude, k0 in ((12, 0.1321), (75, 0.132))
-]
 
 
 class Page(HTMLParser):
@@ -120,68 +109,9 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "studies/loops").mkdir(parents=True)
     (tmp_path / "studies/loops/a.toml").write_text(STUDY, "utf-8")
-    second = STUDY.partition("[[printed]]")[0].replace("1e5", "2e5")
+    second = STUDY.partition("[[published]]")[0].replace("1e5", "2e5")
     (tmp_path / "studies/loops/b.toml").write_text(second, "utf-8")
     return tmp_path
-
-
-def beside(**changes: Any) -> PublishedComparison:
-    given = {"what": "k0", "value": 132, "unit": "mm/(N s**2)", "tolerance": "0.1 %", "metric": "k0", "where": WHERE}
-    return Printed.parse({**given, **changes}, "[[printed]]").beside(SWEEPS)
-
-
-def test_a_printed_number_finds_ours_in_its_own_unit() -> None:
-    found = beside()
-    assert found.ours == pytest.approx(132.1)
-    assert found.difference == pytest.approx(0.1)
-    assert found.agrees
-    assert not beside(tolerance="0.05 %").agrees
-    assert beside(tolerance=0.11).agrees
-    assert not beside(tolerance=0.09).agrees
-    assert beside(tolerance="11e-5 m/(N s**2)").agrees
-    assert beside(compare="above", tolerance=None).agrees
-    assert not beside(compare="below", tolerance=None).agrees
-    assert beside(where={"excitation.amplitude": "75 N"}).ours == pytest.approx(132)  # as the label has it
-
-
-@pytest.mark.parametrize(
-    ("changes", "remark"),
-    [
-        ({"metric": "k"}, "no sweep with estimator.method = proposed, excitation.amplitude = 12 has a metric 'k'"),
-        ({"metric": "f1", "unit": "Hz"}, "metric 'f1' has no value with"),
-        ({"unit": "Hz"}, "metric 'k0': 'm/(N s**2)' is not a unit of the same kind as 'Hz'"),
-        ({"where": {}}, "2 sweeps have a metric 'k0': say which one"),
-        ({"where": {"case": "nominal"}}, "there is no sweep with case = nominal"),
-        ({"where": {"estimator.method": "conventional"}}, "there is no sweep with estimator.method = conventional"),
-        ({"where": {"estimator.method": {"version": 2}}}, "there is no sweep with estimator.method"),
-    ],
-)
-def test_a_printed_number_without_ours_says_why_and_does_not_agree(changes: dict[str, Any], remark: str) -> None:
-    found = beside(**changes)
-    assert remark in found.remark
-    assert found.ours != found.ours
-    assert not found.agrees
-
-
-@pytest.mark.parametrize(
-    ("table", "complaint"),
-    [
-        ('unit = "Hz"', "lacks 'tolerance', such as '1 %'"),
-        ('tolerance = "1 mm"\nunit = "Hz"', "'mm' is not a unit of the same kind as 'Hz'"),
-        ("tolerance = 0", "tolerance is 0.0; expected more than 0"),
-        ('compare = "above"\ntolerance = 1', "has a tolerance; leave it out"),
-        ('compare = "over"', "expected 'about', 'above' or 'below'"),
-        ('unit = "Herz"\ntolerance = 1', "'Herz' is no known unit"),
-        ("tolerance = 1\nlabel = 1", "has no parameter 'label'"),
-    ],
-)
-def test_a_wrong_printed_number_is_refused_in_one_line(tmp_path: Path, table: str, complaint: str) -> None:
-    file = tmp_path / "study.toml"
-    file.write_text(f'[[printed]]\nwhat = "f"\nvalue = 1.0\nmetric = "f"\n{table}\n', "utf-8")
-    with pytest.raises(FraexpError, match=r"study.toml, \[\[printed\]\] number 1") as error:
-        described("study", file)
-    assert complaint in str(error.value)
-    assert "\n" not in str(error.value)
 
 
 def test_a_folder_of_studies_ends_with_a_report_that_needs_nothing_else(
@@ -191,20 +121,22 @@ def test_a_folder_of_studies_ends_with_a_report_that_needs_nothing_else(
     said = capsys.readouterr()
     assert said.out.splitlines()[-1] == "report figures/loops.html"
     assert said.err.splitlines()[-2:] == [
-        "printed number 'nobody's': no sweep has a metric 'energy per stroke'",
-        "2 of 3 printed numbers met",
+        "published value 'nobody's': no sweep has a metric 'energy per stroke'",
+        "2 of 3 printed numbers met: predicted 1 of 1, unstated 1 of 2",
     ]
     found = page(folder / "figures/loops.html")
     assert "script" not in found.tags
     assert len(found.sources) == 2
     assert all(source.startswith("data:image/png;base64,iVBOR") for source in found.sources)
     assert set(found.links) == set(found.anchors) == {"#run-1", "#run-2"}
-    numbers = [row for row in found.rows if row[0] == f"energy {EVIL}"]
+    numbers = [row for row in found.rows if row[0].startswith(f"energy {EVIL}")]
+    assert numbers[0][0] == f"energy {EVIL}4 F_m (A - Y) {EVIL}"
     assert [row[1] for row in numbers] == ['the paper\'s Table "1"'] * 2  # at the top, and in its chapter
-    assert numbers[0][2:5] == ["loops/a", "mJ", "16"]
-    assert float(numbers[0][5]) == pytest.approx(16, rel=1e-3)
+    assert numbers[0][2:6] == ["loops/a", "predicted", "mJ", "16"]
+    assert float(numbers[0][6]) == pytest.approx(16, rel=1e-3)
     assert numbers[0][-2:] == ["± 0.1 %", "yes"]
-    assert [row[-2:] for row in found.rows if row[0] == "energy at another amplitude"] == [["above 16", "yes"]] * 2
+    bound = next(row for row in found.rows if row[0] == "energy at another amplitude")  # without source and difference
+    assert bound[2:] == ["loops/a", "unstated", "mJ", "> 16", bound[6], "", "above 16", "yes"]
     missed = [row for row in found.rows if row[0] == "nobody's"]
     assert missed[0][-1] == "no sweep has a metric 'energy per stroke'"
     energies = next(row for row in found.rows if row[0] == "energy per cycle [mJ]")  # as it is printed
@@ -215,6 +147,26 @@ def test_a_folder_of_studies_ends_with_a_report_that_needs_nothing_else(
     assert "Does it take 4 F_m (A - Y)" in text
     assert main(["run", "loops/a"]) == 0  # a single study has no report
     assert "report" not in capsys.readouterr().out
+
+
+def test_show_and_export_have_the_published_numbers(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", "loops/a"]) == 0
+    capsys.readouterr()
+    assert main(["show", "loops/a"]) == 0
+    said = capsys.readouterr()
+    assert said.err.splitlines()[-1] == "2 of 3 printed numbers met: predicted 1 of 1, unstated 1 of 2"
+    row = next(line for line in said.out.splitlines() if line.startswith("energy at another amplitude"))
+    assert row.split()[4:] == ["unstated", "mJ", ">", "16", row.split()[8], "above", "16", "yes"]
+    assert main(["show", "loops/a", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    first, second, third = document["published"]
+    assert (first["origin"], first["met"], first["compare"]) == ("predicted", True, "about")
+    assert (second["compare"], second["value"], second["ours"]) == ("above", 16, pytest.approx(36, rel=1e-3))
+    assert (third["ours"], third["met"]) == (None, False)
+    keys = [sweep["key"] for sweep in document["sweeps"]]
+    assert main(["export", keys[1], "-o", "x.json"]) == 0
+    header = json.loads(Path("x.json").read_text("utf-8"))["header"]
+    assert [number["what"] for number in header["published"]] == ["energy at another amplitude", "nobody's"]
 
 
 def test_stored_runs_make_the_same_report_again(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -236,7 +188,7 @@ def test_an_older_run_leaves_the_figures_of_the_newest(folder: Path) -> None:
     assert main(["report", "1", "-o", "old.html"]) == ExitCode.INCOMPLETE
     assert (folder / "figures/loops/a.png").read_bytes() == newest
     text = (folder / "old.html").read_text("utf-8")
-    assert "fraexp run loops/a &#x27;--set=friction.stiffness=[3e5]&#x27;" in text
+    assert "fraexp run loops/a &#39;--set=friction.stiffness=[3e5]&#39;" in text
     assert len(page(folder / "old.html").sources) == 1
 
 
@@ -261,7 +213,7 @@ def test_a_report_does_without_the_study_and_without_a_figure(folder: Path, monk
 @pytest.mark.thorough
 def test_many_sweeps_are_shown_in_part(folder: Path) -> None:
     values = ", ".join(f"{n}e-4" for n in range(2, 62))
-    text = STUDY.partition("[[printed]]")[0].replace('["0.5 mm", "1 mm"]', f"[{values}]")
+    text = STUDY.partition("[[published]]")[0].replace('["0.5 mm", "1 mm"]', f"[{values}]")
     (folder / "studies/loops/a.toml").write_text(text, "utf-8")
     assert main(["run", "loops/a"]) == 0
     assert main(["report", "1", "-o", "x.html"]) == 0
@@ -276,7 +228,7 @@ def test_many_sweeps_are_shown_in_part(folder: Path) -> None:
     [
         (["1", "-o", "x.pdf"], ExitCode.USAGE, "a report cannot be written as '.pdf'"),
         (["9", "-o", "x.html"], ExitCode.STORE, "there is no run 9"),
-        (["loop", "-o", "x.html"], ExitCode.USAGE, "there is no run of 'loop'"),
+        (["loop", "-o", "x.html"], ExitCode.USAGE, "no run of 'loop'"),
         (["1", "-o", "studies/loops/a.toml/x.html"], ExitCode.USAGE, "the report cannot be written"),
     ],
 )
@@ -295,7 +247,7 @@ def test_other_files_are_not_replaced_unless_asked(folder: Path, capsys: pytest.
     assert main(["run", "loops/b"]) == 0
     Path("x.html").write_text("<!DOCTYPE html><p>mine</p>", "utf-8")
     assert main(["report", "1", "-o", "x.html"]) == ExitCode.USAGE
-    assert "x.html: the file exists and is no earlier report; give --force" in capsys.readouterr().err
+    assert "x.html: the file exists and is not a report; give --force" in capsys.readouterr().err
     assert "mine" in Path("x.html").read_text("utf-8")
     assert main(["report", "1", "-o", "x.html", "--force"]) == 0
     assert main(["report", "1", "-o", "x.html"]) == 0  # now it is one
@@ -306,7 +258,7 @@ def test_other_files_are_not_replaced_unless_asked(folder: Path, capsys: pytest.
 @pytest.mark.thorough
 def test_what_was_fitted_later_is_no_study_of_the_folder(folder: Path) -> None:
     text = 'machine = "linear_motor_table"\nexcitation = { name = "stepped_sine", amplitude = 75.0, points = 30 }\n'
-    text += 'estimator = { name = "proposed" }\n'
+    text += 'estimator = { name = "effective_input" }\n'
     (folder / "studies/loops/a.toml").write_text(text, "utf-8")
     assert main(["run", "loops"]) == 0
     assert main(["fit", "loops/a", "--set", "modes=2"]) == 0
@@ -320,70 +272,12 @@ def test_what_was_fitted_later_is_no_study_of_the_folder(folder: Path) -> None:
     assert 0 < half < 0.1
 
 
-def test_a_printed_number_of_no_sweep_is_refused_when_the_study_is_read() -> None:
-    numbers = [Printed.parse({"what": "k0", "value": 1, "compare": "above", "metric": "k0", "where": WHERE}, "one")]
-    method = {"name": "modal_fit", "method": {"name": "proposed"}}
-    sweeps = [Sweep({"excitation": {"amplitude": 12.0}}, method, {"case": "right"})]
-    wrong = {"case": "rihgt"}, {"excitation.amplitud": 12}, {"excitation.amplitude": 13}
-    assert check([replace_where(numbers[0], {"case": "right", "excitation.amplitude": 12})], sweeps, "a.toml") is None
-    for where, complaint in zip(
-        wrong,
-        ("no sweep has case = 'rihgt'; did you mean 'right'?", "has no 'amplitud'; did you mean", "first one has 12.0"),
-        strict=True,
-    ):
-        with pytest.raises(StudyError, match=r"a.toml, \[\[printed\]\] number 1: ") as error:
-            check([replace_where(numbers[0], where)], sweeps, "a.toml")
-        assert complaint in str(error.value)
-
-
 def test_a_study_with_a_printed_number_of_no_sweep_is_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     text = STUDY.replace('"excitation.amplitude" = "1 mm"', '"excitation.amplitude" = 7')
     (folder / "studies/loops/a.toml").write_text(text, "utf-8")
     assert main(["run", "loops", "--dry-run"]) == ExitCode.USAGE
-    assert "[[printed]] number 2: no sweep has excitation.amplitude = 7; known: 0.5 mm, 1 mm" in capsys.readouterr().err
+    assert "number 2: no sweep has excitation.amplitude = 7; known: 0.5 mm, 1 mm" in capsys.readouterr().err
     assert main(["run", "loops/a", "--set", "excitation.amplitude=1e-3", "--dry-run"]) == 0  # asked for
-
-
-def replace_where(number: Printed, where: dict[str, Any]) -> Printed:
-    return number.model_copy(update={"where": where})
-
-
-@pytest.mark.parametrize(
-    ("given", "text"),
-    [
-        ((131.99542,), "132"),
-        ((131.99542, 0.0193), "131.995 ± 0.019"),
-        ((131.99542, 0.0996), "132.00 ± 0.10"),
-        ((397248.4, 1234.0), "397200 ± 1200"),
-        ((397248.4,), "397248"),
-        ((-1e-5, 0.2), "0.00 ± 0.20"),
-        ((2.0,), "2"),
-        ((2.0, 1e-12), "2"),
-        ((176.742, float("nan"), 1.77), "176.7"),
-        ((float("nan"), 1.0), "–"),
-        ((1.25e-153,), "1.25e-153"),
-    ],
-)
-def test_numbers_are_rounded_to_the_second_digit_of_their_interval(given: tuple[float, ...], text: str) -> None:
-    assert written(*given) == text
-
-
-@pytest.mark.parametrize(
-    ("unit", "values", "expected"),
-    [
-        ("m", [1e-7, 1.351e-4, float("nan")], (1e6, "µm")),
-        ("m", [1.5e-3, 1e-6], (1e3, "mm")),
-        ("m", [2.0], (1.0, "m")),
-        ("m", [0.0], (1.0, "m")),
-        ("s", [0.0385], (1e3, "ms")),
-        ("m/(N s**2)", [0.132], (1e3, "mm/(N s**2)")),
-        ("Hz", [0.01], (1.0, "Hz")),
-        ("N", [0.01], (1.0, "N")),
-    ],
-)
-def test_units_are_those_that_people_use(unit: str, values: list[float], expected: tuple[float, str]) -> None:
-    factor, name = readable(unit, values)
-    assert (factor, name) == (pytest.approx(expected[0]), expected[1])
 
 
 @pytest.mark.thorough

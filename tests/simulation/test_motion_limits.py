@@ -14,7 +14,7 @@ from fraexp.errors import ParameterError
 from fraexp.simulation.experiments import Compensation
 from fraexp.simulation.loop import simulate_loop
 from fraexp.simulation.machine import ControlLoop, Machine, Numerics
-from fraexp.simulation.motion_limits import MotionLimits, check, predicted, predicted_from_rest
+from fraexp.simulation.motion_limits import MotionLimits, check_limits, predict_demand, predict_demand_from_rest
 from tests.machines import FRICTIONLESS, LEAD, TABLE, guide
 
 
@@ -23,10 +23,10 @@ def machine(friction=FRICTIONLESS) -> Machine:
 
 
 def test_the_prediction_is_what_the_loop_without_friction_does() -> None:
-    excitation = SteppedSine(amplitude=12.0, frequencies=(3.0, 38.8, 120.0), tolerance=1e-7)
+    excitation = SteppedSine(amplitude=12.0, frequencies=(3.0, 38.8, 120.0), settling_tolerance=1e-7)
     signals = simulate_loop(machine(), excitation, lambda _: None)
     for period, segment in zip(excitation.periods(500e-6), signals.segments, strict=True):
-        demand = predicted(machine(), period)
+        demand = predict_demand(machine(), period)
         place = segment.channels["displacement"][0]
         speed = np.gradient(np.concatenate([place, place, place]), 500e-6)[place.size : 2 * place.size]
         assert demand.stroke == pytest.approx(np.ptp(place), rel=0.02)
@@ -38,17 +38,17 @@ def test_a_moving_reference_counts() -> None:
     samples = 4000
     wave = np.zeros(samples)
     slow = 5e-3 * np.sin(2 * np.pi * np.arange(samples) / samples)
-    demand = predicted(machine(), Period(wave, np.array([1]), slow))
+    demand = predict_demand(machine(), Period(wave, np.array([1]), slow))
     assert demand.stroke == pytest.approx(10e-3, rel=0.05)
 
 
 @pytest.mark.parametrize("name", ["stroke", "velocity", "force"])
 def test_what_exceeds_a_limit_is_refused_with_both_numbers(name: str) -> None:
     excitation = SteppedSine(amplitude=12.0, frequencies=(3.0,))
-    least = getattr(predicted(machine(guide()), excitation.periods(500e-6)[0]), name)
-    check(MotionLimits(**{name: 1.01 * least}), machine(guide()), excitation)
+    least = getattr(predict_demand(machine(guide()), excitation.periods(500e-6)[0]), name)
+    check_limits(MotionLimits(**{name: 1.01 * least}), machine(guide()), excitation)
     with pytest.raises(ParameterError, match=rf"need a {name} of .* limits.{name} is"):
-        check(MotionLimits(**{name: 0.5 * least}), machine(guide()), excitation)
+        check_limits(MotionLimits(**{name: 0.5 * least}), machine(guide()), excitation)
 
 
 class FromRest(SteppedSine):
@@ -56,10 +56,10 @@ class FromRest(SteppedSine):
 
     @property
     def schedule(self) -> Schedule:
-        return Schedule(settle_limit=0.0, periods=3)
+        return Schedule(settling_timeout=0.0, recorded_periods=3)
 
 
-WRONG = TABLE.model_copy(update={"gain": 0.177, "frequencies": (41.9, 80.0)})
+WRONG = TABLE.model_copy(update={"rigid_body_gain": 0.177, "frequencies": (41.9, 80.0)})
 THERE_AND_BACK = (1.5e-3, 0.5e-3, 3e-3, 0.0)
 
 
@@ -67,7 +67,7 @@ THERE_AND_BACK = (1.5e-3, 0.5e-3, 3e-3, 0.0)
     "excitation",
     [
         PointToPoint(plant=TABLE, input_dead_time=1e-3),
-        PointToPoint(plant=WRONG, input_dead_time=1e-3, targets=THERE_AND_BACK, hold=0.05),
+        PointToPoint(plant=WRONG, input_dead_time=1e-3, targets=THERE_AND_BACK, dwell_time=0.05),
         FromRest(amplitude=12.0, frequencies=(20.0,)),
         FromRest(amplitude=12.0, frequencies=(3.0,)),
     ],
@@ -75,7 +75,7 @@ THERE_AND_BACK = (1.5e-3, 0.5e-3, 3e-3, 0.0)
 def test_the_prediction_from_rest_is_what_the_loop_without_friction_does(excitation: Excitation) -> None:
     signals = simulate_loop(machine(), excitation, lambda _: None)
     (period,) = excitation.periods(500e-6)
-    demand = predicted_from_rest(machine(), period, excitation.schedule.periods)
+    demand = predict_demand_from_rest(machine(), period, excitation.schedule.recorded_periods)
     place, control = (signals.segments[0].channels[name].ravel() for name in ("displacement", "u"))
     assert demand.stroke == pytest.approx(np.ptp(place), rel=2e-4)
     assert demand.velocity == pytest.approx(np.abs(np.diff(place)).max() / 500e-6, rel=2e-3)
@@ -85,11 +85,11 @@ def test_the_prediction_from_rest_is_what_the_loop_without_friction_does(excitat
 
 def test_a_move_that_exceeds_a_limit_is_refused() -> None:
     move = PointToPoint(plant=TABLE, input_dead_time=1e-3)
-    check(MotionLimits(stroke=1.51e-3, velocity=0.06, force=46.0), machine(), move)
+    check_limits(MotionLimits(stroke=1.51e-3, velocity=0.06, force=46.0), machine(), move)
     with pytest.raises(ParameterError, match=r"point_to_point is predicted to need a force of 45.75 N; .* more time"):
-        check(MotionLimits(stroke=1.51e-3, force=45.0), machine(), move)
+        check_limits(MotionLimits(stroke=1.51e-3, force=45.0), machine(), move)
     with pytest.raises(ParameterError, match=r"a stroke of 0.0015 m; limits.stroke is 0.0014 m"):
-        check(MotionLimits(stroke=1.4e-3), machine(), move)
+        check_limits(MotionLimits(stroke=1.4e-3), machine(), move)
 
 
 class Growing(SteppedSine):
@@ -149,36 +149,36 @@ def test_the_transient_is_recorded_where_nothing_is_settled() -> None:
 class Aiming(SteppedSine):
     """May ask for another force than its periods have."""
 
-    def greatest(self) -> tuple[float | None, float | None]:
+    def max_force_and_stroke(self) -> tuple[float | None, float | None]:
         return 200.0, 40e-6
 
 
 def test_what_revised_periods_may_ask_for_counts_instead_of_the_first_ones() -> None:
     excitation = Aiming(amplitude=1.0, frequencies=(3.0, 50.0))
-    check(MotionLimits(stroke=41e-6, force=201.0), machine(), excitation)
+    check_limits(MotionLimits(stroke=41e-6, force=201.0), machine(), excitation)
     with pytest.raises(ParameterError, match=r"need a force of 200 N; limits.force is 199 N"):
-        check(MotionLimits(force=199.0), machine(), excitation)
+        check_limits(MotionLimits(force=199.0), machine(), excitation)
     with pytest.raises(ParameterError, match=r"from 50 Hz is predicted to need a velocity of 0.00628"):
-        check(MotionLimits(velocity=5e-3), machine(), excitation)
+        check_limits(MotionLimits(velocity=5e-3), machine(), excitation)
 
 
 def test_friction_counts_where_the_axis_moves_and_where_it_is_compensated() -> None:
     moving = MovingSine(amplitude=2.0, frequencies=(40.0,), velocity=0.05)
-    without = max(predicted(machine(), period).force for period in moving.periods(500e-6))
+    without = max(predict_demand(machine(), period).force for period in moving.periods(500e-6))
     with pytest.raises(ParameterError, match="need a force"):
-        check(MotionLimits(force=without + 17), machine(guide()), moving)
-    check(MotionLimits(force=without + 18), machine(guide()), moving)
+        check_limits(MotionLimits(force=without + 17), machine(guide()), moving)
+    check_limits(MotionLimits(force=without + 18), machine(guide()), moving)
 
     still = SteppedSine(amplitude=12.0, frequencies=(40.0,))
     compensated = replace(machine(guide()), compensation=Compensation(gain=0.5, friction=guide()))
-    least = predicted(machine(guide()), still.periods(500e-6)[0]).force
+    least = predict_demand(machine(guide()), still.periods(500e-6)[0]).force
     with pytest.raises(ParameterError, match="need a force"):
-        check(MotionLimits(force=least + 8.9), compensated, still)
-    check(MotionLimits(force=least + 9), compensated, still)
+        check_limits(MotionLimits(force=least + 8.9), compensated, still)
+    check_limits(MotionLimits(force=least + 9), compensated, still)
 
 
 def test_a_planned_move_with_friction_compensation_needs_its_own_stroke() -> None:
     move = PointToPoint(plant=TABLE, friction=guide(), input_dead_time=1e-3)
-    check(MotionLimits(stroke=1.51e-3), machine(guide()), move)
+    check_limits(MotionLimits(stroke=1.51e-3), machine(guide()), move)
     with pytest.raises(ParameterError, match="ask for less, or take more time"):
-        check(MotionLimits(stroke=1.4e-3), machine(guide()), move)
+        check_limits(MotionLimits(stroke=1.4e-3), machine(guide()), move)

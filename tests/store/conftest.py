@@ -12,8 +12,9 @@ from sqlalchemy import text
 
 from fraexp.data.results import Curve, FrequencyResponse, Metric, Outcome, Result
 from fraexp.data.sweep import Sweep
-from fraexp.store import Store, Supplied
-from fraexp.store.backends.urls import locate
+from fraexp.store import ComponentOrigin, Store
+from fraexp.store.backends.urls import locate_database
+from fraexp.store.sealing import seal_database
 from tests.postgresql import Server, running
 from tests.waiting import HANG_TIMEOUT_S
 
@@ -21,8 +22,8 @@ ROOT = Path(__file__).parents[2]
 KINDS = ["sqlite", pytest.param("postgresql", marks=pytest.mark.thorough)]
 """Kinds of database; what holds for a file must hold on a server, which the whole suite checks."""
 ORIGIN = {
-    "friction:rolling": Supplied("hash-of-rolling", "fraexp 0.1.0"),
-    "estimator:proposed": Supplied("hash-of-proposed", "workspace"),
+    "friction:rolling": ComponentOrigin("hash-of-rolling", "fraexp 0.1.0"),
+    "estimator:proposed": ComponentOrigin("hash-of-proposed", "workspace"),
 }
 
 
@@ -73,7 +74,7 @@ def result() -> Callable[..., Result]:
 
 
 @pytest.fixture
-def origin() -> dict[str, Supplied]:
+def origin() -> dict[str, ComponentOrigin]:
     return ORIGIN
 
 
@@ -109,7 +110,7 @@ def sql(url: str) -> Callable[..., list[Any]]:
     """Run a statement behind the store's back."""
 
     def run(statement: str, **values: Any) -> list[Any]:
-        engine = locate(url, 5.0).writer()
+        engine = locate_database(url, 5.0).writer()
         with engine.begin() as connection:
             done = connection.execute(text(statement), values)
             rows = [tuple(row) for row in done] if done.returns_rows else []
@@ -117,6 +118,16 @@ def sql(url: str) -> Callable[..., list[Any]]:
         return rows
 
     return run
+
+
+def reseal(url: str) -> None:
+    """Compute the digests anew, as if fraexp had written what a test has changed behind its back."""
+    engine = locate_database(url, 5.0).writer()
+    try:
+        with engine.begin() as connection:
+            seal_database(connection)
+    finally:
+        engine.dispose()
 
 
 @pytest.fixture

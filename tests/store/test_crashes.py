@@ -12,12 +12,12 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
+import psutil
 import pytest
 
 from fraexp.cli.exits import ExitCode
 from fraexp.errors import StoreError
 from fraexp.store import Store
-from fraexp.store.backends import file_system
 from fraexp.store.backends.sqlite import SqliteFile
 from tests.trouble import study
 from tests.waiting import HANG_TIMEOUT_S, wait_until
@@ -204,7 +204,7 @@ IMPATIENT = "from fraexp.store import Store; Store.open.__func__.__kwdefaults__[
 
 def test_a_database_that_somebody_locks_for_too_long_ends_a_run_and_the_next_goes_on(folder):
     path = folder / "results.db"
-    with under_way(folder, before=IMPATIENT) as process:
+    with under_way(folder, "--database-timeout=3s", before=IMPATIENT) as process:
         with closing(sqlite3.connect(path, isolation_level=None, timeout=HANG_TIMEOUT_S)) as other:
             other.execute("BEGIN IMMEDIATE")
             _, text = process.communicate(timeout=HANG_TIMEOUT_S)
@@ -257,17 +257,24 @@ def test_two_runs_whose_clock_jumps_compute_the_same_as_one_in_peace(folder):
     assert results[0] == results[1]
 
 
-def faked(folder: Path, system: str) -> str:
-    """Have a folder lie on a file system of another kind; return the code that does so in another process."""
-    mounts = folder / "mounts"
-    place = str(folder).replace(" ", "\\040")
-    mounts.write_text(f"/dev/vda / ext4 rw 0 0\nserver:/home {place} {system} rw,vers=4.2 0 0\n", encoding="utf-8")
-    return f"import pathlib, fraexp.store.backends.file_system as m; m.MOUNTS = pathlib.Path({str(mounts)!r})"
+def mount_code(folder: Path, system: str) -> str:
+    """Return Python code after which a folder lies on a file system of a given type."""
+    mounts = [("/", "ext4"), (str(folder.resolve()), system)]
+    return (
+        "import psutil; from types import SimpleNamespace as Mount; "
+        f"psutil.disk_partitions = lambda all: [Mount(mountpoint=at, fstype=of) for at, of in {mounts!r}]"
+    )
+
+
+def mount(monkeypatch: pytest.MonkeyPatch, folder: Path, system: str) -> None:
+    """Have a folder lie on a file system of a given type."""
+    monkeypatch.setattr(psutil, "disk_partitions", psutil.disk_partitions)  # which is put back at the end
+    exec(mount_code(folder, system), {})  # one name space, where the lambda finds its names
 
 
 @pytest.mark.parametrize("system", ["nfs4", "cifs", "fuse.sshfs"])
 def test_on_a_network_file_system_a_run_says_so_and_writes_without_a_log(folder, system):
-    before = faked(folder, system)
+    before = mount_code(folder, system)
     done = fraexp(folder, "run", "bulky", "--executor=processes:1", before=before)
     assert done.returncode == ExitCode.OK, done.stderr
     (line,) = [line for line in done.stderr.splitlines() if "network" in line]
@@ -283,8 +290,7 @@ def test_a_database_that_moves_to_a_network_file_system_and_back_changes_its_way
     store.close()
     modes = []
     for system in ("ext4", "nfs4", "ext4"):
-        faked(tmp_path, system)
-        monkeypatch.setattr(file_system, "MOUNTS", tmp_path / "mounts")
+        mount(monkeypatch, tmp_path, system)
         with Store.open(str(path)) as writer:
             writer.begin_run("s", "f", "c", {}, [])
             with Store.open(str(path), read_only=True) as reader, pytest.raises(StoreError, match="reading only"):
@@ -309,8 +315,7 @@ sys.stdin.read()
 
 @pytest.mark.parametrize("options", [{}, {"read_only": True}])
 def test_what_a_killed_writer_left_half_done_with_a_journal_is_undone(path, monkeypatch, tmp_path, program, options):
-    faked(tmp_path, "nfs4")
-    monkeypatch.setattr(file_system, "MOUNTS", tmp_path / "mounts")
+    mount(monkeypatch, tmp_path, "nfs4")
     with Store.open(str(path), create=True) as store:
         store.begin_run("s", "f", "c", {}, [])
     with program(HALF_DONE, path) as process:

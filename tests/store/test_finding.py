@@ -1,6 +1,8 @@
 """Filters, sorting and pages: what SQL answers is what plain Python answers."""
 
 import json
+import sqlite3
+from contextlib import closing
 from datetime import datetime, timedelta
 
 import pytest
@@ -11,8 +13,9 @@ from fraexp.data.results import Metric, Outcome, Result
 from fraexp.data.sweep import Sweep
 from fraexp.errors import StoreError
 from fraexp.store import Store
-from fraexp.store.queries.filters import Condition, parse
+from fraexp.store.queries.filters import Condition, parse_filter
 from tests.examples import portion
+from tests.store.conftest import reseal
 
 OK = Result(Outcome.OK)
 
@@ -20,7 +23,7 @@ OK = Result(Outcome.OK)
 def point(amplitude, name="proposed", label="one", **labels):
     experiment = {
         "source": "loop",
-        "friction": {"name": "rolling", "version": 1, "curve": {"coulomb": 17.9}},
+        "friction": {"name": "rolling", "version": 1, "curve": {"coulomb_force": 17.9}},
         "excitation": {"name": "stepped_sine", "amplitude": amplitude, "frequencies": [float(n) for n in range(100)]},
     }
     return Sweep(experiment, {"name": name, "method": None, "hold": True}, {"case": label, **labels})
@@ -66,7 +69,7 @@ def filled(store):
         ("excitation.amplitude:fi", {"d"}),
         ("estimator.hold=true", {"a", "b", "c_%", "d"}),
         ("estimator.method=x", set()),
-        ("state:failed", {"c_%", "d"}),
+        ("state:unusable", {"c_%", "d"}),
         ("state:reused", {"a"}),
         ('outcome:"not settled"', {"b"}),
         ("outcome:not_settled", {"b"}),
@@ -85,7 +88,7 @@ def filled(store):
         ("elapsed<1m", {"a", "b", "c_%"}),
         ("elapsed>0.03m", {"c_%"}),
         ('metric."peak force">0.014kN', {"c_%"}),
-        ("friction.curve.coulomb>0.001kg", {"a", "b", "c_%", "d"}),  # of which no unit is known here
+        ("friction.curve.coulomb_force>0.001kg", {"a", "b", "c_%", "d"}),  # of which no unit is known here
         ("created:today", {"a", "b", "c_%"}),
         ("created<2020-01-01", set()),
         ('metric."peak force">14', {"c_%"}),
@@ -110,14 +113,14 @@ def test_a_filter_lets_through_what_it_says(filled, text, cases):
         ("estimater=x", "did you mean 'estimator'"),
         ("metric.stroke>1", "nothing in the database has 'metric.stroke'"),
         ("state:fialed", "there is no state 'fialed'; did you mean 'failed'"),
-        ("excitation.amplitude>much", "'much' is no number"),
+        ("excitation.amplitude>much", "'much' is not a number"),
         ("estimator>x", "compares a text; expected estimator= or estimator:"),
-        ("created>soon", "is no date; expected one such as"),
+        ("created>soon", "is not a date; expected one such as"),
         ('note:"open', "a quote is not closed"),
         ("tag:", "has no value"),
         ("=3", "has no field"),
-        ("-", "says nothing"),
-        ("elapsed>1e999", "is no number"),
+        ("-", "is empty"),
+        ("elapsed>1e999", "is not a number"),
         ("elapsed>1mm", "'elapsed>1mm': 'mm' is not a unit of the same kind as 's'"),
         ("run>1m", "'m' is not a unit of the same kind as '1'"),
         ('metric."peak force">14kg', "'kg' is not a unit of the same kind as 'N'"),
@@ -137,7 +140,7 @@ def test_a_filter_that_cannot_be_understood_is_refused_in_one_line(filled, url, 
 
 
 def test_quotes_and_signs_of_a_filter_are_read():
-    assert parse('-a.b!="x y" "w o" m."p f"<=3') == [
+    assert parse_filter('-a.b!="x y" "w o" m."p f"<=3') == [
         Condition("-a.b!=x y", "a.b", "=", "x y", False),
         Condition("w o", "", ":", "w o", False),
         Condition("m.p f<=3", "m.p f", "<=", "3", False),
@@ -257,3 +260,19 @@ def test_a_day_is_that_of_the_clock_on_the_wall(filled):
     assert filled.page(f"created={today:%Y-%m-%d}").total == 3
     assert filled.page(f"created>{today:%Y-%m-%d}").total == 0
     assert filled.page(f"created>={today - timedelta(days=1):%Y-%m-%d}").total == 3
+
+
+def test_keys_and_outcomes_of_earlier_versions_are_found(tmp_path) -> None:
+    grid = [Sweep({"source": "loop", "number": number}, {"name": "e"}) for number in range(2)]
+    grid[0].key = "fx1-" + grid[0].key[4:]
+    with Store.open(str(tmp_path / "results.db"), create=True) as store:
+        run = store.begin_run("former", "f", "c", {}, grid)
+        store.save(run, [(sweep, Result(Outcome.NO_MOTION, "nothing moves"), {}) for sweep in grid])
+        with closing(sqlite3.connect(tmp_path / "results.db")) as connection, connection:
+            connection.execute("UPDATE sweep SET outcome = 'NO_SIGNAL' WHERE key LIKE 'fx1-%'")
+        reseal(str(tmp_path / "results.db"))
+        for sweep in grid:
+            assert store.find(sweep.key[4:14]).key == sweep.key
+            assert store.find(sweep.key[:14]).outcome is Outcome.NO_MOTION
+        for text in ("outcome:no_motion", "outcome:no_signal", "state:unusable", "key:fx"):
+            assert {row.key for row in store.page(text).rows} == {sweep.key for sweep in grid}

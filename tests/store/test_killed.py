@@ -87,7 +87,7 @@ def test_a_migration_that_is_killed_leaves_the_file_as_it_was(path, program, sch
         with Store.open(str(path)) as store:
             assert (store.run(1).computed, store.run(1).failed, store.health()) == (1, 1, "sound"), place
             done = store.sweeps(1)[0]
-            assert store.known([done.key])[done.key].outcome is Outcome.OK
+            assert store.stored_states([done.key])[done.key].outcome is Outcome.OK
         names = sorted(item.name for item in path.parent.iterdir())
         assert names == ["results.db", f"results.db.bak-{schema}"], place
         with Store.open(f"{path}.bak-{schema}") as copy:

@@ -42,7 +42,7 @@ def test_what_one_run_holds_another_is_not_given(store, two_runs, keys):
     one, other = two_runs
     assert store.claim(one, keys[:3]) == set(keys[:3])
     assert store.claim(other, keys) == {keys[3]}
-    assert store.held(keys) == {**dict.fromkeys(keys[:3], one), keys[3]: other}
+    assert store.lease_holders(keys) == {**dict.fromkeys(keys[:3], one), keys[3]: other}
     assert store.claim(one, keys) == set(keys[:3])  # asking again is no harm
     assert store.claim(one, ["fx1-none"]) == set()
 
@@ -65,7 +65,7 @@ def test_results_failures_and_the_end_of_a_run_release(store, two_runs, sweep, k
     store.claim(one, keys)
     store.save(one, [(sweep(0), result(), {})])
     store.fail(one, keys[1], "killed", "")
-    assert store.held(keys) == {keys[2]: one, keys[3]: one}
+    assert store.lease_holders(keys) == {keys[2]: one, keys[3]: one}
     assert store.claim(other, keys) == {keys[1]}
     store.end_run(one, "interrupted")
     assert store.claim(other, keys) == {keys[1], keys[2], keys[3]}
@@ -81,9 +81,9 @@ def test_a_run_that_is_dead_or_silent_holds_nothing(store, two_runs, keys, sql, 
     silent = datetime.now(UTC) - timedelta(seconds=90)
     moment = str(silent.replace(tzinfo=None)) if kind == "sqlite" else silent
     sql(f"UPDATE run SET {change} WHERE number = {one}", **({"silent": moment} if ":silent" in change else {}))
-    assert store.held(keys) == {}
+    assert store.lease_holders(keys) == {}
     assert store.claim(other, keys) == set(keys)
-    assert store.held(keys) == dict.fromkeys(keys, other)
+    assert store.lease_holders(keys) == dict.fromkeys(keys, other)
 
 
 def test_the_heartbeat_of_a_run_elsewhere_keeps_what_it_holds(store, two_runs, keys, sql, kind):

@@ -44,7 +44,7 @@ def test_tags_and_notes_come_back_and_go(store, begin, sweep):
 @pytest.mark.parametrize("name", ["", "a b", "a,b", 'a"b', "a\tb", "a\x00b", "a\u00a0b"])
 def test_a_tag_is_a_word(store, begin, sweep, name):
     begin([sweep()])
-    with pytest.raises(StoreError, match="is no tag; expected a word"):
+    with pytest.raises(StoreError, match="is not a tag; expected a word"):
         store.tag([sweep().key], name)
 
 
@@ -60,7 +60,7 @@ def test_what_does_not_exist_cannot_be_marked(store, begin, sweep):
 def test_deleting_sweeps_takes_all_that_belongs_to_them(store, begin, sweep, result, origin, sql):
     run = begin([sweep(1), sweep(2)])
     store.save(run, [(sweep(1), result(), origin), (sweep(2), result(), origin)])
-    with pytest.raises(StoreError, match="run 1 is going on and uses these sweeps"):
+    with pytest.raises(StoreError, match="run 1 is running and uses these sweeps"):
         store.delete_sweeps([sweep(1).key])
     store.end_run(run, "complete")
     store.tag([sweep(1).key], "t")
@@ -74,7 +74,7 @@ def test_deleting_sweeps_takes_all_that_belongs_to_them(store, begin, sweep, res
 
 def test_deleting_a_run_keeps_the_sweeps_of_others(store, begin, sweep, result):
     first, second = begin([sweep(1), sweep(2)]), begin([sweep(2), sweep(3)])
-    with pytest.raises(StoreError, match="run 2 is going on"):
+    with pytest.raises(StoreError, match="run 2 is running"):
         store.delete_run(second)
     for run in (first, second):
         store.end_run(run, "complete")
@@ -131,11 +131,11 @@ def test_a_watcher_survives_hours_and_holds_no_lock(store, begin, sweep, path):
 def test_a_database_that_is_deleted_or_replaced_is_noticed(store, begin, path, what):
     begin([])
     with Store.open(str(path), read_only=True) as watcher:
-        assert not watcher.replaced()
+        assert not watcher.is_replaced()
         path.rename(path.with_name("elsewhere.db"))
         if what == "replaced":
             path.write_bytes(b"another")
-        assert watcher.replaced()
+        assert watcher.is_replaced()
         with pytest.raises(StoreError, match=f"the database has been {what}.* since it was opened; open it again"):
             watcher.page()
 

@@ -10,10 +10,10 @@ import pytest
 
 from fraexp.data.results import Metric, Outcome, Result
 from fraexp.errors import StoreError
-from fraexp.store import Merged, Store
-from fraexp.store.changes import merging
-from fraexp.store.diff import differences
-from tests.store.conftest import KINDS
+from fraexp.store import MergeSummary, Store
+from fraexp.store.changes import merge_source, merging
+from fraexp.store.diff import describe_differences
+from tests.store.conftest import KINDS, reseal
 
 
 @pytest.fixture(params=KINDS)
@@ -26,13 +26,25 @@ def other(request, tmp_path):
         yield opened
 
 
-def joined(store, other) -> Merged:
+def joined(store, other) -> MergeSummary:
+    """Merge all, check that each sweep and each run is counted once, and return the summary."""
     steps = store.merge(other)
     while True:
         try:
             next(steps)
         except StopIteration as stop:
-            return stop.value
+            merged: MergeSummary = stop.value
+            break
+    assert merged.read == merged.added + merged.there + len(merged.conflicts) + len(merged.damaged)
+    runs = merged.runs + merged.known_runs + len(merged.run_conflicts) + len(merged.damaged_runs)
+    assert merged.read_runs == runs
+    return merged
+
+
+def added_counts(merged: MergeSummary) -> tuple[int, int, int, int, int]:
+    """Return the numbers of a merge without a finding: sweeps and results added, same results, runs, known runs."""
+    assert not (merged.conflicts or merged.damaged or merged.run_conflicts or merged.damaged_runs)
+    return merged.sweeps, merged.results, merged.same, merged.runs, merged.known_runs
 
 
 def begin_in(store, grid, study="s"):
@@ -50,7 +62,9 @@ def test_results_runs_tags_and_notes_are_added_once(store, other, sweep, result,
     other.end_run(theirs, "partial")
     other.tag([sweep(0).key, sweep(1).key], "baseline")
     other.annotate(sweep(1).key, "good")
-    assert joined(store, other) == Merged(2, 1, 1, 1, 0, ())
+    merged = joined(store, other)
+    assert added_counts(merged) == (2, 1, 1, 1, 0)
+    assert (merged.tags, merged.notes) == (2, 1)
     assert repr(store.result(sweep(1).key)) == repr(other.result(sweep(1).key))
     added = store.run(2)
     assert replace(added, number=1, heartbeat=None) == replace(other.run(theirs), heartbeat=None)
@@ -60,7 +74,7 @@ def test_results_runs_tags_and_notes_are_added_once(store, other, sweep, result,
     assert store.log(sweep(2).key) == "the log"
     assert store.page("a>=2").total == store.page("metric.overshoot>1").total == 2
     assert store.health() == "sound"
-    assert joined(store, other) == Merged(0, 0, 2, 0, 1, ())
+    assert added_counts(joined(store, other)) == (0, 0, 2, 0, 1)
     assert len(store.runs()) == 2
 
 
@@ -87,7 +101,7 @@ def test_a_result_is_added_where_there_was_none(store, other, sweep, result):
     other.save(begin_in(other, [sweep()]), [(sweep(), result(), {})])
     merged = joined(store, other)
     assert (merged.sweeps, merged.results) == (0, 1)
-    assert store.known([sweep().key])[sweep().key].outcome is Outcome.OK
+    assert store.stored_states([sweep().key])[sweep().key].outcome is Outcome.OK
 
 
 def test_a_run_that_was_going_on_is_brought_up_to_date(store, other, sweep, result):
@@ -97,7 +111,7 @@ def test_a_run_that_was_going_on_is_brought_up_to_date(store, other, sweep, resu
     assert (store.run(1).state, store.run(1).computed) == ("running", 1)
     other.save(run, [(sweep(1), result(), {})])
     other.end_run(run, "complete")
-    assert joined(store, other) == Merged(0, 1, 1, 0, 1, ())
+    assert added_counts(joined(store, other)) == (0, 1, 1, 0, 1)
     assert (store.run(1).state, store.run(1).computed, len(store.runs())) == ("complete", 2, 1)
 
 
@@ -112,11 +126,11 @@ def test_an_older_run_does_not_hide_a_newer_one(store, other, sweep, result):
 
 
 def test_many_sweeps_and_large_ones_are_joined_in_parts(store, other, sweep, result, monkeypatch):
-    monkeypatch.setattr(merging, "AT_ONCE", 7)
-    monkeypatch.setattr(merging, "MOST", 5000)
+    monkeypatch.setattr(merging, "BATCH_SIZE", 7)
+    monkeypatch.setattr(merge_source, "MAX_ARRAY_BYTES", 5000)
     grid = [sweep(number, n=number) for number in range(40)]
     other.save(begin_in(other, grid), [(point, result(float(number)), {}) for number, point in enumerate(grid)])
-    assert joined(store, other) == Merged(40, 40, 0, 1, 0, ())
+    assert added_counts(joined(store, other)) == (40, 40, 0, 1, 0)
     assert [item.labels["n"] for item in store.sweeps(1)] == list(range(40))
     assert repr(store.result(grid[33].key)) == repr(other.result(grid[33].key))
 
@@ -127,6 +141,7 @@ def test_a_sweep_whose_key_is_not_that_of_its_parameters_is_left_out(store, path
     spoil(
         tmp_path / "forged.db", f"UPDATE sweep SET excitation_part = {other_part(sweep)} WHERE key = '{sweep(0).key}'"
     )
+    reseal(str(tmp_path / "forged.db"))
     with Store.open(str(tmp_path / "forged.db"), read_only=True) as forged:
         merged = joined(store, forged)
     assert [(conflict.key, conflict.what) for conflict in merged.conflicts] == [(sweep(0).key, ("key",))]
@@ -147,43 +162,101 @@ def spoil(file, statement) -> None:
         connection.execute(statement)
 
 
+DAMAGE = {
+    "UPDATE sweep SET outcome = 'ok'": "it cannot be read, or its parameters are damaged; left out",
+    "UPDATE sweep SET message = 'all bad'": "its row is damaged; it is left out",
+    "UPDATE frequency_response SET response = x'00'": "result damaged and left out",
+    "UPDATE metric SET value = 1.25": "result damaged and left out",
+    "DELETE FROM curve_column": "result damaged and left out",
+    "UPDATE part SET content = '{}'": "it cannot be read, or its parameters are damaged; left out",
+    "UPDATE note SET text = 'bad'": "tags or note damaged and left out",
+    "DELETE FROM tag": "tags or note damaged and left out",
+}
+
+
 @pytest.mark.parametrize("known", [False, True])
-def test_an_outcome_that_is_none_is_refused_with_the_name_of_its_database(store, sweep, result, tmp_path, known):
+@pytest.mark.parametrize(("statement", "how"), DAMAGE.items(), ids=range(len(DAMAGE)))
+def test_what_is_damaged_is_left_out_with_a_line(store, path, sweep, result, tmp_path, known, statement, how):
     if known:
         store.save(begin_in(store, [sweep()]), [(sweep(), result(), {})])
     file = tmp_path / "theirs.db"
     with Store.open(str(file), create=True) as theirs:
-        theirs.save(begin_in(theirs, [sweep()]), [(sweep(), result(), {})])
-    spoil(file, "UPDATE sweep SET outcome = 'ok'")
-    with (
-        Store.open(str(file), read_only=True) as theirs,
-        pytest.raises(StoreError, match=r"theirs\.db: it holds what fraexp does not write \(KeyError: 'ok'\)"),
-    ):
-        joined(store, theirs)
+        theirs.save(begin_in(theirs, [sweep(), sweep(1)]), [(sweep(), result(), {})])
+        theirs.tag([sweep().key], "baseline")
+        theirs.annotate(sweep().key, "good")
+    spoil(file, statement)
+    with Store.open(str(file), read_only=True) as theirs:
+        merged = joined(store, theirs)
+        assert theirs.health() != "sound"
+    assert (sweep().key, how) in [(of.key, of.how) for of in merged.damaged]
+    assert store.health() == "sound"
+    assert not known or repr(store.result(sweep().key)) == repr(result())
+    assert "result" not in how or merged.results == 0
 
 
-@pytest.mark.parametrize("spoilt", ["results.db", "theirs.db"])
-def test_a_damaged_array_is_told_with_its_database_and_its_sweep(store, path, sweep, result, tmp_path, spoilt):
+def test_what_is_damaged_here_stays_and_is_a_conflict(store, path, sweep, result, tmp_path):
     theirs = Store.open(str(tmp_path / "theirs.db"), create=True)
     for one in (store, theirs):
         one.save(begin_in(one, [sweep()]), [(sweep(), result(), {})])
     theirs.close()
-    spoil(tmp_path / spoilt, "UPDATE frequency_response SET response = x'00'")
-    where = rf"{spoilt}: sweep {sweep().key[4:12]}: a stored array is damaged \(.*\); compute the sweep again"
-    with Store.open(str(tmp_path / "theirs.db"), read_only=True) as theirs, pytest.raises(StoreError, match=where):
+    spoil(path, "UPDATE frequency_response SET response = x'00'")
+    with Store.open(str(tmp_path / "theirs.db"), read_only=True) as theirs:
+        (conflict,) = joined(store, theirs).conflicts
+    assert (conflict.what, conflict.how) == (
+        ("damaged",), "damaged here, sound there; fraexp delete it here, and merge again"
+    )  # fmt: skip
+
+
+def test_whatever_differs_is_a_conflict_with_both_texts(store, other, sweep, result, origin):
+    theirs = replace(result(), message="half well", numerics="8 lanes")
+    store.save(begin_in(store, [sweep()]), [(sweep(), result(), origin)])
+    other.save(begin_in(other, [sweep()]), [(sweep(), theirs, {})])
+    for one, text in ((store, "drifts"), (other, "is fine")):
+        one.annotate(sweep().key, text)
+    other.tag([sweep().key], "laser")
+    (conflict,) = joined(store, other).conflicts
+    assert set(conflict.what) == {"message", "numerics", "origins", "note"}
+    assert 'note: "drifts" here, "is fine" there' in conflict.how
+    assert 'message: "all well" here, "half well" there' in conflict.how
+    assert "estimator proposed: " in conflict.how
+    found = store.find(sweep().key)
+    assert (found.note, found.message, found.tags) == ("drifts", "all well", ("laser",))
+
+
+def test_a_run_that_differs_is_a_conflict(store, other, sweep, result):
+    run = begin_in(other, [sweep(0), sweep(1)])
+    other.save(run, [(sweep(0), result(), {})])
+    other.end_run(run, "partial")
+    joined(store, other)
+    store.delete_sweeps([sweep(1).key])
+    (conflict,) = joined(store, other).run_conflicts
+    assert (conflict.key, conflict.how) == ("run 1", f"sweep {sweep(1).key[4:12]} only there")
+
+
+@pytest.mark.parametrize("here", [True, False])
+def test_a_known_run_with_a_damaged_sweep_is_no_difference_of_its_sweeps(store, path, sweep, tmp_path, here):
+    file = tmp_path / "theirs.db"
+    with Store.open(str(file), create=True) as theirs:
+        theirs.end_run(begin_in(theirs, [sweep(0), sweep(1)]), "partial")
         joined(store, theirs)
+    spoil(path if here else file, "UPDATE run_sweep SET message = 'x' WHERE position = 1")
+    with Store.open(str(file), read_only=True) as theirs:
+        merged = joined(store, theirs)
+    conflicts, damaged = ([of.how for of in found] for found in (merged.run_conflicts, merged.damaged_runs))
+    expected = ["1 of its sweeps are damaged here"], ["1 of its 2 sweeps are damaged and not compared"]
+    assert (conflicts, damaged) == ((expected[0], []) if here else ([], expected[1]))
 
 
 def test_nan_is_equal_to_itself_and_the_distance_is_relative(result):
     nan = replace(result(), metrics=(Metric("m", math.nan, "1"),))
-    assert differences(nan, replace(nan)) == ((), "")
+    assert describe_differences(nan, replace(nan)) == ((), "")
     response = result().response
     assert response is not None
     far = replace(response, input_amplitude=response.input_amplitude * 1.5, coherence=np.ones(3))
-    what, how = differences(result(), replace(result(), response=far))
+    what, how = describe_differences(result(), replace(result(), response=far))
     assert what == ("response",)
     assert how == "response: input_amplitude by 5.0e-01, coherence in one alone"
-    assert differences(Result(Outcome.OK), Result(Outcome.DIVERGED)) == (
+    assert describe_differences(Result(Outcome.OK), Result(Outcome.DIVERGED)) == (
         ("outcome",),
         "outcome: ok here, diverged there",
     )

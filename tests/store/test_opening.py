@@ -81,13 +81,13 @@ def test_a_foreign_database_is_left_alone(path, options, journal):
 @pytest.mark.parametrize("content", [b"x", b"time,force\n" * 100])
 def test_a_file_that_is_no_database_is_left_alone(path, options, content):
     path.write_bytes(content)
-    refused(path, "this is no database; name another file", **options)
+    refused(path, "this is not a database; name another file", **options)
 
 
 @BOTH
 def test_a_folder_is_no_database(path, options):
     path.mkdir()
-    refused(path, "this is no file; name a database file", **options)
+    refused(path, "this is not a file; name a database file", **options)
 
 
 def test_a_folder_that_does_not_exist_is_not_made(tmp_path):

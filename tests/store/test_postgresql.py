@@ -9,11 +9,11 @@ import pytest
 from fraexp.cli.main import main
 from fraexp.data.sweep import Sweep
 from fraexp.errors import StoreError
-from fraexp.store import Store, shown
-from fraexp.store.backends.postgresql import LOCK
-from fraexp.store.backends.urls import locate
+from fraexp.store import Store, masked_url
+from fraexp.store.backends.postgresql import WRITE_LOCK_ID
+from fraexp.store.backends.urls import locate_database
 from fraexp.store.migrations import FOLDER, HISTORY
-from fraexp.store.schema import Schema, migrate, prepare
+from fraexp.store.schema import Schema, migrate_database, prepare_database
 from tests.postgresql import running
 from tests.waiting import HANG_TIMEOUT_S
 
@@ -30,7 +30,7 @@ def upgrade():
     op.add_column("run", sa.Column("note", sa.Text, nullable=False, server_default="none"))
     {more}
 """
-FEW = ("--set", "excitation.points=3", "--set", "excitation.lowest=20")
+FEW = ("--set", "excitation.points=3", "--set", "excitation.min_frequency=20")
 
 
 @pytest.fixture
@@ -64,7 +64,7 @@ def test_what_keeps_us_out_is_one_line_without_the_password(server, guarded):
     refused(server.url("absent"), r"the database does not exist .*; make it, for example with createdb")
     refused(server.url(user="stranger"), r"the user does not exist .*; check the user")
     refused("postgresql://u:wrong-secret@127.0.0.1", "no database is named; expected postgresql://")
-    refused("postgresql://u:wrong-secret@127.0.0.1:port/d", "is no URL; expected postgresql://")
+    refused("postgresql://u:wrong-secret@127.0.0.1:port/d", "is not a URL; expected postgresql://")
     refused("oracle://u:wrong-secret@h/d", r"oracle://u:\*\*\*@h/d: oracle databases are not supported")
 
 
@@ -79,7 +79,7 @@ def test_what_keeps_us_out_is_one_line_without_the_password(server, guarded):
     ],
 )
 def test_a_password_is_not_shown(url, told):
-    assert shown(url) == told
+    assert masked_url(url) == told
 
 
 def test_an_empty_database_becomes_ours_and_another_programs_does_not(server, base):
@@ -118,7 +118,7 @@ def test_a_writer_that_does_not_end_is_told_and_does_not_stop_the_heart(server, 
     with Store.open(base, create=True, timeout=0.3) as store:
         run = store.begin_run("s", "f", "c", {}, [])
         with psycopg.connect(server.url()) as other:
-            other.execute(f"SELECT pg_advisory_xact_lock({LOCK})")
+            other.execute(f"SELECT pg_advisory_xact_lock({WRITE_LOCK_ID})")
             store.beat(run)
             with pytest.raises(StoreError, match="another run writes, and does not come to an end; wait, or stop it"):
                 store.begin_run("s", "f", "c", {}, [])
@@ -132,20 +132,20 @@ def later(tmp_path: Path, more: str = "pass") -> Schema:
 
 def test_an_older_schema_is_changed_only_when_asked(base, tmp_path):
     Store.open(base, create=True).close()
-    database, schema = locate(base, 5.0), later(tmp_path)
-    with pytest.raises(StoreError, match=f"its schema {HISTORY[-1]} is older than next; 'fraexp migrate'"):
-        prepare(database, True, schema)
-    assert migrate(database, schema) == HISTORY[-1]
+    database, schema = locate_database(base, 5.0), later(tmp_path)
+    with pytest.raises(StoreError, match=f"its schema {HISTORY[-1]} is older than next; fraexp migrate --db "):
+        prepare_database(database, True, schema)
+    assert migrate_database(database, schema) == (HISTORY[-1], "")
     assert database.revision() == "next"
-    assert migrate(database, schema) == "next"
+    assert migrate_database(database, schema) == ("next", "")
     refused(base, "its schema next is newer than this fraexp .*; update fraexp")
 
 
 def test_a_migration_that_fails_changes_nothing(base, tmp_path):
     Store.open(base, create=True).close()
-    database = locate(base, 5.0)
+    database = locate_database(base, 5.0)
     with pytest.raises(StoreError, match="nowhere"):
-        migrate(database, later(tmp_path, "op.execute('INSERT INTO nowhere VALUES (1)')"))
+        migrate_database(database, later(tmp_path, "op.execute('INSERT INTO nowhere VALUES (1)')"))
     assert database.revision() == HISTORY[-1]
     with Store.open(base) as store:
         assert store.begin_run("s", "f", "c", {}, []) == 1
@@ -158,7 +158,7 @@ def test_the_tables_are_those_that_the_code_uses(base):
     from fraexp.store.tables import metadata
 
     Store.open(base, create=True).close()
-    engine = locate(base, 5.0).reader()
+    engine = locate_database(base, 5.0).reader()
     with engine.connect() as connection:
         assert compare_metadata(MigrationContext.configure(connection), metadata) == []
     engine.dispose()
@@ -186,7 +186,7 @@ def test_the_commands_work_on_a_server_and_keep_its_password(server, guarded, tm
         ("run", "quick", *FEW, "--executor", "serial"),
         ("run", "quick", *FEW, "--json"),
         ("list",),
-        ("list", "estimator=conventional", "excitation.amplitude>=75N", "--order", "-elapsed"),
+        ("list", "estimator=conventional", "excitation.amplitude>=75N", "--sort", "-elapsed"),
         ("show", "1"),
         ("show", "1", "--json"),
         ("compare", "1", "2"),

@@ -11,7 +11,7 @@ from fraexp.execution import provenance
 
 
 def gathered_in(checkout: Path, **environment: str) -> dict:
-    code = "import json; from fraexp import provenance; print(json.dumps(provenance.gather()))"
+    code = "import json; from fraexp import provenance; print(json.dumps(provenance.gather_provenance()))"
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=checkout, env=environment, capture_output=True, text=True, check=True
     )
@@ -34,7 +34,7 @@ def git(folder: Path, *arguments: str) -> str:
 
 
 def test_it_is_plain_data():
-    found = provenance.gather()
+    found = provenance.gather_provenance()
     assert json.loads(json.dumps(found, allow_nan=False)) == found
     assert found["python"]["version"] == sys.version.split()[0]
     assert found["machine"]["cores"] >= found["machine"]["usable_cores"] >= 1
@@ -44,7 +44,7 @@ def test_packages_are_named_with_their_versions_but_not_imported():
     code = """
 import sys
 from fraexp.execution import provenance
-print(provenance.gather()["packages"]["numpy"], "numpy" in sys.modules)
+print(provenance.gather_provenance()["packages"]["numpy"], "numpy" in sys.modules)
 """
     root = Path(provenance.__file__).parents[1]
     done = subprocess.run([sys.executable, "-c", code], cwd=root, capture_output=True, text=True, check=True)

@@ -33,7 +33,7 @@ def test_a_result_comes_back_as_it_was(store, begin, sweep, result, origin):
     run = begin([sweep()])
     store.save(run, [(sweep(), result(), origin)])
     assert same(store.result(sweep().key), result())
-    assert store.known([sweep().key, "fx1-absent"]) == {
+    assert store.stored_states([sweep().key, "fx1-absent"]) == {
         sweep().key: StoredState(Outcome.OK, {name: item.source_hash for name, item in origin.items()}, 0.5)
     }
 
@@ -150,7 +150,7 @@ def test_listing_sweeps_does_not_touch_arrays(store, begin, sweep, result, sql):
     store.save(run, [(sweep(), result(), {})])
     sql("UPDATE frequency_response SET response = :bytes", bytes=b"\0")
     assert store.sweeps(run)[0].outcome is Outcome.OK
-    with pytest.raises(StoreError, match=r"a stored array is damaged .* --rerun all"):
+    with pytest.raises(StoreError, match=r"do not match their digest: they are damaged"):
         store.result(sweep().key)
 
 
@@ -158,9 +158,9 @@ def test_an_array_of_objects_is_refused_and_nothing_is_stored(store, begin, swee
     run = begin([sweep(0), sweep(1)])
     curve = Curve("bad", {"x": np.array([None, {}], dtype=object)}, {"x": "m"})
     batch = [(sweep(0), result(), {}), (sweep(1), Result(Outcome.OK, curves=(curve,)), {})]
-    with pytest.raises(StoreError, match="column 'x' of curve 'bad' holds Python objects"):
+    with pytest.raises(StoreError, match="column 'x' of curve 'bad' contains Python objects"):
         store.save(run, batch)
-    assert store.known([sweep(0).key, sweep(1).key]) == {}
+    assert store.stored_states([sweep(0).key, sweep(1).key]) == {}
     assert store.run(run).computed == 0
 
 
@@ -180,14 +180,17 @@ def test_text_that_no_encoding_holds_is_escaped(store, begin, sweep):
 @pytest.mark.parametrize(
     ("statement", "found"),
     [
-        ("UPDATE frequency_response SET response = :bytes", "its frequency response has an array that is none"),
-        ("UPDATE frequency_response SET covariance = :bytes", "its frequency response has an array that is none"),
-        ("UPDATE curve_column SET samples = :bytes", "its curve column has an array that is none"),
-        ("UPDATE sweep SET outcome = 'ok'", "it has an unknown outcome 'ok'"),
+        ("UPDATE frequency_response SET response = :bytes", "result damaged"),
+        ("UPDATE frequency_response SET covariance = :bytes", "result damaged"),
+        ("UPDATE curve_column SET samples = :bytes", "result damaged"),
+        ("UPDATE sweep SET outcome = 'ok'", "it cannot be read, or its parameters are damaged"),
+        ("UPDATE sweep SET elapsed = 7", "sweep and result damaged"),
+        ("DELETE FROM metric", "result damaged"),
+        ("DELETE FROM supplied_component", "sweep damaged"),
     ],
 )
-def test_what_is_no_result_is_found(store, begin, sweep, result, sql, statement, found):
-    store.save(begin([sweep()]), [(sweep(), result(), {})])
+def test_what_is_no_result_is_found(store, begin, sweep, result, origin, sql, statement, found):
+    store.save(begin([sweep()]), [(sweep(), result(), origin)])
     assert store.health() == "sound"
     sql(statement, **({"bytes": b"\0"} if ":bytes" in statement else {}))
-    assert store.health() == f"sweep {sweep().key[4:12]}: {found}"
+    assert f"; sweep {sweep().key[4:12]}: {found}; restore a copy" in store.health()

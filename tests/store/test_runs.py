@@ -7,6 +7,8 @@ import pytest
 from fraexp.data.results import Outcome, Result
 from fraexp.errors import StoreError
 from fraexp.store import Store
+from fraexp.store.queries import reading
+from tests.store.conftest import reseal
 from tests.waiting import wait_until
 
 DIES = """
@@ -100,16 +102,18 @@ def test_a_killed_process_that_nobody_waited_for_counts_as_dead(store, url, prog
 
 
 @pytest.mark.parametrize("column, value", [("process_start", 1), ("boot", "another"), ("pid", 2**22 + 1)])
-def test_another_process_with_the_same_number_is_not_mistaken_for_the_run(store, begin, sql, column, value):
+def test_another_process_with_the_same_number_is_not_mistaken_for_the_run(store, begin, sql, url, column, value):
     run = begin([])
     assert store.run(run).state == "running"
     sql(f"UPDATE run SET {column} = :value", value=value)
+    reseal(url)
     assert store.run(run).state == "interrupted"
 
 
-def test_a_run_on_another_host_lives_by_its_heartbeat(store, begin, sql, kind):
+def test_a_run_on_another_host_lives_by_its_heartbeat(store, begin, sql, url, kind):
     run = begin([])
     sql("UPDATE run SET host = 'elsewhere', pid = 1, boot = 'another'")
+    reseal(url)
     assert store.run(run).state == "running"
     silent = datetime.now(UTC) - timedelta(minutes=5)
     sql("UPDATE run SET heartbeat = :silent", silent=str(silent.replace(tzinfo=None)) if kind == "sqlite" else silent)
@@ -136,12 +140,15 @@ def test_a_sweep_is_found_by_the_beginning_of_its_key(store, begin, sweep, resul
     assert (store.find(wanted.key).labels, store.find(wanted.key).state) == ({"step": 7}, "computed")
 
 
-def test_a_prefix_of_several_keys_or_of_none_is_refused(store, begin, sweep):
+def test_a_prefix_of_several_keys_or_of_none_is_refused(store, begin, sweep, monkeypatch):
     grid = [sweep(number) for number in range(30)]
     keys = [item.key for item in grid]
     begin(grid)
     shared = next(key[4] for key in keys if sum(other[4] == key[4] for other in keys) > 1)
-    with pytest.raises(StoreError, match=f"keys start with '{shared}': fx1-{shared}.*; give more characters"):
+    with pytest.raises(StoreError, match=f"'{shared}' is too short for the key of a sweep; give 4 characters or more"):
+        store.find(shared)
+    monkeypatch.setattr(reading, "MIN_PREFIX", 1)
+    with pytest.raises(StoreError, match=f"keys start with '{shared}': fx2-{shared}.*; give more characters"):
         store.find(shared)
     for prefix in ("nothing", "%", "_", "fx1-f" * 9):
         with pytest.raises(StoreError, match="no sweep's key starts with"):
@@ -158,4 +165,4 @@ def test_a_result_that_does_not_exist_is_refused(store, begin, sweep):
 def test_a_result_for_a_run_that_does_not_exist_is_stored_for_nobody(store, sweep, result):
     with pytest.raises(StoreError, match="there is no run 9"):
         store.save(9, [(sweep(), result(), {})])
-    assert store.known([sweep().key]) == {}
+    assert store.stored_states([sweep().key]) == {}

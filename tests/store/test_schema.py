@@ -14,7 +14,7 @@ from fraexp.errors import StoreError
 from fraexp.store import Store
 from fraexp.store.backends.sqlite import SqliteFile
 from fraexp.store.migrations import FOLDER, HISTORY
-from fraexp.store.schema import Schema, check_readable, prepare
+from fraexp.store.schema import Schema, check_readable, prepare_database
 from fraexp.store.tables import metadata
 
 ASSETS = Path(__file__).parent / "assets"
@@ -87,7 +87,7 @@ def test_a_database_of_every_schema_still_opens(asset, path):
         assert abs(response.response[1] - (0.001 - 0.002j)) < 1e-15
         assert done.sources["friction:rolling"].distribution == "fraexp 0.1.0"
         assert (failed.state, failed.outcome, failed.message) == ("failed", None, "killed its worker twice")
-        assert store.known([done.key])[done.key].outcome is Outcome.OK
+        assert store.stored_states([done.key])[done.key].outcome is Outcome.OK
 
 
 def test_there_is_an_asset_of_every_schema():
@@ -98,7 +98,7 @@ def test_an_older_database_is_copied_and_brought_up_to_date(store, begin, sweep,
     run = begin([sweep()])
     store.save(run, [(sweep(), result(), {})])
     store.close()
-    prepare(SqliteFile(path, 1.0), False, next_schema())
+    prepare_database(SqliteFile(path, 1.0), False, next_schema())
     assert "note" in columns(path, "run")
     copy = path.with_name(f"results.db.bak-{HISTORY[-1]}")
     assert sorted(item.name for item in path.parent.iterdir() if item.is_file()) == [path.name, copy.name]
@@ -115,7 +115,7 @@ def test_a_migration_that_fails_changes_nothing(store, begin, sweep, path, next_
     store.close()
     broken = next_schema("op.execute('INSERT INTO nowhere VALUES (1)')")
     with pytest.raises(StoreError, match="no such table: nowhere"):
-        prepare(SqliteFile(path, 1.0), False, broken)
+        prepare_database(SqliteFile(path, 1.0), False, broken)
     assert "note" not in columns(path, "run")
     with Store.open(str(path)) as again:
         assert again.run(1).total == 1
@@ -126,8 +126,8 @@ def test_a_migration_that_leaves_rows_without_what_they_refer_to_changes_nothing
 ):
     begin([sweep()])
     store.close()
-    with pytest.raises(StoreError, match="rows would lose what they refer to"):
-        prepare(SqliteFile(path, 1.0), False, next_schema("op.execute('DELETE FROM sweep')"))
+    with pytest.raises(StoreError, match="the migration breaks references between rows"):
+        prepare_database(SqliteFile(path, 1.0), False, next_schema("op.execute('DELETE FROM sweep')"))
     with Store.open(str(path)) as again:
         assert len(again.sweeps(1)) == 1
 
@@ -136,7 +136,7 @@ def test_a_reader_does_not_migrate(store, path, next_schema):
     store.close()
     before = path.read_bytes()
     with pytest.raises(
-        StoreError, match=f"its schema {HISTORY[-1]} is older than next; 'fraexp migrate --db {path}' brings it up"
+        StoreError, match=f"its schema {HISTORY[-1]} is older than next; fraexp migrate --db {path} brings it up"
     ):
         check_readable(SqliteFile(path, 1.0), next_schema())
     assert path.read_bytes() == before

@@ -10,6 +10,7 @@ from sqlalchemy.engine import Engine
 
 from fraexp.data.results import Metric, Outcome, Result
 from fraexp.store import Store
+from tests.store.conftest import reseal
 from tests.waiting import HANG_TIMEOUT_S
 
 STOPS_IN_MID_TRANSACTION = """
@@ -19,7 +20,7 @@ from sqlalchemy import event
 from sqlalchemy.engine import Engine
 from fraexp.data.results import Curve, Metric, Outcome, Result
 from fraexp.store import Store
-from fraexp.store import Supplied
+from fraexp.store import ComponentOrigin
 from fraexp.data.sweep import Sweep
 
 def stop(connection, cursor, statement, parameters, context, executemany):
@@ -139,6 +140,7 @@ def test_asking_for_known_sweeps_takes_few_statements(store, begin, sweep, url, 
     store.close()
     sql("UPDATE sweep SET outcome = 'OK'")
     sql("INSERT INTO supplied_component SELECT key, 'friction', 'rolling', 2, 'hash', '' FROM sweep")
+    reseal(url)
     asked: list[str] = []
 
     def note(connection, cursor, statement, *_):
@@ -148,7 +150,7 @@ def test_asking_for_known_sweeps_takes_few_statements(store, begin, sweep, url, 
     try:
         with Store.open(url) as again:
             asked.clear()
-            known = again.known(point.key for point in grid[400:600])
+            known = again.stored_states(point.key for point in grid[400:600])
     finally:
         event.remove(Engine, "before_cursor_execute", note)
     assert len(known) == 200

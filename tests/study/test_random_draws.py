@@ -13,16 +13,18 @@ machine = "linear_motor_table"
 [excitation]
 name = "point_to_point"
 [estimator]
-name = "positioning"
+name = "positioning_metrics"
 """
-WIDTHS = tuple(f"friction.curve.{name}" for name in ("width", "narrowest", "widest"))
+WIDTHS = tuple(f"friction.curve.{name}" for name in ("characteristic_displacement", "min_knot", "max_knot"))
 RANDOM = """
-[random]
+[monte_carlo]
 count = 5
 seed = 7
 draw = [
-    { paths = "plant.frequencies.0", deviation = "0.5 Hz" },
-    { paths = ["friction.curve.width", "friction.curve.narrowest", "friction.curve.widest"], relative = 0.05 },
+    { paths = "plant.frequencies.0", std = "0.5 Hz" },
+    { paths = [
+        "friction.curve.characteristic_displacement", "friction.curve.min_knot", "friction.curve.max_knot",
+    ], relative = 0.05 },
 ]
 """
 CASES = """
@@ -30,7 +32,7 @@ CASES = """
 label = "nominal"
 [[case]]
 label = "wrong"
-excitation = { plant = { gain = 0.177 } }
+excitation = { plant = { rigid_body_gain = 0.177 } }
 """
 
 
@@ -56,8 +58,12 @@ def test_each_draw_is_a_sweep_with_its_number_and_what_was_drawn(sweeps):
         plant, curve = sweep.experiment["plant"], sweep.experiment["friction"]["curve"]
         assert plant["frequencies"] == [sweep.labels["plant.frequencies.0"], 80.0]
         assert [curve[path.rpartition(".")[2]] for path in WIDTHS] == [sweep.labels[path] for path in WIDTHS]
-        assert curve["width"] / 45.36e-6 == pytest.approx(curve["narrowest"] / 0.5e-6) == curve["widest"] / 100e-6
-        assert curve["coulomb"] == 17.9
+        assert (
+            curve["characteristic_displacement"] / 45.36e-6
+            == pytest.approx(curve["min_knot"] / 0.5e-6)
+            == curve["max_knot"] / 100e-6
+        )
+        assert curve["coulomb_force"] == 17.9
 
 
 def test_what_is_believed_of_the_machine_is_not_drawn(sweeps):
@@ -66,12 +72,17 @@ def test_what_is_believed_of_the_machine_is_not_drawn(sweeps):
         assert sweep.experiment["excitation"] == nominal.experiment["excitation"]
         assert sweep.experiment["excitation"]["plant"]["frequencies"] == [38.8, 80.0]
         assert sweep.experiment["friction"] != nominal.experiment["friction"]
-    proposed = HEAD.replace('"point_to_point"', '"stepped_sine"\namplitude = 12').replace('"positioning"', '"proposed"')
-    assert all(s.estimator["friction"]["curve"]["width"] == 45.36e-6 for s in sweeps(proposed + RANDOM))
-    believed = sweeps(
-        proposed + '[random]\ncount = 3\ndraw = [{ paths = "estimator.friction.curve.width", relative = 0.1 }]'
+    proposed = HEAD.replace('"point_to_point"', '"stepped_sine"\namplitude = 12').replace(
+        '"positioning_metrics"', '"effective_input"'
     )
-    assert len({s.estimator["friction"]["curve"]["width"] for s in believed}) == 3
+    assert all(
+        s.estimator["friction"]["curve"]["characteristic_displacement"] == 45.36e-6 for s in sweeps(proposed + RANDOM)
+    )
+    believed = sweeps(
+        proposed + "[monte_carlo]\ncount = 3\n"
+        'draw = [{ paths = "estimator.friction.curve.characteristic_displacement", relative = 0.1 }]'
+    )
+    assert len({s.estimator["friction"]["curve"]["characteristic_displacement"] for s in believed}) == 3
     assert len({s.experiment_key for s in believed}) == 1, "one simulation for all that is believed of it"
 
 
@@ -85,19 +96,19 @@ def test_cases_and_grid_share_each_draw(sweeps):
 
 
 def test_a_share_is_one_of_each_nominal_value(sweeps):
-    text = HEAD + '[grid]\n"plant" = [{ gain = 0.1 }, { gain = 0.2 }]\n'
-    found = sweeps(text + '[random]\ncount = 3\ndraw = [{ paths = "plant.gain", relative = 0.1 }]')
-    first, second = ([s.labels["plant.gain"] for s in found[of : of + 3]] for of in (0, 3))
+    text = HEAD + '[grid]\n"plant" = [{ rigid_body_gain = 0.1 }, { rigid_body_gain = 0.2 }]\n'
+    found = sweeps(text + '[monte_carlo]\ncount = 3\ndraw = [{ paths = "plant.rigid_body_gain", relative = 0.1 }]')
+    first, second = ([s.labels["plant.rigid_body_gain"] for s in found[of : of + 3]] for of in (0, 3))
     assert np.array(second) == pytest.approx(2 * np.array(first), rel=1e-12)
 
 
 def test_the_same_seed_gives_the_same_draws_whatever_else_is_drawn(sweeps):
-    three = [drawn(sweep) for sweep in sweeps(HEAD + RANDOM, "random.count=3")]
+    three = [drawn(sweep) for sweep in sweeps(HEAD + RANDOM, "monte_carlo.count=3")]
     assert three == [drawn(sweep) for sweep in sweeps(HEAD + RANDOM)][:3], "more draws go on where fewer ended"
-    more = RANDOM.replace("draw = [", 'draw = [\n{ paths = "plant.gain", relative = 0.01 },')
+    more = RANDOM.replace("draw = [", 'draw = [\n{ paths = "plant.rigid_body_gain", relative = 0.01 },')
     with_gain = [drawn(sweep) for sweep in sweeps(HEAD + more)]
     assert all(found.items() >= before.items() for found, before in zip(with_gain, three, strict=False))
-    other = [drawn(sweep) for sweep in sweeps(HEAD + RANDOM, "random.seed=8")]
+    other = [drawn(sweep) for sweep in sweeps(HEAD + RANDOM, "monte_carlo.seed=8")]
     assert not {str(of) for of in other} & {str(of) for of in with_gain + three}
 
 
@@ -110,8 +121,8 @@ def test_the_key_holds_what_was_drawn_and_not_how(sweeps):
 
 def test_the_numbers_have_the_distribution_that_is_asked_for():
     count = 20_000
-    normal = Draw(paths=("plant.gain",), relative=0.1).variates(3, count)
-    uniform = Draw(paths=("plant.gain",), relative=0.1, distribution="uniform").variates(3, count)
+    normal = Draw(paths=("plant.rigid_body_gain",), relative=0.1).variates(3, count)
+    uniform = Draw(paths=("plant.rigid_body_gain",), relative=0.1, distribution="uniform").variates(3, count)
     # four standard errors of mean, deviation and third moment
     assert abs(normal.mean()) < 4 / np.sqrt(count)
     assert abs(normal.std() - 1) < 4 / np.sqrt(2 * count)
@@ -128,6 +139,12 @@ def test_these_numbers_stay_what_they_are():
     assert found == pytest.approx(PINNED, rel=1e-12)
 
 
+def test_the_numbers_of_a_renamed_parameter_stay_what_they_are(sweeps):
+    text = "[monte_carlo]\nseed = 1\ncount = 3\ndraw = [{ paths = 'plant.rigid_body_gain', relative = 0.1 }]"
+    gains = [sweep.labels["plant.rigid_body_gain"] for sweep in sweeps(HEAD + text)]
+    assert np.array(gains) / 0.132 - 1 == pytest.approx(0.1 * np.array(PINNED), rel=1e-9)
+
+
 PINNED = [-0.05728246290743476, -2.5612912321068904, -0.31890441118467455]
 
 
@@ -138,26 +155,29 @@ def test_what_was_drawn_has_units(sweeps, registry):
 
 
 def entry(text, rest=""):
-    return HEAD + f"{rest}\n[random]\ncount = 40\ndraw = [{{ {text} }}]\n"
+    return HEAD + f"{rest}\n[monte_carlo]\ncount = 40\ndraw = [{{ {text} }}]\n"
 
 
 NONE = "around which no number can be drawn"
-GAIN = 'paths = "plant.gain", relative = 0.1'
+GAIN = 'paths = "plant.rigid_body_gain", relative = 0.1'
 
 
 @pytest.mark.parametrize(
     ("path", "sentence"),
     [
-        ("plant.gian", "'plant.gian' leads nowhere: plant has no 'gian'; did you mean 'gain'?"),
+        (
+            "plant.rigid_body_gian",
+            "'plant.rigid_body_gian' leads nowhere: plant has no 'rigid_body_gian'; did you mean 'rigid_body_gain'?",
+        ),
         ("plant.frequencies.2", "plant.frequencies has 2 values, which are counted from 0"),
         ("plant.frequencies", f"is a list, {NONE}: name one of its 2 values, such as 'plant.frequencies.0'"),
-        ("friction.curve", f"is a table, {NONE}: name one of its numbers, such as 'friction.curve.coulomb'"),
+        ("friction.curve", f"is a table, {NONE}: name one of its numbers, such as 'friction.curve.coulomb_force'"),
         ("friction.curve.elements", f"is 20, {NONE}: vary it in [grid]"),
         ("friction.curve.shape", f"is 'exponential', {NONE}: vary it in [grid]"),
         ("excitation.force_limit", f"is not given, {NONE}: give it a value in the study"),
-        ("plnt.gain", "there is no section 'plnt' to draw in; did you mean 'plant'?"),
+        ("plnt.rigid_body_gain", "there is no section 'plnt' to draw in; did you mean 'plant'?"),
         ("limits.stroke", "there is no section 'limits' to draw in"),
-        ("loop.noise", "'loop.noise' is 0, of which a share is 0 too; expected 'deviation'"),
+        ("loop.noise", "'loop.noise' is 0, and so is any fraction of it; expected 'std'"),
     ],
 )
 def test_where_no_number_can_be_drawn_the_sentence_tells_why(sweeps, path, sentence):
@@ -167,19 +187,25 @@ def test_where_no_number_can_be_drawn_the_sentence_tells_why(sweeps, path, sente
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ('paths = "plant.gain", relative = 0.8', "the rigid-body gain"),
+        ('paths = "plant.rigid_body_gain", relative = 0.8', "the rigid-body gain"),
         (
-            'paths = "plant.gain", relative = 0.1, deviation = 1.0',
-            "expected either 'relative', a share, or 'deviation'",
+            'paths = "plant.rigid_body_gain", relative = 0.1, std = 1.0',
+            "expected either 'relative', a fraction, or 'std'",
         ),
-        ('paths = "plant.gain"', "expected either 'relative', a share, or 'deviation'"),
+        ('paths = "plant.rigid_body_gain"', "expected either 'relative', a fraction, or 'std'"),
         ("paths = [], relative = 0.1", "paths is empty"),
-        ('paths = "plant.gain", relative = -0.1', "must be above 0"),
-        ('paths = "plant.gain", deviation = -0.1', "deviation is -0.1; expected a number above 0"),
-        ('paths = "plant.gain", deviation = "1 Hz"', "'plant.gain': 'Hz' is not a unit of the same kind as"),
-        ('paths = "plant.gain", relative = 0.1, distribution = "gauss"', "distribution is 'gauss'"),
-        ('path = "plant.gain", relative = 0.1', "has no parameter 'path'; did you mean 'paths'?"),
-        ('paths = ["plant.gain", "plant.gain"], relative = 0.1', "'plant.gain' is drawn twice"),
+        ('paths = "plant.rigid_body_gain", relative = -0.1', "must be above 0"),
+        ('paths = "plant.rigid_body_gain", std = -0.1', "std is -0.1; expected a number above 0"),
+        (
+            'paths = "plant.rigid_body_gain", std = "1 Hz"',
+            "'plant.rigid_body_gain': 'Hz' is not a unit of the same kind as",
+        ),
+        ('paths = "plant.rigid_body_gain", relative = 0.1, distribution = "gauss"', "distribution is 'gauss'"),
+        ('path = "plant.rigid_body_gain", relative = 0.1', "has no parameter 'path'; did you mean 'paths'?"),
+        (
+            'paths = ["plant.rigid_body_gain", "plant.rigid_body_gain"], relative = 0.1',
+            "'plant.rigid_body_gain' is drawn twice",
+        ),
     ],
 )
 def test_what_an_entry_cannot_be_is_told(sweeps, text, sentence):
@@ -189,12 +215,12 @@ def test_what_an_entry_cannot_be_is_told(sweeps, text, sentence):
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        (entry(GAIN, '[grid]\n"plant.gain" = [0.1, 0.2]'), "'plant.gain' stands in [grid] too"),
+        (entry(GAIN, '[grid]\n"plant.rigid_body_gain" = [0.1, 0.2]'), "'plant.rigid_body_gain' is in [grid] too"),
         (entry(GAIN).replace("40", "0"), "count is 0; expected a whole number, 1 at least"),
-        (entry(GAIN).replace("40", "2_000_000"), "[random]: it has 2,000,000 sweeps; expected 1,000,000 at most"),
-        (entry(GAIN).replace("count", "cuont"), "[random] has no 'cuont'; did you mean 'count'?"),
-        (HEAD + "[random]\ncount = 3", "draw is None; expected tables such as draw = [{ paths"),
-        ("random = 1\n" + HEAD, "[random] is 1; expected a table"),
+        (entry(GAIN).replace("40", "2_000_000"), "[monte_carlo]: it has 2,000,000 sweeps; expected 1,000,000 at most"),
+        (entry(GAIN).replace("count", "cuont"), "[monte_carlo] has no 'cuont'; did you mean 'count'?"),
+        (HEAD + "[monte_carlo]\ncount = 3", "draw is None; expected tables such as draw = [{ paths"),
+        ("monte_carlo = 1\n" + HEAD, "[monte_carlo] is 1; expected a table"),
     ],
 )
 def test_what_the_section_cannot_be_is_told(sweeps, text, sentence):
@@ -211,24 +237,25 @@ def wrong(sweeps, text, sentence):
 
 
 def test_a_draw_beyond_the_bounds_is_named_with_its_numbers(sweeps):
-    text = HEAD + RANDOM.replace('deviation = "0.5 Hz"', "relative = 3.0")
+    text = HEAD + RANDOM.replace('std = "0.5 Hz"', "relative = 3.0")
     with pytest.raises(
-        FraexpError, match=r"draw (\d) \(plant.frequencies.0 = -.*, friction.curve.width = .*lower the dev"
+        FraexpError,
+        match=r"draw (\d) \(plant.frequencies.0 = -.*, friction.curve.characteristic_displacement = .*lower the width",
     ):
         sweeps(text)
 
 
 def test_what_is_not_drawn_cannot_be_set(sweeps):
-    with pytest.raises(FraexpError, match=r"--set random.count: .*s.toml has no section \[random\]"):
-        sweeps(HEAD, "random.count=3")
+    with pytest.raises(FraexpError, match=r"--set monte_carlo.count: .*s.toml has no section \[monte_carlo\]"):
+        sweeps(HEAD, "monte_carlo.count=3")
 
 
 @pytest.mark.thorough
 def test_a_hundred_thousand_draws_are_resolved(sweeps):
-    found = sweeps(HEAD + RANDOM + CASES, "random.count=50000")
+    found = sweeps(HEAD + RANDOM + CASES, "monte_carlo.count=50000")
     assert len({sweep.key for sweep in found}) == 100_000
 
 
 def test_a_section_is_read_without_a_study():
-    draws = Draws.parse({"count": 2, "draw": [{"paths": "plant.gain", "relative": 0.1}]})
-    assert (draws.count, draws.seed, draws.paths) == (2, 0, ("plant.gain",))
+    draws = Draws.parse({"count": 2, "draw": [{"paths": "plant.rigid_body_gain", "relative": 0.1}]})
+    assert (draws.count, draws.seed, draws.paths) == (2, 0, ("plant.rigid_body_gain",))

@@ -1,5 +1,6 @@
 """Sweeps of a grid are those of its points, one by one: what they share is resolved once and changes no key."""
 
+import hashlib
 import itertools
 from pathlib import Path
 from typing import Any
@@ -7,8 +8,7 @@ from typing import Any
 import pytest
 
 from fraexp.components.registry import discover
-from fraexp.data.identity import key_of
-from fraexp.data.sweep import Keys
+from fraexp.data.sweep import Section, Sweep
 from fraexp.errors import FraexpError
 from fraexp.study.study_file import resolve
 
@@ -19,12 +19,16 @@ BASE: dict[str, Any] = {
     "estimator": {"name": "conventional"},
 }
 AXES: dict[str, list[Any]] = {
-    "estimator": [{"name": "conventional"}, {"name": "proposed"}, {"name": "proposed", "force_scale": 0.5}],
-    "plant.gain": [0.1, 0.132],
+    "estimator": [
+        {"name": "conventional"},
+        {"name": "effective_input"},
+        {"name": "effective_input", "force_scale": 0.5},
+    ],
+    "plant.rigid_body_gain": [0.1, 0.132],
     "excitation.amplitude": [12, "20 N", 12.0],
     "friction.viscous_coefficient": [4.0, 5.0],
     "loop.sample_time": [5e-4, "1 ms"],
-    "excitation.settle_limit": [1.0, 2.0],
+    "excitation.settling_timeout": [1.0, 2.0],
     "limits": [{"force": 100.0}, {"force": 1000.0}],
     "compensation": [{"gain": 0.5}, {"gain": 0.0}],
 }
@@ -39,7 +43,10 @@ REGISTRY = discover()
 
 @pytest.mark.parametrize(
     "paths",
-    [*itertools.permutations(("estimator", "plant.gain", "excitation.amplitude")), *itertools.combinations(AXES, 2)],
+    [
+        *itertools.permutations(("estimator", "plant.rigid_body_gain", "excitation.amplitude")),
+        *itertools.combinations(AXES, 2),
+    ],
 )
 def test_a_grid_gives_the_sweeps_of_its_points(paths: tuple[str, ...]) -> None:
     grid = {path: AXES[path] for path in paths}
@@ -53,12 +60,12 @@ def test_a_grid_gives_the_sweeps_of_its_points(paths: tuple[str, ...]) -> None:
     for sweep, single in zip(found, singles.values(), strict=True):
         assert (sweep.experiment, sweep.estimator, sweep.labels) == (single.experiment, single.estimator, single.labels)
         assert list(sweep.experiment) == list(single.experiment)
-        assert sweep.key == key_of({"experiment": sweep.experiment, "estimator": sweep.estimator})
+        assert sweep.key == Sweep(dict(sweep.experiment), dict(sweep.estimator)).key
 
 
 def test_a_point_that_does_not_fit_is_found_wherever_it_stands() -> None:
     for path, values in {"excitation.amplitude": [12, 20, -3], "excitation.frequencies": [[20.0], [1500.0]]}.items():
-        for other in ("plant.gain", "estimator"):
+        for other in ("plant.rigid_body_gain", "estimator"):
             for grid in ({path: values, other: AXES[other]}, {other: AXES[other], path: values}):
                 with pytest.raises(FraexpError, match=r"study.toml, \[excitation\]: "):
                     sweeps_of({**BASE, "grid": grid})
@@ -66,12 +73,23 @@ def test_a_point_that_does_not_fit_is_found_wherever_it_stands() -> None:
         sweeps_of({**BASE, "limits": {"force": 15.0}, "grid": {"excitation.amplitude": [12, 20]}})
 
 
-def test_keys_by_parts_are_keys_of_the_whole() -> None:
-    keys, one, other = Keys(), {"x": [1.5, "é"]}, {"y": {"b": 1, "a": None}}
-    experiment = {"source": "loop", "plant": one, "excitation": other}
-    for estimator in (one, other, one):
-        assert keys.of(experiment, estimator) == key_of({"experiment": experiment, "estimator": estimator})
-        for section, value in (("plant", other), ("excitation", one), ("plant", one), ("source", "drive")):
-            experiment = {**experiment, section: value}
-            assert keys.beside(section, value) == key_of({"experiment": experiment, "estimator": estimator})
-    assert keys.of({"record": one}, other) == key_of({"experiment": {"record": one}, "estimator": other})
+def test_a_key_is_the_hash_of_its_sections_hashes() -> None:
+    def digest(content: bytes) -> bytes:
+        return hashlib.blake2b(content, digest_size=20).digest()
+
+    one, other, estimator = {"x": [1.5, "é"]}, {"b": 1, "a": None}, {"name": "e"}
+    experiment = digest(
+        b'["loop",["excitation","plant"]]' + digest(b'{"a":null,"b":1}') + digest(b'{"x":[1.5,"\\u00e9"]}')
+    )
+    for plant in (one, Section(one)):
+        sweep = Sweep({"source": "loop", "plant": plant, "excitation": other}, estimator)
+        assert sweep.experiment_key == f"fx2-{experiment.hex()}"
+        assert sweep.key == "fx2-" + digest(experiment + digest(b'{"name":"e"}')).hex()
+
+
+def test_whatever_differs_gives_another_key() -> None:
+    def key(source: str = "loop", **sections: Any) -> str:
+        return Sweep({"source": source, "plant": {"x": 1}, "friction": {}} | sections, {"name": "e"}).key
+
+    others = [key("drive"), key(plant={"x": 2}), key(plant={}, friction={"x": 1}), key(loop={}), key(plant={"x": "1"})]
+    assert len({key(), *others}) == len(others) + 1

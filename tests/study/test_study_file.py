@@ -14,7 +14,7 @@ machine = "linear_motor_table"
 name = "stepped_sine"
 amplitude = 12
 [estimator]
-name = "proposed"
+name = "effective_input"
 """
 
 
@@ -63,7 +63,7 @@ def test_cases_are_laid_over_the_study_as_a_machine_is_under_it(registry, tmp_pa
     plain, twice = study(registry, tmp_path, CASES).sweeps
     assert (plain.labels, twice.labels) == ({"case": "plain"}, {"case": "twice, wrong model"})
     assert plain.estimator["name"] == "conventional"
-    assert twice.estimator["name"] == "proposed"
+    assert twice.estimator["name"] == "effective_input"
     assert (twice.estimator["force_scale"], twice.experiment["excitation"]["amplitude"]) == (1.1, 24.0)
     assert plain.experiment["excitation"] == {**twice.experiment["excitation"], "amplitude": 12.0}
 
@@ -103,7 +103,7 @@ def test_an_axis_that_cannot_be_one_is_refused(registry, tmp_path, override, say
 def test_an_override_replaces_what_the_cases_say(registry, tmp_path):
     sweeps = study(registry, tmp_path, CASES, "excitation.amplitude=7").sweeps
     assert [sweep.experiment["excitation"]["amplitude"] for sweep in sweeps] == [7.0, 7.0]
-    assert [sweep.estimator["name"] for sweep in sweeps] == ["conventional", "proposed"]
+    assert [sweep.estimator["name"] for sweep in sweeps] == ["conventional", "effective_input"]
 
 
 def test_a_study_names_the_kind_of_its_figure(registry, tmp_path):
@@ -131,7 +131,7 @@ machine = "linear_motor_table"
 [excitation]
 name = "point_to_point"
 [estimator]
-name = "positioning"
+name = "positioning_metrics"
 """
 
 
@@ -140,21 +140,33 @@ def test_an_excitation_inherits_what_it_is_not_given(registry, tmp_path):
     assert motion["excitation"]["plant"] == motion["plant"]
     assert motion["excitation"]["friction"] == motion["friction"]
     assert motion["excitation"]["input_dead_time"] == motion["loop"]["input_dead_time"] == 1e-3
-    other = study(registry, tmp_path, MOTION, "plant.gain=0.1", "excitation.input_dead_time=0.0").sweeps[0].experiment
-    assert (other["excitation"]["plant"]["gain"], other["excitation"]["input_dead_time"]) == (0.1, 0.0)
+    other = (
+        study(registry, tmp_path, MOTION, "plant.rigid_body_gain=0.1", "excitation.input_dead_time=0.0")
+        .sweeps[0]
+        .experiment
+    )
+    assert (other["excitation"]["plant"]["rigid_body_gain"], other["excitation"]["input_dead_time"]) == (0.1, 0.0)
 
 
 def test_a_component_without_a_name_is_laid_over_what_would_be_inherited(registry, tmp_path):
-    found = study(registry, tmp_path, MOTION, "excitation.plant.gain=0.177").sweeps[0].experiment
-    assert found["excitation"]["plant"] == {**found["plant"], "gain": 0.177}
-    assert found["plant"]["gain"] == 0.132
-    narrow = "estimator.friction.curve.width=40e-6"
+    found = study(registry, tmp_path, MOTION, "excitation.plant.rigid_body_gain=0.177").sweeps[0].experiment
+    assert found["excitation"]["plant"] == {**found["plant"], "rigid_body_gain": 0.177}
+    assert found["plant"]["rigid_body_gain"] == 0.132
+    narrow = "estimator.friction.curve.characteristic_displacement=40e-6"
     sweep = study(registry, tmp_path, HEAD, narrow).sweeps[0]
     friction = sweep.experiment["friction"]
-    assert sweep.estimator["friction"] == {**friction, "curve": {**friction["curve"], "width": 40e-6}}
-    method = 'method = { name = "proposed", friction = { curve = { width = 40e-6 } } }'
-    nested = study(registry, tmp_path, HEAD.replace('name = "proposed"', f'name = "modal_fit"\n{method}')).sweeps[0]
-    assert nested.estimator["method"]["friction"]["curve"] == {**friction["curve"], "width": 40e-6}
+    assert sweep.estimator["friction"] == {
+        **friction,
+        "curve": {**friction["curve"], "characteristic_displacement": 40e-6},
+    }
+    method = 'method = { name = "effective_input", friction = { curve = { characteristic_displacement = 40e-6 } } }'
+    nested = study(
+        registry, tmp_path, HEAD.replace('name = "effective_input"', f'name = "modal_fit"\n{method}')
+    ).sweeps[0]
+    assert nested.estimator["method"]["friction"]["curve"] == {
+        **friction["curve"],
+        "characteristic_displacement": 40e-6,
+    }
 
 
 def test_another_component_is_laid_over_nothing(registry, tmp_path):
@@ -162,7 +174,7 @@ def test_another_component_is_laid_over_nothing(registry, tmp_path):
     assert without["excitation"]["friction"]["name"] == "none"
     assert without["friction"]["name"] == "rolling"
     preset = study(registry, tmp_path, HEAD, 'estimator.friction={name = "rolling", preset = "linear_motor_table"}')
-    assert preset.sweeps[0].estimator["friction"]["curve"]["coulomb"] == 17.9
+    assert preset.sweeps[0].estimator["friction"]["curve"]["coulomb_force"] == 17.9
 
 
 @pytest.mark.parametrize(
@@ -175,10 +187,10 @@ def test_another_component_is_laid_over_nothing(registry, tmp_path):
         (HEAD.replace("= 12", "= nan"), "amplitude"),
         (HEAD.replace("= 12", '= "12 mm"'), "amplitude: 'mm' is not a unit of the same kind as 'N'"),
         (HEAD.replace("= 12", '= "12 frobs"'), "amplitude: 'frobs' is no known unit"),
-        (HEAD.replace("= 12", "= true"), "amplitude is True; expected a number"),
+        (HEAD.replace("= 12", "= true"), "amplitude is true; expected a number"),
         (HEAD.replace("stepped_sine", "steped_sine"), "no excitation is called 'steped_sine'; did you mean"),
         (HEAD.replace("linear_motor_table", "linear_motor"), "there is no machine 'linear_motor'; did you mean"),
-        (HEAD + "[loop]\ninput_lags = [0.0]", "lag"),
+        (HEAD + "[loop]\ninput_time_constants = [0.0]", "lag"),
         (HEAD + '[grid]\n"excitation.amplitude" = []', "expected a list"),
         (HEAD + '[grid]\n"excitatio.amplitude" = [1]', "leads nowhere; did you mean 'excitation'?"),
         (HEAD + f'[grid]\n"loop.seed" = {[1] * 2000}\n"excitation.amplitude" = {[1] * 2000}', "4,000,000"),
@@ -191,11 +203,11 @@ def test_another_component_is_laid_over_nothing(registry, tmp_path):
         (HEAD + '[[case]]\nlabel = "a"\nloop.noise = -1', "case 'a', [loop]: loop.noise is -1"),
         (HEAD + '[grid]\n"case.label" = [1]', "'case.label' leads nowhere"),
         ('figure = "bod"' + HEAD, "figure 'bod' is no kind of figure; did you mean 'bode'?"),
-        (HEAD.replace("amplitude = 12", "amplitude = 12\nhighest = 1e6"), "the Nyquist frequency is 1000 Hz"),
-        (HEAD.replace("amplitude = 12", "amplitude = 12\nlowest = 1e-9"), "samples per period"),
+        (HEAD.replace("amplitude = 12", "amplitude = 12\nmax_frequency = 1e6"), "the Nyquist frequency is 1000 Hz"),
+        (HEAD.replace("amplitude = 12", "amplitude = 12\nmin_frequency = 1e-9"), "samples per period"),
         ("x = " + "[" * 3000 + "]" * 3000, "TOML"),
         ("x = " + "9" * 5000, "TOML"),
-        ('title = "no machine"\n[estimator]\nname = "proposed"', "friction"),
+        ('title = "no machine"\n[estimator]\nname = "effective_input"', "friction"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_one_sentence_with_its_place(registry, tmp_path, text, sentence):

@@ -2,6 +2,7 @@
 
 import math
 import os
+import random
 from typing import ClassVar
 
 from fraexp_plugins.friction.dahl import Dahl
@@ -21,7 +22,7 @@ class Element(FrictionModel, name="element", version=1):
     limit: float = param("N", "limit force", above=0)
     states = ("force [N]",)
     presets: ClassVar = {"example": {"stiffness": 4e5, "limit": 18.0}}
-    greatest_stiffness = property(lambda self: self.stiffness)
+    max_stiffness = property(lambda self: self.stiffness)
     force_bound = property(lambda self: self.limit)
 
     @staticmethod
@@ -34,31 +35,33 @@ class SignLeftInAlpha(Elastoplastic, name="sign_left_in_alpha", version=1):
     """Dupont 2002 with an α(z) that forgets |z|."""
 
     @staticmethod
-    def advance(z, dy, dt, z_next, sigma0, coulomb, breakaway, stribeck_velocity, elastic_share):
+    def advance(
+        z, dy, dt, z_next, bristle_stiffness, coulomb_force, static_force, stribeck_velocity, elastic_limit_ratio
+    ):
         velocity = dy / dt / stribeck_velocity
-        steady = (coulomb + (breakaway - coulomb) * math.exp(-velocity * velocity)) / sigma0
-        elastic = elastic_share * coulomb / sigma0
+        steady = (coulomb_force + (static_force - coulomb_force) * math.exp(-velocity * velocity)) / bristle_stiffness
+        elastic = elastic_limit_ratio * coulomb_force / bristle_stiffness
         alpha = min(max((z[0] - elastic) / (steady - elastic), 0.0), 1.0)  # |z|, and only if sgn z = sgn v
         z_next[0] = z[0] + dy * (1.0 - alpha * math.copysign(1.0, dy) * z[0] / steady)
         z_next[1] = 0.0
-        return sigma0 * z_next[0]
+        return bristle_stiffness * z_next[0]
 
 
 class UnsignedS(GeneralizedMaxwellSlip, name="unsigned_s", version=1):
     """Al-Bender 2005 as printed, dF/dt = sgn(v) C (α - F/S), with S without its sign: repelling for v < 0."""
 
     @staticmethod
-    def advance(z, dy, dt, z_next, stiffness, normal_shares, coulomb, attraction):
+    def advance(z, dy, dt, z_next, stiffness, normalised_fractions, coulomb_force, attraction_rate):
         n = stiffness.size
         sign = math.copysign(1.0, dy) if dy != 0.0 else z[2 * n]
         turned = sign != z[2 * n]
         z_next[2 * n] = sign
         force = 0.0
         for i in range(n):
-            limit = normal_shares[i] * coulomb
+            limit = normalised_fractions[i] * coulomb_force
             slips = z[n + i] > 0.0 and not turned and dy != 0.0
             if slips:
-                z_next[i] = limit + (z[i] - limit) * math.exp(min(-sign * attraction * dt / coulomb, 300.0))
+                z_next[i] = limit + (z[i] - limit) * math.exp(min(-sign * attraction_rate * dt / coulomb_force, 300.0))
             else:
                 z_next[i] = min(max(z[i] + stiffness[i] * dy, -limit), limit)
                 slips = abs(z_next[i]) >= limit
@@ -80,10 +83,10 @@ class Swapped(Dahl, name="swapped", version=1):
     """Dahl 1968 with stiffness and Coulomb force taken for each other."""
 
     @staticmethod
-    def advance(z, dy, dt, z_next, coulomb, stiffness):
-        coulomb, stiffness = stiffness, coulomb
-        limit = math.copysign(coulomb, dy)
-        z_next[0] = limit + (z[0] - limit) * math.exp(-stiffness * abs(dy) / coulomb)
+    def advance(z, dy, dt, z_next, coulomb_force, stiffness):
+        coulomb_force, stiffness = stiffness, coulomb_force
+        limit = math.copysign(coulomb_force, dy)
+        z_next[0] = limit + (z[0] - limit) * math.exp(-stiffness * abs(dy) / coulomb_force)
         return z_next[0]
 
 
@@ -206,7 +209,7 @@ class Overdriven(Element, name="overdriven", version=1):
 class Understated(Element, name="understated", version=1):
     """Jenkins 1962, that understates its stiffness."""
 
-    greatest_stiffness = property(lambda self: 0.5 * self.stiffness)
+    max_stiffness = property(lambda self: 0.5 * self.stiffness)
 
 
 class Falling(Element, name="falling", version=1):
@@ -274,7 +277,33 @@ class Remembering(Element, name="remembering", version=1):
 
 ASKED: list[FrictionModel] = []
 
+
+class Dice(Element, name="dice", version=1):
+    """Jenkins 1962 with a random force."""
+
+    @staticmethod
+    def advance(z, dy, dt, z_next, stiffness, limit):
+        z_next[0] = min(max(z[0] + stiffness * dy, -limit), limit)
+        return z_next[0] * (1.0 + 1e-9 * random.random())
+
+
+class Tiring(Element, name="tiring", version=1):
+    """Jenkins 1962 that writes beyond its memory once it has moved for long."""
+
+    states = ("force [N]", "steps [1]")
+
+    @staticmethod
+    def advance(z, dy, dt, z_next, stiffness, limit):
+        z_next[0] = min(max(z[0] + stiffness * dy, -limit), limit)
+        z_next[1] = z[1] + 1.0
+        if z_next[1] > 20000.0:
+            z_next[2] = 0.0
+        return z_next[0]
+
+
 FRICTION = {
+    Dice: "pure",
+    Tiring: "endurance",
     SignLeftInAlpha: "odd",
     UnsignedS: "odd",
     Held: "present",

@@ -102,7 +102,7 @@ class NoTolerance(Tone, name="no_tolerance", version=1):
 
     @property
     def schedule(self):
-        return Schedule(tolerance=0.0)
+        return Schedule(settling_tolerance=0.0)
 
 
 class BeyondNyquist(Tone, name="beyond_nyquist", version=1):

@@ -8,7 +8,7 @@ import pytest
 
 from fraexp.components.kinds import Component
 from fraexp.components.registry import discover
-from fraexp.testing import Check, checks_for
+from fraexp.testing import Check, check_report, checks_for
 from fraexp.testing.check_report import Verdict, expectations, run_check
 from tests.examples import thorough
 
@@ -20,7 +20,7 @@ ALIKE = {"composite", "elastoplastic", "gms", "rolling_force_slider"}
 
 def pairs() -> Iterator[Any]:
     """Yield each component with each of its checks."""
-    for component in (supply.component for supply in discover().supplies.values()):
+    for component in (provider.component for provider in discover().providers.values()):
         for check in checks_for(component):
             is_costly = (component.kind, check.name) in COSTLY or component.name in ALIKE
             yield thorough(component, check) if is_costly else (component, check)
@@ -33,5 +33,20 @@ def pairs() -> Iterator[Any]:
 )
 def test_a_built_in_component_conforms(component: type[Component], check: Check) -> None:
     finding = run_check(check, component, expectations(component).get(check.name))
-    assert not finding.wrong, str(finding)
+    assert not finding.is_failure, str(finding)
     assert finding.verdict is not Verdict.SKIPPED or finding.reason
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("seed", [2, 3])
+@pytest.mark.parametrize("name", ["refinement", "energy"])
+@pytest.mark.parametrize(
+    "component", [one.component for one in discover().providers.values() if one.component.kind == "friction"]
+)
+def test_no_finding_depends_on_the_seed(
+    component: type[Component], name: str, seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(check_report, "EXAMPLE_SEED", seed)
+    (check,) = (each for each in checks_for(component) if each.name == name)
+    finding = run_check(check, component, expectations(component).get(name))
+    assert not finding.is_failure, str(finding)

@@ -24,7 +24,7 @@ def test_a_seeded_defect_is_caught_by_name(component: type[Component], name: str
     assert finding.verdict is Verdict.FAILED
     assert finding.reason
     assert "\n" not in finding.reason + finding.example
-    assert finding.check.draws is None or component.name in finding.example
+    assert finding.check.make_strategy is None or component.name in finding.example
 
 
 def test_every_check_of_friction_has_a_defect_that_it_catches() -> None:

@@ -14,10 +14,10 @@ from fraexp.components.kinds import Component
 from fraexp.components.registry import discover
 from fraexp.testing.check_catalogue import checks_for, quick_checks_for
 from fraexp.testing.check_report import Verdict, quick_findings
-from fraexp.testing.interpreted import interpreted
+from fraexp.testing.interpreted_model import interpreted_class
 from tests.testing import defects, other_defects
 
-SLOW_TO_SEE = {"elsewhere", "compiled", "linear-plant", "result-units", "outcome", "covariance"}
+SLOW_TO_SEE = {"elsewhere", "compiled", "endurance", "linear-plant", "result-units", "outcome", "covariance"}
 """Checks of what takes another process, compiled code or a simulation."""
 SEEDED = [*defects.FRICTION.items(), *other_defects.OTHERS]
 QUICK = [(component, name) for component, name in SEEDED if name not in SLOW_TO_SEE]
@@ -28,8 +28,8 @@ def named(part: object) -> str:
 
 
 def test_the_quick_check_sees_most_of_the_seeded_defects() -> None:
-    assert len(QUICK) == 35
-    assert len(SEEDED) == 41
+    assert len(QUICK) == 36
+    assert len(SEEDED) == 43
 
 
 @pytest.mark.thorough
@@ -46,9 +46,9 @@ def test_nothing_is_found_in_a_component_without_defect(component: type[Componen
 
 
 @pytest.mark.thorough  # in make test the whole check of each is enough
-@pytest.mark.parametrize("supply", discover().supplies.values(), ids=lambda supply: f"{supply.component.name}")
-def test_nothing_is_found_in_what_is_built_in(supply) -> None:
-    assert [str(finding) for finding in quick_findings(supply.component) if finding.wrong] == []
+@pytest.mark.parametrize("provider", discover().providers.values(), ids=lambda provider: f"{provider.component.name}")
+def test_nothing_is_found_in_what_is_built_in(provider) -> None:
+    assert [str(finding) for finding in quick_findings(provider.component) if finding.is_failure] == []
 
 
 def test_only_what_needs_the_compiler_or_a_simulation_is_left_out() -> None:
@@ -62,7 +62,7 @@ def test_an_interpreted_model_gives_the_force_of_the_compiled_one() -> None:
     record = np.array([0.0, 2e-5, 7e-5, 3e-5, -6e-5, -1e-5])
     forces = [
         kind.parse(values, "element").force(record, 1e-3, periodic=periodic).tolist()
-        for kind in (defects.Element, interpreted(defects.Element))
+        for kind in (defects.Element, interpreted_class(defects.Element))
         for periodic in (False, True)
     ]
     assert forces[:2] == forces[2:]
@@ -88,13 +88,13 @@ def test_failures_stand_first_and_what_was_left_out_last(
     capsys.readouterr()
     assert main(["check", "mine", "--quick"]) == ExitCode.OK
     printed = capsys.readouterr()
-    assert "  left out  compiled, elsewhere, observer" in printed.out
-    assert "friction mine: nothing found in a quick look" in printed.err
+    assert "  omitted   compiled, endurance, elsewhere, observer" in printed.out
+    assert "friction mine: no fault found by the quick checks" in printed.err
     file.write_text(file.read_text().replace("-limit", "-0.9 * limit"))
     assert main(["check", "mine", "--quick"]) == ExitCode.INCOMPLETE
     lines = capsys.readouterr().out.splitlines()
     assert lines[1].startswith("  FAIL      odd ")
-    assert lines[-2].startswith("  left out  compiled")
+    assert lines[-2].startswith("  omitted   compiled")
 
 
 def test_one_document_names_what_was_left_out(capsys: pytest.CaptureFixture[str]) -> None:

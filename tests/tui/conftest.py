@@ -7,7 +7,7 @@ import pytest
 
 from fraexp.store import Store
 from fraexp.tui import key_queue, page
-from fraexp.tui.services.study_survey import Surveyor
+from fraexp.tui.services.study_survey import SurveyProcess
 from fraexp.views import law_trial
 from fraexp.workspace.workspace import Workspace
 from tests.waiting import HANG_TIMEOUT_S
@@ -43,9 +43,9 @@ def no_settings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture(autouse=True)
 def patient_screens(monkeypatch: pytest.MonkeyPatch) -> None:
     """Keys wait until what is slow is there, and a law may take its time: how long is the benchmarks' matter."""
-    monkeypatch.setattr(page, "PATIENCE", HANG_TIMEOUT_S)
-    monkeypatch.setattr(key_queue, "LONGEST", HANG_TIMEOUT_S)
-    monkeypatch.setattr(law_trial, "LONGEST", HANG_TIMEOUT_S)
+    monkeypatch.setattr(page, "LOAD_TIMEOUT_S", HANG_TIMEOUT_S)
+    monkeypatch.setattr(key_queue, "MAX_WAIT_S", HANG_TIMEOUT_S)
+    monkeypatch.setattr(law_trial, "MAX_TRIAL_TIME_S", HANG_TIMEOUT_S)
 
 
 @pytest.fixture
@@ -57,7 +57,7 @@ def survey() -> None:
 def no_survey(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Do without the process that resolves all studies in the background, seconds for each test, unless it matters."""
     if "survey" not in request.fixturenames:
-        monkeypatch.setattr(Surveyor, "survey", lambda *_: None)
+        monkeypatch.setattr(SurveyProcess, "survey", lambda *_: None)
 
 
 @pytest.fixture(scope="session")

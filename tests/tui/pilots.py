@@ -27,7 +27,7 @@ def pilot_of(app: FraexpApp | Path, steps: Steps, size: tuple[int, int] = (80, 2
             await until(pilot, lambda: shown.current_mode == "studies" and shown.screen.is_mounted)
             await steps(shown, pilot)
             if not shown._exit:  # keys that are still on their way would find no screen as all ends
-                await until(pilot, lambda: not shown._ahead._held)
+                await until(pilot, lambda: not shown._key_queue._held)
                 await pilot.pause()
 
     asyncio.run(drive())
@@ -53,7 +53,7 @@ def is_busy(app: App[None]) -> bool:
     """Say whether something is still to come: what repeats itself and what takes messages away do not count."""
     nodes = [app, *app.screen.walk_children(with_self=True)]
     return (
-        bool(getattr(app, "_ahead", None) and app._ahead._held)
+        bool(getattr(app, "_key_queue", None) and app._key_queue._held)
         or any(node.message_queue_size for node in nodes)
         or any(not worker.is_finished for worker in app.workers if worker.group != "survey")
         or any(is_pending(timer) for node in nodes if not isinstance(node, Toast) for timer in node._timers)

@@ -15,7 +15,7 @@ from fraexp.store import Store
 from fraexp.tui.app import FraexpApp
 from fraexp.tui.plotting.plotted_curves import REFERENCE
 from fraexp.tui.screens.compare_page import ComparePage
-from fraexp.views.words import short
+from fraexp.views.words import short_key
 from tests.tui.pilots import pilot_of, screen_text, settle, shows, until
 from tests.tui.responses import found, gap, loop, resonant, store_results
 
@@ -26,8 +26,10 @@ async def compare(app: FraexpApp, pilot: Pilot[None], keys: list[str]) -> Compar
     """Mark sweeps and go to Compare."""
     app.marks.add(keys)
     await pilot.press("c")
-    await until(pilot, lambda: isinstance(app.screen, ComparePage) and app.screen.stack.picture is not None)
+    await until(pilot, lambda: isinstance(app.screen, ComparePage) and app.screen.is_mounted)
     assert isinstance(app.screen, ComparePage)
+    page = app.screen
+    await until(pilot, lambda: page.stack.picture is not None)
     await settle(pilot)
     return app.screen
 
@@ -36,10 +38,10 @@ async def compare(app: FraexpApp, pilot: Pilot[None], keys: list[str]) -> Compar
 def test_without_marks_it_says_how_to_mark(workspace: Path) -> None:
     async def steps(app: FraexpApp, pilot: Pilot[None]) -> None:
         await pilot.press("c")
-        await shows(pilot, "Nothing is marked to be compared.", "Mark sweeps with space")
+        await shows(pilot, "No sweeps are marked.", "Mark sweeps with space")
         for key in ("b", "d", "v", "R", "e", "i", "left", "1", "x", "g", "enter", "space", "u", "W", "equals_sign"):
             await pilot.press(key)  # nothing to act on
-        await shows(pilot, "Nothing is marked to be compared.")
+        await shows(pilot, "No sweeps are marked.")
 
     pilot_of(workspace, steps)
 
@@ -57,17 +59,17 @@ def test_without_a_database_it_says_so(tmp_path: Path) -> None:
 def test_marked_sweeps_are_overlaid_with_the_plant(workspace: Path, keys: list[str], size: tuple[int, int]) -> None:
     async def steps(app: FraexpApp, pilot: Pilot[None]) -> None:
         page = await compare(app, pilot, keys)
-        shorts = " ".join(short(key) for key in keys)
+        shorts = " ".join(short_key(key) for key in keys)
         assert page.command == f"fraexp plot {shorts} --kind bode -o bode.png --workspace={workspace}"
         text = screen_text(app)
         for part in (
             "1 ━━━ 12 N, conventional",
-            "4 ━━━ 75 N, proposed",
+            "4 ━━━ 75 N, effective_input",
             "P(s), linear plant",
             "Magnitude [dB re 1 mm/N]",
         ):
             assert part in text
-        assert ("what differs" in text) == (size[0] > 110)
+        assert ("difference" in text) == (size[0] > 110)
         assert len(text.splitlines()) == size[1]
 
     pilot_of(workspace, steps, size)
@@ -83,7 +85,7 @@ def test_every_view_has_a_kind_of_figure_and_its_command_draws_it(
         page = await compare(app, pilot, keys)
         commands.append(page.command)
         await pilot.press("i")
-        await until(pilot, lambda: page.command.startswith(f"fraexp compare {short(keys[0])} "))
+        await until(pilot, lambda: page.command.startswith(f"fraexp compare {short_key(keys[0])} "))
         commands.append(page.command)
         for key, kind in (("d", "difference"), ("n", "nyquist"), ("t", "coherence")):
             await pilot.press(key)
@@ -110,13 +112,13 @@ def test_digits_hide_curves_and_the_command_names_what_is_seen(workspace: Path, 
     async def steps(app: FraexpApp, pilot: Pilot[None]) -> None:
         page = await compare(app, pilot, keys)
         await pilot.press("2", "3")
-        assert page.stack.sight.hidden == {1, 2}
-        assert f"plot {short(keys[0])} {short(keys[3])}" in page.command
-        await shows(pilot, "2 off 12 N, proposed")
+        assert page.stack.view_range.hidden == {1, 2}
+        assert f"plot {short_key(keys[0])} {short_key(keys[3])}" in page.command
+        await shows(pilot, "2 off 12 N, effective_input")
         await pilot.press("9")  # there is none
-        assert page.stack.sight.hidden == {1, 2}
+        assert page.stack.view_range.hidden == {1, 2}
         await pilot.press("0")
-        assert page.stack.sight.hidden == set()
+        assert page.stack.view_range.hidden == set()
 
     pilot_of(workspace, steps)
 
@@ -125,14 +127,14 @@ def test_differences_are_from_the_focused_curve_or_from_the_plant(workspace: Pat
     async def steps(app: FraexpApp, pilot: Pilot[None]) -> None:
         page = await compare(app, pilot, keys)
         await pilot.press("right_square_bracket", "R")
-        await shows(pilot, "against 12 N, proposed")
+        await shows(pilot, "against 12 N, effective_input")
         assert page.stack.picture is not None
-        of = {trace.of for trace in page.stack.picture.panels[0].traces}
+        of = {trace.curve for trace in page.stack.picture.panels[0].traces}
         assert of == {0, 2, 3}
-        assert f"plot {short(keys[1])} {short(keys[0])}" in page.command  # the reference is the first
+        assert f"plot {short_key(keys[1])} {short_key(keys[0])}" in page.command  # the reference is the first
         await pilot.press("b", "left_square_bracket", "left_square_bracket")
         await until(pilot, lambda: page.view == "bode")
-        assert page.stack.sight.focus == REFERENCE
+        assert page.stack.view_range.focus == REFERENCE
         await pilot.press("R")
         await shows(pilot, "against P(jω)")
         assert "--kind errors" in page.command
@@ -149,10 +151,10 @@ def test_the_cursor_tells_the_numbers_of_the_database(workspace: Path, keys: lis
         page = await compare(app, pilot, keys)
         for _ in range(3):
             await pilot.press("h")
-        assert page.stack.sight.cursor == response.frequency.min()
+        assert page.stack.view_range.cursor == response.frequency.min()
         await pilot.press("l")
         index = np.argsort(response.frequency)[1]
-        assert page.stack.sight.cursor == response.frequency[index]
+        assert page.stack.view_range.cursor == response.frequency[index]
         await shows(
             pilot, f"{response.frequency[index]:.4g} Hz", f"{20 * np.log10(1e3 * abs(response.response[index])):.2f} dB"
         )
@@ -166,7 +168,7 @@ def test_the_cursor_tells_the_numbers_of_the_database(workspace: Path, keys: lis
         await pilot.press("W")
         assert page.stack.window(1)[2:] == (-190, 190)
         await pilot.press("u")
-        assert not page.stack.sight.bands
+        assert not page.stack.view_range.bands
 
     pilot_of(workspace, steps)
 
@@ -176,7 +178,7 @@ def test_the_table_has_only_what_differs(workspace: Path, keys: list[str]) -> No
     async def steps(app: FraexpApp, pilot: Pilot[None]) -> None:
         await compare(app, pilot, keys[:3:2])  # one estimator, two amplitudes
         await pilot.press("i")
-        await shows(pilot, "what differs", "excitation.amplitude")
+        await shows(pilot, "difference", "excitation.amplitude")
         table = app.screen.query_one(DataTable)
         names = [str(table.get_row_at(row)[0]) for row in range(table.row_count)]
         assert "excitation.amplitude" in names
@@ -195,9 +197,9 @@ def test_the_command_draws_the_band_and_the_phase_that_are_seen(workspace: Path,
         whole = page.command
         page.stack._x[page.stack.picture.panels[0].axis] = (1.0, 2.0)  # as zooming does, to the decade above 10 Hz
         await pilot.press("W")
-        await until(pilot, lambda: "--kind bode --band=10:100 --wrapped -o bode.png" in page.command)
+        await until(pilot, lambda: "--kind bode --frequency-range=10:100 --wrap-phase -o bode.png" in page.command)
         await pilot.press("d")  # the same frequencies; there is no phase to wrap
-        await until(pilot, lambda: "--kind difference --band=10:100 -o" in page.command)
+        await until(pilot, lambda: "--kind difference --frequency-range=10:100 -o" in page.command)
         await pilot.press("n")
         await until(pilot, lambda: "--kind nyquist -o" in page.command)
         await pilot.press("b", "W")
@@ -218,7 +220,7 @@ def test_export_asks_for_a_name_and_draws_what_is_seen(
         await compare(app, pilot, keys)
         await pilot.press("n", "2")
         await pilot.press("e")
-        await shows(pilot, "Write 3 curves as a nyquist figure")
+        await shows(pilot, "Export 3 curves as a nyquist figure")
         line = app.screen.query_one(Input)
         line.value = "seen.txt"
         await shows(pilot, "cannot be written as '.txt'")
@@ -232,7 +234,7 @@ def test_export_asks_for_a_name_and_draws_what_is_seen(
         await pilot.press("b", "e")
         app.screen.query_one(Input).value = str(target)
         await pilot.press("enter")
-        await shows(pilot, "exists. Replace it?")
+        await shows(pilot, "already exists. Overwrite it?")
         await pilot.press("enter")  # no
         await settle(pilot)
         assert target.stat().st_mtime_ns == first
@@ -249,7 +251,7 @@ def test_responses_in_other_units_and_without_any_are_told_and_reached(tmp_path:
 
     async def steps(app: FraexpApp, pilot: Pilot[None]) -> None:
         page = await compare(app, pilot, keys)
-        await shows(pilot, "1 response in rad/N on other axes: g", "1 sweep without a response")
+        await shows(pilot, "1 response in rad/N in another view: g", "1 sweep without a response")
         assert list(page.labels()) == [0, 3]
         await pilot.press("g")
         await shows(pilot, "Magnitude [dB re 1 rad/N]")
@@ -257,12 +259,12 @@ def test_responses_in_other_units_and_without_any_are_told_and_reached(tmp_path:
         await pilot.press("v")
         await shows(pilot, "Friction force [N] over displacement [µm]")
         assert "--kind hysteresis" in page.command
-        assert short(keys[2]) in page.command
-        assert short(keys[0]) not in page.command
+        assert short_key(keys[2]) in page.command
+        assert short_key(keys[0]) not in page.command
         await pilot.press("d")  # one response in this unit: nothing to compare it with
         await settle(pilot)
         assert page.view == "curves"
-        assert any("choose two sweeps" in note.message for note in app._notifications)
+        assert any("choose at least two sweeps" in note.message for note in app._notifications)
 
     pilot_of(tmp_path, steps)
 
@@ -274,20 +276,20 @@ def test_marks_may_change_and_sweeps_may_go_while_it_is_shown(tmp_path: Path) ->
     async def steps(app: FraexpApp, pilot: Pilot[None]) -> None:
         page = await compare(app, pilot, keys)
         await pilot.press("2", "right_square_bracket", "right_square_bracket")
-        assert page.stack.sight.focus == 2
+        assert page.stack.view_range.focus == 2
         with Store.open(str(tmp_path / "results.db")) as store:
             store.delete_sweeps([keys[0]])
         await until(pilot, lambda: page.compared is not None and len(page.compared.sweeps) == 2)
         await settle(pilot)
-        assert page.stack.sight.hidden == {0}  # the second one is the first now, and stays hidden
-        assert page.stack.sight.focus == 1
+        assert page.stack.view_range.hidden == {0}  # the second one is the first now, and stays hidden
+        assert page.stack.view_range.focus == 1
         assert list(app.marks) == keys[1:]
         await pilot.press("space")
         await until(pilot, lambda: page.compared is not None and len(page.compared.sweeps) == 1)
-        assert page.command.startswith(f"fraexp plot {short(keys[1])} --kind bode")
+        assert page.command.startswith(f"fraexp plot {short_key(keys[1])} --kind bode")
         app.marks.clear()
         page.reload()
-        await shows(pilot, "Nothing is marked")
+        await shows(pilot, "No sweeps are marked")
 
     pilot_of(tmp_path, steps)
 
@@ -304,7 +306,7 @@ def test_failed_sweeps_are_left_out_and_told(workspace: Path, keys: list[str]) -
     async def alone(app: FraexpApp, pilot: Pilot[None]) -> None:
         app.marks.add([failed.key])
         await pilot.press("c")
-        await shows(pilot, "1 sweep without a result", "Nothing is marked")
+        await shows(pilot, "1 sweep without a result", "No sweeps are marked")
 
     pilot_of(workspace, steps)
     pilot_of(workspace, alone)

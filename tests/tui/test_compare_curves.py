@@ -12,9 +12,9 @@ from fraexp.data.results import Curve, Outcome, Result
 from fraexp.figures.elements.view import View
 from fraexp.tui.app import FraexpApp
 from fraexp.tui.plotting.compared_sweeps import compare_command, plot_command
-from fraexp.tui.plotting.figure_export import wrong_file
+from fraexp.tui.plotting.figure_export import file_fault
 from fraexp.tui.screens import compare_page
-from fraexp.views.words import short
+from fraexp.views.words import short_key
 from fraexp.workspace.workspace import Workspace
 from tests.tui.pilots import pilot_of, screen_text, shows
 from tests.tui.responses import found, loop, resonant, store_results
@@ -51,8 +51,8 @@ def test_kinds_of_curves_are_shown_one_after_another(tmp_path: Path) -> None:
             await shows(pilot, text, others)
             assert list(page.labels()) == places
             assert page.stack.picture is not None
-            assert {trace.of for panel in page.stack.picture.panels for trace in panel.traces} == set(places)
-            assert page.command.split()[2 : 2 + len(places)] == [short(keys[place]) for place in places]
+            assert {trace.curve for panel in page.stack.picture.panels for trace in panel.traces} == set(places)
+            assert page.command.split()[2 : 2 + len(places)] == [short_key(keys[place]) for place in places]
             assert f"--kind {kind} " in page.command
             await pilot.press("g")
 
@@ -65,15 +65,15 @@ def test_what_is_hidden_or_not_listed_is_told_and_reached(tmp_path: Path) -> Non
 
     async def steps(app: FraexpApp, pilot: Pilot[None]) -> None:
         page = await compare(app, pilot, keys)
-        await shows(pilot, "6 of 13 curves listed: up, down", ". hides or shows the focused one")
+        await shows(pilot, "6 of 13 curves listed: up, down", ". hides or shows the focused curve")
         await pilot.press("up", "full_stop")  # the last one, which no digit stands for
-        assert page.stack.sight.hidden == {12}
+        assert page.stack.view_range.hidden == {12}
         await shows(pilot, "d off case 12")
         await pilot.press("full_stop")
-        assert page.stack.sight.hidden == set()
-        page.stack.sight.hidden = set(range(13))
-        page.tell_view()
-        await shows(pilot, "all of these curves are hidden: 0 shows them")
+        assert page.stack.view_range.hidden == set()
+        page.stack.view_range.hidden = set(range(13))
+        page.show_view()
+        await shows(pilot, "all curves are hidden: 0 shows them")
 
     pilot_of(tmp_path, steps)
 
@@ -81,18 +81,18 @@ def test_what_is_hidden_or_not_listed_is_told_and_reached(tmp_path: Path) -> Non
 @pytest.mark.thorough
 def test_a_view_that_is_asked_for_while_reading_is_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     keys = store_results(tmp_path, [found(resonant(GRID)), found(resonant(GRID, at=60.0))])
-    go_on, gather = Event(), compare_page.gather
+    go_on, read = Event(), compare_page.read_marked_sweeps
 
     def slowly(*args):
         go_on.wait(30)
-        return gather(*args)
+        return read(*args)
 
-    monkeypatch.setattr(compare_page, "gather", slowly)
+    monkeypatch.setattr(compare_page, "read_marked_sweeps", slowly)
 
     async def steps(app: FraexpApp, pilot: Pilot[None]) -> None:
         app.marks.add(keys)
         await pilot.press("c")
-        await shows(pilot, "Reading the marked sweeps")
+        await shows(pilot, "loading the marked sweeps")
         await pilot.press("n")
         go_on.set()
         await shows(pilot, "Imaginary over real part")
@@ -111,7 +111,7 @@ def test_beside_the_plots_the_table_has_room_for_its_values(tmp_path: Path) -> N
         assert not page.query_one(DataTable).display
         assert page.stack.size.width > 110
         await pilot.press("i")
-        await shows(pilot, "what differs", "gain")
+        await shows(pilot, "difference", "gain")
         await pilot.press("i")
         await shows(pilot, "Magnitude")
 
@@ -143,9 +143,9 @@ def test_in_a_small_terminal_there_are_plot_and_value(tmp_path: Path) -> None:
 
 
 def test_a_file_in_a_folder_that_is_not_there_is_refused(tmp_path: Path) -> None:
-    assert wrong_file(str(tmp_path / "x.png")) == ""
-    assert wrong_file("x.png") == ""
-    assert wrong_file(str(tmp_path / "absent" / "x.png")) == f"{tmp_path / 'absent'}: there is no such folder"
+    assert file_fault(str(tmp_path / "x.png")) == ""
+    assert file_fault("x.png") == ""
+    assert file_fault(str(tmp_path / "absent" / "x.png")) == f"{tmp_path / 'absent'}: no such folder"
 
 
 def test_commands_do_not_show_a_password(tmp_path: Path) -> None:
@@ -153,4 +153,4 @@ def test_commands_do_not_show_a_password(tmp_path: Path) -> None:
     drawn = plot_command(workspace, ["v1:0-1"], "bode", "a.png", View())
     for command in (compare_command(workspace, ["v1:0-1"]), drawn):
         assert "secret" not in command
-        assert "***@host/results" in command
+        assert "lab@host/results" in command

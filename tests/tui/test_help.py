@@ -3,7 +3,7 @@
 import pytest
 from textual.widgets import Static
 
-from fraexp.tui.dialogs import Ask, Confirm
+from fraexp.tui.dialogs import ConfirmDialog, InputDialog
 from fraexp.tui.page import PLACES
 from fraexp.tui.screens.help_screen import HelpPage
 from fraexp.tui.screens.trial_page import TrialPage
@@ -49,7 +49,7 @@ def test_f1_helps_where_letters_are_typed(workspace):
         await app.push_screen(TrialPage("dahl"))
         await shows(pilot, "presliding")
         await pilot.press("f1")
-        await shows(pilot, "describing function N(A)", "5 % more")
+        await shows(pilot, "describing function N(A)", "increase by 5 %")
         await pilot.press("f1")
         await until(pilot, lambda: isinstance(app.screen, TrialPage))
 
@@ -57,8 +57,8 @@ def test_f1_helps_where_letters_are_typed(workspace):
 
 
 def test_every_key_has_a_name_and_a_meaning():
-    assert all(known.meaning for known in key_bindings.known().values())
-    assert {"studies", "quit", "back", "help", "copy", "table.mark", "trial.more"} <= set(key_bindings.known())
+    assert all(known.meaning for known in key_bindings.named_bindings().values())
+    assert {"studies", "quit", "back", "help", "copy", "table.mark", "trial.more"} <= set(key_bindings.named_bindings())
 
 
 def test_no_screen_takes_the_keys_of_the_places():
@@ -66,11 +66,13 @@ def test_no_screen_takes_the_keys_of_the_places():
     places = {
         key
         for name in ("studies", "runs", "sweeps", "plugins", "quit", "palette")
-        for key in key_bindings.known()[name].keys
+        for key in key_bindings.named_bindings()[name].keys
     }
-    modal = ("HelpPage", "Ask", "Confirm")
+    modal = ("HelpPage", "InputDialog", "ConfirmDialog")
     taken = {
-        known.name for known in key_bindings.known().values() if places & set(known.keys) and known.owner not in modal
+        known.name
+        for known in key_bindings.named_bindings().values()
+        if places & set(known.keys) and known.owner not in modal
     }
     assert taken == {"studies", "runs", "sweeps", "plugins", "quit", "palette"}
 
@@ -81,7 +83,7 @@ def test_a_question_is_answered_with_yes_alone(workspace):
 
     async def steps(app, pilot):
         for key in ("enter", "escape", "n", "y"):
-            app.push_screen(Confirm("Delete [all]?"), answers.append)
+            app.push_screen(ConfirmDialog("Delete [all]?"), answers.append)
             await shows(pilot, "Delete [all]?")
             await pilot.press(key)
             await pilot.pause()
@@ -95,7 +97,7 @@ def test_a_line_that_is_wrong_is_not_taken(workspace):
 
     async def steps(app, pilot):
         app.push_screen(
-            Ask("File?", "a", lambda text: "" if text.endswith(".png") else "expected .png"), answers.append
+            InputDialog("File?", "a", lambda text: "" if text.endswith(".png") else "expected .png"), answers.append
         )
         await pilot.press("enter")
         await shows(pilot, "expected .png")

@@ -18,7 +18,7 @@ from fraexp.tui.screens.launch_page import LaunchPage
 from fraexp.tui.screens.run_page import RunPage
 from fraexp.tui.screens.runs_page import RunsPage
 from fraexp.tui.screens.studies_page import StudiesPage
-from fraexp.tui.services.launch_form import concerned, form
+from fraexp.tui.services.launch_form import build_form, find_concerned
 from fraexp.tui.widgets.field_list import FieldList
 from fraexp.workspace.workspace import Workspace
 from tests.tui.pilots import pilot_of, settle, shows, until
@@ -64,13 +64,13 @@ def test_what_is_written_is_kept_when_the_form_is_left_and_all_can_be_restored(t
     async def steps(app, pilot):
         lines = await opened(app, pilot)
         await write(pilot, lines, "excitation.points", "9")
-        await write(pilot, lines, "excitation.lowest", "-1")
-        await shows(pilot, "stepped_sine.lowest is -1")
+        await write(pilot, lines, "excitation.min_frequency", "-1")
+        await shows(pilot, "stepped_sine.min_frequency is -1")
         await pilot.press("escape")
         await until(pilot, lambda: isinstance(app.screen, StudiesPage))
         await pilot.press("enter")
-        await shows(pilot, "stepped_sine.lowest is -1", "* excitation.points")
-        assert app.screen.command == "fraexp run quick --set=excitation.points=9 --set=excitation.lowest=-1"
+        await shows(pilot, "stepped_sine.min_frequency is -1", "* excitation.points")
+        assert app.screen.command == "fraexp run quick --set=excitation.points=9 --set=excitation.min_frequency=-1"
         await pilot.press("ctrl+r")
         await shows(pilot, "4 sweeps: 0 reused, 4 to compute")
         assert app.screen.command == "fraexp run quick"
@@ -101,11 +101,12 @@ def test_another_component_brings_its_parameters_and_what_it_lacks_is_told_at_it
         await until(pilot, lambda: any(field.path == "friction.stiffness" for field in lines.fields))
         await shows(pilot, "[friction]: dahl lacks 'stiffness'", "! friction.stiffness")
         await write(pilot, lines, "friction.stiffness", "0.4 N/um")
-        await write(pilot, lines, "friction.coulomb", "17.9")
+        await write(pilot, lines, "friction.coulomb_force", "17.9")
         await shows(pilot, "4 sweeps: 0 reused, 4 to compute")
         stiffness = "'--set=friction.stiffness=0.4 N/um'"
         assert (
-            app.screen.command == f"fraexp run quick --set=friction.name=dahl {stiffness} --set=friction.coulomb=17.9"
+            app.screen.command
+            == f"fraexp run quick --set=friction.name=dahl {stiffness} --set=friction.coulomb_force=17.9"
         )
         await write(pilot, lines, "friction.name", "rolling")
         await until(pilot, lambda: app.screen.command == "fraexp run quick")
@@ -142,7 +143,7 @@ def test_a_database_of_another_version_does_not_keep_from_launching(tmp_path):
 def test_every_study_that_comes_along_has_a_form_whose_own_texts_are_right(checkout, tmp_path):
     workspace = Workspace.open(checkout, str(tmp_path / "none.db"))
     for entry in workspace.catalogue():
-        groups = form(*workspace.outline(entry.name), entry.data.get("random"), workspace.registry)
+        groups = build_form(*workspace.outline(entry.name), entry.data.get("random"), workspace.registry)
         fields = [field for group in groups for field in group.fields]
         assert len({field.path for field in fields}) == len(fields)
         assert not [(field.path, field.fault(field.text)) for field in fields if field.text and field.fault(field.text)]
@@ -153,14 +154,14 @@ def test_every_study_that_comes_along_has_a_form_whose_own_texts_are_right(check
     ("error", "path"),
     [
         ("quick.toml, [excitation]: stepped_sine.points is 0; expected more", "excitation.points"),
-        ("--set friction.curve.coulomb=x: not so", "friction.curve.coulomb"),
+        ("--set friction.curve.coulomb_force=x: not so", "friction.curve.coulomb_force"),
         ("something else", None),
     ],
 )
 def test_an_error_finds_the_line_that_it_is_about(checkout, error, path):
     workspace = Workspace.open(checkout)
-    groups = form(*workspace.outline("quick"), None, workspace.registry)
-    found = concerned(error, [field for group in groups for field in group.fields])
+    groups = build_form(*workspace.outline("quick"), None, workspace.registry)
+    found = find_concerned(error, [field for group in groups for field in group.fields])
     assert (found.path if found else None) == path
 
 
@@ -187,6 +188,7 @@ asyncio.run(main())
 """
 
 
+@pytest.mark.thorough
 def test_a_run_outlives_the_ui_that_is_killed(tmp_path):
     command = [sys.executable, "-c", LAUNCHED, str(tmp_path)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as ui:
@@ -245,7 +247,9 @@ def test_what_is_pasted_over_several_lines_is_one_value(tmp_path):
 @pytest.mark.thorough
 def test_many_letters_at_once_are_checked_once_and_a_long_one_leaves_room(tmp_path, monkeypatch):
     checked = []
-    monkeypatch.setattr(launch_page, "SOON", 1.0)  # also where a letter takes longer than between two that are typed
+    monkeypatch.setattr(
+        launch_page, "TYPING_DELAY_S", 1.0
+    )  # also where a letter takes longer than between two that are typed
 
     async def steps(app, pilot):
         lines = await opened(app, pilot)
@@ -286,7 +290,7 @@ def test_keys_do_not_wait_for_ever_for_what_is_slow(tmp_path, monkeypatch):
     async def never(page, changed):
         await asyncio.sleep(3600.0)
 
-    monkeypatch.setattr(page, "PATIENCE", 0.1)
+    monkeypatch.setattr(page, "LOAD_TIMEOUT_S", 0.1)
     monkeypatch.setattr(LaunchPage, "_build", never)
 
     async def steps(app, pilot):

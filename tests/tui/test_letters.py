@@ -6,11 +6,11 @@ from hypothesis import strategies as st
 from rich.cells import cell_len
 
 from fraexp.tui.app import FraexpApp
-from fraexp.tui.dialogs import Ask, Confirm
+from fraexp.tui.dialogs import ConfirmDialog, InputDialog
 from fraexp.tui.page import PLACES
 from fraexp.tui.screens.trial_page import TrialPage
 from fraexp.tui.services.ascii_filter import ascii_text
-from fraexp.tui.services.user_settings import plain_terminal
+from fraexp.tui.services.user_settings import is_ascii_terminal
 from tests.tui.pilots import pilot_of, screen_text, settle, shows, until
 
 
@@ -52,7 +52,7 @@ def test_every_screen_is_ascii_where_that_is_wished(workspace, keys, size):
             await settle(pilot)
             assert screen_text(app).isascii(), place
             await pilot.press("escape")
-        for screen in (TrialPage("dahl"), Ask("± ✓ µ?", "→"), Confirm("± ✓ µ?")):
+        for screen in (TrialPage("dahl"), InputDialog("± ✓ µ?", "→"), ConfirmDialog("± ✓ µ?")):
             await app.push_screen(screen)
             await settle(pilot)
             assert screen_text(app).isascii(), screen
@@ -103,7 +103,7 @@ def test_letters_can_be_changed_while_it_runs(workspace):
     ],
 )
 def test_which_terminals_are_taken_to_know_ascii_alone(environment, plain):
-    assert plain_terminal(environment) is plain
+    assert is_ascii_terminal(environment) is plain
 
 
 @pytest.mark.parametrize(

@@ -4,12 +4,12 @@ import pytest
 from textual.widgets._toast import Toast
 
 from fraexp.errors import StoreError
-from fraexp.tui.page import MOST, shortened
+from fraexp.tui.page import MAX_MESSAGE_LENGTH, shorten
 from fraexp.tui.screens.run_page import RunPage
 from fraexp.tui.screens.runs_page import RunsPage
 from fraexp.tui.screens.sweep_page import SweepPage
 from fraexp.tui.screens.sweeps_page import SweepsPage
-from fraexp.tui.services.database_access import Desk
+from fraexp.tui.services.database_access import Backend
 from fraexp.workspace.workspace import Workspace
 from tests.tui.pilots import pilot_of, screen_text, shows, until
 
@@ -52,18 +52,18 @@ def test_one_message_at_a_time_stands_above_what_is_drawn(workspace):
 
 
 def test_long_values_are_cut_in_what_is_told():
-    assert shortened(f"points is '{'x' * 100_000}'; expected a number").startswith("points is 'xxx")
-    assert len(shortened(f"points is '{'x' * 100_000}'; expected a number")) < 120
-    assert shortened(f"points is '{'x' * 100_000}'; expected a number").endswith("...'; expected a number")
-    assert len(shortened("[1, " * 10_000)) <= MOST + 3
-    assert shortened("it's 'short', isn't it") == "it's 'short', isn't it"
+    assert shorten(f"points is '{'x' * 100_000}'; expected a number").startswith("points is 'xxx")
+    assert len(shorten(f"points is '{'x' * 100_000}'; expected a number")) < 120
+    assert shorten(f"points is '{'x' * 100_000}'; expected a number").endswith("...'; expected a number")
+    assert len(shorten("[1, " * 10_000)) <= MAX_MESSAGE_LENGTH + 3
+    assert shorten("it's 'short', isn't it") == "it's 'short', isn't it"
 
 
 def test_no_password_is_told(tmp_path, monkeypatch):
     monkeypatch.setattr(Workspace, "has_database", lambda _: False)
-    desk = Desk(tmp_path, SECRET)
-    for asked in (desk._asked, desk._changed):
-        with pytest.raises(StoreError, match="no database") as raised:
+    desk = Backend(tmp_path, SECRET)
+    for asked in (desk._read_store, desk._write_store):
+        with pytest.raises(StoreError, match=r"no database|database was deleted") as raised:
             asked(lambda store: store.version())
         assert "hunter2" not in str(raised.value)
     desk.close()
@@ -72,7 +72,7 @@ def test_no_password_is_told(tmp_path, monkeypatch):
 def test_the_list_of_sweeps_tells_no_password(workspace, monkeypatch):
     async def steps(app, pilot):
         monkeypatch.setattr(Workspace, "has_database", lambda _: False)
-        app.desk.workspace = Workspace(workspace, SECRET)
+        app.backend.workspace = Workspace(workspace, SECRET)
         await pilot.press("w")
         await shows(pilot, "There is no database yet: postgresql://somebody:")
         assert "hunter2" not in screen_text(app)
@@ -93,9 +93,9 @@ def test_a_database_that_is_damaged_and_restored_in_its_place_is_noticed(workspa
             file.write_bytes(damage)
             for beside in ("-wal", "-shm"):
                 file.with_name(f"{file.name}{beside}").unlink(missing_ok=True)
-            await until(pilot, lambda: any(t in screen_text(app) for t in ("is damaged", "is no database")))
+            await until(pilot, lambda: any(t in screen_text(app) for t in ("is damaged", "this is not a database")))
             await until(pilot, lambda: right not in screen_text(app))
-            assert "no sweep yet" not in screen_text(app)
+            assert "no sweeps yet" not in screen_text(app)
             file.write_bytes(good)
             await shows(pilot, right)
 

@@ -16,12 +16,20 @@ from textual.pilot import Pilot
 
 from fraexp.data.results import FrequencyResponse, Outcome, Result
 from fraexp.figures.elements.shown import ShownResult
-from fraexp.tui.plotting.braille import ACROSS, BLANK, DOWN, characters, line, sparse
+from fraexp.tui.plotting.braille import BLANK_CODE, DOTS_ACROSS, DOTS_DOWN, dash_dots, dot_characters, line_dots
 from fraexp.tui.plotting.plot_stack import BodeView
-from fraexp.tui.plotting.plot_widget import ALONE, ON_DARK, ON_LIGHT, UNSETTLED, Look, Plot, line_of
-from fraexp.tui.plotting.plotted_curves import PlotTrace, bode
-from fraexp.tui.plotting.ticks import Ticks, tick_text
-from fraexp.tui.widgets.readout import cut, readout
+from fraexp.tui.plotting.plot_widget import (
+    ISOLATED_SIGN,
+    ON_DARK,
+    ON_LIGHT,
+    UNSETTLED_SIGN,
+    CurveStyles,
+    Plot,
+    settled_line,
+)
+from fraexp.tui.plotting.plotted_curves import PlotTrace, bode_picture
+from fraexp.tui.plotting.ticks import TickFormatter, tick_text
+from fraexp.tui.widgets.readout import readout, shorten_name
 from tests.examples import portion
 from tests.tui.pilots import screen_text, settle, until
 from tests.tui.responses import RESONANCE, gap, resonant
@@ -72,7 +80,7 @@ def drawn_rows(plot: Plot) -> list[str]:
 
 
 def is_dots(character: str) -> bool:
-    return BLANK < ord(character) < BLANK + 256
+    return BLANK_CODE < ord(character) < BLANK_CODE + 256
 
 
 @given(
@@ -84,7 +92,7 @@ def test_a_line_has_the_dots_that_walking_along_it_meets(
     points: list[tuple[float, float]], cells: tuple[int, int]
 ) -> None:
     x, y = np.array(points).T
-    width, height = ACROSS * cells[0], DOWN * cells[1]
+    width, height = DOTS_ACROSS * cells[0], DOTS_DOWN * cells[1]
     expected, sure = np.zeros((2, height, width), dtype=bool)
     for (x0, y0), (x1, y1) in pairwise(points):
         along = np.linspace(0, 1, 20_000)
@@ -93,7 +101,7 @@ def test_a_line_has_the_dots_that_walking_along_it_meets(
             inside = (column > -room) & (column < width + room) & (row > -room) & (row < height + room)
             places = np.floor(row[inside]).astype(int), np.floor(column[inside]).astype(int)
             seen[np.clip(places[0], 0, height - 1), np.clip(places[1], 0, width - 1)] = True
-    drawn = line(x, y, WINDOW, cells)
+    drawn = line_dots(x, y, WINDOW, cells)
     grown = np.pad(expected, 1)
     near = np.any([np.roll(grown, (i, j), (0, 1)) for i in (-1, 0, 1) for j in (-1, 0, 1)], axis=0)[1:-1, 1:-1]
     assert not (drawn & ~near).any()  # no dot where the line does not pass
@@ -103,28 +111,28 @@ def test_a_line_has_the_dots_that_walking_along_it_meets(
 
 def test_gaps_are_not_bridged_and_nothing_is_drawn_of_nothing() -> None:
     x = np.array([0.0, 2, np.nan, 8, 10])
-    drawn = line(x, np.full(5, 5.0), WINDOW, (10, 2))
+    drawn = line_dots(x, np.full(5, 5.0), WINDOW, (10, 2))
     assert drawn.any(axis=0).tolist() == [True] * 5 + [False] * 11 + [True] * 4
-    assert not line(np.zeros(0), np.zeros(0), WINDOW, (10, 2)).any()
-    assert not line(np.array([20.0, 30]), np.array([5.0, 5]), WINDOW, (10, 2)).any()
-    assert not line(np.array([np.nan, 5]), np.array([5.0, np.inf]), WINDOW, (10, 2)).any()
+    assert not line_dots(np.zeros(0), np.zeros(0), WINDOW, (10, 2)).any()
+    assert not line_dots(np.array([20.0, 30]), np.array([5.0, 5]), WINDOW, (10, 2)).any()
+    assert not line_dots(np.array([np.nan, 5]), np.array([5.0, np.inf]), WINDOW, (10, 2)).any()
 
 
 def test_of_many_points_the_extremes_survive() -> None:
     x = np.linspace(0, 10, 200_000)
     y = np.full(x.size, 1.0)
     y[123_456] = 9.5  # one sample alone
-    drawn = line(x, y, WINDOW, (40, 10))
+    drawn = line_dots(x, y, WINDOW, (40, 10))
     assert drawn[2, int(123_456 / 200_000 * 80)]
     y[50_000:60_000] = np.nan
-    assert not line(x, y, WINDOW, (40, 10))[:, 21:24].any()
+    assert not line_dots(x, y, WINDOW, (40, 10))[:, 21:24].any()
 
 
 def test_dots_become_characters() -> None:
     dots = np.zeros((4, 4), dtype=bool)
     dots[0, 0] = dots[3, 1] = dots[:, 2] = True
-    assert characters(dots) == [(0, 0, "⢁"), (1, 0, "⡇")]
-    assert sparse(np.ones((1, 6), dtype=bool), 1, 3).tolist() == [[True, False, False] * 2]
+    assert dot_characters(dots) == [(0, 0, "⢁"), (1, 0, "⡇")]
+    assert dash_dots(np.ones((1, 6), dtype=bool), 1, 3).tolist() == [[True, False, False] * 2]
 
 
 @pytest.mark.parametrize(
@@ -139,7 +147,7 @@ def test_dots_become_characters() -> None:
     ],
 )  # fmt: skip
 def test_frequencies_are_named_as_far_as_there_is_room(span: tuple[float, float], room: int, labels: list[str]) -> None:
-    ticks, found = Ticks(room, logarithmic=True).get_ticks_and_labels(*span)
+    ticks, found = TickFormatter(room, logarithmic=True).get_ticks_and_labels(*span)
     assert found == labels
     assert ticks == sorted(ticks)
 
@@ -147,7 +155,7 @@ def test_frequencies_are_named_as_far_as_there_is_room(span: tuple[float, float]
 @given(st.floats(-9, 9), st.floats(1e-4, 15), st.integers(8, 200), st.booleans())
 @settings(max_examples=portion(200))
 def test_labels_never_touch(low: float, width: float, room: int, logarithmic: bool) -> None:
-    ticks, labels = Ticks(room, logarithmic=logarithmic).get_ticks_and_labels(low, low + width)
+    ticks, labels = TickFormatter(room, logarithmic=logarithmic).get_ticks_and_labels(low, low + width)
     assert all(low - 1e-9 <= tick <= low + width + 1e-9 for tick in ticks)
     places = [(tick - low) / width * room for tick in ticks]
     for (before, after), label in zip(pairwise(places), labels[1:], strict=True):
@@ -155,8 +163,9 @@ def test_labels_never_touch(low: float, width: float, room: int, logarithmic: bo
 
 
 def test_phases_are_named_in_fractions_of_a_turn() -> None:
-    assert Ticks(5, upright=True, angle=True).get_ticks_and_labels(-185, 5)[1] == ["-180", "-90", "0"]
-    assert Ticks(9, upright=True, angle=True).get_ticks_and_labels(-185, 5)[1] == ["-180", "-135", "-90", "-45", "0"]
+    assert TickFormatter(5, upright=True, angle=True).get_ticks_and_labels(-185, 5)[1] == ["-180", "-90", "0"]
+    _, labels = TickFormatter(9, upright=True, angle=True).get_ticks_and_labels(-185, 5)
+    assert labels == ["-180", "-135", "-90", "-45", "0"]
     assert tick_text(2500) == "2.5k"
 
 
@@ -189,16 +198,16 @@ def test_points_that_had_not_settled_are_hollow_and_not_joined() -> None:
     few = np.geomspace(1.0, 400.0, 30)
 
     async def steps(view: BodeView, pilot: Pilot[None]) -> None:
-        view.sight.bands = False
-        view.sight.cursor = None
+        view.view_range.bands = False
+        view.view_range.cursor = None
         view.draw()
         await settle(pilot)
         plot = plots_of(view)[0]
         left, right = plot.column(np.log10(4.0)) - 1, plot.column(np.log10(15.0)) - 1
         text = "".join(row[left + 2 : right - 1] for row in drawn_rows(plot))
-        assert UNSETTLED in text
+        assert UNSETTLED_SIGN in text
         assert not any(is_dots(character) for character in text)
-        assert ALONE in "".join(drawn_rows(plot))  # 200 Hz stands between gaps
+        assert ISOLATED_SIGN in "".join(drawn_rows(plot))  # 200 Hz stands between gaps
 
     response = gap(resonant(few), 3.9, 15.1)
     settled = response.settled.copy()
@@ -215,7 +224,7 @@ def test_limits_are_drawn_around_a_line_until_they_are_taken_away() -> None:
 
         view.zoom(y=8)
         with_band = await count()
-        view.sight.bands = False
+        view.view_range.bands = False
         assert await count() < with_band
 
     shown([("a", resonant(np.geomspace(1, 30, 50)))], steps)
@@ -228,13 +237,13 @@ def test_the_focused_curve_covers_the_others() -> None:
         from textual_hires_canvas import Canvas
 
         for focus in (0, 1):
-            view.sight.focus = focus
+            view.view_range.focus = focus
             view.draw()
             await settle(pilot)
             canvas = plots_of(view)[0].query_one("#plot", Canvas)
             styles = {style for row in canvas._styles for style in row}
-            assert view.look.style(focus) in styles
-            assert view.look.style(1 - focus) not in styles
+            assert view.curve_styles.style(focus) in styles
+            assert view.curve_styles.style(1 - focus) not in styles
 
     shown(pair, steps)
 
@@ -244,9 +253,9 @@ def test_lines_are_made_anew_when_they_are_seen_otherwise(monkeypatch: pytest.Mo
 
     def counted(*args):
         made.append(args)
-        return line(*args)
+        return line_dots(*args)
 
-    monkeypatch.setattr("fraexp.tui.plotting.plot_widget.line", counted)
+    monkeypatch.setattr("fraexp.tui.plotting.plot_widget.line_dots", counted)
 
     async def steps(view: BodeView, pilot: Pilot[None]) -> None:
         async def lines_of(change: Callable[[], object]) -> int:
@@ -259,16 +268,16 @@ def test_lines_are_made_anew_when_they_are_seen_otherwise(monkeypatch: pytest.Mo
         before = drawn_rows(plots_of(view)[0])
         assert await lines_of(lambda: view.zoom(x=2)) > 0
         assert drawn_rows(plots_of(view)[0]) != before
-        other = bode([ShownResult("a", Result(Outcome.OK, response=resonant(GRID, at=70.0)))], None)
+        other = bode_picture([ShownResult("a", Result(Outcome.OK, response=resonant(GRID, at=70.0)))], None)
         assert await lines_of(lambda: view.display_picture(other)) > 0
 
     shown([("a", resonant(GRID))], steps)
 
 
 def test_labels_of_a_wide_span_are_found_soon() -> None:
-    ticks, labels = Ticks(13, upright=True).get_ticks_and_labels(-6.3, 6.3)
+    ticks, labels = TickFormatter(13, upright=True).get_ticks_and_labels(-6.3, 6.3)
     assert labels == ["-6", "-4", "-2", "0", "2", "4", "6"]
-    assert Ticks(3, upright=True).get_ticks_and_labels(0.0, 1000.0)[1] == ["0", "500", "1k"]
+    assert TickFormatter(3, upright=True).get_ticks_and_labels(0.0, 1000.0)[1] == ["0", "500", "1k"]
     assert ticks == [-6.0, -4.0, -2.0, 0.0, 2.0, 4.0, 6.0]
 
 
@@ -309,25 +318,25 @@ def test_the_cursor_steps_over_points_and_tells_all_curves() -> None:
     async def steps(view: BodeView, pilot: Pilot[None]) -> None:
         assert view.picture is not None
         view.place(RESONANCE)
-        assert view.sight.cursor == pytest.approx(RESONANCE, rel=1e-3)
-        before = view.sight.cursor
+        assert view.view_range.cursor == pytest.approx(RESONANCE, rel=1e-3)
+        before = view.view_range.cursor
         view.step(1)
-        assert view.sight.cursor > before
+        assert view.view_range.cursor > before
         view.step(-1)
-        assert view.sight.cursor == pytest.approx(before, rel=1e-2)
+        assert view.view_range.cursor == pytest.approx(before, rel=1e-2)
         for _ in range(200):
             view.step(-1)
-        assert view.sight.cursor == GRID[0]
+        assert view.view_range.cursor == GRID[0]
         view.place(RESONANCE)
-        text = readout(view.picture, {0: "first [bold]", 1: "second"}, view.sight, Look(), (100, 5)).plain
+        text = readout(view.picture, {0: "first [bold]", 1: "second"}, view.view_range, CurveStyles(), (100, 5)).plain
         first, second = text.splitlines()
-        level = 20 * np.log10(abs(resonant(np.array([view.sight.cursor])).response[0]) * 1e3)
+        level = 20 * np.log10(abs(resonant(np.array([view.view_range.cursor])).response[0]) * 1e3)
         assert f"{level:.2f} dB" in first
         assert "first [bold]" in first
         assert "±" in first
         assert "not settled" in second
-        view.sight.hidden.add(1)
-        text = readout(view.picture, {0: "first", 1: "second"}, view.sight, Look(), (100, 1)).plain
+        view.view_range.hidden.add(1)
+        text = readout(view.picture, {0: "first", 1: "second"}, view.view_range, CurveStyles(), (100, 1)).plain
         assert text.startswith(">1 ")  # the focused one is always shown
 
     shown(pair, steps)
@@ -344,7 +353,7 @@ def test_the_cursor_steps_over_points_and_tells_all_curves() -> None:
     ],
 )
 def test_of_long_names_both_ends_are_left(name: str, cells: int, expected: str) -> None:
-    assert cut(name, cells) == expected
+    assert shorten_name(name, cells) == expected
     assert cell_len(expected) == cells
 
 
@@ -352,7 +361,7 @@ def test_a_wrapped_phase_has_gaps_where_it_jumps() -> None:
     y = np.linspace(0, -400, 401)
     everywhere = np.ones(401, dtype=bool)
     trace = PlotTrace(0, np.arange(401.0), y, everywhere, np.arange(401.0), np.stack([y - 1, y + 1]))
-    x, wrapped, band = line_of(trace, wrapped=True)
+    x, wrapped, band = settled_line(trace, wrapped=True)
     assert band is not None
     assert np.nanmin(wrapped) >= -180
     assert np.isnan(wrapped).sum() == 1
@@ -375,12 +384,11 @@ def test_colours_stand_out_on_their_ground(colours: tuple[str, ...], ground: str
 
 
 def test_the_numbers_are_those_of_the_figure() -> None:
-    from fraexp.figures.elements.shown import ShownResult
     from fraexp.figures.kinds.bode import bode_info
     from tests.tui.responses import found
 
     response = resonant(GRID)
-    picture = bode([ShownResult("a", found(response))], None)
+    picture = bode_picture([ShownResult("a", found(response))], None)
     (curve,) = bode_info([("a", response)]).curves
     for panel, part in zip(picture.panels, ("magnitude", "phase"), strict=True):
         (trace,) = panel.traces

@@ -6,12 +6,13 @@ from pathlib import Path
 import pytest
 from textual.widgets import Input
 
-from fraexp.components.registry import discover, load_file
+from fraexp.components.local_file import load_file
+from fraexp.components.registry import discover
 from fraexp.store import Store
 from fraexp.tui.app import FraexpApp
 from fraexp.tui.screens.plugins_page import PluginTable
-from fraexp.tui.services.plugin_watch import PluginsWatch
-from fraexp.views.components import offers
+from fraexp.tui.services.plugin_watch import PluginWatch
+from fraexp.views.components import list_offers
 from fraexp.workspace.workspace import Workspace
 from tests.tui.pilots import pilot_of, screen_text, shows, until
 
@@ -75,7 +76,7 @@ def test_a_broken_plugin_stands_first_with_its_reason(workspace):
         lines = screen_text(app).splitlines()
         assert "bad.py" in next(line for line in lines if "broken" in line)
         await pilot.press("enter")
-        await shows(pilot, "loaded anew", "fraexp check plugins/bad.py")
+        await shows(pilot, "reloaded when", "fraexp check plugins/bad.py")
         await pilot.press("escape")
         await shows(pilot, "rows 1-")
 
@@ -94,13 +95,13 @@ def test_a_file_that_is_added_broken_and_mended_is_noticed(workspace):
         assert "A third paragraph" not in screen_text(app)
         drop(workspace, "1/0")
         await shows(pilot, "ZeroDivisionError", "broken", "mine.py, line 1")
-        assert told(app, "plugins/mine.py changed; it is broken: ZeroDivisionError")
+        assert told(app, "plugins/mine.py changed; it failed to load: ZeroDivisionError")
         drop(workspace, LAW.format(stiffness=2.0))
         await shows(pilot, "A second paragraph.")
-        assert not app.desk.workspace.registry.failures
+        assert not app.backend.workspace.registry.failures
         (workspace / "plugins/mine.py").unlink()
         await until(pilot, lambda: told(app, "plugins/mine.py removed"))
-        await shows(pilot, "Nothing has these words")
+        await shows(pilot, "No component matches")
 
     pilot_of(workspace, steps)
 
@@ -109,7 +110,7 @@ def test_a_file_that_is_added_broken_and_mended_is_noticed(workspace):
 def test_a_plugin_that_breaks_is_told_on_other_screens_too(workspace):
     async def steps(app, pilot):
         drop(workspace, "raise RuntimeError('[bold]\\x1b[31m')")
-        await until(pilot, lambda: told(app, "plugins/mine.py added; it is broken: RuntimeError: [bold]\\x1b[31m"))
+        await until(pilot, lambda: told(app, "plugins/mine.py added; it failed to load: RuntimeError: [bold]\\x1b[31m"))
 
     pilot_of(workspace, steps)
 
@@ -120,7 +121,7 @@ def test_the_filter_goes_before_the_page_does(workspace):
         await pilot.press("p")
         await shows(pilot, "composite")
         await pilot.press("slash", *"nothing like this")
-        await shows(pilot, "Nothing has these words; Esc takes the filter away.")
+        await shows(pilot, "No component matches; Esc clears the filter.")
         await pilot.press("escape")
         await shows(pilot, "composite")
         assert not app.screen.query_one("#filter", Input).value
@@ -141,8 +142,8 @@ def test_enter_on_what_is_no_friction_shows_all_of_its_description(workspace):
     async def steps(app, pilot):
         await pilot.press("p")
         await shows(pilot, "composite")
-        await pilot.press("slash", *"estimator proposed", "enter", "enter")
-        await shows(pilot, "fraexp check proposed --kind estimator", "estimator proposed")
+        await pilot.press("slash", *"estimator effective_input", "enter", "enter")
+        await shows(pilot, "fraexp check effective_input --kind estimator", "estimator effective_input")
 
     pilot_of(workspace, steps)
 
@@ -152,7 +153,7 @@ def test_stored_sweeps_of_another_source_are_stale(workspace):
         sources = store.sources()
     (hash_now,) = sources["friction:rolling"]
     assert sources["friction:rolling"] == {hash_now: 4}
-    rolling = next(of for of in offers(Workspace.open(workspace).registry) if of.name == "rolling")
+    rolling = next(of for of in list_offers(Workspace.open(workspace).registry) if of.name == "rolling")
     assert rolling.state(sources) == "ok"
     assert rolling.uses(sources) == (4, 0)
     assert rolling.state({"friction:rolling": {"another": 3, hash_now: 1}}) == "ok, 3 stale"
@@ -169,9 +170,9 @@ def test_an_edit_within_the_second_that_keeps_the_size_is_loaded(tmp_path):
 
 def test_two_plugins_of_one_name_are_told(workspace):
     drop(workspace, LAW.format(stiffness=1.0).replace('"mine"', '"dahl"'))
-    found = offers(Workspace.open(workspace).registry)
+    found = list_offers(Workspace.open(workspace).registry)
     assert found[0].kind == "broken"
-    assert "supplied by both" in found[0].reason
+    assert "provided by both" in found[0].reason
     (dahl,) = [of for of in found if of.name == "dahl"]
     assert dahl.state({}) == "broken"
 
@@ -181,7 +182,7 @@ def test_the_watch_tells_what_happened_to_files(tmp_path, there):
     folder = tmp_path / "plugins"
     if there:
         folder.mkdir()
-    watch = PluginsWatch(folder)
+    watch = PluginWatch(folder)
     assert watch.changes() == {}
     file = drop(tmp_path, "x = 1")
     assert watch.changes() == {"mine.py": "added"}
@@ -207,7 +208,7 @@ def test_the_page_of_a_broken_file_follows_the_file(workspace):
         drop(workspace, "1/0")
         await shows(pilot, "broken: ZeroDivisionError")
         (workspace / "plugins/mine.py").unlink()
-        await shows(pilot, "It is not there any more")
+        await shows(pilot, "This component was removed")
 
     pilot_of(workspace, steps)
 

@@ -11,14 +11,19 @@ import pytest
 from fraexp.execution import background
 from fraexp.execution.background import BackgroundRun
 from fraexp.store import RunProgress, Store
-from fraexp.tui.screens.run_page import RunPage, _command_of, show_run
+from fraexp.tui.screens.run_page import RunPage, _launch_arguments, show_run
 from fraexp.tui.screens.runs_page import RunsPage
 from fraexp.tui.widgets.log_tail import LogTail
-from fraexp.views.run_progress import bar, progress_text
+from fraexp.views.run_progress import bar_text, progress_text
 from fraexp.workspace.workspace import Workspace
 from tests.tui.pilots import pilot_of, screen_text, settle, shows, until
 
-SLOW = ["excitation.lowest=1e-3", "excitation.points=3", "excitation.tolerance=1e-15", "excitation.settle_limit=10000"]
+SLOW = [
+    "excitation.min_frequency=1e-3",
+    "excitation.points=3",
+    "excitation.settling_tolerance=1e-15",
+    "excitation.settling_timeout=10000",
+]
 
 
 @pytest.fixture
@@ -35,7 +40,7 @@ def living(workspace):
 
 
 async def begun(app, pilot) -> None:
-    """Wait until a run computes: a law that is new to the machine is compiled first."""
+    """Wait until a run computes: a law that is new to the machine is compiled at its first use."""
     await until(pilot, lambda: isinstance(app.screen, RunPage))
     await until(pilot, lambda: app.screen.run and (app.screen.run.progress or app.screen.run.state != "running"))
     await shows(pilot, "running")
@@ -46,7 +51,7 @@ def test_a_run_that_is_over_shows_its_sweeps_and_that_it_has_no_log(workspace, k
     async def steps(app, pilot):
         show_run(app, 1)
         await shows(pilot, "complete", "4 of 4 sweeps", "100 %", "conventional", "$ fraexp show 1")
-        await shows(pilot, "no log: it was started in a terminal")
+        await shows(pilot, "no log: the run was started in a terminal")
         await pilot.press("x")
         await pilot.press("c")
         await until(pilot, lambda: list(app.marks) == keys)
@@ -82,7 +87,7 @@ def test_a_run_is_watched_stopped_and_goes_on(workspace, living):
         await shows(pilot, "0 of 4 sweeps", "1 worker")
         page = app.screen
         await pilot.press("x")
-        await shows(pilot, "interrupted", "R goes on from there")
+        await shows(pilot, "interrupted", "It was stopped; finished sweeps are kept. R continues the run.")
         assert not page.live
         await pilot.press("R")
         await until(pilot, lambda: isinstance(app.screen, RunPage) and app.screen is not page)
@@ -93,7 +98,7 @@ def test_a_run_is_watched_stopped_and_goes_on(workspace, living):
             assert app.screen.run.provenance["executor"] == "processes:1"
             app.screen._stopping = True  # it would end before a second x
             await pilot.press("x")
-            await shows(pilot, "End its processes at once?")
+            await shows(pilot, "Kill its processes?")
             await pilot.press("y")
             await shows(pilot, "interrupted")
         finally:
@@ -108,7 +113,7 @@ def test_a_run_whose_process_dies_is_shown_as_interrupted_within_seconds(workspa
         show_run(app, living)
         await begun(app, pilot)
         os.killpg(living.pid, signal.SIGKILL)
-        await shows(pilot, "interrupted", "Its process has ended before its work was done")
+        await shows(pilot, "interrupted", "Its process ended before all sweeps were finished")
 
     pilot_of(workspace, steps)
 
@@ -119,7 +124,7 @@ def test_a_process_that_ends_without_a_run_shows_its_last_line(workspace):
 
     async def steps(app, pilot):
         show_run(app, started)
-        await shows(pilot, "ended before it began (exit code 2)", "there is no study 'nowhere'")
+        await shows(pilot, "failed to start (exit code 2)", "there is no study 'nowhere'")
         assert not app.screen.live
 
     pilot_of(workspace, steps)
@@ -153,15 +158,15 @@ def test_the_log_is_followed_line_by_line_and_made_harmless(tmp_path, workspace)
 def test_what_is_run_again_is_what_was_run(made):
     space = Workspace.open(made)
     with Store.open(str(made / "results.db"), read_only=True) as store:
-        assert _command_of(store.run(1), space) == ("quick", ["excitation.points=5"])
-        assert _command_of(store.run(2), space) == ("failing", [])
+        assert _launch_arguments(store.run(1), space) == ("quick", ["excitation.points=5"])
+        assert _launch_arguments(store.run(2), space) == ("failing", [])
         elsewhere = Workspace.open(made / "plugins")  # where 'failing' cannot be found
-        assert _command_of(store.run(2), elsewhere) == (store.run(2).study_file, [])
+        assert _launch_arguments(store.run(2), elsewhere) == (store.run(2).study_file, [])
 
 
 @pytest.mark.parametrize(("part", "shown"), [(0.0, "░░░░"), (0.5, "██░░"), (0.999, "███░"), (1.0, "████")])
 def test_a_bar_is_only_full_when_all_is_done(part, shown):
-    assert bar(part, 4) == shown
+    assert bar_text(part, 4) == shown
 
 
 def test_progress_tells_speed_and_time_left(workspace):
@@ -181,9 +186,9 @@ def test_a_run_that_is_stopped_before_it_began_says_where_the_keys_lead(workspac
         show_run(app, started)
         await shows(pilot, "starting ...")
         await pilot.press("x")
-        await shows(pilot, "stopped before it began", "Esc leads to the runs, s to the studies")
+        await shows(pilot, "stopped before the first sweep", "Esc returns to the runs, s to the studies")
         page = app.screen
-        page._stopped = None  # nobody is asked to end any more
+        page._stop_run = None  # nobody is asked to end any more
         await pilot.press("x", "R")
         await until(pilot, lambda: isinstance(app.screen, RunPage) and app.screen is not page)
         app.screen.started.process.wait()
@@ -222,11 +227,11 @@ def test_while_nothing_ends_or_moves_it_says_that_it_compiles_and_no_time_left(
         page = app.screen
         page.reload = lambda: None
         page.workers.cancel_group(page, "load")
-        page._speed.see(run.heartbeat.timestamp() - 3, 1e-3)
+        page._speed.update(run.heartbeat.timestamp() - 3, 1e-3)
         await page._show(run)
         await pilot.pause()
         text = str(page.query_one("#state").render())
-        assert ("compiled first" in text) is compiles
+        assert ("compiled at its first use" in text) is compiles
         assert not compiles or "left" not in text
 
     pilot_of(workspace, steps)

@@ -56,6 +56,6 @@ def test_the_filter_narrows_the_list(workspace):
 def test_without_runs_it_says_where_to_begin(tmp_path):
     async def steps(app, pilot):
         await pilot.press("r")
-        await shows(pilot, "Nothing has been run here yet", "s shows the studies")
+        await shows(pilot, "No runs yet", "s shows the studies")
 
     pilot_of(tmp_path, steps)

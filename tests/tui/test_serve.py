@@ -19,6 +19,7 @@ import pytest
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
 from fraexp.tui.services.browser_server import is_local
+from fraexp.workspace.workspace_folder import DATABASE_VARIABLE
 from tests.waiting import HANG_TIMEOUT_S
 
 TOKEN = "abcdefghij0123456789"
@@ -36,6 +37,12 @@ def free_port() -> int:
         return int(trial.getsockname()[1])
 
 
+@pytest.fixture(autouse=True)
+def _kept_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`serve` tells its sessions the database by a variable, which must not reach the tests that follow."""
+    monkeypatch.setenv(DATABASE_VARIABLE, "")
+
+
 @pytest.fixture
 def served(tmp_path: Path) -> Iterator[Served]:
     port = free_port()
@@ -43,7 +50,7 @@ def served(tmp_path: Path) -> Iterator[Served]:
     command = [sys.executable, "-m", "fraexp", "serve", *options]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout
-        assert process.stdout.readline().startswith(f"fraexp is at http://127.0.0.1:{port}/?token=")
+        assert process.stdout.readline().startswith(f"fraexp is served at http://127.0.0.1:{port}/?token=")
         yield Served(process, port)
         process.send_signal(signal.SIGINT)
         _, errors = process.communicate(timeout=HANG_TIMEOUT_S)
@@ -94,9 +101,9 @@ def test_other_pages_cannot_use_a_browser_that_has_the_token(served: Served) -> 
         (["--host=0.0.0.0"], "--remote and a --token"),
         (["--host=0.0.0.0", "--remote"], "--remote and a --token"),
         (["--host=0.0.0.0", f"--token={TOKEN}"], "--remote and a --token"),
-        (["--host=0.0.0.0", "--remote", "--token=short"], "the token is weak"),
-        (["--token=a b c d e f g h i j k l"], "the token is weak"),
-        (["--port=0"], "0 is no port"),
+        (["--host=0.0.0.0", "--remote", "--token=short"], "the token is too weak"),
+        (["--token=a b c d e f g h i j k l"], "the token is too weak"),
+        (["--port=0"], "invalid port 0"),
         (["--host=no.such.name.invalid", "--remote", f"--token={TOKEN}"], "cannot be used"),
     ],
 )
@@ -112,7 +119,7 @@ def test_a_port_in_use_is_told(capsys: pytest.CaptureFixture[str], tmp_path: Pat
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         assert main(["serve", f"--workspace={tmp_path}", f"--port={taken.getsockname()[1]}"]) == ExitCode.USAGE
-    assert "give another --port" in capsys.readouterr().err
+    assert "choose another --port" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

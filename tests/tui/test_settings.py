@@ -12,7 +12,7 @@ import pytest
 from fraexp.errors import FraexpError
 from fraexp.tui.app import FraexpApp
 from fraexp.tui.services import key_bindings
-from fraexp.tui.services.user_settings import place, read
+from fraexp.tui.services.user_settings import read_settings, settings_file
 from tests.tui.pilots import pilot_of, settle, until
 from tests.waiting import HANG_TIMEOUT_S
 
@@ -38,7 +38,7 @@ def example() -> str:
 
 
 def test_the_example_of_the_guide_is_taken(workspace, write):
-    settings = read(write(example()))
+    settings = read_settings(write(example()))
     assert settings.theme
     assert settings.phase == "wrapped"
     assert settings.keys
@@ -67,23 +67,23 @@ def test_keys_do_what_they_are_told_and_the_old_ones_no_longer(workspace, write)
 
 
 WRONG = [
-    ("theme = 'nordic'", "there is no theme 'nordic'; did you mean 'nord'?"),
+    ("theme = 'nordic'", "unknown theme 'nordic'; did you mean 'nord'?"),
     ("them = 'nord'", "settings has no parameter 'them'; did you mean 'theme'?"),
     ("phase = 'up'", "phase is 'up'; expected unwrapped or wrapped"),
     ("ascii = 'maybe'", "settings.ascii is 'maybe'"),
     ("theme = ", "cannot be read as TOML"),
     ("ascii = 'yes'", "settings.ascii is 'yes'; expected true or false"),
     ("ascii = 1", "settings.ascii is 1; expected true or false"),
-    ("[keys]\nsweeps = 'r'", "keys.sweeps has 'r', which is 'runs' on the same screen; choose another key"),
-    ("[keys]\nsweeps = 't'", "keys.sweeps has 't', which is '"),
-    ("[keys]\n'table.mark' = 'D'", "keys.table.mark has 'D', which is 'delete' on the same screen"),
-    ("[keys]\n'table.mark' = '?'", "keys.table.mark has 'question_mark', which is 'help' on the same screen"),
+    ("[keys]\nsweeps = 'r'", "keys.sweeps: key 'r' is already 'runs' on the same screen; choose another key"),
+    ("[keys]\nsweeps = 't'", "keys.sweeps: key 't' is already '"),
+    ("[keys]\n'table.mark' = 'D'", "keys.table.mark: key 'D' is already 'delete' on the same screen"),
+    ("[keys]\n'table.mark' = '?'", "keys.table.mark: key 'question_mark' is already 'help' on the same screen"),
     ("keys = 3", "settings.keys is 3"),
-    ("[keys]\nsweps = 'w'", "keys has no 'sweps'; did you mean 'sweeps'?"),
-    ("[keys]\ntable.mrk = 'w'", "keys has no 'table.mrk'; did you mean 'table.mark'?"),
-    ("[keys]\nxyzzy123 = 'w'", "keys has no 'xyzzy123'; see docs/terminal-ui.md"),
-    ("[keys]\nsweeps = 'spcae'", "keys.sweeps has 'spcae', which is no key; did you mean 'space'?"),
-    ("[keys]\nsweeps = ''", "keys.sweeps has '', which is no key; expected a character"),
+    ("[keys]\nsweps = 'w'", "unknown key binding 'sweps'; did you mean 'sweeps'?"),
+    ("[keys]\ntable.mrk = 'w'", "unknown key binding 'table.mrk'; did you mean 'table.mark'?"),
+    ("[keys]\nxyzzy123 = 'w'", "unknown key binding 'xyzzy123'; see docs/terminal-ui.md"),
+    ("[keys]\nsweeps = 'spcae'", "keys.sweeps: unknown key 'spcae'; did you mean 'space'?"),
+    ("[keys]\nsweeps = ''", "keys.sweeps: unknown key ''; expected a character"),
 ]
 
 
@@ -106,13 +106,13 @@ def test_a_file_that_is_no_text_is_told(workspace, write, content):
 
 
 def test_no_file_is_as_good_as_an_empty_one(tmp_path):
-    assert read(tmp_path / "none.toml") == read(tmp_path / "neither.toml")
+    assert read_settings(tmp_path / "none.toml") == read_settings(tmp_path / "neither.toml")
 
 
 def test_the_place_is_the_users_unless_told(monkeypatch, tmp_path):
     monkeypatch.delenv("FRAEXP_TUI_SETTINGS")
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
-    assert place().name == "tui.toml"
+    assert settings_file().name == "tui.toml"
 
 
 def test_the_command_ends_with_2_and_one_line(workspace, write):
@@ -126,7 +126,7 @@ def test_the_command_ends_with_2_and_one_line(workspace, write):
     os.close(ours)
     assert done.returncode == 2
     assert done.stderr.decode().count("\n") == 1
-    assert "keys has no 'sweps'" in done.stderr.decode()
+    assert "unknown key binding 'sweps'" in done.stderr.decode()
 
 
 @pytest.mark.parametrize("text", ["m", "M", "+", "ctrl+k", "f5", "space", "question_mark", "shift+up", "comma", "plus"])
@@ -135,5 +135,5 @@ def test_names_of_keys(text):
 
 
 def test_a_key_that_another_one_gives_up_may_be_taken():
-    key_bindings.check({"sweeps": "r", "runs": "w"}, "settings")
-    key_bindings.check({"launch.start": "f6"}, "settings")  # of another screen's
+    key_bindings.check_keys({"sweeps": "r", "runs": "w"}, "settings")
+    key_bindings.check_keys({"launch.start": "f6"}, "settings")  # of another screen's

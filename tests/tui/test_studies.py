@@ -8,7 +8,7 @@ from fraexp.tui.app import FraexpApp
 from fraexp.tui.screens import studies_page
 from fraexp.tui.screens.launch_page import LaunchPage
 from fraexp.tui.screens.studies_page import FilePage, StudiesPage
-from fraexp.tui.services.study_survey import Surveyor
+from fraexp.tui.services.study_survey import SurveyProcess
 from fraexp.tui.widgets.filter_line import FilterLine
 from tests.tui.pilots import pilot_of, screen_text, shows, until
 
@@ -22,7 +22,7 @@ def studies(app: FraexpApp) -> StudiesPage:
 def test_without_a_database_it_explains_itself_and_offers_the_quick_study(tmp_path):
     async def steps(app, pilot):
         await shows(pilot, "Enter again launches it", "quick", "fraexp list --studies")
-        assert studies(app).entry.name == "quick"
+        await until(pilot, lambda: studies(app).entry and studies(app).entry.name == "quick")
         await pilot.press("enter")
         await until(pilot, lambda: isinstance(app.screen, LaunchPage))
         await shows(pilot, "$ fraexp run quick", "4 sweeps: 0 reused, 4 to compute")
@@ -54,7 +54,7 @@ def test_the_filter_says_when_nothing_is_left_and_esc_takes_it_away(workspace):
         page = studies(app)
         await until(pilot, lambda: page.entry)
         await pilot.press("slash", *"nowhere")
-        await shows(pilot, "No study has 'nowhere' in name or title", "nothing")
+        await shows(pilot, "No study matches 'nowhere'", "no rows")
         await pilot.press("escape")
         await until(pilot, lambda: page.entry and not page.query_one(FilterLine).value)
 
@@ -90,8 +90,8 @@ def test_a_database_that_is_deleted_is_no_traceback(workspace):
 
 def test_a_state_that_is_not_known_yet_is_told_and_only_worked_out_for_who_looks(workspace, monkeypatch):
     begun = []
-    monkeypatch.setattr(Surveyor, "survey", lambda *_: begun.append(1))
-    monkeypatch.setattr(studies_page, "MOMENT", 3600.0)  # the moment comes when we say so
+    monkeypatch.setattr(SurveyProcess, "survey", lambda *_: begun.append(1))
+    monkeypatch.setattr(studies_page, "SURVEY_DELAY_S", 3600.0)  # the moment comes when we say so
 
     async def steps(app, pilot):
         page = studies(app)
@@ -101,7 +101,7 @@ def test_a_state_that_is_not_known_yet_is_told_and_only_worked_out_for_who_looks
         page._soon.stop()
         page._survey_if_seen()
         assert not begun
-        monkeypatch.setattr(studies_page, "MOMENT", 0.01)
+        monkeypatch.setattr(studies_page, "SURVEY_DELAY_S", 0.01)
         await pilot.press("s")
         await shows(pilot, "...")
         await until(pilot, lambda: begun)

@@ -75,9 +75,9 @@ def test_parameters_have_units_origins_and_meanings(workspace, keys):
     async def steps(app, pilot):
         await opened(app, pilot, keys[0])
         await pilot.press("3")
-        await shows(pilot, "plant.gain = 0.132 m/(N s**2)  from study", "rigid-body gain k0")
+        await shows(pilot, "plant.rigid_body_gain = 0.132 m/(N s**2)  from study", "rigid-body gain k0")
         await pilot.press("G")
-        await shows(pilot, "estimator.remove_delay = true  from grid")
+        await shows(pilot, "estimator.refer_to_plant = true  from grid")
         await pilot.press("g")
         await pilot.resize_terminal(200, 50)
         await shows(pilot, "parameter", "meaning", "reciprocal of the moving mass")
@@ -91,7 +91,7 @@ def test_parameters_have_units_origins_and_meanings(workspace, keys):
         ("excitation.amplitude", "grid"),
         ("estimator", "grid"),
         ("plant.viscous_coefficient", "default"),
-        ("plant.gain", "study"),
+        ("plant.rigid_body_gain", "study"),
         ("estimator.input_dead_time", "loop.input_dead_time"),
     ],
 )
@@ -116,13 +116,16 @@ def test_provenance_tells_run_command_and_plugins_that_have_changed(workspace, k
 def test_a_sweep_of_a_plugin_that_has_changed_or_gone_says_so(workspace, keys, registry):
     from dataclasses import replace
 
-    from fraexp.store import Supplied
-    from fraexp.views.origin import sources_now
+    from fraexp.store import ComponentOrigin
+    from fraexp.views.origin import source_states
 
     with Store.open(str(workspace / "results.db"), read_only=True) as store:
         sweep = store.find(keys[0])
-    older = {"estimator:conventional": Supplied("0" * 64, "fraexp"), "estimator:nobody": Supplied("0" * 64, "x")}
-    found = {of.component: of.now for of in sources_now(replace(sweep, sources=older), registry)}
+    older = {
+        "estimator:conventional": ComponentOrigin("0" * 64, "fraexp"),
+        "estimator:nobody": ComponentOrigin("0" * 64, "x"),
+    }
+    found = {of.component: of.status for of in source_states(replace(sweep, sources=older), registry)}
     assert found["estimator:conventional"].startswith("changed since")
     assert found["estimator:nobody"] == "gone"
 
@@ -130,7 +133,7 @@ def test_a_sweep_of_a_plugin_that_has_changed_or_gone_says_so(workspace, keys, r
 def test_a_sweep_that_failed_shows_its_message_and_log(workspace):
     async def steps(app, pilot):
         await opened(app, pilot, failed(workspace))
-        await shows(pilot, "failed", r"ValueError: nothing to [bold]divide\x1b[31m by", "There is no result")
+        await shows(pilot, "failed", r"ValueError: nothing to [bold]divide\x1b[31m by", "no result; the summary")
         await pilot.press("2")
         assert "rows" not in screen_text(app)  # there are no points to be shown
         await pilot.press("5")
@@ -145,7 +148,7 @@ def test_brackets_lead_through_the_sections_that_have_something(workspace):
     async def steps(app, pilot):
         await opened(app, pilot, failed(workspace))
         await pilot.press("right_square_bracket")
-        await shows(pilot, "plant.gain")
+        await shows(pilot, "plant.rigid_body_gain")
         await pilot.press("left_square_bracket", "left_square_bracket")
         await shows(pilot, "Traceback")
 
@@ -171,7 +174,7 @@ def test_it_is_marked_tagged_and_annotated_here_too(workspace, keys):
         await pilot.press("space")
         await shows(pilot, "1 marked")
         await pilot.press("t")
-        await shows(pilot, "with which word?")
+        await shows(pilot, "(one word)?")
         await pilot.press(*"fine", "enter")
         await shows(pilot, "tags fine")
         await pilot.press("n")

@@ -52,8 +52,8 @@ def test_a_filter_is_tried_while_it_is_written(workspace):
     async def steps(app, pilot):
         table = await opened(app, pilot)
         await pilot.press("slash")
-        await write(pilot, "estimator=proposed excitation.amplitude>20")
-        await shows(pilot, "rows 1-1 of 1", "$ fraexp list estimator=proposed 'excitation.amplitude>20'")
+        await write(pilot, "estimator=effective_input excitation.amplitude>20")
+        await shows(pilot, "rows 1-1 of 1", "$ fraexp list estimator=effective_input 'excitation.amplitude>20'")
         await pilot.press("enter")
         assert app.focused is table
         await pilot.press("escape")
@@ -67,16 +67,18 @@ def test_a_command_with_a_term_that_excludes_can_be_typed(workspace, capsys):
     async def steps(app, pilot):
         table = await opened(app, pilot)
         await pilot.press("slash")
-        app.screen.line.value = "-estimator=proposed"
-        await until(pilot, lambda: table.filter == "-estimator=proposed")
-        await until(pilot, lambda: app.screen.command == "fraexp list -- -estimator=proposed")
+        app.screen.line.value = "-estimator=effective_input"
+        await until(pilot, lambda: table.filter == "-estimator=effective_input")
+        await until(pilot, lambda: app.screen.command == "fraexp list -- -estimator=effective_input")
         table.order = "elapsed"
-        await until(pilot, lambda: app.screen.command == "fraexp list --order=elapsed -- -estimator=proposed")
+        await until(pilot, lambda: app.screen.command == "fraexp list --sort=elapsed -- -estimator=effective_input")
 
     pilot_of(workspace, steps)
-    assert main(["list", f"--workspace={workspace}", "--order=elapsed", "--", "-estimator=proposed"]) == ExitCode.OK
+    assert (
+        main(["list", f"--workspace={workspace}", "--sort=elapsed", "--", "-estimator=effective_input"]) == ExitCode.OK
+    )
     assert "conventional" in (printed := capsys.readouterr().out)
-    assert "proposed" not in printed
+    assert "effective_input" not in printed
 
 
 def test_keys_that_come_at_once_take_effect_in_their_order(workspace):
@@ -96,7 +98,7 @@ def test_what_is_wrong_with_a_filter_is_told_below_it_and_the_rows_stay(workspac
     async def steps(app, pilot):
         table = await opened(app, pilot)
         await pilot.press("slash")
-        app.screen.line.value = "estimato=proposed"  # letter by letter, its beginnings would be tried
+        app.screen.line.value = "estimato=effective_input"  # letter by letter, its beginnings would be tried
         await shows(pilot, "nothing in the database has 'estimato'; did you mean 'estimator'?", "rows 1-5 of 5")
         assert len(table.keys) == 5
         await pilot.press("escape")
@@ -153,7 +155,7 @@ def test_rows_are_sorted_by_a_field_that_is_asked_for_and_turned(workspace):
         app.screen.query_one(Input).value = ""
         await write(pilot, "excitation.amplitude")
         await pilot.press("enter")
-        await shows(pilot, "amplitude ▲", "rows 1-5 of 5, by excitation.amplitude", "--order=excitation.amplitude")
+        await shows(pilot, "amplitude ▲", "rows 1-5 of 5, by excitation.amplitude", "--sort=excitation.amplitude")
         first = table.keys[0]
         await pilot.press("O")
         await shows(pilot, "amplitude ▼")
@@ -177,7 +179,7 @@ def test_a_click_on_a_title_sorts_and_again_turns(workspace):
 
 
 def test_sweeps_are_marked_one_by_one_and_all_that_match(workspace, monkeypatch):
-    monkeypatch.setattr(sweep_table, "MANY", 3)
+    monkeypatch.setattr(sweep_table, "MAX_UNCONFIRMED_MARKS", 3)
 
     async def steps(app, pilot):
         table = await opened(app, pilot)
@@ -196,7 +198,7 @@ def test_sweeps_are_marked_one_by_one_and_all_that_match(workspace, monkeypatch)
         await pilot.press("A")
         await until(pilot, lambda: "marked" not in screen_text(app).splitlines()[0])
         await pilot.press("slash")
-        await write(pilot, "estimator=proposed")
+        await write(pilot, "estimator=effective_input")
         await shows(pilot, "rows 1-2 of 2")
         await pilot.press("enter", "a")
         await shows(pilot, "2 marked")
@@ -221,9 +223,9 @@ def test_marked_sweeps_are_tagged_and_untagged(workspace):
     async def steps(app, pilot):
         table = await opened(app, pilot)
         await pilot.press("space", "space", "t")
-        await shows(pilot, "Tag 2 sweeps with which word?")
+        await shows(pilot, "Tag for 2 sweeps (one word)?")
         await write(pilot, "my tag")
-        await shows(pilot, "'my tag' is no tag")
+        await shows(pilot, "'my tag' is not a tag")
         await pilot.press("ctrl+u")
         await write(pilot, "good")
         await pilot.press("enter")
@@ -232,7 +234,7 @@ def test_marked_sweeps_are_tagged_and_untagged(workspace):
             assert store.tags() == {"good": 2}
             assert set(store.keys("tag:good")) == set(table.keys[:2])
         await pilot.press("T")
-        await shows(pilot, "Take which tag from 2 sweeps?")
+        await shows(pilot, "Remove which tag from 2 sweeps?")
         await write(pilot, "good")
         await pilot.press("enter")
         await until(pilot, lambda: " tags " not in screen_text(app))

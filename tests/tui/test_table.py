@@ -11,9 +11,9 @@ from textual.pilot import Pilot
 
 from fraexp.data.results import Outcome
 from fraexp.errors import StoreError
-from fraexp.store import Listed
+from fraexp.store import ListedSweep
 from fraexp.tui.widgets.sweep_table import PagedTable, TableRows
-from fraexp.views.listing import Column, fitted, listing_columns
+from fraexp.views.listing import Column, fit_columns, listing_columns
 from tests.tui.pilots import screen_text, until
 
 
@@ -25,7 +25,7 @@ class Numbers(PagedTable):
         self.names = [f"row {number}" for number in range(count)]
         self.wrong = ""
 
-    async def ask(self, first: int, most: int) -> TableRows:
+    async def fetch_rows(self, first: int, most: int) -> TableRows:
         await asyncio.sleep(0.02)
         if self.wrong:
             raise StoreError(self.wrong)
@@ -169,7 +169,7 @@ def test_a_table_without_rows_says_so_and_bears_all_keys():
     async def steps(table, pilot):
         await pilot.press("down", "up", "pagedown", "pageup", "G", "g", "enter")
         assert table.key is None
-        assert "nothing" in screen_text(pilot.app)
+        assert "no rows" in screen_text(pilot.app)
 
     drive(0, steps)
 
@@ -182,7 +182,7 @@ def test_the_mouse_wheel_moves_the_cursor():
     drive(100, steps)
 
 
-def listed(**changes) -> Listed:
+def listed(**changes) -> ListedSweep:
     values = {
         "key": "fx1-0123456789abcdef", "labels": {"excitation.amplitude": 12.0, "loop.delay": 1.0}, "state": "computed",
         "outcome": Outcome.NOT_SETTLED, "message": "1 of 30", "estimator": "proposed", "friction": "rolling",
@@ -190,7 +190,7 @@ def listed(**changes) -> Listed:
         "created": datetime(2026, 1, 31, 12, tzinfo=UTC), "run": 7, "study": "bench", "tags": ("good", "ours"),
         "note": "look at 80 Hz",
     }  # fmt: skip
-    return Listed(**(values | changes))
+    return ListedSweep(**(values | changes))
 
 
 def test_columns_tell_what_sweeps_are():
@@ -227,7 +227,7 @@ def test_estimators_of_one_name_are_told_apart_by_what_differs():
 @pytest.mark.parametrize("width", [200, 120, 100, 76, 60, 40])
 def test_columns_fit_into_any_width_and_the_important_ones_stay(width):
     rows = [listed(labels={"a.name": "x" * 30, "b.c": 1.0, "d.e": 2, "f.g": "y" * 20}), listed()]
-    found = fitted(listing_columns(rows, one_run=False, running={}), width)
+    found = fit_columns(listing_columns(rows, one_run=False, running={}), width)
     titles = [column.title for column, _ in found]
     assert sum(room + 2 for _, room in found) <= width
     assert {"sweep", "outcome"} <= set(titles)

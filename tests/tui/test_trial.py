@@ -13,16 +13,17 @@ from fraexp.components.registry import discover
 from fraexp.errors import FraexpError
 from fraexp.store import Store
 from fraexp.tui.app import FraexpApp
+from fraexp.tui.plotting.panels import SmallAxes
 from fraexp.tui.screens.trial_page import TrialInput, TrialPage
-from fraexp.views.entries import entries, example, told, written
-from fraexp.views.law_trial import STEPS, STUDY, Sine, Trial, overrides
+from fraexp.views.entries import apply_texts, example_spec, parameter_entries, without_defaults
+from fraexp.views.law_trial import STEPS_PER_PERIOD, TRIAL_STUDY, LawTrial, SineMotion, trial_overrides
 from fraexp.workspace.workspace import Workspace
 from tests.tui.pilots import pilot_of, screen_text, shows, until
 from tests.tui.test_plugins import LAW, drop
 from tests.waiting import HANG_TIMEOUT_S
 
 LUGRE = {"name": "lugre", "preset": "linear_motor_table"}
-DAHL = {"name": "dahl", "stiffness": 3.9e5, "coulomb": 17.9, "viscous_coefficient": 20.0}
+DAHL = {"name": "dahl", "stiffness": 3.9e5, "coulomb_force": 17.9, "viscous_coefficient": 20.0}
 
 
 def field(app: FraexpApp, path: str) -> TrialInput:
@@ -40,8 +41,8 @@ async def opened(pilot, name: str) -> None:
 def test_an_ideal_element_has_its_describing_function_of_the_textbook(registry):
     """K = Y = 1 at an amplitude of 2 µm, in units of 1 µm: 0.5 + j/π (Gelb and Vander Velde 1968)."""
     spec = {"name": "rolling", "stiffness": [1e6], "limit_force": [1.0]}
-    trial = Trial(spec, Sine(amplitude=2e-6), registry)
-    assert trial.loop().describing / 1e6 == pytest.approx(0.5 + 1j / np.pi, abs=2e-3)
+    trial = LawTrial(spec, SineMotion(amplitude=2e-6), registry)
+    assert trial.loop().describing_function / 1e6 == pytest.approx(0.5 + 1j / np.pi, abs=2e-3)
     assert trial.loop().energy == pytest.approx(4e-6, rel=1e-3)  # 4 Fc (A - Y)
     amplitudes, values = trial.describing_function()
     assert amplitudes[0] < 1e-6
@@ -49,63 +50,63 @@ def test_an_ideal_element_has_its_describing_function_of_the_textbook(registry):
 
 
 def test_viscous_friction_is_part_of_the_force(registry):
-    trial = Trial({"name": "none", "viscous_coefficient": 3.0}, Sine(amplitude=1e-3, frequency=2.0), registry)
-    assert trial.loop().describing == pytest.approx(1j * 2 * np.pi * 2.0 * 3.0, rel=1e-3)
+    trial = LawTrial({"name": "none", "viscous_coefficient": 3.0}, SineMotion(amplitude=1e-3, frequency=2.0), registry)
+    assert trial.loop().describing_function == pytest.approx(1j * 2 * np.pi * 2.0 * 3.0, rel=1e-3)
 
 
 @pytest.mark.parametrize("spec", [DAHL, pytest.param(LUGRE, marks=pytest.mark.thorough)])
 def test_the_study_at_the_top_gives_the_same_loop(tmp_path, spec):
-    workspace, sine = Workspace.open(tmp_path), Sine(amplitude=5e-5, frequency=2.0)
-    loop = Trial(spec, sine, workspace.registry).loop()
-    for _ in workspace.run([STUDY], "serial", overrides(spec, sine)):
+    workspace, sine = Workspace.open(tmp_path), SineMotion(amplitude=5e-5, frequency=2.0)
+    loop = LawTrial(spec, sine, workspace.registry).loop()
+    for _ in workspace.run([TRIAL_STUDY], "serial", trial_overrides(spec, sine)):
         pass
     with Store.open(workspace.database, read_only=True) as store:
         (row,) = store.page().rows
         (curve,) = store.result(row.key).curves
         metrics = {metric.name: metric.value for metric in store.result(row.key).metrics}
-    times = np.arange(STEPS) / STEPS
+    times = np.arange(STEPS_PER_PERIOD) / STEPS_PER_PERIOD
     stored = np.interp(
         times, np.arange(curve.columns["force"].size) / curve.columns["force"].size, curve.columns["force"]
     )
     assert np.max(np.abs(stored - loop.force)) < 2e-3 * np.max(np.abs(stored))
-    assert loop.describing.real == pytest.approx(metrics["describing function, real"], rel=1e-3)
-    assert loop.describing.imag == pytest.approx(metrics["describing function, imaginary"], rel=1e-3)
+    assert loop.describing_function.real == pytest.approx(metrics["describing function, real"], rel=1e-3)
+    assert loop.describing_function.imag == pytest.approx(metrics["describing function, imaginary"], rel=1e-3)
     assert loop.energy == pytest.approx(metrics["energy per cycle"], rel=1e-3)
 
 
 def test_every_friction_model_has_values_to_begin_with(registry):
     for name in registry.names("friction"):
-        component = registry.supply("friction", name).component
-        base = example(component, registry)
-        lines = list(entries(component, base, registry))
+        component = registry.provider("friction", name).component
+        base = example_spec(component, registry)
+        lines = list(parameter_entries(component, base, registry))
         assert lines or not component.model_fields
-        again = written(base, {line.path: line.text for line in lines})
+        again = apply_texts(base, {line.path: line.text for line in lines})
         assert registry.create("friction", again) == registry.create("friction", base)
-        short = told(component, again, registry)
+        short = without_defaults(component, again, registry)
         assert registry.create("friction", short) == registry.create("friction", base)
-        assert Trial(short, Sine(), registry).loop().closed
+        assert LawTrial(short, SineMotion(), registry).loop().is_periodic
 
 
 def test_numbers_move_by_a_share_and_stay_within_their_bounds(registry):
-    component = registry.supply("friction", "rolling").component
-    lines = {one.path: one for one in entries(component, example(component, registry), registry)}
-    assert lines["curve.coulomb"].moved("17.9", 0.05) == "18.79"
-    assert lines["curve.coulomb"].moved("18.795", -0.05) == "17.9"
-    assert lines["curve.width"].moved("45 um", 0.05) == "47.25 um"
-    assert lines["curve.elements"].moved("1", -0.05) == "1"
-    assert lines["curve.elements"].moved("20", 0.05) == "21"
-    assert lines["curve.shape"].moved("exponential", 0.05) == "hyperbolic"
-    assert lines["curve.shape"].moved("exponential", -0.05) == "table"
-    assert lines["viscous_coefficient"].moved("0", 0.05) == "0.5"
-    assert lines["viscous_coefficient"].moved("0", -0.05) == "0"
-    assert lines["curve.width"].moved("half", 0.05) == "half"
+    component = registry.provider("friction", "rolling").component
+    lines = {one.path: one for one in parameter_entries(component, example_spec(component, registry), registry)}
+    assert lines["curve.coulomb_force"].next_text("17.9", 0.05) == "18.79"
+    assert lines["curve.coulomb_force"].next_text("18.795", -0.05) == "17.9"
+    assert lines["curve.characteristic_displacement"].next_text("45 um", 0.05) == "47.25 um"
+    assert lines["curve.elements"].next_text("1", -0.05) == "1"
+    assert lines["curve.elements"].next_text("20", 0.05) == "21"
+    assert lines["curve.shape"].next_text("exponential", 0.05) == "hyperbolic"
+    assert lines["curve.shape"].next_text("exponential", -0.05) == "table"
+    assert lines["viscous_coefficient"].next_text("0", 0.05) == "0.5"
+    assert lines["viscous_coefficient"].next_text("0", -0.05) == "0"
+    assert lines["curve.characteristic_displacement"].next_text("half", 0.05) == "half"
 
 
 @pytest.mark.parametrize(
     ("line", "complaint"),
     [
-        ("return math.nan", "the law of mine gives a force of nan"),
-        ("return 1 / (dy - dy)", "the law of mine fails on dy"),
+        ("return math.nan", r"the law of mine \(mine.py, line \d+\) gives a force of nan"),
+        ("return 1 / (dy - dy)", r"the law of mine \(mine.py, line \d+\) fails on dy"),
         ("return float('nan') if abs(z[0]) > 0.5 else z_next[0]", "the law gives a force of nan N"),
         ("return [][1] if abs(z[0]) > 0.5 else z_next[0]", "the law fails: IndexError"),
     ],
@@ -115,20 +116,22 @@ def test_a_law_that_raises_or_gives_no_number_is_told_in_one_line(tmp_path, line
     drop(tmp_path, text.replace("min(max(z[0] + stiffness * dy, -1.0), 1.0)", "z[0] + stiffness * dy"))
     with pytest.raises(FraexpError, match=complaint) as raised:
         # small to be rehearsed without reaching far
-        Trial({"name": "mine", "stiffness": 0.4}, Sine(amplitude=2.0), discover(tmp_path / "plugins")).loop()
+        LawTrial({"name": "mine", "stiffness": 0.4}, SineMotion(amplitude=2.0), discover(tmp_path / "plugins")).loop()
     assert "\n" not in str(raised.value)
 
 
 def test_a_law_that_takes_too_long_is_left_to_the_compiler(registry, monkeypatch):
-    monkeypatch.setattr("fraexp.views.law_trial.LONGEST", 0.0)
-    with pytest.raises(FraexpError, match="too slow to be tried in plain Python; run the study"):
-        Trial(DAHL, Sine(), registry).loop()
+    monkeypatch.setattr("fraexp.views.law_trial.MAX_TRIAL_TIME_S", 0.0)
+    with pytest.raises(FraexpError, match="too slow for plain Python; run the study"):
+        LawTrial(DAHL, SineMotion(), registry).loop()
 
 
 def test_trying_a_law_does_not_need_the_compiler(tmp_path):
     code = (
-        "import sys; from fraexp.components.registry import discover; from fraexp.views.law_trial import Sine, Trial\n"
-        "Trial({'name': 'dahl', 'stiffness': 1e5, 'coulomb': 10.0}, Sine(), discover()).describing_function()\n"
+        "import sys; from fraexp.components.registry import discover\n"
+        "from fraexp.views.law_trial import LawTrial, SineMotion\n"
+        "trial = LawTrial({'name': 'dahl', 'stiffness': 1e5, 'coulomb': 10.0}, SineMotion(), discover())\n"
+        "trial.describing_function()\n"
         "assert not {'numba', 'matplotlib'} & set(sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=False).returncode == 0
@@ -150,7 +153,7 @@ def test_what_is_typed_is_drawn(workspace):
         await until(pilot, lambda: "stiffness = 105000" in app.screen.command)
         assert screen_text(app) != before
         await pilot.press("enter")
-        await shows(pilot, "friction.coulomb: Coulomb")
+        await shows(pilot, "friction.coulomb_force: Coulomb")
         await pilot.press("escape")
         await shows(pilot, "rows 1-")
 
@@ -161,15 +164,15 @@ def test_what_is_wrong_is_told_by_its_field_and_the_curves_stay(workspace):
     async def steps(app, pilot):
         await opened(pilot, "dahl")
         good = app.screen.command
-        field(app, "friction.coulomb").input.value = "-3"
-        await shows(pilot, "Fc must be above", "! coulomb", "before: N ")
+        field(app, "friction.coulomb_force").input.value = "-3"
+        await shows(pilot, "force Fc must", "! coulomb_force", "previous: N ")
         assert "! stiffness" not in screen_text(app)
         assert app.screen.command == good
-        field(app, "friction.coulomb").input.value = "17.9 mV"
-        await shows(pilot, "17.9 mV", "! coulomb")
-        field(app, "friction.coulomb").input.value = "20"
-        await until(pilot, lambda: "coulomb = 20" in app.screen.command)
-        assert "! coulomb" not in screen_text(app)
+        field(app, "friction.coulomb_force").input.value = "17.9 mV"
+        await shows(pilot, "17.9 mV", "! coulomb_force")
+        field(app, "friction.coulomb_force").input.value = "20"
+        await until(pilot, lambda: "coulomb_force = 20" in app.screen.command)
+        assert "! coulomb_force" not in screen_text(app)
         field(app, "excitation.frequency").input.value = "0"
         await shows(pilot, "frequency is 0", "! frequency")
 
@@ -219,9 +222,9 @@ def test_the_command_at_the_top_can_be_run(workspace):
 
     pilot_of(workspace, steps)
     words = shlex.split(found[0])
-    assert words[:3] == ["fraexp", "run", STUDY]
+    assert words[:3] == ["fraexp", "run", TRIAL_STUDY]
     sets = [word.removeprefix("--set=") for word in words[3:]]
-    (study,) = Workspace.open(workspace).studies([STUDY], sets)
+    (study,) = Workspace.open(workspace).studies([TRIAL_STUDY], sets)
     assert [sweep.experiment["friction"]["name"] for sweep in study.sweeps] == ["rolling"]
     assert study.sweeps[0].experiment["excitation"]["amplitude"] == 1e-4
 
@@ -229,14 +232,14 @@ def test_the_command_at_the_top_can_be_run(workspace):
 @pytest.mark.thorough
 def test_keys_do_not_wait_for_a_slow_law(workspace, monkeypatch):
     drop(workspace, LAW.format(stiffness=2e4))
-    tried, go_on, walked = threading.Event(), threading.Event(), Trial._walked
+    tried, go_on, walked = threading.Event(), threading.Event(), LawTrial._step_law
 
     def slow(*arguments):
         tried.set()
         assert go_on.wait(HANG_TIMEOUT_S)
         return walked(*arguments)
 
-    monkeypatch.setattr(Trial, "_walked", slow)
+    monkeypatch.setattr(LawTrial, "_step_law", slow)
 
     async def steps(app, pilot):
         await app.push_screen(TrialPage("mine"))
@@ -261,7 +264,7 @@ def test_keys_do_not_wait_for_a_slow_law(workspace, monkeypatch):
 def test_every_tick_has_a_row_of_its_own_and_zero_is_among_them(workspace, height):
     async def steps(app, pilot):
         await opened(pilot, "dahl")
-        panel = app.screen.query_one("#loop")
+        panel = app.screen.query_one("#loop").query_one(SmallAxes)
         await pilot.pause()
         low, high = panel._y_min, panel._y_max
         ticks = [tick for tick in panel._y_formatter.get_ticks(low, high) if low <= tick <= high]

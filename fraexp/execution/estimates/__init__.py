@@ -1,1 +1,1 @@
-"""How long a run will take: its work, counted, at the speed that this machine has shown."""
+"""Estimate of the duration of a run: its work, at the measured speed of this machine."""

@@ -1,4 +1,4 @@
-"""The time to compile what a run needs and this machine has not compiled yet."""
+"""Time to compile the kernels that a run needs and this machine has not compiled yet."""
 
 from collections.abc import Callable, Iterable
 
@@ -6,9 +6,9 @@ from fraexp.execution.estimates.reference_costs import compile_cost
 from fraexp.execution.estimates.speeds import COMPILE, Speeds
 
 LOOP, DRIVE = "loop", "drive"
-"""Families of work that a compiled kernel does: one kernel for each law, in lanes or not."""
-SHARED = "shared"
-"""What is the same for the loops of all laws, and is compiled with the first one."""
+"""Families of work with compiled kernels: one kernel for each law, in lanes or not."""
+SHARED_KERNEL = "shared"
+"""The part that the loops of all laws share, which is compiled with the first one."""
 
 
 def kernels_of(kinds: Iterable[str], source: Callable[[str], str]) -> frozenset[str]:
@@ -18,18 +18,18 @@ def kernels_of(kinds: Iterable[str], source: Callable[[str], str]) -> frozenset[
 
 def compile_seconds(kernels: Iterable[str], speeds: Speeds) -> float:
     """Return the time [s] to compile those of the kernels that this machine has not compiled yet."""
-    return sum(_seconds(family, speeds) for family in new_families(kernels, speeds.kernels))
+    return sum(_family_seconds(family, speeds) for family in new_families(kernels, speeds.kernels))
 
 
 def new_families(kernels: Iterable[str], known: frozenset[str]) -> list[str]:
-    """Return the family of each kernel that is not among the known ones, and what loops share if none is known."""
+    """Return the family of each unknown kernel, and the shared part of loops if no loop is known."""
     new = [_family(kernel) for kernel in sorted(set(kernels) - known)]
-    return [*new, SHARED] if LOOP in new and LOOP not in map(_family, known) else new
+    return [*new, SHARED_KERNEL] if LOOP in new and LOOP not in map(_family, known) else new
 
 
 def _family(kind: str) -> str:
     return kind.partition("/")[0]
 
 
-def _seconds(family: str, speeds: Speeds) -> float:
+def _family_seconds(family: str, speeds: Speeds) -> float:
     return compile_cost(family) * speeds.ratio(f"{COMPILE}/{family}")

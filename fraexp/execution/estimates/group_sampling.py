@@ -2,16 +2,16 @@
 
 import random
 from collections import Counter
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
-from fraexp.data.sweep import DRAW, Sweep, component_names
+from fraexp.data.sweep import Sweep, component_names
 
 MAX_EXPERIMENTS = 64
 """Experiments that are drawn of a study."""
 MAX_GROUPED = 20_000
 """Sweeps that are put into groups one by one; of more, the groups of a few are looked for."""
-FEW = 32
+SAMPLED_SWEEPS = 32
 """Experiments that are drawn of such a study."""
 SEED = 0
 """Of the draws: a plan that is made twice is the same."""
@@ -32,18 +32,18 @@ def sampled_groups(sweeps: Sequence[Sweep]) -> list[SweepGroup]:
     """
     if len(sweeps) > MAX_GROUPED:
         return _groups_of_few(sweeps)
-    groups: dict[Hashable, list[Sweep]] = {}
+    groups: dict[str, list[Sweep]] = {}
     for sweep in sweeps:
-        groups.setdefault(_identity(sweep), []).append(sweep)
+        groups.setdefault(sweep.experiment_key, []).append(sweep)
     if len(groups) <= MAX_EXPERIMENTS:
         return [SweepGroup(group, 1.0) for group in groups.values()]
     kinds: dict[tuple[str, ...], list[list[Sweep]]] = {}
     for group in groups.values():
         kinds.setdefault(_kind(group), []).append(group)
-    return [drawn for alike in kinds.values() for drawn in _drawn(alike, len(groups))]
+    return [drawn for alike in kinds.values() for drawn in _sample_groups(alike, len(groups))]
 
 
-def _drawn(alike: Sequence[list[Sweep]], total: int) -> list[SweepGroup]:
+def _sample_groups(alike: Sequence[list[Sweep]], total: int) -> list[SweepGroup]:
     """Return some groups of a kind, of which a large number has a larger share."""
     count = min(max(round(MAX_EXPERIMENTS * len(alike) / total), 2), len(alike))
     return [SweepGroup(group, len(alike) / count) for group in random.Random(SEED).sample(alike, count)]
@@ -56,32 +56,14 @@ def _kind(group: Sequence[Sweep]) -> tuple[str, ...]:
     return (*component_names(excitation), *component_names(friction), *(str(one.estimator["name"]) for one in group))
 
 
-def _identity(sweep: Sweep) -> Hashable:
-    """Return what sweeps have in common that share an experiment.
-
-    What a study writes alike is the same object; what is drawn at random is made anew for each sweep.
-    """
-    return sweep.experiment_key if DRAW in sweep.labels else tuple(map(id, sweep.experiment.values()))
-
-
 def _groups_of_few(sweeps: Sequence[Sweep]) -> list[SweepGroup]:
-    """Return the groups of a few sweeps out of very many, of which each is looked at for no longer than needed."""
-    few = random.Random(SEED).sample(sweeps, FEW)
-    wanted = Counter(map(_identity, few))
-    telling = _telling_section(few)
-
-    def clue(sweep: Sweep) -> Hashable:
-        return sweep.labels.get(DRAW) or id(sweep.experiment.get(telling))
-
-    clues = set(map(clue, few))
-    groups: dict[Hashable, list[Sweep]] = {}
+    """Return the groups of a few sweeps out of very many."""
+    few = random.Random(SEED).sample(sweeps, SAMPLED_SWEEPS)
+    wanted = Counter(sweep.experiment_key for sweep in few)
+    groups: dict[str, list[Sweep]] = {}
     for sweep in sweeps:
-        if clue(sweep) in clues and (found := _identity(sweep)) in wanted:
-            groups.setdefault(found, []).append(sweep)
-    return [SweepGroup(group, wanted[found] * len(sweeps) / (FEW * len(group))) for found, group in groups.items()]
-
-
-def _telling_section(few: Sequence[Sweep]) -> str:
-    """Return the section of an experiment in which sweeps differ most."""
-    names = few[0].experiment
-    return max(names, key=lambda name: len({id(sweep.experiment.get(name)) for sweep in few}))
+        if sweep.experiment_key in wanted:
+            groups.setdefault(sweep.experiment_key, []).append(sweep)
+    return [
+        SweepGroup(group, wanted[key] * len(sweeps) / (SAMPLED_SWEEPS * len(group))) for key, group in groups.items()
+    ]

@@ -1,31 +1,31 @@
-"""What work takes on the reference core: where estimates begin, and what a machine's speeds are relative to."""
+"""Times of work on the reference core: initial estimates, to which a machine's speeds are relative."""
 
 import tomllib
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 MICROSECOND = 1e-6
 FILE = Path(__file__).with_suffix(".toml")
-DEFAULT, FIT = "default", "fit"
-"""Entries that stand for components which are not listed."""
+DEFAULT_ENTRY, FIT_ENTRY = "default", "fit"
+"""Entries for components that are not listed."""
 Costs = Mapping[str, Mapping[str, float]]
 
 
 class StepCost(NamedTuple):
-    """Time of a friction law for each step."""
+    """Cost of a step of a friction law."""
 
     step: float
-    """A part of its own [s]."""
+    """Constant part [s]."""
     state: float
-    """For each state of the law [s]."""
+    """Part of each state of the law [s]."""
     driven: float
-    """For each sample of a displacement by which the law is driven, relative to a step of the loop."""
+    """Cost of a sample when a displacement drives the law, relative to a step of the loop."""
 
 
 class EstimatorCost(NamedTuple):
-    """Time of an estimator."""
+    """Cost of an estimator."""
 
     sweep: float
     """For each sweep [s]."""
@@ -55,17 +55,17 @@ def cost(section: str, name: str) -> float:
 def law_cost(law: str) -> StepCost:
     """Return the time of a friction law."""
     laws = _table()["law"]
-    found = laws.get(law, laws[DEFAULT])
+    found = laws.get(law, laws[DEFAULT_ENTRY])
     return StepCost(MICROSECOND * found["step"], MICROSECOND * found["state"], found["driven"])
 
 
 def estimator_cost(name: str, fits: bool) -> EstimatorCost:
     """Return the time of an estimator; `fits` says whether one that is not listed identifies a component."""
     estimators = _table()["estimator"]
-    found = estimators.get(name, estimators[FIT if fits else DEFAULT])
+    found = estimators.get(name, estimators[FIT_ENTRY if fits else DEFAULT_ENTRY])
     return EstimatorCost(*(MICROSECOND * found[key] for key in EstimatorCost._fields))
 
 
 @cache
-def _table() -> Mapping[str, Mapping]:  # type: ignore[type-arg]
+def _table() -> Mapping[str, Any]:
     return tomllib.loads(FILE.read_text(encoding="utf-8"))

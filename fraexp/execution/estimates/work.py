@@ -1,37 +1,37 @@
-"""Amounts of work: how long the reference core takes, and what a machine's speed at it depends on."""
+"""Amounts of work: time on the reference core, and the kind on which a machine's speed depends."""
 
 from dataclasses import dataclass
 from math import floor, log10
 from typing import NamedTuple
 
-from fraexp.execution.estimates.speeds import SIZE
+from fraexp.execution.estimates.speeds import SIZE_MARK
 
 LANES = 8
-"""Experiments that are computed side by side."""
-LEAST_AMOUNT = 1e-3
-"""Time of the reference core [s] below which amounts are not told apart."""
+"""Experiments that are computed at the same time in lanes."""
+MIN_AMOUNT_S = 1e-3
+"""Time on the reference core below which amounts are not distinguished."""
 SCALAR, VECTOR = "scalar", "lanes"
-"""How a kernel computes: one experiment after another, or side by side."""
+"""How a kernel computes: one experiment after another, or several at the same time."""
 
 
 class Work(NamedTuple):
     """An amount of one kind of work."""
 
     kind: str
-    """What the machine's speed depends on, such as ``loop/rolling/lanes``; empty for what was measured here."""
+    """Kind of work, such as ``loop/rolling/lanes``; empty for a time that was measured on this machine."""
     seconds: float
-    """Time that the reference core takes [s]."""
+    """Time on the reference core [s]."""
     settling: str = ""
-    """Kind of the ratio of samples until the loop is settled; empty if nothing settles."""
+    """Kind of the ratio for the samples until the loop is settled; empty without settling."""
 
     @property
     def sized(self) -> str:
-        """The kind with the amount's order of magnitude: what fits into a cache is faster than what does not."""
-        return f"{self.kind}{SIZE}{floor(log10(max(self.seconds, LEAST_AMOUNT)))}"
+        """The kind with the order of magnitude of the amount: work that fits into a cache is faster."""
+        return f"{self.kind}{SIZE_MARK}{floor(log10(max(self.seconds, MIN_AMOUNT_S)))}"
 
 
-class Shape(NamedTuple):
-    """What an experiment records, as far as the cost of estimating from it goes."""
+class RecordShape(NamedTuple):
+    """Size of an experiment's record, on which the cost of estimators depends."""
 
     segments: int = 0
     lines: int = 0
@@ -41,18 +41,18 @@ class Shape(NamedTuple):
     lead_in: int = 0
     """Samples from rest up to the record."""
     repeated: bool = False
-    """Whether several periods are recorded of each."""
+    """Whether several periods of each segment are recorded."""
 
 
 @dataclass(frozen=True)
-class Counted:
-    """The work of an experiment, and what it records."""
+class CountedExperiment:
+    """The work of an experiment, and the size of its record."""
 
     work: tuple[Work, ...]
-    shape: Shape
+    shape: RecordShape
     rows: float = 0.0
-    """Samples of all periods, settling included; 0 if no loop is simulated."""
+    """Samples of all periods, including settling; 0 if no loop is simulated."""
     sample_time: float = 0.0
     """Sample time of the loop [s]."""
     rounds: int = 1
-    """How often the periods are run, about."""
+    """Approximate number of times that the periods are repeated."""

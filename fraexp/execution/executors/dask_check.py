@@ -1,4 +1,4 @@
-"""What is asked of a Dask worker before it is trusted with work: versions, code, and what a job needs there."""
+"""Checks of a Dask worker before it is given work: versions, code, and what a job requires there."""
 
 import logging
 import pickle
@@ -6,18 +6,21 @@ import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from fraexp.components.supplies import Supply
-from fraexp.execution.executors.dask_remote import Need, code_hashes, hello
+from fraexp.components.providers import Provider
+from fraexp.execution.executors.dask_address import first_line
+from fraexp.execution.executors.dask_remote import Requirements, code_hashes, worker_versions
 from fraexp.execution.job import Job, registry_of
 
-PACKAGES = ("fraexp", "numpy", "scipy", "numba")
-"""What numbers may depend on."""
+COMPARED_PACKAGES = ("fraexp", "numpy", "scipy", "numba")
+"""Packages on which results may depend."""
+DaskClient = Any
+"""An asynchronous ``distributed.Client``: the package describes the types of a blocking one."""
 
 
-def quiet() -> None:
-    """Keep to ourselves what Dask logs and warns of: what matters is told in fraexp's words."""
+def silence_dask() -> None:
+    """Suppress the logs and warnings of Dask: fraexp reports what matters in its own words."""
     import distributed
 
     for name in ("asyncio", "tornado", *logging.root.manager.loggerDict):
@@ -29,16 +32,16 @@ def quiet() -> None:
     warnings.filterwarnings("ignore", message="Sending large graph")
 
 
-def need_of(job: Job) -> tuple[Job, Need]:
-    """Return what a job needs on a worker; the job does without the workspace's plugins if none of them is used."""
-    supplies = list(_supplies(job))
-    own = any(supply.distribution == "workspace" for supply in supplies)
+def split_requirements(job: Job) -> tuple[Job, Requirements]:
+    """Return a job, without the local plugins if it uses none of them, and what it requires on a worker."""
+    providers = list(_used_components(job))
+    own = any(provider.distribution == "workspace" for provider in providers)
     folder = str(Path(job.plugins).resolve()) if own else ""
-    components = {(s.component.kind, s.component.name, s.source_hash, s.distribution) for s in supplies}
-    return replace(job, plugins=folder), Need(frozenset(components), _files(job), folder)
+    components = {(s.component.kind, s.component.name, s.source_hash, s.distribution) for s in providers}
+    return replace(job, plugins=folder), Requirements(frozenset(components), _record_files(job), folder)
 
 
-def _supplies(job: Job) -> Iterator[Supply]:
+def _used_components(job: Job) -> Iterator[Provider]:
     registry = registry_of(job.plugins)
     sections = dict(job.experiment)
     sections["reader"] = sections.get("record", {}).get("reader")
@@ -46,10 +49,10 @@ def _supplies(job: Job) -> Iterator[Supply]:
     pairs = [*sections.items(), *compensation.items(), *(("estimator", spec) for spec in job.estimators)]
     for kind, spec in pairs:
         if isinstance(spec, Mapping):
-            yield from registry.used(kind, spec)
+            yield from registry.used_providers(kind, spec)
 
 
-def _files(job: Job) -> frozenset[tuple[str, str]]:
+def _record_files(job: Job) -> frozenset[tuple[str, str]]:
     record = job.experiment.get("record")
     if not record:
         return frozenset()
@@ -58,61 +61,69 @@ def _files(job: Job) -> frozenset[tuple[str, str]]:
     return frozenset((job.files[name], part["hash"]) for name, part in zip(names, parts, strict=True))
 
 
-def together(needs: list[Need]) -> Need:
-    """Return what several jobs need."""
-    first = needs[0]
-    if all(need == first for need in needs):
+def merge_requirements(all_requirements: list[Requirements]) -> Requirements:
+    """Return the requirements of several jobs together."""
+    first = all_requirements[0]
+    if all(requirements == first for requirements in all_requirements):
         return first
-    components = frozenset[tuple[str, str, str, str]]().union(*(need.components for need in needs))
-    files = frozenset[tuple[str, str]]().union(*(need.files for need in needs))
-    return Need(components, files, max(need.plugins for need in needs))
+    components = frozenset[tuple[str, str, str, str]]().union(
+        *(requirements.components for requirements in all_requirements)
+    )
+    files = frozenset[tuple[str, str]]().union(*(requirements.files for requirements in all_requirements))
+    return Requirements(components, files, max(requirements.plugins for requirements in all_requirements))
 
 
-async def unfit(client: Any, address: str) -> tuple[str, str]:
-    """Return what tells a worker's process from others, and why it must not compute; empty if it may.
+class WorkerCheck(NamedTuple):
+    """Result of the check of a worker."""
 
-    Versions are asked of Dask itself, before any code of ours is sent.
-    """
+    process: str
+    """Identifier of the worker's process; empty if it is refused."""
+    refusal: str
+    """Why the worker must not compute; empty if it may."""
+
+
+async def check_worker(client: DaskClient, address: str) -> WorkerCheck:
+    """Check a worker: Dask itself reports its versions, before any code of fraexp is sent."""
     from distributed.versions import get_versions
 
     answers = await client.scheduler.broadcast(
-        msg={"op": "versions", "packages": list(PACKAGES)}, workers=[address], on_error="return_pickle"
+        msg={"op": "versions", "packages": list(COMPARED_PACKAGES)}, workers=[address], on_error="return_pickle"
     )
     answer = answers.get(address)
     if not isinstance(answer, Mapping):
-        return "", f"does not answer ({type(pickle.loads(answer)).__name__})" if answer else "does not answer"
-    theirs, ours = answer["packages"], get_versions(packages=PACKAGES)["packages"]
-    reason = _other_version(theirs, ours)
+        return WorkerCheck(
+            "", f"does not answer ({type(pickle.loads(answer)).__name__})" if answer else "does not answer"
+        )
+    theirs, ours = answer["packages"], get_versions(packages=COMPARED_PACKAGES)["packages"]
+    reason = _version_difference(theirs, ours)
     if reason:
-        return "", reason
-    future = client.submit(hello, workers=[address], allow_other_workers=False, pure=False)
+        return WorkerCheck("", reason)
+    future = client.submit(worker_versions, workers=[address], allow_other_workers=False, pure=False)
     try:
-        process, code = await future._result()
+        process, code = await future.result()
     except Exception as error:
         if future.status != "error":  # the connection is broken
             raise
         # an import there fails, in whatever way
-        return "", f"cannot run fraexp ({type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''})"
+        return WorkerCheck("", f"cannot run fraexp ({type(error).__name__}: {first_line(error)})")
     finally:
         future.release()
     here = code_hashes(list(code))
     other = sorted(name for name in code if here.get(name) != code[name])
     if other:
-        return (
-            "",
-            f"has another source of {other[0]}, though of the same version; install the same there and restart it",
-        )
-    return process, ""
+        reason = f"has another source of {other[0]} in the same version; install the same source there and restart it"
+        return WorkerCheck("", reason)
+    return WorkerCheck(process, "")
 
 
-def _other_version(theirs: Mapping[str, Any], ours: Mapping[str, Any]) -> str:
+def _version_difference(theirs: Mapping[str, object], ours: Mapping[str, object]) -> str:
     python = [".".join(str(one["python"]).split(".")[:2]) for one in (theirs, ours)]
     if python[0] != python[1]:
-        return f"has Python {python[0]}, here is {python[1]}; start it with the same"
-    for name in PACKAGES:
+        return f"has Python {python[0]}, but {python[1]} is here; start it with the same"
+    for name in COMPARED_PACKAGES:
         if theirs.get(name) == ours.get(name):
             continue
         if theirs.get(name) is None:
             return f"has no {name}; install {name} {ours.get(name)} there and restart it"
-        return f"has {name} {theirs[name]}, here is {ours.get(name)}; install the same there and restart it"
+        return f"has {name} {theirs[name]}, but {ours.get(name)} is here; install the same there and restart it"
     return ""

@@ -1,4 +1,4 @@
-"""What runs on a Dask worker: it says which code it has, and computes batches of jobs if it has what they need."""
+"""The code of a Dask worker: it reports its versions, and computes batches of jobs if it meets their requirements."""
 
 import pickle
 import sys
@@ -8,69 +8,68 @@ from contextlib import suppress
 from dataclasses import dataclass
 from os import _exit
 from pathlib import Path
-from typing import Any
 from uuid import uuid4
 
 import fraexp
-from fraexp.components.registry import Registry
 from fraexp.data.identity import file_hash
 from fraexp.errors import FraexpError
 from fraexp.execution.executors.workers import Answer
-from fraexp.execution.job import Job, failure, perform, registry_of
+from fraexp.execution.job import Job, describe_failure, registry_of
+from fraexp.execution.watched_job import run_watched_job
 
 TOPIC = "fraexp"
-"""Of the events by which workers tell how far they are."""
-TELL = 1.0
-"""Seconds between two words on the progress of a job, at least: each goes through Dask's scheduler."""
-PROCESS = uuid4().hex
-"""Tells this process from another one at the same address."""
+"""Topic of the events with which workers report progress."""
+PROGRESS_INTERVAL_S = 1.0
+"""Minimum interval between two progress events of a job: each passes through Dask's scheduler."""
+PROCESS_ID = uuid4().hex
+"""Distinguishes this process from another one at the same address."""
 
 
 @dataclass(frozen=True)
-class Need:
-    """What jobs need to be there."""
+class Requirements:
+    """What jobs require on a worker."""
 
     components: frozenset[tuple[str, str, str, str]]
     """Kind, name, source hash and distribution of each component."""
     files: frozenset[tuple[str, str]]
     """Path and content hash of each record."""
     plugins: str
-    """Folder of dropped-in plugins; empty if none of them is used."""
+    """Folder of local plugins; empty if none of them is used."""
 
 
 @dataclass(frozen=True)
-class Lack:
-    """Why a worker cannot compute a batch: a clause after its name."""
+class MissingRequirement:
+    """Why a worker cannot compute a batch, as a clause that follows its name."""
 
     reason: str
 
 
 @dataclass(frozen=True)
-class Done:
-    """What came out of the jobs of a batch, from the first one on; the rest is to be sent again."""
+class BatchAnswer:
+    """Answers of a batch, from its first job on; the other jobs must be sent again."""
 
     answers: list[Answer]
     seconds: float
-    """What they took."""
+    """Time in which they were computed."""
 
 
 class BatchCancelled(BaseException):
-    """Raised in a running job whose answer nobody waits for any more."""
+    """Raised in a running job that has been cancelled."""
 
 
-_met: set[Any] = set()
-"""What was found to be there."""
-_alone = threading.Lock()
-"""A process computes one job at a time, as everywhere: plugins need not know of threads."""
+_verified: set[tuple[object, ...]] = set()
+"""Requirements that have been found to be met."""
+_compute_lock = threading.Lock()
+"""A process computes one job at a time: plugins need not be thread-safe."""
 
 
-def hello() -> tuple[str, dict[str, str]]:
-    """Return what tells this process from others, and the hash of each module of fraexp that it has loaded."""
-    return PROCESS, dict(_code)
+def worker_versions() -> tuple[str, dict[str, str]]:
+    """Return the identifier of this process, and the hash of each module of fraexp that it has loaded."""
+    return PROCESS_ID, dict(_loaded_code)
 
 
 def code_hashes(names: list[str] | None = None) -> dict[str, str]:
-    """Return the content hash of modules of fraexp, of all that are loaded unless told which."""
+    """Return the content hash of modules of fraexp; without `names`, of all that are loaded."""
     wanted = names if names is not None else [name for name in sys.modules if name.split(".")[0] == "fraexp"]
     package = Path(fraexp.__file__).parent
     found = {}
@@ -82,61 +81,72 @@ def code_hashes(names: list[str] | None = None) -> dict[str, str]:
     return found
 
 
-_code = code_hashes()
-"""As loaded, not as the files are by now: this module is imported when a worker is first asked."""
+_loaded_code = code_hashes()
+"""Hashes of the code as it was loaded: this module is imported at the first request, and files may change later."""
 
 
-def end() -> None:
+def end_process() -> None:
     """End this process."""
     _exit(1)
 
 
-def compute(sent: bytes, run: str, number: int, budget: float) -> bytes:
-    """Compute the jobs of a run's batch one after another, until `budget` [s] is used up; the first in any case.
+def compute_batch(sent: bytes, run: str, number: int, budget: float) -> bytes:
+    """Compute the jobs of a batch one after another: the first one, then others until `budget` [s] is used up.
 
-    `sent` holds who is meant, the jobs and their need; the answer is Done, a Lack, or None for another process.
+    `sent` is pickled: the process that is addressed, the jobs and their requirements. The answer is pickled, too: a
+    BatchAnswer, a MissingRequirement, or None if this is another process.
     """
-    process, jobs, need = pickle.loads(sent)
-    if process != PROCESS:
+    process, jobs, requirements = pickle.loads(sent)
+    if process != PROCESS_ID:
         return pickle.dumps(None)
-    with _alone:
-        lack = _lack(need)
-        return pickle.dumps(lack) if lack else _packed(*_computed(jobs, _Teller(run, number), budget))
+    with _compute_lock:
+        missing = _missing_requirement(requirements)
+        return (
+            pickle.dumps(missing) if missing else _pickle_answer(*_run_jobs(jobs, _BatchReporter(run, number), budget))
+        )
 
 
-def _computed(jobs: list[Job], teller: "_Teller", budget: float) -> tuple[list[Job], list[Answer], float]:
+def _run_jobs(jobs: list[Job], reporter: "_BatchReporter", budget: float) -> tuple[list[Job], list[Answer], float]:
     began = time.monotonic()
     answers: list[Answer] = []
     for place, job in enumerate(jobs):
         if place and time.monotonic() - began > budget:
             break
-        teller.begin(place)
+        reporter.start_job(place)
         try:
-            answers.append(perform(job, teller.tell, lambda _: teller.check()))
+            answers.append(_run_job(job, reporter))
         except BatchCancelled:
             break
-        except BaseException as error:  # such as a plugin's sys.exit(): the worker is there for the others
-            answers.append([failure(error)] * len(job.estimators))
     return jobs, answers, time.monotonic() - began
 
 
-def _packed(jobs: list[Job], answers: list[Answer], seconds: float) -> bytes:
+def _run_job(job: Job, reporter: "_BatchReporter") -> Answer:
+    """Return the answer of a job; where a law hangs, its thread goes on until the worker ends."""
+    end = run_watched_job(job, reporter.report, lambda _: reporter.check_cancelled(), reporter.announce)
+    if isinstance(end.error, BatchCancelled):
+        raise end.error
+    if end.error is not None:  # such as a plugin's sys.exit(): the worker goes on with the others
+        return [describe_failure(end.error)] * len(job.estimators)
+    return end.answer
+
+
+def _pickle_answer(jobs: list[Job], answers: list[Answer], seconds: float) -> bytes:
     try:
-        return pickle.dumps(Done(answers, seconds), pickle.HIGHEST_PROTOCOL)
-    except Exception:  # a plugin's result holds what cannot be sent
-        return pickle.dumps(Done([_sendable(*pair) for pair in zip(jobs, answers, strict=False)], seconds))
+        return pickle.dumps(BatchAnswer(answers, seconds), pickle.HIGHEST_PROTOCOL)
+    except Exception:  # a plugin's result cannot be pickled
+        return pickle.dumps(BatchAnswer([_picklable(*pair) for pair in zip(jobs, answers, strict=False)], seconds))
 
 
-def _sendable(job: Job, answer: Answer) -> Answer:
+def _picklable(job: Job, answer: Answer) -> Answer:
     try:
         pickle.dumps(answer)
     except Exception as error:
-        return [failure(error)] * len(job.estimators)
+        return [describe_failure(error)] * len(job.estimators)
     return answer
 
 
-class _Teller:
-    """Tells the client now and then how far a batch is, and ends it if it has been cancelled."""
+class _BatchReporter:
+    """Reports the progress of a batch to the client, and stops the batch if it has been cancelled."""
 
     def __init__(self, run: str, number: int) -> None:
         from distributed import get_worker
@@ -147,50 +157,57 @@ class _Teller:
         self._place = 0
         self._last = float("-inf")
 
-    def begin(self, place: int) -> None:
-        """Say that the job at this place of the batch begins."""
+    def start_job(self, place: int) -> None:
+        """Report that the job at this place of the batch begins."""
         self._place = place
-        self.tell(0.0)
+        self.report(0.0)
 
-    def tell(self, done: float) -> None:
-        """Say what fraction of the job is done, if it is time to."""
-        self.check()
-        if time.monotonic() - self._last > TELL:
+    def report(self, done: float) -> None:
+        """Report the fraction of the job that is done, if a report is due."""
+        self.check_cancelled()
+        if time.monotonic() - self._last > PROGRESS_INTERVAL_S:
             self._last = time.monotonic()
-            said = {"run": self._run, "batch": self._number, "place": self._place, "done": float(done)}
-            self._worker.log_event(TOPIC, said)
+            self._send(done=float(done))
 
-    def check(self) -> None:
-        """Raise Cancelled if nobody waits for the answer."""
+    def announce(self, laws: str) -> None:
+        """Report the friction laws that are about to be compiled."""
+        self.check_cancelled()
+        self._send(done=0.0, compiling=laws)
+
+    def _send(self, **said: object) -> None:
+        self._worker.log_event(TOPIC, {"run": self._run, "batch": self._number, "place": self._place, **said})
+
+    def check_cancelled(self) -> None:
+        """Raise BatchCancelled if nobody waits for the answer."""
         task = self._worker.state.tasks.get(self._key)
         if task is None or task.state == "cancelled":
             raise BatchCancelled
 
 
-def _lack(need: Need) -> Lack | None:
-    """Return what is not there; what was found once is not looked for again."""
-    for component in need.components:
-        here = (component, need.plugins)  # each folder is read when it is first asked for, and hashed as it was read
-        reason = "" if here in _met else _component_lack(component, need.plugins)
+def _missing_requirement(requirements: Requirements) -> MissingRequirement | None:
+    """Return the first requirement that is not met, or None; what was met once is not checked again."""
+    for component in requirements.components:
+        here = (component, requirements.plugins)  # a folder is read and hashed at its first use
+        reason = "" if here in _verified else _component_refusal(component, requirements.plugins)
         if reason:
-            return Lack(reason)
-        _met.add(here)
-    for file in need.files - _met:
-        reason = _file_lack(*file)
+            return MissingRequirement(reason)
+        _verified.add(here)
+    for file in requirements.files - _verified:
+        reason = _file_refusal(*file)
         if reason:
-            return Lack(reason)
-        _met.add(file)
+            return MissingRequirement(reason)
+        _verified.add(file)
     return None
 
 
-def _component_lack(component: tuple[str, str, str, str], plugins: str) -> str:
+def _component_refusal(component: tuple[str, str, str, str], plugins: str) -> str:
     kind, name, source, distribution = component
     own = distribution == "workspace"
-    found = _hash(kind, name, plugins)
-    if own and found != source:  # a dropped-in file may have been edited since; installed code cannot be loaded again
+    found = _source_hash(kind, name, plugins)
+    if own and found != source:  # a local file may have changed; installed code cannot be loaded again
         registry_of.cache_clear()
-        _met.clear()
-        found = _hash(kind, name, plugins)
+        _verified.clear()
+        found = _source_hash(kind, name, plugins)
     if found == source:
         return ""
     if own:
@@ -202,18 +219,18 @@ def _component_lack(component: tuple[str, str, str, str], plugins: str) -> str:
     return f"has another version of {kind} '{name}'; install the same {distribution} there and restart it"
 
 
-def _hash(kind: str, name: str, plugins: str) -> str | None:
+def _source_hash(kind: str, name: str, plugins: str) -> str | None:
     try:
-        registry: Registry = registry_of(plugins)
-        if not any("source_hash" in vars(supply) for supply in registry.supplies.values()):
-            for supply in registry.supplies.values():  # now, when they have just been loaded
-                _ = supply.source_hash
-        return registry.supply(kind, name).source_hash
+        registry = registry_of(plugins)
+        if not any("source_hash" in vars(provider) for provider in registry.providers.values()):
+            for provider in registry.providers.values():  # now, because they have just been loaded
+                _ = provider.source_hash
+        return registry.provider(kind, name).source_hash
     except (FraexpError, OSError):
         return None
 
 
-def _file_lack(path: str, content: str) -> str:
+def _file_refusal(path: str, content: str) -> str:
     try:
         if file_hash(Path(path)) == content:
             return ""

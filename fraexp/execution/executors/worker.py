@@ -1,4 +1,4 @@
-"""What runs in a worker process: jobs come through one pipe, what became of them goes back through another."""
+"""The code of a worker process: jobs arrive through one pipe, messages and answers leave through another."""
 
 import ctypes
 import multiprocessing
@@ -12,100 +12,128 @@ from multiprocessing.connection import Connection
 
 from fraexp.execution.executors.limits import cap_memory, size_text
 from fraexp.execution.executors.workers import Answer
-from fraexp.execution.job import Failure, Job, failure, perform
+from fraexp.execution.job import Failure, Job, describe_failure
+from fraexp.execution.watched_job import run_watched_job
 
-TELL = 0.1
-"""Seconds between two words on the progress of a job, at least."""
-GONE = (BrokenPipeError, ConnectionResetError)
-
-
-@dataclass(frozen=True)
-class Ready:
-    """The worker is up and waits for jobs."""
+PROGRESS_INTERVAL_S = 0.1
+"""Minimum interval between two progress messages of a job."""
+PIPE_ERRORS = (BrokenPipeError, ConnectionResetError)
 
 
 @dataclass(frozen=True)
-class At:
-    """How far a job has come: the fraction of its experiment, the estimator that begins, what it compiles."""
+class WorkerReady:
+    """The worker has started and waits for jobs."""
+
+
+@dataclass(frozen=True)
+class JobProgress:
+    """The fraction of a job's experiment that is done."""
 
     done: float
-    estimator: int | None = None
-    compiles: str = ""
-    """Friction laws that are about to be compiled."""
 
 
-def work(jobs: Connection, told: Connection, memory: int | None) -> None:
-    """Compute jobs until their pipe is closed, or the process that sends them is gone."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the scheduler, which then ends its workers
-    os.dup2(2, 1)  # what a plugin prints is talk: stdout is for data
-    _end_with_parent()
+@dataclass(frozen=True)
+class EstimatorStarted:
+    """The experiment of a job is done, and an estimator begins."""
+
+    index: int
+
+
+@dataclass(frozen=True)
+class CompilationStarted:
+    """A job is about to compile friction laws."""
+
+    laws: str
+    """Their names, as the user reads them."""
+
+
+@dataclass(frozen=True)
+class LastAnswer:
+    """The answer of a job in which a law hangs; the worker then ends itself, because its thread cannot be stopped."""
+
+    answer: Answer
+
+
+Message = WorkerReady | JobProgress | EstimatorStarted | CompilationStarted | LastAnswer | Answer
+"""What a worker sends."""
+
+
+def serve_jobs(jobs: Connection, answers: Connection, memory: int | None) -> None:
+    """Compute jobs until their pipe is closed or the process that sends them has ended."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the scheduler handles Ctrl-C, and ends its workers
+    os.dup2(2, 1)  # a plugin may print; stdout is for data
+    _end_when_parent_ends()
     cap_memory(memory)
     try:
-        told.send(Ready())
+        answers.send(WorkerReady())
         while True:
             job = jobs.recv()
-            _send(told, _explained(_answer(job, told), memory), job)
-    except (EOFError, *GONE):
-        os._exit(0)  # there is nothing to tidy up, and an interpreter takes its time for that
+            answer = _run(job, answers)
+            if isinstance(answer, LastAnswer):
+                answers.send(answer)
+                os._exit(1)
+            _send_answer(answers, _with_memory_limit(answer, memory), job)
+    except (EOFError, *PIPE_ERRORS):
+        os._exit(0)  # nothing needs a clean-up, and the interpreter's own takes time
 
 
-def _answer(job: Job, told: Connection) -> Answer:
+def _run(job: Job, answers: Connection) -> Answer | LastAnswer:
     last = time.monotonic()
 
-    def progress(done: float) -> None:
+    def report_progress(done: float) -> None:
         nonlocal last
-        if time.monotonic() - last > TELL:
+        if time.monotonic() - last > PROGRESS_INTERVAL_S:
             last = time.monotonic()
-            told.send(At(done))
+            answers.send(JobProgress(done))
 
-    def begins(estimator: int) -> None:
+    def report_estimator(estimator: int) -> None:
         if len(job.estimators) > 1:
-            told.send(At(1.0, estimator))
+            answers.send(EstimatorStarted(estimator))
 
-    def compiles(laws: str) -> None:
-        told.send(At(0.0, compiles=laws))
+    def report_compilation(laws: str) -> None:
+        answers.send(CompilationStarted(laws))
 
-    try:
-        return perform(job, progress, begins, compiles)
-    except GONE:
-        raise
-    except BaseException as error:  # such as a plugin's sys.exit(): the worker is there for others too
-        return [failure(error)] * len(job.estimators)
+    end = run_watched_job(job, report_progress, report_estimator, report_compilation)
+    if isinstance(end.error, PIPE_ERRORS):
+        raise end.error
+    if end.error is not None:  # such as a plugin's sys.exit(): the worker goes on with other jobs
+        return [describe_failure(end.error)] * len(job.estimators)
+    return LastAnswer(end.answer) if end.hangs else end.answer
 
 
-def _explained(answer: Answer, memory: int | None) -> Answer:
-    """Return an answer whose failures for want of memory name the cap."""
+def _with_memory_limit(answer: Answer, memory: int | None) -> Answer:
+    """Return an answer in which failures by lack of memory mention the memory limit."""
     if memory is None:
         return answer
-    cap = f"; a worker may have {size_text(memory)}, see --memory"
+    cap = f"; a worker may have {size_text(memory)}, see --memory-limit"
     return [
         replace(one, message=one.message + cap) if isinstance(one, Failure) and "MemoryError" in one.message else one
         for one in answer
     ]
 
 
-def _send(told: Connection, answer: Answer, job: Job) -> None:
+def _send_answer(answers: Connection, answer: Answer, job: Job) -> None:
     try:
-        told.send(answer)
-    except GONE:
+        answers.send(answer)
+    except PIPE_ERRORS:
         raise
-    except Exception as error:  # a plugin's result holds what cannot be sent; nothing of it has been written
-        told.send([failure(error)] * len(job.estimators))
+    except Exception as error:  # a plugin's result cannot be pickled; nothing of it has been written
+        answers.send([describe_failure(error)] * len(job.estimators))
 
 
-def _end_with_parent() -> None:
-    """See to it that this worker ends when its scheduler is gone, however that died and whatever a plugin does."""
+def _end_when_parent_ends() -> None:
+    """Have this process end when its scheduler has ended, however that happened and whatever a plugin does."""
     parent = multiprocessing.parent_process()
     if parent is None:
         return
-    threading.Thread(target=_exit_after, args=(parent,), daemon=True).start()
+    threading.Thread(target=_exit_when_ended, args=(parent,), daemon=True).start()
     if sys.platform == "linux":
-        set_parent_death_signal = 1
+        set_parent_death_signal = 1  # PR_SET_PDEATHSIG of prctl(2)
         ctypes.CDLL(None).prctl(set_parent_death_signal, signal.SIGKILL)
-        if os.getppid() != parent.pid:  # it died before
+        if os.getppid() != parent.pid:  # the parent has ended already
             os._exit(1)
 
 
-def _exit_after(parent: multiprocessing.process.BaseProcess) -> None:
+def _exit_when_ended(parent: multiprocessing.process.BaseProcess) -> None:
     parent.join()
     os._exit(1)

@@ -1,4 +1,4 @@
-"""What an executor is to the scheduler: workers that take jobs and answer."""
+"""The contract between scheduler and executors: workers that accept jobs and return answers."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
@@ -9,53 +9,57 @@ from fraexp.data.results import Result
 from fraexp.execution.job import Failure, Job
 
 Answer = list[Result | Failure]
-"""What came out of a job: a result or a failure per estimator, in their order."""
+"""The result or the failure of each estimator of a job, in their order."""
 
 
 class WorkerLostError(Exception):
-    """A worker died, or was ended, in the middle of a job; the text is the reason, for people."""
+    """A worker died, or was killed, during a job; the text is the reason as the user reads it."""
 
-    def __init__(self, reason: str, *, estimator: int | None = None, again: bool = True) -> None:
+    def __init__(self, reason: str, *, estimator: int | None = None, is_retryable: bool = True) -> None:
         super().__init__(reason)
         self.estimator = estimator
-        """Which of the job's estimators was at work; None in the experiment, or if it is not known."""
-        self.again = again
-        """Whether trying again may help: not where a limit was reached."""
+        """Index of the estimator that was running; None during the experiment, or if it is unknown."""
+        self.is_retryable = is_retryable
+        """Whether a retry may succeed; False if a limit was exceeded."""
 
 
 class Workers(ABC):
-    """Workers that compute jobs; a context manager that leaves nothing running.
+    """Workers that compute jobs; as a context manager, no worker is left running.
 
-    Everything is called by one thread. A lost worker costs the one job that it was computing, whose future then has a
-    WorkerLostError; all others go on. A FraexpError from any method ends the run: nothing can be computed any more.
+    One thread calls all methods. When a worker is lost, only the job that it was computing fails, with a
+    WorkerLostError in its future. A FraexpError from any method ends the run: nothing more can be computed.
     """
 
     count: int
-    """How many jobs are computed at once. It may change while workers come and go."""
+    """Number of jobs that are computed at the same time; it changes when workers come and go, and may be 0."""
 
     @abstractmethod
     def submit(self, number: int, job: Job) -> "Future[Answer]":
-        """Start a job as soon as a worker is free; its progress is reported under `number`."""
+        """Send a job to the next free worker; `number` identifies it in `reports` and `compilations`."""
 
     @abstractmethod
     def reports(self) -> Iterator[tuple[int, float]]:
-        """Yield the number and the fraction done of jobs that have told it since the last call; called often."""
+        """Yield the number of each job that has reported since the last call, and the fraction done; called often."""
 
-    def compiles(self) -> Iterator[tuple[int, str]]:
-        """Yield the number of each job that began to compile since the last call, and its laws; called often."""
+    def compilations(self) -> Iterator[tuple[int, str]]:
+        """Yield the number of each job that has begun to compile since the last call, and its laws; called often."""
         yield from ()
 
     def notes(self) -> Iterator[str]:
-        """Yield what people should know of the workers, such as one that is left out; called often."""
+        """Yield messages for the user about the workers, such as one that is not used; called often."""
         yield from ()
+
+    def status(self) -> str:
+        """Return what delays the run, such as ``no workers for 20 s``; empty if nothing does; called often."""
+        return ""
 
     @abstractmethod
     def stop(self) -> None:
-        """Give up what is running and pending, at once."""
+        """Stop all jobs immediately."""
 
     @abstractmethod
     def close(self) -> None:
-        """End the workers, which have nothing to do any more."""
+        """End the workers, which have no job left."""
 
     def __enter__(self) -> Self:
         return self

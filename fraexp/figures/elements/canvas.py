@@ -1,4 +1,4 @@
-"""The look of all figures: fonts, colours that the colour-blind can tell apart, axes and legends."""
+"""The style of all figures: fonts, colours that the colour-blind can distinguish, axes and legends."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,16 +14,23 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, MultipleLocator, NullFormatter
 
 from fraexp.figures.elements.labels import drawable
+from fraexp.figures.elements.line_style import LineStyle
 
 OKABE_ITO = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 """Okabe and Ito's palette (2008), without its yellow, which is too light for a line."""
-DASHES: tuple[Any, ...] = ("solid", (0, (4.5, 1.4)), (0, (1.2, 1.2)), (0, (6, 1.4, 1.2, 1.4)))
-REFERENCE: dict[str, object] = {"color": "0.1", "linestyle": (0, (4, 6)), "linewidth": 1.2, "zorder": 4}
-TITLE, BESIDE = 12.0, 0.8
-"""Characters of a title per width [1/inch], and what of a figure's width it cannot use [inch]: it is over the axes."""
-LEGEND_ROW = 0.22
-"""Height [inch] by which a figure grows for each further row of its legend."""
-STYLE: Any = {
+Dash = str | tuple[int, tuple[float, ...]]
+DASH_STYLES: tuple[Dash, ...] = (
+    "solid",
+    (0, (4.5, 1.4)),
+    (0, (1.2, 1.2)),
+    (0, (6, 1.4, 1.2, 1.4)),
+)
+REFERENCE_STYLE: LineStyle = {"color": "0.1", "linestyle": (0, (4, 6)), "linewidth": 1.2, "zorder": 4}
+TITLE_CHARACTERS_PER_INCH, TITLE_MARGIN_INCH = 12.0, 0.8
+"""Characters of a title per width of the figure, and the width that it cannot use, because it is above the axes."""
+LEGEND_ROW_INCH = 0.22
+"""Height by which a figure grows for each further row of its legend."""
+RC_PARAMS: Any = {  # matplotlib lists each key with a type of its own
     "font.family": "DejaVu Sans",
     "font.size": 11,
     "axes.titlesize": 12.5,
@@ -38,60 +45,62 @@ STYLE: Any = {
     "legend.frameon": False,
     "legend.fontsize": 10.5,
     "savefig.dpi": 100,
-    "text.parse_math": False,  # a name from a study is no formula
+    "text.parse_math": False,  # a name from a study is not a formula
     "svg.hashsalt": "fraexp",
 }
 
 
 @contextmanager
-def styled() -> Iterator[None]:
-    """Draw with this style, whatever the user's matplotlibrc says."""
+def figure_style() -> Iterator[None]:
+    """Draw with this style, independent of the user's matplotlibrc."""
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
-        matplotlib.rcParams.update(STYLE)
+        matplotlib.rcParams.update(RC_PARAMS)
         yield
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """Return an empty figure of that size [inch], with its own canvas and no global state."""
+    """Return an empty figure of a size [inch], with its own canvas and without global state."""
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 
 
-def heading(figure: Figure, title: str) -> str:
+def wrapped_title(figure: Figure, title: str) -> str:
     """Return a title in as many lines as the figure's width needs."""
-    return "\n".join(wrap(drawable(title), int(TITLE * (figure.get_figwidth() - BESIDE))))
+    return "\n".join(
+        wrap(drawable(title), int(TITLE_CHARACTERS_PER_INCH * (figure.get_figwidth() - TITLE_MARGIN_INCH)))
+    )
 
 
-def line_styles(count: int) -> list[dict[str, object]]:
-    """Return a style for each of `count` curves: told apart by colour, and in grey by dashes.
+def line_styles(count: int) -> list[LineStyle]:
+    """Return a style for each of `count` curves: they differ in colour, and for grey prints in dashes.
 
-    Later curves are thinner, so that one which hides another leaves its rim to be seen.
+    Later curves are thinner, so that the rim of a hidden curve remains visible.
     """
     widths = [max(2.8 - 0.25 * index, 1.6) for index in range(count)]
     if count <= len(OKABE_ITO):
-        colours: list[Any] = list(OKABE_ITO[:count])
-    else:  # a whole grid: an ordered scale says more than colours that repeat
-        colours = [matplotlib.colormaps["cividis"](0.92 * index / (count - 1)) for index in range(count)]
-        colours, widths = [matplotlib.colors.to_hex(colour) for colour in colours], [1.5] * count
+        colours = list(OKABE_ITO[:count])
+    else:  # a whole grid: an ordered scale is clearer than repeated colours
+        scale = [matplotlib.colormaps["cividis"](0.92 * index / (count - 1)) for index in range(count)]
+        colours, widths = [matplotlib.colors.to_hex(colour) for colour in scale], [1.5] * count
     return [
         {"color": colour, "linestyle": dash, "linewidth": width, "zorder": 3}
-        for colour, dash, width in zip(colours, islice(cycle(DASHES), count), widths, strict=True)
+        for colour, dash, width in zip(colours, islice(cycle(DASH_STYLES), count), widths, strict=True)
     ]
 
 
-def named_styles(count: int) -> list[dict[str, object]]:
-    """Return a style for each of `count` curves that are no ordered grid: colours that repeat with another dash."""
-    rounds = [(colour, dash) for dash in DASHES for colour in OKABE_ITO]
+def named_styles(count: int) -> list[LineStyle]:
+    """Return a style for each of `count` curves without an order: colours repeat with other dashes."""
+    rounds = [(colour, dash) for dash in DASH_STYLES for colour in OKABE_ITO]
     return [
         {"color": colour, "linestyle": dash, "linewidth": max(2.4 - 0.1 * index, 1.5), "zorder": 3}
         for index, (colour, dash) in zip(range(count), cycle(rounds), strict=False)
     ]
 
 
-def frequency_axis(axes: Axes, span: tuple[float, float]) -> None:
-    """Make x a logarithmic frequency axis over `span` [Hz], labelled in plain numbers."""
+def set_frequency_axis(axes: Axes, span: tuple[float, float]) -> None:
+    """Make x a logarithmic frequency axis over `span` [Hz], labelled with plain numbers."""
     axes.set_xscale("log")
     low, high = span
     margin = 1.01 if high > low else 2.0  # a little, so that 199.9 Hz still gets its tick at 200
@@ -103,16 +112,16 @@ def frequency_axis(axes: Axes, span: tuple[float, float]) -> None:
     axes.xaxis.set_minor_formatter(NullFormatter())
 
 
-def phase_axis(axes: Axes) -> None:
-    """Tick the phase in fractions of a turn."""
+def set_phase_ticks(axes: Axes) -> None:
+    """Set the ticks of a phase to fractions of a turn."""
     low, high = axes.get_ylim()
     step = next((step for step in (5, 15, 45, 90, 180) if (high - low) / step <= 7), 360)
     axes.yaxis.set_major_locator(MultipleLocator(step))
     axes.yaxis.set_minor_locator(MultipleLocator(step / 3 if step in (15, 45, 90) else step / 5))
 
 
-def decade_axis(axes: Axes) -> None:
-    """Label a logarithmic y axis in plain numbers."""
+def set_decade_ticks(axes: Axes) -> None:
+    """Label a logarithmic y axis with plain numbers."""
     low, high = axes.get_ylim()
     axes.yaxis.set_major_locator(LogLocator(base=10, subs=(1, 2, 5) if high / low < 1500 else (1,), numticks=50))
     axes.yaxis.set_minor_locator(LogLocator(base=10, subs=range(1, 10), numticks=50))
@@ -120,8 +129,8 @@ def decade_axis(axes: Axes) -> None:
     axes.yaxis.set_minor_formatter(NullFormatter())
 
 
-def error_axis(axes: Axes, fine: float) -> None:
-    """Make y an axis of errors: linear up to ±`fine`, logarithmic in sign and size beyond, in plain numbers."""
+def set_error_axis(axes: Axes, fine: float) -> None:
+    """Make y an axis of errors: linear up to ±`fine`, logarithmic with both signs beyond, with plain numbers."""
     axes.set_yscale("symlog", linthresh=fine, linscale=0.6)
     decades = fine * 10.0 ** np.arange(6)
     axes.yaxis.set_major_locator(FixedLocator([*-decades[::-1], 0.0, *decades]))
@@ -131,8 +140,8 @@ def error_axis(axes: Axes, fine: float) -> None:
     axes.yaxis.set_minor_formatter(NullFormatter())
 
 
-def grid(*panels: Axes) -> None:
-    """Draw a quiet grid under the data, finer between the ticks."""
+def draw_grid(*panels: Axes) -> None:
+    """Draw a faint grid under the data, with minor lines between the ticks."""
     for axes in panels:
         if isinstance(axes.yaxis.get_major_locator(), MaxNLocator):
             axes.minorticks_on()
@@ -142,8 +151,8 @@ def grid(*panels: Axes) -> None:
         axes.tick_params(which="minor", length=0)
 
 
-def legend_below(figure: Figure, *panels: Axes) -> None:
-    """Put the legend of the panels' curves below all of them, where it covers nothing."""
+def add_legend_below(figure: Figure, *panels: Axes) -> None:
+    """Put the legend of the panels' curves below all panels, where it covers nothing."""
     handles, labels = [], []
     for axes in panels:
         of_axes = axes.get_legend_handles_labels()
@@ -153,6 +162,6 @@ def legend_below(figure: Figure, *panels: Axes) -> None:
         return
     fitting = max(1, min(len(labels), 80 // (max(len(label) for label in labels) + 8)))
     rows = -(-len(labels) // fitting)
-    figure.set_figheight(figure.get_figheight() + LEGEND_ROW * (rows - 1))
+    figure.set_figheight(figure.get_figheight() + LEGEND_ROW_INCH * (rows - 1))
     columns = -(-len(labels) // rows)
     figure.legend(handles, labels, loc="outside lower center", ncols=columns, handlelength=3.4, columnspacing=1.8)

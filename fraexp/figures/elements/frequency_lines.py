@@ -1,119 +1,133 @@
-"""Lines over frequency: settled points are joined, the others hollow; models through points; bands beyond the axis."""
+"""Lines over frequency: settled points are joined, others are hollow; models through points; confidence bands."""
 
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fraexp.data.results import Curve
-from fraexp.figures.elements.bundles import TINT, mixed
+from fraexp.figures.elements.bundles import TINT_SHARE, Colour, mix_grey
 from fraexp.figures.elements.labels import drawable
+from fraexp.figures.elements.line_style import LineStyle
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-OPACITY = 0.22
-"""Of a band."""
-ROOM = 0.25
-"""Share of its span by which an axis grows at each end for bands that go beyond the lines."""
-LIMITS = ("lower 95 %", "upper 95 %")
-"""Columns of a curve that are the limits of its first ordinate."""
-SIZE = 3.2
-"""Of the points that a model goes through."""
-THIN = 1.1
-"""Width of the model's line."""
-GREY = "0.35"
-"""Of what the legend names once for all curves."""
+BAND_OPACITY = 0.22
+"""Opacity of a band."""
+BAND_MARGIN = 0.25
+"""Share of its span by which an axis grows at each end for bands beyond the lines."""
+LIMIT_COLUMNS = ("lower 95 %", "upper 95 %")
+"""Columns of a curve that are the 95 % limits of its first ordinate."""
+POINT_SIZE = 3.2
+"""Size of the points through which a model is drawn."""
+MODEL_LINE_WIDTH = 1.1
+"""Width of the line of a model."""
+LEGEND_GREY = "0.35"
+"""Colour of legend entries that stand for all curves."""
 Fill = Literal["full", "none"]
-Style = dict[str, Any]
 
 
-def joined(values: np.ndarray, settled: np.ndarray) -> np.ndarray:
+def with_gaps(values: NDArray[np.float64], settled: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Return values of shape (..., n) with NaN, a gap in the line, where the response was not settled."""
     return np.where(settled, values, np.nan)
 
 
-def alone(settled: np.ndarray) -> np.ndarray:
-    """Return which settled points no line reaches, shape (n,) of bool: these too are drawn as points."""
+def isolated_points(settled: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return whether a settled point has no settled neighbour, shape (n,): it is drawn as a point."""
     neighbours = np.zeros(len(settled) + 2, dtype=bool)
     neighbours[1:-1] = settled
     return settled & ~neighbours[:-2] & ~neighbours[2:]
 
 
 def draw_line(
-    axes: "Axes", frequency: np.ndarray, values: np.ndarray, settled: np.ndarray, label: str, style: Style
+    axes: "Axes",
+    frequency: NDArray[np.float64],
+    values: NDArray[np.float64],
+    settled: NDArray[np.bool_],
+    label: str,
+    style: LineStyle,
 ) -> None:
     """Draw values of shape (n,): a line through settled points, hollow points for the others."""
-    axes.plot(frequency, joined(values, settled), label=drawable(label), **style)
-    _draw_points(axes, frequency, values, alone(settled), str(style["color"]), "full")
+    axes.plot(frequency, with_gaps(values, settled), label=drawable(label), **style)
+    _draw_points(axes, frequency, values, isolated_points(settled), str(style["color"]), "full")
     _draw_points(axes, frequency, values, ~settled, str(style["color"]), "none")
 
 
 def _draw_points(
-    axes: "Axes", x: np.ndarray, values: np.ndarray, chosen: np.ndarray, colour: Any, fill: Fill, size: float = 5
+    axes: "Axes",
+    x: NDArray[np.float64],
+    values: NDArray[np.float64],
+    chosen: NDArray[np.bool_],
+    colour: str | Colour,
+    fill: Fill,
+    size: float = 5,
 ) -> None:
     if chosen.any():
         axes.plot(x[chosen], values[chosen], "o", color=colour, fillstyle=fill, markersize=size, mew=0.24 * size)
 
 
-def draw_fitted(
+def draw_points_and_model(
     axes: "Axes",
-    points: tuple[np.ndarray, np.ndarray],
-    settled: np.ndarray,
-    model: tuple[np.ndarray, ...],
-    style: Style,
+    points: tuple[NDArray[np.float64], NDArray[np.float64]],
+    settled: NDArray[np.bool_],
+    model: tuple[NDArray[np.float64], ...],
+    style: LineStyle,
 ) -> None:
     """Draw points x, y of shape (n,), those that are not settled hollow, and a model x, y as a thin line over them.
 
-    NaN is a gap in the line. The legend takes its entry from `name_fitted`.
+    NaN is a gap in the line. The legend takes its entry from `add_fitted_legend`.
     """
     colour = str(style["color"])
-    _draw_points(axes, *points, settled, mixed(colour, 1.0, TINT), "full", SIZE)
+    _draw_points(axes, *points, settled, mix_grey(colour, 1.0, TINT_SHARE), "full", POINT_SIZE)
     _draw_points(axes, *points, ~settled & np.isfinite(points[1]), colour, "none")
-    axes.plot(*model, color=colour, linestyle=style["linestyle"], linewidth=THIN, zorder=3.5)
+    axes.plot(*model, color=colour, linestyle=style["linestyle"], linewidth=MODEL_LINE_WIDTH, zorder=3.5)
 
 
-def name_fitted(axes: "Axes", label: str, style: Style) -> None:
+def add_fitted_legend(axes: "Axes", label: str, style: LineStyle) -> None:
     """Add points and the line of their model to the legend."""
-    tinted = mixed(str(style["color"]), 1.0, TINT)
-    look = {"color": style["color"], "linestyle": style["linestyle"], "linewidth": THIN}
-    axes.plot([], [], marker="o", markersize=SIZE, mec=tinted, mfc=tinted, label=drawable(label), **look)
+    tinted = mix_grey(str(style["color"]), 1.0, TINT_SHARE)
+    look = {"color": style["color"], "linestyle": style["linestyle"], "linewidth": MODEL_LINE_WIDTH}
+    axes.plot([], [], marker="o", markersize=POINT_SIZE, mec=tinted, mfc=tinted, label=drawable(label), **look)
 
 
-def name_model(axes: "Axes", label: str) -> None:
-    """Tell in the legend, once, what the thin lines are."""
-    axes.plot([], [], color=GREY, linewidth=THIN, label=label)
+def add_model_legend(axes: "Axes", label: str) -> None:
+    """Add one legend entry for all thin lines."""
+    axes.plot([], [], color=LEGEND_GREY, linewidth=MODEL_LINE_WIDTH, label=label)
 
 
-def name_band(axes: "Axes") -> None:
-    """Tell in the legend, once, what the bands are."""
-    axes.fill_between([], [], color=GREY, alpha=OPACITY, linewidth=0, label="95 %")
+def add_band_legend(axes: "Axes") -> None:
+    """Add one legend entry for all bands."""
+    axes.fill_between([], [], color=LEGEND_GREY, alpha=BAND_OPACITY, linewidth=0, label="95 %")
 
 
-def limits_of(curve: Curve) -> np.ndarray | None:
-    """Return the 95 % limits of a curve's first ordinate, shape (2, n); None if they are not known."""
-    if not all(name in curve.columns for name in LIMITS):
+def curve_limits(curve: Curve) -> NDArray[np.float64] | None:
+    """Return the 95 % limits of a curve's first ordinate, shape (2, n); None if they are unknown."""
+    if not all(name in curve.columns for name in LIMIT_COLUMNS):
         return None
-    limits = np.stack([curve.columns[name] for name in LIMITS])
+    limits = np.stack([curve.columns[name] for name in LIMIT_COLUMNS])
     return None if np.isnan(limits).all() else limits
 
 
-def draw_bands(axes: "Axes", bands: list[tuple[np.ndarray, np.ndarray, str]], opacity: float = OPACITY) -> None:
-    """Draw bands: frequency (n,), limits (2, n) and colour of each, once the lines are there.
+def draw_bands(
+    axes: "Axes", bands: list[tuple[NDArray[np.float64], NDArray[np.float64], str]], opacity: float = BAND_OPACITY
+) -> None:
+    """Draw bands, each with frequency (n,), limits (2, n) and colour; the lines must have been drawn.
 
-    Limits may be infinite, or far from every line: the band then ends at the edge of the axis.
+    If limits are infinite or far from all lines, the band ends at the edge of the axis.
     """
     known = [band for band in bands if not np.isnan(band[1]).all()]
     if not known:
         return
-    edges = _edges(axes.get_ylim(), np.concatenate([limits.ravel() for _, limits, _ in known]))
+    edges = _axis_limits(axes.get_ylim(), np.concatenate([limits.ravel() for _, limits, _ in known]))
     for frequency, limits, colour in known:
         low, high = np.clip(limits, *edges)
         axes.fill_between(frequency, low, high, color=colour, alpha=opacity, linewidth=0)
     axes.set_ylim(edges)
 
 
-def _edges(span: tuple[float, float], limits: np.ndarray) -> tuple[float, float]:
-    """Return the limits of an axis that shows its lines, and as much of their bands as there is room for."""
+def _axis_limits(span: tuple[float, float], limits: NDArray[np.float64]) -> tuple[float, float]:
+    """Return the limits of an axis for its lines and the nearer part of their bands."""
     low, high = span
-    room, known = ROOM * (high - low), limits[~np.isnan(limits)]
+    room, known = BAND_MARGIN * (high - low), limits[~np.isnan(limits)]
     return min(low, max(low - room, float(known.min()))), max(high, min(high + room, float(known.max())))

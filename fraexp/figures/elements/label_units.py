@@ -1,13 +1,13 @@
-"""Units of the grid's values, from the components that declare them."""
+"""Units of labels, which the components declare."""
 
-from collections.abc import Iterable, Mapping
-from typing import Any
+from collections.abc import Iterable
 
 from fraexp.components.registry import Registry
+from fraexp.data.sweep import Plain
 from fraexp.study.paths import unit_at
 
 
-def label_units(sweeps: Iterable[tuple[Mapping[str, Any], Mapping[str, Any]]], registry: Registry) -> dict[str, str]:
+def label_units(sweeps: Iterable[tuple[Plain, Plain]], registry: Registry) -> dict[str, str]:
     """Return the unit of each label, such as ``excitation.amplitude``, that has one.
 
     Each sweep is given by its labels and its sections: its experiment, and its estimator under ``estimator``.

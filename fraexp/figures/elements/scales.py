@@ -1,61 +1,66 @@
-"""The scales of a Bode plot: decibels in the unit people read, phases on branches that lie together."""
+"""The scales of a Bode plot: decibels in a readable unit, and phases on a common branch."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 ANCHOR_WEIGHT = 0.2
-"""Pull towards the anchor: it decides steps of about 180° (beyond 144°), and nothing smaller."""
+"""Weight of the distance to the anchor: it decides steps of about 180° (above 144°), and no smaller ones."""
 
 
 def readable_unit(unit: str) -> tuple[float, str]:
-    """Return the factor to, and the name of, the unit in which a response is shown (``m/N`` → 1000, ``mm/N``)."""
+    """Return the factor to the unit in which a response is shown, and that unit (``m/N`` → 1000, ``mm/N``)."""
     return (1000.0, f"m{unit}") if unit == "m" or unit.startswith("m/") else (1.0, unit)
 
 
 def length_unit(greatest: float) -> tuple[float, str]:
-    """Return the factor from m to, and the name of, the unit in which lengths up to the greatest one [m] are shown."""
+    """Return the factor from m to the unit in which lengths up to the greatest one [m] are shown, and that unit."""
     units = ((0.9995e-3, 1e3, "mm"), (0.9995e-6, 1e6, "µm"), (1e-300, 1e9, "nm"))  # 0.9995 would be rounded to 1
     return next(((factor, name) for least, factor, name in units if greatest >= least), (1e3, "mm"))
 
 
-def decibel(response: np.ndarray) -> np.ndarray:
+def decibel(response: NDArray[np.inexact]) -> NDArray[np.float64]:
     """Return the magnitude [dB] of a complex response, shape (n,); NaN where it is zero or not finite."""
     magnitude = np.abs(response)
     usable = np.isfinite(magnitude) & (magnitude > 0)
-    levels: np.ndarray = 20 * np.log10(magnitude, where=usable, out=np.full(magnitude.shape, np.nan))
+    levels: NDArray[np.float64] = 20 * np.log10(magnitude, where=usable, out=np.full(magnitude.shape, np.nan))
     return levels
 
 
-def decibel_limits(limits: np.ndarray) -> np.ndarray:
-    """Return limits of a magnitude, relative to it, in dB: -inf for one of 0 or less, inf for none, NaN if unknown."""
+def decibel_limits(limits: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return relative limits of a magnitude in dB: -inf for 0 or less, inf without a limit, NaN if unknown."""
     with np.errstate(divide="ignore"):
-        levels: np.ndarray = 20 * np.log10(np.where(limits < 0, 0.0, limits))
+        levels: NDArray[np.float64] = 20 * np.log10(np.where(limits < 0, 0.0, limits))
     return levels
 
 
-def degrees(response: np.ndarray) -> np.ndarray:
+def degrees(response: NDArray[np.complex128]) -> NDArray[np.float64]:
     """Return the phase [deg] of a complex response, shape (n,), within ±180°; NaN where it is not finite."""
     finite = np.isfinite(response)
     return np.where(finite, np.degrees(np.angle(np.where(finite, response, 1.0))), np.nan)
 
 
-def continuous_phase(phase: np.ndarray, trusted: np.ndarray, anchor: np.ndarray | None = None) -> np.ndarray:
+def continuous_phase(
+    phase: NDArray[np.float64], trusted: NDArray[np.bool_], anchor: NDArray[np.float64] | None = None
+) -> NDArray[np.float64]:
     """Return the phase [deg] without jumps by 360°, shape (n,), on the branch that lies nearest to `anchor`.
 
-    Only `trusted` points, shape (n,) of bool, carry the branch on; the others follow it. Without an anchor
-    [deg], shape (n,), the branch is the one whose median lies above -270° and up to 90°.
+    Only `trusted` points, shape (n,), continue the branch; the others follow it. Without an anchor [deg], shape (n,),
+    the branch is the one whose median lies above -270° and up to 90°.
     """
     trusted = trusted & np.isfinite(phase)
     if anchor is None:
-        chained = _chain(phase, trusted, None, 0.0)
+        chained = _chain_phases(phase, trusted, None, 0.0)
         middle = float(np.median(chained[trusted])) if trusted.any() else 0.0
-        usual: np.ndarray = chained - 360 * np.ceil((middle - 90) / 360)
+        usual: NDArray[np.float64] = chained - 360 * np.ceil((middle - 90) / 360)
         return usual
     starts = (anchor[0] - 360, anchor[0], anchor[0] + 360)
-    candidates = [_chain(phase, trusted, anchor, start) for start in starts]
-    return min(candidates, key=lambda candidate: _distance(candidate, anchor, trusted))
+    candidates = [_chain_phases(phase, trusted, anchor, start) for start in starts]
+    return min(candidates, key=lambda candidate: _mean_distance(candidate, anchor, trusted))
 
 
-def _chain(phase: np.ndarray, trusted: np.ndarray, anchor: np.ndarray | None, start: float) -> np.ndarray:
+def _chain_phases(
+    phase: NDArray[np.float64], trusted: NDArray[np.bool_], anchor: NDArray[np.float64] | None, start: float
+) -> NDArray[np.float64]:
     chained = np.full(phase.shape, np.nan)
     previous = start
     for index in np.flatnonzero(np.isfinite(phase)):
@@ -69,5 +74,5 @@ def _chain(phase: np.ndarray, trusted: np.ndarray, anchor: np.ndarray | None, st
     return chained
 
 
-def _distance(phase: np.ndarray, anchor: np.ndarray, trusted: np.ndarray) -> float:
+def _mean_distance(phase: NDArray[np.float64], anchor: NDArray[np.float64], trusted: NDArray[np.bool_]) -> float:
     return float(np.mean(np.abs(phase - anchor)[trusted])) if trusted.any() else 0.0

@@ -1,4 +1,4 @@
-"""The stamp that a figure's file carries: it tells, without drawing, whether the file shows what is asked for."""
+"""The stamp in the file of a figure, which shows without drawing whether the file is up to date."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -6,31 +6,37 @@ from pathlib import Path
 from fraexp.data.identity import key_of
 from fraexp.errors import FraexpError
 
-DRAWING = 5
-"""Raised whenever the same numbers are drawn in another way."""
+DRAWING_VERSION = 5
+"""Version of the drawing code: it is raised whenever the same numbers are drawn differently."""
 SUFFIXES = (".png", ".svg", ".pdf")
-ENDINGS = {".png": b"IEND\xaeB`\x82", ".svg": b"</svg>", ".pdf": b"%%EOF"}
+FILE_ENDINGS = {".png": b"IEND\xaeB`\x82", ".svg": b"</svg>", ".pdf": b"%%EOF"}
 
 
-def digest(keys: Iterable[str]) -> str:
-    """Return the stamp of a figure that shows what `keys` name, in that order.
+def stamp_digest(keys: Iterable[str]) -> str:
+    """Return the stamp of a figure with these contents, in this order.
 
-    `keys` are the sweeps' keys and whatever else changes the picture: labels, title, time of computation.
+    `keys` are the keys of the sweeps and all else that changes the figure: labels, title, time of computation.
     """
-    return key_of({"drawing": DRAWING, "keys": list(keys)})
+    return key_of({"drawing": DRAWING_VERSION, "keys": list(keys)})
 
 
 def is_current(path: Path, stamp: str) -> bool:
-    """Say whether a file is there, whole, and carries the stamp."""
+    """Return whether a file exists, is complete, and has the stamp."""
     try:
         content = path.read_bytes()
     except OSError:
         return False
-    return stamp.encode() in content and content.rstrip().endswith(ENDINGS.get(path.suffix.lower(), b"\0"))
+    return stamp.encode() in content and content.rstrip().endswith(FILE_ENDINGS.get(path.suffix.lower(), b"\0"))
+
+
+def check_folder(path: Path) -> None:
+    """Raise FraexpError if the folder of a figure's file does not exist; a misspelled one is not made."""
+    if not path.absolute().parent.is_dir():
+        raise FraexpError(f"{path}: there is no folder {path.parent}; make it, or choose another")
 
 
 def check_suffix(path: Path) -> str:
-    """Return the format of a figure's file, in lower case; FraexpError if figures are not written so."""
+    """Return the suffix of a figure's file in lower case; FraexpError if it is no format of figures."""
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise FraexpError(f"{path}: a figure cannot be written as '{path.suffix}'; choose one of {', '.join(SUFFIXES)}")

@@ -1,9 +1,10 @@
-"""What of a figure is to be seen: a band of frequencies, and how the phase is drawn."""
+"""The view of a figure: its frequency range, and how the phase is drawn."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fraexp.errors import FraexpError
 
@@ -11,15 +12,15 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-OVER_FREQUENCY = ("bode", "difference", "coherence", "errors", "levels")
-"""Kinds of figure of which a band can be seen."""
-MARGIN = 0.05
-"""Room above and below the curves, as a share of their span."""
+FREQUENCY_KINDS = ("bode", "difference", "coherence", "errors", "levels")
+"""Kinds of figures over frequency, whose range can be chosen."""
+VERTICAL_MARGIN = 0.05
+"""Margin above and below the curves, relative to their span."""
 
 
 @dataclass(frozen=True)
 class View:
-    """What is to be seen; without anything said, all."""
+    """The part of a figure that is shown; by default all of it."""
 
     band: tuple[float, float] | None = None
     """Lowest and highest frequency [Hz]."""
@@ -27,64 +28,66 @@ class View:
     """Whether the phase of a Bode plot lies within ±180°."""
 
     @classmethod
-    def of(cls, band: str = "", wrapped: bool = False) -> "View":
-        """Return the view that a band such as ``4.5:45`` [Hz] tells; FraexpError if it tells none."""
+    def parse(cls, band: str = "", wrapped: bool = False) -> "View":
+        """Return the view of a frequency range such as ``4.5:45`` [Hz]; FraexpError if it is invalid."""
         try:
             low, high = (float(part) for part in band.split(":")) if band else (1.0, 2.0)
         except ValueError:
             low = high = np.nan
         if not 0 < low < high < np.inf:
-            raise FraexpError(f"--band '{band}' is no band; expected two frequencies [Hz] above 0 such as 4.5:45")
+            expected = "expected two frequencies [Hz] above 0 in ascending order, such as 4.5:45"
+            raise FraexpError(f"--frequency-range '{band}' is invalid; {expected}")
         return cls((low, high) if band else None, wrapped)
 
     def options(self) -> list[str]:
-        """Return the options of ``fraexp plot`` that give the view; they also tell it from others."""
-        band = [f"--band={self.band[0]:.6g}:{self.band[1]:.6g}"] if self.band else []
-        return [*band, *(["--wrapped"] if self.wrapped else [])]
+        """Return the options of ``fraexp plot`` that set the view, which also identify it."""
+        band = [f"--frequency-range={self.band[0]:.6g}:{self.band[1]:.6g}"] if self.band else []
+        return [*band, *(["--wrap-phase"] if self.wrapped else [])]
 
     def check(self, kind: str) -> None:
-        """Raise FraexpError if there is nothing of it in a kind of figure."""
-        if self.band and kind not in OVER_FREQUENCY:
-            raise FraexpError(f"--band: the kind {kind} is not drawn over frequency; {', '.join(OVER_FREQUENCY)} are")
+        """Raise FraexpError if a kind of figure does not support the view."""
+        if self.band and kind not in FREQUENCY_KINDS:
+            known = ", ".join(FREQUENCY_KINDS)
+            raise FraexpError(f"--frequency-range: {kind} figures have no frequency axis; choose one of {known}")
         if self.wrapped and kind != "bode":
-            raise FraexpError(f"--wrapped: the kind {kind} has no phase to wrap; bode has")
+            raise FraexpError(f"--wrap-phase: {kind} figures show no phase; only bode does")
 
 
-ALL = View()
-"""All of a figure."""
+FULL_VIEW = View()
+"""The view of all of a figure."""
 
 
-def wrap(phase: np.ndarray) -> np.ndarray:
+def wrap_phase(phase: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return phases [deg] within -180 and 180."""
     return (phase + 180.0) % 360.0 - 180.0
 
 
-def interrupt_wrapped(figure: "Figure") -> None:
-    """Interrupt the lines of a wrapped phase where they jump from one edge to the other."""
+def break_wrapped_lines(figure: "Figure") -> None:
+    """Interrupt the lines of a wrapped phase where they jump between the edges."""
     for axes in figure.axes:
-        for line in axes.lines if _of_phase(axes) else ():
+        for line in axes.lines if _is_phase_axis(axes) else ():
             x, y = (np.asarray(of, float) for of in line.get_data())
             jumps = np.flatnonzero(np.abs(np.diff(y)) > 180.0) + 1
             line.set_data(np.insert(x, jumps, np.nan), np.insert(y, jumps, np.nan))
 
 
-def _of_phase(axes: "Axes") -> bool:
+def _is_phase_axis(axes: "Axes") -> bool:
     return axes.get_ylabel().startswith("Phase")
 
 
-def show_band(figure: "Figure", band: tuple[float, float]) -> None:
-    """Show a band [Hz] of the panels over frequency, each as high as what is seen of its lines."""
+def zoom_to_band(figure: "Figure", band: tuple[float, float]) -> None:
+    """Show a frequency range [Hz] of the panels, each as high as the visible part of its lines."""
     from fraexp.figures.elements import canvas
 
     for axes in figure.axes:
         if axes.get_xscale() == "log":
-            canvas.frequency_axis(axes, band)
-            _fit(axes, band)
-            if _of_phase(axes) and axes.get_yscale() == "linear":
-                canvas.phase_axis(axes)
+            canvas.set_frequency_axis(axes, band)
+            _fit_vertically(axes, band)
+            if _is_phase_axis(axes) and axes.get_yscale() == "linear":
+                canvas.set_phase_ticks(axes)
 
 
-def _fit(axes: "Axes", band: tuple[float, float]) -> None:
+def _fit_vertically(axes: "Axes", band: tuple[float, float]) -> None:
     values = []
     for line in axes.lines:
         x, y = (np.asarray(of, float) for of in line.get_data())
@@ -95,6 +98,6 @@ def _fit(axes: "Axes", band: tuple[float, float]) -> None:
     if scale not in ("linear", "log") or not seen.size or (scale == "log" and seen.min() <= 0):
         return
     ends = np.log10([seen.min(), seen.max()]) if scale == "log" else np.array([seen.min(), seen.max()])
-    room = MARGIN * (ends[1] - ends[0]) or MARGIN
+    room = VERTICAL_MARGIN * (ends[1] - ends[0]) or VERTICAL_MARGIN
     low, high = ends[0] - room, ends[1] + room
     axes.set_ylim(*((10**low, 10**high) if scale == "log" else (low, high)))

@@ -1,14 +1,13 @@
 """Results as files for other tools: CSV, JSON, MATLAB, HDF5 and universal files, chosen by the suffix.
 
-What a format holds beside the response: CSV the metrics in its header, and the curves where there is no response;
-JSON, MATLAB and HDF5 everything; universal files (dataset 58) the response, or the curves.
+Beside the response CSV has the metrics in its header, and the curves if there is no response; JSON, MATLAB and HDF5
+have everything; universal files (dataset 58) have the response or the curves.
 """
 
-import os
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
 
+from fraexp.data.atomic_file import atomic_file
 from fraexp.data.results import Result
 from fraexp.errors import FraexpError
 from fraexp.figures.export.binary import write_hdf5, write_mat
@@ -31,24 +30,19 @@ WRITERS: dict[str, Callable[[Result, Header, Path], None]] = {
 def export(result: Result, header: Header, path: Path, *, force: bool = False) -> None:
     """Write a result to a file in the format of its suffix, with `header` (plain data) as its description.
 
-    The file appears whole or not at all. FraexpError if the suffix is unknown, the file exists and `force` is not
+    The file appears complete or not at all. FraexpError if the suffix is unknown, the file exists and `force` is not
     set, there is nothing to write, or it cannot be written.
     """
     writer = WRITERS.get(path.suffix.lower())
     if writer is None:
-        raise FraexpError(f"{path.name}: '{path.suffix}' is no format of export; known: {', '.join(WRITERS)}")
+        raise FraexpError(f"{path.name}: '{path.suffix}' is not an export format; known: {', '.join(WRITERS)}")
     if result.response is None and not result.curves and not result.metrics:
         why = f"{outcome_name(result)}: {result.message}"
         raise FraexpError(f"{path.name}: the result is empty ({why}); expected a response, metrics or curves")
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         if path.exists() and not force:
             raise FraexpError(f"{path}: the file exists; give --force to replace it, or another name")
-        part.touch()  # fails with the reason, which not every writer tells
-        writer(result, header, part)
-        part.replace(path)
+        with atomic_file(path) as draft:
+            writer(result, header, draft)
     except OSError as error:
         raise FraexpError(f"{path}: cannot be written: {error.strerror or error}; choose another place") from None
-    finally:
-        with suppress(OSError):  # a folder that takes no file does not let any be removed either
-            part.unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""A result as plain names and values, shared by the formats."""
+"""A result as names and values, which all formats share."""
 
 import json
 import math
@@ -6,11 +6,13 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fraexp.data.results import Fit, FrequencyResponse, Result
+from fraexp.data.sweep import Plain
 
-Header = Mapping[str, Any]
-"""What describes a result: plain data, such as study, experiment and provenance; `models` are matrices by name."""
+Header = Plain
+"""Description of a result as plain data: study, experiment, provenance; `models` are matrices by name."""
 
 
 def outcome_name(result: Result) -> str:
@@ -18,14 +20,14 @@ def outcome_name(result: Result) -> str:
     return result.outcome.name.lower()
 
 
-def document(result: Result, header: Header) -> dict[str, Any]:
+def result_document(result: Result, header: Header) -> dict[str, Any]:
     """Return the whole result by name."""
     description = dict(header)
     models = description.pop("models", None)
     content: dict[str, Any] = {"header": description, "outcome": outcome_name(result), "message": result.message}
     if result.response is not None:
-        content["response"] = arrays(result.response)
-        content["units"] = units_of(result.response)
+        content["response"] = response_arrays(result.response)
+        content["units"] = response_units(result.response)
     content["metrics"] = {metric.name: {"value": metric.value, "unit": metric.unit} for metric in result.metrics}
     content["curves"] = {curve.name: {"columns": curve.columns, "units": curve.units} for curve in result.curves}
     content["fits"] = {fit.kind: fit_content(fit) for fit in result.fits}
@@ -37,7 +39,7 @@ def document(result: Result, header: Header) -> dict[str, Any]:
 def fit_content(fit: Fit) -> dict[str, Any]:
     """Return a fit by name; its component is JSON, as a study has it."""
     return {
-        "component": json.dumps(plain(fit.component)),
+        "component": json.dumps(json_value(fit.component)),
         "parameters": list(fit.parameters),
         "units": list(fit.units),
         "values": fit.values,
@@ -45,8 +47,8 @@ def fit_content(fit: Fit) -> dict[str, Any]:
     }
 
 
-def arrays(response: FrequencyResponse) -> dict[str, Any]:
-    """Return the fields of a response by name, and what follows from them."""
+def response_arrays(response: FrequencyResponse) -> dict[str, Any]:
+    """Return the fields of a response by name, with derived ones."""
     return {
         "frequency": response.frequency,
         "response": response.response,
@@ -62,25 +64,25 @@ def arrays(response: FrequencyResponse) -> dict[str, Any]:
         "residual": response.residual,
         "harmonics": response.harmonics,
         "distortion": response.distortion,
-        **optional(response),
+        **optional_arrays(response),
     }
 
 
-def optional(response: FrequencyResponse) -> dict[str, np.ndarray]:
-    """Return what only some estimators tell of a response."""
-    names = ("freedom", "noise_variance", "nonlinear_variance", "coherence", "model_covariance")
+def optional_arrays(response: FrequencyResponse) -> dict[str, NDArray[np.float64]]:
+    """Return the arrays that only some estimators give."""
+    names = ("freedom", "noise_variance", "nonlinear_variance", "coherence", "model_covariance", "numerical_error")
     found = {name: getattr(response, name) for name in names}
     return {name: values for name, values in found.items() if values is not None}
 
 
 def channel_units(response: FrequencyResponse) -> tuple[str, str]:
-    """Return the units of output and input; empty where the response's unit does not tell them apart."""
+    """Return the units of output and input; empty if the unit of the response is ambiguous."""
     output, *rest = response.unit.split("/")  # m/s/N may be (m/s)/N or m/(s/N)
     return (output, rest[0]) if len(rest) == 1 else ("", "")
 
 
-def units_of(response: FrequencyResponse) -> dict[str, str]:
-    """Return the units of these fields; those of the amplitudes are empty where they are not known."""
+def response_units(response: FrequencyResponse) -> dict[str, str]:
+    """Return the units of the fields of a response; those of the amplitudes are empty if unknown."""
     output, entry = channel_units(response)
     return {
         "frequency": "Hz",
@@ -98,31 +100,32 @@ def units_of(response: FrequencyResponse) -> dict[str, str]:
         "nonlinear_variance": f"({response.unit})^2",
         "coherence": "1",
         "model_covariance": f"1/({response.unit})^2",
+        "numerical_error": "1",
     }
 
 
-def plain(value: Any) -> Any:
-    """Return JSON data: a complex number as [re, im], what is no finite number as null."""
+def json_value(value: object) -> object:
+    """Return JSON data: a complex number is [re, im], a number that is not finite is null."""
     if isinstance(value, np.ndarray | np.generic):
-        return plain(value.tolist())
+        return json_value(value.tolist())
     if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
+        return {str(key): json_value(item) for key, item in value.items()}
     if isinstance(value, list | tuple | set):
-        return [plain(item) for item in value]
+        return [json_value(item) for item in value]
     if isinstance(value, complex):
-        return [plain(value.real), plain(value.imag)]
+        return [json_value(value.real), json_value(value.imag)]
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     return value if value is None or isinstance(value, str | int) else str(value)
 
 
-def one_line(value: Any) -> str:
+def one_line(value: object) -> str:
     """Return plain data as one line of text."""
-    return " ".join(value.split()) if isinstance(value, str) else json.dumps(plain(value), ensure_ascii=False)
+    return " ".join(value.split()) if isinstance(value, str) else json.dumps(json_value(value), ensure_ascii=False)
 
 
-def distinct(name: str, taken: Iterable[str]) -> str:
-    """Return the name, numbered if it is taken."""
+def unique_name(name: str, taken: Iterable[str]) -> str:
+    """Return a name that is not taken, with a number if necessary."""
     number = 2
     found = name
     while found in taken:

@@ -5,10 +5,19 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from fraexp.analysis.confidence import limits
+from fraexp.analysis.confidence import confidence_limits
 from fraexp.data.results import FrequencyResponse, Result
-from fraexp.figures.export.content import Header, channel_units, document, one_line, optional, outcome_name, plain
+from fraexp.figures.export.content import (
+    Header,
+    channel_units,
+    json_value,
+    one_line,
+    optional_arrays,
+    outcome_name,
+    result_document,
+)
 
 
 def write_csv(result: Result, header: Header, path: Path) -> None:
@@ -25,10 +34,12 @@ def write_csv(result: Result, header: Header, path: Path) -> None:
         )
         units = zip(("output", "input"), channel_units(response), strict=True)
         lines += [f"# {name}_amplitude: [{unit}]" for name, unit in units if unit]
-        lines += _rows(_csv_columns(response))
+        lines += _csv_rows(_csv_columns(response))
     for curve in () if result.response is not None else result.curves:
         lines.append(f"# curve: {curve.name}")
-        lines += _rows({_heading(name, curve.units.get(name, "")): values for name, values in curve.columns.items()})
+        lines += _csv_rows(
+            {_heading(name, curve.units.get(name, "")): values for name, values in curve.columns.items()}
+        )
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
@@ -36,7 +47,7 @@ def _heading(name: str, unit: str) -> str:
     return f"{name} [{unit}]" if unit else name
 
 
-def _csv_columns(response: FrequencyResponse) -> dict[str, np.ndarray]:
+def _csv_columns(response: FrequencyResponse) -> dict[str, NDArray[np.generic]]:
     with np.errstate(divide="ignore"):
         magnitude = 20 * np.log10(np.abs(response.response))
     return {
@@ -55,16 +66,16 @@ def _csv_columns(response: FrequencyResponse) -> dict[str, np.ndarray]:
         "settling_time_s": response.settling_time,
         "residual": response.residual,
         "thd": response.distortion,
-        **_limits(response),
-        **{name: values for name, values in optional(response).items() if values.ndim == 1},
-        **_model(response),
+        **_limit_columns(response),
+        **{name: values for name, values in optional_arrays(response).items() if values.ndim == 1},
+        **_model_columns(response),
     }
 
 
-def _limits(response: FrequencyResponse) -> dict[str, np.ndarray]:
+def _limit_columns(response: FrequencyResponse) -> dict[str, NDArray[np.float64]]:
     """Return the 95 % limits, of noise and of the friction model's uncertainty where that is stated."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        magnitude, phase = limits(response)
+        magnitude, phase = confidence_limits(response)
         level = 20 * np.log10(np.abs(response.response) * np.where(magnitude > 0, magnitude, 0.0))
     angle = np.degrees(np.angle(response.response) + phase)
     return {
@@ -75,7 +86,7 @@ def _limits(response: FrequencyResponse) -> dict[str, np.ndarray]:
     }
 
 
-def _model(response: FrequencyResponse) -> dict[str, np.ndarray]:
+def _model_columns(response: FrequencyResponse) -> dict[str, NDArray[np.float64]]:
     covariance = response.model_covariance
     if covariance is None:
         return {}
@@ -83,7 +94,7 @@ def _model(response: FrequencyResponse) -> dict[str, np.ndarray]:
     return {f"model_cov_{name}": covariance[:, row, column] for name, (row, column) in places.items()}
 
 
-def _rows(columns: Mapping[str, np.ndarray]) -> list[str]:
+def _csv_rows(columns: Mapping[str, NDArray[np.generic]]) -> list[str]:
     names = [f'"{name}"' if "," in name else name for name in columns]
     # repr of a Python number is the shortest text that reads back as the same number
     cells = zip(*(np.asarray(values).tolist() for values in columns.values()), strict=True)
@@ -91,6 +102,6 @@ def _rows(columns: Mapping[str, np.ndarray]) -> list[str]:
 
 
 def write_json(result: Result, header: Header, path: Path) -> None:
-    """Write everything; a complex number is [re, im], and null what is unknown."""
-    text = json.dumps(plain(document(result, header)), indent=1, allow_nan=False, ensure_ascii=False)
+    """Write everything; a complex number is [re, im], and an unknown value is null."""
+    text = json.dumps(json_value(result_document(result, header)), indent=1, allow_nan=False, ensure_ascii=False)
     path.write_text(text + "\n", encoding="utf-8")

@@ -5,13 +5,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fraexp.data.results import Curve, FrequencyResponse, Result
 from fraexp.errors import FraexpError
 from fraexp.figures.export.content import Header, one_line
 
-LEAST_POINTS = 2
-"""An abscissa of one point has no spacing."""
+MIN_POINTS = 2
+"""Least number of points: an abscissa of one point has no spacing."""
 
 
 def write_universal(result: Result, header: Header, path: Path) -> None:
@@ -20,8 +21,8 @@ def write_universal(result: Result, header: Header, path: Path) -> None:
 
     title = one_line(header.get("title", header.get("study", "fraexp")))[:72]
     sets = _response_sets(result.response, title) if result.response is not None else _curve_sets(result.curves, title)
-    if not sets or any(len(one["data"]) < LEAST_POINTS for one in sets):
-        raise FraexpError(f"a .unv file holds responses and curves of at least {LEAST_POINTS} points; export to .json")
+    if not sets or any(len(one["data"]) < MIN_POINTS for one in sets):
+        raise FraexpError(f"a .unv file holds responses and curves of at least {MIN_POINTS} points; export to .json")
     pyuff.UFF(str(path)).write_sets(sets, mode="overwrite")
 
 
@@ -52,7 +53,12 @@ def _curve_sets(curves: Iterable[Curve], title: str) -> list[dict[str, Any]]:
 
 
 def _dataset(
-    abscissa: np.ndarray, ordinate: np.ndarray, unit_x: str, unit_y: str, titles: tuple[str, str], func_type: int = 0
+    abscissa: NDArray[np.float64],
+    ordinate: NDArray[np.float64] | NDArray[np.complex128],
+    unit_x: str,
+    unit_y: str,
+    titles: tuple[str, str],
+    func_type: int = 0,
 ) -> dict[str, Any]:
     frequency = func_type == 4
     return {

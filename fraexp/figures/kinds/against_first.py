@@ -1,47 +1,48 @@
-"""How responses differ from the first one, frequency by frequency, in dB and degrees."""
+"""Differences of responses from the first one over frequency, in dB and degrees."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
-from fraexp.analysis.confidence import limits
+from fraexp.analysis.confidence import confidence_limits
 from fraexp.data.results import FrequencyResponse
 from fraexp.errors import FraexpError
-from fraexp.figures.elements.bundles import MANY
+from fraexp.figures.elements.bundles import MAX_SINGLE_CURVES
 from fraexp.figures.elements.scales import continuous_phase, decibel, degrees
 from fraexp.figures.elements.shown import ShownResult
 from fraexp.figures.kinds.difference import on_frequencies
-from fraexp.figures.kinds.plant_errors import FINE_DB, FINE_DEGREES, ErrorCurve, draw_part
+from fraexp.figures.kinds.plant_errors import LINEAR_RANGE_DB, LINEAR_RANGE_DEG, ErrorCurve, draw_error_part
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-SLACK = 1e-9
+FREQUENCY_TOLERANCE = 1e-9
 """Relative distance up to which two frequencies are the same."""
-NEPER = 20 / np.log(10)
-"""In dB."""
+DB_PER_NEPER = 20 / np.log(10)
+"""Decibels in a neper."""
 
 
 @dataclass(frozen=True)
 class DifferenceInfo:
-    """What a figure of differences shows."""
+    """Contents of a figure of differences."""
 
     curves: tuple[ErrorCurve, ...]
-    """Each other response over the first one; not settled where one of both is not."""
+    """Ratio of each other response to the first one; it is settled where both are."""
     reference: str
-    """Name of the first one."""
+    """Name of the first response."""
     left_out: tuple[str, ...]
-    """Names of responses that share no frequency with it."""
+    """Names of responses without a common frequency."""
     title: str
 
 
 def difference_info(shown: Sequence[ShownResult], title: str = "") -> DifferenceInfo:
-    """Return how all other responses differ from the first one; FraexpError if none can be compared with it."""
+    """Return the differences of all responses from the first one; FraexpError if none can be compared with it."""
     found = [(of, of.response) for of in shown if of.response is not None]
     if len(found) < 2:
-        raise FraexpError(f"difference: found {len(found)} responses; choose two sweeps at least that have one")
+        raise FraexpError(f"difference: found {len(found)} responses; choose at least two sweeps with a response")
     if len({response.unit for _, response in found}) > 1:
         raise FraexpError("difference: found responses in several units; choose sweeps that share one")
     first, reference = found[0]
@@ -56,10 +57,10 @@ def difference_info(shown: Sequence[ShownResult], title: str = "") -> Difference
 def difference_curve(
     label: str, reference: FrequencyResponse, other: FrequencyResponse, key: str = ""
 ) -> ErrorCurve | None:
-    """Return how `other` differs from `reference` at its settled frequencies; None if they share none.
+    """Return the difference of `other` from `reference` at the settled frequencies; None if they share none.
 
     Where the grids differ `other` is interpolated, ln|G| and the unwrapped phase linear in log frequency; a point
-    between two of its frequencies of which one had not settled has not settled either. The 95 % limits are those of
+    between two of its frequencies counts as settled only if both are. The 95 % limits are those of
     independent estimates.
     """
     base, order = _usable(reference), np.argsort(other.frequency, kind="stable")
@@ -69,61 +70,67 @@ def difference_curve(
     frequency = reference.frequency[base][ascending]
     if not len(theirs) or not len(frequency):
         return None
-    inside = (frequency >= theirs[0] * (1 - SLACK)) & (frequency <= theirs[-1] * (1 + SLACK))
+    inside = (frequency >= theirs[0] * (1 - FREQUENCY_TOLERANCE)) & (
+        frequency <= theirs[-1] * (1 + FREQUENCY_TOLERANCE)
+    )
     if not inside.any():
         return None
     chosen = np.flatnonzero(base)[ascending][inside]
     frequency = frequency[inside]
     ratio = on_frequencies(frequency, theirs, response) / reference.response[chosen]
-    settled = _between(frequency, other.frequency[order], usable)
+    settled = _is_between_usable(frequency, other.frequency[order], usable)
     magnitude, phase = decibel(ratio), continuous_phase(degrees(ratio), settled, np.zeros(len(frequency)))
-    nearest = order[_nearest(frequency, other.frequency[order])]
-    theirs_band, own_band = _logarithmic(other, nearest), _logarithmic(reference, chosen)
-    spread = [_together(of, to) for of, to in zip(theirs_band, own_band, strict=True)]
+    nearest = order[_nearest_index(frequency, other.frequency[order])]
+    theirs_band, own_band = _log_limits(other, nearest), _log_limits(reference, chosen)
+    spread = [_combined_limits(of, to) for of, to in zip(theirs_band, own_band, strict=True)]
     return ErrorCurve(
         label=label,
         frequency=frequency,
         magnitude=magnitude,
         phase=phase,
         settled=settled,
-        magnitude_band=magnitude + NEPER * spread[0],
+        magnitude_band=magnitude + DB_PER_NEPER * spread[0],
         phase_band=phase + np.clip(np.degrees(spread[1]), -360, 360),
         key=key,
     )
 
 
-def _usable(response: FrequencyResponse) -> np.ndarray:
-    usable: np.ndarray = response.settled & np.isfinite(response.response) & (response.response != 0)
+def _usable(response: FrequencyResponse) -> NDArray[np.bool_]:
+    usable: NDArray[np.bool_] = response.settled & np.isfinite(response.response) & (response.response != 0)
     return usable
 
 
-def _nearest(frequency: np.ndarray, grid: np.ndarray) -> np.ndarray:
-    """Return the index of the frequency nearest to each, shape (n,), in an ascending grid."""
+def _nearest_index(frequency: NDArray[np.float64], grid: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Return the index of the nearest frequency in an ascending grid, shape (n,)."""
     right = np.clip(np.searchsorted(grid, frequency), 1, max(len(grid) - 1, 1))
     left = right - 1
     right = np.minimum(right, len(grid) - 1)
-    closer: np.ndarray = np.where(frequency - grid[left] <= grid[right] - frequency, left, right)
+    closer: NDArray[np.intp] = np.where(frequency - grid[left] <= grid[right] - frequency, left, right)
     return closer
 
 
-def _between(frequency: np.ndarray, grid: np.ndarray, usable: np.ndarray) -> np.ndarray:
-    """Return whether each frequency is one of the grid's usable ones, or has such ones on both sides, shape (n,)."""
-    nearest = _nearest(frequency, grid)
-    same = np.abs(grid[nearest] / frequency - 1) <= SLACK
+def _is_between_usable(
+    frequency: NDArray[np.float64], grid: NDArray[np.float64], usable: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Return whether each frequency is a usable one of the grid, or lies between two usable ones, shape (n,)."""
+    nearest = _nearest_index(frequency, grid)
+    same = np.abs(grid[nearest] / frequency - 1) <= FREQUENCY_TOLERANCE
     right = np.clip(np.searchsorted(grid, frequency), 0, len(grid) - 1)
-    sides: np.ndarray = np.where(same, usable[nearest], usable[right] & usable[np.maximum(right - 1, 0)])
+    sides: NDArray[np.bool_] = np.where(same, usable[nearest], usable[right] & usable[np.maximum(right - 1, 0)])
     return sides
 
 
-def _logarithmic(response: FrequencyResponse, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _log_limits(
+    response: FrequencyResponse, chosen: NDArray[np.intp]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the 95 % limits of ln|G| and of the phase [rad], each of shape (2, n)."""
-    size, turn = (each[:, chosen] for each in limits(response))
+    size, turn = (each[:, chosen] for each in confidence_limits(response))
     with np.errstate(divide="ignore"):
         return np.log(np.maximum(size, 0)), turn
 
 
-def _together(of: np.ndarray, to: np.ndarray) -> np.ndarray:
-    """Return the limits of a difference from those of its parts, shape (2, n)."""
+def _combined_limits(of: NDArray[np.float64], to: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the limits of a difference from those of its independent parts, shape (2, n)."""
     return np.stack([-np.hypot(of[0], to[1]), np.hypot(of[1], to[0])])
 
 
@@ -131,21 +138,24 @@ def draw_difference(info: DifferenceInfo) -> "Figure":
     """Draw the differences of magnitude and phase over frequency."""
     from fraexp.figures.elements import canvas  # matplotlib: imported only when something is drawn
 
-    if len(info.curves) > MANY:
-        raise FraexpError(f"difference: found {len(info.curves) + 1} responses; {MANY + 1} at most can be told apart")
-    with canvas.styled():
+    if len(info.curves) > MAX_SINGLE_CURVES:
+        limit = MAX_SINGLE_CURVES + 1
+        raise FraexpError(
+            f"difference: found {len(info.curves) + 1} responses; no more than {limit} can be distinguished"
+        )
+    with canvas.figure_style():
         figure = canvas.new_figure(width=9.0, height=6.2)
         upper, lower = figure.subplots(2, 1, sharex=True)
         styles = canvas.named_styles(len(info.curves) + 1)[1:]  # the reference keeps the colour of the Bode plot
-        draw_part(upper, info.curves, "magnitude", styles, FINE_DB)
-        draw_part(lower, info.curves, "phase", styles, FINE_DEGREES)
-        upper.set_title(canvas.heading(figure, info.title))
+        draw_error_part(upper, info.curves, "magnitude", styles, LINEAR_RANGE_DB)
+        draw_error_part(lower, info.curves, "phase", styles, LINEAR_RANGE_DEG)
+        upper.set_title(canvas.wrapped_title(figure, info.title))
         upper.set_ylabel("Magnitude difference [dB]")
         lower.set_ylabel("Phase difference [deg]")
         lower.set_xlabel("Frequency [Hz]")
         frequency = np.concatenate([curve.frequency for curve in info.curves])
-        canvas.frequency_axis(lower, (float(frequency.min()), float(frequency.max())))
-        canvas.grid(upper, lower)
+        canvas.set_frequency_axis(lower, (float(frequency.min()), float(frequency.max())))
+        canvas.draw_grid(upper, lower)
         figure.align_ylabels((upper, lower))
-        canvas.legend_below(figure, upper)
+        canvas.add_legend_below(figure, upper)
     return figure

@@ -1,77 +1,78 @@
-"""How far responses can be trusted, by what was measured with them: coherence, and harmonic distortion."""
+"""Quality of measured responses: coherence, and harmonic distortion."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fraexp.data.results import FrequencyResponse
 from fraexp.errors import FraexpError
-from fraexp.figures.elements.bundles import MANY
+from fraexp.figures.elements.bundles import MAX_SINGLE_CURVES
 from fraexp.figures.elements.frequency_lines import draw_line
 from fraexp.figures.elements.shown import ShownResult
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-DECADE = 10.0
-"""Greatest over least distortion from which its axis is logarithmic."""
+LOG_AXIS_RATIO = 10.0
+"""Ratio of largest to smallest distortion above which its axis is logarithmic."""
 
 
 @dataclass(frozen=True)
-class Trust:
+class CoherenceCurve:
     """Coherence and distortion of one response, in ascending frequency."""
 
     label: str
-    frequency: np.ndarray
+    frequency: NDArray[np.float64]
     """Frequency [Hz], shape (n,)."""
-    settled: np.ndarray
-    """Whether the point had become periodic, shape (n,) of bool."""
-    coherence: np.ndarray | None
-    """Squared coherence of input and output, shape (n,); None where it is not known."""
-    distortion: np.ndarray | None
-    """Total harmonic distortion of the output [%], shape (n,); None where it is not known."""
+    settled: NDArray[np.bool_]
+    """Whether the point had settled, shape (n,)."""
+    coherence: NDArray[np.float64] | None
+    """Squared coherence of input and output, shape (n,); None if it is unknown."""
+    distortion: NDArray[np.float64] | None
+    """Total harmonic distortion of the output [%], shape (n,); None if it is unknown."""
     key: str = ""
     """Key of its sweep."""
 
 
 @dataclass(frozen=True)
 class CoherenceInfo:
-    """What a figure of coherence and distortion shows."""
+    """Contents of a figure of coherence and distortion."""
 
-    curves: tuple[Trust, ...]
-    decades: bool
+    curves: tuple[CoherenceCurve, ...]
+    is_logarithmic: bool
     """Whether the axis of the distortion is logarithmic."""
     title: str
 
     @property
     def parts(self) -> tuple[str, ...]:
-        """Which are known of some response: ``coherence``, ``distortion``."""
+        """Those of ``coherence`` and ``distortion`` that are known for a response."""
         parts = ("coherence", "distortion")
         return tuple(part for part in parts if any(getattr(curve, part) is not None for curve in self.curves))
 
 
 def coherence_info(shown: Sequence[ShownResult], title: str = "") -> CoherenceInfo:
-    """Return coherence and distortion of all responses of which one is known; FraexpError if there is none."""
-    found = (_trust(of, of.response) for of in shown if of.response is not None)
+    """Return coherence and distortion of the responses for which one is known; FraexpError if there is none."""
+    found = (_coherence_curve(of, of.response) for of in shown if of.response is not None)
     curves = tuple(curve for curve in found if curve.coherence is not None or curve.distortion is not None)
     if not curves:
         raise FraexpError(
-            "coherence: no response tells coherence or distortion; a stepped sine tells distortion, and a spectral "
-            "estimator coherence"
+            "coherence: no response has coherence or distortion; a stepped sine gives distortion, and a spectral "
+            "estimator gives coherence"
         )
     known = [curve.distortion for curve in curves if curve.distortion is not None]
     values = np.concatenate(known) if known else np.zeros(0)
     values = values[np.isfinite(values) & (values > 0)]
-    decades = bool(values.size) and bool(values.max() > DECADE * values.min())
-    return CoherenceInfo(curves, decades, title or "Coherence and distortion")
+    is_logarithmic = bool(values.size) and bool(values.max() > LOG_AXIS_RATIO * values.min())
+    return CoherenceInfo(curves, is_logarithmic, title or "Coherence and distortion")
 
 
-def _trust(of: ShownResult, response: FrequencyResponse) -> Trust:
+def _coherence_curve(of: ShownResult, response: FrequencyResponse) -> CoherenceCurve:
     order = np.argsort(response.frequency, kind="stable")
     coherence, distortion = response.coherence, 100 * response.distortion
-    return Trust(
+    return CoherenceCurve(
         of.label,
         response.frequency[order],
         response.settled[order],
@@ -81,16 +82,18 @@ def _trust(of: ShownResult, response: FrequencyResponse) -> Trust:
     )
 
 
-TITLES = {"coherence": "Squared coherence [1]", "distortion": "Harmonic distortion [%]"}
+AXIS_TITLES = {"coherence": "Squared coherence [1]", "distortion": "Harmonic distortion [%]"}
 
 
 def draw_coherence(info: CoherenceInfo) -> "Figure":
-    """Draw coherence and distortion over frequency, as far as they are known."""
+    """Draw the coherence and distortion that are known over frequency."""
     from fraexp.figures.elements import canvas  # matplotlib: imported only when something is drawn
 
-    if len(info.curves) > MANY:
-        raise FraexpError(f"coherence: found {len(info.curves)} responses; {MANY} at most can be told apart")
-    with canvas.styled():
+    if len(info.curves) > MAX_SINGLE_CURVES:
+        raise FraexpError(
+            f"coherence: found {len(info.curves)} responses; no more than {MAX_SINGLE_CURVES} can be distinguished"
+        )
+    with canvas.figure_style():
         count = len(info.parts)
         figure = canvas.new_figure(width=9.0, height=1.8 + 2.6 * count)
         panels = figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0]
@@ -100,17 +103,17 @@ def draw_coherence(info: CoherenceInfo) -> "Figure":
                 values = getattr(curve, part)
                 empty = np.full(len(curve.frequency), np.nan)
                 draw_line(axes, curve.frequency, empty if values is None else values, curve.settled, curve.label, style)
-            axes.set_ylabel(TITLES[part])
+            axes.set_ylabel(AXIS_TITLES[part])
             if part == "coherence":
                 axes.set_ylim(0, 1.05)
-            elif info.decades:
+            elif info.is_logarithmic:
                 axes.set_yscale("log")
-                canvas.decade_axis(axes)
-        panels[0].set_title(canvas.heading(figure, info.title))
+                canvas.set_decade_ticks(axes)
+        panels[0].set_title(canvas.wrapped_title(figure, info.title))
         panels[-1].set_xlabel("Frequency [Hz]")
         frequency = np.concatenate([curve.frequency for curve in info.curves])
-        canvas.frequency_axis(panels[-1], (float(frequency.min()), float(frequency.max())))
-        canvas.grid(*panels)
+        canvas.set_frequency_axis(panels[-1], (float(frequency.min()), float(frequency.max())))
+        canvas.draw_grid(*panels)
         figure.align_ylabels(panels)
-        canvas.legend_below(figure, panels[0])
+        canvas.add_legend_below(figure, panels[0])
     return figure

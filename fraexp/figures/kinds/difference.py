@@ -1,8 +1,9 @@
-"""How two frequency responses differ, in dB and degrees."""
+"""Difference of two frequency responses, in dB and degrees."""
 
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fraexp.data.results import FrequencyResponse
 from fraexp.figures.elements.scales import decibel, degrees
@@ -10,10 +11,10 @@ from fraexp.figures.elements.scales import decibel, degrees
 
 @dataclass(frozen=True)
 class Difference:
-    """Greatest and root-mean-square difference of two responses over the frequencies that they share."""
+    """Maximum and root-mean-square difference of two responses over their common frequencies."""
 
     points: int
-    """Frequencies compared; only settled points are."""
+    """Number of frequencies compared, all settled."""
     low: float
     """Lowest frequency compared [Hz]."""
     high: float
@@ -21,26 +22,26 @@ class Difference:
     interpolated: bool
     """Whether the other response was interpolated because the grids differ."""
     magnitude_max: float
-    """Greatest difference of the magnitudes, with its sign [dB]."""
+    """Largest difference of the magnitudes, with its sign [dB]."""
     magnitude_max_at: float
-    """Where it is [Hz]."""
+    """Its frequency [Hz]."""
     magnitude_rms: float
     """Root mean square of the difference of the magnitudes [dB]."""
     phase_max: float
-    """Greatest difference of the phases, with its sign [deg]."""
+    """Largest difference of the phases, with its sign [deg]."""
     phase_max_at: float
-    """Where it is [Hz]."""
+    """Its frequency [Hz]."""
     phase_rms: float
     """Root mean square of the difference of the phases [deg]."""
 
 
 def response_difference(reference: FrequencyResponse, other: FrequencyResponse) -> Difference | None:
-    """Return how `other` differs from `reference`; None if they share no frequencies or have different units.
+    """Return the difference of `other` from `reference`; None without a common frequency or unit.
 
     Where the grids differ, `other` is interpolated: ln|G| and the unwrapped phase, linear in log frequency.
     """
-    frequency, expected = _settled(reference)
-    theirs, found = _settled(other)
+    frequency, expected = _settled_points(reference)
+    theirs, found = _settled_points(other)
     if reference.unit != other.unit or not len(frequency) or not len(theirs):
         return None
     slack = 1e-9
@@ -54,20 +55,24 @@ def response_difference(reference: FrequencyResponse, other: FrequencyResponse) 
     return _summary(frequency, decibel(ratio), degrees(ratio), interpolated)
 
 
-def _settled(response: FrequencyResponse) -> tuple[np.ndarray, np.ndarray]:
+def _settled_points(response: FrequencyResponse) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
     usable = response.settled & np.isfinite(response.response) & (response.response != 0)
     order = np.argsort(response.frequency[usable], kind="stable")
     return response.frequency[usable][order], response.response[usable][order]
 
 
-def on_frequencies(frequency: np.ndarray, grid: np.ndarray, response: np.ndarray) -> np.ndarray:
+def on_frequencies(
+    frequency: NDArray[np.float64], grid: NDArray[np.float64], response: NDArray[np.complex128]
+) -> NDArray[np.complex128]:
     """Return a response given on an ascending `grid` at other frequencies: ln|G| and phase, linear in log frequency."""
     logarithm = np.log(np.abs(response)) + 1j * np.unwrap(np.angle(response))
-    value: np.ndarray = np.exp(np.interp(np.log(frequency), np.log(grid), logarithm))
+    value: NDArray[np.complex128] = np.exp(np.interp(np.log(frequency), np.log(grid), logarithm))
     return value
 
 
-def _summary(frequency: np.ndarray, magnitude: np.ndarray, phase: np.ndarray, interpolated: bool) -> Difference:
+def _summary(
+    frequency: NDArray[np.float64], magnitude: NDArray[np.float64], phase: NDArray[np.float64], interpolated: bool
+) -> Difference:
     loudest, furthest = int(np.argmax(np.abs(magnitude))), int(np.argmax(np.abs(phase)))
     return Difference(
         points=len(frequency),

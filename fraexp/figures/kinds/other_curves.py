@@ -1,40 +1,42 @@
-"""Any other curves: their columns over the first one, a panel each; curves of other columns below them.
+"""Other curves: each column over the first one in a panel of its own; curves with other columns follow below.
 
-A column ``model`` is drawn as a line through the points of the first ordinate, ``lower 95 %`` and ``upper 95 %`` as
+A column ``model`` is drawn as a line through the points of the first ordinate; ``lower 95 %`` and ``upper 95 %`` are
 its band.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fraexp.data.results import Curve
 from fraexp.errors import FraexpError
-from fraexp.figures.elements.bundles import MANY, Bundle, draw_bundles, split, stacked
+from fraexp.figures.elements.bundles import MAX_SINGLE_CURVES, Bundle, draw_bundles, group_indices, stack_padded
 from fraexp.figures.elements.frequency_lines import (
-    LIMITS,
+    LIMIT_COLUMNS,
+    add_band_legend,
+    add_fitted_legend,
+    add_model_legend,
+    curve_limits,
     draw_bands,
-    draw_fitted,
     draw_line,
-    limits_of,
-    name_band,
-    name_fitted,
-    name_model,
+    draw_points_and_model,
 )
 from fraexp.figures.elements.labels import drawable
+from fraexp.figures.elements.line_style import LineStyle
 from fraexp.figures.elements.scales import length_unit, readable_unit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-MODEL = "model"
-DECADES = 10.0
-"""Greatest over least value over frequency from which an axis is logarithmic."""
-ANGLES = ("deg", "rad")
-Labelled = tuple[str, Curve, str]
+MODEL_COLUMN = "model"
+LOG_AXIS_RATIO = 10.0
+"""Ratio of largest to smallest value over frequency above which an axis is logarithmic."""
+ANGLE_UNITS = ("deg", "rad")
+LabelledCurve = tuple[str, Curve, str]
 """Label, curve and group."""
 
 
@@ -42,7 +44,7 @@ class ShownUnit(NamedTuple):
     """The unit in which a column is drawn."""
 
     factor: float
-    """From the stored unit to it."""
+    """Factor from the stored unit."""
     name: str
     stored: str
     """Name of the stored unit."""
@@ -50,110 +52,111 @@ class ShownUnit(NamedTuple):
 
 @dataclass(frozen=True)
 class CurveTrace:
-    """One column of one curve in the numbers that are drawn."""
+    """A column of a curve as it is drawn."""
 
     name: str
     group: str
-    """Name of the group that it is drawn in if there are many; empty if there is one group."""
-    x: np.ndarray
+    """Name of its group if there are many traces; empty if there is one group."""
+    x: NDArray[np.float64]
     """Shape (n,)."""
-    y: np.ndarray
+    y: NDArray[np.float64]
     """Shape (n,); NaN leaves a gap."""
-    model: np.ndarray | None
-    """What a model makes of it, shape (n,); None if there is none."""
-    limits: np.ndarray | None
-    """Lower and upper 95 % limit, shape (2, n); None if they are not known."""
+    model: NDArray[np.float64] | None
+    """Values of a model, shape (n,); None without a model."""
+    limits: NDArray[np.float64] | None
+    """Lower and upper 95 % limit, shape (2, n); None if they are unknown."""
 
 
 @dataclass(frozen=True)
 class CurvePanel:
-    """One ordinate."""
+    """A panel with one ordinate."""
 
     ordinate: str
     """Its name and unit."""
     unit: str
-    decades: str
-    """Unit whose logarithmic axis it shares with other panels of its family; empty for a linear axis."""
+    log_unit: str
+    """Unit of the logarithmic axis that the panels of a family share; empty for a linear axis."""
     traces: tuple[CurveTrace, ...]
 
 
 @dataclass(frozen=True)
-class Family:
+class CurveFamily:
     """Curves with the same name, or with the same columns: a panel for each ordinate."""
 
     name: str
-    """Name of its curves; empty if each has its own, which is in the legend then."""
+    """Name of its curves; empty if they have different names, which the legend shows."""
     abscissa: str
     """Name and unit of the common abscissa."""
     frequency: tuple[float, float] | None
-    """Least and greatest frequency; None if the abscissa is another quantity."""
+    """Lowest and highest frequency; None if the abscissa is another quantity."""
     panels: tuple[CurvePanel, ...]
 
 
 @dataclass(frozen=True)
 class CurvesInfo:
-    """What a figure of curves shows."""
+    """Contents of a figure of curves."""
 
-    families: tuple[Family, ...]
+    families: tuple[CurveFamily, ...]
     title: str
 
 
 def curves_info(curves: Sequence[tuple[str, Curve]], title: str = "", groups: Sequence[str] = ()) -> CurvesInfo:
-    """Return the numbers of labelled curves, by their names and columns.
+    """Return the families of labelled curves, by their names and columns; FraexpError if there is no curve.
 
-    More than `MANY` curves of a family are told apart by the names of their `groups` alone; without names they are one
-    group.
+    More than `MAX_SINGLE_CURVES` curves of a family are distinguished only by the names of their `groups`; without
+    names they are one group.
     """
-    found: list[list[Labelled]] = []
+    found: list[list[LabelledCurve]] = []
     for (label, curve), group in zip(curves, groups or [""] * len(curves), strict=True):
-        if len(curve.columns) < 2:  # nothing over nothing
+        if len(curve.columns) < 2:  # a single column has no abscissa
             continue
-        family = next((of for of in found if _alike(of[0][1], curve)), None)
+        family = next((of for of in found if _share_panels(of[0][1], curve)), None)
         if family is None:
             found.append(family := [])
         family.append((label, curve, group))
     if not found:
         raise FraexpError("curves figure: there is no curve to draw; choose sweeps that have one")
-    several = len({label for label, _ in curves}) > 1
-    families = tuple(_family(alike, several) for alike in found)
+    has_labels = len({label for label, _ in curves}) > 1
+    families = tuple(_curve_family(alike, has_labels) for alike in found)
     return CurvesInfo(families, title or (families[0].name if len(families) == 1 else "") or "Curves")
 
 
-def _alike(one: Curve, other: Curve) -> bool:
-    """Say whether two curves share their panels."""
+def _share_panels(one: Curve, other: Curve) -> bool:
+    """Return whether two curves share their panels."""
     shared = [name for name in one.columns if name in other.columns]
     same = one.name == other.name or list(one.columns) == list(other.columns)
     abscissa = next(iter(one.columns)) == next(iter(other.columns))
     return same and abscissa and all(one.units[name] == other.units[name] for name in shared)
 
 
-def _family(alike: Sequence[Labelled], several: bool) -> Family:
+def _curve_family(alike: Sequence[LabelledCurve], has_labels: bool) -> CurveFamily:
     names = list(dict.fromkeys(curve.name for _, curve, _ in alike))
     if len(names) > 1:
         alike = [
-            (_told(label, curve, several), curve, _told(group, curve, bool(group))) for label, curve, group in alike
+            (_full_name(label, curve, has_labels), curve, _full_name(group, curve, bool(group)))
+            for label, curve, group in alike
         ]
     abscissa, *others = dict.fromkeys(name for _, curve, _ in alike for name in curve.columns)
-    ordinates = others[:1] + [name for name in others[1:] if name not in (MODEL, *LIMITS)]
+    ordinates = others[:1] + [name for name in others[1:] if name not in (MODEL_COLUMN, *LIMIT_COLUMNS)]
     x = np.concatenate([curve.columns[abscissa] for _, curve, _ in alike])
-    units = _units(alike, (abscissa,)) | _units(alike, ordinates)
+    units = _shown_units(alike, (abscissa,)) | _shown_units(alike, ordinates)
     spectral = units[abscissa].name == "Hz" and x.size > 0 and bool((x > 0).all())
-    panels = [_panel(alike, abscissa, name, units, name == others[0]) for name in ordinates]
-    return Family(
-        _title(names[0]) if len(names) == 1 else "",
-        _axis(abscissa, units),
+    panels = [_curve_panel(alike, abscissa, name, units, name == others[0]) for name in ordinates]
+    return CurveFamily(
+        _capitalised(names[0]) if len(names) == 1 else "",
+        _axis_title(abscissa, units),
         (float(x.min()), float(x.max())) if spectral else None,
-        tuple(_in_decades(panels) if spectral else panels),
+        tuple(_with_log_axes(panels) if spectral else panels),
     )
 
 
-def _told(name: str, curve: Curve, also: bool) -> str:
-    """Return a curve's own name, after another one where that tells something."""
+def _full_name(name: str, curve: Curve, also: bool) -> str:
+    """Return a curve's name, after another name if `also`."""
     return f"{name}, {curve.name}" if also else curve.name
 
 
-def _units(alike: Sequence[Labelled], columns: Sequence[str]) -> dict[str, ShownUnit]:
-    """Return the units in which columns are shown; lengths in one that suits the greatest of them."""
+def _shown_units(alike: Sequence[LabelledCurve], columns: Sequence[str]) -> dict[str, ShownUnit]:
+    """Return the units in which columns are shown; lengths in a unit that suits the largest of them."""
     stored = {name: unit for _, curve, _ in alike for name, unit in curve.units.items() if name in columns}
     lengths = [curve.columns[name] for _, curve, _ in alike for name in columns if curve.units.get(name) == "m"]
     known = np.abs(np.concatenate([[0.0], *lengths]))
@@ -161,38 +164,38 @@ def _units(alike: Sequence[Labelled], columns: Sequence[str]) -> dict[str, Shown
     return {name: ShownUnit(*(length if unit == "m" else readable_unit(unit)), unit) for name, unit in stored.items()}
 
 
-def _panel(
-    alike: Sequence[Labelled], abscissa: str, ordinate: str, units: Mapping[str, ShownUnit], first: bool
+def _curve_panel(
+    alike: Sequence[LabelledCurve], abscissa: str, ordinate: str, units: Mapping[str, ShownUnit], first: bool
 ) -> CurvePanel:
     having = [(label, curve, group) for label, curve, group in alike if ordinate in curve.columns]
     shown = {name: units[name] for name in (abscissa, ordinate)}
-    traces = tuple(_trace(label, curve, group, shown, first) for label, curve, group in having)
-    return CurvePanel(_axis(ordinate, units), units[ordinate].stored, "", traces)
+    traces = tuple(_curve_trace(label, curve, group, shown, first) for label, curve, group in having)
+    return CurvePanel(_axis_title(ordinate, units), units[ordinate].stored, "", traces)
 
 
-def _in_decades(panels: Sequence[CurvePanel]) -> list[CurvePanel]:
-    """Return panels over frequency: amplitudes in one unit share a logarithmic axis where they span decades."""
-    sizes = {panel.ordinate: _sizes(panel) for panel in panels}
+def _with_log_axes(panels: Sequence[CurvePanel]) -> list[CurvePanel]:
+    """Return panels over frequency; amplitudes in one unit share a logarithmic axis if they span a decade."""
+    sizes = {panel.ordinate: _positive_values(panel) for panel in panels}
     found = []
     for panel in panels:
         alike = [sizes[of.ordinate] for of in panels if of.unit == panel.unit and sizes[of.ordinate].size]
-        wide = sizes[panel.ordinate].size and np.ptp(np.log(np.concatenate(alike))) >= np.log(DECADES)
-        found.append(replace(panel, decades=panel.unit) if wide else panel)
+        wide = sizes[panel.ordinate].size and np.ptp(np.log(np.concatenate(alike))) >= np.log(LOG_AXIS_RATIO)
+        found.append(replace(panel, log_unit=panel.unit) if wide else panel)
     return found
 
 
-def _sizes(panel: CurvePanel) -> np.ndarray:
-    """Return its values if they are sizes, all above 0; nothing otherwise."""
+def _positive_values(panel: CurvePanel) -> NDArray[np.float64]:
+    """Return the values of a panel if they are amplitudes, all above 0; otherwise none."""
     known = np.concatenate([trace.y[np.isfinite(trace.y)] for trace in panel.traces])
     limited = any(trace.limits is not None for trace in panel.traces)
-    sizes = panel.unit not in ANGLES and not limited and bool((known > 0).all())
+    sizes = panel.unit not in ANGLE_UNITS and not limited and bool((known > 0).all())
     return known if sizes else np.empty(0)
 
 
-def _trace(label: str, curve: Curve, group: str, shown: Mapping[str, ShownUnit], first: bool) -> CurveTrace:
-    """Return a column over the abscissa, the first of the two; with model and limits if it is the first ordinate."""
+def _curve_trace(label: str, curve: Curve, group: str, shown: Mapping[str, ShownUnit], first: bool) -> CurveTrace:
+    """Return a column over the abscissa, which is first in `shown`; the first ordinate has model and limits."""
     x, y = (unit.factor * curve.columns[name] for name, unit in shown.items())
-    factor, model, limits = list(shown.values())[1].factor, curve.columns.get(MODEL), limits_of(curve)
+    factor, model, limits = list(shown.values())[1].factor, curve.columns.get(MODEL_COLUMN), curve_limits(curve)
     return CurveTrace(
         label,
         group,
@@ -203,53 +206,53 @@ def _trace(label: str, curve: Curve, group: str, shown: Mapping[str, ShownUnit],
     )
 
 
-def _axis(name: str, units: Mapping[str, ShownUnit]) -> str:
-    return f"{_title(name)} [{units[name].name}]"
+def _axis_title(name: str, units: Mapping[str, ShownUnit]) -> str:
+    return f"{_capitalised(name)} [{units[name].name}]"
 
 
-def _title(name: str) -> str:
+def _capitalised(name: str) -> str:
     return name[:1].upper() + name[1:]
 
 
 def draw_curves(info: CurvesInfo) -> "Figure":
-    """Draw a panel for each ordinate over the abscissa of its family, one family below the other."""
+    """Draw a panel for each ordinate over the abscissa of its family; families follow below each other."""
     from fraexp.figures.elements import canvas  # matplotlib: imported only when something is drawn
 
-    with canvas.styled():
+    with canvas.figure_style():
         count = sum(len(family.panels) for family in info.families)
         figure = canvas.new_figure(width=9.0, height=1.8 + 2.4 * count + 0.4 * len(info.families))
         panels = list(figure.subplots(count, 1, squeeze=False)[:, 0])
-        styles, rest = _styles(info), panels
+        styles, rest = _trace_styles(info), panels
         for family in info.families:
             mine, rest = rest[: len(family.panels)], rest[len(family.panels) :]
             _draw_family(mine, family, styles)
             if family.name and family.name != info.title:
                 mine[0].set_title(drawable(family.name), loc="left", fontsize=11)
-        figure.suptitle(canvas.heading(figure, info.title), fontsize=12.5)
-        canvas.grid(*panels)
+        figure.suptitle(canvas.wrapped_title(figure, info.title), fontsize=12.5)
+        canvas.draw_grid(*panels)
         figure.align_ylabels(panels)
-        _name(panels[0], info, styles)
-        canvas.legend_below(figure, *panels)
+        _add_legend_entries(panels[0], info, styles)
+        canvas.add_legend_below(figure, *panels)
     return figure
 
 
-def _traces(info: CurvesInfo, many: bool) -> list[CurveTrace]:
-    """Return what is drawn in families of many, or of few curves."""
+def _select_traces(info: CurvesInfo, many: bool) -> list[CurveTrace]:
+    """Return the traces of the panels with many, or with few curves."""
     panels = [panel for family in info.families for panel in family.panels]
-    return [trace for panel in panels if (len(panel.traces) > MANY) == many for trace in panel.traces]
+    return [trace for panel in panels if (len(panel.traces) > MAX_SINGLE_CURVES) == many for trace in panel.traces]
 
 
-def _styles(info: CurvesInfo) -> dict[str, dict[str, Any]]:
-    """Return the style of each name: the same one in all panels."""
+def _trace_styles(info: CurvesInfo) -> dict[str, LineStyle]:
+    """Return the style of each name, which is the same in all panels."""
     from fraexp.figures.elements import canvas
 
-    names = list(dict.fromkeys(trace.name for trace in _traces(info, many=False)))
-    ordered = all(family.name for family in info.families)  # sweeps of a grid, not curves with names of their own
+    names = list(dict.fromkeys(trace.name for trace in _select_traces(info, many=False)))
+    ordered = all(family.name for family in info.families)  # sweeps of a grid, not curves with different names
     of = canvas.line_styles if ordered or len(names) <= len(canvas.OKABE_ITO) else canvas.named_styles
     return dict(zip(names, of(len(names)), strict=True))
 
 
-def _draw_family(axes: Sequence["Axes"], family: Family, styles: dict[str, dict[str, Any]]) -> None:
+def _draw_family(axes: Sequence["Axes"], family: CurveFamily, styles: dict[str, LineStyle]) -> None:
     from fraexp.figures.elements import canvas
 
     shared: dict[str, Axes] = {}
@@ -257,51 +260,51 @@ def _draw_family(axes: Sequence["Axes"], family: Family, styles: dict[str, dict[
         if index:
             of.sharex(axes[0])
         of.tick_params(labelbottom=of is axes[-1])
-        if panel.decades in shared:
-            of.sharey(shared[panel.decades])
-        elif panel.decades:
+        if panel.log_unit in shared:
+            of.sharey(shared[panel.log_unit])
+        elif panel.log_unit:
             of.set_yscale("log")
-            shared[panel.decades] = of
-        if len(panel.traces) > MANY:
-            draw_bundles(of, _bundles(panel), named=index == 0)
+            shared[panel.log_unit] = of
+        if len(panel.traces) > MAX_SINGLE_CURVES:
+            draw_bundles(of, _bundles(panel), has_legend=index == 0)
         else:
             _draw_traces(of, panel, styles)
         of.set_ylabel(drawable(panel.ordinate))
     for of in shared.values():
-        canvas.decade_axis(of)
+        canvas.set_decade_ticks(of)
     if family.frequency:
-        canvas.frequency_axis(axes[-1], family.frequency)
+        canvas.set_frequency_axis(axes[-1], family.frequency)
     axes[-1].set_xlabel(drawable(family.abscissa))
 
 
-def _draw_traces(axes: "Axes", panel: CurvePanel, styles: dict[str, dict[str, Any]]) -> None:
+def _draw_traces(axes: "Axes", panel: CurvePanel, styles: dict[str, LineStyle]) -> None:
     for trace in panel.traces:
         known, style = np.isfinite(trace.y), styles[trace.name]
         if trace.model is None:
             draw_line(axes, trace.x, trace.y, known, "", style)
         else:
-            draw_fitted(axes, (trace.x, trace.y), known, (trace.x, trace.model), style)
+            draw_points_and_model(axes, (trace.x, trace.y), known, (trace.x, trace.model), style)
     bands = [(of.x, of.limits, styles[of.name]["color"]) for of in panel.traces if of.limits is not None]
     draw_bands(axes, bands)
 
 
-def _name(axes: "Axes", info: CurvesInfo, styles: dict[str, dict[str, Any]]) -> None:
-    """Add to the legend what is drawn one by one: each name once, however many panels it is in."""
-    traces = _traces(info, many=False)
+def _add_legend_entries(axes: "Axes", info: CurvesInfo, styles: dict[str, LineStyle]) -> None:
+    """Add the legend entries of single traces, each name once for all panels."""
+    traces = _select_traces(info, many=False)
     lines = {trace.name for trace in traces if trace.model is None}
     for name, style in styles.items():
         if name in lines:
             axes.plot([], [], label=drawable(name), **style)
         else:
-            name_fitted(axes, name, style)
+            add_fitted_legend(axes, name, style)
     if any(trace.model is not None for trace in traces):
-        name_model(axes, "model")
+        add_model_legend(axes, "model")
     if any(trace.limits is not None for trace in traces):
-        name_band(axes)
+        add_band_legend(axes)
 
 
 def _bundles(panel: CurvePanel) -> list[Bundle]:
     return [
-        Bundle(name, *(stacked([getattr(panel.traces[index], part) for index in indices]) for part in ("x", "y")))
-        for name, indices in split([trace.group for trace in panel.traces]).items()
+        Bundle(name, *(stack_padded([getattr(panel.traces[index], part) for index in indices]) for part in ("x", "y")))
+        for name, indices in group_indices([trace.group for trace in panel.traces]).items()
     ]

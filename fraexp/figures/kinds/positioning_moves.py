@@ -1,137 +1,142 @@
-"""Positioning: how far the position is from its target over the time since the move began, and the thrust."""
+"""Positioning: deviation of the position from its target over the time since the move began, and the thrust."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fraexp.data.results import Curve
 from fraexp.errors import FraexpError
-from fraexp.figures.elements.bundles import MANY, Bundle, draw_bundles, split, stacked
+from fraexp.figures.elements.bundles import MAX_SINGLE_CURVES, Bundle, draw_bundles, group_indices, stack_padded
 from fraexp.figures.elements.labels import drawable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-COLUMNS = ("time", "position", "reference", "target", "band")
-"""What a curve must have to be drawn so; ``thrust`` may come on top."""
-LEAST, LINEAR = 2.5, 6.0
-"""Height of the axis at least, and at most if it is linear, in half widths of the band; logarithmic beyond the band
-if it must show more."""
-ROOM = 1.15
-"""Of the axis above what is to be seen."""
-STILL = 1e-9
-"""Change of the reference per sample, relative to its range, up to which it rests."""
+REQUIRED_COLUMNS = ("time", "position", "reference", "target", "band")
+"""Columns of a positioning curve, beside an optional ``thrust``."""
+MIN_HEIGHT_RATIO, MAX_LINEAR_RATIO = 2.5, 6.0
+"""Least height of the axis, and greatest height of a linear axis, in half widths of the band."""
+AXIS_MARGIN = 1.15
+"""Height of the axis relative to the largest residual."""
+REST_TOLERANCE = 1e-9
+"""Change of the reference per sample, relative to its range, up to which it is at rest."""
 
 
 @dataclass(frozen=True)
-class Course:
-    """One positioning motion in the numbers that are drawn."""
+class MoveCurve:
+    """A positioning move as it is drawn."""
 
     label: str
     group: str
-    """Name of its group, by which it is told apart where there are too many."""
-    time: np.ndarray
+    """Name of its group, which distinguishes it if there are many."""
+    time: NDArray[np.float64]
     """Time since the reference began to move [ms], shape (n,)."""
-    deviation: np.ndarray
+    deviation: NDArray[np.float64]
     """Position less target [unit of the figure], shape (n,)."""
-    thrust: np.ndarray | None
-    """Control input [its unit], shape (n,); None if it is not known."""
-    after: float
-    """Greatest deviation from the target once the reference rests there."""
+    thrust: NDArray[np.float64] | None
+    """Thrust [its unit], shape (n,); None if it is unknown."""
+    residual: float
+    """Largest deviation from the target while the reference rests there [unit of the figure]."""
 
 
 @dataclass(frozen=True)
 class PositioningInfo:
-    """What a figure of positioning shows."""
+    """Contents of a figure of positioning."""
 
-    courses: tuple[Course, ...]
+    moves: tuple[MoveCurve, ...]
     bands: tuple[float, ...]
-    """Half widths of the bands [unit of the figure], ascending."""
+    """Half widths of the settling windows [unit of the figure], ascending."""
     height: float
     """Deviation [unit of the figure] at which the axis ends."""
     unit: str
     thrust_unit: str
-    """Unit of the thrust; empty if none is known."""
+    """Unit of the thrust; empty if it is unknown."""
     title: str
 
 
 def is_positioning(curve: Curve) -> bool:
-    """Say whether a curve is a motion to targets with bands around them."""
-    lengths = {curve.units.get(name) for name in COLUMNS[1:]}
-    return all(name in curve.columns for name in COLUMNS) and curve.units.get("time") == "s" and len(lengths) == 1
+    """Return whether a curve is a move to targets with settling windows."""
+    lengths = {curve.units.get(name) for name in REQUIRED_COLUMNS[1:]}
+    return (
+        all(name in curve.columns for name in REQUIRED_COLUMNS) and curve.units.get("time") == "s" and len(lengths) == 1
+    )
 
 
 def positioning_info(curves: Sequence[tuple[str, Curve, str]], title: str = "") -> PositioningInfo:
-    """Return the courses of motions, each with its label and group."""
+    """Return the moves in labelled curves with their groups; FraexpError if there is none."""
     found = [(label, curve, group) for label, curve, group in curves if is_positioning(curve)]
     if not found:
-        raise FraexpError("positioning figure: there is no positioning motion; take the estimator 'positioning'")
+        raise FraexpError("positioning figure: there is no positioning motion; use estimator 'positioning_metrics'")
     length = found[0][1].units["position"]
     if any(curve.units["position"] != length for _, curve, _ in found):
         raise FraexpError("positioning figure: found positions in several units; choose sweeps that share one")
     factor, unit = (1e6, "µm") if length == "m" else (1.0, length)
-    courses = tuple(_course(label, curve, group, factor) for label, curve, group in found)
+    moves = tuple(_move_curve(label, curve, group, factor) for label, curve, group in found)
     bands = tuple(sorted({factor * float(band) for _, curve, _ in found for band in np.unique(curve.columns["band"])}))
-    height = max(ROOM * max(course.after for course in courses), LEAST * bands[-1])
+    height = max(AXIS_MARGIN * max(move.residual for move in moves), MIN_HEIGHT_RATIO * bands[-1])
     thrust_unit = next((of.units["thrust"] for _, of, _ in found if "thrust" in of.units), "")
-    return PositioningInfo(courses, bands, height, unit, thrust_unit, title or "Position relative to its target")
+    return PositioningInfo(moves, bands, height, unit, thrust_unit, title or "Position relative to its target")
 
 
-def _course(label: str, curve: Curve, group: str, factor: float) -> Course:
+def _move_curve(label: str, curve: Curve, group: str, factor: float) -> MoveCurve:
     time, position, reference, target = (curve.columns[name] for name in ("time", "position", "reference", "target"))
-    moving = np.flatnonzero(np.abs(np.diff(reference)) > STILL * np.ptp(reference))
+    moving = np.flatnonzero(np.abs(np.diff(reference)) > REST_TOLERANCE * np.ptp(reference))
     begin = time[moving[0]] if moving.size else time[0]
     deviation = factor * (position - target)
-    resting = np.abs(reference - target) <= STILL * np.ptp(reference)
-    after = float(np.abs(deviation[resting]).max()) if resting.any() else 0.0
-    return Course(label, group, 1e3 * (time - begin), deviation, curve.columns.get("thrust"), after)
+    resting = np.abs(reference - target) <= REST_TOLERANCE * np.ptp(reference)
+    residual = float(np.abs(deviation[resting]).max()) if resting.any() else 0.0
+    return MoveCurve(label, group, 1e3 * (time - begin), deviation, curve.columns.get("thrust"), residual)
 
 
 def draw_positioning(info: PositioningInfo) -> "Figure":
-    """Draw the deviation from the target, over the thrust; many motions as bundles."""
+    """Draw the deviation from the target above the thrust; many moves are drawn as bundles."""
     from fraexp.figures.elements import canvas  # matplotlib: imported only when something is drawn
 
-    with canvas.styled():
+    with canvas.figure_style():
         count = 2 if info.thrust_unit else 1
         figure = canvas.new_figure(width=9.0, height=4.9 + 2.0 * (count - 1))
         panels = figure.subplots(count, 1, sharex=True, squeeze=False, height_ratios=(2.2, 1.0)[:count])[:, 0]
         upper = panels[0]
-        _draw(upper, info.courses, lambda course: course.deviation, named=True)
+        _draw_part(upper, info.moves, lambda move: move.deviation, named=True)
         if info.thrust_unit:
-            _draw(panels[1], info.courses, lambda course: course.thrust, named=False)
+            _draw_part(panels[1], info.moves, lambda move: move.thrust, named=False)
             panels[1].set_ylabel(f"Thrust [{info.thrust_unit}]")
         _draw_bands(upper, info)
-        if info.height > LINEAR * info.bands[-1]:
-            canvas.error_axis(upper, 10.0 ** np.ceil(np.log10(info.bands[-1])))
+        if info.height > MAX_LINEAR_RATIO * info.bands[-1]:
+            canvas.set_error_axis(upper, 10.0 ** np.ceil(np.log10(info.bands[-1])))
         upper.set_ylim(-info.height, info.height)
         upper.set_ylabel(f"Position − target [{info.unit}]")
-        upper.set_title(canvas.heading(figure, info.title))
-        times = [course.time for course in info.courses]
+        upper.set_title(canvas.wrapped_title(figure, info.title))
+        times = [move.time for move in info.moves]
         upper.set_xlim(min(time[0] for time in times), max(time[-1] for time in times))
         panels[-1].set_xlabel("Time since the move began [ms]")
-        canvas.grid(*panels)
+        canvas.draw_grid(*panels)
         figure.align_ylabels(panels)
-        canvas.legend_below(figure, upper)
+        canvas.add_legend_below(figure, upper)
     return figure
 
 
-def _draw(axes: "Axes", courses: Sequence[Course], part: Callable[[Course], np.ndarray | None], named: bool) -> None:
+def _draw_part(
+    axes: "Axes", moves: Sequence[MoveCurve], part: Callable[[MoveCurve], NDArray[np.float64] | None], named: bool
+) -> None:
     from fraexp.figures.elements import canvas
 
-    values = [np.full(course.time.size, np.nan) if part(course) is None else part(course) for course in courses]
-    if len(courses) > MANY:
-        groups = split([course.group for course in courses])
+    found = [(move, part(move)) for move in moves]
+    values = [np.full(move.time.size, np.nan) if value is None else value for move, value in found]
+    if len(moves) > MAX_SINGLE_CURVES:
+        groups = group_indices([move.group for move in moves])
         bundles = [
-            Bundle(name, stacked([courses[i].time for i in chosen]), stacked([values[i] for i in chosen]))  # type: ignore[misc]
+            Bundle(name, stack_padded([moves[i].time for i in chosen]), stack_padded([values[i] for i in chosen]))
             for name, chosen in groups.items()
         ]
         draw_bundles(axes, bundles, named)
         return
-    for course, y, style in zip(courses, values, canvas.line_styles(len(courses)), strict=True):
-        axes.plot(course.time, y, label=drawable(course.label) if named else None, **style)  # type: ignore[arg-type]
+    for move, y, style in zip(moves, values, canvas.line_styles(len(moves)), strict=True):
+        axes.plot(move.time, y, label=drawable(move.label) if named else None, **style)
 
 
 def _draw_bands(axes: "Axes", info: PositioningInfo) -> None:
@@ -139,6 +144,6 @@ def _draw_bands(axes: "Axes", info: PositioningInfo) -> None:
 
     for band in info.bands:
         for limit in (-band, band):
-            axes.axhline(limit, **canvas.REFERENCE)  # type: ignore[arg-type]
-    style = {**canvas.REFERENCE, "label": " and ".join(f"±{band:g} {info.unit}" for band in info.bands)}
-    axes.plot([], [], **style)  # type: ignore[arg-type]
+            axes.axhline(limit, **canvas.REFERENCE_STYLE)
+    style = {**canvas.REFERENCE_STYLE, "label": " and ".join(f"±{band:g} {info.unit}" for band in info.bands)}
+    axes.plot([], [], **style)

@@ -1,97 +1,117 @@
-"""What the store asks of a database, whichever it is; and the names under which databases are shown."""
+"""The contract of a database, and its name for messages."""
 
 import json
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from sqlalchemy import Connection, Engine
 
-WRITE = "fraexp_write"
-"""Execution option of a transaction that is going to write: one of ALONE and BESIDE."""
-ALONE, BESIDE = "alone", "beside"
-"""Nobody else writes meanwhile, or others may, as rows of one run alone are changed."""
-SECRETS = ((r"(://[^:/?#]*:)(.+)@", r"\1***@"), (r"([?&](?:password|sslpassword)=)[^&#\s]*", r"\1***"))
-Step = Callable[[Connection], None]
+WRITE_MODE = "fraexp_write"
+"""Execution option of a transaction that writes: EXCLUSIVE or CONCURRENT."""
+EXCLUSIVE, CONCURRENT = "alone", "beside"
+"""No other process writes during the transaction, or others may, because it changes rows of one run only."""
+PASSWORD_PATTERNS = (
+    (r"([?&](?:password|sslpassword)=)[^&#\s]*", r"\1***"),
+    (r"(://[^:/?#]*:)(.+)@", r"\1***@"),
+    (r"(\bpostgres[\w+]*(?!://)[:/]+[^:/?#]*:)(.+)@", r"\1***@"),  # a URL that lacks a part of ://
+)
+Upgrade = Callable[[Connection], None]
 
 
-def shown(text: str) -> str:
-    """Return a URL, or a text with one in it, without its password."""
-    for secret, instead in SECRETS:
-        text = re.sub(secret, instead, text)
+def masked_url(text: str) -> str:
+    """Return a URL, or a text that contains one, with its password replaced by ``***``."""
+    for pattern, replacement in PASSWORD_PATTERNS:
+        text = re.sub(pattern, replacement, text)
     return text
 
 
-def compact(data: Any) -> str:
+def url_without_password(url: str) -> str:
+    """Return a URL that can be pasted: its password, which is not shown, comes from PGPASSWORD or ~/.pgpass."""
+    if "://" not in url:
+        return masked_url(url)
+    url = re.sub(r"(?<=[?&])(password|sslpassword)=[^&#]*&?", "", url).rstrip("?&")
+    return re.sub(r"(://[^:/?#]*):.+@", r"\1@", url)
+
+
+def compact_json(data: object) -> str:
     """Return plain data as JSON without blanks."""
     return json.dumps(data, separators=(",", ":"))
 
 
 class Database(ABC):
-    """A place for tables, whether there are any yet or not. What goes wrong is raised as StoreError, in one line."""
+    """A database that may not exist yet. All failures are raised as StoreError, in one line."""
 
     name: str
-    """As people know it, without password."""
-    reading: ClassVar[Mapping[str, Any]]
-    """Execution options of a transaction that only reads: all its questions are answered from the same moment."""
+    """Name for messages, without password."""
+    reading: ClassVar[Mapping[str, object]]
+    """Execution options of a transaction that only reads: all its queries see the same state."""
     upgrades_itself: ClassVar[bool]
-    """Whether a writer may change an older schema without being asked: nobody else uses the database."""
+    """Whether a writer migrates an older schema automatically, because nobody else uses the database."""
+
+    @property
+    def location(self) -> str:
+        """The file or URL for commands that are suggested, without a password."""
+        return self.name
 
     @abstractmethod
     def exists(self) -> bool:
-        """Return whether there is a database of ours; False if there is nothing yet."""
+        """Return whether there is a database of fraexp; False if there is nothing."""
 
     @abstractmethod
     def identity(self) -> object:
-        """Return what tells the database from another that may come to bear its name; None if there is none."""
+        """Return an identifier that distinguishes the database from a later one of its name; None without one."""
 
     @abstractmethod
     def check_writable(self) -> None:
-        """Raise StoreError if it is plain beforehand that nothing can be written."""
+        """Raise StoreError if it is known in advance that nothing can be written."""
 
     def advice(self) -> str:
-        """Return what people should know of the place before they write to it; nothing if all is well."""
+        """Return a warning about the place of the database; empty if there is none."""
         return ""
 
     @abstractmethod
     def writer(self) -> Engine:
-        """Return an engine of one connection, which also reads."""
+        """Return an engine with one connection, which can read and write."""
 
     @abstractmethod
     def reader(self) -> Engine:
         """Return an engine that cannot write."""
 
     @abstractmethod
-    def sentences(self) -> AbstractContextManager[None]:
-        """Turn what the database raises into StoreError."""
+    def translated_errors(self) -> AbstractContextManager[None]:
+        """Raise StoreError for the errors of the database in this context."""
 
     @abstractmethod
     def revision(self) -> str | None:
-        """Return the revision of the schema; None if there is none."""
+        """Return the revision of the schema; None without one."""
 
     @abstractmethod
     def create(self, first: str, upgrade: Callable[[Connection, str | None], None]) -> None:
-        """Make the tables unless somebody else was quicker; wholly or not at all.
+        """Create the tables, completely or not at all, unless another process has just done so.
 
-        `upgrade` is given a connection and the revision that its tables have: None, or `first`, the current one.
+        `upgrade` is called with a connection and the revision of its tables: None, or `first`, the current one.
         """
 
     @abstractmethod
-    def migrate(self, head: str, upgrade: Step) -> None:
-        """Bring the tables up to the revision `head` unless somebody else was quicker; wholly or not at all."""
+    def migrate(self, head: str, upgrade: Upgrade) -> str:
+        """Migrate to the revision `head`, completely or not at all, unless another process has just done so.
+
+        Return where the data of the earlier revision are; empty if there is no copy of them.
+        """
 
     @abstractmethod
     def tidy(self) -> None:
-        """Give back the room that deleted rows have left."""
+        """Free the space of deleted rows."""
 
     @abstractmethod
     def size(self) -> int:
-        """Return the room that it takes [bytes]."""
+        """Return the size [bytes]."""
 
     def journal(self, connection: Connection) -> str:
-        """Return how it keeps what is being written, as far as that differs between databases of its kind."""
+        """Return the journal mode; empty if all databases of this kind have the same one."""
         return ""
 
     @abstractmethod
@@ -100,4 +120,4 @@ class Database(ABC):
 
     @abstractmethod
     def health(self, connection: Connection) -> str:
-        """Return ``sound``, or the first finding of the database's own checks."""
+        """Return ``sound``, or the first fault that the database's own check finds."""

@@ -1,26 +1,25 @@
-"""On what kind of file system a database lies: SQLite's log needs memory that all who use it share."""
+"""The kind of file system that holds a database: SQLite's log needs memory that all processes share."""
 
-import os
 from pathlib import Path
 
-MOUNTS = Path("/proc/mounts")
-NETWORK = ("nfs", "cifs", "smb", "9p", "fuse.sshfs", "afs", "lustre", "ceph")
-"""Beginnings of the types of file systems that several computers may use at once."""
+NETWORK_TYPES = ("nfs", "cifs", "smb", "9p", "fuse.sshfs", "afs", "lustre", "ceph")
+"""Prefixes of the types of file systems that several computers can use at the same time."""
 
 
-def file_system(folder: Path) -> str:
-    """Return the type of the file system that holds a folder; ``unknown`` where the system does not tell."""
+def file_system_type(folder: Path) -> str:
+    """Return the type of the file system that holds a folder; ``unknown`` if the system does not report it."""
+    import psutil  # only a process that writes asks
+
+    path = folder.resolve()
     try:
-        lines = MOUNTS.read_text(encoding="utf-8", errors="replace").splitlines()
-    except OSError:
+        partitions = psutil.disk_partitions(all=True)
+    except (OSError, psutil.Error):
         return "unknown"
-    real = os.path.realpath(folder)
-    mounts = [(parts[1].replace("\\040", " "), parts[2]) for parts in (line.split() for line in lines)]
-    holding = [mount for mount in mounts if os.path.commonpath([mount[0], real]) == mount[0]]
-    # Of those at the same place the last one mounted covers the others.
-    return max(reversed(holding), key=lambda mount: len(mount[0]))[1] if holding else "unknown"
+    holding = [part for part in partitions if path.is_relative_to(part.mountpoint)]
+    # The last one mounted at a place covers the earlier ones.
+    return max(reversed(holding), key=lambda part: len(part.mountpoint)).fstype if holding else "unknown"
 
 
-def on_network(folder: Path) -> bool:
-    """Return whether a folder is shared through a network."""
-    return file_system(folder).startswith(NETWORK)
+def is_on_network(folder: Path) -> bool:
+    """Return whether a folder lies on a file system that several computers can use."""
+    return file_system_type(folder).startswith(NETWORK_TYPES)

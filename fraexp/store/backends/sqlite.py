@@ -1,4 +1,4 @@
-"""A SQLite file: one writer, readers that cannot write, copies before changes, and every failure as one sentence."""
+"""A SQLite file: one writer, readers that cannot write, a copy before migrations; each failure is one sentence."""
 
 import os
 import sqlite3
@@ -7,21 +7,21 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from sqlalchemy import Connection, Engine, create_engine, event
 from sqlalchemy.exc import StatementError
 from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 from sqlalchemy.pool import QueuePool
 
-from fraexp.errors import StoreError
-from fraexp.store.backends.engine import ALONE, WRITE, Database, Step, compact
-from fraexp.store.backends.file_system import file_system, on_network
-from fraexp.store.validation import json_data
+from fraexp.errors import StoreError, UnavailableError
+from fraexp.store.backends.engine import EXCLUSIVE, WRITE_MODE, Database, Upgrade, compact_json
+from fraexp.store.backends.file_system import file_system_type, is_on_network
+from fraexp.store.validation import parse_json
 
 APPLICATION_ID = 0x66726178
 """Marks a SQLite file as ours ("frax" in its header)."""
-NOT_OURS = """
+FOREIGN_OBJECTS_SQL = """
     SELECT type, name FROM sqlite_master WHERE type IN ('view', 'trigger')
     UNION ALL SELECT 'virtual table', name FROM sqlite_master WHERE sql LIKE 'create virtual%'
     UNION ALL SELECT 'computed column', tables.name || '.' || of.name
@@ -29,12 +29,12 @@ NOT_OURS = """
         WHERE tables.type = 'table' AND tables.sql NOT LIKE 'create virtual%' AND of.hidden > 1
     LIMIT 1
 """
-"""What runs code of the database's author when tables are read or written."""
-MAGIC = b"SQLite format 3\0"
-LOG = ("PRAGMA journal_mode = WAL", "PRAGMA synchronous = NORMAL")
-"""Writing to a log: readers and the writer do not wait for each other, and a kill costs nothing."""
-JOURNAL = ("PRAGMA journal_mode = DELETE", "PRAGMA synchronous = FULL")
-"""Writing with a journal, on a network: the log's index is memory that all who use it share, as computers cannot."""
+"""Finds what would run code of the database's author when tables are read or written."""
+SQLITE_MAGIC = b"SQLite format 3\0"
+WAL_PRAGMAS = ("PRAGMA journal_mode = WAL", "PRAGMA synchronous = NORMAL")
+"""Write-ahead log: readers and the writer do not wait for each other, and a killed process loses nothing."""
+JOURNAL_PRAGMAS = ("PRAGMA journal_mode = DELETE", "PRAGMA synchronous = FULL")
+"""Rollback journal, for networks: the index of a write-ahead log is shared memory, which computers do not share."""
 
 
 @dataclass(frozen=True)
@@ -43,8 +43,8 @@ class SqliteFile(Database):
 
     path: Path
     timeout: float
-    """How long to wait for another process that writes [s]."""
-    reading: ClassVar[Mapping[str, Any]] = {}
+    """Time to wait for another process that writes [s]."""
+    reading: ClassVar[Mapping[str, object]] = {}
     upgrades_itself: ClassVar[bool] = True
 
     @property
@@ -53,29 +53,29 @@ class SqliteFile(Database):
         return str(self.path)
 
     def exists(self) -> bool:
-        """Return whether there is a database of ours; False if the file is missing or empty, else StoreError.
+        """Return whether there is a database of fraexp; False if the file is missing or empty, otherwise StoreError.
 
-        Only the file's header is read: SQLite itself would leave files beside a foreign database.
+        Only the header of the file is read: SQLite itself would leave files beside a foreign database.
         """
         try:
             if not self.path.exists():
                 return False
             if not self.path.is_file():
-                raise StoreError(f"{self.path}: this is no file; name a database file, such as results.db in it")
+                raise StoreError(f"{self.path}: this is not a file; name a database file, such as results.db in it")
             with self.path.open("rb") as stream:
                 header = stream.read(100)
         except OSError as error:
             raise StoreError(f"{self.path}: cannot be read ({error.strerror}); choose another database") from None
         if not header:
             return False
-        if len(header) < 100 or not header.startswith(MAGIC):
-            raise StoreError(f"{self.path}: this is no database; name another file, or move this one away")
+        if len(header) < 100 or not header.startswith(SQLITE_MAGIC):
+            raise StoreError(f"{self.path}: this is not a database; name another file, or move this one away")
         if int.from_bytes(header[68:72]) != APPLICATION_ID:
             raise StoreError(f"{self.path}: this database was not made by fraexp; name another file")
         return True
 
     def identity(self) -> object:
-        """Return device and number of the file."""
+        """Return device and inode number of the file."""
         try:
             found = self.path.stat()
         except OSError:
@@ -83,43 +83,43 @@ class SqliteFile(Database):
         return found.st_dev, found.st_ino
 
     def check_writable(self) -> None:
-        """Raise StoreError if the folder is missing, or it or the file may not be written."""
+        """Raise StoreError if the folder is missing, or the folder or the file is read-only."""
         folder = self.path.absolute().parent
         if not folder.is_dir():
             raise StoreError(f"{self.path}: there is no folder {folder}; make it, or choose another database")
-        if not _may_write(folder):
+        if not _is_writable(folder):
             raise StoreError(f"{self.path}: the folder is read-only; choose a database in a folder of yours")
-        if self.path.exists() and not _may_write(self.path):
+        if self.path.exists() and not _is_writable(self.path):
             raise StoreError(f"{self.path}: the file is read-only; make it writable, or choose another database")
 
     def advice(self) -> str:
-        """Return where a database that lies on a network should better be; else nothing."""
+        """Return a warning if the database lies on a network."""
         folder = self.path.resolve().parent
-        if not on_network(folder):
+        if not is_on_network(folder):
             return ""
         return (
-            f"{self.path}: it lies on a network file system ({file_system(folder)}), where writing is slow and locks "
-            "may not hold; put it on a local disk with --db, or use a server such as postgresql://user@host/database"
+            f"{self.path}: it lies on a network file system ({file_system_type(folder)}), where writing is slow and "
+            "locks may fail; put it on a local disk with --db, or use a server such as postgresql://user@host/database"
         )
 
     def writer(self, foreign_keys: bool = True) -> Engine:
-        """Return an engine of one connection, which also reads."""
-        journal = JOURNAL if on_network(self.path.resolve().parent) else LOG
-        return self._engine("mode=rw", (*journal, f"PRAGMA foreign_keys = {'ON' if foreign_keys else 'OFF'}"))
+        """Return an engine with one connection, which can read and write."""
+        journal = JOURNAL_PRAGMAS if is_on_network(self.path.resolve().parent) else WAL_PRAGMAS
+        return self._create_engine("mode=rw", (*journal, f"PRAGMA foreign_keys = {'ON' if foreign_keys else 'OFF'}"))
 
     def reader(self) -> Engine:
         """Return an engine that cannot write."""
-        if not _may_write(self.path.resolve().parent):
-            # SQLite needs files beside a database to read it; where it cannot make them, nobody can be writing.
-            return self._engine(self._undisturbing(), ())
-        if self._has_journal():  # what a killed writer has left half-done is undone by whoever comes next
-            return self._engine("mode=rw", ("PRAGMA query_only = ON",))
-        return self._engine("mode=ro", ())
+        if not _is_writable(self.path.resolve().parent):
+            # SQLite reads a database with files beside it; if it cannot create them, nobody can be writing.
+            return self._create_engine(self._read_mode(), ())
+        if self._has_journal():  # the next process undoes what a killed writer has left unfinished
+            return self._create_engine("mode=rw", ("PRAGMA query_only = ON",))
+        return self._create_engine("mode=ro", ())
 
     def revision(self) -> str | None:
-        """Return the revision of the schema; None if there is none."""
-        with self.sentences(), closing(self.connect(self._undisturbing())) as connection:
-            if strange := connection.execute(NOT_OURS).fetchone():
+        """Return the revision of the schema; None without one."""
+        with self.translated_errors(), closing(self.connect(self._read_mode())) as connection:
+            if strange := connection.execute(FOREIGN_OBJECTS_SQL).fetchone():
                 raise StoreError(
                     f"{self.path}: it has a {strange[0]} '{strange[1]}', which fraexp does not make and which could "
                     "run whatever its author wished; drop it, or name another file"
@@ -131,38 +131,40 @@ class SqliteFile(Database):
     def create(self, first: str, upgrade: Callable[[Connection, str | None], None]) -> None:
         self.check_writable()
         with _locked_folder(self):
-            if not self.exists():  # somebody else may have been quicker
-                # Made beside and moved into place: a half-made database never bears the name.
+            if not self.exists():  # another process may have created it meanwhile
+                # It is created under another name and moved: an incomplete database never has the name.
                 path = self.path.resolve()
                 draft = replace(self, path=path.with_name(f"{path.name}.new"))
-                with self.sentences():
-                    _remove(draft.path)
+                with self.translated_errors():
+                    _remove_files(draft.path)
                     draft.path.touch()
-                    draft._change(lambda connection: upgrade(connection, None))
+                    draft._run_upgrade(lambda connection: upgrade(connection, None))
                     draft.path.replace(path)
 
-    def migrate(self, head: str, upgrade: Step) -> None:
+    def migrate(self, head: str, upgrade: Upgrade) -> str:
         """Copy the file to ``<name>.bak-<revision>``, then change it in one transaction."""
         self.check_writable()
         with _locked_folder(self):
             revision = self.revision()
-            if revision != head:
-                self._copy(f"bak-{revision}")
-                self._change(upgrade)
+            if revision == head:
+                return ""
+            copy = self._back_up(f"bak-{revision}")
+            self._run_upgrade(upgrade)
+        return f"a copy of the earlier file is {copy}"
 
     def tidy(self) -> None:
-        with self.sentences(), closing(self.connect("mode=rw")) as connection:
+        with self.translated_errors(), closing(self.connect("mode=rw")) as connection:
             connection.execute("VACUUM")
             connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
 
     def size(self) -> int:
-        with self.sentences():
+        with self.translated_errors():
             return self.path.stat().st_size
 
     def journal(self, connection: Connection) -> str:
         mode = str(connection.exec_driver_sql("PRAGMA journal_mode").scalar_one())
         log = Path(f"{self.path}-wal")
-        if mode != "wal" and not self._has_journal():  # a reader that leaves no files sees none
+        if mode != "wal" and not self._has_journal():  # a reader that leaves no files does not see the log
             mode = "wal"
         waiting = log.stat().st_size if log.exists() else 0
         return f"{mode}, {waiting / 1e6:.1f} MB not yet in the file" if waiting else mode
@@ -171,57 +173,60 @@ class SqliteFile(Database):
         return int(connection.exec_driver_sql("PRAGMA data_version").scalar_one())
 
     def health(self, connection: Connection) -> str:
-        finding = str(connection.exec_driver_sql("PRAGMA quick_check(1)").scalar_one())
+        finding = str(connection.exec_driver_sql("PRAGMA integrity_check(1)").scalar_one())
         orphan = connection.exec_driver_sql("PRAGMA foreign_key_check").first()
         if finding != "ok":
-            return finding
+            return " ".join(finding.removeprefix("*** in database main ***").split())
         return f"a row of {orphan[0]} refers to a {orphan[2]} that does not exist" if orphan else "sound"
 
-    def _copy(self, suffix: str) -> None:
+    def _back_up(self, suffix: str) -> Path:
         path = self.path.resolve()
         copy = path.with_name(f"{path.name}.{suffix}")
         draft = replace(self, path=copy.with_name(f"{copy.name}.new"))
-        with self.sentences():
-            _remove(draft.path)
+        with self.translated_errors():
+            _remove_files(draft.path)
             with closing(self.connect("mode=ro")) as source, closing(draft.connect("mode=rwc")) as target:
                 source.backup(target)
-                target.execute("PRAGMA journal_mode = DELETE")  # one file, no companions
+                target.execute("PRAGMA journal_mode = DELETE")  # a single file without a log
             draft.path.replace(copy)
+        return self.path.with_name(copy.name) if self.path.name == path.name else copy
 
-    def _change(self, step: Step) -> None:
-        # Foreign keys are off, as rebuilding a table would delete what refers to it; they are checked at the end.
+    def _run_upgrade(self, step: Upgrade) -> None:
+        # Foreign keys are off, because rebuilding a table would delete the rows that refer to it; the end checks them.
         engine = self.writer(foreign_keys=False)
         try:
-            with self.sentences(), engine.execution_options(**{WRITE: ALONE}).begin() as connection:
+            with self.translated_errors(), engine.execution_options(**{WRITE_MODE: EXCLUSIVE}).begin() as connection:
                 connection.exec_driver_sql(f"PRAGMA application_id = {APPLICATION_ID}")
                 step(connection)
                 if connection.exec_driver_sql("PRAGMA foreign_key_check").first():
-                    raise StoreError(f"{self.path}: rows would lose what they refer to; the schema stays as it was")
+                    raise StoreError(
+                        f"{self.path}: the migration breaks references between rows; the schema is unchanged"
+                    )
         finally:
             engine.dispose()
 
     def connect(self, query: str) -> sqlite3.Connection:
-        """Return a connection on which only we begin transactions, on every version of Python."""
+        """Return a connection in which no version of Python begins transactions by itself."""
         uri = f"{self.path.resolve().as_uri()}?{query}"
         return sqlite3.connect(uri, uri=True, timeout=self.timeout, isolation_level=None, check_same_thread=False)
 
-    def _undisturbing(self) -> str:
+    def _read_mode(self) -> str:
         path = self.path.resolve()
         if self._has_journal():
-            undo = Path(f"{path}-journal").exists() and _may_write(path.parent) and _may_write(path)
+            undo = Path(f"{path}-journal").exists() and _is_writable(path.parent) and _is_writable(path)
             return "mode=rw" if undo else "mode=ro"
-        # Without a log beside it a database is in use by nobody, and can be read without leaving files there.
+        # Without a log nobody uses the database, and it can be read without leaving files beside it.
         return "mode=ro" if Path(f"{path}-wal").exists() else "mode=ro&immutable=1"
 
     def _has_journal(self) -> bool:
-        """Return whether the file is written with a journal and not with a log."""
+        """Return whether the file is written with a rollback journal, not with a write-ahead log."""
         try:
             with self.path.open("rb") as stream:
                 return stream.read(19)[18:] == b"\1"
-        except OSError:  # whoever connects is told
+        except OSError:  # the connection reports it
             return False
 
-    def _engine(self, query: str, pragmas: Sequence[str]) -> Engine:
+    def _create_engine(self, query: str, pragmas: Sequence[str]) -> Engine:
         def connect() -> sqlite3.Connection:
             connection = self.connect(query)
             try:
@@ -236,54 +241,64 @@ class SqliteFile(Database):
             "sqlite://",
             creator=connect,
             poolclass=QueuePool,
-            pool_size=1,  # threads take turns: two connections never write or checkpoint at once
+            pool_size=1,  # threads take turns: two connections never write or checkpoint at the same time
             max_overflow=0,
             pool_timeout=self.timeout,
-            json_serializer=compact,
-            json_deserializer=json_data,
+            json_serializer=compact_json,
+            json_deserializer=parse_json,
         )
         event.listen(engine, "begin", _begin)
         return engine
 
     @contextmanager
-    def sentences(self) -> Iterator[None]:
-        """Turn what the database and the file system raise into StoreError."""
+    def translated_errors(self) -> Iterator[None]:
+        """Raise StoreError for the errors of the database and the file system in this context."""
         try:
             yield
         except StatementError as error:
-            raise StoreError(f"{self.path}: {_sentence(error.orig)}") from error
+            raise _error_kind(error.orig)(f"{self.path}: {_error_text(error.orig)}") from error
         except sqlite3.Error as error:
-            raise StoreError(f"{self.path}: {_sentence(error)}") from error
-        except UnicodeDecodeError as error:  # what SQLite says of a damaged file names what it finds there
-            raise StoreError(f"{self.path}: {_DAMAGED.format('a name in it is no text')}") from error
+            raise _error_kind(error)(f"{self.path}: {_error_text(error)}") from error
+        except UnicodeDecodeError as error:  # SQLite's message about a damaged file contains names from it
+            raise StoreError(f"{self.path}: {DAMAGED_MESSAGE.format('a name in it is not a text')}") from error
         except OSError as error:
             raise StoreError(f"{self.path}: {error.strerror or error}; check the folder, or choose another") from error
         except PoolTimeoutError as error:
-            raise StoreError(f"{self.path}: the database is busy in this process; try again") from error
+            raise UnavailableError(f"{self.path}: the database is busy in this process; try again") from error
 
 
-def _remove(path: Path) -> None:
-    """Remove what an interrupted attempt may have left: a file, and the log that would be taken for the next one's."""
+def _remove_files(path: Path) -> None:
+    """Remove what an interrupted attempt has left: the file, and a log that would be applied to the next one."""
     for suffix in ("", "-wal", "-shm", "-journal"):
         Path(f"{path}{suffix}").unlink(missing_ok=True)
 
 
 def _begin(connection: Connection) -> None:
-    # A deferred transaction that turns to writing is refused at once, whatever the timeout: ask for the lock first.
-    writes = WRITE in connection.get_execution_options()
-    connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
+    # A deferred transaction that begins to write fails at once, whatever the timeout: the lock is requested first.
+    writes = WRITE_MODE in connection.get_execution_options()
+    # By the driver's cursor, because SQLAlchemy's way to execute a text takes longer than the whole transaction.
+    connection.connection.cursor().execute("BEGIN IMMEDIATE" if writes else "BEGIN")
 
 
-def _may_write(path: Path) -> bool:
+def _is_writable(path: Path) -> bool:
     return os.access(path, os.W_OK, effective_ids=os.access in os.supports_effective_ids)
 
 
-_DAMAGED = "the database is damaged ({}); restore a copy, or name another file"
+DAMAGED_MESSAGE = "the database is damaged ({}); restore a copy, or save what fraexp doctor calls sound by fraexp merge"
 
 
-def _sentence(error: BaseException | None) -> str:
-    code = getattr(error, "sqlite_errorcode", None) or 0
-    match code & 0xFF:  # the low byte is the kind
+def _error_code(error: BaseException | None) -> int:
+    """Return the kind of an error, which is the low byte of SQLite's code."""
+    return (getattr(error, "sqlite_errorcode", None) or 0) & 0xFF
+
+
+def _error_kind(error: BaseException | None) -> type[StoreError]:
+    is_locked = _error_code(error) in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED)
+    return UnavailableError if is_locked else StoreError
+
+
+def _error_text(error: BaseException | None) -> str:
+    match _error_code(error):
         case sqlite3.SQLITE_BUSY | sqlite3.SQLITE_LOCKED:
             return "the database is locked by another process that writes; wait until it has ended, or stop it"
         case sqlite3.SQLITE_READONLY | sqlite3.SQLITE_PERM:
@@ -293,23 +308,23 @@ def _sentence(error: BaseException | None) -> str:
         case sqlite3.SQLITE_FULL | sqlite3.SQLITE_IOERR:
             return f"the disk is full or fails ({error}); make room and run again"
         case sqlite3.SQLITE_CORRUPT | sqlite3.SQLITE_NOTADB:
-            return _DAMAGED.format(error)
+            return DAMAGED_MESSAGE.format(error)
     return " ".join(str(error).split()) or "the database failed"
 
 
 @contextmanager
 def _locked_folder(database: SqliteFile) -> Iterator[None]:
-    """Hold the folder's lock: released by the system if the process dies, and no file is left behind."""
+    """Hold the lock of the folder: the system releases it if the process dies, and no file is left."""
     try:
         import fcntl
-    except ImportError:  # Windows: the transaction alone protects
+    except ImportError:  # on Windows only the transaction protects
         yield
         return
-    with database.sentences():
+    with database.translated_errors():
         handle = os.open(database.path.resolve().parent, os.O_RDONLY)
     try:
         deadline = time.monotonic() + database.timeout
-        while not _take(handle, fcntl.LOCK_EX | fcntl.LOCK_NB):
+        while not _try_lock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB):
             if time.monotonic() > deadline:
                 raise StoreError(f"{database.path}: another process is making the database; try again")
             time.sleep(0.02)
@@ -318,13 +333,13 @@ def _locked_folder(database: SqliteFile) -> Iterator[None]:
         os.close(handle)
 
 
-def _take(handle: int, operation: int) -> bool:
+def _try_lock(handle: int, operation: int) -> bool:
     import fcntl
 
     try:
         fcntl.flock(handle, operation)
     except BlockingIOError:
         return False
-    except OSError:  # a file system without such locks: the transaction alone protects
+    except OSError:  # on a file system without such locks only the transaction protects
         return True
     return True

@@ -1,37 +1,54 @@
-"""Who computes what: a lease is a sweep that a living run has taken upon itself.
+"""Leases: a lease reserves a sweep for a run that computes it.
 
-A lease lasts as long as its run gives signs of life: each heartbeat renews all leases of the run. A run that is over,
-whose process on this host has died, or that has been silent for LEASE holds nothing any more.
+A lease is valid as long as its run is alive: each heartbeat renews all leases of the run. A run that has ended, whose
+process on this host has died, or that has sent no heartbeat for LEASE_DURATION has no valid lease.
 """
 
 from collections.abc import Iterable, Sequence
 from datetime import datetime, timedelta
-from typing import Any
 
-from sqlalchemy import Connection, delete, func, select
+from sqlalchemy import Connection, bindparam, delete, func, select
 
 from fraexp.store.clock import now
-from fraexp.store.liveness import Process, alive
-from fraexp.store.tables import chunks, insert_or_ignore, lease, run, sweep
+from fraexp.store.liveness import Host, Process, host_of
+from fraexp.store.tables import Query, ResultRow, insert_or_ignore, is_one_of, key_chunks, lease, run, run_sweep, sweep
 
-LEASE = timedelta(seconds=60)
-"""How long a run without a heartbeat keeps what it holds."""
-OWNER = (run.c.number, run.c.state, run.c.heartbeat, run.c.host, run.c.boot, run.c.pid, run.c.process_start)
+LEASE_DURATION = timedelta(seconds=60)
+"""Time without a heartbeat after which the leases of a run are invalid."""
+OWNER_COLUMNS = (run.c.number, run.c.state, run.c.heartbeat, run.c.host, run.c.boot, run.c.pid, run.c.process_start)
+START = select(run.c.started).where(run.c.number == bindparam("number"), run.c.state == "running")
+OWNERS: Query = (
+    select(sweep.c.key, sweep.c.outcome, sweep.c.created, *OWNER_COLUMNS)
+    .select_from(sweep.outerjoin(lease, lease.c.key == sweep.c.key).outerjoin(run, run.c.number == lease.c.run))
+    .where(is_one_of(sweep.c.key))
+)
+"""Sweeps with the runs that hold their leases, if there are any."""
+HOLDERS = OWNERS.where(lease.c.run.is_not(None))
+HELD = select(lease.c.key).where(lease.c.run == bindparam("number"), is_one_of(lease.c.key))
+FINISHED = select(run_sweep.c.key).where(
+    run_sweep.c.run == bindparam("number"), run_sweep.c.state == bindparam("state"), is_one_of(run_sweep.c.key)
+)
+RELEASE_ALL = delete(lease).where(lease.c.run == bindparam("number"))
+RELEASE = RELEASE_ALL.where(is_one_of(lease.c.key))
 
 
-def claim(connection: Connection, number: int, keys: Iterable[str], again: bool) -> set[str]:
-    """Take upon a run what has no result (`again`: none since it began) and no other living run holds."""
-    moment = now(connection)
-    started = connection.scalar(select(run.c.started).where(run.c.number == number, run.c.state == "running"))
-    if started is None:  # it has ended, or there is no such run: what it claimed would be held by nobody
+def claim_sweeps(connection: Connection, number: int, keys: Iterable[str], is_rerun: bool) -> set[str]:
+    """Lease sweeps to a run: those that have no result and that no other living run holds.
+
+    With `is_rerun` a result that is older than the run counts as none.
+    """
+    time_now = now(connection)
+    started = connection.scalar(START, {"number": number})
+    if started is None:  # the run has ended or does not exist: its leases would be invalid
         return set()
-    lives: dict[int, bool] = {}
+    alive: dict[int, bool] = {}
+    host = host_of(connection)
     claimed: set[str] = set()
-    for chunk in chunks(keys):
+    for chunk in key_chunks(keys):
         free, abandoned = set(), []
-        for row in connection.execute(_asked(chunk)).all():
-            fresh = row.outcome is not None and not (again and row.created < started)
-            if fresh or (row.number not in (None, number) and _lives(row, moment, lives)):
+        for row in connection.execute(OWNERS, {"keys": chunk}).all():
+            fresh = row.outcome is not None and not (is_rerun and row.created < started)
+            if fresh or (row.number not in (None, number) and _run_is_alive(row, time_now, alive, host)):
                 continue
             free.add(row.key)
             if row.number not in (None, number):
@@ -45,41 +62,51 @@ def claim(connection: Connection, number: int, keys: Iterable[str], again: bool)
     return claimed
 
 
-def held(connection: Connection, keys: Iterable[str]) -> dict[str, int]:
-    """Return which living run holds each of those sweeps that one holds."""
-    moment = now(connection)
-    lives: dict[int, bool] = {}
+def find_holders(connection: Connection, keys: Iterable[str]) -> dict[str, int]:
+    """Return the living run that holds each of the sweeps, for those that are held."""
+    time_now = now(connection)
+    alive: dict[int, bool] = {}
+    host = host_of(connection)
     return {
         row.key: row.number
-        for chunk in chunks(keys)
-        for row in connection.execute(_asked(chunk).where(lease.c.run.is_not(None)))
-        if _lives(row, moment, lives)
+        for chunk in key_chunks(keys)
+        for row in connection.execute(HOLDERS, {"keys": chunk})
+        if _run_is_alive(row, time_now, alive, host)
     }
 
 
-def counts(connection: Connection) -> dict[int, int]:
-    """Return how many leases each run has, dead or alive."""
+def held_sweeps(connection: Connection, number: int, keys: Iterable[str]) -> set[str]:
+    """Return the sweeps whose lease a run holds: another run may have taken over those of a run that was silent."""
+    return {key for chunk in key_chunks(keys) for key in connection.scalars(HELD, {"number": number, "keys": chunk})}
+
+
+def finished_sweeps(connection: Connection, number: int, keys: Iterable[str], state: str) -> set[str]:
+    """Return the sweeps that a run has stored already, in a transaction whose success it may not have learnt of."""
+    return {
+        key
+        for chunk in key_chunks(keys)
+        for key in connection.scalars(FINISHED, {"number": number, "state": state, "keys": chunk})
+    }
+
+
+def count_leases(connection: Connection) -> dict[int, int]:
+    """Return the number of leases of each run, dead or alive."""
     query = select(lease.c.run, func.count()).group_by(lease.c.run)
     return {row[0]: row[1] for row in connection.execute(query)}
 
 
-def release(connection: Connection, number: int, keys: Sequence[str] | None = None) -> None:
-    """Give up what a run holds: all of it, or some sweeps."""
-    of_run = delete(lease).where(lease.c.run == number)
-    for chunk in [None] if keys is None else chunks(keys):
-        connection.execute(of_run if chunk is None else of_run.where(lease.c.key.in_(chunk)))
+def release_leases(connection: Connection, number: int, keys: Sequence[str] | None = None) -> None:
+    """Delete the leases of a run: all, or those of some sweeps."""
+    if keys is None:
+        connection.execute(RELEASE_ALL, {"number": number})
+        return
+    for chunk in key_chunks(keys):
+        connection.execute(RELEASE, {"number": number, "keys": chunk})
 
 
-def _asked(keys: list[str]) -> Any:
-    held_by = sweep.outerjoin(lease, lease.c.key == sweep.c.key).outerjoin(run, run.c.number == lease.c.run)
-    return (
-        select(sweep.c.key, sweep.c.outcome, sweep.c.created, *OWNER).select_from(held_by).where(sweep.c.key.in_(keys))
-    )
-
-
-def _lives(row: Any, moment: datetime, lives: dict[int, bool]) -> bool:
-    if row.number not in lives:
-        silence = moment - row.heartbeat
+def _run_is_alive(row: ResultRow, time_now: datetime, alive: dict[int, bool], host: Host) -> bool:
+    if row.number not in alive:
+        silence = abs(time_now - row.heartbeat)  # a clock that was set back must not keep the leases of a dead run
         process = Process(row.host, row.boot, row.pid, row.process_start)
-        lives[row.number] = row.state == "running" and silence < LEASE and alive(process, silence)
-    return lives[row.number]
+        alive[row.number] = row.state == "running" and silence < LEASE_DURATION and host.is_alive(process, silence)
+    return alive[row.number]

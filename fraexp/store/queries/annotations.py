@@ -1,119 +1,143 @@
-"""What people add to sweeps, and what they take away: tags, notes, deletion."""
+"""Annotations by the user: tags and notes; and deletion of sweeps and runs."""
 
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
-from typing import Any
+from collections.abc import Iterable
 
 from sqlalchemy import Connection, delete, func, insert, select, update
 
 from fraexp.errors import StoreError, did_you_mean
 from fraexp.store import shared_sections
 from fraexp.store.clock import now
-from fraexp.store.liveness import Process, alive
-from fraexp.store.tables import LATEST, OVERTAKEN, chunks, note, run, run_sweep, sweep, tag
+from fraexp.store.damage import RESTORE_HINT
+from fraexp.store.digests import annotations_digest
+from fraexp.store.liveness import Process, host_of
+from fraexp.store.sealing import seal_annotations, seal_sound_runs
+from fraexp.store.tables import STANDING_LATEST, STANDING_OVERTAKEN, key_chunks, note, run, run_sweep, sweep, tag
 
 
 def check_tag(name: str) -> None:
-    """Raise StoreError unless a text is a word that can be typed in a filter."""
+    """Raise StoreError if a text is not a word that a filter can contain."""
     if not name or not name.isprintable() or any(letter in ' ,"' or letter.isspace() for letter in name):
-        raise StoreError(f"{name!r} is no tag; expected a word without blanks, commas and quotes, such as baseline")
+        raise StoreError(f"{name!r} is not a tag; expected a word without blanks, commas and quotes, such as baseline")
 
 
 def add_tag(connection: Connection, keys: Iterable[str], name: str) -> None:
-    """Give sweeps a tag; those that have it keep it."""
+    """Add a tag to sweeps."""
     check_tag(name)
-    for chunk in _existing(connection, keys):
+    for chunk in _sound_keys(connection, keys):
         has = set(connection.scalars(select(tag.c.key).where(tag.c.name == name, tag.c.key.in_(chunk))))
         rows = [{"key": key, "name": name} for key in chunk if key not in has]
         if rows:
             connection.execute(insert(tag), rows)
+            seal_annotations(connection, [row["key"] for row in rows])
 
 
 def remove_tag(connection: Connection, keys: Iterable[str], name: str) -> None:
-    """Take a tag from sweeps; StoreError if no sweep at all has it."""
-    known = tags(connection)
+    """Remove a tag from sweeps; StoreError if no sweep has it."""
+    known = count_tags(connection)
     if name not in known:
         raise StoreError(f"no sweep has the tag '{name}'{did_you_mean(name, known)}")
-    for chunk in _existing(connection, keys):
+    for chunk in _sound_keys(connection, keys):
         connection.execute(delete(tag).where(tag.c.name == name, tag.c.key.in_(chunk)))
+        seal_annotations(connection, chunk)
 
 
-def tags(connection: Connection) -> dict[str, int]:
-    """Return how many sweeps have each tag, by name."""
+def count_tags(connection: Connection) -> dict[str, int]:
+    """Return the number of sweeps with each tag, by name."""
     counts = select(tag.c.name, func.count().label("sweeps")).group_by(tag.c.name).order_by(tag.c.name)
     return {row.name: row.sweeps for row in connection.execute(counts)}
 
 
 def annotate(connection: Connection, key: str, text: str) -> None:
-    """Give a sweep a note in place of an older one; blank text takes it away."""
-    list(_existing(connection, [key]))
+    """Set the note of a sweep; a blank text removes it."""
+    list(_sound_keys(connection, [key]))
     connection.execute(delete(note).where(note.c.key == key))
     if text.strip():
         connection.execute(insert(note).values(key=key, text=text.strip()))
+    seal_annotations(connection, [key])
 
 
-def tags_of(connection: Connection, keys: Iterable[str]) -> dict[str, tuple[str, ...]]:
-    """Return the tags of those sweeps that have some, in alphabetical order."""
+def tags_of_sweeps(connection: Connection, keys: Iterable[str]) -> dict[str, tuple[str, ...]]:
+    """Return the tags of each sweep that has any, in alphabetical order."""
     found: dict[str, tuple[str, ...]] = defaultdict(tuple)
-    for chunk in chunks(keys):
+    for chunk in key_chunks(keys):
         query = select(tag.c.key, tag.c.name).where(tag.c.key.in_(chunk)).order_by(tag.c.name)
         for key, name in connection.execute(query):
             found[key] += (name,)
     return dict(found)
 
 
-def notes(connection: Connection, keys: Iterable[str]) -> dict[str, str]:
-    """Return the notes of those sweeps that have one."""
+def notes_of_sweeps(connection: Connection, keys: Iterable[str]) -> dict[str, str]:
+    """Return the note of each sweep that has one."""
     found: dict[str, str] = {}
-    for chunk in chunks(keys):
+    for chunk in key_chunks(keys):
         found |= {row.key: row.text for row in connection.execute(select(note).where(note.c.key.in_(chunk)))}
     return found
 
 
 def delete_sweeps(connection: Connection, keys: Iterable[str]) -> int:
-    """Delete sweeps with all that belongs to them; return how many there were."""
-    living = _living(connection)
+    """Delete sweeps with all their data, and return their number."""
+    living = _living_runs(connection)
     count = 0
-    for chunk in chunks(keys):
+    for chunk in key_chunks(keys):
         using = select(run_sweep.c.run).where(run_sweep.c.run.in_(living), run_sweep.c.key.in_(chunk)).limit(1)
         number = connection.scalar(using)
         if number is not None:
-            raise StoreError(f"run {number} is going on and uses these sweeps; wait until it has ended, or cancel it")
+            raise StoreError(
+                f"run {number} is running and uses these sweeps; wait until it has ended, or stop it with "
+                f"'fraexp stop {number}'"
+            )
+        of_runs = list(connection.scalars(select(run_sweep.c.run).where(run_sweep.c.key.in_(chunk)).distinct()))
         count += connection.execute(delete(sweep).where(sweep.c.key.in_(chunk))).rowcount
-    shared_sections.sweep_out(connection)
+        seal_sound_runs(connection, of_runs)
+    shared_sections.delete_unused_parts(connection)
     return count
 
 
 def delete_run(connection: Connection, number: int) -> int:
-    """Delete a run, and those of its sweeps that are in no other; return how many these were."""
-    if number in _living(connection):
-        raise StoreError(f"run {number} is going on; wait until it has ended, or cancel it, before it is deleted")
+    """Delete a run with those of its sweeps that no other run has, and return the number of these sweeps."""
+    if number in _living_runs(connection):
+        raise StoreError(
+            f"run {number} is running; wait until it has ended, or stop it with 'fraexp stop {number}', before it is "
+            "deleted"
+        )
     keys = list(connection.scalars(select(run_sweep.c.key).where(run_sweep.c.run == number)))
     connection.execute(delete(run).where(run.c.number == number))
     left = run_sweep.alias()
     count = 0
-    for chunk in chunks(keys):
+    for chunk in key_chunks(keys):
         latest = select(func.max(left.c.run)).where(left.c.key == run_sweep.c.key).scalar_subquery()
-        chosen = (run_sweep.c.key.in_(chunk), run_sweep.c.standing == OVERTAKEN, run_sweep.c.run == latest)
-        connection.execute(update(run_sweep).where(*chosen).values(standing=LATEST))
+        chosen = (run_sweep.c.key.in_(chunk), run_sweep.c.standing == STANDING_OVERTAKEN, run_sweep.c.run == latest)
+        connection.execute(update(run_sweep).where(*chosen).values(standing=STANDING_LATEST))
         orphans = sweep.c.key.not_in(select(run_sweep.c.key).where(run_sweep.c.key.in_(chunk)))
         count += connection.execute(delete(sweep).where(sweep.c.key.in_(chunk), orphans)).rowcount
-    shared_sections.sweep_out(connection)
+    shared_sections.delete_unused_parts(connection)
     return count
 
 
-def _living(connection: Connection) -> list[int]:
-    going = select(run.c.number, run.c.host, run.c.boot, run.c.pid, run.c.process_start, run.c.heartbeat)
-    rows: Sequence[Any] = connection.execute(going.where(run.c.state == "running")).all()
-    moment = now(connection)
-    return [number for number, *process, beat in rows if alive(Process(*process), moment - beat)]
+def _living_runs(connection: Connection) -> list[int]:
+    running = select(run.c.number, run.c.host, run.c.boot, run.c.pid, run.c.process_start, run.c.heartbeat)
+    rows = connection.execute(running.where(run.c.state == "running")).all()
+    moment, host = now(connection), host_of(connection)
+    return [number for number, *process, beat in rows if host.is_alive(Process(*process), moment - beat)]
 
 
-def _existing(connection: Connection, keys: Iterable[str]) -> Iterable[list[str]]:
-    """Yield lists of keys; StoreError for one that does not exist."""
-    for chunk in chunks(keys):
-        there = set(connection.scalars(select(sweep.c.key).where(sweep.c.key.in_(chunk))))
-        missing = next((key for key in chunk if key not in there), None)
+def _sound_keys(connection: Connection, keys: Iterable[str]) -> Iterable[list[str]]:
+    """Yield the keys in lists; StoreError if one does not exist, or its tags or note are damaged."""
+    for chunk in _existing_keys(connection, keys):
+        tags, notes = tags_of_sweeps(connection, chunk), notes_of_sweeps(connection, chunk)
+        query = select(sweep.c.key, sweep.c.annotations).where(sweep.c.key.in_(chunk))
+        for key, stored in connection.execute(query):
+            if annotations_digest(key, tags.get(key, ()), notes.get(key, "")) != stored:
+                raise StoreError(f"the tags or the note of sweep {key[4:12]} are damaged; {RESTORE_HINT}")
+        yield chunk
+
+
+def _existing_keys(connection: Connection, keys: Iterable[str]) -> Iterable[list[str]]:
+    """Yield the keys in lists; StoreError if one does not exist."""
+    for chunk in key_chunks(keys):
+        known_keys = set(connection.scalars(select(sweep.c.key).where(sweep.c.key.in_(chunk))))
+        missing = next((key for key in chunk if key not in known_keys), None)
         if missing is not None:
             raise StoreError(f"there is no sweep {missing}; it may have been deleted")
         yield chunk

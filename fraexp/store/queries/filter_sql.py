@@ -1,4 +1,4 @@
-"""From what a filter says to SQL: one condition on a sweep, and on a run that saw it, for each term."""
+"""SQL of a filter: for each term a condition on a sweep and on the run that contains it."""
 
 import difflib
 import json
@@ -6,7 +6,6 @@ import re
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from datetime import datetime
-from typing import Any
 
 from sqlalchemy import (
     ColumnElement,
@@ -22,64 +21,100 @@ from sqlalchemy import (
     select,
 )
 
-from fraexp.data.identity import TAG
-from fraexp.data.results import Outcome
-from fraexp.errors import StoreError, did_you_mean
+from fraexp.data.identity import key_heads
+from fraexp.data.results import UNUSABLE_OUTCOMES, Outcome
+from fraexp.errors import FilterError, did_you_mean
 from fraexp.store.queries.filters import Condition
-from fraexp.store.queries.json_sql import Kinds, at, compared, contains, number, number_at, span, text_at, unknown
-from fraexp.store.tables import LATEST, PARTS, field, metric, note, part, run, run_sweep, sweep, tag
+from fraexp.store.queries.json_sql import (
+    UnitLookup,
+    compare_number,
+    contains_text,
+    json_value,
+    no_units,
+    number_at,
+    parse_number,
+    parse_time_span,
+    text_at,
+)
+from fraexp.store.tables import (
+    PARTS,
+    STANDING_LATEST,
+    Expression,
+    field,
+    metric,
+    note,
+    part,
+    run,
+    run_sweep,
+    sweep,
+    tag,
+)
 
-Columns = Mapping[str, ColumnElement[Any]]
+Columns = Mapping[str, Expression]
 STATES = ("pending", "computed", "reused", "failed")
-FRUITLESS = (Outcome.FAILED.name, Outcome.DIVERGED.name, Outcome.NO_SIGNAL.name)
-METRIC = "metric."
-NAMES = ("estimator", "friction", "plant", "controller", "excitation")
-FIELDS = ("key", "state", "outcome", *NAMES, "source", "study", "run", "tag", "note", "message", "elapsed", "created")
-"""What every sweep can be found by."""
+UNUSABLE = "unusable"
+"""Word for failed attempts and unusable results alike."""
+METRIC_PREFIX = "metric."
+COMPONENT_COLUMNS = ("estimator", "friction", "plant", "controller", "excitation")
+SWEEP_FIELDS = (
+    "key",
+    "state",
+    "outcome",
+    *COMPONENT_COLUMNS,
+    "source",
+    "study",
+    "run",
+    "tag",
+    "note",
+    "message",
+    "elapsed",
+    "created",
+)
+"""Fields that all sweeps have."""
 
-seen = run_sweep.alias("seen")
-"""A sweep as one run saw it: the latest one, or the one that is asked for."""
-KEY = sweep.c.key
-COLUMNS: Columns = {
-    "key": KEY,
-    "state": func.coalesce(seen.c.state, "computed"),
+run_view = run_sweep.alias("run_view")
+"""A sweep in one run: the latest one, or the requested one."""
+SWEEP_KEY = sweep.c.key
+SWEEP_COLUMNS: Columns = {
+    "key": SWEEP_KEY,
+    "state": func.coalesce(run_view.c.state, "computed"),
     "outcome": sweep.c.outcome,
-    **{name: sweep.c[f"{name}_name"] for name in NAMES},
+    **{name: sweep.c[f"{name}_name"] for name in COMPONENT_COLUMNS},
     "source": sweep.c.source,
-    "study": select(run.c.study).where(run.c.number == seen.c.run).scalar_subquery(),
-    "run": seen.c.run,
-    "note": select(note.c.text).where(note.c.key == KEY).scalar_subquery(),
-    "message": func.coalesce(func.nullif(seen.c.message, ""), sweep.c.message),
+    "study": select(run.c.study).where(run.c.number == run_view.c.run).scalar_subquery(),
+    "run": run_view.c.run,
+    "note": select(note.c.text).where(note.c.key == SWEEP_KEY).scalar_subquery(),
+    "message": func.coalesce(func.nullif(run_view.c.message, ""), sweep.c.message),
     "elapsed": sweep.c.elapsed,
     "created": sweep.c.created,
 }
-"""What a listing can be sorted by, beside parameters and metrics."""
+"""Columns by which a listing can be sorted, beside parameters and metrics."""
 
 
-Declared = Callable[[str], Collection[str]]
-SOME = 100
-"""Values of a metric that are asked for their unit."""
+UnitDeclarations = Callable[[str], Collection[str]]
+"""Returns the units in which a parameter is declared; none if they are unknown."""
+MAX_UNIT_SAMPLES = 100
+"""Values of a metric whose units are read."""
 
 
-def undeclared(name: str) -> Collection[str]:
-    """Return no unit: that of a parameter is not known."""
+def no_declared_units(name: str) -> Collection[str]:
+    """Return no unit, if the units of parameters are unknown."""
     return ()
 
 
 @dataclass(frozen=True)
-class Names:
-    """Names that something in the database has."""
+class KnownNames:
+    """KnownNames that a filter can use in a database."""
 
     parameters: frozenset[str]
     labels: frozenset[str]
     metrics: frozenset[str]
     connection: Connection
-    declared: Declared = undeclared
-    """Tells the units in which a parameter is declared; none where that is not known."""
+    declared: UnitDeclarations = no_declared_units
 
     @classmethod
-    def of(cls, connection: Connection, declared: Declared = undeclared) -> "Names":
-        """Read them."""
+    def of(cls, connection: Connection, declared: UnitDeclarations = no_declared_units) -> "KnownNames":
+        """Read the names from a database."""
         found: dict[str, set[str]] = {"parameter": set(), "label": set(), "metric": set(), "word": set()}
         for kind, name in connection.execute(select(field.c.kind, field.c.name)):
             found[kind].add(name)
@@ -87,191 +122,207 @@ class Names:
         return cls(parameters, labels, metrics, connection, declared)
 
     def units(self, name: str) -> frozenset[str]:
-        """Return the units that numbers of this name have; none where that is not known."""
-        if not name.startswith(METRIC):
+        """Return the units of the numbers with a name; none if they are unknown."""
+        if not name.startswith(METRIC_PREFIX):
             return frozenset(self.declared(name))
-        some = select(metric.c.unit).where(metric.c.name == name.removeprefix(METRIC)).limit(SOME).subquery()
+        some = (
+            select(metric.c.unit)
+            .where(metric.c.name == name.removeprefix(METRIC_PREFIX))
+            .limit(MAX_UNIT_SAMPLES)
+            .subquery()
+        )
         return frozenset(self.connection.scalars(select(some.c.unit).distinct()))
 
     def check_name(self, column: str, value: str) -> None:
-        """Raise StoreError if no sweep has a component of this name, though some have others."""
+        """Raise FilterError if no sweep has a component of this name, but some have others."""
         of = sweep.c[f"{column}_name"]
         if self.connection.scalar(select(of).where(of == value).limit(1)) is not None:
             return
         known = [str(name) for name in self.connection.scalars(select(of).where(of.is_not(None)).distinct())]
         if known:
-            raise StoreError(f"filter: no sweep has the {column} '{value}'{did_you_mean(value, known)}")
+            raise FilterError(f"filter: no sweep has the {column} '{value}'{did_you_mean(value, known)}")
 
     def all(self) -> list[str]:
-        """Return everything that a filter may name."""
-        metrics = {f"{METRIC}{name}" for name in self.metrics}
-        return [*FIELDS, *sorted((self.parameters | self.labels | metrics) - set(FIELDS))]
+        """Return all names that a filter can use."""
+        metrics = {f"{METRIC_PREFIX}{name}" for name in self.metrics}
+        return [*SWEEP_FIELDS, *sorted((self.parameters | self.labels | metrics) - set(SWEEP_FIELDS))]
 
-    def unknown(self, name: str) -> StoreError:
-        """Return what is said of a name that nothing has."""
+    def unknown_name_error(self, name: str) -> FilterError:
+        """Return the error for an unknown name."""
         known = self.all()
         near = [other for other in known if other.endswith(f".{name}")]
         near = near or difflib.get_close_matches(name, known, n=1, cutoff=0.5)
         hint = f"did you mean '{near[0]}'?" if near else "expected one such as estimator, tag or excitation.amplitude"
-        return StoreError(f"filter: nothing in the database has '{name}'; {hint}")
+        return FilterError(f"filter: nothing in the database has '{name}'; {hint}")
 
 
-def place_of(path: str) -> tuple[str, list[str]]:
-    """Return in which part of a sweep a parameter stands, and where in it."""
+def split_parameter(path: str) -> tuple[str, list[str]]:
+    """Return the part of a sweep that contains a parameter, and the keys within it."""
     head, *rest = path.split(".")
     return (head, rest) if head in PARTS and head != "rest" and rest else ("rest", [head, *rest])
 
 
-def holds(condition: Condition, names: Names, now: datetime, number: int | None = None) -> ColumnElement[bool]:
-    """Return the SQL of a condition on sweeps, as a run or the latest one saw them; StoreError if it has no sense."""
-    positive = _positive(condition, names, now, number)
+def condition_sql(
+    condition: Condition, names: KnownNames, now: datetime, number: int | None = None
+) -> ColumnElement[bool]:
+    """Return the SQL of a condition on sweeps in a run, or in their latest one; FilterError if it is invalid."""
+    positive = _positive_sql(condition, names, now, number)
     return not_(func.coalesce(positive, false())) if condition.negated else positive
 
 
-def _positive(condition: Condition, names: Names, now: datetime, number: int | None) -> ColumnElement[bool]:
+def _positive_sql(condition: Condition, names: KnownNames, now: datetime, number: int | None) -> ColumnElement[bool]:
     name = condition.field
     if not name:
-        return _anywhere(condition.value, number)
+        return _anywhere_sql(condition.value, number)
     if name == "created":
-        return _at_time(condition, now)
+        return _created_sql(condition, now)
     if name == "state":
-        return _state(condition, number)
-    if name in NAMES and condition.operator == "=":
+        return _state_sql(condition, number)
+    if name in COMPONENT_COLUMNS and condition.operator == "=":
         names.check_name(name, condition.value)
-    if name in COLUMNS or name in SPECIAL:
-        return SPECIAL[name](condition) if name in SPECIAL else _text(condition, COLUMNS[name])
-    return _of_its_own(condition, names)
+    if name in SWEEP_COLUMNS or name in FIELD_SQL:
+        return FIELD_SQL[name](condition) if name in FIELD_SQL else _text_sql(condition, SWEEP_COLUMNS[name])
+    return _named_value_sql(condition, names)
 
 
-def _of_its_own(condition: Condition, names: Names) -> ColumnElement[bool]:
-    """Return the SQL of a condition on what only some sweeps have: a metric, a parameter, a label."""
+def _named_value_sql(condition: Condition, names: KnownNames) -> ColumnElement[bool]:
+    """Return the SQL of a condition on a metric, a parameter or a label, which only some sweeps have."""
     name = condition.field
-    if name.startswith(METRIC) and name.removeprefix(METRIC) in names.metrics:
-        value = _number_of(condition, lambda: names.units(name))
-        chosen = (metric.c.name == name.removeprefix(METRIC), compared(metric.c.value, condition.operator, value))
-        return exists().where(metric.c.key == KEY, *chosen)
+    if name.startswith(METRIC_PREFIX) and name.removeprefix(METRIC_PREFIX) in names.metrics:
+        value = _required_number(condition, lambda: names.units(name))
+        chosen = (
+            metric.c.name == name.removeprefix(METRIC_PREFIX),
+            compare_number(metric.c.value, condition.operator, value),
+        )
+        return exists().where(metric.c.key == SWEEP_KEY, *chosen)
     if name in names.parameters:
-        section, place = place_of(name)
-        fits = _value(condition, part.c.content, place, lambda: names.units(name))
+        section, place = split_parameter(name)
+        fits = _json_value_sql(condition, part.c.content, place, lambda: names.units(name))
         fitting = select(part.c.number).where(part.c.section == section, fits).cte().prefix_with("MATERIALIZED")
-        return sweep.c[f"{section}_part"].in_(select(fitting.c.number))  # asked once, and each part looked into once
+        return sweep.c[f"{section}_part"].in_(select(fitting.c.number))  # evaluated once, for each part once
     if name in names.labels:
-        return _value(condition, seen.c.labels, [name])
-    raise names.unknown(name)
+        return _json_value_sql(condition, run_view.c.labels, [name])
+    raise names.unknown_name_error(name)
 
 
-def _value(
-    condition: Condition, column: ColumnElement[Any], place: list[str], kinds: Kinds = unknown
+def _json_value_sql(
+    condition: Condition, column: Expression, place: list[str], kinds: UnitLookup = no_units
 ) -> ColumnElement[bool]:
-    """Return a comparison with what is at a place in JSON: with a number, with a text, or with either."""
+    """Return the SQL of a comparison with a value in JSON: as a number, as a text, or as either."""
     if condition.operator not in "=:":
-        return compared(at(number_at, column, place), condition.operator, _number_of(condition, kinds))
-    text = _text(condition, at(text_at, column, place))
-    value = _told(condition, kinds)
-    return text if value is None else or_(text, compared(at(number_at, column, place), "=", value))
+        return compare_number(
+            json_value(number_at, column, place), condition.operator, _required_number(condition, kinds)
+        )
+    text = _text_sql(condition, json_value(text_at, column, place))
+    value = _parsed_number(condition, kinds)
+    return text if value is None else or_(text, compare_number(json_value(number_at, column, place), "=", value))
 
 
-def _text(condition: Condition, column: ColumnElement[Any]) -> ColumnElement[bool]:
+def _text_sql(condition: Condition, column: Expression) -> ColumnElement[bool]:
     if condition.operator == "=":
         return column == condition.value
     if condition.operator == ":":
-        return contains(column, condition.value)
-    raise StoreError(f"filter: '{condition.term}' compares a text; expected {condition.field}= or {condition.field}:")
+        return contains_text(column, condition.value)
+    raise FilterError(f"filter: '{condition.term}' compares a text; expected {condition.field}= or {condition.field}:")
 
 
-def _told(condition: Condition, kinds: Kinds) -> float | None:
+def _parsed_number(condition: Condition, kinds: UnitLookup) -> float | None:
     try:
-        return number(condition.value, kinds)
-    except StoreError as error:
-        raise StoreError(f"filter: '{condition.term}': {error}") from None
+        return parse_number(condition.value, kinds)
+    except FilterError as error:
+        raise FilterError(f"filter: '{condition.term}': {error}") from None
 
 
-def _number_of(condition: Condition, kinds: Kinds = unknown) -> float:
-    value = _told(condition, kinds)
+def _required_number(condition: Condition, kinds: UnitLookup = no_units) -> float:
+    value = _parsed_number(condition, kinds)
     if value is None:
-        raise StoreError(
-            f"filter: '{condition.term}': '{condition.value}' is no number; expected one such as 12, 1e-6 or 0.1um"
+        raise FilterError(
+            f"filter: '{condition.term}': '{condition.value}' is not a number; expected one such as 12, 1e-6 or 0.1um"
         )
     return value
 
 
-def _equal(condition: Condition) -> None:
+def _check_equality(condition: Condition) -> None:
     if condition.operator not in "=:":
-        raise StoreError(f"filter: '{condition.term}' is no comparison; expected {condition.field}:{condition.value}")
+        raise FilterError(
+            f"filter: '{condition.term}' needs a value, not a comparison; expected {condition.field}:{condition.value}"
+        )
 
 
-def _key(condition: Condition) -> ColumnElement[bool]:
-    _equal(condition)
-    return _key_begins(condition.value)
+def _key_sql(condition: Condition) -> ColumnElement[bool]:
+    _check_equality(condition)
+    return _key_prefix_sql(condition.value)
 
 
-def _key_begins(text: str) -> ColumnElement[bool]:
-    head = text.lower()
-    if set(head.removeprefix(f"{TAG}-"[: len(head)])) - set("0123456789abcdef"):
-        return false()
-    return or_(KEY.startswith(head, autoescape=True), KEY.startswith(f"{TAG}-{head}", autoescape=True))
+def _key_prefix_sql(text: str) -> ColumnElement[bool]:
+    return or_(false(), *[SWEEP_KEY.startswith(head, autoescape=True) for head in key_heads(text)])
 
 
-def _state(condition: Condition, number: int | None) -> ColumnElement[bool]:
-    _equal(condition)
+def _state_sql(condition: Condition, number: int | None) -> ColumnElement[bool]:
+    _check_equality(condition)
     word = condition.value.lower()
-    if word == "failed":  # an attempt that broke off, or one that taught nothing
-        return or_(_seen_with(number, run_sweep.c.state == word), sweep.c.outcome.in_(FRUITLESS))
-    if word == "computed":  # as is what no run has any more
-        return not_(_seen_with(number, run_sweep.c.state != word))
-    return _seen_with(number, run_sweep.c.state == word) if word in STATES else _with_outcome(condition, STATES)
+    if word == UNUSABLE:
+        unusable = [name for outcome in UNUSABLE_OUTCOMES for name in outcome.stored_names]
+        return or_(_in_run_sql(number, run_sweep.c.state == "failed"), sweep.c.outcome.in_(unusable))
+    if word == "computed":  # like sweeps that no run has any more
+        return not_(_in_run_sql(number, run_sweep.c.state != word))
+    return (
+        _in_run_sql(number, run_sweep.c.state == word)
+        if word in STATES
+        else _outcome_named(condition, (*STATES, UNUSABLE))
+    )
 
 
-def _seen_with(number: int | None, *conditions: ColumnElement[bool]) -> ColumnElement[bool]:
-    """Return whether the run `number`, or the latest one, saw a sweep so: asked once for all sweeps, which is fast."""
-    of_run = run_sweep.c.standing == LATEST if number is None else run_sweep.c.run == number
-    return KEY.in_(select(run_sweep.c.key).where(of_run, *conditions))
+def _in_run_sql(number: int | None, *conditions: ColumnElement[bool]) -> ColumnElement[bool]:
+    """Return the SQL of whether a sweep meets conditions in the run `number`, or in its latest one."""
+    of_run = run_sweep.c.standing == STANDING_LATEST if number is None else run_sweep.c.run == number
+    return SWEEP_KEY.in_(select(run_sweep.c.key).where(of_run, *conditions))
 
 
-def _outcome(condition: Condition) -> ColumnElement[bool]:
-    _equal(condition)
-    return _with_outcome(condition, ())
+def _outcome_sql(condition: Condition) -> ColumnElement[bool]:
+    _check_equality(condition)
+    return _outcome_named(condition, ())
 
 
-def _with_outcome(condition: Condition, others: tuple[str, ...]) -> ColumnElement[bool]:
+def _outcome_named(condition: Condition, others: tuple[str, ...]) -> ColumnElement[bool]:
     word = condition.value.upper().replace(" ", "_").replace("-", "_")
     if word not in Outcome.__members__:
-        known = [*others, *(name.lower() for name in Outcome.__members__)]
-        raise StoreError(
+        known = [*others, *(outcome.name.lower() for outcome in Outcome)]
+        raise FilterError(
             f"filter: there is no {condition.field} '{condition.value}'{did_you_mean(word.lower(), known)}"
         )
-    return sweep.c.outcome == word
+    return sweep.c.outcome.in_(Outcome[word].stored_names)
 
 
-def _tag(condition: Condition) -> ColumnElement[bool]:
-    _equal(condition)
-    return KEY.in_(select(tag.c.key).where(tag.c.name == condition.value))
+def _tag_sql(condition: Condition) -> ColumnElement[bool]:
+    _check_equality(condition)
+    return SWEEP_KEY.in_(select(tag.c.key).where(tag.c.name == condition.value))
 
 
-def _note(condition: Condition) -> ColumnElement[bool]:
-    return KEY.in_(select(note.c.key).where(_text(condition, note.c.text)))
+def _note_sql(condition: Condition) -> ColumnElement[bool]:
+    return SWEEP_KEY.in_(select(note.c.key).where(_text_sql(condition, note.c.text)))
 
 
-def _study(condition: Condition) -> ColumnElement[bool]:
-    runs = select(run.c.number).where(_text(condition, run.c.study))
-    return exists().where(run_sweep.c.key == KEY, run_sweep.c.run.in_(runs))
+def _study_sql(condition: Condition) -> ColumnElement[bool]:
+    runs = select(run.c.number).where(_text_sql(condition, run.c.study))
+    return exists().where(run_sweep.c.key == SWEEP_KEY, run_sweep.c.run.in_(runs))
 
 
-def _run(condition: Condition) -> ColumnElement[bool]:
-    chosen = compared(run_sweep.c.run, condition.operator, _number_of(condition, lambda: ("1",)))
-    return exists().where(run_sweep.c.key == KEY, chosen)
+def _run_sql(condition: Condition) -> ColumnElement[bool]:
+    chosen = compare_number(run_sweep.c.run, condition.operator, _required_number(condition, lambda: ("1",)))
+    return exists().where(run_sweep.c.key == SWEEP_KEY, chosen)
 
 
-def _elapsed(condition: Condition) -> ColumnElement[bool]:
-    minutes = re.sub(r"(?<=[\d.\s])m$", "min", condition.value)  # of how long it took m can be nothing else
-    value = _number_of(replace(condition, value=minutes), lambda: ("s",))
-    elapsed = compared(sweep.c.elapsed, condition.operator, value)
+def _elapsed_sql(condition: Condition) -> ColumnElement[bool]:
+    minutes = re.sub(r"(?<=[\d.\s])m$", "min", condition.value)  # m is a minute here, never a metre
+    value = _required_number(replace(condition, value=minutes), lambda: ("s",))
+    elapsed = compare_number(sweep.c.elapsed, condition.operator, value)
     return and_(sweep.c.outcome.is_not(None), elapsed)
 
 
-def _at_time(condition: Condition, now: datetime) -> ColumnElement[bool]:
+def _created_sql(condition: Condition, now: datetime) -> ColumnElement[bool]:
     created = sweep.c.created
-    begin, end = span(condition.value, now)
+    begin, end = parse_time_span(condition.value, now)
     match condition.operator:
         case ">":
             return created >= end
@@ -284,27 +335,29 @@ def _at_time(condition: Condition, now: datetime) -> ColumnElement[bool]:
     return and_(created >= begin, created < end)
 
 
-def _anywhere(word: str, number: int | None) -> ColumnElement[bool]:
-    """Return where a word is found: labels, names of components, study, message, tags, beginning of the key."""
-    words = select(field.c.name).where(field.c.kind == "word", contains(field.c.name, word))
-    runs = select(run.c.number).where(contains(run.c.study, word))
-    written = contains(cast(run_sweep.c.labels, Text), json.dumps(word)[1:-1])  # as it stands in the labels' JSON
-    told = contains(run_sweep.c.message, word)
+def _anywhere_sql(word: str, number: int | None) -> ColumnElement[bool]:
+    """Return the SQL of a search in labels, component names, study, message, tags, and the beginning of the key."""
+    words = select(field.c.name).where(field.c.kind == "word", contains_text(field.c.name, word))
+    runs = select(run.c.number).where(contains_text(run.c.study, word))
+    written = contains_text(
+        cast(run_sweep.c.labels, Text), json.dumps(word)[1:-1]
+    )  # as it is escaped in the labels' JSON
+    in_message = contains_text(run_sweep.c.message, word)
     return or_(
-        *(func.coalesce(sweep.c[f"{name}_name"].in_(words), false()) for name in NAMES),
-        _seen_with(number, or_(run_sweep.c.run.in_(runs), written, told)),
-        and_(contains(sweep.c.message, word), not_(_seen_with(number, run_sweep.c.message != ""))),
-        KEY.in_(select(tag.c.key).where(contains(tag.c.name, word))),
-        _key_begins(word),
+        *(func.coalesce(sweep.c[f"{name}_name"].in_(words), false()) for name in COMPONENT_COLUMNS),
+        _in_run_sql(number, or_(run_sweep.c.run.in_(runs), written, in_message)),
+        and_(contains_text(sweep.c.message, word), not_(_in_run_sql(number, run_sweep.c.message != ""))),
+        SWEEP_KEY.in_(select(tag.c.key).where(contains_text(tag.c.name, word))),
+        _key_prefix_sql(word),
     )
 
 
-SPECIAL: dict[str, Callable[[Condition], ColumnElement[bool]]] = {
-    "key": _key,
-    "outcome": _outcome,
-    "tag": _tag,
-    "note": _note,
-    "study": _study,
-    "run": _run,
-    "elapsed": _elapsed,
+FIELD_SQL: dict[str, Callable[[Condition], ColumnElement[bool]]] = {
+    "key": _key_sql,
+    "outcome": _outcome_sql,
+    "tag": _tag_sql,
+    "note": _note_sql,
+    "study": _study_sql,
+    "run": _run_sql,
+    "elapsed": _elapsed_sql,
 }

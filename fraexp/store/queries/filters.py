@@ -1,9 +1,9 @@
-"""The language in which sweeps are looked for: ``estimator=proposed excitation.amplitude>=12 -tag:baseline``."""
+"""The language of filters: ``estimator=effective_input excitation.amplitude>=12 -tag:baseline``."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from fraexp.errors import StoreError
+from fraexp.errors import FilterError
 
 OPERATORS = ("!=", ">=", "<=", "=", ">", "<", ":")
 """Longer ones first."""
@@ -11,10 +11,10 @@ OPERATORS = ("!=", ">=", "<=", "=", ">", "<", ":")
 
 @dataclass(frozen=True)
 class Condition:
-    """One term of a filter: a comparison, or a word that is searched everywhere."""
+    """A term of a filter: a comparison, or a word that is searched everywhere."""
 
     term: str
-    """As it was written, for what is said of it."""
+    """The term as it was written, for messages."""
     field: str
     """Empty for a word that is searched everywhere."""
     operator: str
@@ -23,13 +23,13 @@ class Condition:
     negated: bool = False
 
 
-def parse(text: str) -> list[Condition]:
-    """Return the conditions of a filter, all of which must hold; StoreError says what cannot be understood."""
-    return [_condition(letters) for letters in _terms(text)]
+def parse_filter(text: str) -> list[Condition]:
+    """Return the conditions of a filter, which must all hold; FilterError if a term is invalid."""
+    return [_parse_condition(letters) for letters in _split_terms(text)]
 
 
-def _terms(text: str) -> Iterator[list[tuple[str, bool]]]:
-    """Yield the letters of each term, each with whether it stands in quotes; a backslash there keeps the next one."""
+def _split_terms(text: str) -> Iterator[list[tuple[str, bool]]]:
+    """Yield the letters of each term, each with whether it is quoted; in quotes a backslash escapes a letter."""
     letters: list[tuple[str, bool]] = []
     quoted = False
     rest = iter(text)
@@ -46,37 +46,37 @@ def _terms(text: str) -> Iterator[list[tuple[str, bool]]]:
         else:
             letters.append((letter, quoted))
     if quoted:
-        raise StoreError(f"filter: a quote is not closed in {text.strip()!r}")
+        raise FilterError(f"filter: a quote is not closed in {text.strip()!r}")
     if letters:
         yield letters
 
 
-def _condition(letters: list[tuple[str, bool]]) -> Condition:
-    term = _joined(letters)
+def _parse_condition(letters: list[tuple[str, bool]]) -> Condition:
+    term = _join_letters(letters)
     negated = letters[0] == ("-", False)
     body = letters[1:] if negated else letters
     for start in range(len(body)):
-        operator = next((text for text in OPERATORS if _reads(body, start, text)), None)
+        operator = next((text for text in OPERATORS if _starts_with(body, start, text)), None)
         if operator:
-            field, value = _joined(body[:start]), _joined(body[start + len(operator) :])
-            _check(term, field, value)
+            field, value = _join_letters(body[:start]), _join_letters(body[start + len(operator) :])
+            _check_condition(term, field, value)
             return Condition(term, field, operator.replace("!", ""), value, negated != (operator == "!="))
-    word = _joined(body)
+    word = _join_letters(body)
     if not word:
-        raise StoreError(f"filter: {term!r} says nothing; expected a word, or a term such as tag:baseline")
+        raise FilterError(f"filter: {term!r} is empty; expected a word, or a term such as tag:baseline")
     return Condition(term, "", ":", word, negated)
 
 
-def _reads(letters: list[tuple[str, bool]], start: int, text: str) -> bool:
+def _starts_with(letters: list[tuple[str, bool]], start: int, text: str) -> bool:
     return letters[start : start + len(text)] == [(letter, False) for letter in text]
 
 
-def _joined(letters: list[tuple[str, bool]]) -> str:
+def _join_letters(letters: list[tuple[str, bool]]) -> str:
     return "".join(letter for letter, _ in letters)
 
 
-def _check(term: str, field: str, value: str) -> None:
+def _check_condition(term: str, field: str, value: str) -> None:
     if not field:
-        raise StoreError(f"filter: '{term}' has no field; expected one such as tag:baseline")
+        raise FilterError(f"filter: '{term}' has no field; expected one such as tag:baseline")
     if not value:
-        raise StoreError(f"filter: '{term}' has no value; expected one such as {term}12 or {term}ok")
+        raise FilterError(f"filter: '{term}' has no value; expected one such as {term}12 or {term}ok")

@@ -1,63 +1,66 @@
-"""Values inside stored JSON as SQL, for every database; and values as people write them in a filter."""
+"""SQL of values in stored JSON, for each kind of database; and parsing of the values in a filter."""
 
 import math
 import re
 from collections.abc import Callable, Collection, Sequence
 from datetime import datetime, timedelta
-from typing import Any
+from typing import TypeVar
 
 from sqlalchemy import Boolean, ColumnElement, Float, Text, literal
 from sqlalchemy.ext.compiler import compiles
+from sqlalchemy.sql.compiler import SQLCompiler
 from sqlalchemy.sql.functions import FunctionElement
 
 from fraexp.data import units
-from fraexp.errors import ParameterError, StoreError
+from fraexp.errors import FilterError, ParameterError
+from fraexp.store.tables import Expression
 
-NUMBER = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*)", re.DOTALL)
+Value = TypeVar("Value")
+NUMBER_WITH_UNIT = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*)", re.DOTALL)
 PATH_SEPARATOR = "\n"
 ESCAPE = "/"
-SAME = 1e-9
+RELATIVE_TOLERANCE = 1e-9
 """Relative difference up to which numbers are equal: 0.1 um is not exactly 1e-7."""
-UNITS_OF_TIME = (("%Y-%m-%d", timedelta(days=1)), ("%Y-%m-%dT%H:%M", timedelta(minutes=1)))
+TIME_FORMATS = (("%Y-%m-%d", timedelta(days=1)), ("%Y-%m-%dT%H:%M", timedelta(minutes=1)))
 
 
 class number_at(FunctionElement[float]):  # noqa: N801 (named as the SQL function that it is)
-    """The number at a place in a JSON column; NULL where there is none."""
+    """The number at a place in a JSON column; NULL if there is none."""
 
     type = Float()
     inherit_cache = True
 
 
 class text_at(FunctionElement[str]):  # noqa: N801
-    """What is at a place in a JSON column as text, ``true`` and ``false`` included; NULL where there is nothing."""
+    """The value at a place in a JSON column as text, including ``true`` and ``false``; NULL if there is none."""
 
     type = Text()
     inherit_cache = True
 
 
 class sorted_at(FunctionElement[float]):  # noqa: N801
-    """What is at a place in a JSON column, to sort by before `text_sorted_at`: numbers, then texts."""
+    """The value at a place in a JSON column as the first sort key: numbers, then texts."""
 
     type = Float()
     inherit_cache = True
 
 
 class text_sorted_at(FunctionElement[str]):  # noqa: N801
-    """The rest of `sorted_at`, for databases in which a column has one type."""
+    """The second sort key: texts, for databases in which a column has one type."""
 
     type = Text()
     inherit_cache = True
 
 
 class has_text(FunctionElement[bool]):  # noqa: N801
-    """Whether a text holds another one, in capital letters or small ones (of ASCII alone, in SQLite)."""
+    """Whether a text contains another one, ignoring case (of ASCII letters only, in SQLite)."""
 
     type = Boolean()
     inherit_cache = True
 
 
-def contains(column: ColumnElement[Any], text: str) -> ColumnElement[bool]:
-    """Return whether a column holds a text, in which nothing has a special meaning."""
+def contains_text(column: Expression, text: str) -> ColumnElement[bool]:
+    """Return the SQL of whether a column contains a text, in which no letter has a special meaning."""
     for letter in ESCAPE, "%", "_":
         text = text.replace(letter, ESCAPE + letter)
     found: ColumnElement[bool] = has_text(column, literal(f"%{text}%"))
@@ -65,81 +68,82 @@ def contains(column: ColumnElement[Any], text: str) -> ColumnElement[bool]:
 
 
 @compiles(has_text)
-def _has_text(element: Any, compiler: Any, **options: Any) -> str:
+def _has_text(element: has_text, compiler: SQLCompiler, **options: object) -> str:
     column, pattern = (compiler.process(clause, **options) for clause in element.clauses)
     like = "ILIKE" if compiler.dialect.name == "postgresql" else "LIKE"  # which ignores case in SQLite
     return f"({column} {like} {pattern} ESCAPE '{ESCAPE}')"
 
 
-def at(kind: Any, column: ColumnElement[Any], place: Sequence[str]) -> ColumnElement[Any]:
-    """Return `kind` (number_at or text_at) of a place: keys, and numbers of list items, from outside to inside."""
+def json_value(kind: "type[FunctionElement[Value]]", column: Expression, place: Sequence[str]) -> ColumnElement[Value]:
+    """Return `kind`, such as number_at, of a place: keys and list indices, from outside to inside."""
     steps = "".join(f"[{part}]" if part.isdecimal() else f'."{part}"' for part in place)
-    element: ColumnElement[Any] = kind(column, literal(f"${steps}"), literal(PATH_SEPARATOR.join(place)))
+    element: ColumnElement[Value] = kind(column, literal(f"${steps}"), literal(PATH_SEPARATOR.join(place)))
     return element
 
 
 @compiles(number_at)
-def _number_in_sqlite(element: Any, compiler: Any, **options: Any) -> str:
+def _number_in_sqlite(element: FunctionElement[Value], compiler: SQLCompiler, **options: object) -> str:
     column, path, _ = (compiler.process(clause, **options) for clause in element.clauses)
     found = f"json_extract({column}, {path})"
     return f"CASE WHEN json_type({column}, {path}) IN ('integer', 'real') THEN {found} END"
 
 
 @compiles(text_at)
-def _text_in_sqlite(element: Any, compiler: Any, **options: Any) -> str:
+def _text_in_sqlite(element: FunctionElement[Value], compiler: SQLCompiler, **options: object) -> str:
     column, path, _ = (compiler.process(clause, **options) for clause in element.clauses)
     kind, found = f"json_type({column}, {path})", f"CAST(json_extract({column}, {path}) AS TEXT)"
     return f"CASE {kind} WHEN 'true' THEN 'true' WHEN 'false' THEN 'false' ELSE {found} END"
 
 
 @compiles(sorted_at)
-def _sorted_in_sqlite(element: Any, compiler: Any, **options: Any) -> str:
+def _sorted_in_sqlite(element: FunctionElement[Value], compiler: SQLCompiler, **options: object) -> str:
     column, path, _ = (compiler.process(clause, **options) for clause in element.clauses)
     return f"json_extract({column}, {path})"  # once: SQLite sorts numbers before texts
 
 
 @compiles(text_sorted_at)
-def _text_sorted_in_sqlite(element: Any, compiler: Any, **options: Any) -> str:
+def _text_sorted_in_sqlite(element: FunctionElement[Value], compiler: SQLCompiler, **options: object) -> str:
     return "NULL"
 
 
-def _in_postgresql(element: Any, compiler: Any, operator: str, **options: Any) -> str:
+def _in_postgresql(element: FunctionElement[Value], compiler: SQLCompiler, operator: str, **options: object) -> str:
     clauses = list(element.clauses)
     column, path = (compiler.process(clauses[index], **options) for index in (0, 2))
     return f"({column} {operator} string_to_array({path}, chr(10)))"
 
 
 @compiles(number_at, "postgresql")
-def _number_in_postgresql(element: Any, compiler: Any, **options: Any) -> str:
+def _number_in_postgresql(element: FunctionElement[Value], compiler: SQLCompiler, **options: object) -> str:
     found, text = (_in_postgresql(element, compiler, operator, **options) for operator in ("#>", "#>>"))
     return f"CASE WHEN json_typeof({found}) = 'number' THEN CAST({text} AS DOUBLE PRECISION) END"
 
 
 @compiles(sorted_at, "postgresql")
-def _sorted_in_postgresql(element: Any, compiler: Any, **options: Any) -> str:
+def _sorted_in_postgresql(element: FunctionElement[Value], compiler: SQLCompiler, **options: object) -> str:
     return _number_in_postgresql(element, compiler, **options)
 
 
 @compiles(text_sorted_at, "postgresql")
 @compiles(text_at, "postgresql")
-def _text_in_postgresql(element: Any, compiler: Any, **options: Any) -> str:
+def _text_in_postgresql(element: FunctionElement[Value], compiler: SQLCompiler, **options: object) -> str:
     return _in_postgresql(element, compiler, "#>>", **options)
 
 
-Kinds = Callable[[], Collection[str]]
+UnitLookup = Callable[[], Collection[str]]
+"""Returns the units that a number can have."""
 
 
-def unknown() -> Collection[str]:
-    """Return no unit, where nothing is known of those that numbers may have."""
+def no_units() -> Collection[str]:
+    """Return no unit, if the units of numbers are unknown."""
     return ()
 
 
-def number(text: str, kinds: Kinds = unknown) -> float | None:
-    """Return the number, in base units, that a text such as ``12`` or ``0.1um`` tells; None if it tells none.
+def parse_number(text: str, kinds: UnitLookup = no_units) -> float | None:
+    """Return the number in base units of a text such as ``12`` or ``0.1um``; None if it is not a number.
 
-    StoreError if it has a unit that is of another kind than all that `kinds` returns, if it returns any.
+    FilterError if `kinds` returns units and the text has a unit of another kind.
     """
-    match = NUMBER.fullmatch(text.strip())
+    match = NUMBER_WITH_UNIT.fullmatch(text.strip())
     if not match:
         return None
     value, unit = float(match[1]), match[2].strip()
@@ -148,12 +152,12 @@ def number(text: str, kinds: Kinds = unknown) -> float | None:
             value *= units.si(unit)[0]
         except ParameterError:
             return None
-        _check_kind(unit, sorted(kinds()))
+        _check_unit_kind(unit, sorted(kinds()))
     return value if math.isfinite(value) else None
 
 
-def _check_kind(unit: str, kinds: Sequence[str]) -> None:
-    """Raise StoreError if a unit is of another kind than each of some units."""
+def _check_unit_kind(unit: str, kinds: Sequence[str]) -> None:
+    """Raise FilterError if a unit is of another kind than all of `kinds`."""
     unfit = ""
     for kind in kinds:
         try:
@@ -162,12 +166,12 @@ def _check_kind(unit: str, kinds: Sequence[str]) -> None:
         except ParameterError as error:
             unfit = f"{unfit} or '{kind}'" if unfit else str(error)
     if unfit:
-        raise StoreError(unfit)
+        raise FilterError(unfit)
 
 
-def compared(column: ColumnElement[Any], operator: str, value: float) -> ColumnElement[bool]:
-    """Return a comparison of numbers that takes those for equal that differ by rounding alone."""
-    margin = abs(value) * SAME
+def compare_number(column: Expression, operator: str, value: float) -> ColumnElement[bool]:
+    """Return the SQL of a comparison of numbers, which are equal if they differ by rounding only."""
+    margin = abs(value) * RELATIVE_TOLERANCE
     low, high = literal(value - margin, Float()), literal(value + margin, Float())
     match operator:
         case ">":
@@ -181,18 +185,18 @@ def compared(column: ColumnElement[Any], operator: str, value: float) -> ColumnE
     return column.between(low, high)
 
 
-def span(text: str, now: datetime) -> tuple[datetime, datetime]:
-    """Return begin and end of the time that a text names, in the time zone of `now`: ``today``, a day or a minute."""
+def parse_time_span(text: str, now: datetime) -> tuple[datetime, datetime]:
+    """Return begin and end of a time such as ``today``, a day or a minute, in the time zone of `now`."""
     if text.lower() in ("today", "yesterday"):
         begin = now.replace(hour=0, minute=0, second=0, microsecond=0)
         begin -= timedelta(days=text.lower() == "yesterday")
         return begin, begin + timedelta(days=1)
-    for form, length in UNITS_OF_TIME:
+    for form, length in TIME_FORMATS:
         try:
             begin = datetime.strptime(text, form).astimezone(now.tzinfo)
         except ValueError:
             continue
         return begin, begin + length
-    raise StoreError(
-        f"filter: '{text}' is no date; expected one such as 2026-03-31, 2026-03-31T12:00, today or yesterday"
+    raise FilterError(
+        f"filter: '{text}' is not a date; expected one such as 2026-03-31, 2026-03-31T12:00, today or yesterday"
     )

@@ -1,64 +1,95 @@
-"""Questions to the database, each asked with a handful of statements however many sweeps there are."""
+"""Queries of runs, sweeps and results; each takes a few statements for any number of sweeps."""
 
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from datetime import datetime
-from typing import Any
 
-from sqlalchemy import Connection, RowMapping, Select, and_, func, select
+from sqlalchemy import Connection, RowMapping, and_, false, func, or_, select
 
-from fraexp.data.identity import TAG
+from fraexp.data.identity import key_heads
 from fraexp.data.results import Outcome, Result
 from fraexp.errors import StoreError
 from fraexp.store import codec, shared_sections
 from fraexp.store.clock import now
-from fraexp.store.liveness import Process, alive
+from fraexp.store.damage import DAMAGED, RESTORE_HINT, read_tolerantly
+from fraexp.store.digests import (
+    LISTED_COLUMNS,
+    RESULT_COLUMNS,
+    STATE_COLUMNS,
+    annotations_digest,
+    content_digest,
+    digest,
+    listed_digest,
+    log_digest,
+    origins_digest,
+    run_digest,
+)
+from fraexp.store.liveness import Host, Process, host_of
 from fraexp.store.queries import annotations
-from fraexp.store.stored_records import RunProgress, RunSummary, StoredState, StoredSweep, Supplied
+from fraexp.store.queries.filter_sql import STATES
+from fraexp.store.sealing import covered_rows, read_origin_rows, sum_of_digests
+from fraexp.store.stored_records import ComponentOrigin, RunProgress, RunSummary, StoredState, StoredSweep
 from fraexp.store.tables import (
-    CHUNK,
+    IN_RUNS,
+    MAX_KEYS_PER_QUERY,
     PARTS,
-    chunks,
-    curve,
-    curve_column,
-    fit,
-    frequency_response,
-    metric,
+    STANDING_LATEST,
+    WITHOUT_RUN,
+    Expression,
+    Query,
+    ResultRow,
+    RowValues,
+    TableRow,
+    is_one_of,
+    key_chunks,
+    metadata,
     run,
     run_sweep,
     sweep,
 )
 from fraexp.store.tables import supplied_component as supplied
-from fraexp.store.validation import sound
+from fraexp.store.validation import JsonTable, check_types
 
-LARGEST = 2**31 - 1
-"""Largest integer of a database's column."""
+MIN_PREFIX = 4
+"""Minimum number of characters that stand for a key: fewer are rather meant as a run."""
+HAS_RESULT = or_(sweep.c.outcome.is_not(None), sweep.c.content.is_not(None))
+"""A sweep has a result, or had one before its outcome was damaged."""
+STORED = select(*(sweep.c[name] for name in (*LISTED_COLUMNS, "digest"))).where(HAS_RESULT)
+STORED_OF_KEYS = STORED.where(is_one_of(sweep.c.key))
+SOURCES = select(supplied.c.key, supplied.c.kind, supplied.c.name, supplied.c.source_hash)
+SOURCES_OF_KEYS = SOURCES.where(is_one_of(supplied.c.key))
+RUN_STATES = ("running", "complete", "partial", "interrupted")
+DAMAGED_RUN = "damaged"
+"""State of a run of which the stored row is damaged, or some of its sweeps are missing."""
+MAX_COLUMN_INTEGER = 2**31 - 1
+"""Largest integer that a column can store."""
 
 
-def known(connection: Connection, keys: Iterable[str]) -> dict[str, StoredState]:
-    """Return the state of those sweeps that have a result."""
+def stored_states(connection: Connection, keys: Iterable[str]) -> dict[str, StoredState]:
+    """Return the state of each sweep that has a result."""
     found: dict[str, StoredState] = {}
     wanted = set(keys)
-    stored = select(sweep.c.key, sweep.c.outcome, sweep.c.elapsed).where(sweep.c.outcome.is_not(None))
-    sources = select(supplied.c.key, supplied.c.kind, supplied.c.name, supplied.c.source_hash)
-    # More than there are: all are read, which takes less than asking for each.
-    few = len(wanted) <= CHUNK or len(wanted) < (connection.scalar(select(func.count()).select_from(sweep)) or 0)
-    for chunk in chunks(wanted) if few else [None]:
-        for key, outcome, elapsed in connection.execute(
-            stored if chunk is None else stored.where(sweep.c.key.in_(chunk))
-        ):
-            if key in wanted:
-                found[key] = StoredState(Outcome[outcome], {}, elapsed)
-        asked = sources if chunk is None else sources.where(supplied.c.key.in_(chunk))
-        for key, kind, name, source_hash in connection.execute(asked):
+    # If more are wanted than exist, all are read, which is faster than many queries.
+    few = len(wanted) <= MAX_KEYS_PER_QUERY or len(wanted) < (
+        connection.scalar(select(func.count()).select_from(sweep)) or 0
+    )
+    for chunk in key_chunks(wanted) if few else [None]:
+        chosen = {} if chunk is None else {"keys": chunk}
+        for row in connection.execute(STORED_OF_KEYS if chosen else STORED, chosen):
+            *values, row_digest = row
+            if row.key in wanted:
+                is_sound = digest(values) == row_digest
+                found[row.key] = StoredState(Outcome[row.outcome] if is_sound else Outcome.DAMAGED, {}, row.elapsed)
+        sources = connection.execute(SOURCES_OF_KEYS if chosen else SOURCES, chosen) if found else ()
+        for key, kind, name, source_hash in sources:
             if key in found:
                 found[key].sources[f"{kind}:{name}"] = source_hash
     return found
 
 
-def sources(connection: Connection) -> dict[str, dict[str, int]]:
-    """Return how many sweeps each component has computed, by ``kind:name`` and by the hash of its source."""
+def count_sources(connection: Connection) -> dict[str, dict[str, int]]:
+    """Return the number of sweeps of each component, by ``kind:name`` and by the hash of its source."""
     query = select(supplied.c.kind, supplied.c.name, supplied.c.source_hash, func.count())
     found: dict[str, dict[str, int]] = defaultdict(dict)
     for kind, name, source, count in connection.execute(query.group_by(*query.selected_columns[:3])):
@@ -66,22 +97,60 @@ def sources(connection: Connection) -> dict[str, dict[str, int]]:
     return dict(found)
 
 
-def runs(connection: Connection, number: int | None = None) -> list[RunSummary]:
-    """Return all runs, newest first, or the one of a number."""
-    counting = select(run_sweep.c.run, run_sweep.c.state, func.count()).group_by(run_sweep.c.run, run_sweep.c.state)
-    listing = select(run).order_by(run.c.number.desc())
+@dataclass
+class _RunRows:
+    """The rows of a run, counted by state, and the sum of their digests."""
+
+    counts: dict[str, int] = field(default_factory=dict)
+    digests: int = 0
+
+    @property
+    def total(self) -> int:
+        return sum(self.counts.values())
+
+    def add(self, state: str, count: int, digests: int) -> None:
+        self.counts[state] = count
+        self.digests += digests
+
+
+def read_runs(connection: Connection, number: int | None = None) -> list[RunSummary]:
+    """Return all runs, newest first, or the run with a number."""
+    counting = select(run_sweep.c.run, run_sweep.c.state, func.count(), sum_of_digests())
+    counting = counting.group_by(run_sweep.c.run, run_sweep.c.state)
+    numbering = select(run.c.number)
     if number is not None:
-        counting, listing = counting.where(run_sweep.c.run == number), listing.where(run.c.number == number)
-    counts: dict[int, dict[str, int]] = defaultdict(dict)
-    for of, state, count in connection.execute(counting):
-        counts[of][state] = count
-    moment = now(connection)
-    return [_summary(row, counts[row["number"]], moment) for row in connection.execute(listing).mappings()]
+        counting, numbering = counting.where(run_sweep.c.run == number), numbering.where(run.c.number == number)
+    rows: dict[int, _RunRows] = defaultdict(_RunRows)
+    for of, state, count, digests in connection.execute(counting):
+        rows[of].add(state, count, int(digests))
+    time_now, host = now(connection), host_of(connection)
+    found = read_tolerantly(
+        lambda chunk: {
+            row["number"]: _run_summary(row, rows[row["number"]], time_now, host)
+            for row in connection.execute(select(run).where(run.c.number.in_(chunk))).mappings()
+        },
+        connection.scalars(numbering),
+    )
+    lost = [of for of in rows if of not in found]
+    found |= {of: _damaged_run(of, rows[of].total, time_now) for of in lost}
+    return [found[of] for of in sorted(found, reverse=True)]
 
 
-def one_run(connection: Connection, number: int) -> RunSummary:
-    """Return the run of a number; StoreError tells which there are."""
-    found = runs(connection, number) if 0 < number <= LARGEST else []
+def read_studies(connection: Connection, numbers: Iterable[int]) -> dict[int, str]:
+    """Return the study of each run by its number; damaged runs are left out."""
+    return read_tolerantly(
+        lambda chunk: {
+            row["number"]: row["study"]
+            for row in connection.execute(select(run).where(run.c.number.in_(chunk))).mappings()
+            if run_digest(row) == row["digest"]
+        },
+        numbers,
+    )
+
+
+def read_run(connection: Connection, number: int) -> RunSummary:
+    """Return the run with a number; StoreError, with the newest number, if there is none."""
+    found = read_runs(connection, number) if 0 < number <= MAX_COLUMN_INTEGER else []
     if found:
         return found[0]
     newest = connection.scalar(select(func.max(run.c.number)))
@@ -89,21 +158,36 @@ def one_run(connection: Connection, number: int) -> RunSummary:
     raise StoreError(f"there is no run {number}; {hint}")
 
 
-def sweeps(connection: Connection, number: int) -> list[StoredSweep]:
+def read_sweeps(connection: Connection, number: int) -> list[StoredSweep]:
     """Return the sweeps of a run in grid order, without arrays."""
-    one_run(connection, number)
-    query = _listing().where(run_sweep.c.run == number).order_by(run_sweep.c.position)
-    keys = select(run_sweep.c.key).where(run_sweep.c.run == number)
-    sources = _sources(connection, select(supplied).where(supplied.c.key.in_(keys)))
-    return _stored(connection, connection.execute(query).mappings().all(), sources)
+    read_run(connection, number)
+    places = select(run_sweep.c.position).where(run_sweep.c.run == number)
+    found = read_tolerantly(
+        lambda chunk: dict(
+            _stored_sweeps(
+                connection, _listing_query().where(run_sweep.c.run == number, run_sweep.c.position.in_(chunk))
+            )
+        ),
+        connection.scalars(places.order_by(run_sweep.c.position)),
+    )
+    lost = select(run_sweep.c.position, run_sweep.c.key).where(run_sweep.c.run == number)
+    for row in connection.execute(lost) if len(found) < _count_sweeps(connection, number) else ():
+        found.setdefault(row.position, damaged_sweep(str(row.key)))
+    return [found[position] for position in sorted(found)]
 
 
-def find(connection: Connection, prefix: str) -> StoredSweep:
-    """Return the one sweep whose key starts with a prefix, as its latest run saw it."""
-    head = prefix.strip().lower()
-    head = head if head.startswith(f"{TAG}-") else f"{TAG}-{head}"
+def _count_sweeps(connection: Connection, number: int) -> int:
+    query = select(func.count()).select_from(run_sweep).where(run_sweep.c.run == number)
+    return int(connection.scalar(query) or 0)
+
+
+def find_sweep(connection: Connection, prefix: str) -> StoredSweep:
+    """Return the sweep whose key starts with a prefix, as in its latest run."""
+    if len(prefix.rpartition("-")[2]) < MIN_PREFIX:
+        raise StoreError(f"'{prefix}' is too short for the key of a sweep; give {MIN_PREFIX} characters or more")
     # Digits are hexadecimal, so everything that starts with the prefix lies below prefix + "g".
-    query = select(sweep.c.key).where(sweep.c.key >= head, sweep.c.key < f"{head}g").order_by(sweep.c.key).limit(4)
+    ranges = [and_(sweep.c.key >= head, sweep.c.key < f"{head}g") for head in key_heads(prefix)]
+    query = select(sweep.c.key).where(or_(false(), *ranges)).order_by(sweep.c.key).limit(4)
     keys = list(connection.scalars(query))
     if not keys:
         remedy = "'fraexp list' shows the runs and their studies, 'fraexp show RUN' its sweeps"
@@ -111,90 +195,138 @@ def find(connection: Connection, prefix: str) -> StoredSweep:
     if len(keys) > 1:
         some = ", ".join(keys[:3]) + (", ..." if len(keys) > 3 else "")
         raise StoreError(f"several sweeps' keys start with '{prefix}': {some}; give more characters")
-    latest = _listing().where(sweep.c.key == keys[0]).order_by(run_sweep.c.run.desc(), run_sweep.c.position).limit(1)
-    sources = _sources(connection, select(supplied).where(supplied.c.key == keys[0]))
-    return _stored(connection, connection.execute(latest).mappings().all(), sources)[0]
+    latest = _listing_query(run_sweep.c.standing == STANDING_LATEST).where(sweep.c.key == keys[0]).limit(2)
+    found = read_tolerantly(lambda _: {keys[0]: _stored_sweeps(connection, latest)}, keys).get(keys[0], [])
+    return found[0][1] if len(found) == 1 else damaged_sweep(keys[0])
 
 
-def log(connection: Connection, key: str) -> str:
+def read_log(connection: Connection, key: str) -> str:
     """Return the log of a sweep's latest attempt; empty if it did not fail."""
-    query = select(run_sweep.c.log).where(run_sweep.c.key == key).order_by(run_sweep.c.run.desc()).limit(1)
-    text = connection.scalar(query) or ""
+    columns = (run_sweep.c.log, run_sweep.c.log_digest)
+    query = select(*columns).where(run_sweep.c.key == key, run_sweep.c.standing == STANDING_LATEST).limit(1)
+    text, stored = connection.execute(query).first() or ("", 0)
     if not isinstance(text, str):
         raise TypeError(f"a log is a {type(text).__name__}")
-    return text
+    return text if log_digest(text) == stored else f"the stored log is damaged; {RESTORE_HINT}"
 
 
-def results(connection: Connection, keys: Iterable[str]) -> dict[str, Result]:
-    """Return the results of those sweeps that have one, with arrays."""
-    found: dict[str, Result] = {}
-    for chunk in chunks(keys):
-        responses = {
-            row["key"]: codec.response_of(row) for row in connection.execute(_of(frequency_response, chunk)).mappings()
-        }
-        metrics = defaultdict(list)
-        for row in connection.execute(_of(metric, chunk).order_by(metric.c.position)).mappings():
-            metrics[row["key"]].append(codec.metric_of(row))
-        curves = _curves(connection, chunk)
-        fits = defaultdict(list)
-        for row in connection.execute(_of(fit, chunk).order_by(fit.c.position)).mappings():
-            fits[row["key"]].append(codec.fit_of(row))
-        query = select(sweep.c.key, sweep.c.outcome, sweep.c.message, sweep.c.elapsed, sweep.c.numerics)
-        for row in connection.execute(query.where(sweep.c.key.in_(chunk), sweep.c.outcome.is_not(None))).mappings():
-            key = row["key"]
-            parts = (responses.get(key), tuple(metrics[key]), tuple(curves[key]), tuple(fits[key]))
-            state = {"numerics": row["numerics"], "elapsed": row["elapsed"]}
-            found[key] = sound(Result(Outcome[row["outcome"]], row["message"], *parts, **state))
+def read_results(connection: Connection, keys: Iterable[str]) -> dict[str, Result]:
+    """Return the result of each sweep that has one, with arrays; a damaged one has this outcome and nothing else."""
+    wanted = list(dict.fromkeys(keys))
+    found = read_tolerantly(lambda chunk: _read_results(connection, chunk), wanted)
+    lost = [key for key in wanted if key not in found]
+    return found | {
+        key: damaged_result() for key in read_tolerantly(lambda chunk: _with_result(connection, chunk), lost)
+    }
+
+
+def _with_result(connection: Connection, keys: list[str]) -> dict[str, bool]:
+    """Return the keys of the sweeps that have a result, or should have one."""
+    return dict.fromkeys(connection.scalars(select(sweep.c.key).where(sweep.c.key.in_(keys), HAS_RESULT)), True)
+
+
+def _read_results(connection: Connection, keys: list[str]) -> dict[str, Result]:
+    tables: dict[str, dict[str, list[ResultRow]]] = defaultdict(lambda: defaultdict(list))
+    for name in RESULT_COLUMNS:
+        for row in connection.execute(covered_rows(metadata.tables[name], keys)):
+            tables[row[0]][name].append(row)
+    query = select(*(sweep.c[name] for name in (*STATE_COLUMNS, "content")))
+    found = {}
+    for row in connection.execute(query.where(sweep.c.key.in_(keys), HAS_RESULT)):
+        of = tables[row.key]
+        values = {name: [item[1:] for item in rows] for name, rows in of.items()}
+        is_sound = content_digest(row[:-1], values) == row.content
+        found[row.key] = _parse_result(row, of) if is_sound else damaged_result()
     return found
 
 
-def _curves(connection: Connection, keys: list[str]) -> dict[str, list[Any]]:
+def _parse_result(state: ResultRow, tables: Mapping[str, list[ResultRow]]) -> Result:
+    rows = {name: [row._mapping for row in tables.get(name, ())] for name in RESULT_COLUMNS}
     columns = defaultdict(list)
-    for row in connection.execute(_of(curve_column, keys).order_by(curve_column.c.position)).mappings():
-        columns[row["key"], row["curve"]].append(row)
-    found = defaultdict(list)
-    for row in connection.execute(_of(curve, keys).order_by(curve.c.position)).mappings():
-        found[row["key"]].append(codec.curve_of(row["name"], columns[row["key"], row["position"]]))
-    return found
+    for row in rows["curve_column"]:
+        columns[row["curve"]].append(row)
+    result = Result(
+        Outcome[state.outcome],
+        state.message,
+        next((codec.parse_response(row) for row in rows["frequency_response"]), None),
+        tuple(codec.parse_metric(row) for row in rows["metric"]),
+        tuple(codec.parse_curve(row["name"], columns[row["position"]]) for row in rows["curve"]),
+        tuple(codec.parse_fit(row) for row in rows["fit"]),
+        numerics=state.numerics,
+        elapsed=state.elapsed,
+    )
+    return check_types(result)
 
 
-def _of(table: Any, keys: list[str]) -> Select[Any]:
-    return select(table).where(table.c.key.in_(keys))
+def damaged_result() -> Result:
+    """Return what is shown instead of a damaged result."""
+    return Result(Outcome.DAMAGED, DAMAGED)
 
 
-def _listing() -> Select[Any]:
+def damaged_sweep(key: str) -> StoredSweep:
+    """Return what is shown instead of a damaged sweep."""
+    return StoredSweep(key, {}, {}, {}, Outcome.DAMAGED, DAMAGED, 0.0, None, "computed")
+
+
+def _listing_query(*conditions: Expression) -> Query:
+    """Return the query of sweeps with the runs that meet conditions."""
     return select(
-        *(sweep.c[name] for name in ("key", "outcome", "elapsed", "created", "message")),
+        *(sweep.c[name] for name in LISTED_COLUMNS),
+        sweep.c.digest,
+        sweep.c.in_runs,
+        *(sweep.c[name] for name in ("origins", "parts", "annotations")),
         *(sweep.c[f"{name}_part"] for name in PARTS),
+        run_sweep.c.run,
+        run_sweep.c.position,
+        run_sweep.c.key.label("run_key"),
         run_sweep.c.labels,
         run_sweep.c.state,
         run_sweep.c.message.label("failure"),
-    ).select_from(sweep.outerjoin(run_sweep, and_(run_sweep.c.key == sweep.c.key)))
+        run_sweep.c.log_digest,
+        run_sweep.c.digest.label("run_digest"),
+    ).select_from(sweep.outerjoin(run_sweep, and_(run_sweep.c.key == sweep.c.key, *conditions)))
 
 
-def _sources(connection: Connection, query: Select[Any]) -> dict[str, dict[str, Supplied]]:
-    found: dict[str, dict[str, Supplied]] = defaultdict(dict)
-    for row in connection.execute(query):
-        found[row.key][f"{row.kind}:{row.name}"] = sound(Supplied(row.source_hash, row.distribution))
+def _stored_sweeps(connection: Connection, query: Query) -> list[tuple[int, StoredSweep]]:
+    """Return the sweeps of a listing query with their positions."""
+    rows = connection.execute(query).mappings().all()
+    keys = [row["key"] for row in rows]
+    resolved = shared_sections.load_parts(connection, rows)
+    tags, notes = annotations.tags_of_sweeps(connection, keys), annotations.notes_of_sweeps(connection, keys)
+    origins = {key: of for chunk in key_chunks(keys) for key, of in read_origin_rows(connection, chunk).items()}
+    found = []
+    for row in rows:
+        key = row["key"]
+        own, of_tags, text = origins.get(key, []), tags.get(key, ()), notes.get(key, "")
+        is_sound = key in resolved and is_listing_sound(row, of_tags, text)
+        if is_sound and origins_digest(key, own) == row["origins"]:
+            listed = check_types(_stored_sweep(row, *resolved[key], own, of_tags, text))
+        else:
+            listed = damaged_sweep(key)
+        found.append((row["position"] or 0, listed))
     return found
 
 
-def _stored(
-    connection: Connection, rows: Sequence[RowMapping], sources: dict[str, dict[str, Supplied]]
-) -> list[StoredSweep]:
-    keys = [row["key"] for row in rows]
-    resolved, tags, notes = (
-        shared_sections.load(connection, rows),
-        annotations.tags_of(connection, keys),
-        annotations.notes(connection, keys),
-    )
-    return [
-        sound(replace(_one(row, *resolved[key], sources), tags=tags.get(key, ()), note=notes.get(key, "")))
-        for key, row in zip(keys, rows, strict=True)
-    ]
+def is_listing_sound(row: RowMapping, tags: Iterable[str], note: str) -> bool:
+    """Return whether what a listing shows of a sweep and of its run is as it was stored."""
+    if listed_digest(row) != row["digest"] or annotations_digest(row["key"], tags, note) != row["annotations"]:
+        return False
+    if row["run"] is None:
+        return bool(row["in_runs"] == WITHOUT_RUN)
+    if row["state"] not in STATES or row["in_runs"] != IN_RUNS:
+        return False
+    in_run = (row["run"], row["position"], row["run_key"], row["labels"], row["failure"], row["log_digest"])
+    return digest(in_run) == row["run_digest"]
 
 
-def _one(row: RowMapping, experiment: Any, estimator: Any, sources: dict[str, dict[str, Supplied]]) -> StoredSweep:
+def _stored_sweep(
+    row: RowMapping,
+    experiment: JsonTable,
+    estimator: JsonTable,
+    origins: Iterable[TableRow],
+    tags: tuple[str, ...],
+    note: str,
+) -> StoredSweep:
     return StoredSweep(
         key=row["key"],
         experiment=experiment,
@@ -205,25 +337,56 @@ def _one(row: RowMapping, experiment: Any, estimator: Any, sources: dict[str, di
         elapsed=row["elapsed"],
         created=row["created"],
         state=row["state"] or "computed",
-        sources=dict(sources.get(row["key"], {})),
+        sources={
+            f"{of['kind']}:{of['name']}": check_types(ComponentOrigin(of["source_hash"], of["distribution"]))
+            for of in origins
+        },
+        tags=tags,
+        note=note,
     )
 
 
-def _summary(row: RowMapping, counts: dict[str, int], moment: datetime) -> RunSummary:
-    process = sound(Process(row["host"], row["boot"], row["pid"], row["process_start"]))
-    dead = row["state"] == "running" and not alive(process, moment - row["heartbeat"])
+def _run_summary(row: RowMapping, rows: _RunRows, time_now: datetime, host: Host) -> RunSummary:
+    is_complete = (rows.total, rows.digests) == (row["sweeps"], row["sweep_digests"])
+    is_sound = is_complete and run_digest(row) == row["digest"] and set(rows.counts) <= set(STATES)
+    if not is_sound or row["state"] not in RUN_STATES:
+        return _damaged_run(row["number"], rows.total, time_now)
+    process = check_types(Process(row["host"], row["boot"], row["pid"], row["process_start"]))
+    silence = time_now - row["heartbeat"]
+    dead = row["state"] == "running" and not host.is_alive(process, silence)
     names = ("number", "study", "study_file", "command", "started", "ended", "provenance")
-    values: dict[str, Any] = {name: row[name] for name in names}
-    return sound(
+    values: RowValues = {name: row[name] for name in names}
+    return check_types(
         RunSummary(
             **values,
             state="interrupted" if dead else row["state"],
-            total=sum(counts.values()),
-            computed=counts.get("computed", 0),
-            reused=counts.get("reused", 0),
-            failed=counts.get("failed", 0),
+            total=rows.total,
+            computed=rows.counts.get("computed", 0),
+            reused=rows.counts.get("reused", 0),
+            failed=rows.counts.get("failed", 0),
             process=process,
             heartbeat=row["heartbeat"],
-            progress=sound(RunProgress(**row["progress"])) if row["progress"] else None,
+            silence=silence.total_seconds() if row["state"] == "running" and not dead else 0.0,
+            progress=check_types(RunProgress(**row["progress"])) if row["progress"] else None,
         )
+    )
+
+
+def _damaged_run(number: int, total: int, time_now: datetime) -> RunSummary:
+    """Return what is shown instead of a damaged run."""
+    return RunSummary(
+        number=number,
+        study="",
+        study_file="",
+        command="",
+        started=time_now,
+        ended=time_now,
+        state=DAMAGED_RUN,
+        provenance={},
+        total=total,
+        computed=0,
+        reused=0,
+        failed=0,
+        process=Process("", "", 0, None),
+        heartbeat=time_now,
     )

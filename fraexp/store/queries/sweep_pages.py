@@ -1,175 +1,239 @@
-"""Listings of sweeps: filtered, sorted and cut into pages by the database."""
+"""Pages of a listing of sweeps, which the database filters and sorts."""
 
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime
-from typing import Any
 
-from sqlalchemy import ColumnElement, Connection, Select, and_, func, select
+from sqlalchemy import ColumnElement, Connection, FromClause, RowMapping, Table, and_, func, select
 from sqlalchemy.sql.visitors import iterate
 
 from fraexp.data.results import Outcome
-from fraexp.errors import StoreError
+from fraexp.errors import FilterError, StoreError
+from fraexp.store.damage import DAMAGED, RESTORE_HINT, read_tolerantly
+from fraexp.store.digests import LISTED_COLUMNS
 from fraexp.store.queries import annotations
 from fraexp.store.queries.filter_sql import (
-    COLUMNS,
-    KEY,
-    METRIC,
-    NAMES,
-    Declared,
-    Names,
-    holds,
-    place_of,
-    seen,
-    undeclared,
+    COMPONENT_COLUMNS,
+    METRIC_PREFIX,
+    SWEEP_COLUMNS,
+    SWEEP_KEY,
+    KnownNames,
+    UnitDeclarations,
+    condition_sql,
+    no_declared_units,
+    run_view,
+    split_parameter,
 )
-from fraexp.store.queries.filters import parse
-from fraexp.store.queries.json_sql import at, sorted_at, text_sorted_at
-from fraexp.store.stored_records import Listed, ListingPage
-from fraexp.store.tables import LATEST, REPEATED, chunks, metric, part, sweep
-from fraexp.store.validation import sound
+from fraexp.store.queries.filters import parse_filter
+from fraexp.store.queries.json_sql import json_value, sorted_at, text_sorted_at
+from fraexp.store.queries.reading import DAMAGED_RUN, is_listing_sound, read_studies
+from fraexp.store.stored_records import ListedSweep, ListingPage
+from fraexp.store.tables import (
+    STANDING_LATEST,
+    STANDING_REPEATED,
+    Expression,
+    Query,
+    RowValues,
+    metric,
+    part,
+    sweep,
+)
+from fraexp.store.validation import check_types
 
-SHOWN = ("key", "state", "outcome", "message", *NAMES, "source", "elapsed", "created", "run", "study")
-POSITION, NEWEST = "position", "-created"
-"""How the sweeps of a run, and all sweeps, are sorted unless told otherwise."""
-FAR = 10_000
-"""Rows from which on it pays to count first, and to read a page from the nearer end."""
+POSITION_ORDER, NEWEST_ORDER = "position", "-created"
+"""Default orders: of a run's sweeps, and of all sweeps."""
+COUNT_FIRST_OFFSET = 10_000
+"""Offset from which it is faster to count the rows and to read a page from the nearer end."""
 
 
-def page(
+def read_page(
     connection: Connection,
-    text: str,
+    filter_text: str,
     order: str,
     offset: int,
     limit: int,
     number: int | None,
-    declared: Declared = undeclared,
+    declared: UnitDeclarations = no_declared_units,
 ) -> ListingPage:
-    """Return some rows of a listing, and how many there are in all."""
-    names = Names.of(connection, declared)
-    order = order or (NEWEST if number is None else POSITION)
-    conditions = _conditions(text, names, number)
-    query, by = _asked(conditions, order, names, number)
-    first, most = max(offset, 0), max(limit, 0)
-    count = _from(select(func.count()), conditions, [], number)
-    if conditions and (order.removeprefix("-") != "created" or _searches(text)):
-        # What they let through is found once, to be counted and to be sorted. Sorting by an index stops at the page.
+    """Return a page of a listing, with the total number of rows."""
+    names = KnownNames.of(connection, declared)
+    order = order or (NEWEST_ORDER if number is None else POSITION_ORDER)
+    conditions = _filter_conditions(filter_text, names, number)
+    query, by = _sorted_query(conditions, order, names, number)
+    start, size = max(offset, 0), max(limit, 0)
+    count = _joined_query(select(func.count()), conditions, [], number)
+    if conditions and (order.removeprefix("-") != "created" or _has_search_word(filter_text)):
+        # The matching sweeps are found once, counted and sorted; sorting by an index would stop after the page.
         found = query.add_columns(*(item.label(f"by{index}") for index, item in enumerate(by))).cte("found")
         by = [found.c[f"by{index}"] for index in range(len(by))]
         count = select(func.count()).select_from(found)
-        cut = select(found.c.key, count.scalar_subquery()).order_by(*_sorting(by, order, found.c.key))
-    elif conditions and first < FAR:  # what a condition finds first of all is found once for both
-        cut = query.add_columns(count.correlate(None).scalar_subquery()).order_by(*_sorting(by, order, KEY))
+        cut = select(found.c.key, count.scalar_subquery()).order_by(*_order_clauses(by, order, found.c.key))
+    elif conditions and start < COUNT_FIRST_OFFSET:  # the conditions are evaluated once for rows and count
+        cut = query.add_columns(count.correlate(None).scalar_subquery()).order_by(*_order_clauses(by, order, SWEEP_KEY))
     else:
         total = int(connection.scalar(count) or 0)
-        return ListingPage(_rows(connection, _cut(connection, query, by, order, total, first, most), number), total)
-    rows = connection.execute(cut.offset(first).limit(most)).all()
+        keys = _page_keys(connection, query, by, order, total, start, size)
+        return _checked_page(connection, keys, number, total, min(size, max(total - start, 0)))
+    rows = connection.execute(cut.offset(start).limit(size)).all()
     total = int((rows[0][1] if rows else connection.scalar(count)) or 0)
-    return ListingPage(_rows(connection, [row[0] for row in rows], number), total)
+    return _checked_page(connection, [row[0] for row in rows], number, total, min(size, max(total - start, 0)))
 
 
-def _cut(
-    connection: Connection, query: Select[Any], by: Sequence[ColumnElement[Any]], order: str,
-    total: int, first: int, most: int,
+def _checked_page(
+    connection: Connection, keys: list[str], number: int | None, total: int, expected: int
+) -> ListingPage:
+    """Return the page of these sweeps; StoreError if an index has lost or doubled some of the `expected` ones."""
+    if len(keys) != expected or len(set(keys)) != expected:
+        raise StoreError(f"the database is damaged (an index does not fit its table); {RESTORE_HINT}")
+    return ListingPage(_read_rows(connection, keys, number), total)
+
+
+def _page_keys(
+    connection: Connection, query: Query, by: Sequence[Expression], order: str,
+    total: int, start: int, size: int,
 ) -> list[str]:  # fmt: skip
-    """Return the keys of a page, read from the nearer end: rows that are left out take their time, too."""
-    if first <= total // 2:
-        return list(connection.scalars(query.order_by(*_sorting(by, order, KEY)).offset(first).limit(most)))
-    count = min(most, max(total - first, 0))
+    """Return the keys of a page, read from the nearer end, because skipped rows take time."""
+    if start <= total // 2:
+        return list(connection.scalars(query.order_by(*_order_clauses(by, order, SWEEP_KEY)).offset(start).limit(size)))
+    count = min(size, max(total - start, 0))
     turned = [(item.asc() if order.startswith("-") else item.desc()).nulls_first() for item in by]
-    found = connection.scalars(query.order_by(*turned, KEY.desc()).offset(total - first - count).limit(count))
+    found = connection.scalars(query.order_by(*turned, SWEEP_KEY.desc()).offset(total - start - count).limit(count))
     return list(found)[::-1]
 
 
-def keys(connection: Connection, text: str, number: int | None, declared: Declared = undeclared) -> list[str]:
-    """Return the keys of all sweeps that a filter lets through: newest first, or a run's in its order."""
-    names = Names.of(connection, declared)
-    query, by = _asked(_conditions(text, names, number), "", names, number)
-    return list(connection.scalars(query.order_by(*_sorting(by, "" if number else NEWEST, KEY))))
+def matching_keys(
+    connection: Connection, filter_text: str, number: int | None, declared: UnitDeclarations = no_declared_units
+) -> list[str]:
+    """Return the keys of all sweeps that match a filter: newest first, or in the order of a run."""
+    names = KnownNames.of(connection, declared)
+    query, by = _sorted_query(_filter_conditions(filter_text, names, number), "", names, number)
+    return list(connection.scalars(query.order_by(*_order_clauses(by, "" if number else NEWEST_ORDER, SWEEP_KEY))))
 
 
-def fields(connection: Connection) -> list[str]:
-    """Return what a filter may name."""
-    return Names.of(connection).all()
+def field_names(connection: Connection) -> list[str]:
+    """Return all names that a filter can use."""
+    return KnownNames.of(connection).all()
 
 
-def _conditions(text: str, names: Names, number: int | None) -> list[ColumnElement[bool]]:
+def _filter_conditions(filter_text: str, names: KnownNames, number: int | None) -> list[ColumnElement[bool]]:
     now = datetime.now().astimezone()
-    return [holds(condition, names, now, number) for condition in parse(text)]
+    return [condition_sql(condition, names, now, number) for condition in parse_filter(filter_text)]
 
 
-def _searches(text: str) -> bool:
-    """Return whether a filter has a word that is searched everywhere, which takes its time."""
-    return any(not condition.field for condition in parse(text))
+def _has_search_word(filter_text: str) -> bool:
+    """Return whether a filter has a word that is searched everywhere, which takes time."""
+    return any(not condition.field for condition in parse_filter(filter_text))
 
 
-def _asked(
-    conditions: list[ColumnElement[bool]], order: str, names: Names, number: int | None
-) -> tuple[Select[Any], list[ColumnElement[Any]]]:
-    """Return the query of the keys, and what they are sorted by."""
-    name = order.removeprefix("-") or ("created" if number is None else POSITION)
-    query = select(KEY)
-    if name not in names.parameters or name in COLUMNS:
-        by = _sorted_by(name, names, number)
-        return _from(query, conditions, by, number), by
-    section, place = place_of(name)
-    by = [at(kind, part.c.content, place) for kind in (sorted_at, text_sorted_at)]
-    return _from(query, conditions, [], number, (part, part.c.number == sweep.c[f"{section}_part"])), by
+def _sorted_query(
+    conditions: list[ColumnElement[bool]], order: str, names: KnownNames, number: int | None
+) -> tuple[Query, list[Expression]]:
+    """Return the query of the keys, and the expressions by which they are sorted."""
+    name = order.removeprefix("-") or ("created" if number is None else POSITION_ORDER)
+    query = select(SWEEP_KEY)
+    if name not in names.parameters or name in SWEEP_COLUMNS:
+        by = _sort_columns(name, names, number)
+        return _joined_query(query, conditions, by, number), by
+    section, place = split_parameter(name)
+    by = [json_value(kind, part.c.content, place) for kind in (sorted_at, text_sorted_at)]
+    return _joined_query(query, conditions, [], number, (part, part.c.number == sweep.c[f"{section}_part"])), by
 
 
-def _sorting(by: Sequence[ColumnElement[Any]], order: str, key: ColumnElement[Any]) -> list[ColumnElement[Any]]:
+def _order_clauses(by: Sequence[Expression], order: str, key: Expression) -> list[Expression]:
     falls = order.startswith("-")
     return [*((item.desc() if falls else item.asc()).nulls_last() for item in by), key]
 
 
-def _sorted_by(name: str, names: Names, number: int | None) -> list[ColumnElement[Any]]:
-    if name in COLUMNS:
-        return [COLUMNS[name]]
-    if name == POSITION and number is not None:
-        return [seen.c.position]
-    if name.startswith(METRIC) and name.removeprefix(METRIC) in names.metrics:
-        chosen = (metric.c.key == KEY, metric.c.name == name.removeprefix(METRIC))
+def _sort_columns(name: str, names: KnownNames, number: int | None) -> list[Expression]:
+    if name in SWEEP_COLUMNS:
+        return [SWEEP_COLUMNS[name]]
+    if name == POSITION_ORDER and number is not None:
+        return [run_view.c.position]
+    if name.startswith(METRIC_PREFIX) and name.removeprefix(METRIC_PREFIX) in names.metrics:
+        chosen = (metric.c.key == SWEEP_KEY, metric.c.name == name.removeprefix(METRIC_PREFIX))
         return [select(func.min(metric.c.value)).where(*chosen).scalar_subquery()]
     if name in names.labels:
-        return [at(kind, seen.c.labels, [name]) for kind in (sorted_at, text_sorted_at)]
-    error = names.unknown(name)
-    raise StoreError(str(error).replace("filter:", "order:", 1))
+        return [json_value(kind, run_view.c.labels, [name]) for kind in (sorted_at, text_sorted_at)]
+    error = names.unknown_name_error(name)
+    raise FilterError(str(error).replace("filter:", "order:", 1))
 
 
-def _from(
-    query: Select[Any],
+def _joined_query(
+    query: Query,
     conditions: Sequence[ColumnElement[bool]],
-    others: Sequence[ColumnElement[Any]],
+    others: Sequence[Expression],
     number: int | None,
-    beside: tuple[Any, ColumnElement[bool]] | None = None,
-) -> Select[Any]:
-    """Return the query on sweeps, joined with the run that saw them where something asks for it."""
-    source: Any = sweep
+    beside: tuple[Table, ColumnElement[bool]] | None = None,
+) -> Query:
+    """Return the query on sweeps, joined with their run if an expression uses it."""
+    source: FromClause = sweep
     if number is not None:
-        source = seen.join(sweep, sweep.c.key == seen.c.key)
-        query = query.where(seen.c.run == number, seen.c.standing != REPEATED)
-    elif any(element is seen or getattr(element, "table", None) is seen for element in _inside(conditions, others)):
-        source = sweep.outerjoin(seen, and_(seen.c.key == KEY, seen.c.standing == LATEST))
+        source = run_view.join(sweep, sweep.c.key == run_view.c.key)
+        query = query.where(run_view.c.run == number, run_view.c.standing != STANDING_REPEATED)
+    elif any(
+        element is run_view or getattr(element, "table", None) is run_view
+        for element in _all_elements(conditions, others)
+    ):
+        source = sweep.outerjoin(run_view, and_(run_view.c.key == SWEEP_KEY, run_view.c.standing == STANDING_LATEST))
     if beside:
         source = source.outerjoin(*beside)
     return query.select_from(source).where(*conditions)
 
 
-def _inside(*groups: Sequence[ColumnElement[Any]]) -> Any:
+def _all_elements(*groups: Sequence[Expression]) -> Iterator[object]:
     return (element for group in groups for item in group for element in iterate(item))
 
 
-def _rows(connection: Connection, wanted: Sequence[str], number: int | None) -> tuple[Listed, ...]:
-    columns = [COLUMNS[name].label(name) for name in SHOWN]
-    query = select(*columns, seen.c.labels)
-    found: dict[str, Mapping[Any, Any]] = {}
-    for chunk in chunks(wanted):
-        asked = _from(query, [KEY.in_(chunk)], [seen.c.run], number)
-        found |= {row["key"]: row for row in connection.execute(asked).mappings()}
-    tags, notes = annotations.tags_of(connection, wanted), annotations.notes(connection, wanted)
-    return tuple(_listed(found[key], tags.get(key, ()), notes.get(key, "")) for key in wanted)
+def _read_rows(connection: Connection, wanted: Sequence[str], number: int | None) -> tuple[ListedSweep, ...]:
+    found = read_tolerantly(lambda keys: _read_listed(connection, keys, number), wanted)
+    return tuple(found.get(key) or _damaged_row(key, number) for key in wanted)
 
 
-def _listed(row: Mapping[Any, Any], tags: tuple[str, ...], text: str) -> Listed:
-    values: dict[str, Any] = {name: row[name] for name in SHOWN if name != "outcome"}
-    outcome = Outcome[row["outcome"]] if row["outcome"] else None
-    return sound(Listed(**values, outcome=outcome, labels=row["labels"] or {}, tags=tags, note=text))
+def _read_listed(connection: Connection, keys: list[str], number: int | None) -> dict[str, ListedSweep]:
+    """Return sweeps of a listing by key; those that are there twice in a run, or not at all, are missing."""
+    query = select(
+        *(sweep.c[name] for name in LISTED_COLUMNS),
+        *(sweep.c[name] for name in ("digest", "annotations", "in_runs")),
+        *(run_view.c[name] for name in ("run", "position", "labels", "state", "log_digest")),
+        run_view.c.key.label("run_key"),
+        run_view.c.message.label("failure"),
+        run_view.c.digest.label("run_digest"),
+    )
+    rows = connection.execute(_joined_query(query, [SWEEP_KEY.in_(keys)], [run_view.c.run], number)).mappings().all()
+    tags, notes = annotations.tags_of_sweeps(connection, keys), annotations.notes_of_sweeps(connection, keys)
+    counts = Counter(row["key"] for row in rows)
+    studies = read_studies(connection, {row["run"] for row in rows} - {None})
+    return {
+        row["key"]: _listed_sweep(row, studies, tags.get(row["key"], ()), notes.get(row["key"], ""))
+        for row in rows
+        if counts[row["key"]] == 1
+    }
+
+
+def _listed_sweep(row: RowMapping, studies: Mapping[int, str], tags: tuple[str, ...], note: str) -> ListedSweep:
+    if not is_listing_sound(row, tags, note):
+        return _damaged_row(row["key"], row["run"])
+    names: RowValues = {name: row[f"{name}_name"] for name in COMPONENT_COLUMNS}
+    listed = ListedSweep(
+        key=row["key"],
+        labels=row["labels"] or {},
+        state=row["state"] or "computed",
+        outcome=Outcome[row["outcome"]] if row["outcome"] else None,
+        message=row["failure"] or row["message"],
+        **names,
+        source=row["source"],
+        elapsed=row["elapsed"],
+        created=row["created"],
+        run=row["run"],
+        study=None if row["run"] is None else studies.get(row["run"], DAMAGED_RUN),
+        tags=tags,
+        note=note,
+    )
+    return check_types(listed)
+
+
+def _damaged_row(key: str, number: int | None) -> ListedSweep:
+    """Return what is shown instead of a damaged sweep."""
+    unknown: RowValues = dict.fromkeys((*COMPONENT_COLUMNS, "source", "created", "study"))
+    values: RowValues = {"labels": {}, "state": "computed", "message": DAMAGED, "elapsed": 0.0, "tags": (), "note": ""}
+    return ListedSweep(key=key, outcome=Outcome.DAMAGED, run=number, **unknown, **values)

@@ -1,1 +1,1 @@
-"""Plots of characters: curves, axes, and the figure that a screen shows as a file."""
+"""Plots in the terminal: curves and axes drawn with characters, and their export as a figure."""

@@ -1,49 +1,54 @@
 """Lines as the dots of braille characters: two across and four down in each cell."""
 
 import numpy as np
+from numpy.typing import NDArray
 
-ACROSS, DOWN = 2, 4
-BITS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]], dtype=np.uint8)
-"""Of each dot in the code of its character."""
-BLANK = 0x2800
-EDGE = 1e-9
-"""By so much, relative to its length, a window may be left by what lies on its edge."""
+DOTS_ACROSS, DOTS_DOWN = 2, 4
+DOT_BITS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]], dtype=np.uint8)
+"""Bit of each dot in the code of its character."""
+BLANK_CODE = 0x2800
+EDGE_TOLERANCE = 1e-9
+"""Tolerance at the edge of a window, relative to its length."""
 Window = tuple[float, float, float, float]
-"""Left, right, bottom and top of what is seen."""
+"""Left, right, bottom and top of the visible range."""
 
 
-def line(x: np.ndarray, y: np.ndarray, window: Window, cells: tuple[int, int]) -> np.ndarray:
+def line_dots(
+    x: NDArray[np.float64], y: NDArray[np.float64], window: Window, cells: tuple[int, int]
+) -> NDArray[np.bool_]:
     """Return the dots of a line through points of shape (n,), of bool, shape (4 rows, 2 columns).
 
-    `cells` are columns and rows. NaN leaves a gap. However many points there are, each extreme is drawn.
+    `cells` are columns and rows. NaN leaves a gap. All extremes are drawn, however many points there are.
     """
-    width, height = ACROSS * cells[0], DOWN * cells[1]
+    width, height = DOTS_ACROSS * cells[0], DOTS_DOWN * cells[1]
     left, right, bottom, top = window
     drawn = np.zeros((height, width), dtype=bool)
     if x.size < 2:
         return drawn
     with np.errstate(over="ignore"):
-        across, down = _thinned((x - left) / (right - left) * width, (top - y) / (top - bottom) * height)
+        across, down = _reduce_points((x - left) / (right - left) * width, (top - y) / (top - bottom) * height)
     known = np.isfinite(across) & np.isfinite(down)
     joined = np.flatnonzero(known[:-1] & known[1:])
     if not joined.size:
         return drawn
     start = np.stack([across[joined], down[joined]])
     step = np.stack([across[joined + 1], down[joined + 1]]) - start
-    first, last = _inside(start, step, np.array([width, height], dtype=float))
+    first, last = _clip_segments(start, step, np.array([width, height], dtype=float))
     seen = first <= last
     start, step, first, last = start[:, seen], step[:, seen], first[seen], last[seen]
     count = np.ceil(np.abs(step * (last - first)).max(axis=0)).astype(int) + 1
     place = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
     along = np.repeat(first, count) + place * np.repeat((last - first) / np.maximum(count - 1, 1), count)
     found = np.repeat(start, count, axis=1) + along * np.repeat(step, count, axis=1)
-    column, row = np.floor(found + EDGE).astype(int)
+    column, row = np.floor(found + EDGE_TOLERANCE).astype(int)
     drawn[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)] = True
     return drawn
 
 
-def _thinned(across: np.ndarray, down: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return of points that follow each other in one column of dots the first, lowest, highest and last one."""
+def _reduce_points(
+    across: NDArray[np.float64], down: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the first, lowest, highest and last of successive points in the same column of dots."""
     known = np.isfinite(across) & np.isfinite(down)
     column = np.where(known, np.floor(np.where(known, np.clip(across, -1e6, 1e6), 0)), np.inf)
     starts = np.flatnonzero(np.concatenate([[True], column[1:] != column[:-1]]))
@@ -57,30 +62,34 @@ def _thinned(across: np.ndarray, down: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return few, np.stack([down[starts], low, high, down[ends]], axis=1).ravel()
 
 
-def _inside(start: np.ndarray, step: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return between which shares of their length segments lie within 0 and `size`; the first is larger if nowhere.
+def _clip_segments(
+    start: NDArray[np.float64], step: NDArray[np.float64], size: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the fractions of their length between which segments lie within 0 and `size`; first > last if outside.
 
     Y.-D. Liang and B. A. Barsky, ACM Transactions on Graphics 3 (1984).
     """
     first, last = np.zeros(start.shape[1]), np.ones(start.shape[1])
     for axis in range(2):
-        still = np.abs(step[axis]) < EDGE
-        ends = np.stack([-start[axis], size[axis] * (1 + EDGE) - start[axis]]) / np.where(still, 1.0, step[axis])
-        within = (start[axis] >= 0) & (start[axis] <= size[axis] * (1 + EDGE))
+        still = np.abs(step[axis]) < EDGE_TOLERANCE
+        ends = np.stack([-start[axis], size[axis] * (1 + EDGE_TOLERANCE) - start[axis]]) / np.where(
+            still, 1.0, step[axis]
+        )
+        within = (start[axis] >= 0) & (start[axis] <= size[axis] * (1 + EDGE_TOLERANCE))
         first = np.maximum(first, np.where(still, np.where(within, 0.0, 2.0), ends.min(axis=0)))
         last = np.minimum(last, np.where(still, 1.0, ends.max(axis=0)))
     return first, last
 
 
-def characters(dots: np.ndarray) -> list[tuple[int, int, str]]:
+def dot_characters(dots: NDArray[np.bool_]) -> list[tuple[int, int, str]]:
     """Return column, row and character of each cell that has dots."""
-    rows, columns = dots.shape[0] // DOWN, dots.shape[1] // ACROSS
-    codes = (dots.reshape(rows, DOWN, columns, ACROSS) * BITS[None, :, None, :]).sum(axis=(1, 3))
+    rows, columns = dots.shape[0] // DOTS_DOWN, dots.shape[1] // DOTS_ACROSS
+    codes = (dots.reshape(rows, DOTS_DOWN, columns, DOTS_ACROSS) * DOT_BITS[None, :, None, :]).sum(axis=(1, 3))
     row, column = np.nonzero(codes)
-    texts = map(chr, (BLANK + codes[row, column].astype(int)).tolist())
+    texts = map(chr, (BLANK_CODE + codes[row, column].astype(int)).tolist())
     return list(zip(column.tolist(), row.tolist(), texts, strict=True))
 
 
-def sparse(dots: np.ndarray, on: int, of: int) -> np.ndarray:
-    """Return the dots of `on` columns in each `of`."""
+def dash_dots(dots: NDArray[np.bool_], on: int, of: int) -> NDArray[np.bool_]:
+    """Return the dots of the first `on` columns in every `of`, which makes a dashed line."""
     return dots & (np.arange(dots.shape[1]) % of < on)[None, :]

@@ -1,6 +1,7 @@
-"""Writing a figure: by the very command that the screen shows, in a process of its own."""
+"""Export of a figure by the command that the screen shows, in a separate process."""
 
 import asyncio
+import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,28 +13,29 @@ from fraexp.tui.plotting.compared_sweeps import plot_arguments
 from fraexp.workspace.workspace import Workspace
 
 
-def wrong_file(text: str) -> str:
-    """Return what is wrong with the name of a figure's file, or nothing."""
+def file_fault(text: str) -> str:
+    """Return the fault of a figure's file name; empty if it is valid."""
     if not text.strip():
-        return "a name, such as figure.png"
+        return "expected a file name, such as figure.png"
     file = Path(text.strip()).expanduser()
     try:
         check_suffix(file)
         if file.is_dir():
-            return "that is a folder"
+            return "this is a folder; expected a file name"
         if not file.parent.is_dir():
-            return f"{file.parent}: there is no such folder"
-    except (FraexpError, OSError, ValueError) as error:  # a name that is too long, or has a zero in it
+            return f"{file.parent}: no such folder"
+    except (FraexpError, OSError, ValueError) as error:  # too long, or with a null character
         return str(error)
     return ""
 
 
-async def draw(workspace: Workspace, keys: Sequence[str], kind: str, file: Path, view: View) -> tuple[bool, str]:
-    """Draw what is seen of sweeps into a file; return whether that went well, and the path or the error."""
-    arguments = [*plot_arguments(keys, kind, str(file), view), *workspace.place()]
+async def draw_figure(workspace: Workspace, keys: Sequence[str], kind: str, file: Path, view: View) -> tuple[bool, str]:
+    """Draw the visible part of sweeps into a file; return whether it succeeded, and the path or the error."""
+    arguments = [*plot_arguments(keys, kind, str(file), view), *workspace.location_options()]
     process = await asyncio.create_subprocess_exec(
         sys.executable, "-m", "fraexp", *arguments,
         stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
+        env=os.environ | workspace.location_environment(),
     )  # fmt: skip
     out, err = await process.communicate()
     said = (err if process.returncode else out).decode(errors="replace").strip().splitlines()

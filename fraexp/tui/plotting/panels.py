@@ -1,39 +1,45 @@
-"""Small plots of curves without a cursor: over a plain or a logarithmic abscissa."""
+"""Small plots of curves without a cursor, over a linear or logarithmic abscissa."""
 
 import math
 from collections.abc import Sequence
 
 import numpy as np
-from rich.markup import escape
-from textual_hires_canvas import Canvas
+from numpy.typing import NDArray
+from rich.text import Text
+from textual.app import ComposeResult
+from textual.containers import Vertical
+from textual.events import Resize
+from textual.widgets import Static
 from textual_plot import AxisFormatter, HiResMode, NumericAxisFormatter, PlotWidget
 
-from fraexp.tui.plotting.ticks import Ticks
+from fraexp.tui.plotting.ticks import TickFormatter
 
-Line = tuple[np.ndarray, np.ndarray]
+Line = tuple[NDArray[np.float64], NDArray[np.float64]]
 """Abscissa and ordinate, each of shape (n,)."""
-PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"), (1e-12, "p"))
-STEPS = (1.0, 2.0, 5.0)
+UNIT_PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"), (1e-12, "p"))
+DECADE_STEPS = (1.0, 2.0, 5.0)
+LEFT_MARGIN = 8
+"""Cells beside a plot for its ticks."""
 
 
-def scaled(value: float, unit: str = "") -> str:
+def prefixed_text(value: float, unit: str = "") -> str:
     """Return a number with a prefix before its unit: ``150 kN/m``."""
-    if not math.isfinite(value) or abs(value) < PREFIXES[-1][0] / 1000:
+    if not math.isfinite(value) or abs(value) < UNIT_PREFIXES[-1][0] / 1000:
         value = value if not math.isfinite(value) else 0.0
         return f"{value:g} {unit}".strip()
-    factor, prefix = next((pair for pair in PREFIXES if abs(value) >= 0.9999995 * pair[0]), PREFIXES[-1])
+    factor, prefix = next((pair for pair in UNIT_PREFIXES if abs(value) >= 0.9999995 * pair[0]), UNIT_PREFIXES[-1])
     blank = " " if unit else ""
     return f"{value / factor:.4g}{blank}{prefix}{unit}"
 
 
-class Decades(AxisFormatter):
-    """Ticks of numbers whose logarithms are drawn: 1, 10, 100, and between them 2 and 5 where there is room."""
+class DecadeFormatter(AxisFormatter):
+    """Ticks of a logarithmic axis: 1, 10, 100, and 2 and 5 between them if there is room."""
 
     def get_ticks(self, min_: float, max_: float, max_ticks: int = 8) -> list[float]:
         """Return the places of ticks."""
         low, high = math.floor(min_), math.ceil(max_)
         decades = [float(power) for power in range(low, high + 1)]
-        fine = [power + math.log10(step) for power in decades for step in STEPS]
+        fine = [power + math.log10(step) for power in decades for step in DECADE_STEPS]
         inside = [[tick for tick in ticks if min_ - 1e-9 <= tick <= max_ + 1e-9] for ticks in (fine, decades)]
         if len(inside[0]) <= max_ticks:
             return inside[0]
@@ -41,51 +47,68 @@ class Decades(AxisFormatter):
 
     def get_labels_for_ticks(self, ticks: Sequence[float]) -> list[str]:
         """Return the numbers at ticks."""
-        return [scaled(10.0**tick) for tick in ticks]
+        return [prefixed_text(10.0**tick) for tick in ticks]
 
 
-class SmallPlot(PlotWidget, can_focus=False):
-    """One plot under a title, with as much room for its curves as there is."""
+class SmallAxes(PlotWidget, can_focus=False):
+    """The axes of a small plot: no more room beside the curves than ticks need, and as many ticks as have rows."""
 
-    DEFAULT_CSS = "SmallPlot { height: 1fr; } SmallPlot > .plot--tick { color: $text; text-style: none; }"
+    DEFAULT_CSS = "SmallAxes > .plot--tick { color: $text; text-style: none; }"
 
-    def __init__(self, title: str, x_decades: bool = False, y_decades: bool = False, id: str | None = None) -> None:  # noqa: A002
-        super().__init__(id=id, allow_pan_and_zoom=False)
-        self.set_ylabel(title)
-        self.set_x_formatter(Decades() if x_decades else NumericAxisFormatter())
-        self.set_y_formatter(Decades() if y_decades else NumericAxisFormatter())
+    def __init__(self, x_decades: bool, y_decades: bool) -> None:
+        super().__init__(allow_pan_and_zoom=False)
+        self._y_decades = y_decades
+        self.set_x_formatter(DecadeFormatter() if x_decades else NumericAxisFormatter())
+        self.set_y_formatter(DecadeFormatter() if y_decades else NumericAxisFormatter())
 
     def on_mount(self) -> None:
-        """Leave no more room beside the curves than title and ticks need."""
-        self.margin_top, self.margin_bottom, self.margin_left = 1, 1, 8
+        """Leave no more room beside the curves than ticks need."""
+        self.margin_top, self.margin_bottom, self.margin_left = 0, 1, LEFT_MARGIN
+
+    def on_resize(self, event: Resize) -> None:
+        """Use as many ticks as have rows of their own between frame and labels."""
+        if not self._y_decades:
+            self.set_y_formatter(TickFormatter(event.size.height - self.margin_bottom - 2, upright=True))
+
+
+class SmallPlot(Vertical):
+    """One plot under a title."""
+
+    DEFAULT_CSS = f"""
+    SmallPlot {{ height: 1fr; }}
+    SmallPlot > Static {{ height: 1; padding-left: {LEFT_MARGIN}; text-wrap: nowrap; }}
+    SmallPlot > Static {{ color: $primary; text-style: bold italic; }}
+    SmallPlot > SmallAxes {{ height: 1fr; }}
+    """
+
+    def __init__(self, title: str, x_decades: bool = False, y_decades: bool = False, id: str | None = None) -> None:  # noqa: A002
+        super().__init__(id=id)
+        self._title = Static(Text(title))
+        self._axes = SmallAxes(x_decades, y_decades)
+
+    def compose(self) -> ComposeResult:
+        """Put the title above the axes."""
+        yield self._title
+        yield self._axes
 
     def draw(
         self, lines: Sequence[Line], dotted: Sequence[Line] = (), bar: float | None = None, title: str = ""
     ) -> None:
-        """Draw lines in place of what was drawn before, some of them dotted, and a bar at an abscissa."""
-        self.clear()
-        self.set_ylabel(title or self._y_label)
+        """Draw lines, dotted lines and a vertical bar in place of the previous ones."""
+        if title:
+            self._title.update(Text(title))
+        axes = self._axes
+        axes.clear()
         colour, faint = (self.app.theme_variables.get(name, "") for name in ("primary", "secondary"))
         for x, y in dotted:
-            self.scatter(x, y, marker_style=_rich(faint), hires_mode=HiResMode.BRAILLE)
+            axes.scatter(x, y, marker_style=_rich_style(faint), hires_mode=HiResMode.BRAILLE)
         if bar is not None:
-            self.add_v_line(bar, line_style=_rich(faint))
+            axes.add_v_line(bar, line_style=_rich_style(faint))
         for x, y in lines:
             if x.size:
-                self.plot(x, y, line_style=_rich(colour), hires_mode=HiResMode.BRAILLE)
-
-    def _render_y_ticks(self) -> None:
-        """Leave as many ticks as have rows of their own."""
-        if not isinstance(self._y_formatter, Decades):
-            self.set_y_formatter(Ticks(self._scale_rectangle.height, upright=True))
-        super()._render_y_ticks()
-
-    def _render_y_label(self) -> None:
-        """Write the title from the left; its brackets are no markup."""
-        style = self.get_component_rich_style("plot--label")
-        self.query_one("#margin-top", Canvas).write_text(self.margin_left, 0, f"[{style}]{escape(self._y_label)}")
+                axes.plot(x, y, line_style=_rich_style(colour), hires_mode=HiResMode.BRAILLE)
 
 
-def _rich(colour: str) -> str:
-    """Return a colour of the theme as a style; one that depends on what is below it is left to the terminal."""
+def _rich_style(colour: str) -> str:
+    """Return a colour of the theme as a style; a blended colour is left to the terminal."""
     return colour if colour.startswith("#") and len(colour) == 7 else "default"

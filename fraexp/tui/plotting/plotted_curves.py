@@ -1,36 +1,39 @@
-"""What is to be drawn of results, in the numbers that the figures of the same kind draw, panel by panel."""
+"""Pictures of results: the panels and traces of a plot, with the numbers of the figures of the same kind."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
+from fraexp.data.results import Curve
 from fraexp.errors import FraexpError
 from fraexp.figures.elements.shown import ShownResult
 
 REFERENCE = -1
-"""In place of a sweep's number: what all are compared with."""
-Reference = tuple[str, np.ndarray, np.ndarray]
-KINDS = {"positioning": "motions", "hysteresis": "hysteresis loops", "curves": "other curves"}
-"""The kinds of figure that show curves, and what they show."""
+"""Index of the reference, in place of the index of a sweep."""
+Reference = tuple[str, NDArray[np.float64], NDArray[np.complex128]]
+"""Label, frequency [Hz] and response of what all are compared with."""
+CURVE_KINDS = {"positioning": "motions", "hysteresis": "hysteresis loops", "curves": "other curves"}
+"""The kinds of figure that show curves, with the names of the curves."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # each is itself alone, and the key of what is drawn of it
 class PlotTrace:
-    """One line with what is told of it at the cursor; all arrays are of shape (n,)."""
+    """One line with what is shown of it at the cursor; all arrays are of shape (n,)."""
 
-    of: int
+    curve: int
     """Place of its sweep among those compared."""
-    x: np.ndarray
-    y: np.ndarray
-    settled: np.ndarray
-    """Points that are not are neither joined nor trusted."""
-    at: np.ndarray
-    """Where its points are for the cursor, in the picture's own quantity, such as the frequency [Hz]."""
-    band: np.ndarray | None = None
-    """Lower and upper 95 % limit of y, shape (2, n); None if they are not known."""
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+    settled: NDArray[np.bool_]
+    """Unsettled points are not joined."""
+    at: NDArray[np.float64]
+    """Positions of its points for the cursor, in the quantity of the picture, such as frequency [Hz]."""
+    band: NDArray[np.float64] | None = None
+    """Lower and upper 95 % limit of y, shape (2, n); None if unknown."""
     model: bool = False
-    """Whether it is what was fitted, not what was found."""
+    """Whether it is a fitted model instead of a measured result."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +42,7 @@ class PlotPanel:
 
     title: str
     unit: str
-    """Of y, as it is told at the cursor."""
+    """Unit of y in the readout."""
     abscissa: str
     """Unit of x."""
     traces: tuple[PlotTrace, ...]
@@ -52,9 +55,9 @@ class PlotPanel:
     angle: bool = False
     """Whether y is a phase [deg], which may be wrapped."""
     marks: tuple[float, ...] = ()
-    """Values of y at which a line is drawn across."""
+    """Values of y at which a horizontal line is drawn."""
     span: tuple[float, float] | None = None
-    """Values of y from and to which is shown; None for all."""
+    """Visible range of y; None for all."""
 
 
 @dataclass(frozen=True)
@@ -66,17 +69,17 @@ class Picture:
     title: str
     panels: tuple[PlotPanel, ...]
     cursor: str = "Hz"
-    """Unit of what the cursor moves over."""
+    """Unit of the cursor's quantity."""
     upright: bool = True
-    """Whether the cursor is a line across the panels; else it is a point on each curve."""
+    """Whether the cursor is a vertical line across the panels; else it is a point on each curve."""
     equal: bool = False
     """Whether both axes have the same scale."""
     note: str = ""
     """What was left out, and why."""
 
 
-def bode(shown: Sequence[ShownResult], reference: Reference | None) -> Picture:
-    """Return magnitude and phase of responses over frequency, with the plant's where it is known."""
+def bode_picture(shown: Sequence[ShownResult], reference: Reference | None) -> Picture:
+    """Return magnitude and phase of responses over frequency, with that of the plant where it is known."""
     from fraexp.figures.kinds.bode import BodeCurve, bode_info  # which needs scipy
 
     of, found = _responses(shown)
@@ -87,10 +90,10 @@ def bode(shown: Sequence[ShownResult], reference: Reference | None) -> Picture:
         drawn: list[tuple[int, BodeCurve]] = list(zip(of, info.curves, strict=True))
         drawn += [(REFERENCE, info.reference)] if info.reference else []
         models = [(index, curve.model) for index, curve in drawn if curve.model is not None]
-        lines = [_line(index, curve.frequency, getattr(curve, part), model=True) for index, curve in models
+        lines = [_line_trace(index, curve.frequency, getattr(curve, part), model=True) for index, curve in models
                  if getattr(curve, part) is not None]  # fmt: skip
         return tuple(
-            _line(index, curve.frequency, getattr(curve, part), curve.settled, getattr(curve, f"{part}_band"))
+            _line_trace(index, curve.frequency, getattr(curve, part), curve.settled, getattr(curve, f"{part}_band"))
             for index, curve in drawn
         ) + tuple(lines)
 
@@ -100,8 +103,8 @@ def bode(shown: Sequence[ShownResult], reference: Reference | None) -> Picture:
     ))  # fmt: skip
 
 
-def difference(shown: Sequence[ShownResult], first: int) -> Picture:
-    """Return how responses differ from that of the sweep at the place `first`; of `REFERENCE`, from the plant's."""
+def difference_picture(shown: Sequence[ShownResult], first: int) -> Picture:
+    """Return the differences of responses from the sweep at place `first`; with `REFERENCE`, from the plant."""
     from fraexp.figures.kinds.against_first import difference_info
     from fraexp.figures.kinds.plant_errors import errors_info
 
@@ -119,19 +122,19 @@ def difference(shown: Sequence[ShownResult], first: int) -> Picture:
 
     def traces(part: str) -> tuple[PlotTrace, ...]:
         return tuple(
-            _line(places[curve.key], curve.frequency, getattr(curve, part), curve.settled,
+            _line_trace(places[curve.key], curve.frequency, getattr(curve, part), curve.settled,
                   getattr(curve, f"{part}_band"))
             for curve in curves
         )  # fmt: skip
 
-    note = f"left out, as nothing of them can be compared with {name}: {', '.join(missing)}" if missing else ""
+    note = f"left out, no common frequencies with {name}: {', '.join(missing)}" if missing else ""
     return Picture(kind, title, (
         PlotPanel("Magnitude [dB]", "dB", "Hz", traces("magnitude"), spectral=True, marks=(0.0,)),
         PlotPanel("Phase [deg]", "deg", "Hz", traces("phase"), spectral=True, marks=(0.0,)),
     ), note=note)  # fmt: skip
 
 
-def nyquist(shown: Sequence[ShownResult], reference: Reference | None) -> Picture:
+def nyquist_picture(shown: Sequence[ShownResult], reference: Reference | None) -> Picture:
     """Return responses in the complex plane."""
     from fraexp.figures.kinds.nyquist import nyquist_info
 
@@ -147,31 +150,31 @@ def nyquist(shown: Sequence[ShownResult], reference: Reference | None) -> Pictur
     return Picture("nyquist", info.title, (panel,), upright=False, equal=True)
 
 
-def coherence(shown: Sequence[ShownResult]) -> Picture:
+def coherence_picture(shown: Sequence[ShownResult]) -> Picture:
     """Return coherence and distortion of responses."""
-    from fraexp.figures.kinds.coherence import TITLES, coherence_info
+    from fraexp.figures.kinds.coherence import AXIS_TITLES, coherence_info
 
     of, found = _responses(shown)
     places = {one.key: index for index, one in zip(of, found, strict=True)}
     info = coherence_info(found)
     panels = []
     for part in info.parts:
-        decades = part == "distortion" and info.decades
+        decades = part == "distortion" and info.is_logarithmic
         known = [(curve, getattr(curve, part)) for curve in info.curves if getattr(curve, part) is not None]
         traces = tuple(
-            _line(places[curve.key], curve.frequency, _logarithm(values) if decades else values, curve.settled)
+            _line_trace(places[curve.key], curve.frequency, _logarithm(values) if decades else values, curve.settled)
             for curve, values in known
         )
         span = (0.0, 1.05) if part == "coherence" else None
         unit = "%" if part == "distortion" else ""
-        panels.append(PlotPanel(TITLES[part], unit, "Hz", traces, spectral=True, decades=decades, span=span))
+        panels.append(PlotPanel(AXIS_TITLES[part], unit, "Hz", traces, spectral=True, decades=decades, span=span))
     telling = {curve.key for curve in info.curves}
     missing = [one.label for one in found if one.key not in telling]
-    note = f"neither is known of {', '.join(missing)}" if missing else ""
+    note = f"no coherence or distortion known: {', '.join(missing)}" if missing else ""
     return Picture("coherence", info.title, tuple(panels), note=note)
 
 
-def kinds_of(shown: ShownResult) -> list[str]:
+def curve_kinds(shown: ShownResult) -> list[str]:
     """Return the kinds of figure that show a result's curves; each curve is in one of them."""
     from fraexp.figures.kinds.hysteresis_loops import is_hysteresis
     from fraexp.figures.kinds.positioning_moves import is_positioning
@@ -180,105 +183,105 @@ def kinds_of(shown: ShownResult) -> list[str]:
         "positioning" if is_positioning(curve) else "hysteresis" if is_hysteresis(curve) else "curves"
         for curve in shown.result.curves
     }
-    return [kind for kind in KINDS if kind in found]
+    return [kind for kind in CURVE_KINDS if kind in found]
 
 
-def curves(shown: Sequence[ShownResult], kind: str) -> Picture:
-    """Return what else results have: curves of a kind (see `kinds_of`)."""
+def curves_picture(shown: Sequence[ShownResult], kind: str) -> Picture:
+    """Return the curves of a kind (see `curve_kinds`) of results."""
     found = [(str(index), curve) for index, one in enumerate(shown) for curve in one.result.curves]
     if not found:
-        raise FraexpError("curves: none of these sweeps has a curve")
+        raise FraexpError("curves: these sweeps have no curves")
     match kind:
         case "positioning":
-            return _positioning(found)
+            return _positioning_picture(found)
         case "hysteresis":
-            return _hysteresis(found)
-    return _others(found)
+            return _hysteresis_picture(found)
+    return _other_picture(found)
 
 
-def _hysteresis(found: Sequence[tuple[str, object]]) -> Picture:
+def _hysteresis_picture(found: Sequence[tuple[str, Curve]]) -> Picture:
     from fraexp.figures.kinds.hysteresis_loops import hysteresis_info, is_hysteresis
 
-    info = hysteresis_info([(label, curve) for label, curve in found if is_hysteresis(curve)])  # type: ignore[arg-type,misc]
+    info = hysteresis_info([(label, curve) for label, curve in found if is_hysteresis(curve)])
     panels = tuple(
         PlotPanel(f"{panel.title} Friction force [N] over displacement [{panel.unit}]".strip(), "N", panel.unit, tuple(
-            _along(int(loop.label), loop.displacement, loop.force, loop.limits) for loop in panel.loops
+            _loop_trace(int(loop.label), loop.displacement, loop.force, loop.limits) for loop in panel.loops
         ), axis, marks=(0.0,))
         for axis, panel in enumerate(info.panels)
     )  # fmt: skip
     return Picture("hysteresis", info.title, panels, "% of the loop", upright=False)
 
 
-def _positioning(found: Sequence[tuple[str, object]]) -> Picture:
+def _positioning_picture(found: Sequence[tuple[str, Curve]]) -> Picture:
     from fraexp.figures.kinds.positioning_moves import positioning_info
 
-    info = positioning_info([(label, curve, "") for label, curve in found])  # type: ignore[misc]
+    info = positioning_info([(label, curve, "") for label, curve in found])
     marks = tuple(sign * band for band in info.bands for sign in (-1, 1))
     span = (-info.height, info.height)
     panels = [PlotPanel(f"Position less target [{info.unit}]", info.unit, "ms", tuple(
-        _line(int(course.label), course.time, course.deviation, spectral=False) for course in info.courses
+        _line_trace(int(move.label), move.time, move.deviation, spectral=False) for move in info.moves
     ), marks=marks, span=span)]  # fmt: skip
     if info.thrust_unit:
-        thrusts = [(course, course.thrust) for course in info.courses if course.thrust is not None]
+        thrusts = [(move, move.thrust) for move in info.moves if move.thrust is not None]
         panels.append(PlotPanel(f"Thrust [{info.thrust_unit}]", info.thrust_unit, "ms", tuple(
-            _line(int(course.label), course.time, thrust, spectral=False) for course, thrust in thrusts
+            _line_trace(int(move.label), move.time, thrust, spectral=False) for move, thrust in thrusts
         )))  # fmt: skip
     return Picture("positioning", info.title, tuple(panels), "ms")
 
 
-def _others(found: Sequence[tuple[str, object]]) -> Picture:
+def _other_picture(found: Sequence[tuple[str, Curve]]) -> Picture:
     from fraexp.figures.kinds.other_curves import curves_info
 
-    info = curves_info(found, groups=[label for label, _ in found])  # type: ignore[arg-type]
+    info = curves_info(found, groups=[label for label, _ in found])
     panels = []
     for axis, family in enumerate(info.families):
         spectral = family.frequency is not None
         unit = family.abscissa.rpartition("[")[2].rstrip("]")
         for panel in family.panels:
-            scale: Callable[[np.ndarray], np.ndarray] = _logarithm if panel.decades else np.asarray
+            scale: Callable[[NDArray[np.float64]], NDArray[np.float64]] = _logarithm if panel.log_unit else np.asarray
             lines = []
             for trace in panel.traces:
                 of = int(trace.group.partition(",")[0])
                 band = None if trace.limits is None else scale(trace.limits)
-                lines.append(_line(of, trace.x, scale(trace.y), band=band, spectral=spectral))
+                lines.append(_line_trace(of, trace.x, scale(trace.y), band=band, spectral=spectral))
                 if trace.model is not None:
-                    lines.append(_line(of, trace.x, scale(trace.model), model=True, spectral=spectral))
+                    lines.append(_line_trace(of, trace.x, scale(trace.model), model=True, spectral=spectral))
             title = f"{panel.ordinate} over {family.abscissa}"
-            panels.append(PlotPanel(title, panel.unit, unit, tuple(lines), axis, spectral, bool(panel.decades)))
+            panels.append(PlotPanel(title, panel.unit, unit, tuple(lines), axis, spectral, bool(panel.log_unit)))
     cursor = panels[0].abscissa if len({panel.abscissa for panel in panels}) == 1 else "of x"
     return Picture("curves", info.title, tuple(panels), cursor)
 
 
 def _responses(shown: Sequence[ShownResult]) -> tuple[list[int], list[ShownResult]]:
-    """Return the places of those that have a response, and them."""
+    """Return the places of the results that have a response, and these results."""
     having = [(index, one) for index, one in enumerate(shown) if one.response is not None]
     return [index for index, _ in having], [one for _, one in having]
 
 
-def _line(
+def _line_trace(
     of: int,
-    at: np.ndarray,
-    y: np.ndarray,
-    settled: np.ndarray | None = None,
-    band: np.ndarray | None = None,
+    at: NDArray[np.float64],
+    y: NDArray[np.float64],
+    settled: NDArray[np.bool_] | None = None,
+    band: NDArray[np.float64] | None = None,
     *,
     model: bool = False,
     spectral: bool = True,
 ) -> PlotTrace:
-    """Return a line over what the cursor moves over."""
+    """Return a line over the cursor's quantity."""
     known = np.isfinite(y)
     trusted = known if settled is None else settled & known
     limits = None if band is None or np.isnan(band).all() else band
     return PlotTrace(of, _logarithm(at) if spectral else at, y, trusted, at, limits, model)
 
 
-def _along(of: int, x: np.ndarray, y: np.ndarray, band: np.ndarray | None) -> PlotTrace:
-    """Return a loop: the cursor goes along it."""
+def _loop_trace(of: int, x: NDArray[np.float64], y: NDArray[np.float64], band: NDArray[np.float64] | None) -> PlotTrace:
+    """Return a loop, along which the cursor moves."""
     at = np.linspace(0.0, 100.0, len(x))
     return PlotTrace(of, x, y, np.isfinite(x) & np.isfinite(y), at, band)
 
 
-def _logarithm(values: np.ndarray) -> np.ndarray:
+def _logarithm(values: NDArray[np.float64]) -> NDArray[np.float64]:
     with np.errstate(divide="ignore", invalid="ignore"):
-        logarithm: np.ndarray = np.log10(values)
+        logarithm: NDArray[np.float64] = np.log10(values)
     return np.where(np.isfinite(logarithm), logarithm, np.nan)

@@ -1,4 +1,4 @@
-"""Ticks that fit the room there is: decades on logarithmic axes, fractions of a turn for phases."""
+"""Ticks that fit into the room of an axis: decades on logarithmic axes, fractions of a turn for phases."""
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
@@ -7,9 +7,9 @@ from math import ceil, floor, log10
 from textual_plot.axis_formatter import AxisFormatter
 
 MANTISSAS = ((1, 2, 3, 4, 5, 6, 7, 8, 9), (1, 2, 3, 5, 7), (1, 2, 5), (1,))
-"""Ticks within a decade, the more the better."""
-TURNS = (0.1, 0.2, 0.5, 1, 2, 5, 15, 30, 45, 90, 180, 360, 720, 1440, 3600)
-"""Distances of ticks [deg]."""
+"""Mantissas of the ticks within a decade, finest first."""
+ANGLE_STEPS_DEG = (0.1, 0.2, 0.5, 1, 2, 5, 15, 30, 45, 90, 180, 360, 720, 1440, 3600)
+"""Tick spacings of an angle [deg]."""
 
 
 def tick_text(value: float) -> str:
@@ -20,18 +20,18 @@ def tick_text(value: float) -> str:
     return f"{value:.6g}"
 
 
-class Ticks(AxisFormatter):
-    """Ticks of an axis that is `room` cells long; across, labels must not touch each other."""
+class TickFormatter(AxisFormatter):
+    """Ticks of an axis that is `room` cells long; horizontal labels must not touch."""
 
     def __init__(self, room: int, upright: bool = False, logarithmic: bool = False, angle: bool = False) -> None:
         """Make ticks; `logarithmic` axes have log10 of their quantity, an `angle` is in degrees."""
         self.room, self.upright, self.logarithmic, self.angle = max(room, 1), upright, logarithmic, angle
 
     def get_ticks(self, min_: float, max_: float, max_ticks: int = 8) -> list[float]:
-        """Return the finest ticks that have room."""
+        """Return the finest ticks that fit."""
         found: list[float] = []
-        for ticks in self._offers(min_, max_):
-            if len(ticks) > len(found) and self._fit(ticks, min_, max_):
+        for ticks in self._candidates(min_, max_):
+            if len(ticks) > len(found) and self._has_room(ticks, min_, max_):
                 found = ticks
         return found
 
@@ -43,9 +43,9 @@ class Ticks(AxisFormatter):
         """Return the value at a tick, free of rounding."""
         return float(f"{10**tick if self.logarithmic else tick:.9g}") + 0.0
 
-    def _offers(self, low: float, high: float) -> Iterator[list[float]]:
+    def _candidates(self, low: float, high: float) -> Iterator[list[float]]:
         if not self.logarithmic:
-            yield from _multiples(low, high, TURNS if self.angle else (), self.room)
+            yield from _multiples(low, high, ANGLE_STEPS_DEG if self.angle else (), self.room)
             return
         for mantissas in MANTISSAS:
             decades = range(floor(low), ceil(high) + 1)
@@ -56,7 +56,7 @@ class Ticks(AxisFormatter):
             for ticks in _multiples(10**low, 10**high, (), self.room):
                 yield [log10(tick) for tick in ticks if tick > 0]
 
-    def _fit(self, ticks: Sequence[float], low: float, high: float) -> bool:
+    def _has_room(self, ticks: Sequence[float], low: float, high: float) -> bool:
         if len(ticks) > self.room:
             return False
         cell = (high - low) / self.room
@@ -68,8 +68,8 @@ class Ticks(AxisFormatter):
 
 
 def _multiples(low: float, high: float, steps: Sequence[float], most: int) -> Iterator[list[float]]:
-    """Return the multiples of each step between two values, where they are not more than `most`; without steps, of 1, 2
-    and 5 times powers of ten.
+    """Yield the multiples of each step between two values, if they are at most `most`; without steps, use 1, 2 and 5
+    times powers of ten.
     """
     if not steps or high - low < 2 * steps[0]:
         power = floor(log10(high - low))

@@ -1,4 +1,4 @@
-"""Compare: the marked sweeps in linked plots, at a cursor, and in what they differ."""
+"""Compare: the marked sweeps in linked plots with a cursor, and a table of their differences."""
 
 import asyncio
 from collections.abc import Sequence
@@ -13,53 +13,53 @@ from textual.containers import Horizontal, Vertical
 from textual.events import Resize
 from textual.widgets import DataTable, Static
 
+from fraexp.data.terminal_text import printable
 from fraexp.errors import FraexpError
-from fraexp.figures.elements.labels import printable
 from fraexp.figures.elements.view import View
-from fraexp.tui.dialogs import Ask, Confirm
+from fraexp.tui.dialogs import ConfirmDialog, InputDialog
 from fraexp.tui.plotting.compared_sweeps import (
-    OF_RESPONSES,
-    VIEWS,
+    RESPONSE_VIEWS,
+    VIEW_NAMES,
     ComparedSweeps,
-    Gathered,
+    MarkedSweeps,
     compare_command,
-    compared,
-    gather,
+    compare_sweeps,
     plot_command,
+    read_marked_sweeps,
 )
-from fraexp.tui.plotting.figure_export import draw, wrong_file
+from fraexp.tui.plotting.figure_export import draw_figure, file_fault
 from fraexp.tui.plotting.plot_stack import PlotStack
-from fraexp.tui.plotting.plot_widget import digit
-from fraexp.tui.plotting.plotted_curves import KINDS, REFERENCE, Picture
-from fraexp.tui.screens.plot_page import HIGH, PlotPage
-from fraexp.tui.widgets.readout import cut
+from fraexp.tui.plotting.plot_widget import curve_digit
+from fraexp.tui.plotting.plotted_curves import CURVE_KINDS, REFERENCE, Picture
+from fraexp.tui.screens.plot_page import MIN_HIGH_ROWS, PlotPage
+from fraexp.tui.widgets.readout import shorten_name
 from fraexp.views.words import plural
 
-EMPTY = """Nothing is marked to be compared.
+NOTHING_MARKED = """No sweeps are marked.
 
-Mark sweeps with space: in Sweeps (w), in a run (r, enter), or all of a run with c there.
-What is marked stays marked until you take the mark away, and c comes back here."""
+Mark sweeps with space: in Sweeps (w) or in a run (r, enter); c in a run marks all of its sweeps.
+Marks stay until you remove them; c returns to this screen."""
 
-BESIDE = 0.4
-"""Share of the screen that the table has beside the plots."""
-LEAST_NAME = 16
-"""Width that a name in the table has at least; it gets a third of the table."""
+TABLE_FRACTION = 0.4
+"""Fraction of the screen width for the table beside the plots."""
+MIN_NAME_WIDTH = 16
+"""Minimum width of a name in the table; it gets a third of the table."""
 
 
 class ComparePage(PlotPage):
-    """The marked sweeps side by side."""
+    """The comparison of the marked sweeps."""
 
     PLACE: ClassVar[str] = "compare"
     HELP: ClassVar[str] = """
-The marked sweeps over each other: response, difference, complex plane, coherence and distortion, or other curves.
-Each curve has a digit, which hides or shows it; beyond nine focus it and press the full stop. The focused one (>)
-lies above the others, and the cursor follows it. Other curves are shown one kind at a time.
-Dots around a line are its 95 % limits; hollow points had not settled, and no line goes through them.
-The table has only what differs. A file has the visible curves as 'fraexp plot' draws them: unwrapped, and all of them.
+The marked sweeps in one plot: Bode, difference, Nyquist, coherence and distortion, or other curves.
+The digit of a curve hides or shows it; beyond nine, focus it and press the full stop. The focused curve (>) is drawn
+on top, and the cursor follows it. Other curves are shown one kind at a time.
+Dots around a line are its 95 % limits; hollow points had not reached steady state, and are not joined.
+The table lists differences only. An exported figure shows the visible curves and frequencies.
 """
     AUTO_FOCUS: ClassVar[str | None] = ""
     HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (160, "-wide")]  # noqa: RUF012 - as Textual declares it
-    VERTICAL_BREAKPOINTS = [(0, "-flat"), (HIGH, "-low"), (32, "-high")]  # noqa: RUF012
+    VERTICAL_BREAKPOINTS = [(0, "-flat"), (MIN_HIGH_ROWS, "-low"), (32, "-high")]  # noqa: RUF012
     DEFAULT_CSS: ClassVar[str] = (
         """
     ComparePage #both { height: 1fr; }
@@ -67,7 +67,7 @@ The table has only what differs. A file has the visible curves as 'fraexp plot' 
     ComparePage #readout { height: 1; padding: 0 1; text-wrap: nowrap; }
     ComparePage #notes { height: auto; max-height: 2; padding: 0 1; color: $text-muted; }
     ComparePage #differs { width: """
-        + f"{BESIDE:.0%}"
+        + f"{TABLE_FRACTION:.0%}"
         + """; display: none; border-left: solid $panel; }
     ComparePage.-flat #notes { max-height: 1; }
     ComparePage.-narrow.-table #left { display: none; }
@@ -77,17 +77,17 @@ The table has only what differs. A file has the visible curves as 'fraexp plot' 
     )
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("b", "view('bode')", "Bode", id="compare.bode", tooltip="magnitude and phase over frequency"),
-        Binding("d", "view('difference')", "diff", id="compare.difference", tooltip="difference to the reference"),
+        Binding("d", "view('difference')", "diff", id="compare.difference", tooltip="difference from the reference"),
         Binding("n", "view('nyquist')", "Nyquist", id="compare.nyquist", tooltip="responses in the complex plane"),
         Binding("t", "view('coherence')", "THD", id="compare.coherence", tooltip="coherence and harmonic distortion"),
         Binding("v", "view('curves')", "curves", id="compare.curves", tooltip="loops, motions and other curves"),
-        Binding("i", "table", "table", id="compare.table", tooltip="in what they differ, as a table"),
-        Binding("tab", "table", show=False, id="compare.table-tab", tooltip="in what they differ, as a table"),
-        Binding("R", "reference", "ref", id="compare.reference", tooltip="differences are from the focused curve"),
-        Binding("e", "export", "export", id="compare.export", tooltip="write what is seen as PNG, SVG or PDF"),
-        Binding("space", "unmark", show=False, id="compare.unmark", tooltip="take the focused sweep's mark away"),
-        Binding("enter", "open", show=False, id="compare.open", tooltip="all of the focused sweep"),
-        Binding("g", "group", show=False, id="compare.group", tooltip="responses in the next unit, or next curves"),
+        Binding("i", "table", "table", id="compare.table", tooltip="table of the differences"),
+        Binding("tab", "table", show=False, id="compare.table-tab", tooltip="table of the differences"),
+        Binding("R", "reference", "ref", id="compare.reference", tooltip="use the focused curve as the reference"),
+        Binding("e", "export", "export", id="compare.export", tooltip="export the plot as PNG, SVG or PDF"),
+        Binding("space", "unmark", show=False, id="compare.unmark", tooltip="unmark the focused sweep"),
+        Binding("enter", "open", show=False, id="compare.open", tooltip="open the focused sweep"),
+        Binding("g", "group", show=False, id="compare.group", tooltip="responses in the next unit, or the next curves"),
     ]  # fmt: skip
 
     def __init__(self) -> None:
@@ -95,14 +95,14 @@ The table has only what differs. A file has the visible curves as 'fraexp plot' 
         self.compared: ComparedSweeps | None = None
         self.view, self.unit, self.kind = "", "", ""
         self.first = 0
-        """Place of the sweep that differences are from."""
-        self._gathered: Gathered | None = None
+        """Place of the reference sweep of differences."""
+        self._gathered: MarkedSweeps | None = None
         self._pictures: dict[tuple[str, str, int], Picture] = {}
         self._turn = asyncio.Lock()
-        """Held by the view that is being made: what is asked for later is shown later."""
+        """Held while a view is made, so that views are shown in the order of the keys."""
 
     def body(self) -> ComposeResult:
-        """Show plots over the readout, and a table beside them."""
+        """Put the plots above the readout, and a table beside them."""
         with Horizontal(id="both"):
             with Vertical(id="left"):
                 yield PlotStack()
@@ -111,89 +111,93 @@ The table has only what differs. A file has the visible curves as 'fraexp plot' 
             yield DataTable(id="differs", cursor_type="row", zebra_stripes=True)
 
     def on_mount(self) -> None:
-        """Take the user's choice of phase."""
+        """Apply the user's setting of the phase."""
         super().on_mount()
         self.add_class("-beside")
-        self.stack.sight.wrapped = self.app.settings.phase == "wrapped"
+        self.stack.view_range.wrapped = self.app.settings.phase == "wrapped"
         self.query_one("#both").display = False
 
     async def load(self) -> None:
-        """Read the marked sweeps; what has not changed is not drawn again."""
+        """Read the marked sweeps; draw only if they have changed."""
         marked = list(self.app.marks)
         if not marked:
-            self._empty()
+            self._show_empty()
             return
         if self.compared is None:
-            self.tell("Reading the marked sweeps …")
-            self.command = compare_command(self.app.desk.workspace, marked)
-        gathered = await self.fetch(self.app.desk.read(lambda store: gather(store, marked)), self._failed)
+            self.show_notice("loading the marked sweeps …")
+            self.command = compare_command(self.app.backend.workspace, marked)
+        gathered = await self.fetch(
+            self.app.backend.read(lambda store: read_marked_sweeps(store, marked)), self._show_failure
+        )
         if gathered is None:
             return
         self.app.marks.remove(gathered.gone)
         if not gathered.sweeps:
-            self._empty("; ".join(gathered.left_out))
+            self._show_empty("; ".join(gathered.left_out))
             return
-        if _same(self._gathered, gathered):
-            self.head()
+        if _is_same(self._gathered, gathered):
+            self.show_header()
             return
-        found = await self.fetch(self.app.desk.work(lambda workspace: compared(workspace, gathered)), self._failed)
+        found = await self.fetch(
+            self.app.backend.work(lambda workspace: compare_sweeps(workspace, gathered)), self._show_failure
+        )
         if found is not None:
-            await self._take(found, gathered)
+            await self._set_sweeps(found, gathered)
 
-    def _failed(self, error: str) -> None:
+    def _show_failure(self, error: str) -> None:
         self._forget()
-        self.tell_error(error)
+        self.show_error(error)
 
-    def _empty(self, why: str = "") -> None:
+    def _show_empty(self, why: str = "") -> None:
         self._forget()
         self.command = "fraexp compare ID ID"
-        self.tell(f"{why}\n\n{EMPTY}".strip())
+        self.show_notice(f"{why}\n\n{NOTHING_MARKED}".strip())
 
     def _forget(self) -> None:
         self.compared, self._gathered, self.heading = None, None, ""
         self.query_one("#both").display = False
 
-    async def _take(self, found: ComparedSweeps, gathered: Gathered) -> None:
-        """Show other sweeps; what is hidden, focused or the reference stays so if it is still there."""
+    async def _set_sweeps(self, found: ComparedSweeps, gathered: MarkedSweeps) -> None:
+        """Show other sweeps; hidden curves, focus and reference are kept where they still exist."""
         before = self.compared.sweeps if self.compared else ()
         kept = {sweep.key: place for place, sweep in enumerate(found.sweeps)}
         old = {place: kept[sweep.key] for place, sweep in enumerate(before) if sweep.key in kept} | {
             REFERENCE: REFERENCE
         }
-        sight = self.stack.sight
-        sight.hidden = {old[place] for place in sight.hidden if place in old}
-        sight.focus, self.first = old.get(sight.focus, 0), old.get(self.first, 0)
+        view_range = self.stack.view_range
+        view_range.hidden = {old[place] for place in view_range.hidden if place in old}
+        view_range.focus, self.first = old.get(view_range.focus, 0), old.get(self.first, 0)
         self.compared, self._pictures = found, {}
-        self.query_one("#both").display = True  # laid out while the picture is made
+        self.query_one("#both").display = True  # it is laid out while the picture is made
         self._fill_table()
-        if not await self._show() and self.view not in ("", _usual(found)):
-            await self._show(_usual(found))
-        self._gathered = gathered  # not before: if other sweeps come meanwhile, these have not been shown
+        if not await self._show() and self.view not in ("", _default_view(found)):
+            await self._show(_default_view(found))
+        self._gathered = gathered  # not earlier: other sweeps may come before these are shown
 
     async def _show(self, view: str = "", group: str = "") -> bool:
-        """Show a view, or the last one, and return whether it can be shown.
+        """Show a view, by default the last one, and return whether that was possible.
 
-        If not it says why, and the one before stays. If other sweeps come meanwhile, it is shown of them.
+        If not, report why and keep the previous view. If the sweeps change meanwhile, show the view of the new ones.
         """
         async with self._turn:
             while (found := self.compared) is not None:
-                key, pictures = self._asked_for(found, view, group), self._pictures
+                key, pictures = self._view_key(found, view, group), self._pictures
                 if key not in pictures:
                     try:
                         pictures[key] = await asyncio.to_thread(found.picture, *key)
                     except FraexpError as error:
                         self.app.notify(printable(str(error)), severity="warning", markup=False)
                         if self._gathered is None:
-                            self.tell_error(str(error))  # there is no view before
+                            self.show_error(str(error))  # there is no previous view
                         return False
                 if found is self.compared:
                     self._display(key, pictures[key])
                     return True
             return False
 
-    def _asked_for(self, found: ComparedSweeps, view: str, group: str) -> tuple[str, str, int]:
-        """Return view, group and reference of what is to be shown."""
-        view = view or (self.view if self.view and found.groups(self.view) else _usual(found))
+    def _view_key(self, found: ComparedSweeps, view: str, group: str) -> tuple[str, str, int]:
+        """Return the view, group and reference to show."""
+        view = view or (self.view if self.view and found.groups(self.view) else _default_view(found))
         group = group if group in found.groups(view) else self._group(found, view)
         first = self.first
         if view == "difference" and first != REFERENCE and found.unit_of(first) != group:
@@ -202,39 +206,43 @@ The table has only what differs. A file has the visible curves as 'fraexp plot' 
 
     def _display(self, key: tuple[str, str, int], picture: Picture) -> None:
         self.view, group, self.first = key
-        if self.view in OF_RESPONSES:
+        if self.view in RESPONSE_VIEWS:
             self.unit = group
         else:
             self.kind = group
         labels = self.labels()
-        if self.stack.sight.focus not in labels:
-            self.stack.sight.focus = next(iter(labels), 0)
-        self.tell()
+        if self.stack.view_range.focus not in labels:
+            self.stack.view_range.focus = next(iter(labels), 0)
+        self.show_notice()
         self.stack.display_picture(picture)
-        self.tell_view()
+        self.show_view()
 
     def _group(self, found: ComparedSweeps, view: str) -> str:
-        """Return the group of a view that was shown last, else the first one."""
-        last, groups = self.unit if view in OF_RESPONSES else self.kind, found.groups(view)
+        """Return the last shown group of a view, else its first."""
+        last, groups = self.unit if view in RESPONSE_VIEWS else self.kind, found.groups(view)
         return last if last in groups else next(iter(groups), "")
 
     @property
     def group(self) -> str:
-        """Unit of the responses that are shown, or kind of the curves."""
-        return self.unit if self.view in OF_RESPONSES else self.kind
+        """Unit of the shown responses, or kind of the shown curves."""
+        return self.unit if self.view in RESPONSE_VIEWS else self.kind
 
     def labels(self) -> dict[int, str]:
-        """Return the names of what the view can show, by place."""
+        """Return the names of the curves in the view, by place."""
         return self.compared.labels(self.view, self.group) if self.compared else {}
 
-    def tell_view(self) -> None:
-        """Tell what the view is called, which command gives the same, and what is at the cursor."""
+    def show_view(self) -> None:
+        """Show the name of the view, the equivalent command, notes, and the readout."""
         found, picture = self.compared, self.stack.picture
         if found is None or picture is None:
             return
-        self.heading = VIEWS[self.view] if self.view in OF_RESPONSES else f"{VIEWS[self.view]}: {KINDS[self.kind]}"
+        self.heading = (
+            VIEW_NAMES[self.view]
+            if self.view in RESPONSE_VIEWS
+            else f"{VIEW_NAMES[self.view]}: {CURVE_KINDS[self.kind]}"
+        )
         keys = self._keys() or [found.sweeps[place].key for place in found.places(self.view, self.group)]
-        workspace = self.app.desk.workspace
+        workspace = self.app.backend.workspace
         self.command = (
             compare_command(workspace, keys)
             if self.has_class("-table") and len(keys) > 1
@@ -246,16 +254,16 @@ The table has only what differs. A file has the visible curves as 'fraexp plot' 
         if str(place.content) != text:
             place.update(Text(text))
             place.display = bool(text)
-        self.tell_cursor()
+        self.show_readout()
 
     def _reference(self) -> str:
         assert self.compared is not None
         return "P(jω)" if self.first == REFERENCE else self.compared.shown[self.first].label
 
     def _keys(self) -> list[str]:
-        """Return the keys of what is seen; of differences the reference comes first."""
+        """Return the keys of the visible sweeps; the reference of differences comes first."""
         assert self.compared is not None
-        hidden = self.stack.sight.hidden
+        hidden = self.stack.view_range.hidden
         seen = [place for place in self.compared.places(self.view, self.group) if place not in hidden]
         if self.view == "difference" and self.first != REFERENCE:
             seen = [self.first, *(place for place in seen if place != self.first)]
@@ -270,52 +278,54 @@ The table has only what differs. A file has the visible curves as 'fraexp plot' 
         table = self.query_one("#differs", DataTable)
         table.clear(columns=True)
         beside = self.has_class("-wide")
-        longest = max(LEAST_NAME, int((BESIDE if beside else 1) * self.size.width) // 3)
-        table.add_column("what differs")
-        for place, shown in enumerate(self.compared.shown):  # beside the plots the readout has the names
-            table.add_column(Text(digit(place) if beside else f"{digit(place)} {printable(shown.label)}"))
+        longest = max(MIN_NAME_WIDTH, int((TABLE_FRACTION if beside else 1) * self.size.width) // 3)
+        table.add_column("difference")
+        for place, shown in enumerate(self.compared.shown):  # beside the plots, the readout shows the names
+            table.add_column(Text(curve_digit(place) if beside else f"{curve_digit(place)} {printable(shown.label)}"))
         for name, *values in self.compared.rows:
-            table.add_row(Text(cut(printable(name), longest).rstrip()), *(Text(printable(text)) for text in values))
+            table.add_row(
+                Text(shorten_name(printable(name), longest).rstrip()), *(Text(printable(text)) for text in values)
+            )
         if not self.compared.rows:
-            table.add_row(Text("nothing" if len(self.compared.sweeps) > 1 else "one sweep: mark another one"))
+            table.add_row(Text("none" if len(self.compared.sweeps) > 1 else "only one sweep; mark another"))
 
     @on(Resize)
-    def _table_resized(self) -> None:
+    def _refill_table(self) -> None:
         if self.compared is not None:
             self.call_after_refresh(self._fill_table)
 
     async def action_view(self, view: str) -> None:
-        """Show another view of the same sweeps; while they are read it is remembered."""
+        """Show another view of the same sweeps; while they are loading, remember it."""
         self.remove_class("-table")
         if self.compared is None and self.app.marks:
             self.view = view
         await self._show(view)
 
     def action_table(self) -> None:
-        """Show the table of what differs, or the plots; beside each other if there is room."""
+        """Show the table of differences, or the plots; side by side if there is room."""
         if self.compared is None:
             return
         self.toggle_class("-beside" if self.has_class("-wide") else "-table")
         table = self.query_one("#differs", DataTable)
         self.set_focus(table if self.has_class("-table") and not self.has_class("-wide") else None)
-        self.call_after_refresh(self.tell_view)
+        self.call_after_refresh(self.show_view)
 
     def action_back(self) -> None:
-        """Leave the table, then the page."""
+        """Close the table, then the screen."""
         if self.has_class("-table") and not self.has_class("-wide"):
             self.action_table()
         else:
             super().action_back()
 
     async def action_reference(self) -> None:
-        """Let differences be from the focused curve."""
+        """Use the focused curve as the reference of differences."""
         if self.compared is None:
             return
-        self.first = self.stack.sight.focus
+        self.first = self.stack.view_range.focus
         await self._show("difference")
 
     async def action_group(self) -> None:
-        """Show the responses in the next unit, or the curves of the next kind, which can be shown."""
+        """Show the next group that can be shown: responses in another unit, or curves of another kind."""
         groups = self.compared.groups(self.view) if self.compared else []
         at = groups.index(self.group) if self.group in groups else 0
         for group in groups[at + 1 :] + groups[:at]:
@@ -323,56 +333,57 @@ The table has only what differs. A file has the visible curves as 'fraexp plot' 
                 break
 
     def action_unmark(self) -> None:
-        """Leave the focused sweep out from now on."""
-        if self.compared and 0 <= self.stack.sight.focus < len(self.compared.sweeps):
-            self.app.marks.remove([self.compared.sweeps[self.stack.sight.focus].key])
+        """Remove the mark of the focused sweep."""
+        if self.compared and 0 <= self.stack.view_range.focus < len(self.compared.sweeps):
+            self.app.marks.remove([self.compared.sweeps[self.stack.view_range.focus].key])
             self.reload()
 
     def action_open(self) -> None:
-        """Show all of the focused sweep."""
+        """Open the focused sweep."""
         from fraexp.tui.screens.sweep_page import SweepPage
 
-        if self.compared and 0 <= self.stack.sight.focus < len(self.compared.sweeps):
-            self.app.push_screen(SweepPage(self.compared.sweeps[self.stack.sight.focus].key))
+        if self.compared and 0 <= self.stack.view_range.focus < len(self.compared.sweeps):
+            self.app.push_screen(SweepPage(self.compared.sweeps[self.stack.view_range.focus].key))
 
     async def action_export(self) -> None:
-        """Write what is seen as a figure, as ``fraexp plot`` does."""
+        """Export the visible curves as a figure by ``fraexp plot``."""
         if self.compared is None or self.stack.picture is None:
             return
         kind, keys, view = self.stack.picture.kind, self._keys(), self.stack.view()
         if not keys:
-            self.app.notify("All curves are hidden; 0 shows them", severity="warning")
+            self.app.notify("all curves are hidden; press 0 to show them", severity="warning")
             return
-        question = f"Write {plural(len(keys), 'curve')} as a {kind} figure to a file (.png, .svg or .pdf):"
+        question = f"Export {plural(len(keys), 'curve')} as a {kind} figure to this file (.png, .svg or .pdf):"
 
-        def named(answer: str | None) -> None:
+        def export_to(answer: str | None) -> None:
             file = Path(answer.strip()).expanduser() if answer else None
             if file and file.exists():
                 self.app.push_screen(
-                    Confirm(f"{file} exists. Replace it?"), lambda yes: self._write(keys, kind, file, yes, view)
+                    ConfirmDialog(f"{file} already exists. Overwrite it?"),
+                    lambda yes: self._start_export(keys, kind, file, yes, view),
                 )
             elif file:
-                self._write(keys, kind, file, True, view)
+                self._start_export(keys, kind, file, True, view)
 
-        self.app.push_screen(Ask(question, self._file(), wrong_file), named)
+        self.app.push_screen(InputDialog(question, self._file(), file_fault), export_to)
 
-    def _write(self, keys: Sequence[str], kind: str, file: Path, wanted: bool | None, view: View) -> None:
+    def _start_export(self, keys: Sequence[str], kind: str, file: Path, wanted: bool | None, view: View) -> None:
         if wanted:
             self.app.notify(f"drawing {printable(str(file))} …", timeout=3, markup=False)
-            self.run_worker(self._drawn(keys, kind, file, view), group="export")
+            self.run_worker(self._export_figure(keys, kind, file, view), group="export")
 
-    async def _drawn(self, keys: Sequence[str], kind: str, file: Path, view: View) -> None:
-        ended, text = await draw(self.app.desk.workspace, keys, kind, file, view)
-        self.app.notify(printable(text), title="written" if ended else "not written",
+    async def _export_figure(self, keys: Sequence[str], kind: str, file: Path, view: View) -> None:
+        ended, text = await draw_figure(self.app.backend.workspace, keys, kind, file, view)
+        self.app.notify(printable(text), title="exported" if ended else "not exported",
                         severity="information" if ended else "error", markup=False)  # fmt: skip
 
 
-def _usual(found: ComparedSweeps) -> str:
+def _default_view(found: ComparedSweeps) -> str:
     return "bode" if found.units else "curves"
 
 
-def _same(before: Gathered | None, now: Gathered) -> bool:
-    """Return whether the same is compared as before."""
+def _is_same(before: MarkedSweeps | None, now: MarkedSweeps) -> bool:
+    """Return whether the same sweeps are compared as before."""
     if before is None or before.left_out != now.left_out:
         return False
     return [(s.key, s.created, s.labels) for s in before.sweeps] == [(s.key, s.created, s.labels) for s in now.sweeps]

@@ -1,4 +1,4 @@
-"""What a screen is for, and its keys as they are at the moment."""
+"""The help of a screen: its purpose and its current keys."""
 
 from typing import ClassVar
 
@@ -13,8 +13,8 @@ from textual.widgets import Static
 from fraexp.tui.page import Page
 from fraexp.tui.services import user_settings
 
-MANY = 4
-"""Keys for the same that are told one by one."""
+MAX_LISTED_KEYS = 4
+"""Maximum number of keys with one meaning that are listed one by one."""
 
 
 class HelpPage(ModalScreen[None]):
@@ -29,10 +29,10 @@ class HelpPage(ModalScreen[None]):
     """
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape,question_mark,f1,q,enter", "dismiss", "close", id="help.close"),
-        Binding("j", "scroll(1)", "down", show=False, id="help.down", tooltip="a line down"),
-        Binding("k", "scroll(-1)", "up", show=False, id="help.up", tooltip="a line up"),
-        Binding("g", "turn(False)", "top", show=False, id="help.top", tooltip="to the top"),
-        Binding("G", "turn(True)", "end", show=False, id="help.end", tooltip="to the end"),
+        Binding("j", "scroll(1)", "down", show=False, id="help.down", tooltip="scroll down"),
+        Binding("k", "scroll(-1)", "up", show=False, id="help.up", tooltip="scroll up"),
+        Binding("g", "turn(False)", "top", show=False, id="help.top", tooltip="scroll to the top"),
+        Binding("G", "turn(True)", "end", show=False, id="help.end", tooltip="scroll to the end"),
     ]
 
     def __init__(self, page: Page) -> None:
@@ -40,13 +40,12 @@ class HelpPage(ModalScreen[None]):
         self._page = page
 
     def compose(self) -> ComposeResult:
-        """Show words, then keys."""
+        """Show the text, then the keys."""
         with VerticalScroll():
-            yield Static(Text(self._page.HELP.strip() + "\n"))
+            yield Static(Text(_reflow(self._page.HELP) + "\n"))
             yield Static(self._keys())
-            yield Static(
-                Text(f"\nOther keys, colours, ASCII: {user_settings.place()}; : or ctrl+p finds commands by name.")
-            )
+            place = user_settings.settings_file()
+            yield Static(Text(f"\nSettings (keys, theme, ASCII): {place}. : or ctrl+p finds commands by name."))
 
     def _keys(self) -> Table:
         table = Table(box=None, padding=(0, 2, 0, 0), show_header=False)
@@ -55,12 +54,12 @@ class HelpPage(ModalScreen[None]):
         seen: dict[tuple[str, str], list[str]] = {}
         for active in self._page.active_bindings.values():
             binding = active.binding
-            if binding.id:  # else it is what the toolkit has on every screen
+            if binding.id:  # skip those that Textual adds to every screen
                 what = binding.tooltip or binding.description
-                kind = binding.action.partition("(")[0]  # the keys of all curves do the same
+                kind = binding.action.partition("(")[0]  # the keys of all curves have the same meaning
                 seen.setdefault((kind, what), []).append(self.app.get_key_display(binding))
         for (_, what), keys in seen.items():
-            table.add_row(_written(list(dict.fromkeys(keys))), Text(what))
+            table.add_row(_keys_text(list(dict.fromkeys(keys))), Text(what))
         return table
 
     def action_scroll(self, lines: int) -> None:
@@ -68,11 +67,23 @@ class HelpPage(ModalScreen[None]):
         self.query_one(VerticalScroll).scroll_relative(y=lines, animate=False)
 
     def action_turn(self, end: bool) -> None:
-        """Go to the top or to the end."""
+        """Scroll to the top or to the end."""
         place = self.query_one(VerticalScroll)
         place.scroll_end(animate=False) if end else place.scroll_home(animate=False)
 
 
-def _written(keys: list[str]) -> Text:
-    """Return the keys that do the same; many of them by the first and the last."""
-    return Text(" ".join(keys) if len(keys) <= MANY else f"{keys[0]} to {keys[-1]}")
+def _reflow(text: str) -> str:
+    """Return a help text whose lines end with sentences or items, as the dialog breaks them at its own width."""
+    lines: list[str] = []
+    for line in text.strip().splitlines():
+        before = lines[-1] if lines else ""
+        if before and line and not before.startswith(" ") and not line.startswith(" ") and before[-1] not in ".:":
+            lines[-1] = f"{before} {line}"
+        else:
+            lines.append(line)
+    return "\n".join(lines)
+
+
+def _keys_text(keys: list[str]) -> Text:
+    """Return keys with the same meaning; of many, the first and the last."""
+    return Text(" ".join(keys) if len(keys) <= MAX_LISTED_KEYS else f"{keys[0]} to {keys[-1]}")

@@ -1,4 +1,4 @@
-"""One run: how far it has come, its sweeps and its log, and the keys that stop it or start it again."""
+"""A run: progress, sweeps and log, and the keys that stop it or start it again."""
 
 import shlex
 from pathlib import Path
@@ -12,45 +12,45 @@ from textual.containers import Container
 from textual.widgets import Static
 from textual.worker import Worker
 
+from fraexp.data.terminal_text import printable
 from fraexp.errors import FraexpError
 from fraexp.execution import background
 from fraexp.execution.background import BackgroundRun
-from fraexp.figures.elements.labels import printable
 from fraexp.store import RunSummary, Store
 from fraexp.study.study_file import find_studies
-from fraexp.tui.dialogs import Ask, Confirm
-from fraexp.tui.page import Page, shortened
+from fraexp.tui.dialogs import ConfirmDialog, InputDialog
+from fraexp.tui.page import Page, shorten
 from fraexp.tui.widgets.log_tail import LogTail
 from fraexp.tui.widgets.sweep_table import SweepTable
-from fraexp.views.fields import running_for, took
-from fraexp.views.listing import when
+from fraexp.views.fields import elapsed_text, run_duration_text, run_state_text
+from fraexp.views.listing import time_text
 from fraexp.views.pace import Speed
-from fraexp.views.run_progress import counts_text, done, progress_text
-from fraexp.views.words import short
+from fraexp.views.run_progress import counts_text, done_count, progress_text
+from fraexp.views.words import short_key
 from fraexp.workspace.workspace import Workspace
 
 if TYPE_CHECKING:
     from fraexp.tui.app import FraexpApp
 
-LOOK = 0.5
-"""Seconds between two looks at the log."""
-COMPARED = 12
-"""Sweeps that are compared at once, at most."""
-TOLD = 2
-"""Failures that are told above the table; the table has all."""
-COMPILES = "No sweep has ended yet. A law that is new to this machine is compiled first, once: some seconds."
+LOG_POLL_INTERVAL_S = 0.5
+"""Seconds between two polls of the log."""
+MAX_COMPARED = 12
+"""Maximum number of sweeps that are marked for comparison."""
+MAX_SHOWN_FAILURES = 2
+"""Maximum number of failures shown above the table, which has all."""
+COMPILING_HINT = "No sweep has finished yet. A friction law is compiled at its first use, which takes some seconds."
 
 
 class RunPage(Page):
-    """A run that lives, is over, or has not begun yet."""
+    """A run that is starting, running or finished."""
 
     PLACE: ClassVar[str] = "runs"
     HELP: ClassVar[str] = """\
-A run: what is done of it, its sweeps, and the end of its log. It is a process of its own: leaving this page or
-the UI does not end it.
-x asks it to end: what is finished is kept. x again ends its processes at once, if you confirm.
-R starts what is missing again, or the whole run once more: what is stored is reused.
-Enter opens a sweep, Space marks it; c compares the marked ones, or all sweeps of the run if none of them is."""
+A run: its progress, its sweeps, and the end of its log. It is a separate process: it continues if you close this
+screen or quit.
+x stops it, and finished sweeps are kept. x again kills its processes at once, after confirmation.
+R runs the study again: stored sweeps are reused, missing ones are computed.
+Enter opens a sweep, Space marks it; c compares the marked sweeps, or all of the run if none is marked."""
     DEFAULT_CSS = """
     RunPage #state { height: auto; padding: 0 1; }
     RunPage #sweeps { height: 2fr; }
@@ -58,10 +58,10 @@ Enter opens a sweep, Space marks it; c compares the marked ones, or all sweeps o
     RunPage #sweeps.-none { display: none; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("x", "stop", "stop", id="run.stop", tooltip="ask the run to end; again: end it at once"),
-        Binding("R", "again", "run again", id="run.again", tooltip="compute what is missing, or run it once more"),
+        Binding("x", "stop", "stop", id="run.stop", tooltip="stop the run; again: kill it"),
+        Binding("R", "again", "run again", id="run.again", tooltip="run the study again; stored sweeps are reused"),
         Binding("c", "compare", "compare", id="run.compare", tooltip="compare the marked sweeps, or all of this run"),
-        Binding("slash", "filter", "filter", show=False, id="run.filter", tooltip="show some of its sweeps"),
+        Binding("slash", "filter", "filter", show=False, id="run.filter", tooltip="filter its sweeps"),
     ]
 
     def __init__(self, run: int | BackgroundRun) -> None:
@@ -75,30 +75,30 @@ Enter opens a sweep, Space marks it; c compares the marked ones, or all sweeps o
 
     def body(self) -> ComposeResult:
         """Put the state above the sweeps and the log."""
-        yield Static("starting ..." if self.started else "reading ...", id="state")
+        yield Static("starting ..." if self.started else "loading ...", id="state")
         yield Container(id="sweeps", classes="-none")
         yield LogTail()
 
     def on_mount(self) -> None:
-        """Show it, and follow the log."""
+        """Show the command, and follow the log."""
         super().on_mount()
         self.command = f"fraexp show {self.number}" if self.number else "fraexp list"
-        self.set_interval(LOOK, self._follow)
+        self.set_interval(LOG_POLL_INTERVAL_S, self._follow)
 
     def _follow(self) -> None:
-        """Look at the log; the database may not know the run yet."""
-        self._show_log()  # also of a run that is over: its process goes on to draw and to tell
+        """Update the log; the run may not be in the database yet."""
+        self._show_log()  # also after the run: its process still draws and reports
         if self.number is None and self.live:
             self.reload()
         elif self.run and self.run.state == "running":
-            self.call_later(self._show, self.run)  # the time goes on, also while nothing else changes
+            self.call_later(self._show, self.run)  # update the elapsed time
 
     async def load(self) -> None:
-        """Read how far it has come."""
-        found = await (self._begun() if self.number is None else self._known(self.number))
+        """Read the state of the run."""
+        found = await (self._find_started_run() if self.number is None else self._read_run(self.number))
         if found is None:
             return
-        self.tell()
+        self.show_notice()
         if self.run is None:
             self.number = found.number
             self.heading, self.command = f"run {found.number}, {found.study}", f"fraexp show {found.number}"
@@ -107,27 +107,27 @@ Enter opens a sweep, Space marks it; c compares the marked ones, or all sweeps o
         await self._show_sweeps(found)
         await self._show(found)
 
-    async def _known(self, number: int) -> RunSummary | None:
-        return await self.fetch(self.app.desk.read(lambda store: store.run(number)))
+    async def _read_run(self, number: int) -> RunSummary | None:
+        return await self.fetch(self.app.backend.read(lambda store: store.run(number)))
 
-    async def _begun(self) -> RunSummary | None:
-        """Return the run of the process that was started; None until it has written something."""
+    async def _find_started_run(self) -> RunSummary | None:
+        """Return the run of the started process; None until it is in the database."""
         started = self.started
         if started is None:
             return None
-        ended = started.ended()  # asked before the database: what it has written is there then
+        ended = started.has_ended()  # before reading the database, so that its last entry is seen
         try:
-            found = await self.here(self.app.desk.read(lambda store: _of_log(store, started.log)))
+            found = await self.wait_for(self.app.backend.read(lambda store: _find_run_by_log(store, started.log)))
         except FraexpError:
-            found = None  # no database yet, or one that the run is about to bring up to date
+            found = None  # no database yet, or one that the run is about to migrate
         if found is None and ended:
             self._show_log()
-            last = self.query_one(LogTail).last or "it has said nothing"
+            last = self.query_one(LogTail).last or "the log is empty"
             self.live = False
             code = started.process.poll()
-            how = "stopped before it began" if self._stopping else f"ended before it began (exit code {code})"
+            how = "stopped before the first sweep" if self._stopping else f"failed to start (exit code {code})"
             self.query_one("#state", Static).update(Text(how))
-            self.tell_error(f"{last}\nNothing was computed. Esc leads to the runs, s to the studies.")
+            self.show_error(f"{last}\nNothing was computed. Esc returns to the runs, s to the studies.")
         return found
 
     async def _show_sweeps(self, run: RunSummary) -> None:
@@ -145,129 +145,141 @@ Enter opens a sweep, Space marks it; c compares the marked ones, or all sweeps o
             table.reload()
 
     async def _show(self, run: RunSummary) -> None:
-        """Tell how far it has come, and what has failed."""
+        """Show the progress and the last failures."""
         rate = None
         if run.state == "running":
-            self._speed.see(run.heartbeat.timestamp(), done(run))
-            rate = None if _prepares(run) else self._speed.rate
+            self._speed.update(run.heartbeat.timestamp(), done_count(run))
+            rate = None if _is_preparing(run) else self._speed.rate
         wide = max(10, min(40, self.size.width - 66))
-        state = "stopping" if self._stopping and run.state == "running" else run.state
+        state = "stopping" if self._stopping and run.state == "running" else run_state_text(run)
         text = Text(f"{state}", style="bold")
-        time = f", took {took(run)}" if run.ended else ""
-        since = f"  since {when(run.started)}, {running_for(run)}"
-        text.append(f"  {when(run.started)}{time}" if run.ended else since, "not bold")
+        time = f", took {run_duration_text(run)}" if run.ended else ""
+        since = f"  since {time_text(run.started)}, {elapsed_text(run)}"
+        text.append(f"  {time_text(run.started)}{time}" if run.ended else since, "not bold")
         text.append(f"  {counts_text(run)}\n", "not bold")
         text.append(progress_text(run, rate, wide), "not bold")
-        if _prepares(run):
-            text.append(f"\n{COMPILES}", "not bold")
+        if _is_preparing(run):
+            text.append(f"\n{COMPILING_HINT}", "not bold")
         for line in await self._failures(run):
             text.append(f"\n{printable(line)}", "not bold")
-        hint = {"interrupted": "\nIts process has ended before its work was done. R goes on from there."}
-        text.append(hint.get(run.state, ""), "not bold")
+        if run.state == "interrupted":
+            text.append(f"\n{self._interruption_text(run)}", "not bold")
         self.query_one("#state", Static).update(text)
+
+    def _interruption_text(self, run: RunSummary) -> str:
+        """Return how a run was interrupted: one that was asked to stop has stored its end."""
+        if run.ended or self._stopping:
+            return "It was stopped; finished sweeps are kept. R continues the run."
+        return "Its process ended before all sweeps were finished. R continues the run."
 
     async def _failures(self, run: RunSummary) -> list[str]:
         if not run.failed:
             return []
-        asked = self.app.desk.read(lambda store: store.page("state=failed", "-position", 0, TOLD, run.number))
+        asked = self.app.backend.read(
+            lambda store: store.page("state=failed", "-position", 0, MAX_SHOWN_FAILURES, run.number)
+        )
         page = await self.fetch(asked)
-        return [shortened(f"! {short(row.key)} failed: {row.message}") for row in page.rows] if page else []
+        return [shorten(f"! {short_key(row.key)} failed: {row.message}") for row in page.rows] if page else []
 
     def _show_log(self) -> None:
         tail = self.query_one(LogTail)
         noted = self.run.provenance.get("log") if self.run else None
         file = self.started.log if self.started else Path(noted) if noted else None
         if file is None:
-            tail.show("no log: it was started in a terminal, which had it" if self.run else "log")
+            tail.show("no log: the run was started in a terminal" if self.run else "log")
             return
         tail.show(f"log {file}")
         tail.follow(file)
 
     @on(SweepTable.Opened)
-    def _opened(self, event: SweepTable.Opened) -> None:
+    def _open_sweep(self, event: SweepTable.Opened) -> None:
         from fraexp.tui.screens.sweep_page import SweepPage
 
         self.app.push_screen(SweepPage(event.key))
 
     def action_stop(self) -> None:
-        """Ask the run to end; the second time end it at once, if that is confirmed."""
+        """Stop the run; the second time, kill it after confirmation."""
         if self.run is None and self.started is None:
             return
         if not self.live:
-            state = self.run.state if self.run else "over"
-            self.app.notify(f"it is {state}; there is nothing to stop", markup=False)
+            state = self.run.state if self.run else "finished"
+            self.app.notify(f"the run is {state}; it cannot be stopped", markup=False)
         elif self._stopping:
-            question = "End its processes at once? What is stored stays; what is being computed is lost."
-            self.app.push_screen(Confirm(question), lambda yes: self._stop(hard=True) if yes else None)
+            question = "Kill its processes? Stored results are kept; sweeps in progress are lost."
+            self.app.push_screen(ConfirmDialog(question), lambda yes: self._stop(kill=True) if yes else None)
         else:
             self._stopping = True
-            self._stop(hard=False)
+            self._stop(kill=False)
 
-    def _stop(self, hard: bool) -> None:
-        self.run_worker(self._stopped(hard), group="stop")
+    def _stop(self, kill: bool) -> None:
+        self.run_worker(self._stop_run(kill), group="stop")
 
-    async def _stopped(self, hard: bool) -> None:
+    async def _stop_run(self, kill: bool) -> None:
         run, started = self.run, self.started
 
         def stop(workspace: Workspace) -> None:
             if run is not None:
-                workspace.stop(run, hard)
-            elif started is not None and not started.ended():
-                background.stop(started.pid, hard)
+                workspace.stop(run, kill)
+            elif started is not None and not started.has_ended():
+                background.stop(started.pid, kill)
 
-        await self.fetch(self.app.desk.work(stop), lambda text: self.app.notify(text, severity="error", markup=False))
-        self.app.notify("ended" if hard else "asked to end; x again ends it at once", markup=False)
+        await self.fetch(
+            self.app.backend.work(stop), lambda text: self.app.notify(text, severity="error", markup=False)
+        )
+        self.app.notify("killed" if kill else "stopping; x again kills it", markup=False)
         self.reload()
 
     def action_again(self) -> None:
-        """Compute what is missing, or run it once more."""
+        """Run the study again: stored sweeps are reused."""
         if self.run is not None and self.run.state == "running":
-            self.app.notify("it still runs; x asks it to end", markup=False)
+            self.app.notify("it is still running; x stops it", markup=False)
         elif self.run is not None or not self.live:
-            self.run_worker(self._again(self.run, self.started), group="again")
+            self.run_worker(self._run_again(self.run, self.started), group="again")
 
-    async def _again(self, run: RunSummary | None, before: BackgroundRun | None) -> None:
+    async def _run_again(self, run: RunSummary | None, before: BackgroundRun | None) -> None:
         def launch(workspace: Workspace) -> BackgroundRun:
             if run is not None:
-                return workspace.launch(*_command_of(run, workspace), run.provenance.get("executor"))
-            assert before is not None  # it ended before it had a number
-            return background.start(before.arguments, workspace.folder)
+                return workspace.launch(*_launch_arguments(run, workspace), run.provenance.get("executor"))
+            assert before is not None  # it ended before it was in the database
+            return background.start(before.arguments, workspace.folder, workspace.location_environment())
 
-        started = await self.fetch(self.app.desk.work(launch), self._refused)
+        started = await self.fetch(self.app.backend.work(launch), self._show_refusal)
         if started is not None:
             show_run(self.app, started)
 
-    def _refused(self, text: str) -> None:
+    def _show_refusal(self, text: str) -> None:
         self.app.notify(printable(text), title="not started", severity="error", markup=False)
 
     async def action_compare(self) -> None:
-        """Go to compare the marked sweeps of the run, or else all of them."""
+        """Compare the marked sweeps of the run, or all of them if none is marked."""
         number, marks = self.number, self.app.marks
         if number is None:
-            self.app.notify("the run has not begun yet; its results can be compared when there are some")
+            self.app.notify("the run has no results yet")
             return
-        asked = self.app.desk.read(lambda store: store.keys("-state=pending -state=failed", number))
-        keys = await self.fetch(asked, self._refused)
+        asked = self.app.backend.read(lambda store: store.keys("-state=pending -state=failed", number))
+        keys = await self.fetch(asked, self._show_refusal)
         if not keys:
-            self.app.notify("no sweep of it has a result to compare", markup=False)
+            self.app.notify("no sweep of this run has a result to compare", markup=False)
             return
         if not any(key in marks for key in keys):
-            marks.add(keys[:COMPARED])
-            if len(keys) > COMPARED:
-                self.app.notify(f"the first {COMPARED} of {len(keys)} sweeps are marked", markup=False)
+            marks.add(keys[:MAX_COMPARED])
+            if len(keys) > MAX_COMPARED:
+                self.app.notify(f"marked the first {MAX_COMPARED} of {len(keys)} sweeps", markup=False)
         self.app.action_place("compare")
 
     def action_filter(self) -> None:
-        """Show some of the sweeps."""
+        """Filter the sweeps."""
         tables = self.query(SweepTable)
         if tables:
             table = tables.first()
-            ask = Ask("Which sweeps? Such as state:failed excitation.amplitude>=12; nothing: all", table.filter)
+            ask = InputDialog(
+                "Filter, such as state:unusable excitation.amplitude>=12 (empty: all sweeps)", table.filter
+            )
             self.app.push_screen(ask, lambda text: None if text is None else setattr(table, "filter", text.strip()))
 
 
 def show_run(app: "FraexpApp", run: int | BackgroundRun) -> Worker[None]:
-    """Go to a run, among the runs; what was opened there before is left. Returns who goes, to be waited for."""
+    """Open a run over the list of runs; return the worker that does so, which can be awaited."""
 
     async def go() -> None:
         await app.switch_mode(RunPage.PLACE)
@@ -278,22 +290,22 @@ def show_run(app: "FraexpApp", run: int | BackgroundRun) -> Worker[None]:
     return app.run_worker(go(), group="place")
 
 
-def _prepares(run: RunSummary) -> bool:
-    """Return whether it may be compiling: nothing has come to its end, and nothing is seen to go on."""
+def _is_preparing(run: RunSummary) -> bool:
+    """Return whether the run may be compiling: no sweep has finished, and none shows progress."""
     moving = run.progress and any(0 < part < 1 for part in run.progress.running.values())
     return run.state == "running" and not (run.computed or run.failed or moving)
 
 
-def _of_log(store: Store, log: Path) -> RunSummary | None:
-    """Return the newest run that notes a log."""
+def _find_run_by_log(store: Store, log: Path) -> RunSummary | None:
+    """Return the newest run with this log file."""
     return next((run for run in store.runs() if run.provenance.get("log") == str(log)), None)
 
 
-def _command_of(run: RunSummary, workspace: Workspace) -> tuple[str, list[str]]:
-    """Return study and overrides of a run's command; FraexpError if it was not ``fraexp run``."""
+def _launch_arguments(run: RunSummary, workspace: Workspace) -> tuple[str, list[str]]:
+    """Return study and overrides of a run's command; FraexpError unless it is ``fraexp run``."""
     words = shlex.split(run.command)
     if words[:2] != ["fraexp", "run"]:
-        raise FraexpError(f"run {run.number} was made by: {run.command}; give that command again")
+        raise FraexpError(f"run {run.number} was started by: {run.command}; start it again with that command")
     overrides = [word.removeprefix("--set=") for word in words[2:] if word.startswith("--set=")]
     file = Path(run.study_file)
     try:

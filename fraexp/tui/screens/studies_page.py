@@ -1,4 +1,4 @@
-"""The studies: what each of them asks, and how far it has come."""
+"""The list of studies, with the question and the state of each."""
 
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
@@ -12,29 +12,29 @@ from textual.containers import Container, VerticalScroll
 from textual.timer import Timer
 from textual.widgets import DataTable, Input, Static
 
+from fraexp.data.terminal_text import printable
 from fraexp.errors import FraexpError
-from fraexp.figures.elements.labels import printable
 from fraexp.store import RunSummary
-from fraexp.study.catalogue import FIRST, StudyEntry
+from fraexp.study.catalogue import FIRST_STUDY, StudyEntry
 from fraexp.tui.page import Page
-from fraexp.tui.services.study_survey import Surveyor
+from fraexp.tui.services.study_survey import SurveyProcess
 from fraexp.tui.widgets.filter_line import FilterLine
 from fraexp.tui.widgets.sweep_table import PagedTable, TableRows
 from fraexp.views.listing import Column
-from fraexp.views.study import Surveyed, newest, study_fields, study_row
+from fraexp.views.study import StudySurvey, newest_runs, study_fields, study_row
 
-LOOKING = "..."
-"""State of a study while it is worked out."""
-MOMENT = 0.5
-"""Seconds that the list is shown before it is worked out what running the studies would do: that takes a processor."""
+PENDING_STATE = "..."
+"""State of a study that is not known yet."""
+SURVEY_DELAY_S = 0.5
+"""Seconds until the studies are surveyed, which keeps a processor busy."""
 WELCOME = """\
-A study is a file: a machine with friction, what excites it, what is
-estimated, and what is varied. Running it puts its results into a database.
+A study is a file: a machine with friction, its excitation, what is
+estimated, and what is varied. A run stores its results in a database.
 There is none here yet. Enter opens 'quick', Enter again launches it."""
 
 
 class StudyTable(PagedTable):
-    """The studies that a filter lets through."""
+    """The studies that match the filter."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -42,11 +42,11 @@ class StudyTable(PagedTable):
         self.rows_of: list[list[str]] = []
         self.last: Mapping[str, RunSummary] = {}
 
-    async def ask(self, first: int, most: int) -> TableRows:
-        """Return studies from a place on."""
+    async def fetch_rows(self, first: int, most: int) -> TableRows:
+        """Return studies from an offset."""
         entries, rows = self.entries[first : first + most], self.rows_of[first : first + most]
         study, title, state, sweeps, _ = zip(*rows, strict=True) if rows else ((),) * 5
-        state = tuple(of or LOOKING for of in state)
+        state = tuple(of or PENDING_STATE for of in state)
         sweeps = tuple(f"{int(count):,}" if count else "" for count in sweeps)
         runs = [self.last.get(entry.name) for entry in entries]
         last = tuple(f"{run.number} {run.state}" if run else "" for run in runs)
@@ -61,19 +61,19 @@ class StudyTable(PagedTable):
 
 
 class StudiesPage(Page):
-    """All studies, and what the one under the cursor is about."""
+    """All studies, with a preview of the selected one."""
 
     PLACE: ClassVar[str] = "studies"
     HELP: ClassVar[str] = """\
-Studies: those of this workspace, then the examples that come along.
-  new       nothing of it is stored
-  partial   some of its sweeps are stored; running it computes the others
-  complete  all are stored; running it again computes nothing
-  stale     all or some are stored, but a plugin has changed since
-  running   its newest run has not come to its end
-  broken    it cannot be run, for the reason beside it
-  ...       that is being worked out
-Enter opens a study, to change what it says and to launch it."""
+Studies: those of this workspace, then the examples of fraexp.
+  new       none of its sweeps are stored
+  partial   some of its sweeps are stored; a run computes the others
+  complete  all sweeps are stored; a run computes nothing
+  stale     sweeps are stored, but a plugin has changed since
+  running   its newest run has not finished
+  broken    it cannot be run, for the reason shown
+  ...       the state is being determined
+Enter opens a study, to change its values and to launch it."""
     DEFAULT_CSS = """
     StudiesPage #split { layout: vertical; height: 1fr; }
     StudiesPage.-wide #split { layout: horizontal; }
@@ -85,7 +85,7 @@ Enter opens a study, to change what it says and to launch it."""
     StudiesPage.-wide #about { width: 2fr; height: 1fr; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("slash", "filter", "filter", id="studies.filter", tooltip="show studies by a part of name or title"),
+        Binding("slash", "filter", "filter", id="studies.filter", tooltip="filter by name or title"),
         Binding("e", "file", "file", id="studies.file", tooltip="show the study's file"),
     ]
     live = True  # files may be added or changed
@@ -94,15 +94,15 @@ Enter opens a study, to change what it says and to launch it."""
     def __init__(self) -> None:
         super().__init__()
         self.entries: list[StudyEntry] = []
-        self.found: dict[str, Surveyed] = {}
+        self.found: dict[str, StudySurvey] = {}
         self.last: dict[str, RunSummary] = {}
-        self._surveyor: Surveyor | None = None
-        self._wanted: set[str] | None = None  # that are looked at first, once somebody looks at the list
+        self._surveyor: SurveyProcess | None = None
+        self._wanted: set[str] | None = None  # studies to survey first, once the list is visible
         self._soon: Timer | None = None
         self._asked: object = None
 
     def body(self) -> ComposeResult:
-        """Put the list beside, or above, what one study is about."""
+        """Put the list beside or above the preview."""
         yield FilterLine("part of a name or title")
         with Container(id="split"):
             yield StudyTable()
@@ -110,82 +110,84 @@ Enter opens a study, to change what it says and to launch it."""
                 yield Static(id="preview")
 
     def on_mount(self) -> None:
-        """Show the list at once."""
+        """Show the command."""
         super().on_mount()
         self.command = "fraexp list --studies"
 
     async def load(self) -> None:
-        """Read the studies' files and the runs; what running them would do comes later, one by one."""
-        entries = await self.fetch(self.app.desk.work(lambda workspace: workspace.catalogue()))
+        """Read the study files and the runs; the surveys follow one by one."""
+        entries = await self.fetch(self.app.backend.work(lambda workspace: workspace.catalogue()))
         if entries is None:
             return
         runs = await self._runs()
-        before, self.entries, self.last = self.last, entries, newest(runs)
+        before, self.entries, self.last = self.last, entries, newest_runs(runs)
         moved = {
-            run.study for run in self.last.values() if _ended(run) and _ended(run) != _ended(before.get(run.study))
+            run.study
+            for run in self.last.values()
+            if _end_mark(run) and _end_mark(run) != _end_mark(before.get(run.study))
         }
         self.found = {name: found for name, found in self.found.items() if name not in moved}
         self.show()
-        ended = [_ended(run) for run in runs]
+        ended = [_end_mark(run) for run in runs]
         asked = (entries, [entry.stamp for entry in entries], ended, self._plugins())
         if asked != self._asked:
             self._asked = asked
-            self._wanted = {FIRST, *moved, *(self._wanted or ())}
+            self._wanted = {FIRST_STUDY, *moved, *(self._wanted or ())}
         if self._wanted is not None and self._soon is None:
-            self._soon = self.set_timer(MOMENT, self._survey_if_seen)
+            self._soon = self.set_timer(SURVEY_DELAY_S, self._survey_if_seen)
 
     async def _runs(self) -> list[RunSummary]:
         try:
-            runs = await self.here(self.app.desk.read(lambda store: store.runs()))
+            runs = await self.wait_for(self.app.backend.read(lambda store: store.runs()))
         except FraexpError as error:
             runs = []
-            if self.app.desk.workspace.has_database():
-                self.tell_error(str(error))
+            if self.app.backend.workspace.has_database():
+                self.show_error(str(error))
                 return runs
         self.set_class(not runs, "-first")
-        self.tell(WELCOME if not runs else "")
+        self.show_notice(WELCOME if not runs else "")
         return runs
 
     def _plugins(self) -> list[tuple[str, int]]:
-        folder = self.app.desk.workspace.folder / "plugins"
+        folder = self.app.backend.workspace.folder / "plugins"
         return [(file.name, file.stat().st_mtime_ns) for file in sorted(folder.glob("*.py")) if file.exists()]
 
     def _survey_if_seen(self) -> None:
         self._soon = None
-        if self.is_current and self._wanted is not None:  # else it is asked for again when the screen is shown
+        if self.is_current and self._wanted is not None:  # else it is requested again when the screen is shown
             wanted, self._wanted = self._wanted, None
             self.survey(wanted)
 
     def survey(self, first: Collection[str]) -> None:
-        """Work out anew what running the studies would do."""
+        """Survey the studies again, those in `first` before the others."""
         if self._surveyor:
             self._surveyor.stop()
-        self._surveyor = surveyor = Surveyor(self.app.desk.workspace)
-        tell = self._surveyed
+        self._surveyor = surveyor = SurveyProcess(self.app.backend.workspace)
+        tell = self._take_survey
         self.run_worker(
             lambda: surveyor.survey(lambda found: self.app.call_from_thread(tell, found), first),
             thread=True, group="survey", exit_on_error=False,
         )  # fmt: skip
 
-    def _surveyed(self, found: Surveyed) -> None:
+    def _take_survey(self, found: StudySurvey) -> None:
         if self.is_attached and self.found.get(found.name) != found:
             self.found[found.name] = found
             self.show()
 
     def on_unmount(self) -> None:
-        """Leave nothing running."""
+        """Stop the survey."""
         if self._surveyor:
             self._surveyor.stop()
 
     def show(self) -> None:
-        """Show the studies that the filter lets through."""
+        """Show the studies that match the filter."""
         line, table = self.query_one(FilterLine), self.query_one(StudyTable)
-        entries = [entry for entry in self.entries if line.lets(entry.name, entry.title)]
+        entries = [entry for entry in self.entries if line.matches(entry.name, entry.title)]
         table.entries, table.last = entries, self.last
         table.rows_of = [study_row(of, self.found.get(of.name), self.last.get(of.name)) for of in entries]
         table.reload()
         if self.entries and not entries:
-            self.query_one("#preview", Static).update(Text(f"No study has '{line.value}' in name or title. Esc: all"))
+            self.query_one("#preview", Static).update(Text(f"No study matches '{line.value}'. Esc clears the filter."))
 
     @property
     def entry(self) -> StudyEntry | None:
@@ -207,27 +209,27 @@ Enter opens a study, to change what it says and to launch it."""
         self.query_one("#preview", Static).update(about)
 
     @on(DataTable.RowSelected)
-    def _opened(self) -> None:
+    def _open_study(self) -> None:
         from fraexp.tui.screens.launch_page import LaunchPage
-        from fraexp.tui.widgets.field_list import Written
+        from fraexp.tui.widgets.field_list import FormDraft
 
         if self.entry is not None:
-            self.app.push_screen(LaunchPage(self.entry, self.app.drafts.setdefault(self.entry.name, Written())))
+            self.app.push_screen(LaunchPage(self.entry, self.app.drafts.setdefault(self.entry.name, FormDraft())))
 
     @on(Input.Changed)
-    def _narrowed(self) -> None:
+    def _handle_filter(self) -> None:
         self.show()
 
     @on(FilterLine.Left)
-    def _left(self) -> None:
+    def _focus_table(self) -> None:
         self.query_one(StudyTable).focus()
 
     def action_filter(self) -> None:
-        """Show studies by a part of name or title."""
+        """Open the filter."""
         self.query_one(FilterLine).begin()
 
     def action_back(self) -> None:
-        """Take the filter away."""
+        """Clear the filter."""
         if not self.query_one(FilterLine).clear_away():
             super().action_back()
 
@@ -237,16 +239,16 @@ Enter opens a study, to change what it says and to launch it."""
             self.app.push_screen(FilePage(self.entry.file))
 
 
-def _ended(run: RunSummary | None) -> tuple[int, str, int, int] | None:
-    """Return what tells a run that is over from others; None while it runs."""
+def _end_mark(run: RunSummary | None) -> tuple[int, str, int, int] | None:
+    """Return what identifies a finished run; None while it is running."""
     return (run.number, run.state, run.computed, run.total) if run and run.state != "running" else None
 
 
 class FilePage(Page):
-    """The text of a file."""
+    """The text of a study file."""
 
     PLACE: ClassVar[str] = "studies"
-    HELP: ClassVar[str] = "The study's file as it is. Change it with an editor; the list notices."
+    HELP: ClassVar[str] = "The study file. Edit it with an editor; the list follows."
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("j", "scroll(1)", "down", show=False, id="file.down"),
         Binding("k", "scroll(-1)", "up", show=False, id="file.up"),
@@ -265,7 +267,7 @@ class FilePage(Page):
     async def load(self) -> None:
         """Read the file."""
         self.heading, self.command = self.file.name, f"cat {self.file}"
-        text = await self.here(self.app.desk.work(lambda _: _text(self.file)))
+        text = await self.wait_for(self.app.backend.work(lambda _: _file_text(self.file)))
         self.query_one("#lines", Static).update(Text("\n".join(map(printable, text.splitlines()))))
 
     def action_scroll(self, lines: int) -> None:
@@ -273,7 +275,7 @@ class FilePage(Page):
         self.query_one("#text", VerticalScroll).scroll_relative(y=lines, animate=False)
 
 
-def _text(file: Path) -> str:
+def _file_text(file: Path) -> str:
     try:
         return file.read_text(encoding="utf-8", errors="replace")
     except OSError as error:

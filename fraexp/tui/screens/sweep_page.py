@@ -1,4 +1,4 @@
-"""One sweep: what came out, point by point, with which parameters, and where it is from."""
+"""A sweep: its result, points, parameters, provenance and log."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -15,13 +15,14 @@ from textual.events import DescendantFocus
 from textual.widgets import Static, TabbedContent, TabPane
 
 from fraexp.data.results import Result
-from fraexp.figures.elements.labels import label_text, printable
-from fraexp.store import RunSummary, Store, StoredSweep
+from fraexp.data.terminal_text import printable
+from fraexp.figures.elements.labels import label_text
+from fraexp.store import RunSummary, Store, StoredSweep, mark_damaged
 from fraexp.tui.widgets.point_table import PointsTable
-from fraexp.tui.widgets.tagging import CuratingPage
+from fraexp.tui.widgets.tagging import TaggingPage
 from fraexp.views.listing import state_text
-from fraexp.views.resolved_parameters import Resolved, resolved_parameters
-from fraexp.views.words import duration, moment, short
+from fraexp.views.resolved_parameters import ResolvedParameter, resolved_parameters
+from fraexp.views.words import duration_text, short_key, timestamp_text
 
 SECTIONS = {
     "result": "Result",
@@ -30,14 +31,14 @@ SECTIONS = {
     "provenance": "Provenance",
     "log": "Log",
 }
-READING = "reading ..."
-WIDE = 110
-"""Columns from which on parameters are a table."""
+READING_TEXT = "loading ..."
+MIN_TABLE_WIDTH = 110
+"""Minimum width of the screen for a table of parameters."""
 
 
 @dataclass(frozen=True)
 class SweepDetails:
-    """What the database has of a sweep."""
+    """A sweep with all its data in the database."""
 
     sweep: StoredSweep
     result: Result | None
@@ -46,51 +47,51 @@ class SweepDetails:
     latest: RunSummary | None
 
 
-class Section(VerticalScroll):
-    """Text that may be longer than the screen."""
+class TextSection(VerticalScroll):
+    """Text that can be scrolled."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("j", "scroll_down", "down", show=False, id="section.down", tooltip="a line down"),
-        Binding("k", "scroll_up", "up", show=False, id="section.up", tooltip="a line up"),
-        Binding("g", "scroll_home", "top", show=False, id="section.top", tooltip="to the top"),
-        Binding("G", "scroll_end", "end", show=False, id="section.end", tooltip="to the end"),
+        Binding("j", "scroll_down", "down", show=False, id="section.down", tooltip="scroll down"),
+        Binding("k", "scroll_up", "up", show=False, id="section.up", tooltip="scroll up"),
+        Binding("g", "scroll_home", "top", show=False, id="section.top", tooltip="scroll to the top"),
+        Binding("G", "scroll_end", "end", show=False, id="section.end", tooltip="scroll to the end"),
     ]
 
     def compose(self) -> ComposeResult:
-        """Show that there will be something."""
-        yield Static(READING)
+        """Show that it is loading."""
+        yield Static(READING_TEXT)
 
-    def put(self, *parts: RenderableType) -> None:
-        """Show texts and tables, one below the other."""
+    def show_parts(self, *parts: RenderableType) -> None:
+        """Show texts and tables below each other."""
         self.query_one(Static).update(Group(*parts))
 
 
-class Pane(TabPane):
-    """A section's place, which is not turned to by the focus: that follows the section, and may be late."""
+class SectionPane(TabPane):
+    """The pane of a section, which the focus does not activate: it follows the section, and may be late."""
 
     def on_descendant_focus(self, event: DescendantFocus) -> None:
-        """Leave out what the toolkit does."""
+        """Prevent that Textual activates the pane."""
         event.prevent_default()
 
 
-class SweepPage(CuratingPage):
-    """All that is known of one sweep."""
+class SweepPage(TaggingPage):
+    """A sweep with all its sections."""
 
     PLACE: ClassVar[str] = "sweeps"
     HELP: ClassVar[str] = """
-One sweep: one estimate of one experiment. Digits lead to its sections. Parameters tell their unit and where a value \
-is from: the study's grid, the study or its machine, a default, or another parameter. Provenance tells whether the \
-plugins that computed it are still the same.
+A sweep is one estimate of one experiment. Digits open its sections. Parameters show the unit and the origin of each \
+value: the grid of the study, the study or its machine, a default, or another parameter. Provenance shows whether the \
+plugins that computed the sweep have changed since.
 """
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("space", "mark", "mark", id="sweep.mark", tooltip="mark the sweep, or take its mark away"),
-        Binding("c", "compare", "compare", id="sweep.compare", tooltip="compare it with the marked sweeps"),
+        Binding("space", "mark", "mark", id="sweep.mark", tooltip="mark or unmark the sweep"),
+        Binding("c", "compare", "compare", id="sweep.compare", tooltip="compare with the marked sweeps"),
         *(
             Binding(str(index), f"section('{name}')", title, show=False, id=f"sweep.{name}", tooltip=f"section {title}")
             for index, (name, title) in enumerate(SECTIONS.items(), 1)
         ),
         Binding("right_square_bracket", "turn(1)", "section", id="sweep.next", tooltip="next section"),
-        Binding("left_square_bracket", "turn(-1)", "back", show=False, id="sweep.before", tooltip="section before"),
+        Binding("left_square_bracket", "turn(-1)", "back", show=False, id="sweep.before", tooltip="previous section"),
     ]
     DEFAULT_CSS = """
     SweepPage #top { height: auto; max-height: 10; }
@@ -100,76 +101,81 @@ plugins that computed it are still the same.
     SweepPage.-wide.-high #bode.-drawn { display: block; }
     SweepPage TabbedContent { height: 1fr; }
     SweepPage TabPane { padding: 0 1; }
-    SweepPage Section { height: 1fr; }
+    SweepPage TextSection { height: 1fr; }
     """
 
     def __init__(self, key: str) -> None:
         super().__init__()
         self.key = key
         self._found: SweepDetails | None = None
-        self._parameters: list[Resolved] = []
+        self._parameters: list[ResolvedParameter] = []
 
     def body(self) -> ComposeResult:
-        """Show a summary, a small plot where there is room, and sections."""
+        """Show a summary, a small plot if there is room, and the sections."""
         from fraexp.tui.plotting.plot_stack import BodeView
 
         with Horizontal(id="top"):
-            yield Static(READING, id="summary")
+            yield Static(READING_TEXT, id="summary")
             yield BodeView(id="bode")
         with TabbedContent():
             for index, (name, title) in enumerate(SECTIONS.items(), 1):
-                with Pane(f"{index} {title}", id=name):
-                    yield PointsTable() if name == "points" else Section(id=f"{name}-text")
+                with SectionPane(f"{index} {title}", id=name):
+                    yield PointsTable() if name == "points" else TextSection(id=f"{name}-text")
 
     def current(self) -> str:
         """Return the sweep's key."""
         return self.key
 
-    def chosen(self) -> list[str]:
-        """Return this sweep alone: others are not seen here."""
+    def selected_keys(self) -> list[str]:
+        """Return this sweep only, as no others are visible."""
         return [self.key]
 
-    def gone(self) -> None:
-        """Leave: the sweep is not there any more."""
+    def handle_deletion(self) -> None:
+        """Close the screen of the deleted sweep."""
         self.action_back()
 
     async def load(self) -> None:
-        """Read the sweep, show it, and then what its plugins tell."""
-        self.heading = f"sweep {short(self.key)}"
+        """Read the sweep and show it, then its parameters and sources."""
+        self.heading = f"sweep {short_key(self.key)}"
         self._command()
-        found = await self.fetch(self.app.desk.read(self._read), self._lost)
+        found = await self.fetch(self.app.backend.read(self._read), self._show_loss)
         if found is None or found == self._found:
             return
-        self.tell()
-        self._rest(True)
+        self.show_notice()
+        self._show_content(True)
         self._found = found
         self._show(found)
         await self._show_points(found)
         await self._show_parameters(found)
 
     def _read(self, store: Store) -> SweepDetails:
-        from fraexp.views.origin import runs_of
+        from fraexp.views.origin import computing_and_latest_run
 
         sweep, before = store.find(self.key), self._found
         if before and before.sweep == sweep:
-            return before  # nothing that is shown has changed
+            return before  # nothing visible has changed
+        results = store.results([sweep.key])
+        (sweep,) = mark_damaged([sweep], results)
         return SweepDetails(
-            sweep, store.results([sweep.key]).get(sweep.key), store.log(sweep.key), *runs_of(store, sweep)
+            sweep,
+            results.get(sweep.key),
+            store.log(sweep.key),
+            *computing_and_latest_run(store, sweep),
         )
 
-    def _lost(self, text: str) -> None:
-        self._rest(False)
+    def _show_loss(self, text: str) -> None:
+        self._show_content(False)
         self._found = None
-        self.tell_error(text)
+        self.show_error(text)
 
-    def _rest(self, shown: bool) -> None:
+    def _show_content(self, shown: bool) -> None:
         self.query_one("#top").display = self.query_one(TabbedContent).display = shown
 
     def _show(self, found: SweepDetails) -> None:
-        self.query_one("#summary", Static).update(_summary(found.sweep))
-        self.query_one("#result-text", Section).put(*_result_parts(found.result))
+        self.query_one("#summary", Static).update(_summary_text(found.sweep))
+        self.query_one("#result-text", TextSection).show_parts(*_result_parts(found.result))
         log = [printable(line) for line in found.log.splitlines()]
-        self.query_one("#log-text", Section).put(Text("\n".join(log) or "There is no log: the attempt did not fail."))
+        self.query_one("#log-text", TextSection).show_parts(Text("\n".join(log) or "no log, as the sweep did not fail"))
 
     async def _show_points(self, found: SweepDetails) -> None:
         from fraexp.tui.plotting.plot_stack import BodeView
@@ -180,21 +186,21 @@ plugins that computed it are still the same.
         self.query_one(TabbedContent).get_tab("points").disabled = response is None
         bode.set_class(response is not None, "-drawn")
         if response is None:
-            table.put([], [])
+            table.show_points([], [])
             return
-        bode.show([(short(self.key), response)])
-        columns, rows, _ = await self.here(self.app.desk.work(lambda _: response_table(response, None)))
-        table.put(columns, rows)
+        bode.show([(short_key(self.key), response)])
+        columns, rows, _ = await self.wait_for(self.app.backend.work(lambda _: response_table(response, None)))
+        table.show_points(columns, rows)
 
     async def _show_parameters(self, found: SweepDetails) -> None:
-        from fraexp.views.origin import provenance_fields, sources_now
+        from fraexp.views.origin import provenance_fields, source_states
 
         sweep = found.sweep
-        rows, sources = await self.here(
-            self.app.desk.work(
+        rows, sources = await self.wait_for(
+            self.app.backend.work(
                 lambda workspace: (
                     resolved_parameters(sweep, workspace.registry),
-                    sources_now(sweep, workspace.registry),
+                    source_states(sweep, workspace.registry),
                 )
             )
         )
@@ -202,35 +208,35 @@ plugins that computed it are still the same.
         self._put_parameters()
         run, latest = found.computed_by, found.latest
         parts: list[RenderableType] = [Text("computed by", style="bold")]
-        parts += [_pairs(provenance_fields(run))] if run else [Text("  a run that is not in the database any more")]
+        parts += [_pair_table(provenance_fields(run))] if run else [Text("  a run that was deleted")]
         if latest and (run is None or latest.number != run.number):
             parts += [Text(f"latest in run {latest.number} of {printable(latest.study)}: {found.sweep.state}")]
-        cells = [[of.component, of.distribution, of.source_hash, of.now] for of in sources]
+        cells = [[of.component, of.distribution, of.source_hash, of.status] for of in sources]
         parts += [Text("\ncomponents", style="bold"), _table(["component", "from", "source", "now"], cells)]
         parts += [Text(f"\nkey {sweep.key}")]
-        self.query_one("#provenance-text", Section).put(*parts)
+        self.query_one("#provenance-text", TextSection).show_parts(*parts)
 
     def _put_parameters(self) -> None:
-        rows, section = self._parameters, self.query_one("#parameters-text", Section)
-        if self.size.width < WIDE:
-            section.put(*(line for row in rows for line in _parameter_lines(row)))
+        rows, section = self._parameters, self.query_one("#parameters-text", TextSection)
+        if self.size.width < MIN_TABLE_WIDTH:
+            section.show_parts(*(line for row in rows for line in _parameter_lines(row)))
             return
         cells = [[row.path, row.value, row.unit, row.origin, row.meaning] for row in rows]
-        section.put(_table(["parameter", "value", "unit", "from", "meaning"], cells, bold=1))
+        section.show_parts(_table(["parameter", "value", "unit", "from", "meaning"], cells, bold=1))
 
     def on_resize(self) -> None:
-        """Show parameters as there is room for them."""
+        """Show parameters as a table or as lines, as the width allows."""
         if self._parameters:
             self._put_parameters()
 
     def _command(self) -> None:
         section = self.query_one(TabbedContent).active
-        self.command = f"fraexp show {short(self.key)}" + (" --points" if section == "points" else "")
+        self.command = f"fraexp show {short_key(self.key)}" + (" --points" if section == "points" else "")
 
     def on_tabbed_content_tab_activated(self, event: TabbedContent.TabActivated) -> None:
-        """Let keys scroll the section that is seen now."""
+        """Focus the visible section, so that keys scroll it."""
         self._command()
-        inside = event.pane.query("PointsTable, Section")
+        inside = event.pane.query("PointsTable, TextSection")
         if inside and event.pane.id == event.tabbed_content.active:
             inside.first().focus()
 
@@ -241,15 +247,15 @@ plugins that computed it are still the same.
             tabs.active = name
 
     def action_turn(self, step: int) -> None:
-        """Show the next section, or the one before."""
+        """Show the next or previous section."""
         tabs = self.query_one(TabbedContent)
         names = [name for name in SECTIONS if not tabs.get_tab(name).disabled]
         tabs.active = names[(names.index(tabs.active) + step) % len(names)]
 
     def action_mark(self) -> None:
-        """Mark the sweep, or take its mark away."""
+        """Mark or unmark the sweep."""
         self.app.marks.toggle(self.key)
-        self.head()
+        self.show_header()
 
     def action_compare(self) -> None:
         """Compare the sweep with the marked ones."""
@@ -257,14 +263,14 @@ plugins that computed it are still the same.
         self.app.action_place("compare")
 
 
-def _summary(sweep: StoredSweep) -> Text:
+def _summary_text(sweep: StoredSweep) -> Text:
     text = Text(state_text(sweep), style="bold")
     for label, value in sweep.labels.items():
         text.append(f"\n{printable(label)} = {printable(label_text(value))}", style="none")
     if sweep.created:
-        text.append(f"\ncomputed {moment(sweep.created)} in {duration(sweep.elapsed)}", style="none")
-    told = {"message": sweep.message, "remedy": sweep.outcome.value if sweep.outcome else ""}
-    told |= {"tags": " ".join(sweep.tags), "note": sweep.note}
+        text.append(f"\ncomputed {timestamp_text(sweep.created)} in {duration_text(sweep.elapsed)}", style="none")
+    told = {"tags": " ".join(sweep.tags), "note": sweep.note}  # before the message, which may be long
+    told |= {"message": sweep.message, "remedy": sweep.outcome.value if sweep.outcome else ""}
     for name, value in told.items():
         if value:
             text.append(f"\n{name} ", style="bold")
@@ -272,7 +278,7 @@ def _summary(sweep: StoredSweep) -> Text:
     return text
 
 
-def _parameter_lines(row: Resolved) -> Iterable[RenderableType]:
+def _parameter_lines(row: ResolvedParameter) -> Iterable[RenderableType]:
     text = Text(f"{printable(row.path)} = ")
     text.append(printable(f"{row.value} {row.unit}".rstrip()), style="bold")
     text.append(f"  from {printable(row.origin)}" if row.origin else "", style="dim")
@@ -285,11 +291,11 @@ def _result_parts(result: Result | None) -> Iterable[RenderableType]:
     from fraexp.views.result_rows import FIT_COLUMNS, curve_text, fit_rows, fit_section, metric_fields
 
     if result is None:
-        yield Text("There is no result; the summary above and the log tell why.")
+        yield Text("no result; the summary above and the log show the reason")
         return
     if result.metrics:
         yield Text("metrics", style="bold")
-        yield _pairs(metric_fields(result))
+        yield _pair_table(metric_fields(result))
     for fit in result.fits:
         yield Text(f"\nfit of the {printable(fit.kind)}", style="bold")
         yield _table(FIT_COLUMNS, fit_rows(fit))
@@ -300,10 +306,10 @@ def _result_parts(result: Result | None) -> Iterable[RenderableType]:
     if result.numerics:
         yield Text(f"\nnumerics {printable(result.numerics)}")
     if result.response is not None and not result.fits:
-        yield Text("\nA plant model is fitted to the response by: fraexp fit KEY")
+        yield Text("\nTo fit a plant model to the response: fraexp fit KEY")
 
 
-def _pairs(pairs: Sequence[tuple[str, str]]) -> Table:
+def _pair_table(pairs: Sequence[tuple[str, str]]) -> Table:
     return _table(None, [[f"  {name}", value] for name, value in pairs if value])
 
 

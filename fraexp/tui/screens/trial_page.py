@@ -1,10 +1,11 @@
-"""Trying a friction model: its force loop and describing function, redrawn while its parameters are typed."""
+"""A trial of a friction model: force loop and describing function, redrawn as its parameters are edited."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 from rich.text import Text
 from textual import on
 from textual.app import ComposeResult
@@ -15,60 +16,68 @@ from textual.widgets import Input, Static
 
 from fraexp.components.kinds import FrictionModel
 from fraexp.components.parameters import unit_of
-from fraexp.figures.elements.labels import printable
-from fraexp.tui.page import Page, shortened
-from fraexp.tui.plotting.panels import SmallPlot, scaled
+from fraexp.data.terminal_text import printable
+from fraexp.tui.page import Page, shorten
+from fraexp.tui.plotting.panels import SmallPlot, prefixed_text
 from fraexp.tui.services.plugin_watch import PluginsChanged
-from fraexp.views.entries import ParameterEntry, entries, example, told, written
-from fraexp.views.law_trial import STUDY, ForceLoop, Sine, Trial, overrides
+from fraexp.views.entries import ParameterEntry, apply_texts, example_spec, parameter_entries, without_defaults
+from fraexp.views.law_trial import TRIAL_STUDY, ForceLoop, LawTrial, SineMotion, trial_overrides
 from fraexp.workspace.workspace import Workspace
 
-PAUSE = 0.1
-"""Seconds without a key before the law is tried."""
-SHARE = 0.05
-"""Share by which up and down change a number."""
-MOTION = "excitation."
-"""Begin of the paths that are the motion's."""
-OWN = "friction."
-"""Begin of the paths that are the model's."""
+TRIAL_DELAY_S = 0.1
+"""Seconds without a key before the law is evaluated."""
+STEP_FRACTION = 0.05
+"""Fraction by which up and down change a number."""
+MOTION_PREFIX = "excitation."
+"""Prefix of the paths of the motion."""
+MODEL_PREFIX = "friction."
+"""Prefix of the paths of the model."""
 
 
 @dataclass(frozen=True)
-class Form:
-    """What can be written: the model in plain data, its parameters and those of the motion."""
+class TrialForm:
+    """The editable values: the model in plain data, its parameters and those of the motion."""
 
-    base: Mapping[str, Any]
+    base: Mapping[str, object]
     entries: tuple[ParameterEntry, ...]
 
     @classmethod
-    def of(cls, name: str, workspace: Workspace) -> "Form":
+    def of(cls, name: str, workspace: Workspace) -> "TrialForm":
         """Return the form of a friction model, with sensible values."""
         registry = workspace.registry
-        component = registry.supply(FrictionModel.kind, name).component
-        base = example(component, registry)
-        own = [ParameterEntry(OWN + one.path, one.info, one.text) for one in entries(component, base, registry)]
+        component = registry.provider(FrictionModel.kind, name).component
+        base = example_spec(component, registry)
+        own = [
+            ParameterEntry(MODEL_PREFIX + one.path, one.info, one.text)
+            for one in parameter_entries(component, base, registry)
+        ]
         motion = [
-            ParameterEntry(MOTION + one.path, one.info, one.text) for one in entries(Sine, Sine().plain(), registry)
+            ParameterEntry(MOTION_PREFIX + one.path, one.info, one.text)
+            for one in parameter_entries(SineMotion, SineMotion().plain(), registry)
         ]
         return cls(base, (*own, *motion))
 
-    def read(self, texts: Mapping[str, str], workspace: Workspace) -> tuple[dict[str, Any], Sine, list[str]]:
-        """Return model, motion, and what a study is to be told for them; FraexpError if the motion is none."""
+    def read(self, texts: Mapping[str, str], workspace: Workspace) -> tuple[dict[str, object], SineMotion, list[str]]:
+        """Return model, motion, and the overrides of a study for them; FraexpError if the motion is invalid."""
         registry = workspace.registry
-        own = {path.removeprefix(OWN): text for path, text in texts.items() if path.startswith(OWN)}
-        motion = {path.removeprefix(MOTION): text for path, text in texts.items() if path.startswith(MOTION)}
-        sine = Sine.parse(written({}, motion), MOTION[:-1])
-        spec = written(self.base, own)
-        component = registry.supply(FrictionModel.kind, str(spec["name"])).component
-        return spec, sine, overrides(told(component, spec, registry), sine)
+        own = {path.removeprefix(MODEL_PREFIX): text for path, text in texts.items() if path.startswith(MODEL_PREFIX)}
+        motion = {
+            path.removeprefix(MOTION_PREFIX): text for path, text in texts.items() if path.startswith(MOTION_PREFIX)
+        }
+        sine = SineMotion.parse(apply_texts({}, motion), MOTION_PREFIX[:-1])
+        spec = apply_texts(self.base, own)
+        component = registry.provider(FrictionModel.kind, str(spec["name"])).component
+        return spec, sine, trial_overrides(without_defaults(component, spec, registry), sine)
 
 
 class NumberInput(Input):
-    """A line for a value, which up and down change."""
+    """An input for a value, which up and down change."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("up", f"move({SHARE})", "more", id="trial.more", tooltip="5 % more, or the next of few values"),
-        Binding("down", f"move(-{SHARE})", "less", id="trial.less", tooltip="5 % less, or the one before"),
+        Binding("up", f"move({STEP_FRACTION})", "more", id="trial.more", tooltip="increase by 5 %, or next choice"),
+        Binding(
+            "down", f"move(-{STEP_FRACTION})", "less", id="trial.less", tooltip="decrease by 5 %, or previous choice"
+        ),
     ]
 
     def __init__(self, entry: ParameterEntry) -> None:
@@ -76,8 +85,8 @@ class NumberInput(Input):
         self.entry = entry
 
     def action_move(self, share: float) -> None:
-        """Change the value by a share of itself."""
-        self.value = self.entry.moved(self.value, share)
+        """Change the value by a fraction of itself."""
+        self.value = self.entry.next_text(self.value, share)
         self.cursor_position = len(self.value)
 
 
@@ -98,7 +107,7 @@ class TrialInput(Horizontal):
         self.entry = entry
 
     def compose(self) -> ComposeResult:
-        """Show them."""
+        """Show name, value and unit."""
         unit = unit_of(self.entry.info)
         yield Static("", classes="wrong")
         yield Static(Text(self.entry.path.rpartition(".")[2]), classes="name")
@@ -107,24 +116,24 @@ class TrialInput(Horizontal):
 
     @property
     def input(self) -> NumberInput:
-        """Where the value stands."""
+        """The input of the value."""
         return self.query_one(NumberInput)
 
     def blame(self, wrong: bool) -> None:
-        """Tell whether the value is what is wrong."""
+        """Mark the value as invalid, or as valid."""
         self.query_one(".wrong", Static).update("!" if wrong else "")
 
 
 class TrialPage(Page):
-    """A friction model to be tried."""
+    """A trial of a friction model."""
 
     PLACE: ClassVar[str] = "plugins"
     HELP: ClassVar[str] = """
-The friction model is driven along y = A sin(2 pi f t) and drawn: its force over the displacement, from rest (dotted)
-and once it repeats itself; and its describing function N(A), the stiffness of the first harmonic over the amplitude, in
-magnitude and phase. 90 degrees is all loss, 0 degrees is all spring. The bar marks the amplitude A.
-Values may have a unit: 45 um. Tab goes on to the next one, up and down change it by 5 %.
-The law is computed in plain Python, at once; the command at the top drives it in the same way, compiled, and stores it.
+The friction model is driven along y = A sin(2 pi f t). The plots show its force over the displacement, from rest
+(dotted) and in steady state, and its describing function N(A), the stiffness of the first harmonic over the amplitude,
+in magnitude and phase. 90 degrees is pure loss, 0 degrees a pure spring. The bar marks the amplitude A.
+Values may have a unit: 45 um. Tab moves to the next value, up and down change it by 5 %.
+The law is evaluated in plain Python; the command at the top computes the same loop compiled, and stores it.
 """
     DEFAULT_CSS = """
     TrialPage #form { width: 34; }
@@ -139,21 +148,21 @@ The law is computed in plain Python, at once; the command at the top drives it i
     TrialPage.-low.-turned #loop { display: none; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("f6", "turn", "plots", id="trial.plots", tooltip="show the other plots, where two fit"),
+        Binding("f6", "turn", "plots", id="trial.plots", tooltip="show the other plots, if only two fit"),
     ]
 
     def __init__(self, name: str) -> None:
         super().__init__()
         self._model = name
-        self._form: Form | None = None
+        self._form: TrialForm | None = None
         self._timer: Timer | None = None
         self._turn = 0
         self._numbers = ""
 
     def body(self) -> ComposeResult:
-        """Show the parameters beside what comes of them."""
+        """Show the parameters beside the plots."""
         self.heading = f"friction {self._model}"
-        self.command = f"fraexp run {STUDY}"
+        self.command = f"fraexp run {TRIAL_STUDY}"
         with Horizontal():
             with Vertical(id="form"):
                 yield VerticalScroll(id="fields", can_focus=False)
@@ -166,13 +175,15 @@ The law is computed in plain Python, at once; the command at the top drives it i
                 yield SmallPlot("phase of N [deg] over amplitude [m]", x_decades=True, id="phase")
 
     async def load(self) -> None:
-        """Make the form, once; what is tried does not depend on the database."""
+        """Build the form once, as the trial does not depend on the database."""
         if self._form is None:
-            await self._make()
+            await self._build()
 
-    async def _make(self) -> None:
-        """Make the form anew, and keep what was written in fields that are still there."""
-        form = await self.fetch(self.app.desk.work(lambda workspace: Form.of(self._model, workspace)), self._complain)
+    async def _build(self) -> None:
+        """Build the form again, and keep the texts of fields that still exist."""
+        form = await self.fetch(
+            self.app.backend.work(lambda workspace: TrialForm.of(self._model, workspace)), self._show_fault
+        )
         if form is None:
             return
         kept = self._texts()
@@ -192,61 +203,61 @@ The law is computed in plain Python, at once; the command at the top drives it i
         return {field.entry.path: field.input.value for field in self.query(TrialInput)}
 
     @on(PluginsChanged)
-    def _loaded_anew(self) -> None:
-        self.run_worker(self._make(), group="load", exclusive=True)
+    def _handle_reload(self) -> None:
+        self.run_worker(self._build(), group="load", exclusive=True)
 
     @on(Input.Changed)
-    def _typed(self) -> None:
+    def _handle_input(self) -> None:
         if self._timer:
             self._timer.stop()
-        self._timer = self.set_timer(PAUSE, self._try)
+        self._timer = self.set_timer(TRIAL_DELAY_S, self._try)
 
     @on(Input.Submitted)
     def _next(self) -> None:
         self.focus_next(NumberInput)
 
     def on_descendant_focus(self) -> None:
-        """Tell what the parameter is whose turn it is."""
+        """Show the hint of the focused parameter."""
         if isinstance(self.focused, NumberInput):
             entry = self.focused.entry
             self.query_one("#hint", Static).update(Text(printable(f"{entry.path}: {entry.hint}")))
 
     def _try(self) -> None:
         self._turn += 1
-        self.run_worker(self._tried(self._turn, self._texts()), group="trial", exclusive=True)
+        self.run_worker(self._run_trial(self._turn, self._texts()), group="trial", exclusive=True)
 
-    async def _tried(self, turn: int, texts: Mapping[str, str]) -> None:
-        """Try the law with what is written: the loop first, then the describing function."""
+    async def _run_trial(self, turn: int, texts: Mapping[str, str]) -> None:
+        """Evaluate the law: the loop first, then the describing function."""
         form = self._form
         if form is None:
             return
 
-        def begin(workspace: Workspace) -> tuple[Trial, ForceLoop, str]:
+        def begin(workspace: Workspace) -> tuple[LawTrial, ForceLoop, str]:
             spec, sine, told = form.read(texts, workspace)
-            trial = Trial(spec, sine, workspace.registry)
-            return trial, trial.loop(), workspace.command(STUDY, told)
+            trial = LawTrial(spec, sine, workspace.registry)
+            return trial, trial.loop(), workspace.command(TRIAL_STUDY, told)
 
-        found = await self.fetch(self.app.desk.work(begin), self._complain)
+        found = await self.fetch(self.app.backend.work(begin), self._show_fault)
         if found is None:
             return
         trial, loop, self.command = found
-        self._complain("")
+        self._show_fault("")
         self._show_loop(trial, loop)
-        wanted = self.app.desk.work(lambda _: trial.describing_function(lambda: self._turn == turn))
-        described = await self.fetch(wanted, self._complain)
+        wanted = self.app.backend.work(lambda _: trial.describing_function(lambda: self._turn == turn))
+        described = await self.fetch(wanted, self._show_fault)
         if described is not None and self._turn == turn:
             self._show_describing(trial, *described)
 
-    def _complain(self, text: str) -> None:
-        """Tell what is wrong, and by which value."""
-        self.query_one("#wrong", Static).update(Text(printable(shortened(text))))
-        self.query_one("#numbers", Static).update(Text(f"before: {self._numbers}" if text else self._numbers))
-        named = [field for field in self.query(TrialInput) if _names(text, field.entry.path)]
+    def _show_fault(self, text: str) -> None:
+        """Show an error, and mark the value that it names."""
+        self.query_one("#wrong", Static).update(Text(printable(shorten(text))))
+        self.query_one("#numbers", Static).update(Text(f"previous: {self._numbers}" if text else self._numbers))
+        named = [field for field in self.query(TrialInput) if _is_named(text, field.entry.path)]
         worst = max(named, key=lambda field: len(field.entry.path), default=None)
         for field in self.query(TrialInput):
             field.blame(field is worst)
 
-    def _show_loop(self, trial: Trial, loop: ForceLoop) -> None:
+    def _show_loop(self, trial: LawTrial, loop: ForceLoop) -> None:
         factor, unit = (1e3, "mm") if trial.sine.amplitude >= 1e-3 else (1e6, "um")
         panel = self.query_one("#loop", SmallPlot)
         panel.draw(
@@ -254,14 +265,16 @@ The law is computed in plain Python, at once; the command at the top drives it i
             dotted=[(factor * loop.virgin[0], loop.virgin[1])],
             title=f"force [N] over displacement [{unit}]",
         )
-        value = loop.describing
+        value = loop.describing_function
         phase = f", {round(np.degrees(np.angle(value)), 1) + 0.0:.1f} deg" if value else ""
-        stiffness, energy = scaled(abs(value), "N/m"), scaled(loop.energy, "J")
-        drift = "" if loop.closed else "; it does not repeat itself: the law drifts"
+        stiffness, energy = prefixed_text(abs(value), "N/m"), prefixed_text(loop.energy, "J")
+        drift = "" if loop.is_periodic else "; not periodic: the law drifts"
         self._numbers = f"N {stiffness}{phase}, {energy}/cycle{drift}"
         self.query_one("#numbers", Static).update(Text(self._numbers))
 
-    def _show_describing(self, trial: Trial, amplitudes: np.ndarray, values: np.ndarray) -> None:
+    def _show_describing(
+        self, trial: LawTrial, amplitudes: NDArray[np.float64], values: NDArray[np.complex128]
+    ) -> None:
         known = np.abs(values) > 0
         x, here = np.log10(amplitudes[known]), float(np.log10(trial.sine.amplitude))
         self.query_one("#magnitude", SmallPlot).draw([(x, np.log10(np.abs(values[known])))], bar=here)
@@ -272,8 +285,8 @@ The law is computed in plain Python, at once; the command at the top drives it i
         self.toggle_class("-turned")
 
 
-def _names(text: str, path: str) -> bool:
-    """Return whether a complaint names a parameter: in whole, or by its last part."""
+def _is_named(text: str, path: str) -> bool:
+    """Return whether an error names a parameter, by its path or the last part of it."""
     words = text.replace("'", " ").replace(":", " ").replace(",", " ").replace(";", " ").split()
-    inner = path.removeprefix(OWN).removeprefix(MOTION)
+    inner = path.removeprefix(MODEL_PREFIX).removeprefix(MOTION_PREFIX)
     return any(word == inner or word.endswith(f".{inner}") or path.endswith(f".{word}") for word in words)

@@ -1,1 +1,1 @@
-"""What screens ask and rely on: the database, settings, keys, watches."""
+"""Services of the screens: database access, settings, keys, and watches."""

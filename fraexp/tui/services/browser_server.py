@@ -1,4 +1,4 @@
-"""The terminal UI in a browser: a session of ``fraexp tui`` for each page, for those who have the token."""
+"""A web server for the terminal UI: a session of ``fraexp tui`` for each page, protected by a token."""
 
 import asyncio
 import hmac
@@ -18,28 +18,28 @@ from textual_serve.server import Server
 
 from fraexp.errors import FraexpError
 
-COOKIE = "fraexp"
-POLICY = (
+COOKIE_NAME = "fraexp"
+CONTENT_POLICY = (
     "default-src 'self'; script-src 'self' 'unsafe-inline'; style-src 'self' 'unsafe-inline'; "
     "img-src 'self' data:; connect-src 'self'; frame-ancestors 'none'"
 )
-"""What a page may load: nothing from other places, also not the letters that the template asks for there."""
-PATIENCE = 5.0
-"""Seconds that a session may take to quit."""
-DENIED = "This fraexp wants a token: open the address that 'fraexp serve' has printed, with its token at the end.\n"
+"""What a page may load: nothing from other hosts, not even the fonts that the template requests."""
+QUIT_TIMEOUT_S = 5.0
+"""Maximum seconds that a session may take to quit."""
+DENIED_TEXT = "fraexp: token required. Open the address that 'fraexp serve' has printed, including its token.\n"
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
 def is_local(host: str) -> bool:
-    """Return whether an address is reached from this machine alone."""
+    """Return whether an address can be reached from this machine only."""
     try:
         return host == "localhost" or ipaddress.ip_address(host.strip("[]")).is_loopback
     except ValueError:
         return False
 
 
-class Door:
-    """Who may enter: whoever has the token, from a page of this server."""
+class AccessGuard:
+    """Middleware that admits requests with the token, from pages of this server."""
 
     def __init__(self, host: str, token: str) -> None:
         self._host = host
@@ -47,52 +47,58 @@ class Door:
 
     @web.middleware
     async def check(self, request: web.Request, handler: Handler) -> web.StreamResponse:
-        """Answer a request, or refuse it."""
-        if not self._named(request.host) or not self._own(request):
-            return web.Response(status=403, text="This is not the address that 'fraexp serve' has printed.\n")
+        """Answer a request, or reject it."""
+        if not self._is_own_host(request.host) or not self._is_own_page(request):
+            return web.Response(
+                status=403, text="fraexp: unknown address. Open the address that 'fraexp serve' has printed.\n"
+            )
         given = request.query.get("token", "")
-        if not self._fits(given or request.cookies.get(COOKIE, "")):
-            return web.Response(status=403, text=DENIED)
+        if not self._is_token(given or request.cookies.get(COOKIE_NAME, "")):
+            return web.Response(status=403, text=DENIED_TEXT)
         if given and request.path == "/":
-            entered = web.HTTPFound("/")  # the token stays neither in the address bar nor in the history
-            entered.set_cookie(COOKIE, given, httponly=True, samesite="Strict")
+            entered = web.HTTPFound("/")  # so that the token is neither in the address bar nor in the history
+            entered.set_cookie(COOKIE_NAME, given, httponly=True, samesite="Strict")
             return entered
         return await handler(request)
 
-    def _fits(self, token: str) -> bool:
+    def _is_token(self, token: str) -> bool:
         return hmac.compare_digest(token.encode(), self._token.encode())
 
-    def _named(self, host: str) -> bool:
-        """Return whether the browser asked for this server by its own name, not by one that was bent to it."""
+    def _is_own_host(self, host: str) -> bool:
+        """Return whether the request names this server itself, not a host name that was rebound to its address."""
         name = urlsplit(f"//{host}").hostname or ""
         return name == self._host or is_local(name) or not is_local(self._host)
 
-    def _own(self, request: web.Request) -> bool:
-        """Return whether it is a page of this server that asks: others may open web sockets, too."""
+    def _is_own_page(self, request: web.Request) -> bool:
+        """Return whether the request comes from a page of this server, as other pages can open web sockets too."""
         origin = request.headers.get("Origin")
         return origin is None or urlsplit(origin).netloc == request.host
 
 
 class FraexpServer(Server):
-    """A server of terminal sessions behind a door."""
+    """A server of terminal sessions that are protected by a token.
+
+    textual-serve has no public hook for middleware and for the end of a session: `_make_app`, `_process_messages` and
+    the session's `_process` are its private members, which tests/tui/test_toolkit.py watches.
+    """
 
     def __init__(self, command: Sequence[str], host: str, port: int, token: str) -> None:
         super().__init__(shlex.join(command), host, port, title="fraexp")
-        self._door = Door(host, token)
+        self._guard = AccessGuard(host, token)
         self._address = f"{self.public_url}/?token={token}"
 
     def initialize_logging(self) -> None:
-        """Log what fails, without the requests, in which the token stands."""
+        """Log failures, but not requests, which contain the token."""
         logging.basicConfig(level=logging.ERROR, format="%(message)s")
 
     async def _make_app(self) -> web.Application:
         app = await super()._make_app()
-        app.middlewares.append(self._door.check)
-        app.on_response_prepare.append(_guarded)
+        app.middlewares.append(self._guard.check)
+        app.on_response_prepare.append(_add_security_headers)
         return app
 
     async def handle_index(self, request: web.Request) -> Any:
-        """Return the page, with addresses as the browser sees this server: its port may be forwarded."""
+        """Return the page, with the address under which the browser sees this server: its port may be forwarded."""
         self.public_url = f"{request.scheme}://{request.host}"
         return await super().handle_index(request)
 
@@ -101,50 +107,52 @@ class FraexpServer(Server):
             await super()._process_messages(websocket, app_service)
         finally:
             await app_service.stop()
-            await _ended(app_service._process)
+            await _wait_for_exit(app_service._process)
 
     async def on_startup(self, app: web.Application) -> None:
-        """Tell the address."""
-        print(f"fraexp is at {self._address}", flush=True)
-        print("Ctrl-C ends the sessions; runs go on", file=sys.stderr, flush=True)
+        """Print the address."""
+        print(f"fraexp is served at {self._address}", flush=True)
+        print("Ctrl-C ends all sessions; runs continue", file=sys.stderr, flush=True)
 
 
-async def _ended(process: asyncio.subprocess.Process | None) -> None:
-    """Wait for a session that was asked to quit, and end it if it does not: none outlives its page or the server."""
+async def _wait_for_exit(process: asyncio.subprocess.Process | None) -> None:
+    """Wait for a stopped session, and kill it after a timeout: none outlives its page or the server."""
     if process is None:
         return
     try:
-        await asyncio.wait_for(process.wait(), PATIENCE)
+        await asyncio.wait_for(process.wait(), QUIT_TIMEOUT_S)
     except TimeoutError:
         process.kill()
         await process.wait()
 
 
-async def _guarded(request: web.Request, response: web.StreamResponse) -> None:
-    response.headers["Content-Security-Policy"] = POLICY
+async def _add_security_headers(request: web.Request, response: web.StreamResponse) -> None:
+    response.headers["Content-Security-Policy"] = CONTENT_POLICY
     response.headers["Referrer-Policy"] = "no-referrer"
 
 
 def serve(command: Sequence[str], host: str, port: int, remote: bool, token: str) -> None:
-    """Serve until interrupted; FraexpError if the address is not to be had, or open to others without being asked."""
+    """Serve until interrupted; FraexpError if the address is unavailable, or public without ``--remote``."""
     if not is_local(host) and not (remote and token):
         raise FraexpError(
-            f"serve: others can reach {host}, and whoever comes in acts as you; "
-            "if that is wanted give --remote and a --token of 16 characters or more"
+            f"serve: other machines can reach {host}, and act with your rights; "
+            "to allow this, give --remote and a --token of at least 16 letters and digits"
         )
     if token and (len(token) < 16 or not token.isascii() or not token.isalnum()):
-        raise FraexpError("serve: the token is weak; expected 16 letters and digits or more, or none to have one made")
+        raise FraexpError(
+            "serve: the token is too weak; expected at least 16 letters and digits, or no --token for a random one"
+        )
     _check_free(host, port)
     FraexpServer(command, host, port, token or secrets.token_hex(16)).serve()
 
 
 def _check_free(host: str, port: int) -> None:
     if not 0 < port < 65536:
-        raise FraexpError(f"serve: {port} is no port; expected 1 to 65535, such as --port 8000")
+        raise FraexpError(f"serve: invalid port {port}; expected 1 to 65535, such as --port 8000")
     try:
         family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         with socket.socket(family[0]) as trial:
             trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             trial.bind(family[4])
     except OSError as error:
-        raise FraexpError(f"serve: {host}:{port} cannot be used ({error.strerror}); give another --port") from None
+        raise FraexpError(f"serve: {host}:{port} cannot be used ({error.strerror}); choose another --port") from None

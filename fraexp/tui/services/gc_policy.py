@@ -1,30 +1,30 @@
-"""When garbage is collected: full rounds look at all there is, which takes tenths of a second that keys would wait."""
+"""The time of garbage collection: a full collection takes tenths of a second, for which keys would wait."""
 
 import gc
 import time
 
-QUIET = 1.0
-"""Seconds without a key after which nobody is typing."""
-FIRST, NEVER = 20_000, 1_000_000
-"""New objects, and rounds over those, after which a round is made."""
+TYPING_PAUSE_S = 1.0
+"""Seconds without a key after which the user is not typing."""
+ALLOCATION_THRESHOLD, FULL_ROUND_THRESHOLD = 20_000, 1_000_000
+"""Allocations until a collection of new objects, and collections until a full one."""
 
 
-def put_off() -> None:
-    """Leave full rounds to `Collector`; they cost the start a quarter of a second, too."""
-    gc.set_threshold(FIRST, 10, NEVER)
+def postpone_full_collections() -> None:
+    """Leave full collections to `GarbageCollector`; at the start they would take a quarter of a second."""
+    gc.set_threshold(ALLOCATION_THRESHOLD, 10, FULL_ROUND_THRESHOLD)
 
 
-class Collector:
-    """Full rounds while nobody types."""
+class GarbageCollector:
+    """Full garbage collections while the user is not typing."""
 
     def __init__(self) -> None:
-        self._typed = 0.0
+        self._last_key = 0.0
 
-    def typed(self) -> None:
-        """Take notice of a key."""
-        self._typed = time.monotonic()
+    def note_key(self) -> None:
+        """Note the time of a key."""
+        self._last_key = time.monotonic()
 
-    def look(self) -> None:
-        """Make a round, if nobody is typing."""
-        if time.monotonic() - self._typed > QUIET:
+    def collect_if_idle(self) -> None:
+        """Collect garbage, unless the user is typing."""
+        if time.monotonic() - self._last_key > TYPING_PAUSE_S:
             gc.collect()

@@ -1,4 +1,4 @@
-"""Looking at the plugins folder: files that are added, mended or broken while the terminal UI is open."""
+"""A watch on the plugins folder: files that are added, changed or removed while the terminal UI is open."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,17 +9,17 @@ from textual.message import Message
 if TYPE_CHECKING:
     from fraexp.workspace.workspace import Workspace
 
-Stamp = tuple[int, int]
+FileStamp = tuple[int, int]
 """Time of the last change [ns] and size of a file."""
 
 
 class PluginsChanged(Message):
-    """Plugins have been loaded anew."""
+    """Plugins have been reloaded."""
 
 
 @dataclass(frozen=True)
-class Change:
-    """What happened to a file, and what is wrong with it now."""
+class PluginChange:
+    """A change of a file, and why it fails to load now."""
 
     file: str
     what: str
@@ -28,11 +28,11 @@ class Change:
 
     def __str__(self) -> str:
         """One line."""
-        return f"plugins/{self.file} {self.what}" + (f"; it is broken: {self.reason}" if self.reason else "")
+        return f"plugins/{self.file} {self.what}" + (f"; it failed to load: {self.reason}" if self.reason else "")
 
 
-class PluginsWatch:
-    """The files of a workspace's plugins folder as they were when it was last looked at."""
+class PluginWatch:
+    """The files of a plugins folder as they were at the last poll."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -45,19 +45,19 @@ class PluginsWatch:
         found = {name: what for name, what in found.items() if before.get(name) != self._seen[name]}
         return found | {name: "removed" for name in before if name not in self._seen}
 
-    def _stamps(self) -> dict[str, Stamp]:
+    def _stamps(self) -> dict[str, FileStamp]:
         stamps = {}
         try:
             for file in self._folder.glob("*.py"):
                 state = file.stat()
                 stamps[file.name] = (state.st_mtime_ns, state.st_size)
-        except OSError:  # gone between two looks; the next one will see
+        except OSError:  # deleted while polling; the next poll finds out
             return stamps
         return stamps
 
 
-def loaded_anew(workspace: "Workspace", changes: dict[str, str]) -> list[Change]:
-    """Load the plugins as they are now, and return what has become of the files that changed."""
+def reload_plugins(workspace: "Workspace", changes: dict[str, str]) -> list[PluginChange]:
+    """Reload the plugins, and return the state of the changed files."""
     workspace.reload()
     broken = {failure.file.name: failure.reason for failure in workspace.registry.failures if failure.file}
-    return [Change(name, what, broken.get(name, "")) for name, what in changes.items()]
+    return [PluginChange(name, what, broken.get(name, "")) for name, what in changes.items()]

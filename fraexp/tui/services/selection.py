@@ -1,9 +1,9 @@
-"""The sweeps that a user has marked, on whatever screen, in the order of marking."""
+"""The sweeps that the user has marked on any screen, in the order of marking."""
 
 from collections.abc import Iterable, Iterator
 
 
-class Marks:
+class Selection:
     """Keys of marked sweeps."""
 
     def __init__(self) -> None:
@@ -19,7 +19,7 @@ class Marks:
         return len(self._keys)
 
     def toggle(self, key: str) -> bool:
-        """Mark a sweep, or take its mark away; return whether it is marked now."""
+        """Mark or unmark a sweep; return whether it is marked now."""
         if key in self._keys:
             del self._keys[key]
             return False
@@ -31,10 +31,10 @@ class Marks:
         self._keys |= dict.fromkeys(keys)
 
     def remove(self, keys: Iterable[str]) -> None:
-        """Take the marks of sweeps away."""
+        """Unmark sweeps."""
         for key in keys:
             self._keys.pop(key, None)
 
     def clear(self) -> None:
-        """Take all marks away."""
+        """Unmark all sweeps."""
         self._keys.clear()

@@ -1,4 +1,4 @@
-"""What running each study would do, worked out by a process of its own: to resolve all of them takes seconds."""
+"""The survey of all studies in a separate process, as resolving them takes seconds."""
 
 import json
 import os
@@ -9,34 +9,36 @@ from contextlib import suppress
 from dataclasses import asdict
 
 from fraexp.errors import FraexpError
-from fraexp.views.study import Surveyed, survey
+from fraexp.views.study import StudySurvey, survey_studies
 from fraexp.workspace.workspace import Workspace
+from fraexp.workspace.workspace_folder import DATABASE_VARIABLE
 
 
-class Surveyor:
-    """Another process that looks at the studies of a workspace, one after another."""
+class SurveyProcess:
+    """A process that surveys the studies of a workspace, one after another."""
 
     def __init__(self, workspace: Workspace) -> None:
-        self._arguments = workspace.place()
+        self._folder, self._environment = str(workspace.folder.absolute()), workspace.location_environment()
         self._process: subprocess.Popen[str] | None = None
         self._stopped = False
 
-    def survey(self, tell: Callable[[Surveyed], object], first: Iterable[str] = ()) -> None:
-        """Tell of each study as soon as it is known; to be called in a thread, which `stop` ends."""
-        place = (text.partition("=")[2] for text in self._arguments)
-        command = [sys.executable, "-m", __name__, *place, *first]
-        quiet = subprocess.DEVNULL
-        with subprocess.Popen(command, stdin=quiet, stdout=subprocess.PIPE, stderr=quiet, text=True) as process:
+    def survey(self, tell: Callable[[StudySurvey], object], first: Iterable[str] = ()) -> None:
+        """Call `tell` with the survey of each study; runs in a thread, which `stop` ends."""
+        command = [sys.executable, "-m", __name__, self._folder, *first]
+        quiet, environment = subprocess.DEVNULL, os.environ | self._environment
+        with subprocess.Popen(
+            command, stdin=quiet, stdout=subprocess.PIPE, stderr=quiet, text=True, env=environment
+        ) as process:
             self._process = process
             if self._stopped:
                 process.kill()
             for line in process.stdout or ():
                 if not self._stopped:
-                    with suppress(ValueError, TypeError):  # a plugin may have printed it
-                        tell(Surveyed(**json.loads(line)))
+                    with suppress(ValueError, TypeError):  # a line that a plugin has printed
+                        tell(StudySurvey(**json.loads(line)))
 
     def stop(self) -> None:
-        """End the process, if there is one, and let none begin."""
+        """Kill the process, and prevent that another one starts."""
         self._stopped = True
         process, self._process = self._process, None
         if process and process.poll() is None:
@@ -45,13 +47,13 @@ class Surveyor:
 
 def main() -> None:
     """Print a line of JSON for each study of a workspace."""
-    folder, database, *first = sys.argv[1:]
-    os.nice(5)  # whatever runs comes first
-    workspace = Workspace.open(folder, database)
-    for found in survey(workspace, workspace.catalogue(), first):
+    folder, *first = sys.argv[1:]
+    os.nice(5)  # running studies have priority
+    workspace = Workspace.open(folder, os.environ[DATABASE_VARIABLE])
+    for found in survey_studies(workspace, workspace.catalogue(), first):
         print(json.dumps(asdict(found)), flush=True)
 
 
 if __name__ == "__main__":
-    with suppress(BrokenPipeError, KeyboardInterrupt, FraexpError):  # a database that cannot be read: the page tells
+    with suppress(BrokenPipeError, KeyboardInterrupt, FraexpError):  # the page reports an unreadable database
         main()

@@ -1,17 +1,17 @@
-"""Noticing that the terminal is gone: where no signal ends the program, nothing it reads or writes would."""
+"""A watch that ends the program when its terminal is gone and no signal has ended it."""
 
 import os
 import sys
 import threading
 
-LOOK = 1.0
-"""Seconds between two looks at the terminal."""
-HUNG_UP = 129
-"""Exit code of a program that a lost line has ended."""
+POLL_INTERVAL_S = 1.0
+"""Seconds between two polls of the terminal."""
+HANGUP_EXIT_CODE = 129
+"""Exit code of a program that was ended by a hangup."""
 
 
-def gone(file: int) -> bool:
-    """Return whether what was a terminal is none any more."""
+def is_gone(file: int) -> bool:
+    """Return whether a file descriptor is no longer a terminal."""
     try:
         return not os.isatty(file)
     except OSError:
@@ -19,19 +19,19 @@ def gone(file: int) -> bool:
 
 
 def end_with_terminal() -> None:
-    """End the program when its terminal is gone, from a thread: the others wait to write to it, or are busy reading.
+    """End the program when its terminal is gone, from a thread, as the others block on the terminal.
 
-    Nothing is lost: runs are processes of their own, and a change of the database that is not complete is undone.
+    Nothing is lost: runs are separate processes, and incomplete transactions are rolled back.
     """
     stream = sys.__stdin__
     if stream is None or not stream.isatty():
-        return  # a browser's session: whoever serves it ends it
+        return  # a session in a browser, which the server ends
     file = stream.fileno()
 
     def look() -> None:
         pause = threading.Event()
-        while not pause.wait(LOOK):
-            if gone(file):
-                os._exit(HUNG_UP)
+        while not pause.wait(POLL_INTERVAL_S):
+            if is_gone(file):
+                os._exit(HANGUP_EXIT_CODE)
 
     threading.Thread(target=look, name="terminal", daemon=True).start()

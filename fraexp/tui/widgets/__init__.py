@@ -1,1 +1,1 @@
-"""What screens are made of: tables, forms, lines to type in."""
+"""The widgets of the screens: tables, forms and inputs."""

@@ -1,4 +1,4 @@
-"""A form as one widget: its lines are drawn, and only the one that is written in is an input."""
+"""A form as one widget: all lines are drawn as text, and an input covers the edited one."""
 
 from collections.abc import Sequence
 
@@ -14,34 +14,34 @@ from textual.suggester import SuggestFromList
 from textual.widget import Widget
 from textual.widgets import Input
 
-from fraexp.figures.elements.labels import printable
+from fraexp.data.terminal_text import printable
 from fraexp.tui.services.launch_form import FieldGroup, FormField
 
-PATH, UNIT = 36, 12
-"""Widths of the columns beside the text."""
-HINTS = 110
-"""Width from which on the meanings stand beside the units."""
+PATH_WIDTH, UNIT_WIDTH = 36, 12
+"""Widths of the columns beside the value."""
+MIN_HINT_WIDTH = 110
+"""Minimum width of the form to show the meanings beside the units."""
 
 
-class Written:
-    """The texts of a form's fields, by path, where they are not as at first, and what is wrong with them."""
+class FormDraft:
+    """The changed values of a form, and their faults, by path."""
 
     def __init__(self) -> None:
         self.changes: dict[str, str] = {}
         self.faults: dict[str, str] = {}
 
     def text(self, field: FormField) -> str:
-        """Return what stands in a field."""
+        """Return the current text of a field."""
         return self.changes.get(field.path, field.text)
 
 
 class FieldLines(Widget):
-    """The drawn lines."""
+    """The lines of a form, drawn as text."""
 
     DEFAULT_CSS = "FieldLines { height: auto; width: 1fr; }"
     COMPONENT_CLASSES = {"lines--title", "lines--dim", "lines--wrong"}  # noqa: RUF012 (as Textual declares it)
 
-    def __init__(self, written: Written) -> None:
+    def __init__(self, written: FormDraft) -> None:
         super().__init__()
         self.written = written
         self.rows: list[FormField | str] = []
@@ -71,22 +71,22 @@ class FieldLines(Widget):
         content, after = self.written.text(field), self.hint_width
         shown = content or (f"({field.instead})" if field.instead else "")
         style = self._style("wrong") if wrong else Style(bold=True) if changed else Style()
-        line = _cell(f"{mark} {field.path}", PATH, style)
+        line = _cell(f"{mark} {field.path}", PATH_WIDTH, style)
         line.append_text(_cell(shown, self.text_width, style if content else self._style("dim")))
-        line.append_text(_cell(f" {field.unit if field.unit != '1' else ''}", UNIT, self._style("dim")))
+        line.append_text(_cell(f" {field.unit if field.unit != '1' else ''}", UNIT_WIDTH, self._style("dim")))
         if after:
             line.append_text(_cell(field.hint, after, self._style("dim")))
         return line
 
     @property
     def hint_width(self) -> int:
-        """Cells for the meanings; none in a narrow terminal."""
-        return (self.size.width - PATH - UNIT) // 2 if self.size.width >= HINTS else 0
+        """Width of the meanings; 0 in a narrow terminal."""
+        return (self.size.width - PATH_WIDTH - UNIT_WIDTH) // 2 if self.size.width >= MIN_HINT_WIDTH else 0
 
     @property
     def text_width(self) -> int:
-        """Cells for what is written."""
-        return max(self.size.width - PATH - UNIT - self.hint_width, 8)
+        """Width of the values."""
+        return max(self.size.width - PATH_WIDTH - UNIT_WIDTH - self.hint_width, 8)
 
 
 def _cell(text: str, width: int, style: Style) -> Text:
@@ -95,16 +95,16 @@ def _cell(text: str, width: int, style: Style) -> Text:
     return cell
 
 
-class Line(Input):
-    """The line that is written in."""
+class FieldInput(Input):
+    """The input over the edited line."""
 
-    def _on_paste(self, event: events.Paste) -> None:
-        """Take all lines of what is pasted: a list may stand in several."""
+    def on_paste(self, event: events.Paste) -> None:
+        """Join pasted lines, as a list may span several."""
         event.text = " ".join(line.strip() for line in event.text.splitlines())
 
 
 class FieldList(VerticalScroll, can_focus=False, inherit_bindings=False):
-    """A form's lines, with an input over the one that is chosen."""
+    """The lines of a form, with an input over the chosen one."""
 
     DEFAULT_CSS = """
     FieldList { height: 1fr; }
@@ -115,22 +115,22 @@ class FieldList(VerticalScroll, can_focus=False, inherit_bindings=False):
     """
 
     class Chosen(Message):
-        """A line is to be written in."""
+        """A line was chosen for editing."""
 
         def __init__(self, field: FormField) -> None:
             super().__init__()
             self.field = field
 
-    def __init__(self, written: Written) -> None:
+    def __init__(self, written: FormDraft) -> None:
         super().__init__()
         self.written = written
         self.field: FormField | None = None
-        """The one that is written in."""
+        """The edited field."""
 
     def compose(self) -> ComposeResult:
-        """Draw the lines, and an input that is moved over them."""
+        """Yield the lines, and the input that moves over them."""
         yield FieldLines(self.written)
-        yield Line(compact=True, select_on_focus=False)
+        yield FieldInput(compact=True, select_on_focus=False)
 
     @property
     def fields(self) -> list[FormField]:
@@ -138,7 +138,7 @@ class FieldList(VerticalScroll, can_focus=False, inherit_bindings=False):
         return [row for row in self.query_one(FieldLines).rows if isinstance(row, FormField)]
 
     def show(self, groups: Sequence[FieldGroup]) -> None:
-        """Show the fields of a form; the input stays at its path."""
+        """Show the fields of a form; the input stays on its field."""
         lines, path = self.query_one(FieldLines), self.field.path if self.field else ""
         lines.rows = []
         for group in groups:
@@ -153,7 +153,7 @@ class FieldList(VerticalScroll, can_focus=False, inherit_bindings=False):
         self.query_one(FieldLines).refresh()
 
     def choose(self, field: FormField) -> None:
-        """Write in a field from now on."""
+        """Edit a field."""
         line = self.query_one(Input)
         self.field = field
         with self.prevent(Input.Changed):
@@ -166,7 +166,7 @@ class FieldList(VerticalScroll, can_focus=False, inherit_bindings=False):
         self.post_message(self.Chosen(field))
 
     def leave(self) -> None:
-        """Write in none."""
+        """Stop editing."""
         self.field = None
         self._place()
 
@@ -179,16 +179,16 @@ class FieldList(VerticalScroll, can_focus=False, inherit_bindings=False):
         line, lines = self.query_one(Input), self.query_one(FieldLines)
         line.display = self.field is not None
         if self.field is not None:
-            line.styles.offset = (PATH, lines.rows.index(self.field))
+            line.styles.offset = (PATH_WIDTH, lines.rows.index(self.field))
             line.styles.width = lines.text_width
             self.see(self.field)
 
     def on_resize(self) -> None:
-        """Put the input where its line is now."""
+        """Move the input to the new place of its line."""
         self.call_after_refresh(self._place)
 
     def on_click(self, event: events.Click) -> None:
-        """Write in the line that is clicked."""
+        """Edit the clicked line."""
         lines = self.query_one(FieldLines)
         row = event.screen_y - lines.region.y
         if event.widget is lines and 0 <= row < len(lines.rows):

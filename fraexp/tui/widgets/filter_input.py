@@ -1,4 +1,4 @@
-"""The line in which a filter is written: it completes the names of fields, and some values."""
+"""The input of a sweep filter, which completes field names and some values."""
 
 from collections.abc import Iterable, Mapping
 from typing import ClassVar
@@ -10,27 +10,27 @@ from textual.widgets import Input
 from fraexp.data.results import Outcome
 from fraexp.store.queries.filters import OPERATORS
 
-EXAMPLE = "estimator=proposed excitation.amplitude>=12 state:failed tag:baseline"
-VALUES = {
-    "state": ("computed", "failed", "pending", "reused"),
+FILTER_EXAMPLE = "estimator=effective_input excitation.amplitude>=12 state:unusable tag:baseline"
+FIELD_VALUES = {
+    "state": ("computed", "failed", "pending", "reused", "unusable"),
     "outcome": tuple(outcome.name.lower() for outcome in Outcome),
 }
 
 
-class Fields(Suggester):
+class FieldSuggester(Suggester):
     """Completes the last term of a filter."""
 
     def __init__(self) -> None:
         super().__init__(use_cache=False, case_sensitive=True)
         self.names: Iterable[str] = ()
-        self.values: Mapping[str, Iterable[str]] = VALUES
+        self.values: Mapping[str, Iterable[str]] = FIELD_VALUES
 
     def know(self, names: Iterable[str], tags: Iterable[str]) -> None:
-        """Take note of the fields and tags that there are."""
-        self.names, self.values = tuple(names), {**VALUES, "tag": tuple(tags)}
+        """Set the known fields and tags."""
+        self.names, self.values = tuple(names), {**FIELD_VALUES, "tag": tuple(tags)}
 
     async def get_suggestion(self, value: str) -> str | None:
-        """Return the filter with its last term completed; None if nothing fits."""
+        """Return the filter with its last term completed; None without a match."""
         term = value.rpartition(" ")[2]
         sign = next((sign for sign in OPERATORS if sign in term), "")
         if sign:
@@ -43,19 +43,23 @@ class Fields(Suggester):
 
 
 class SweepFilter(Input):
-    """One line; Tab or → takes what is offered, Enter and ↓ go to the table."""
+    """The input; Tab or → accepts the completion, Enter and ↓ move to the table."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("tab", "take", "complete", id="filter.take", tooltip="take the name that is offered"),
+        Binding("tab", "take", "complete", id="filter.take", tooltip="accept the completion"),
     ]
 
     def __init__(self) -> None:
-        self.fields = Fields()
-        super().__init__(placeholder=f"/ filter: {EXAMPLE}", suggester=self.fields, compact=True, select_on_focus=False)
+        self.fields = FieldSuggester()
+        super().__init__(
+            placeholder=f"/ filter: {FILTER_EXAMPLE}", suggester=self.fields, compact=True, select_on_focus=False
+        )
 
-    def action_take(self) -> None:
-        """Take what is offered, or go on to the table."""
-        if self._suggestion and self._suggestion != self.value:
-            self.action_cursor_right()
-        else:
+    async def action_take(self) -> None:
+        """Accept the completion, or move to the table."""
+        offered = await self.fields.get_suggestion(self.value)
+        if offered is None:
             self.screen.focus_next()
+        else:
+            self.value = offered
+            self.cursor_position = len(offered)

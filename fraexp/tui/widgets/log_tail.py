@@ -1,45 +1,45 @@
-"""The end of a log, as it grows."""
+"""The end of a growing log file."""
 
 from pathlib import Path
 
 from textual.widgets import Log
 
-from fraexp.figures.elements.labels import printable
+from fraexp.data.terminal_text import printable
 
-LINES = 200
-"""Lines that are kept."""
-END = 65_536
-"""Bytes from the end at which reading begins."""
+MAX_LINES = 200
+"""Maximum number of lines kept."""
+TAIL_BYTES = 65_536
+"""Bytes before the end at which reading begins."""
 
 
 class LogTail(Log):
-    """The last lines of a file that another process writes; what could command the terminal is written out."""
+    """The last lines of a file that another process writes, free of terminal control sequences."""
 
     DEFAULT_CSS = """
     LogTail { height: 1fr; border-top: solid $panel-lighten-2; padding: 0 1; scrollbar-size-horizontal: 0; }
     """
 
     def __init__(self) -> None:
-        super().__init__(max_lines=LINES)
+        super().__init__(max_lines=MAX_LINES)
         self._file: Path | None = None
         self._read = 0
         self._rest = b""
         self.last = ""
-        """The last line that says something."""
+        """The last line that is not blank."""
 
     def show(self, title: str) -> None:
-        """Say what log it is, or why there is none."""
+        """Show the title: the path of the log, or why there is none."""
         self.border_title = printable(title).replace("[", r"\[")
 
     def follow(self, file: Path) -> None:
-        """Show what the file says, and what has been added since it was last looked at."""
+        """Show the end of the file, and lines added since the last call."""
         if file != self._file:
             self._file, self._read, self._rest = file, 0, b""
             self.clear()
         try:
             with file.open("rb") as stream:
                 size = stream.seek(0, 2)
-                self._read = max(self._read, size - END) if self._read <= size else 0
+                self._read = max(self._read, size - TAIL_BYTES) if self._read <= size else 0
                 stream.seek(self._read)
                 text = stream.read()
         except OSError as error:

@@ -1,4 +1,4 @@
-"""A table of which only the page that is seen exists: the database sorts, filters and counts the rest."""
+"""Tables that hold only the visible page; the database sorts, filters and counts the rest."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -14,36 +14,36 @@ from textual.message import Message
 from textual.reactive import reactive
 from textual.widgets import DataTable
 
+from fraexp.data.terminal_text import printable
 from fraexp.errors import FraexpError
-from fraexp.figures.elements.labels import printable
-from fraexp.tui.dialogs import Ask, Confirm
-from fraexp.tui.page import PAGE, Page
-from fraexp.views.listing import GAP, Column, fitted, listing_columns
+from fraexp.tui.dialogs import ConfirmDialog, InputDialog
+from fraexp.tui.page import TABLE_GROUP, Page
+from fraexp.views.listing import COLUMN_GAP, Column, fit_columns, listing_columns
 
 if TYPE_CHECKING:
     from fraexp.tui.app import FraexpApp
 
-MARK = "✓"
-UP, DOWN = "▲", "▼"
-NEAR = 4
-"""Names that are offered in place of one that there is not."""
-MANY = 50
-"""More sweeps than these are marked only if that is confirmed."""
-WHEEL = 3
+MARK_SIGN = "✓"
+ASCENDING_SIGN, DESCENDING_SIGN = "▲", "▼"
+MAX_SUGGESTIONS = 4
+"""Maximum number of names suggested for an unknown one."""
+MAX_UNCONFIRMED_MARKS = 50
+"""Maximum number of sweeps marked without confirmation."""
+WHEEL_ROWS = 3
 """Rows by which the mouse wheel moves the cursor."""
 
 
 class TableRows:
-    """One page: the keys of its rows, its columns, and how many rows there are in all."""
+    """One page: the keys of its rows, its columns, and the total number of rows."""
 
     def __init__(self, keys: tuple[str, ...], columns: list[Column], total: int) -> None:
         self.keys, self.columns, self.total = keys, columns, total
 
 
 class PagedTable(DataTable[Text]):
-    """Shows as many rows as fit; the cursor turns the page at its edges, and stays on its row when others come or go.
+    """A table page by page; the cursor turns the page at its edges, and stays on its row when others come or go.
 
-    A subclass says in `ask` where rows come from. The widget's last line tells which rows are seen, or what is wrong.
+    A subclass defines in `fetch_rows` where rows come from. The last line shows which rows are seen, or an error.
     """
 
     DEFAULT_CSS = """
@@ -54,18 +54,18 @@ class PagedTable(DataTable[Text]):
     PagedTable.-error { border-subtitle-color: $text-error; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("enter", "select_cursor", "open", id="table.open", tooltip="open what is under the cursor"),
+        Binding("enter", "select_cursor", "open", id="table.open", tooltip="open the selected row"),
         Binding("down,j", "cursor_down", "down", show=False, id="table.down", tooltip="next row"),
-        Binding("up,k", "cursor_up", "up", show=False, id="table.up", tooltip="row before"),
+        Binding("up,k", "cursor_up", "up", show=False, id="table.up", tooltip="previous row"),
         Binding("pagedown,right,l", "page_down", "page", show=False, id="table.next", tooltip="next page"),
-        Binding("pageup,left,h", "page_up", "page back", show=False, id="table.before", tooltip="page before"),
-        Binding("g,home,ctrl+home", "scroll_top", "first", show=False, id="table.first", tooltip="first row of all"),
-        Binding("G,end,ctrl+end", "scroll_bottom", "last", show=False, id="table.last", tooltip="last row of all"),
+        Binding("pageup,left,h", "page_up", "page back", show=False, id="table.before", tooltip="previous page"),
+        Binding("g,home,ctrl+home", "scroll_top", "first", show=False, id="table.first", tooltip="first row"),
+        Binding("G,end,ctrl+end", "scroll_bottom", "last", show=False, id="table.last", tooltip="last row"),
     ]
     app: "FraexpApp"
 
     class Shown(Message):
-        """A page is shown, or could not be had."""
+        """A page is shown, or could not be read."""
 
         def __init__(self, total: int, error: str) -> None:
             super().__init__()
@@ -74,37 +74,37 @@ class PagedTable(DataTable[Text]):
     def __init__(self) -> None:
         super().__init__(cursor_type="row", zebra_stripes=True)
         self.total = 0
-        """Rows in all."""
+        """Total number of rows."""
         self.keys: tuple[str, ...] = ()
-        """Those of the rows that are seen."""
-        self._first = 0  # place of the first row that is seen, or that will be when it has been read
-        self._at = 0  # the cursor's place among all rows, once what is being read is there
+        """Keys of the visible rows."""
+        self._first = 0  # offset of the first visible row, once it has been read
+        self._at = 0  # offset of the cursor, once its page has been read
         self._turning = False
         self._drawn: object = None
 
-    async def ask(self, first: int, most: int) -> TableRows:
-        """Return rows from a place on; FraexpError says why that cannot be."""
+    async def fetch_rows(self, first: int, most: int) -> TableRows:
+        """Return rows from an offset; FraexpError if they cannot be read."""
         raise NotImplementedError
 
     @property
     def key(self) -> str | None:
-        """Key of the row under the cursor; None if there is none."""
+        """Key of the row under the cursor; None without rows."""
         return self.keys[self.cursor_row] if 0 <= self.cursor_row < len(self.keys) else None
 
     @property
     def page_rows(self) -> int:
-        """How many rows fit."""
+        """Number of rows that fit."""
         return max(1, self.size.height - self.header_height)
 
     def reload(self) -> None:
-        """Read the page again; the cursor stays on its row, and at the top if it is there."""
+        """Read the page again; the cursor stays on its row, or at the top."""
         if self._turning:
-            return  # something newer is on its way
+            return  # a newer page is being read
         stays = self._place() == 0
         self._start(self._first, None if stays else self.key)
 
     def restart(self) -> None:
-        """Read from the beginning: there are other rows now, or another order."""
+        """Read from the beginning, after a change of the rows or their order."""
         self._first = self._at = 0
         self._turning = True
         self._start(0, None)
@@ -113,7 +113,7 @@ class PagedTable(DataTable[Text]):
         return self._at if self._turning else self._first + self.cursor_row
 
     def _go(self, place: int, first: int | None = None) -> None:
-        """Put the cursor at a place among all rows, and turn the page if it is not on this one."""
+        """Move the cursor to an offset, and turn the page if necessary."""
         place = min(max(place, 0), max(self.total - 1, 0))
         rows = self.page_rows
         if first is None:
@@ -129,25 +129,25 @@ class PagedTable(DataTable[Text]):
 
     def _start(self, first: int, key: str | None) -> None:
         reading: Callable[[], object] = partial(self._read, first, key)
-        self.run_worker(reading, group=PAGE, exclusive=True)
+        self.run_worker(reading, group=TABLE_GROUP, exclusive=True)
 
     async def _read(self, first: int, key: str | None) -> None:
-        """Read a page, and put the cursor on a key if one is given and still there."""
+        """Read a page, and put the cursor on a key if it is given and still exists."""
         if not self.size.height:
             self._turning = False
-            return  # not laid out yet: what fits is not known until it is
+            return  # the layout, and thus the number of rows, is not known yet
         try:
-            rows = await self.ask(first, self.page_rows)
-            if not rows.keys and rows.total:  # rows have gone
+            rows = await self.fetch_rows(first, self.page_rows)
+            if not rows.keys and rows.total:  # rows were deleted
                 first = max(rows.total - self.page_rows, 0)
-                rows = await self.ask(first, self.page_rows)
-            if key and key not in rows.keys and rows.total != self.total:  # others came or went before it
+                rows = await self.fetch_rows(first, self.page_rows)
+            if key and key not in rows.keys and rows.total != self.total:  # rows before it were added or deleted
                 moved = max(first + rows.total - self.total, 0)
-                other = await self.ask(moved, self.page_rows)
+                other = await self.fetch_rows(moved, self.page_rows)
                 first, rows = (moved, other) if key in other.keys else (first, rows)
         except FraexpError as error:
             self._turning = False
-            self.tell_error(str(error))
+            self.show_error(str(error))
             self.post_message(self.Shown(self.total, str(error)))
             return
         row = rows.keys.index(key) if key in rows.keys else self._place() - first
@@ -157,7 +157,7 @@ class PagedTable(DataTable[Text]):
 
     def _show(self, rows: TableRows, row: int) -> None:
         self.total, self.keys = rows.total, rows.keys
-        columns = fitted(rows.columns, self.size.width - 1 - GAP)
+        columns = fit_columns(rows.columns, self.size.width - 1 - COLUMN_GAP)
         marked = [self.is_marked(key) for key in rows.keys]
         wanted = (rows.keys, columns, marked)
         if wanted != self._drawn:
@@ -166,7 +166,7 @@ class PagedTable(DataTable[Text]):
         self._drawn = wanted
         if row != self.cursor_row:
             self.move_cursor(row=row)
-        self._tell(self.position())
+        self._show_subtitle(self.position())
 
     def _draw(self, keys: tuple[str, ...], columns: list[tuple[Column, int]], marked: list[bool]) -> None:
         self.clear(columns=True)
@@ -178,23 +178,23 @@ class PagedTable(DataTable[Text]):
             cells = [
                 Text(of.cells[index], justify=_justify(of), no_wrap=True, overflow="ellipsis") for of, _ in columns
             ]
-            self.add_row(Text(MARK if marked[index] else " "), *cells, key=key)
+            self.add_row(Text(MARK_SIGN if marked[index] else " "), *cells, key=key)
 
     def is_marked(self, key: str) -> bool:
-        """Return whether a row has a mark."""
+        """Return whether a row is marked."""
         return key in self.app.marks
 
     def position(self) -> str:
-        """Return which rows are seen."""
+        """Return which rows are visible."""
         if not self.total:
-            return "nothing"
+            return "no rows"
         return f"rows {self._first + 1:,}-{self._first + len(self.keys):,} of {self.total:,}"
 
-    def tell_error(self, text: str) -> None:
-        """Tell what is wrong below the rows that stay."""
-        self._tell(text, error=True)
+    def show_error(self, text: str) -> None:
+        """Show an error below the rows, which stay."""
+        self._show_subtitle(text, error=True)
 
-    def _tell(self, text: str, error: bool = False) -> None:
+    def _show_subtitle(self, text: str, error: bool = False) -> None:
         self.border_subtitle = Text(printable(text))
         self.set_class(error, "-error")
 
@@ -204,116 +204,119 @@ class PagedTable(DataTable[Text]):
         self.reload()
 
     def action_cursor_down(self) -> None:
-        """Move to the next row, on the next page if need be."""
+        """Move to the next row."""
         self._go(self._place() + 1)
 
     def action_cursor_up(self) -> None:
-        """Move to the row before, on the page before if need be."""
+        """Move to the previous row."""
         self._go(self._place() - 1)
 
     def action_page_down(self) -> None:
-        """Turn the page; on the last one go to its end."""
+        """Show the next page; on the last one move to its end."""
         last = self._first + self.page_rows >= self.total
         self._go(self.total if last else self._place() + self.page_rows, self._first + self.page_rows)
 
     def action_page_up(self) -> None:
-        """Turn back; on the first page go to its begin."""
+        """Show the previous page; on the first one move to its beginning."""
         self._go(0 if self._first == 0 else self._place() - self.page_rows, self._first - self.page_rows)
 
     def action_scroll_top(self) -> None:
-        """Go to the first row of all."""
+        """Move to the first row."""
         self._go(0, 0)
 
     def action_scroll_bottom(self) -> None:
-        """Go to the last row of all."""
+        """Move to the last row."""
         self._go(self.total, self.total)
 
     def on_mouse_scroll_down(self, event: events.MouseScrollDown) -> None:
         """Move down by some rows."""
         event.prevent_default().stop()
-        self._go(self._place() + WHEEL)
+        self._go(self._place() + WHEEL_ROWS)
 
     def on_mouse_scroll_up(self, event: events.MouseScrollUp) -> None:
         """Move up by some rows."""
         event.prevent_default().stop()
-        self._go(self._place() - WHEEL)
+        self._go(self._place() - WHEEL_ROWS)
 
 
 def _justify(column: Column) -> Literal["left", "right"]:
-    return "right" if column.right else "left"
+    return "right" if column.right_aligned else "left"
 
 
 class SweepTable(PagedTable):
-    """The sweeps of the database, or of a run, which a filter lets through."""
+    """The sweeps of the database or of a run that match the filter."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("space", "mark", "mark", id="table.mark", tooltip="mark the sweep, or take its mark away"),
-        Binding("a", "mark_all", "all", show=False, id="table.all", tooltip="mark all sweeps that match"),
-        Binding("A", "unmark_all", "unmark", show=False, id="table.unmark", tooltip="take all marks away"),
+        Binding("space", "mark", "mark", id="table.mark", tooltip="mark or unmark the sweep"),
+        Binding("a", "mark_all", "all", show=False, id="table.all", tooltip="mark all matching sweeps"),
+        Binding("A", "unmark_all", "unmark", show=False, id="table.unmark", tooltip="unmark all sweeps"),
         Binding("o", "order", "sort", id="table.order", tooltip="sort by a column, a parameter or a metric"),
-        Binding("O", "turn_order", "turn", show=False, id="table.turn", tooltip="turn the order round"),
+        Binding("O", "turn_order", "reverse", show=False, id="table.turn", tooltip="reverse the order"),
     ]
     filter: reactive[str] = reactive("", init=False)
-    """What sweeps must be like, in the language of `Store.page`."""
+    """Filter in the syntax of `Store.page`."""
     order: reactive[str] = reactive("", init=False)
-    """Field that sorts, with ``-`` before it for falling; empty for newest first, or a run's own order."""
+    """Field to sort by, with ``-`` for descending order; empty for newest first, or the order of the run."""
     running: reactive[Mapping[str, float]] = reactive(dict, init=False)
-    """What is done of the sweeps that are being computed, by key."""
+    """Finished fractions of running sweeps, by key."""
 
     class Opened(Message):
-        """A sweep was chosen."""
+        """A sweep was opened."""
 
         def __init__(self, key: str) -> None:
             super().__init__()
             self.key = key
 
-    def __init__(self, run: int | None = None, tells: bool = True) -> None:
-        """Show a run's sweeps, or all; `tells`: what is wrong with the filter is told here, not by the screen."""
+    def __init__(self, run: int | None = None, shows_errors: bool = True) -> None:
+        """Show the sweeps of a run, or all; `shows_errors` here, such as those of a filter, else the screen does."""
         super().__init__()
-        self.run, self.tells = run, tells
+        self.run, self.shows_errors = run, shows_errors
 
-    async def ask(self, first: int, most: int) -> TableRows:
-        """Return sweeps from a place on."""
+    async def fetch_rows(self, first: int, most: int) -> TableRows:
+        """Return sweeps from an offset."""
         wanted, order, run = self.filter, self.order, self.run
-        page = await self.app.desk.read(lambda store: store.page(wanted, order, first, most, run))
+        page = await self.app.backend.read(lambda store: store.page(wanted, order, first, most, run))
         columns = listing_columns(page.rows, one_run=run is not None, running=self.running)
-        by, sign = self._by.removeprefix("-"), DOWN if self._by.startswith("-") else UP
+        by, sign = (
+            self._applied_order.removeprefix("-"),
+            DESCENDING_SIGN if self._applied_order.startswith("-") else ASCENDING_SIGN,
+        )
         columns = [replace(of, title=f"{of.title} {sign}") if of.order == by else of for of in columns]
         return TableRows(tuple(row.key for row in page.rows), columns, page.total)
 
     @property
-    def _by(self) -> str:
+    def _applied_order(self) -> str:
         return self.order or ("-created" if self.run is None else "position")
 
     def position(self) -> str:
-        """Return which sweeps are seen, and how they are sorted where no column tells."""
+        """Return which sweeps are visible, and how they are sorted unless by default."""
         return f"{super().position()}, by {self.order}" if self.total and self.order else super().position()
 
-    def tell_error(self, text: str) -> None:
-        """Leave it to the screen to tell, if it does."""
-        if self.tells:
-            super().tell_error(text)
+    def show_error(self, text: str) -> None:
+        """Show an error, unless the screen does."""
+        if self.shows_errors:
+            super().show_error(text)
 
     def watch_filter(self) -> None:
-        """Show other sweeps."""
+        """Show the matching sweeps."""
         self.restart()
 
     def watch_order(self) -> None:
-        """Show them in another order."""
+        """Show the sweeps in the new order."""
         self.restart()
 
     def watch_running(self) -> None:
-        """Show how far they are."""
+        """Show the progress of running sweeps."""
         self.reload()
 
     def on_data_table_row_selected(self, event: DataTable.RowSelected) -> None:
-        """Tell which sweep was chosen."""
+        """Post that a sweep was opened."""
         event.stop()
         if self.key:
             self.post_message(self.Opened(self.key))
 
     def on_data_table_header_selected(self, event: DataTable.HeaderSelected) -> None:
-        """Sort by a column; by the same again, the other way round."""
+        """Sort by a column; a second click reverses the order."""
         event.stop()
         name = (event.column_key.value or "").partition(".")[2]
         if name and name == self.order:
@@ -322,67 +325,69 @@ class SweepTable(PagedTable):
             self.order = name
 
     def action_mark(self) -> None:
-        """Mark the sweep, or take its mark away, and go on."""
+        """Mark or unmark the sweep, and move to the next."""
         if self.key:
             self.app.marks.toggle(self.key)
-            self.remark()
+            self.redraw_marks()
             self.action_cursor_down()
 
     async def action_mark_all(self) -> None:
-        """Mark all sweeps that match."""
+        """Mark all matching sweeps."""
         wanted, run = self.filter, self.run
         try:
-            keys = await self.app.desk.read(lambda store: store.keys(wanted, run))
+            keys = await self.app.backend.read(lambda store: store.keys(wanted, run))
         except FraexpError as error:
-            self.tell_error(str(error))
+            self.show_error(str(error))
             return
-        if len(keys) > MANY:
+        if len(keys) > MAX_UNCONFIRMED_MARKS:
             self.app.push_screen(
-                Confirm(f"Mark all {len(keys):,} sweeps?"), lambda yes: self._mark(keys if yes else [])
+                ConfirmDialog(f"Mark all {len(keys):,} sweeps?"), lambda yes: self._mark(keys if yes else [])
             )
         else:
             self._mark(keys)
 
     def _mark(self, keys: list[str]) -> None:
         self.app.marks.add(keys)
-        self.remark()
+        self.redraw_marks()
 
     def action_unmark_all(self) -> None:
-        """Take all marks away."""
+        """Unmark all sweeps."""
         self.app.marks.clear()
-        self.remark()
+        self.redraw_marks()
 
-    def remark(self) -> None:
-        """Show the marks as they are."""
+    def redraw_marks(self) -> None:
+        """Update the marks of the visible rows."""
         for row, key in enumerate(self.keys):
-            mark = MARK if self.is_marked(key) else " "
+            mark = MARK_SIGN if self.is_marked(key) else " "
             if self.get_cell_at(Coordinate(row, 0)).plain != mark:
                 self.update_cell_at(Coordinate(row, 0), Text(mark))
         self._drawn = None
         if isinstance(self.screen, Page):
-            self.screen.head()
+            self.screen.show_header()
 
     async def action_order(self) -> None:
-        """Ask by what to sort."""
+        """Ask for the field to sort by."""
         try:
-            fields = await self.app.desk.read(lambda store: store.fields())
+            fields = await self.app.backend.read(lambda store: store.fields())
         except FraexpError as error:
-            self.tell_error(str(error))
+            self.show_error(str(error))
             return
-        question = "Sort by which column, parameter or metric? With - before it, falling; nothing: as at first"
-        ask = Ask(
-            question, self.order, lambda text: _unknown(text, fields), [*fields, *(f"-{name}" for name in fields)]
+        question = "Sort by which column, parameter or metric? -NAME: descending; empty: default order"
+        ask = InputDialog(
+            question, self.order, lambda text: _field_fault(text, fields), [*fields, *(f"-{name}" for name in fields)]
         )
         self.app.push_screen(ask, lambda text: None if text is None else setattr(self, "order", text.strip()))
 
     def action_turn_order(self) -> None:
-        """Turn the order round."""
-        self.order = self._by[1:] if self._by.startswith("-") else f"-{self._by}"
+        """Reverse the order."""
+        self.order = self._applied_order[1:] if self._applied_order.startswith("-") else f"-{self._applied_order}"
 
 
-def _unknown(text: str, known: Sequence[str]) -> str:
+def _field_fault(text: str, known: Sequence[str]) -> str:
     name = text.strip().removeprefix("-")
     if not name or name in known:
         return ""
-    near = [of for of in known if name.lower() in of.lower()] or get_close_matches(name, known, NEAR)
-    return f"there is no field '{name}'" + (f"; with a name like that: {', '.join(near[:NEAR])}" if near else "")
+    near = [of for of in known if name.lower() in of.lower()] or get_close_matches(name, known, MAX_SUGGESTIONS)
+    return f"there is no field '{name}'" + (
+        f"; with a name like that: {', '.join(near[:MAX_SUGGESTIONS])}" if near else ""
+    )

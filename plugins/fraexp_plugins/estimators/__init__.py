@@ -1,1 +1,1 @@
-"""Built-in estimators."""
+"""Estimators: one component in each module, their helpers in `_shared`."""

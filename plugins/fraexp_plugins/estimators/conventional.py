@@ -1,30 +1,33 @@
 """The conventional FRA method: measured position over control input."""
 
-import numpy as np
+from dataclasses import replace
 
-from fraexp.api import Result, Segment, Signals, param, phasors, response_result
-from fraexp_plugins.estimators.delayed import DelayedEstimator
+from fraexp.api import Result, Signals, param, phasors, response_result
+from fraexp_plugins.estimators._shared.delayed_estimator import PlantReferredEstimator
+from fraexp_plugins.estimators._shared.rounding_band import with_rounding
 
 
-class Conventional(DelayedEstimator, name="conventional", version=1):
+class Conventional(PlantReferredEstimator, name="conventional", version=3):
     """P̂ = y'/u by Fourier sums over whole periods, averaged (paper, Fig 3).
 
-    It answers with the describing function of plant, friction and delays together: with friction it depends on
-    the amplitude. Not to be used as a plant model unless friction is negligible at the amplitude at hand.
+    It estimates the describing function of plant, friction and delays together: with friction the response depends on
+    the amplitude. Do not use it as a plant model unless friction is negligible at that amplitude.
+
+    The rounding error that repeats in every period is taken off as far as several periods show it; the confidence band
+    contains the rest, and noise by the scatter over periods. That of one simulated period follows from its encoder.
     """
 
-    remove_delay: bool = param("", "whether to divide by G_di G_do and the hold, to compare with P(jω)", False)
+    resolution: float = param("m", "quantisation step of the encoder", 0.0, at_least=0, inherit="loop.resolution")
 
     def estimate(self, signals: Signals) -> Result:
-        """Return y'/u, or y'/(G_di G_do u), frequency by frequency."""
+        """Return y'/u, or y'/(G_di G_do u), at each frequency."""
         units = (signals.unit(self.input), signals.unit(self.output))
-        inputs = [phasors(segment, self.input) * self._path(segment) for segment in signals.segments]
+        inputs = [
+            phasors(segment, self.input) * self.path(segment.frequency, segment.sample_time)
+            for segment in signals.segments
+        ]
         outputs = [phasors(segment, self.output) for segment in signals.segments]
-        return response_result(signals, inputs, outputs, names=(self.input, self.output), units=units)
-
-    def _path(self, segment: Segment) -> np.ndarray:
-        """Return what lies between control input and measured position besides the plant, shape (lines,)."""
-        if not self.remove_delay:
-            return np.ones(segment.lines.size)
-        omega = 2 * np.pi * segment.frequency
-        return self.input_path(omega, segment.sample_time) * self.output_path(omega)
+        found = response_result(signals, inputs, outputs, names=(self.input, self.output), units=units)
+        if found.response is None:
+            return found
+        return replace(found, response=with_rounding(found.response, signals.segments, self.output, self.resolution))

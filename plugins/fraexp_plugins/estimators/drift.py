@@ -8,7 +8,7 @@ from fraexp.api import Curve, Estimator, Metric, Result, Signals, param
 class Drift(Estimator, name="drift", version=1):
     """The change of the mean position from the second to the last period (drift test of P. Dupont et al., 2002).
 
-    The first period is left out: in it the machine deflects elastically. doi:10.1109/TAC.2002.1000274.
+    The first period does not count, because the machine deflects elastically in it. doi:10.1109/TAC.2002.1000274.
     """
 
     displacement: str = param("", "channel of the displacement", "displacement")

@@ -1,218 +1,357 @@
-"""The effective control input observer: what of the control input moves the plant once friction is taken off."""
+"""The paper's proposed FRA method: measured position over the effective control input."""
 
-import itertools
-from abc import ABC
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache
+from typing import ClassVar, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fraexp.api import (
-    FrictionModel,
-    Motion,
+    Estimator,
+    FrequencyResponse,
+    Outcome,
+    ParameterError,
+    Result,
     Segment,
     Signals,
-    fourier_sums,
+    circle_factor,
+    degrees_of_freedom,
+    frequency_text,
     param,
-    path_response,
     phasors,
-    spectrum_of,
+    response_result,
 )
-from fraexp_plugins.estimators.conventional import Conventional
-from fraexp_plugins.estimators.delayed import DelayedEstimator
+from fraexp_plugins.estimators._shared.effective_input_observer import EFFECTIVE_INPUT, ObserverEstimator, is_from_rest
+from fraexp_plugins.estimators._shared.encoder_errors import with_error_vectors
+from fraexp_plugins.estimators._shared.hold_images import HoldImages, gain_above_modes, hold_images
+from fraexp_plugins.estimators._shared.model_covariance import inverse_response, outer_parts, with_model_covariance
+from fraexp_plugins.estimators._shared.motion_above_nyquist import PlantAboveModes, UnsampledErrors
+from fraexp_plugins.estimators._shared.parameter_uncertainty import Deviation, check_deviations, perturbations
+from fraexp_plugins.estimators._shared.rounding_band import with_rounding
+from fraexp_plugins.estimators._shared.standstill import HiddenForce, hidden_forces
 
-EFFECTIVE_INPUT = "u_e"
-"""Name of the channel û_e."""
-TABULATED = 4096
-"""Samples of a record up to which the shifts of its Fourier series are kept: many sweeps have the same ones."""
-CLEAR = 3.0
-"""How many standard deviations of its scatter a term of the Fourier series must have to be kept."""
-AT_ONCE = 8192
-"""Frequencies at which the images of sampling are summed at once: a hundred numbers each."""
+DIFFERENCE_STEP_STDS = 2.0
+"""Half width of central differences in standard deviations: about as far as the edge of the confidence band."""
+MAX_STANDSTILL_ERROR = 0.01
+"""Relative error of the response by standstill from which it is not ok."""
+MAX_ENCODER_ERROR = 0.1
+"""Radius of the 95 % circle by noise and rounding, relative to the response, from which it is not ok: beyond, the error
+of û_e is no longer small, and 1/û_e is not linear in it."""
+MAX_SCALE_REDUCTION = 0.9
+"""Largest relative reduction of a scale."""
 
 
-class EffectiveInputEstimator(DelayedEstimator, ABC):
-    """An estimator that knows a friction model: û_e = G_di G_do u - f̂, the observer of eqs (2)-(5).
+class EffectiveInput(ObserverEstimator, name="effective_input", version=4):
+    """P̂ = y'/û_e with û_e = G_di G_do u - f̂: the effective control input observer, eqs (2)-(5).
 
-    The friction model is driven by y' in the time domain, the delays are applied at each frequency. Between its
-    samples y' is interpolated by its Fourier series, which is exact for a periodic response; a friction model fed
-    with the samples alone would miss the peaks by A(1 - cos(ωTs/2)). Terms of the series that the scale's
-    resolution and noise hide are left out: the model would take them for reversals.
+    y' drives the friction model in the time domain; the delays act at each frequency. With the right friction model P̂
+    is P at any amplitude. A wrong one causes the error 1/P̂ - 1/P = N - N̂, which is largest where 1/P is small. Do not
+    use it with a guessed friction model, unless the uncertainty of the guess is stated.
+
+    `method` is the estimator from û_e to y': Fourier sums over whole periods if it is not given. A best linear
+    approximation removes noise, a local polynomial a transient. Both leave the error of the friction model; with the
+    moving axis there is none, because f̂ is a constant there for every model.
+
+    Where friction holds the machine still, its force is not in y', and no observer sees it. The response is compared
+    with the one that follows if friction balances the input there; a difference above 1 % is stated, and is not ok.
+
+    A stated uncertainty of the friction model gives the covariance of 1/P̂ by the error law, with central differences
+    of N̂ along each column of a square root of the parameters' covariance, over two standard deviations on either side
+    if bounds allow it. The confidence band then includes friction.
+
+    Noise and rounding of the encoder act on P̂ through the friction model too: they move its reversals, and hide terms
+    of the motion in all periods alike. Where noise or resolution is stated and the record has several periods, 32
+    simulated repetitions of each measurement give the mean of these errors, which is taken off, and their covariance;
+    the band also contains the mean error itself and that of the interpolation. It is never narrower than the scatter
+    of the periods. The motion above the Nyquist frequency that the friction force causes is taken off and in the band
+    likewise. Where terms that noise partly hides matter more than the band is wide, a message says that it may cover
+    less. A best linear approximation or another `method` has the band of that method. For a record of one
+    period motions are drawn that could have given it; nothing is taken off. An error that may exceed 10 % is not ok.
+
+    The images of the held input are taken off the measured position where they falsify the response by more than the
+    tolerance. Their size follows from the response at the highest frequencies, which should lie above the modes.
     """
 
-    friction: FrictionModel = param("", "friction model FM of the observer", inherit="friction")
-    force_scale: float = param("1", "factor on the model's force, such as 1.1 for a ΣF_m 10 % too large", 1.0, above=0)
-    width_scale: float = param("1", "factor on the model's deflections Y_m, at the same ΣF_m", 1.0, above=0)
-    resolution: float = param("m", "resolution of the scale", 0.0, at_least=0, inherit="loop.resolution")
-    noise: float = param("m", "standard deviation of the scale's noise", 0.0, at_least=0, inherit="loop.noise")
-    interpolation: int = param(
-        "1", "points per sample at which the friction model is driven", 4, at_least=1, at_most=64
+    former_names: ClassVar[tuple[str, ...]] = ("proposed",)
+    renamed: ClassVar[Mapping[str, str]] = {
+        "force_deviation": "force_std",
+        "width_deviation": "displacement_std",
+    }
+
+    method: Estimator | None = param("", "estimator from û_e to y'; Fourier sums if it is not given", None)
+    force_std: float = param("1", "relative standard deviation of the model's force ΣF_m", 0.0, at_least=0, below=1)
+    displacement_std: float = param(
+        "1", "relative standard deviation of the model's deflections Y_m, at the same ΣF_m", 0.0, at_least=0, below=1
+    )
+    deviations: tuple[Deviation, ...] = param(
+        "", "standard deviations of single parameters, such as { parameter = 'curve.coulomb_force', std = 0.5 }", ()
+    )
+    correlation: tuple[tuple[float, ...], ...] = param(
+        "1",
+        "correlation matrix of `deviations`, row by row, as identification gives it; empty if they are independent",
+        (),
     )
 
-    def effective_phasors(self, segments: Sequence[Segment]) -> list[np.ndarray]:
-        """Return the phasors of û_e [N] at the excited lines per segment, each of shape (periods, lines), eq (2)."""
-        if not segments:
-            return []
-        counts = [segment.lines.size for segment in segments]
-        omega = 2 * np.pi * np.concatenate([segment.frequency for segment in segments])
-        times = {segment.sample_time for segment in segments}
-        sample_time = times.pop() if len(times) == 1 else np.repeat([s.sample_time for s in segments], counts)
-        path = self.input_path(omega, sample_time) * self.output_path(omega)
-        viscous = 1j * omega * self.friction.viscous
-        factors = zip(*(np.split(factor, np.cumsum(counts)[:-1]) for factor in (path, viscous)), strict=True)
-        forces = self._friction_phasors(segments)
-        return [
-            delayed * phasors(segment, self.input) - damping * phasors(segment, self.output) - force
-            for segment, (delayed, damping), force in zip(segments, factors, forces, strict=True)
+    def model_post_init(self, context: object) -> None:
+        """Check that the method accepts û_e, and that the friction model has the parameters that deviate."""
+        if self.method is not None and getattr(
+            self.method, "compensates_friction", isinstance(self.method, ObserverEstimator)
+        ):
+            raise ParameterError(
+                f"effective_input.method is {self.method.name}, which compensates friction itself: use it without "
+                "effective_input"
+            )
+        if self.method is not None and "input" not in type(self.method).model_fields:
+            raise ParameterError(
+                f"effective_input.method is {self.method.name}, which has no parameter 'input' for û_e; choose another"
+            )
+        try:
+            check_deviations(self.friction, self.deviations, self.correlation)
+        except ParameterError as error:
+            raise ParameterError(f"effective_input.{error}") from None
+
+    def matched(self, machine: Mapping[str, object]) -> Self:
+        """Return the observer of the machine itself, about which nothing is uncertain."""
+        certain = {"force_std": 0.0, "displacement_std": 0.0, "deviations": (), "correlation": ()}
+        return super().matched(machine).model_copy(update=certain)
+
+    def estimate(self, signals: Signals) -> Result:
+        """Return y'/û_e at each frequency."""
+        if not signals.segments:
+            return Result(signals.outcome, signals.message)
+        observer = self.resolve_oversampling(signals.segments)
+        found = observer._estimate_with_model(signals)
+        images = observer._images_that_matter(signals, found)
+        if images:
+            moved = images.removed_from(signals.segments, self.output)
+            observer, signals = observer.model_copy(update={"relative_degree": 0}), replace(signals, segments=moved)
+            found = observer._estimate_with_model(signals)
+        return observer._completed(signals, found, self.relative_degree)
+
+    def _images_that_matter(self, signals: Signals, found: Result) -> HoldImages | None:
+        """Return the images of the hold in the sampled position, if they are more than the tolerance."""
+        if found.response is None or not (self.zero_order_hold and self.relative_degree):
+            return None
+        if any(is_from_rest(segment) or not segment.periodic for segment in signals.segments):
+            return None
+        images = hold_images(self, signals.segments, found.response)
+        return images if images.error.max(initial=0.0) > self.interpolation_tolerance else None
+
+    def _completed(self, signals: Signals, found: Result, relative_degree: int) -> Result:
+        """Return a result with its uncertainty by encoder and friction model, and checked for standstill."""
+        if found.response is not None and self._encoder_matters(signals):
+            plant = PlantAboveModes(gain_above_modes(found.response, relative_degree), relative_degree)
+            response, weak = self._with_encoder_errors(signals, found.response, plant)
+            found = _check_encoder(replace(found, response=response))
+            found = replace(found, message=_join_messages(found.message, _weak_terms_text(response, weak)))
+        found = self._check_standstill(signals, found)
+        if found.response is None or not self._is_uncertain:
+            return found
+        covariance = self._model_covariance(signals, found.response.frequency.size)
+        return replace(found, response=with_model_covariance(found.response, covariance))
+
+    def _estimate_with_model(self, signals: Signals) -> Result:
+        """Return the response to û_e with this friction model."""
+        if self.method is not None:
+            return self._estimate_by_method(self.method, self.with_effective_input(signals))
+        units = (signals.unit(self.input), signals.unit(self.output))
+        inputs = self.effective_phasors(signals.segments)
+        outputs = [phasors(segment, self.output) for segment in signals.segments]
+        return response_result(signals, inputs, outputs, names=(EFFECTIVE_INPUT, self.output), units=units)
+
+    def _estimate_by_method(self, method: Estimator, signals: Signals) -> Result:
+        """Return the response that the method finds from û_e to y'."""
+        given = {"input": EFFECTIVE_INPUT, "output": self.output, "refer_to_plant": False}
+        fields = type(method).model_fields
+        method = method.model_copy(update={key: value for key, value in given.items() if key in fields})
+        return method.estimate(signals)
+
+    def _check_standstill(self, signals: Signals, found: Result) -> Result:
+        """Return a result that is not ok where standstill hides friction, and that says how far it may be off."""
+        hidden = self._hidden(signals) if found.response else []
+        if found.response is None or not any(hidden):
+            return found
+        with np.errstate(divide="ignore", invalid="ignore"):  # where nothing moves
+            error = self._response_with(signals, hidden, found.response) / found.response.response - 1
+        error = np.where(np.isfinite(error), error, 0.0)
+        if np.abs(error).max() <= MAX_STANDSTILL_ERROR:
+            return found
+        share = max(each.share for each in hidden if each)
+        message = _standstill_message(found.response.frequency, error, share)
+        return _with_doubt(found, message)
+
+    def _hidden(self, signals: Signals) -> list[HiddenForce | None]:
+        return hidden_forces(self, signals.segments)
+
+    def _response_with(
+        self, signals: Signals, hidden: Sequence[HiddenForce | None], found: FrequencyResponse
+    ) -> NDArray[np.complex128]:
+        """Return the response, shape (n,), with the friction force that standstill hides."""
+        pairs = list(zip(signals.segments, hidden, strict=True))
+        if self.method is None:
+            change = [each.phasors(segment) if each else 0.0 * segment.lines for segment, each in pairs]
+            y = [phasors(segment, self.output).mean(axis=0) for segment in signals.segments]
+            return found.response / (1 + found.response * np.concatenate(change) / np.concatenate(y))
+        extended = self.with_effective_input(signals)
+        segments = [_add_force(*pair) for pair in zip(extended.segments, hidden, strict=True)]
+        other = self._estimate_by_method(self.method, replace(extended, segments=tuple(segments))).response
+        return found.response if other is None else other.response
+
+    def _encoder_matters(self, signals: Signals) -> bool:
+        """Return whether noise or rounding acts through friction on a band, and is known or shows over periods."""
+        if self.method is not None or not (self.noise or self.resolution):
+            return False
+        if any(is_from_rest(segment) for segment in signals.segments):
+            return False
+        is_single = any(len(segment.channels[self.output]) == 1 for segment in signals.segments)
+        return not is_single or bool(self.noise) or signals.encoder is not None
+
+    def _with_encoder_errors(
+        self, signals: Signals, response: FrequencyResponse, plant: PlantAboveModes
+    ) -> tuple[FrequencyResponse, NDArray[np.float64]]:
+        """Return the response with a band that contains the errors of the encoder, and of what lies between samples.
+
+        Of several periods their mean is taken off. The second value is by how much terms of the motion that noise
+        partly hides change the response, shape (n,).
+        """
+        unknown = np.zeros(response.frequency.size)
+        if not self.friction.state_size:
+            return with_rounding(response, signals.segments, self.output, self.resolution), unknown
+        if any(len(segment.channels[self.output]) == 1 for segment in signals.segments):
+            return self._with_errors_of_single_periods(signals.segments, response), unknown
+        linear = self.linear_phasors(signals.segments)
+        unsampled = self.unsampled_motion_errors(signals.segments, plant)
+        parts = [
+            self._response_with_encoder_errors(*part) for part in zip(signals.segments, linear, unsampled, strict=True)
         ]
+        ratio, errors, weak = (np.concatenate(each, axis=-1) for each in zip(*parts, strict=True))
+        return with_error_vectors(response, ratio, errors), weak
 
-    def with_effective_input(self, signals: Signals) -> Signals:
-        """Return the signals with û_e [N] as one more channel, at the samples and limited to their band.
+    def _with_errors_of_single_periods(
+        self, segments: Sequence[Segment], response: FrequencyResponse
+    ) -> FrequencyResponse:
+        errors = self.single_period_errors(segments)
+        ratio = response.response
+        output = 1 + ratio * 2j * np.pi * response.frequency * self.friction.viscous
+        with np.errstate(divide="ignore", invalid="ignore"):  # where nothing moves
+            variance = errors.variance(output, ratio) / response.input_amplitude**2
+        return replace(response, covariance=variance[:, None, None] * (np.eye(2) / 2), freedom=errors.freedom)
 
-        Delays, hold and viscous friction act on the spectrum of the whole record. Where it does not repeat itself they
-        treat its end as what came before its beginning: their difference is as smooth over frequency as the
-        transient itself, and estimators that take off the transient take it off too.
+    def _response_with_encoder_errors(
+        self, segment: Segment, linear: NDArray[np.complex128], unsampled: UnsampledErrors
+    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.float64]]:
+        """Return P̂, shape (lines,), and vectors whose squares add up to its variance, shape (vectors, lines).
+
+        The third value is by how much terms of the motion that noise partly hides change P̂, shape (lines,).
         """
-        unit = signals.unit(self.input)
-        delays = Conventional(**{name: getattr(self, name) for name in DelayedEstimator.model_fields})
-        found = []
-        for segment, force in zip(signals.segments, self._forces(signals.segments), strict=True):
-            shape, size = segment.channels[self.output].shape, segment.channels[self.output].size
-            path = _path(delays, size, segment.sample_time)
-            effective = np.fft.irfft(self._effective_bins(segment, force.ravel(), path), size)
-            more = replace(segment, channels={**segment.channels, EFFECTIVE_INPUT: effective.reshape(shape)})
-            more.cache.update(segment.cache)
-            found.append(more)
-        return replace(signals, segments=tuple(found), units={**signals.units, EFFECTIVE_INPUT: unit})
+        errors = self.encoder_errors(segment)
+        damping = 2j * np.pi * segment.frequency * self.friction.viscous
+        corrected = np.add.reduce(linear, axis=0) / len(linear) + damping * errors.output_correction
+        effective = corrected - errors.force
+        ratio = errors.output / effective
 
-    def _effective_bins(self, segment: Segment, force: np.ndarray, path: np.ndarray) -> np.ndarray:
-        size = segment.channels[self.output].size
-        omega = 2 * np.pi * np.fft.rfftfreq(size, segment.sample_time)
-        friction = np.fft.rfft(force)[: omega.size] * (self.force_scale / self.interpolation)
-        if self.output_lags:
-            friction = friction * path_response(omega, 0.0, self.output_lags)
-        viscous = 1j * omega * self.friction.viscous * spectrum_of(segment, self.output)
-        bins: np.ndarray = path * spectrum_of(segment, self.input) - viscous - friction
-        return bins
+        def error_of_ratio(output: NDArray[np.complex128], force: NDArray[np.complex128]) -> NDArray[np.complex128]:
+            return (output + ratio * (damping * output + force)) / effective
 
-    def _friction_phasors(self, segments: Sequence[Segment]) -> list[np.ndarray]:
-        """Return the phasors of the friction model's force [N] per segment, each of shape (periods, lines)."""
-        found = []
-        for segment, periods in zip(segments, self._forces(segments), strict=True):
-            lagged = path_response(2 * np.pi * segment.frequency, 0.0, self.output_lags)
-            found.append(fourier_sums(periods, segment.lines) * (self.force_scale * lagged))
+        scatter = error_of_ratio(errors.output_errors, errors.force_errors) / np.sqrt(len(errors.force_errors) - 1)
+        correction = ratio * errors.force_correction / effective
+        interpolation = ratio * errors.interpolation_error / effective
+        hidden = error_of_ratio(unsampled.output, unsampled.force)
+        weak = np.abs(ratio * errors.weak_term_force / effective)
+        return ratio - hidden, np.vstack([scatter, correction, interpolation, hidden]), weak
+
+    @property
+    def _is_uncertain(self) -> bool:
+        return bool(self.force_std or self.displacement_std or self.deviations)
+
+    def _model_covariance(self, signals: Signals, count: int) -> NDArray[np.float64]:
+        """Return the covariance of (real, imaginary) part of 1/P̂ by the friction model, shape (n, 2, 2)."""
+        total = np.zeros((count, 2, 2))
+        for above, below, steps in self._neighbours():
+            inverses = [inverse_response(neighbour._estimate_with_model(signals)) for neighbour in (above, below)]
+            total += outer_parts((inverses[0] - inverses[1]) / (2 * steps))
+        return total
+
+    def _neighbours(self) -> Iterator[tuple[Self, Self, float]]:
+        """Yield, for each error, the estimators above and below, and how many standard deviations away they are."""
+        for scale, std in (("force_scale", self.force_std), ("displacement_scale", self.displacement_std)):
+            if std:
+                steps = min(DIFFERENCE_STEP_STDS, MAX_SCALE_REDUCTION / std)
+                change = getattr(self, scale) * std * steps * np.array([1, -1])
+                above, below = (self.model_copy(update={scale: float(size)}) for size in getattr(self, scale) + change)
+                yield above, below, steps
+        for upper, lower, steps in perturbations(
+            self.friction, self.deviations, self.correlation, DIFFERENCE_STEP_STDS
+        ):
+            yield self.model_copy(update={"friction": upper}), self.model_copy(update={"friction": lower}), steps
+
+
+def _add_force(segment: Segment, hidden: HiddenForce | None) -> Segment:
+    """Return a segment whose û_e contains the friction force that standstill hides."""
+    if hidden is None:
+        return segment
+    effective = segment.channels[EFFECTIVE_INPUT]
+    changed = effective + np.fft.irfft(hidden.spectrum, effective.size).reshape(effective.shape)
+    return replace(segment, channels={**segment.channels, EFFECTIVE_INPUT: changed})
+
+
+def _check_encoder(found: Result) -> Result:
+    """Return a result that is not ok where errors of the encoder are no longer small against û_e."""
+    if found.response is None:
         return found
-
-    def _forces(self, segments: Sequence[Segment]) -> list[np.ndarray]:
-        """Return the friction model's force [N] along each segment, each (periods, samples interpolation).
-
-        Their mean over the periods is that along the whole record, whose terms are told best from noise. Where noise is
-        cleared away the periods there are alike: their scatter is that of the forces along each period alone, so that
-        a covariance holds what noise does by way of friction. That is most of it where friction is most of the input.
-        """
-        motions = [self._motion(segment) for segment in segments]
-        alone = [self._motions_of_periods(*pair) for pair in zip(segments, motions, strict=True)]
-        forces = self.friction.forces([*motions, *itertools.chain.from_iterable(alone)])
-        others, found = iter(forces[len(motions) :]), []
-        for segment, force, some in zip(segments, forces[: len(motions)], alone, strict=True):
-            periods = force.reshape(-1, segment.samples * self.interpolation)
-            if some:
-                single = np.stack([next(others) for _ in some])
-                mean = np.add.reduce(periods, axis=0) / len(periods)
-                periods = mean + single - np.add.reduce(single, axis=0) / len(single)
-            found.append(periods)
+    response = found.response
+    with np.errstate(divide="ignore", invalid="ignore"):  # where nothing moves
+        error = circle_factor(degrees_of_freedom(response)) * response.standard_deviation / np.abs(response.response)
+    error = np.where(np.isfinite(error), error, 0.0)
+    wrong = response.frequency[error > MAX_ENCODER_ERROR]
+    if not wrong.size:
         return found
-
-    def _motions_of_periods(self, segment: Segment, whole: Motion) -> list[Motion]:
-        """Return the motion of each period as if it were all, with the terms that the whole record tells from noise."""
-        y = segment.channels[self.output]
-        if len(y) < 2 or from_rest(segment) or not (self.noise or self.resolution):
-            return []
-        kept = self._bins(segment)[:: len(y)] != 0
-        bins = np.where(kept, np.fft.rfft(y, axis=1), 0)
-        unlagged = [self._unlagged(row, y.shape[1], segment.sample_time) for row in bins]
-        motions = [_between(row, y.shape[1], self.interpolation) for row in unlagged]
-        return [whole._replace(displacement=motion / self.width_scale) for motion in motions]
-
-    def _motion(self, segment: Segment) -> Motion:
-        """Return what the friction model sees of a segment: all its periods, after what came before."""
-        repeats = not from_rest(segment)
-        fine = self._interpolated(segment) if repeats else self._interpolated_from_rest(segment)
-        before = np.empty(0) if self.friction.forgets else segment.lead_in.get(self.output, np.empty(0))
-        time_step = segment.sample_time / self.interpolation
-        if self.width_scale != 1.0:
-            fine, before = fine / self.width_scale, before / self.width_scale
-        return Motion(fine, time_step, repeats, before, segment.sample_time)
-
-    def _interpolated(self, segment: Segment) -> np.ndarray:
-        """Return all periods of a record, one after another, at `interpolation` times as many points."""
-        size = segment.channels[self.output].size
-        return _between(self._unlagged(self._bins(segment), size, segment.sample_time), size, self.interpolation)
-
-    def _bins(self, segment: Segment) -> np.ndarray:
-        """Return the Fourier series of a record without the terms that the scale hides."""
-        periods, samples = segment.channels[self.output].shape
-        # rounding repeats itself from period to period and adds up, noise does not
-        scatter = self.noise**2 * periods + self.resolution**2 / 12 * periods**2
-        return _cleared(spectrum_of(segment, self.output), scatter * samples)
-
-    def _interpolated_from_rest(self, segment: Segment) -> np.ndarray:
-        """Return the same of a record that begins at rest and does not return to it.
-
-        It is mirrored at its end: a Fourier series rings where its end and its beginning differ, and the friction
-        model would take that for reversals.
-        """
-        record = segment.channels[self.output].ravel()
-        mirrored = np.concatenate([record, record[::-1]])
-        scatter = self.noise**2 + self.resolution**2 / 12
-        bins = _cleared(np.fft.rfft(mirrored), scatter * mirrored.size)
-        bins = self._unlagged(bins, mirrored.size, segment.sample_time)
-        fine = _between(bins, mirrored.size, self.interpolation)
-        return fine[: record.size * self.interpolation]
-
-    def _unlagged(self, bins: np.ndarray, size: int, sample_time: float) -> np.ndarray:
-        """Return a Fourier series of `size` samples without G_do's lags, which change the motion that friction sees."""
-        if not self.output_lags:
-            return bins
-        omega = 2 * np.pi * np.fft.rfftfreq(size, sample_time)
-        return bins / path_response(omega, 0.0, self.output_lags)
+    worst = int(np.argmax(error))
+    turn = np.degrees(np.arcsin(min(error[worst], 1.0)))
+    return _with_doubt(
+        found,
+        f"friction takes nearly all of the input at {wrong.size} of {error.size} frequencies "
+        f"({frequency_text(wrong)}), and rounding and noise of the encoder hide the rest: at "
+        f"{response.frequency[worst]:.4g} Hz the response may be off by {20 * np.log10(1 + error[worst]):.2g} dB, "
+        f"{turn:.2g} deg; raise the amplitude, use a finer encoder, or record several periods with noise",
+    )
 
 
-@lru_cache(8)
-def _path(delays: Conventional, size: int, sample_time: float) -> np.ndarray:
-    """Return G_di G_do with hold and images at all frequencies of a record, shape (size // 2 + 1,).
+def _with_doubt(found: Result, message: str) -> Result:
+    """Return a result that is not ok, for the reason that the message states."""
+    outcome = Outcome.INACCURATE if found.outcome is Outcome.OK else found.outcome
+    return replace(found, outcome=outcome, message=_join_messages(found.message, message))
 
-    It takes longer than all the rest, and the same again for each realisation and each other friction model.
+
+def _join_messages(*messages: str) -> str:
+    return "; ".join(filter(None, messages))
+
+
+def _weak_terms_text(response: FrequencyResponse, weak: NDArray[np.float64]) -> str:
+    """Return where the band may cover less than it should, and what helps; empty if nowhere.
+
+    How much of a term that noise partly hides is motion is a guess; the band contains its scatter, not its mean.
     """
-    omega = 2 * np.pi * np.fft.rfftfreq(size, sample_time)
-    parts = np.array_split(omega, -(-omega.size // AT_ONCE))
-    return np.concatenate([delays.input_path(part, sample_time) * delays.output_path(part) for part in parts])
+    affected = weak > circle_factor(degrees_of_freedom(response)) * response.standard_deviation
+    if not affected.any():
+        return ""
+    return (
+        f"the confidence band may cover less than 95 % at {affected.sum()} of {affected.size} frequencies "
+        f"({frequency_text(response.frequency[affected])}): noise hides terms of the motion that change the friction "
+        "force by more than the band is wide; record more periods, or use a finer encoder"
+    )
 
 
-def _cleared(bins: np.ndarray, variance: float) -> np.ndarray:
-    """Return a Fourier series without the terms that scatter of this variance hides."""
-    return np.where(np.abs(bins) < CLEAR * np.sqrt(variance), 0, bins) if variance else bins
-
-
-def from_rest(segment: Segment) -> bool:
-    """Say whether a segment was recorded from rest, its transient included; measured ones count as periodic."""
-    return segment.settling is not None and segment.settling.time == 0
-
-
-def _between(bins: np.ndarray, samples: int, points: int) -> np.ndarray:
-    """Return a Fourier series at `points` points per sample, shape (samples points,)."""
-    if samples <= TABULATED:  # as many transforms of a record's own length, whose factors are known to be small
-        found: np.ndarray = np.fft.irfft(bins * _shifts(samples, points), samples, axis=1).T.ravel()
-        return found
-    if samples % 2 == 0:
-        bins = np.append(bins[:-1], bins[-1] / 2)  # the Nyquist line stands for two
-    return np.fft.irfft(bins, samples * points) * points
-
-
-@lru_cache(512)
-def _shifts(samples: int, points: int) -> np.ndarray:
-    """Return what moves a Fourier series by 0, 1… of `points` parts of a sample, shape (points, samples // 2 + 1)."""
-    parts = np.arange(points)[:, None] / points
-    shifts: np.ndarray = np.exp(2j * np.pi * parts * np.arange(samples // 2 + 1) / samples)
-    return shifts
+def _standstill_message(frequency: NDArray[np.float64], error: NDArray[np.complex128], share: float) -> str:
+    size = np.abs(error)
+    wrong, worst = frequency[size > MAX_STANDSTILL_ERROR], int(np.argmax(size))
+    change = 1 + error[worst]
+    magnitude, phase = abs(20 * np.log10(abs(change))), abs(np.angle(change, deg=True))
+    return (
+        f"the motion does not show the friction force at standstill and reversal at {wrong.size} of {frequency.size} "
+        f"frequencies ({frequency_text(wrong)}): the machine stands for up to {share:.0%} of the "
+        f"time, and at {frequency[worst]:.4g} Hz the response may be off by about {magnitude:.2g} dB, "
+        f"{phase:.2g} deg; raise the amplitude, or keep the axis moving (excitation "
+        "moving_sine, estimator moving_axis)"
+    )

@@ -1,6 +1,7 @@
 """The hysteresis loop of friction: force over displacement and velocity."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fraexp.api import Curve, Estimator, FrictionModel, Metric, Result, Segment, Signals, param
 
@@ -9,16 +10,18 @@ class Hysteresis(Estimator, name="hysteresis", version=1):
     """Friction force over displacement (paper, Fig 2), the loop's energy and its describing function.
 
     W = ∮ f dy per cycle, and N = F₁/Y₁ of the fundamentals (A. Gelb and W. E. Vander Velde, Multiple-Input Describing
-    Functions and Nonlinear System Design, 1968, section 2.2). Signals without a force, such as a measured
-    displacement, are answered with that of a friction model. Not to be used on a record that is not periodic.
+    Functions and Nonlinear System Design, 1968, section 2.2). If the signals hold no force, as with a measured
+    displacement, the force is that of a friction model. Do not use it on a record that is not periodic.
     """
 
     displacement: str = param("", "channel of the displacement", "displacement")
-    force: str = param("", "channel of the friction force; where there is none, the model's force", "friction")
+    force: str = param(
+        "", "channel of the friction force; if it is missing, the friction model gives the force", "friction"
+    )
     friction: FrictionModel | None = param("", "friction model for signals without a force", None, inherit="friction")
 
     def estimate(self, signals: Signals) -> Result:
-        """Return the loop of the last period of each segment, and the metrics of each."""
+        """Return the loop of the last period of each segment, and its metrics."""
         measured = self.force in signals.units or self.friction is None
         units = {
             "displacement": signals.unit(self.displacement),
@@ -30,7 +33,7 @@ class Hysteresis(Estimator, name="hysteresis", version=1):
         metrics = tuple(metric for loop in loops for metric in _metrics(loop, units))
         return Result(signals.outcome, signals.message, curves=curves, metrics=metrics)
 
-    def _loop(self, segment: Segment, measured: bool) -> dict[str, np.ndarray]:
+    def _loop(self, segment: Segment, measured: bool) -> dict[str, NDArray[np.float64]]:
         displacement = segment.channels[self.displacement][-1]
         velocity = _velocity(displacement, segment.sample_time)
         if measured or self.friction is None:
@@ -41,12 +44,12 @@ class Hysteresis(Estimator, name="hysteresis", version=1):
         return {"displacement": displacement, "force": force, "velocity": velocity}
 
 
-def _velocity(displacement: np.ndarray, sample_time: float) -> np.ndarray:
+def _velocity(displacement: NDArray[np.float64], sample_time: float) -> NDArray[np.float64]:
     """Return the central difference of a periodic displacement."""
     return (np.roll(displacement, -1) - np.roll(displacement, 1)) / (2 * sample_time)
 
 
-def _metrics(loop: dict[str, np.ndarray], units: dict[str, str]) -> list[Metric]:
+def _metrics(loop: dict[str, NDArray[np.float64]], units: dict[str, str]) -> list[Metric]:
     y, f = loop["displacement"], loop["force"]
     first = int(np.argmax(np.abs(np.fft.rfft(y - np.mean(y)))))
     describing = np.fft.rfft(f)[first] / np.fft.rfft(y)[first]

@@ -1,77 +1,77 @@
-"""The moving-axis FRA method: the machine is excited while it moves on, so that friction does not turn round."""
+"""The moving-axis FRA method: excitation during a motion without reversals, so that friction keeps its sign."""
 
 import itertools
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fraexp.api import Metric, Outcome, RecordError, Result, Segment, Signals, param, response_result
-from fraexp_plugins.estimators.delayed import DelayedEstimator
+from fraexp_plugins.estimators._shared.delayed_estimator import PlantReferredEstimator
 
-STEADY = 1e-6
-"""Change of the reference's velocity from one sample to the next, relative to it, up to which it is constant."""
-SHORT = 0.8
-"""Length of a stretch, relative to the longest one, from which on it is used: others are cut by the record's ends."""
+MAX_VELOCITY_CHANGE = 1e-6
+"""Relative change of the reference's velocity per sample up to which it is constant."""
+MIN_RELATIVE_LENGTH = 0.8
+"""Length of a block over that of the longest one from which it is used: the record's ends cut off the others."""
 
 
-class MovingAxis(DelayedEstimator, name="moving_axis", version=1):
-    """P̂ = y'/u from the stretches in which a base motion of constant velocity lets no reversal happen.
+class MovingAxis(PlantReferredEstimator, name="moving_axis", version=1):
+    """P̂ = y'/u from the blocks of a record in which a base motion of constant velocity prevents reversals.
 
-    Without a reversal rolling and Coulomb friction are a constant force: what remains of friction is its viscous
-    part. Drives are commissioned so (Siemens SINAMICS: an offset such that the speed has no zero crossings; Aerotech
-    Automation1: Enable Motion). Reversals are seen in the record itself; `run_in` is left out after each, and before it
-    the time from where the reference brakes, or `run_in` again without a reference. In each stretch an offset, a slope,
-    a cosine and a sine are fitted to input and output, over whole periods of the sine and by least squares: exact for a
-    constant velocity. The phasors of all stretches of both directions are averaged; their scatter gives the covariance,
-    with 2(S - 1) degrees of freedom for S stretches (R. Pintelon and J. Schoukens, System Identification: A Frequency
-    Domain Approach, 2nd ed. 2012, section 2.4).
+    Without reversals rolling and Coulomb friction are a constant force, and only viscous friction remains. Drives are
+    commissioned like this (Siemens SINAMICS: an offset such that the speed has no zero crossings; Aerotech Automation1:
+    Enable Motion). The record itself shows the reversals. A block leaves out `reversal_settling_time` after a reversal,
+    and before the next one the time in which the reference brakes, or `reversal_settling_time` without a reference. In
+    each block an offset, a slope, a cosine and a sine are fitted to input and output by least squares over whole
+    periods of the sine, which is exact for a constant velocity. The phasors of all blocks of both directions are
+    averaged; their scatter gives the covariance, with 2(S - 1) degrees of freedom for S blocks (R. Pintelon and
+    J. Schoukens, System Identification: A Frequency Domain Approach, 2nd ed. 2012, section 2.4).
 
-    Not to be used where the stroke does not allow it, nor on a base motion whose velocity changes within the stretches,
-    such as a slow sine: an offset and a slope do not describe it. That one repeats itself and is orthogonal to the sine
-    over whole periods, where `conventional` is exact.
+    Do not use it if the stroke is too short, nor on a base motion whose velocity changes within the blocks, such as a
+    slow sine, which an offset and a slope do not describe. A slow sine is periodic and orthogonal to the sine over
+    whole periods, where `conventional` is exact.
     """
 
-    remove_delay: bool = param("", "whether to divide by G_di G_do and the hold, to compare with P(jω)", False)
-    run_in: float = param(
-        "s", "time that is left out after each reversal, until its disturbance has decayed", 0.5,
-        at_least=0, inherit="excitation.run_in",
+    renamed: ClassVar[Mapping[str, str]] = {"run_in": "reversal_settling_time"}
+
+    reversal_settling_time: float = param(
+        "s", "settling time after each reversal, in which its disturbance decays", 0.5,
+        at_least=0, inherit="excitation.reversal_settling_time",
     )  # fmt: skip
     reference_channel: str = param("", "channel of the position reference, if there is one", "reference")
 
     expected_failures: ClassVar[dict[str, str]] = dict.fromkeys(
         ("linear-plant", "result-units", "covariance", "outcome"),
-        "It refuses an axis that does not move on, with which it is tried here.",
+        "It refuses an axis that turns round all the time, with which it is tried here.",
     )
 
     def estimate(self, signals: Signals) -> Result:
-        """Return y'/u, or y'/(G_di G_do u), the least velocity met, and how well the stretches are described."""
+        """Return y'/u, or y'/(G_di G_do u), the minimum velocity, and the residual of the blocks."""
         units = (signals.unit(self.input), signals.unit(self.output))
-        found = [self._stretches(segment) for segment in signals.segments]
+        found = [self._blocks(segment) for segment in signals.segments]
         inputs = [
-            stretches.input * self._path(segment) for segment, stretches in zip(signals.segments, found, strict=True)
+            blocks.input * self.path(segment.frequency, segment.sample_time)
+            for segment, blocks in zip(signals.segments, found, strict=True)
         ]
-        outputs = [stretches.output for stretches in found]
+        outputs = [blocks.output for blocks in found]
         result = response_result(signals, inputs, outputs, names=(self.input, self.output), units=units)
         if not found:
             return result
         metrics = (
-            Metric("minimum velocity", min(stretches.velocity for stretches in found), f"{units[1]}/s"),
-            Metric("stretches per frequency", min(len(stretches.output) for stretches in found), "1"),
-            Metric("residual over amplitude", max(stretches.residual for stretches in found), "1"),
+            Metric("minimum velocity", min(blocks.velocity for blocks in found), f"{units[1]}/s"),
+            Metric("stretches per frequency", min(len(blocks.output) for blocks in found), "1"),
+            Metric("residual over amplitude", max(blocks.residual for blocks in found), "1"),
         )
-        return Result(result.outcome, result.message or _remark(result.outcome, found), result.response, metrics)
+        return Result(
+            result.outcome, result.message or _residual_message(result.outcome, found), result.response, metrics
+        )
 
-    def _path(self, segment: Segment) -> np.ndarray:
-        if not self.remove_delay:
-            return np.ones(1)
-        omega = 2 * np.pi * segment.frequency
-        return self.input_path(omega, segment.sample_time) * self.output_path(omega)
-
-    def _stretches(self, segment: Segment) -> "_Stretches":
+    def _blocks(self, segment: Segment) -> "_Blocks":
         if segment.lines.size != 1:
             raise RecordError(
-                f"moving_axis needs one sine at a time, but {segment.lines.size} lines are excited at once: take an "
+                f"moving_axis: {segment.lines.size} lines are excited at once; expected one sine at a time: use an "
                 "excitation such as moving_sine"
             )
         frequency, sample_time = float(segment.frequency[0]), segment.sample_time
@@ -79,71 +79,80 @@ class MovingAxis(DelayedEstimator, name="moving_axis", version=1):
         bounds = _whole_periods(self._bounds(segment, y), 1 / (frequency * sample_time))
         if not bounds:
             raise RecordError(
-                f"{self.output} does not move on at a constant velocity for a period of {frequency:.4g} Hz, "
-                f"{self.run_in:g} s after a reversal: raise the base motion's velocity or period, or lower the sine's"
+                f"moving_axis: {self.output} has no constant velocity for a period of {frequency:.4g} Hz, "
+                f"from {self.reversal_settling_time:g} s after a reversal on; raise velocity or period of the base "
+                "motion, or lower the sine's amplitude"
             )
         u = segment.channels[self.input].ravel()
-        fits = [
-            _fitted(u[begin:end], y[begin:end], begin, 2 * np.pi * frequency * sample_time) for begin, end in bounds
-        ]
+        turn = 2 * np.pi * frequency * sample_time
+        fits = [_sine_fit(u[begin:end], y[begin:end], begin, turn) for begin, end in bounds]
         velocity = min(float(np.min(np.abs(_slope(y)[begin:end]))) for begin, end in bounds) / sample_time
-        phasors = np.array([fit[0] for fit in fits])
+        phasors = np.array([fit.phasors for fit in fits])
         size = abs(complex(phasors[:, 1].mean()))
-        residual = max(fit[1] for fit in fits) / size if size else np.inf
-        return _Stretches(phasors[:, :1], phasors[:, 1:], velocity, float(residual))
+        residual = max(fit.residual for fit in fits) / size if size else np.inf
+        return _Blocks(phasors[:, :1], phasors[:, 1:], velocity, float(residual))
 
-    def _bounds(self, segment: Segment, y: np.ndarray) -> list[tuple[int, int]]:
+    def _bounds(self, segment: Segment, y: NDArray[np.float64]) -> list[tuple[int, int]]:
         direction = np.sign(_slope(y))
-        after = int(np.ceil(self.run_in / segment.sample_time))
+        after = int(np.ceil(self.reversal_settling_time / segment.sample_time))
         if self.reference_channel not in segment.channels:
-            return _without_reversal(direction, after, after)
+            return _blocks_between_reversals(direction, after, after)
         steps = np.diff(segment.channels[self.reference_channel].ravel())
-        turning = np.abs(np.diff(steps, prepend=steps[:1])) > STEADY * np.max(np.abs(steps))
-        direction[:-1][turning] = 0
-        return _without_reversal(direction, 0, after)
+        is_turning = np.abs(np.diff(steps, prepend=steps[:1])) > MAX_VELOCITY_CHANGE * np.max(np.abs(steps))
+        direction[:-1][is_turning] = 0
+        return _blocks_between_reversals(direction, 0, after)
 
 
 @dataclass(frozen=True)
-class _Stretches:
-    """What the stretches of one segment tell."""
+class _Blocks:
+    """Phasors and residual of the blocks of one segment."""
 
-    input: np.ndarray
-    """Phasor of the input of each stretch, shape (stretches, 1)."""
-    output: np.ndarray
-    """Phasor of the output of each stretch, shape (stretches, 1)."""
+    input: NDArray[np.complex128]
+    """Phasor of the input of each block, shape (blocks, 1)."""
+    output: NDArray[np.complex128]
+    """Phasor of the output of each block, shape (blocks, 1)."""
     velocity: float
-    """Least magnitude of the velocity in them."""
+    """Minimum magnitude of the velocity in them."""
     residual: float
-    """Greatest root mean square of what the fit leaves of the output, noise apart, relative to the sine's amplitude."""
+    """Largest root mean square residual of the output without noise, relative to the sine's amplitude."""
 
 
-def _slope(y: np.ndarray) -> np.ndarray:
-    """Return the central difference per sample; its ends are those of their neighbours."""
+def _slope(y: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the central difference per sample; the two ends repeat their neighbours."""
     inner = (y[2:] - y[:-2]) / 2
     return np.concatenate([inner[:1], inner, inner[-1:]])
 
 
-def _without_reversal(direction: np.ndarray, before: int, after: int) -> list[tuple[int, int]]:
-    """Return beginning and end of each stretch in one direction, less what is left out before and after a reversal."""
+def _blocks_between_reversals(direction: NDArray[np.float64], before: int, after: int) -> list[tuple[int, int]]:
+    """Return begin and end of each block in one direction, without so many samples before and after a reversal."""
     turns = np.flatnonzero(np.diff(direction) != 0) + 1
     runs = itertools.pairwise([0, *turns.tolist(), direction.size])
     moving = [(begin + after, end - before) for begin, end in runs if direction[begin] != 0]
     return [(begin, end) for begin, end in moving if end > begin]
 
 
-def _whole_periods(stretches: list[tuple[int, int]], period: float) -> list[tuple[int, int]]:
-    """Return the beginnings of the stretches that last whole periods [samples], and not much less than the longest."""
+def _whole_periods(blocks: list[tuple[int, int]], period: float) -> list[tuple[int, int]]:
+    """Return the blocks cut to whole periods [samples], without those that are much shorter than the longest."""
     found = []
-    for begin, end in stretches:
+    for begin, end in blocks:
         whole = np.floor((end - begin) / period)
         if whole >= 1:
             found.append((begin, begin + round(whole * period)))
     longest = max((end - begin for begin, end in found), default=0)
-    return [(begin, end) for begin, end in found if end - begin >= SHORT * longest]
+    return [(begin, end) for begin, end in found if end - begin >= MIN_RELATIVE_LENGTH * longest]
 
 
-def _fitted(u: np.ndarray, y: np.ndarray, begin: int, turn: float) -> tuple[np.ndarray, float]:
-    """Return the phasors of u and y, shape (2,), and the root mean square of what is left of y but for white noise.
+class _SineFit(NamedTuple):
+    """Offset, slope and sine of one block."""
+
+    phasors: NDArray[np.complex128]
+    """Of input and output, shape (2,)."""
+    residual: float
+    """Root mean square residual of the output without white noise."""
+
+
+def _sine_fit(u: NDArray[np.float64], y: NDArray[np.float64], begin: int, turn: float) -> _SineFit:
+    """Return the sine in u and y.
 
     `begin` is the number of the first sample, and `turn` the sine's phase per sample [rad].
     """
@@ -152,14 +161,17 @@ def _fitted(u: np.ndarray, y: np.ndarray, begin: int, turn: float) -> tuple[np.n
     basis = np.stack([np.ones(u.size), 2 * samples / u.size - 1, np.cos(phase), -np.sin(phase)], axis=1)
     both = np.stack([u, y], axis=1)
     coefficients = np.linalg.lstsq(basis, both, rcond=None)[0]
-    left = y - basis @ coefficients[:, 1]
-    smooth = np.mean(left**2) - np.mean(np.diff(left) ** 2) / 2  # of white noise the expectation is 0
-    return coefficients[2] + 1j * coefficients[3], float(np.sqrt(max(smooth, 0.0)))
+    residual = y - basis @ coefficients[:, 1]
+    smooth = np.mean(residual**2) - np.mean(np.diff(residual) ** 2) / 2  # its expectation for white noise is 0
+    return _SineFit(coefficients[2] + 1j * coefficients[3], float(np.sqrt(max(smooth, 0.0))))
 
 
-def _remark(outcome: Outcome, found: list[_Stretches]) -> str:
-    """Return a sentence if the stretches have more in them than a constant velocity and the sine."""
-    worst = max(stretches.residual for stretches in found)
+def _residual_message(outcome: Outcome, found: list[_Blocks]) -> str:
+    """Return a sentence if a constant velocity and the sine do not describe the blocks."""
+    worst = max(blocks.residual for blocks in found)
     if outcome is not Outcome.OK or worst < 1:
         return ""
-    return f"the stretches leave a residual of {worst:.2g} amplitudes: is the base motion of constant velocity there?"
+    return (
+        f"the residual between reversals is {worst:.2g} times the sine's amplitude; check that the base motion has a "
+        "constant velocity there"
+    )

@@ -1,9 +1,12 @@
 """A force with an offset and a ripple, from rest."""
 
+from collections.abc import Mapping
+from typing import ClassVar
+
 import numpy as np
 
 from fraexp.api import Excitation, ParameterError, Period, Schedule, param
-from fraexp_plugins.excitations.sampling import MOST_RECORDED, samples_per_period
+from fraexp_plugins.excitations._shared.sampling import MAX_RECORDED_SAMPLES, samples_per_period
 
 
 class BiasedSine(Excitation, name="biased_sine", version=1):
@@ -13,18 +16,20 @@ class BiasedSine(Excitation, name="biased_sine", version=1):
     IEEE Trans. Automatic Control 47(5), 2002, doi:10.1109/TAC.2002.1000274, section II).
     """
 
+    renamed: ClassVar[Mapping[str, str]] = {"whole_periods": "recorded_periods"}
+
     bias: float = param("N", "offset B")
     amplitude: float = param("N", "amplitude A of the ripple", above=0)
     frequency: float = param("Hz", "frequency f of the ripple", above=0)
-    whole_periods: int = param("1", "periods recorded", 50, at_least=2, at_most=100_000)
+    recorded_periods: int = param("1", "periods recorded", 50, at_least=2, at_most=100_000)
 
     def check(self, sample_time: float) -> None:
         """Refuse a frequency with too few samples per period, and more samples than fit into memory."""
-        recorded = self.whole_periods * samples_per_period(self.name, self.frequency, sample_time)
-        if recorded > MOST_RECORDED:
+        recorded = self.recorded_periods * samples_per_period(self.name, self.frequency, sample_time)
+        if recorded > MAX_RECORDED_SAMPLES:
             raise ParameterError(
-                f"{self.name} records {recorded:,} samples; expected {MOST_RECORDED:,} at most: lower 'whole_periods', "
-                "or raise 'frequency'"
+                f"{self.name} records {recorded:,} samples; expected {MAX_RECORDED_SAMPLES:,} or fewer: "
+                "lower 'recorded_periods', or raise 'frequency'"
             )
 
     def periods(self, sample_time: float) -> tuple[Period, ...]:
@@ -35,5 +40,5 @@ class BiasedSine(Excitation, name="biased_sine", version=1):
 
     @property
     def schedule(self) -> Schedule:
-        """Nothing is settled: the way from rest is what is asked for."""
-        return Schedule(settle_limit=0.0, periods=self.whole_periods)
+        """Record from rest: the transient is the subject."""
+        return Schedule(settling_timeout=0.0, recorded_periods=self.recorded_periods)

@@ -1,13 +1,20 @@
-"""Swept sine: the frequency glides through the band once a period."""
+"""Swept sine: the frequency glides through the frequency range once a period."""
 
-from typing import Literal
+from collections.abc import Mapping
+from typing import ClassVar, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fraexp.api import Period, param
-from fraexp_plugins.excitations.broadband import BroadbandExcitation
-from fraexp_plugins.excitations.sampling import even_samples
-from fraexp_plugins.excitations.shaping import MEANING, Shape, check_shape, shaped
+from fraexp_plugins.excitations._shared.amplitude_profile import (
+    PROFILE_MEANING,
+    AmplitudeProfile,
+    check_profile,
+    relative_amplitude,
+)
+from fraexp_plugins.excitations._shared.broadband_excitation import BroadbandExcitation
+from fraexp_plugins.excitations._shared.sampling import even_samples
 
 
 class Chirp(BroadbandExcitation, name="chirp", version=1):
@@ -15,63 +22,69 @@ class Chirp(BroadbandExcitation, name="chirp", version=1):
 
     The logarithmic sweep after A. Farina, Simultaneous Measurement of Impulse Response and Distortion with a
     Swept-Sine Technique (Farina 2000, 108th AES Convention, preprint 5093); repeated as in R. Pintelon and J.
-    Schoukens, System Identification: A Frequency Domain Approach, 2nd ed., Wiley 2012, section 5.3. s is `shape`; w
-    raises and lowers the amplitude by half a cosine at the ends of the period, so that it closes, while f stays at f1
-    and at f2. All harmonics in the band are lines.
+    Schoukens, System Identification: A Frequency Domain Approach, 2nd ed., Wiley 2012, section 5.3. s is
+    `amplitude_profile`; w raises and lowers the amplitude by half a cosine at the ends of the period, so that it
+    closes, while f stays at f1 and at f2. All harmonics in the frequency range are lines.
 
-    To be used where the force must not exceed A at any time, and where the machine shall be watched or listened to
-    while it is excited: one frequency at a time, with a crest factor of about 1.45. Logarithmic it has as much energy
-    in each octave, linear in each hertz. Not to be used to tell nonlinear distortions from noise: it leaves no
-    harmonic empty, and has one realisation; a multisine does. Nor where the response at one amplitude of one sine is
-    asked for: friction has not become periodic at a frequency when it is left.
+    Use it where the force must not exceed A at any time, and where someone watches or listens to the machine: it
+    excites one frequency at a time, with a crest factor of about 1.45. Logarithmic it has as much energy in each
+    octave, linear in each hertz. It does not separate nonlinear distortions from noise: it leaves no harmonic empty,
+    and has one realisation; a multisine does. Nor does it give the response at one amplitude of one sine: it leaves a
+    frequency before the friction force has become periodic there.
     """
+
+    renamed: ClassVar[Mapping[str, str]] = {"sweep": "spacing", "fade": "taper", "shape": "amplitude_profile"}
 
     amplitude: float = param("N", "amplitude A", above=0)
     period: float = param("s", "period T: time of one sweep", 10.0, above=0, at_most=10_000)
-    sweep: Literal["logarithmic", "linear"] = param("", "how the frequency rises: logarithmic or linear", "logarithmic")
-    fade: float = param(
-        "1", "share of the period over which the amplitude rises, and falls", 0.01, above=0, at_most=0.02
+    spacing: Literal["logarithmic", "linear"] = param(
+        "", "how the frequency rises: logarithmic or linear", "logarithmic"
     )
-    shape: Shape = param("Hz", MEANING, ())
+    taper: float = param(
+        "1", "fraction of the period over which the amplitude rises, and falls", 0.01, above=0, at_most=0.02
+    )
+    amplitude_profile: AmplitudeProfile = param("Hz", PROFILE_MEANING, ())
 
     def model_post_init(self, context: object) -> None:
-        """Check band and shape."""
+        """Check frequency range and amplitude profile."""
         super().model_post_init(context)
-        check_shape(self.name, self.shape)
+        check_profile(self.name, self.amplitude_profile)
 
     def check(self, sample_time: float) -> None:
-        """Refuse a band without lines, lines from the Nyquist frequency on, and what does not fit into memory."""
+        """Refuse a range without lines, lines from the Nyquist frequency on, and what does not fit into memory."""
         self.check_size(self.period / sample_time, sample_time)
         self.check_lines(self.lines(), even_samples(self.period, sample_time), sample_time)
 
-    def lines(self) -> np.ndarray:
-        """Return the harmonics in the band, ascending, shape (lines,)."""
-        least, most = self.band(self.period)
-        return np.arange(least, most + 1)
+    def lines(self) -> NDArray[np.int64]:
+        """Return the harmonics in the frequency range, ascending, shape (lines,)."""
+        lowest, highest = self.harmonic_range(self.period)
+        return np.arange(lowest, highest + 1)
 
     def periods(self, sample_time: float) -> tuple[Period, ...]:
         """Return the one period."""
         samples = even_samples(self.period, sample_time)
-        along = np.arange(samples) / samples
-        cycles, frequency = self._swept(along)
-        wave = self.amplitude * shaped(self.shape, frequency) * self._window(along) * np.sin(2 * np.pi * cycles)
+        position = np.arange(samples) / samples
+        cycles, frequency = self._cycles_and_frequency(position)
+        profile = relative_amplitude(self.amplitude_profile, frequency)
+        wave = self.amplitude * profile * self._window(position) * np.sin(2 * np.pi * cycles)
         return (Period(wave, self.lines()),)
 
-    def _swept(self, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return φ/2π and f [Hz] at parts of the period, each of shape (n,)."""
-        sweep = 1 - 2 * self.fade
-        tau = np.clip((along - self.fade) / sweep, 0, 1)
-        if self.sweep == "linear" or self.lowest == self.highest:
-            rise = self.highest - self.lowest
-            frequency, swept = self.lowest + rise * tau, (self.lowest + rise * tau / 2) * tau
+    def _cycles_and_frequency(self, position: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return φ/2π and f [Hz] at positions in the period, from 0 to 1, each of shape (n,)."""
+        sweep = 1 - 2 * self.taper
+        tau = np.clip((position - self.taper) / sweep, 0, 1)
+        if self.spacing == "linear" or self.min_frequency == self.max_frequency:
+            rise = self.max_frequency - self.min_frequency
+            frequency, swept = self.min_frequency + rise * tau, (self.min_frequency + rise * tau / 2) * tau
         else:
-            nepers = np.log(self.highest / self.lowest)
-            frequency = self.lowest * np.exp(nepers * tau)
-            swept = (frequency - self.lowest) / nepers
-        held = self.lowest * np.minimum(along, self.fade) + self.highest * np.maximum(along - (1 - self.fade), 0)
-        return self.period * (held + sweep * swept), frequency
+            nepers = np.log(self.max_frequency / self.min_frequency)
+            frequency = self.min_frequency * np.exp(nepers * tau)
+            swept = (frequency - self.min_frequency) / nepers
+        rising = self.min_frequency * np.minimum(position, self.taper)
+        falling = self.max_frequency * np.maximum(position - (1 - self.taper), 0)
+        return self.period * (rising + falling + sweep * swept), frequency
 
-    def _window(self, along: np.ndarray) -> np.ndarray:
-        """Return w at parts of the period, shape (n,): 0 at its ends."""
-        near = np.minimum(np.minimum(along, 1 - along) / self.fade, 1)
-        return np.sin(np.pi / 2 * near) ** 2
+    def _window(self, position: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return w at positions in the period, shape (n,): 0 at its ends."""
+        tapered = np.minimum(np.minimum(position, 1 - position) / self.taper, 1)
+        return np.sin(np.pi / 2 * tapered) ** 2

@@ -1,49 +1,53 @@
-"""The position reference to and fro at one constant velocity after another, for viscous friction."""
+"""The position reference back and forth at one constant velocity after another, for viscous friction."""
 
+from collections.abc import Mapping
 from typing import ClassVar
 
 from fraexp.api import Excitation, ParameterError, Period, Schedule, param
-from fraexp_plugins.excitations.reference_motion import check_duration, check_rounding, reference_period
+from fraexp_plugins.excitations._shared.reference_motion import check_duration, check_rounding, reference_period
 
 
 class ConstantVelocities(Excitation, name="constant_velocities", version=1):
-    """The position reference goes over the same way to and fro, one experiment for each velocity (paper, section V-A).
+    """The position reference covers the same travel back and forth, one experiment per velocity (paper, section V-A).
 
-    The force of steady sliding over the velocity gives D_v and shows whether a Stribeck effect is there
-    (`viscous_identification`). The way must be many times the presliding region, which is left out at each reversal.
+    The force of steady sliding over the velocity gives D_v and shows whether there is a Stribeck effect
+    (`viscous_identification`). The travel must be many times the presliding distance, which is left out at each
+    reversal.
     """
 
+    renamed: ClassVar[Mapping[str, str]] = {"way": "travel"}
+
     velocities: tuple[float, ...] = param("m/s", "velocities", (5e-3, 10e-3, 20e-3, 40e-3))
-    way: float = param("m", "way from one reversal to the next", 10e-3, above=0)
+    travel: float = param("m", "travel from one reversal to the next", 10e-3, above=0)
     acceleration: float = param("m/s^2", "acceleration at the reversals", 1.0, above=0)
-    cycles: int = param("1", "times to and fro at each velocity", 3, at_least=1, at_most=10_000)
+    cycles: int = param("1", "back-and-forth cycles at each velocity", 3, at_least=1, at_most=10_000)
 
     expected_failures: ClassVar[dict[str, str]] = {
         "whole-periods": "It moves the reference alone, so the force that it adds is 0."
     }
 
     def model_post_init(self, context: object) -> None:
-        """Check velocities and way."""
+        """Check velocities and travel."""
         if not self.velocities or min(self.velocities) <= 0:
-            raise ParameterError("constant_velocities.velocities must be above 0, one at least")
+            raise ParameterError("constant_velocities.velocities needs one or more velocities above 0 m/s")
         needed = 4 * max(self.velocities) ** 2 / self.acceleration
-        if self.way < needed:
+        if self.travel < needed:
             raise ParameterError(
-                f"constant_velocities.way is {self.way:g} m; at {max(self.velocities):g} m/s and "
-                f"{self.acceleration:g} m/s² expected {needed:.3g} m at least, half of it at constant velocity"
+                f"constant_velocities.travel is {self.travel:g} m; at {max(self.velocities):g} m/s and "
+                f"{self.acceleration:g} m/s² expected {needed:.3g} m or more, half of it at constant velocity"
             )
 
     def check(self, sample_time: float) -> None:
         """Refuse motions that do not fit into memory."""
-        check_duration(self.name, 2 * self.way / max(self.velocities), sample_time)
+        check_duration(self.name, 2 * self.travel / max(self.velocities), sample_time)
         check_rounding(self.name, max(self.velocities), self.acceleration, sample_time)
-        check_duration(self.name, 2 * self.way / min(self.velocities) * self.cycles, sample_time)
+        check_duration(self.name, 2 * self.travel / min(self.velocities) * self.cycles, sample_time)
 
     def periods(self, sample_time: float) -> tuple[Period, ...]:
-        """Return one period to and fro for each velocity."""
-        return tuple(reference_period([self.way], v, self.acceleration, sample_time) for v in self.velocities)
+        """Return one back-and-forth period for each velocity."""
+        return tuple(reference_period([self.travel], v, self.acceleration, sample_time) for v in self.velocities)
 
     @property
     def schedule(self) -> Schedule:
-        """From rest: there is nothing to settle but the loop."""
-        return Schedule(settle_limit=0, periods=self.cycles)
+        """Record from rest: only the loop would settle."""
+        return Schedule(settling_timeout=0, recorded_periods=self.cycles)

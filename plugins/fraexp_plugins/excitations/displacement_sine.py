@@ -5,7 +5,7 @@ from typing import ClassVar
 import numpy as np
 
 from fraexp.api import Excitation, Period, Schedule, param
-from fraexp_plugins.excitations.sampling import samples_per_period
+from fraexp_plugins.excitations._shared.sampling import samples_per_period
 
 
 class DisplacementSine(Excitation, name="displacement_sine", version=1):
@@ -27,5 +27,5 @@ class DisplacementSine(Excitation, name="displacement_sine", version=1):
 
     @property
     def schedule(self) -> Schedule:
-        """A friction model is driven until periodic without a schedule."""
+        """The default: a friction model is driven until periodic whatever the schedule."""
         return Schedule()

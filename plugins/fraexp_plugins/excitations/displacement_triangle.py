@@ -5,11 +5,11 @@ from typing import ClassVar
 import numpy as np
 
 from fraexp.api import Excitation, Period, Schedule, param
-from fraexp_plugins.excitations.sampling import samples_per_period
+from fraexp_plugins.excitations._shared.sampling import samples_per_period
 
 
 class DisplacementTriangle(Excitation, name="displacement_triangle", version=1):
-    """A displacement to and fro at constant velocity, as in friction rigs (paper, Fig 2).
+    """A displacement back and forth at constant velocity, as in friction rigs (paper, Fig 2).
 
     Rate effects then show at one velocity, 4 A f.
     """
@@ -32,5 +32,5 @@ class DisplacementTriangle(Excitation, name="displacement_triangle", version=1):
 
     @property
     def schedule(self) -> Schedule:
-        """A friction model is driven until periodic without a schedule."""
+        """The default: a friction model is driven until periodic whatever the schedule."""
         return Schedule()

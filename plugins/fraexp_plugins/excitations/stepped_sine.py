@@ -1,36 +1,45 @@
 """Stepped sine: one frequency after another, each in its periodic state."""
 
+from collections.abc import Mapping
+from typing import ClassVar
+
 import numpy as np
 
 from fraexp.api import Period, param
-from fraexp_plugins.excitations.sampling import coherent, sine
-from fraexp_plugins.excitations.shaping import MEANING, Shape, check_shape, shaped
-from fraexp_plugins.excitations.stepped import SteppedExcitation
+from fraexp_plugins.excitations._shared.amplitude_profile import (
+    PROFILE_MEANING,
+    AmplitudeProfile,
+    check_profile,
+    relative_amplitude,
+)
+from fraexp_plugins.excitations._shared.sampling import sine_wave
+from fraexp_plugins.excitations._shared.stepped_excitation import SteppedExcitation
 
 
 class SteppedSine(SteppedExcitation, name="stepped_sine", version=1):
     """u_sin = A s(f) sin(2πft), frequency by frequency on a logarithmic grid (paper, section II-C).
 
-    Each frequency is moved, by 0.1 % at most where the sample time allows it, to the nearest one of which whole
-    periods fit into whole samples: then the Fourier sums have no leakage and the response can repeat itself. `shape`
-    is s(f), 1 by default. The most accurate response per frequency, and the slowest: a band of a hundred frequencies
-    takes minutes on a machine, where a multisine takes seconds.
+    Each frequency is moved, by up to 0.1 % where the sample time allows it, to the nearest one at which whole
+    periods fit into whole samples: then the Fourier sums have no leakage and the response can repeat itself.
+    `amplitude_profile` is s(f), 1 by default. It gives the most accurate response per frequency, and is the slowest:
+    a sweep of a hundred frequencies takes minutes on a machine, a multisine seconds.
     """
 
+    renamed: ClassVar[Mapping[str, str]] = {"shape": "amplitude_profile"}
+
     amplitude: float = param("N", "amplitude A", above=0)
-    shape: Shape = param("Hz", MEANING, ())
+    amplitude_profile: AmplitudeProfile = param("Hz", PROFILE_MEANING, ())
 
     def model_post_init(self, context: object) -> None:
-        """Check grid and shape."""
+        """Check grid and amplitude profile."""
         super().model_post_init(context)
-        check_shape(self.name, self.shape)
+        check_profile(self.name, self.amplitude_profile)
 
     def periods(self, sample_time: float) -> tuple[Period, ...]:
         """Return one block of whole periods per frequency."""
-        amplitudes = self.amplitude * shaped(self.shape, self.grid)
-        return tuple(_period(*pair, sample_time) for pair in zip(self.grid, amplitudes, strict=True))
-
-
-def _period(frequency: float, amplitude: float, sample_time: float) -> Period:
-    cycles, samples = coherent(frequency * sample_time)
-    return Period(amplitude * sine(cycles, samples), np.array([cycles]))
+        amplitudes = self.amplitude * relative_amplitude(self.amplitude_profile, self.grid)
+        blocks = [self.block(frequency, sample_time) for frequency in self.grid]
+        return tuple(
+            Period(amplitude * sine_wave(block), np.array([block.cycles]))
+            for amplitude, block in zip(amplitudes, blocks, strict=True)
+        )

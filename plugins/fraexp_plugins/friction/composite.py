@@ -2,9 +2,15 @@
 
 from collections.abc import Callable
 from functools import cache
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 from fraexp.api import FrictionModel, ParameterError, param
+
+if TYPE_CHECKING:  # only the checker needs the name of this type: importing it would import numba
+    from fraexp.kernels.law_arguments import LawArgument
 
 Law = Callable[..., float]
 
@@ -14,10 +20,10 @@ class Composite(FrictionModel, name="composite", version=1):
 
     parts: tuple[FrictionModel, ...] = param("", "the models, each with its name and parameters")
 
-    presets: ClassVar[dict[str, dict[str, Any]]] = {
+    presets: ClassVar[dict[str, dict[str, object]]] = {
         "dahl_and_viscous": {
             "parts": [
-                {"name": "dahl", "stiffness": 3.9e5, "coulomb": 17.9},
+                {"name": "dahl", "stiffness": 3.9e5, "coulomb_force": 17.9},
                 {"name": "none", "viscous_coefficient": 4.69},
             ]
         }
@@ -30,7 +36,7 @@ class Composite(FrictionModel, name="composite", version=1):
 
     @property
     def state_size(self) -> int:
-        """The parts' memories, one after another."""
+        """Size of all parts' states, which lie one after another."""
         return sum(part.state_size for part in self.parts)
 
     @property
@@ -46,9 +52,9 @@ class Composite(FrictionModel, name="composite", version=1):
         return sum(known) if len(known) == len(bounds) else None
 
     @property
-    def greatest_stiffness(self) -> float:
-        """Sum of the parts' greatest stiffnesses [N/m]."""
-        return sum(part.greatest_stiffness for part in self.parts)
+    def max_stiffness(self) -> float:
+        """Sum of the parts' maximum stiffnesses [N/m]."""
+        return sum(part.max_stiffness for part in self.parts)
 
     @property
     def law(self) -> Law:
@@ -58,22 +64,30 @@ class Composite(FrictionModel, name="composite", version=1):
             law = _sum(part.law, law)
         return law
 
-    def law_arguments(self) -> tuple[Any, ...]:
-        """Size of the first part's memory, its arguments, and those of the rest."""
+    def law_arguments(self) -> "tuple[LawArgument, ...]":
+        """Return the size of the first part's state, its arguments, and those of the rest."""
         arguments = self.parts[-1].law_arguments()
         for part in self.parts[-2::-1]:
             arguments = (part.state_size, part.law_arguments(), arguments)
         return arguments
 
     @staticmethod
-    def advance(z, dy, dt, z_next):  # type: ignore[no-untyped-def]
-        """Not used: `law` puts the parts' laws together."""
+    def advance(z: NDArray[np.float64], dy: float, dt: float, z_next: NDArray[np.float64]) -> float:
+        """Not used: `law` adds up the parts' laws."""
         raise NotImplementedError
 
 
 @cache
 def _sum(first: Law, rest: Law) -> Law:
-    def advance(z, dy, dt, z_next, size, first_arguments, rest_arguments):  # type: ignore[no-untyped-def]
+    def advance(
+        z: NDArray[np.float64],
+        dy: float,
+        dt: float,
+        z_next: NDArray[np.float64],
+        size: int,
+        first_arguments: tuple[object, ...],
+        rest_arguments: tuple[object, ...],
+    ) -> float:
         force = first(z[:size], dy, dt, z_next[:size], *first_arguments)
         return force + rest(z[size:], dy, dt, z_next[size:], *rest_arguments)
 

@@ -1,7 +1,11 @@
 """Dahl friction."""
 
 import math
+from collections.abc import Mapping
 from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 from fraexp.api import FrictionModel, param
 
@@ -14,9 +18,10 @@ class Dahl(FrictionModel, name="dahl", version=1):
     """
 
     states: ClassVar[tuple[str, ...]] = ("force [N]",)
+    renamed: ClassVar[Mapping[str, str]] = {"coulomb": "coulomb_force"}
 
     stiffness: float = param("N/m", "presliding stiffness σ", above=0)
-    coulomb: float = param("N", "Coulomb friction force Fc", above=0)
+    coulomb_force: float = param("N", "Coulomb friction force Fc", above=0)
     viscous_coefficient: float = param("N s/m", "viscous coefficient σ2", 0.0, at_least=0)
 
     @property
@@ -27,16 +32,23 @@ class Dahl(FrictionModel, name="dahl", version=1):
     @property
     def force_bound(self) -> float:
         """Fc [N]."""
-        return self.coulomb
+        return self.coulomb_force
 
     @property
-    def greatest_stiffness(self) -> float:
-        """2σ [N/m]: at a reversal from full slip."""
+    def max_stiffness(self) -> float:
+        """2σ [N/m]: at a reversal from gross sliding."""
         return 2 * self.stiffness
 
     @staticmethod
-    def advance(z, dy, dt, z_next, stiffness, coulomb):  # type: ignore[no-untyped-def]
+    def advance(
+        z: NDArray[np.float64],
+        dy: float,
+        dt: float,
+        z_next: NDArray[np.float64],
+        stiffness: float,
+        coulomb_force: float,
+    ) -> float:
         """Friction force [N] after the displacement moved by dy [m]; z holds the force [N]."""
-        limit = math.copysign(coulomb, dy)
-        z_next[0] = limit + (z[0] - limit) * math.exp(-stiffness * abs(dy) / coulomb)
+        limit = math.copysign(coulomb_force, dy)
+        z_next[0] = limit + (z[0] - limit) * math.exp(-stiffness * abs(dy) / coulomb_force)
         return z_next[0]

@@ -1,11 +1,12 @@
 """Rolling friction of a linear guide: parallel elasto-slide elements (paper, section V-A)."""
 
-from collections.abc import Callable
+import numpy as np
+from numpy.typing import NDArray
 
-from fraexp_plugins.friction.elements import ElementModel
+from fraexp_plugins.friction._shared.element_model import ElementModel
 
 
-class Rolling(ElementModel, name="rolling", version=1):
+class Rolling(ElementModel, name="rolling", version=2):
     """Rolling friction by N parallel viscoelastic elements that slip, eqs (6)-(11), with viscous friction, eq (12).
 
     Each element is a stop operator: its deflection follows the displacement up to ±F_mi/K_i (eq 9) and its force
@@ -15,31 +16,26 @@ class Rolling(ElementModel, name="rolling", version=1):
     then the force is limited. `rolling_force_slider` takes (10) for the slider; without D_i both are the same.
     """
 
-    @property
-    def law(self) -> Callable[..., float]:
-        """Without damped elements a law of half the cost, which gives the same."""
-        return _undamped if not self.damping else super().law
-
     @staticmethod
-    def advance(z, dy, dt, z_next, element_stiffness, damping, limit_deflection):  # type: ignore[no-untyped-def]
+    def advance(
+        z: NDArray[np.float64],
+        dy: float,
+        dt: float,
+        z_next: NDArray[np.float64],
+        element_stiffness: NDArray[np.float64],
+        damping: NDArray[np.float64],
+        limit_deflection: NDArray[np.float64],
+    ) -> float:
         """Friction force [N] after the displacement moved by dy [m] in dt [s]; z holds the deflections [m]."""
         force, n = 0.0, element_stiffness.size
+        # An element that moves has the table's velocity: at the step's end, to second order, from two mean ones. One
+        # that has reached its limit needs no other, because the force limit holds there.
+        mean_velocity = dy / dt
+        velocity = 1.5 * mean_velocity - 0.5 * z[n]
+        z_next[n] = mean_velocity
         for i in range(n):
             limit = limit_deflection[i]
             z_next[i] = min(max(z[i] + dy, -limit), limit)
-            change = z_next[i] - z[i]
-            z_next[n + i] = change
-            rate = (1.5 * change - 0.5 * z[n + i]) / dt  # at the step's end, to second order
-            most = element_stiffness[i] * limit
-            force += min(max(element_stiffness[i] * z_next[i] + damping[i] * rate, -most), most)
+            limit_force = element_stiffness[i] * limit
+            force += min(max(element_stiffness[i] * z_next[i] + damping[i] * velocity, -limit_force), limit_force)
         return force
-
-
-def _undamped(  # type: ignore[no-untyped-def]
-    z, dy, dt, z_next, element_stiffness, damping, limit_deflection
-):
-    force = 0.0
-    for i in range(element_stiffness.size):
-        z_next[i] = min(max(z[i] + dy, -limit_deflection[i]), limit_deflection[i])
-        force += element_stiffness[i] * z_next[i]
-    return force

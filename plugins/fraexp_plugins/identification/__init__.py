@@ -1,1 +1,1 @@
-"""Estimators that identify: plant, friction, or both."""
+"""Estimators that identify: the plant, friction, or both together."""

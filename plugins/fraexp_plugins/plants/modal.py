@@ -1,6 +1,10 @@
 """The modal plant: a rigid body and any number of vibration modes (paper, eq 1)."""
 
+from collections.abc import Mapping
+from typing import ClassVar
+
 import numpy as np
+from numpy.typing import NDArray
 
 from fraexp.api import ParameterError, Plant, StateSpace, param
 
@@ -12,40 +16,45 @@ class Modal(Plant, name="modal", version=1):
     viscous friction. In a simulation that friction belongs to the friction model.
     """
 
-    gain: float = param("m/(N s**2)", "rigid-body gain k0, the reciprocal of the moving mass", above=0)
+    renamed: ClassVar[Mapping[str, str]] = {"gain": "rigid_body_gain", "residues": "modal_gain_ratios"}
+
+    rigid_body_gain: float = param("m/(N s**2)", "rigid-body gain k0, the reciprocal of the moving mass", above=0)
     frequencies: tuple[float, ...] = param("Hz", "natural frequencies f_i of the modes", ())
     damping_ratios: tuple[float, ...] = param("1", "damping ratios ζ_i of the modes", ())
-    residues: tuple[float, ...] = param("1", "modal gains r_i relative to the rigid body", ())
+    modal_gain_ratios: tuple[float, ...] = param("1", "gains r_i of the modes relative to the rigid body", ())
     viscous_coefficient: float = param("N s/m", "viscous coefficient D of the rigid body", 0.0, at_least=0)
 
     def model_post_init(self, context: object) -> None:
         """Check that the modes belong together."""
-        counts = {len(self.frequencies), len(self.damping_ratios), len(self.residues)}
+        counts = {len(self.frequencies), len(self.damping_ratios), len(self.modal_gain_ratios)}
         if len(counts) > 1:
-            raise ParameterError("modal needs as many frequencies as damping_ratios and residues, one of each per mode")
+            raise ParameterError(
+                "modal needs as many frequencies as damping_ratios and modal_gain_ratios, one of each per mode"
+            )
         if min(self.frequencies, default=1.0) <= 0 or min(self.damping_ratios, default=0.0) < 0:
             raise ParameterError("modal needs frequencies above 0 Hz and damping_ratios of at least 0")
 
     def state_space(self) -> StateSpace:
-        """Two states, position and velocity, for the rigid body and for each mode."""
+        """Return P(s) with two states, position and velocity, for the rigid body and for each mode."""
         omega = 2 * np.pi * np.array([0.0, *self.frequencies])
         damping = np.array([0.0, *self.damping_ratios])
-        residue = np.array([1.0, *self.residues])
+        ratio = np.array([1.0, *self.modal_gain_ratios])
         n = 2 * omega.size
         a, b, c = np.zeros((n, n)), np.zeros(n), np.zeros(n)
         a[0::2, 1::2] = np.eye(omega.size)
         a[1::2, 0::2] = np.diag(-(omega**2))
         a[1::2, 1::2] = np.diag(-2 * damping * omega)
-        a[1, 1] = -self.gain * self.viscous_coefficient
+        a[1, 1] = -self.rigid_body_gain * self.viscous_coefficient
         b[1::2] = 1.0
-        c[0::2] = self.gain * residue
+        c[0::2] = self.rigid_body_gain * ratio
         return StateSpace(a, b, c)
 
-    def response(self, omega: np.ndarray) -> np.ndarray:
+    def response(self, omega: NDArray[np.floating]) -> NDArray[np.complex128]:
         """Return P(jω) [m/N] by eq (1)."""
         s = 1j * np.asarray(omega, dtype=float)
-        total = 1 / (s**2 + self.gain * self.viscous_coefficient * s)
-        for frequency, damping, residue in zip(self.frequencies, self.damping_ratios, self.residues, strict=True):
+        total = 1 / (s**2 + self.rigid_body_gain * self.viscous_coefficient * s)
+        modes = zip(self.frequencies, self.damping_ratios, self.modal_gain_ratios, strict=True)
+        for frequency, damping, ratio in modes:
             natural = 2 * np.pi * frequency
-            total = total + residue / (s**2 + 2 * damping * natural * s + natural**2)
-        return self.gain * total
+            total = total + ratio / (s**2 + 2 * damping * natural * s + natural**2)
+        return self.rigid_body_gain * total

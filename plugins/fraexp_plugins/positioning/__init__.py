@@ -1,1 +1,1 @@
-"""Built-in positioning: motions with their feedforward, and what became of them."""
+"""Built-in positioning: motions with their feedforward, and the metrics of moves."""

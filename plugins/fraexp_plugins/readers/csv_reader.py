@@ -10,21 +10,22 @@ from pathlib import Path
 from typing import TextIO
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fraexp.api import RecordError, RecordReader, RecordTable
-from fraexp_plugins.readers.measured import check_size, missing_column
+from fraexp_plugins.readers._shared.record_checks import check_size, missing_column
 
 DELIMITERS = ("\t", ";", ",", None)
-"""In the order in which they are tried; None is any run of blanks."""
+"""Delimiters in the order in which they are tried; None is any run of blanks."""
 COMMENTS = ("#", "%")
 BRACKETS = (("[", "]"), ("(", ")"))
-"""Around a unit."""
-PEEK = 65536
-"""Bytes from which the encoding is told."""
-HEAD = 1000
+"""Brackets around a unit."""
+ENCODING_PEEK_BYTES = 65536
+"""Bytes from which the encoding is detected."""
+MAX_HEADER_LINES = 1000
 """Lines among which the first line of numbers must be."""
-LONGEST = 1 << 22
-"""Letters of a line, and of all lines together among which the first line of numbers must be."""
+MAX_LINE_CHARACTERS = 1 << 22
+"""Characters of a line, and of all lines together among which the first line of numbers must be."""
 
 
 class CsvReader(RecordReader, name="csv", version=1):
@@ -37,12 +38,12 @@ class CsvReader(RecordReader, name="csv", version=1):
     suffixes = (".csv", ".txt", ".tsv", ".dat")
 
     def read(self, path: Path, columns: Sequence[str]) -> RecordTable:
-        encoding, layout = _opened(path)
-        places = [layout.place(path, column) for column in columns]
-        values = _numbers(path, encoding, layout, places)
-        names = [_split(heading)[0] for heading in layout.headings]
-        units = dict(zip(names, layout.units, strict=False))  # of all columns: one not asked for may be the clock
-        units |= {column: layout.units[place] for column, place in zip(columns, places, strict=True)}
+        encoding, layout = _detect_layout(path)
+        positions = [layout.position(path, column) for column in columns]
+        values = _numbers(path, encoding, layout, positions)
+        names = [_name_and_unit(heading)[0] for heading in layout.headings]
+        units = dict(zip(names, layout.units, strict=False))  # of all columns: another one may be the clock
+        units |= {column: layout.units[position] for column, position in zip(columns, positions, strict=True)}
         return RecordTable(
             columns=dict(zip(columns, values, strict=True)),
             units={column: unit for column, unit in units.items() if unit},
@@ -50,27 +51,27 @@ class CsvReader(RecordReader, name="csv", version=1):
 
     def contents(self, path: Path) -> dict[str, tuple[tuple[int, ...], str]]:
         """Return length and unit of every column by its name."""
-        encoding, layout = _opened(path)
+        encoding, layout = _detect_layout(path)
         rows = sum(1 for _ in _rows(path, encoding, layout))
-        names = [_split(heading)[0] for heading in layout.headings]
+        names = [_name_and_unit(heading)[0] for heading in layout.headings]
         return {name: ((rows,), unit or "") for name, unit in zip(names, layout.units, strict=False) if name}
 
 
 @dataclass(frozen=True)
 class _Layout:
-    """How the text of a file is laid out."""
+    """Layout of a text file."""
 
     delimiter: str | None
     decimal_comma: bool
     start: int
     """Lines before the first line of numbers."""
     headings: tuple[str, ...]
-    """As they stand in the file; numbers from 1 if there are none."""
+    """Headings as in the file; numbers from 1 if it has none."""
     units: tuple[str | None, ...]
 
-    def place(self, path: Path, column: str) -> int:
-        """Return the position of a column that is asked for by its heading, or by the name in it."""
-        names = [_split(heading)[0] for heading in self.headings]
+    def position(self, path: Path, column: str) -> int:
+        """Return the position of a column by its heading, or by the name in the heading."""
+        names = [_name_and_unit(heading)[0] for heading in self.headings]
         for known in (list(self.headings), names):
             if known.count(column) > 1:
                 raise RecordError(
@@ -81,11 +82,11 @@ class _Layout:
         raise missing_column(path, column, names)
 
     def number(self, cell: str) -> float:
-        """Return the number in a cell; ValueError if there is none."""
+        """Return the number in a cell; ValueError if it is not a number."""
         return float(cell.replace(",", ".") if self.decimal_comma else cell)
 
 
-def _opened(path: Path) -> tuple[str, _Layout]:
+def _detect_layout(path: Path) -> tuple[str, _Layout]:
     """Return encoding and layout of a file."""
     check_size(path, "the file", path.stat().st_size)
     encoding = _encoding(path)
@@ -95,34 +96,36 @@ def _opened(path: Path) -> tuple[str, _Layout]:
 
 def _head(path: Path, stream: TextIO) -> Iterator[str]:
     """Yield the lines among which the first line of numbers must be."""
-    room = LONGEST
-    for line in itertools.islice(_lines(path, stream), HEAD):
-        room -= len(line)
-        if room < 0:
+    remaining = MAX_LINE_CHARACTERS
+    for line in itertools.islice(_lines(path, stream), MAX_HEADER_LINES):
+        remaining -= len(line)
+        if remaining < 0:
             return
         yield line
 
 
 def _lines(path: Path, stream: TextIO) -> Iterator[str]:
-    """Yield the lines of a text; RecordError at one of a length that no columns have."""
+    """Yield the lines of a text; RecordError at one that is too long to be a line of columns."""
     number = 1
-    while line := stream.readline(LONGEST + 1):
-        if len(line) > LONGEST:
-            raise RecordError(f"{path.name}, line {number}: it has more than {LONGEST:,} letters; expected columns")
+    while line := stream.readline(MAX_LINE_CHARACTERS + 1):
+        if len(line) > MAX_LINE_CHARACTERS:
+            raise RecordError(
+                f"{path.name}, line {number}: more than {MAX_LINE_CHARACTERS:,} characters; expected columns"
+            )
         yield line
         number += 1
 
 
 def _encoding(path: Path) -> str:
     with path.open("rb") as stream:
-        head = stream.read(PEEK)
+        head = stream.read(ENCODING_PEEK_BYTES)
     if head.startswith((b"\xff\xfe", b"\xfe\xff")):
         return "utf-16"
     if b"\0" in head:
-        raise RecordError(f"{path.name}: this is no text file; expected lines of numbers, or choose another reader")
+        raise RecordError(f"{path.name}: this is not a text file; expected lines of numbers, or choose another reader")
     try:
-        # up to a line's end: no character is cut in two
-        (head[: head.rfind(b"\n") + 1] if len(head) == PEEK else head).decode("utf-8")
+        # up to the end of a line, so that no character is cut in two
+        (head[: head.rfind(b"\n") + 1] if len(head) == ENCODING_PEEK_BYTES else head).decode("utf-8")
     except UnicodeDecodeError:
         return "latin-1"
     return "utf-8-sig"
@@ -133,34 +136,34 @@ def _layout(path: Path, lines: list[str]) -> _Layout:
         for start, line in enumerate(lines):
             cells = _cells(line, delimiter)
             if len(cells) > 1 and not line.lstrip().startswith(COMMENTS) and _numeric(cells, delimiter):
-                return _headed(path, lines[:start], delimiter, cells)
+                return _layout_below_header(path, lines[:start], delimiter, cells)
     for start, line in enumerate(lines):
         if not line.lstrip().startswith(COMMENTS) and _numeric([line.strip()], ";"):
-            return _headed(path, lines[:start], ";", [line.strip()])
+            return _layout_below_header(path, lines[:start], ";", [line.strip()])
     raise RecordError(
-        f"{path.name}: no line of numbers in the first {HEAD}; expected columns of numbers under a header"
+        f"{path.name}: no line of numbers in the first {MAX_HEADER_LINES}; expected columns of numbers under a header"
     )
 
 
-def _headed(path: Path, before: list[str], delimiter: str | None, cells: list[str]) -> _Layout:
+def _layout_below_header(path: Path, header: list[str], delimiter: str | None, cells: list[str]) -> _Layout:
     decimal_comma = delimiter != "," and any("," in cell for cell in cells)
-    rows = [(number + 1, line.strip()) for number, line in enumerate(before) if line.strip()]
+    rows = [(number + 1, line.strip()) for number, line in enumerate(header) if line.strip()]
     plain = [(number, _cells(line, delimiter)) for number, line in rows if not line.startswith(COMMENTS)]
-    noted = [(number, _cells(line.lstrip("#% "), delimiter)) for number, line in rows if line.startswith(COMMENTS)]
+    commented = [(number, _cells(line.lstrip("#% "), delimiter)) for number, line in rows if line.startswith(COMMENTS)]
     widths = (len(cells), len(cells) - (not cells[-1]))  # a line of numbers may end with a delimiter
     candidates = [row for row in plain if len(row[1]) in widths]
     if not candidates:
-        candidates = [row for row in noted if len(row[1]) in widths][-1:]
-    headings = candidates[0][1] if candidates else [str(place + 1) for place in range(len(cells))]
-    units = [_split(heading)[1] for heading in headings]
+        candidates = [row for row in commented if len(row[1]) in widths][-1:]
+    headings = candidates[0][1] if candidates else [str(position + 1) for position in range(len(cells))]
+    units = [_name_and_unit(heading)[1] for heading in headings]
     for number, row in candidates[1:]:
         if any(_is_number(cell, decimal_comma) for cell in row):
             bad = next((cell for cell in row if not _is_number(cell, decimal_comma)), row[0])
             raise RecordError(
-                f"{path.name}, line {number}: '{bad}' does not fit the lines below; mend or remove the line"
+                f"{path.name}, line {number}: '{bad}' does not fit the lines below; correct or remove the line"
             )
         units = [cell.strip("[]()") or unit for cell, unit in zip(row, units, strict=False)]  # a line of units
-    return _Layout(delimiter, decimal_comma, len(before), tuple(headings), tuple(units))
+    return _Layout(delimiter, decimal_comma, len(header), tuple(headings), tuple(units))
 
 
 def _cells(line: str, delimiter: str | None) -> list[str]:
@@ -173,7 +176,7 @@ def _cells(line: str, delimiter: str | None) -> list[str]:
 
 
 def _numeric(cells: list[str], delimiter: str | None) -> bool:
-    # A gap in the first line of numbers must not make a heading of it.
+    # A first line of numbers with an empty cell is not a heading.
     filled = [cell for cell in cells if cell]
     return bool(filled) and all(_is_number(cell, delimiter != ",") for cell in filled)
 
@@ -185,7 +188,7 @@ def _is_number(cell: str, decimal_comma: bool) -> bool:
     return False
 
 
-def _split(heading: str) -> tuple[str, str | None]:
+def _name_and_unit(heading: str) -> tuple[str, str | None]:
     for opening, closing in BRACKETS:
         name, bracket, unit = heading.removesuffix(closing).rpartition(opening)
         if heading.endswith(closing) and bracket and name.strip() and closing not in unit:
@@ -200,35 +203,35 @@ def _rows(path: Path, encoding: str, layout: _Layout) -> Iterator[tuple[int, str
                 yield number, line
 
 
-def _numbers(path: Path, encoding: str, layout: _Layout, places: list[int]) -> np.ndarray:
+def _numbers(path: Path, encoding: str, layout: _Layout, positions: list[int]) -> NDArray[np.float64]:
     lines = (line.replace(",", ".") if layout.decimal_comma else line for _, line in _rows(path, encoding, layout))
     try:
         values = np.loadtxt(
-            lines, delimiter=layout.delimiter, usecols=places, comments=None, quotechar='"', ndmin=2, unpack=True
+            lines, delimiter=layout.delimiter, usecols=positions, comments=None, quotechar='"', ndmin=2, unpack=True
         )
     except (ValueError, StopIteration):  # the latter where a quote is never closed
-        raise _fault(path, encoding, layout, places) from None
+        raise _fault(path, encoding, layout, positions) from None
     if not np.isfinite(values).all():
-        raise _fault(path, encoding, layout, places)
+        raise _fault(path, encoding, layout, positions)
     return np.asarray(values)
 
 
-def _fault(path: Path, encoding: str, layout: _Layout, places: list[int]) -> RecordError:
-    """Find what is wrong with the numbers, slowly: the first bad cell, and how many there are."""
+def _fault(path: Path, encoding: str, layout: _Layout, positions: list[int]) -> RecordError:
+    """Return the error for the first bad cell, with the number of bad cells: slow, as it parses cell by cell."""
     faults: list[str] = []
     count = 0
     for number, line in _rows(path, encoding, layout):
         cells = _cells(line, layout.delimiter)
-        for place in places:
-            cell = cells[place] if place < len(cells) else ""
+        for position in positions:
+            cell = cells[position] if position < len(cells) else ""
             finite = False
             with suppress(ValueError):
                 finite = math.isfinite(layout.number(cell))
             if not finite:
                 count += 1
-                faults = faults or [f"line {number}", f"'{cell}' in column '{layout.headings[place]}'"]
+                faults = faults or [f"line {number}", f"'{cell}' in column '{layout.headings[position]}'"]
     if not faults:
-        return RecordError(f"{path.name}: the cells cannot be told apart; expected every quote to be closed")
+        return RecordError(f"{path.name}: the cells cannot be separated; expected every quote to be closed")
     where, what = faults
     others = f" ({count} such cells in all)" if count > 1 else ""
-    return RecordError(f"{path.name}, {where}: {what} is no finite number{others}; mend or cut out these samples")
+    return RecordError(f"{path.name}, {where}: {what} is not a finite number{others}; correct or remove these samples")

@@ -4,9 +4,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fraexp.api import RecordError, RecordReader, RecordTable
-from fraexp_plugins.readers.mat_arrays import how_to_name, shape_text, signal, split
+from fraexp_plugins.readers._shared.mat_arrays import column_hint, extract_signal, shape_text, split_indices
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
 HDF5_USER_BLOCK = 512
@@ -17,30 +18,32 @@ class MatReader(RecordReader, name="mat", version=1):
     """A MATLAB file; a column is a variable, or a path into it: ``data.y``, ``signals.2.values``, ``y.3``.
 
     A number counts from 1, as MATLAB does: the element of a struct or cell array, or the column of a matrix,
-    whose longer side is time. Vectors may be rows or columns. Of an array with more sides a signal is named as in
-    MATLAB, ``force(:,:,1,2)``: of two sides left open the longer one is time, the other one numbers the periods,
+    whose longer side is time. Vectors may be rows or columns. A signal in an array of more dimensions is named as
+    in MATLAB, ``force(:,:,1,2)``: of two open dimensions the longer one is time, the other one numbers the periods,
     which are read one after another. Objects such as timeseries are not read.
     """
 
     suffixes = (".mat",)
 
     def read(self, path: Path, columns: Sequence[str]) -> RecordTable:
-        names = {column: split(column) for column in columns}
+        names = {column: split_indices(column) for column in columns}
         if _is_hdf5(path):
-            from fraexp_plugins.readers.mat_hdf5 import read_columns
+            from fraexp_plugins.readers._shared.mat_hdf5 import read_columns
         else:
-            from fraexp_plugins.readers.mat_classic import read_columns
-        found = read_columns(path, sorted({name for name, _ in names.values()}))
+            from fraexp_plugins.readers._shared.mat_classic import read_columns
+        arrays = read_columns(path, sorted({name for name, _ in names.values()}))
         if _is_hdf5(path):  # HDF5 shows MATLAB's arrays transposed
-            found = {name: values.T for name, values in found.items()}
-        return RecordTable({column: _column(path, name, found[name], sides) for column, (name, sides) in names.items()})
+            arrays = {name: values.T for name, values in arrays.items()}
+        return RecordTable(
+            {column: _column(path, name, arrays[name], indices) for column, (name, indices) in names.items()}
+        )
 
     def contents(self, path: Path) -> dict[str, tuple[tuple[int, ...], str]]:
-        """Return the sides of every array of numbers in a file by its name; MATLAB knows no units."""
+        """Return the shape of every numeric array in a file, by name; units are empty, as MATLAB has none."""
         if _is_hdf5(path):
-            from fraexp_plugins.readers.mat_hdf5 import shapes
+            from fraexp_plugins.readers._shared.mat_hdf5 import shapes
         else:
-            from fraexp_plugins.readers.mat_classic import shapes
+            from fraexp_plugins.readers._shared.mat_classic import shapes
         return {name: (shape, "") for name, shape in shapes(path).items()}
 
 
@@ -50,12 +53,12 @@ def _is_hdf5(path: Path) -> bool:
     return HDF5 in (head[: len(HDF5)], head[HDF5_USER_BLOCK:])
 
 
-def _column(path: Path, name: str, values: np.ndarray, sides: tuple[str, ...]) -> np.ndarray:
+def _column(path: Path, name: str, values: NDArray[np.generic], indices: tuple[str, ...]) -> NDArray[np.float64]:
     if values.dtype.kind not in "biuf":
         kind = "complex numbers" if values.dtype.kind == "c" else "text or objects"
         raise RecordError(f"{path.name}: '{name}' holds {kind}; expected real numbers")
-    if sides:
-        return np.asarray(signal(path, name, values, sides), dtype=float)
+    if indices:
+        return np.asarray(extract_signal(path, name, values, indices), dtype=float)
     if values.size != max(values.shape, default=1):
-        raise RecordError(f"{path.name}: '{name}' is {shape_text(values)}; {how_to_name(name, values.shape)}")
+        raise RecordError(f"{path.name}: '{name}' is {shape_text(values)}; {column_hint(name, values.shape)}")
     return np.asarray(values, dtype=float).ravel()

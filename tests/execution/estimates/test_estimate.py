@@ -15,19 +15,19 @@ from fraexp.execution.estimates.estimate import (
     SERIAL,
     EstimatedTask,
     Workload,
-    counted,
+    count_workload,
     estimate,
     known_seconds,
-    law_source,
+    law_hash_lookup,
 )
-from fraexp.execution.estimates.group_sampling import FEW, MAX_EXPERIMENTS, sampled_groups
+from fraexp.execution.estimates.group_sampling import MAX_EXPERIMENTS, SAMPLED_SWEEPS, sampled_groups
 from fraexp.execution.estimates.speeds import Speeds
 from fraexp.execution.estimates.work import Work
 from fraexp.execution.executors import ResourceLimits
-from fraexp.views.pace import expected_time
+from fraexp.views.pace import expected_time_text
 from fraexp.workspace.workspace import Workspace
 
-SOURCE = law_source(discover())("rolling")
+SOURCE = law_hash_lookup(discover())("rolling")
 KERNELS = frozenset(f"{family}/rolling/lanes/{SOURCE}" for family in ("loop", "drive"))
 KNOWN = Speeds(kernels=KERNELS)
 
@@ -48,9 +48,9 @@ def amplitudes(count: int) -> str:
 
 
 def test_what_is_shared_is_computed_once(registry: Registry) -> None:
-    found = counted(sweeps(), registry)
-    assert [len(turn) for turn in found.turns] == [2], "two amplitudes"
-    assert [task.sweeps for task in found.turns[0]] == [2, 2], "two estimators of each"
+    found = count_workload(sweeps(), registry)
+    assert [len(batch) for batch in found.batches] == [2], "two amplitudes"
+    assert [task.sweeps for task in found.batches[0]] == [2, 2], "two estimators of each"
 
 
 def test_a_large_study_is_counted_by_a_sample(registry: Registry) -> None:
@@ -69,7 +69,7 @@ def test_of_very_many_sweeps_a_few_groups_stand_for_all(monkeypatch: pytest.Monk
     axis = amplitudes(500)
     found = sweeps(axis)
     groups = sampled_groups(found)
-    assert len(groups) <= FEW
+    assert len(groups) <= SAMPLED_SWEEPS
     assert {len(group.sweeps) for group in groups} == {2}
     assert sum(group.weight * len(group.sweeps) for group in groups) == pytest.approx(len(found))
     assert [group.weight for group in sampled_groups(sweeps(axis))] == [group.weight for group in groups]
@@ -80,8 +80,8 @@ def test_what_is_drawn_is_shared_by_estimators_too(most: int, tmp_path: Path, mo
     monkeypatch.setattr("fraexp.execution.estimates.group_sampling.MAX_GROUPED", most)
     file = tmp_path / "drawn.toml"
     text = (Path(__file__).parents[3] / "studies" / "quick.toml").read_text()
-    draw = '{ paths = "plant.gain", relative = 0.01 }'
-    file.write_text(f"{text}\n[random]\ncount = 50\ndraw = [{draw}]\n")
+    draw = '{ paths = "plant.rigid_body_gain", relative = 0.01 }'
+    file.write_text(f"{text}\n[monte_carlo]\ncount = 50\ndraw = [{draw}]\n")
     (study,) = Workspace.open(tmp_path).studies([str(file)])
     groups = sampled_groups(study.sweeps)
     assert len(study.sweeps) == 2 * 2 * 50
@@ -108,14 +108,14 @@ def free(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("free")
 def test_workers_share_tasks_but_none_is_cut_in_two() -> None:
-    def seconds(executor: str, *turns: list[EstimatedTask]) -> float:
-        return Workload(turns, lambda name: "").seconds(executor, Speeds())
+    def seconds(executor: str, *batches: list[EstimatedTask]) -> float:
+        return Workload(batches, lambda name: "").seconds(executor, Speeds())
 
     assert seconds("serial", [task(3.0), task(1.0)]) == pytest.approx(4.0)
     assert seconds("processes:2", [task(1.0, weight=8)]) == pytest.approx(4.0)
     assert seconds("processes:2", [task(3.0), task(1.0)]) == pytest.approx(3.0), "the longest one is waited for"
     assert seconds("processes:8", [task(2.0), task(2.0)]) == pytest.approx(2.0), "there are but two"
-    assert seconds("processes:2", [task(2.0)], [task(1.0)]) == pytest.approx(3.0), "a turn waits for the one before"
+    assert seconds("processes:2", [task(2.0)], [task(1.0)]) == pytest.approx(3.0), "a batch waits for the one before"
 
 
 def test_the_faster_executor_is_chosen(registry: Registry, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -126,7 +126,7 @@ def test_the_faster_executor_is_chosen(registry: Registry, monkeypatch: pytest.M
     assert estimate(long, registry, KNOWN, SERIAL).executor == SERIAL
     assert estimate(long, registry, KNOWN).seconds < estimate(long, registry, KNOWN, SERIAL).seconds
     assert estimate(short, registry, KNOWN, limits=ResourceLimits(memory=10**9)).executor == PROCESSES
-    slow = KNOWN.learned({"start_processes": [20.0], "loop/rolling/lanes": [1.0], "estimate/proposed": [1.0]})
+    slow = KNOWN.updated({"start_processes": [20.0], "loop/rolling/lanes": [1.0], "estimate/effective_input": [1.0]})
     assert estimate(long, registry, slow).executor == SERIAL
 
 
@@ -141,14 +141,14 @@ def test_compiling_is_counted_until_it_is_done(registry: Registry) -> None:
     assert known.compiling == 0.0
     assert new.compiling == compile_seconds(KERNELS, Speeds()) > 0
     assert new.seconds == pytest.approx(known.seconds + new.compiling, rel=0.05)
-    slower = Speeds().learned({"compile/shared": [3.0], "compile/loop": [3.0], "compile/drive": [3.0]})
+    slower = Speeds().updated({"compile/shared": [3.0], "compile/loop": [3.0], "compile/drive": [3.0]})
     assert compile_seconds(KERNELS, slower) == pytest.approx(3 * new.compiling)
     edited = Speeds(kernels=frozenset(kernel.replace(SOURCE, "before") for kernel in KERNELS))
     assert 0 < estimate(sweeps(), registry, edited).compiling < new.compiling, "what all laws share is there"
 
 
 def test_a_slow_machine_takes_longer(registry: Registry) -> None:
-    slow = KNOWN.learned({"loop/rolling/lanes": [4.0]})
+    slow = KNOWN.updated({"loop/rolling/lanes": [4.0]})
     fast, slow_ = (estimate(sweeps(), registry, speeds, SERIAL) for speeds in (KNOWN, slow))
     assert slow_.seconds == pytest.approx(4 * fast.seconds, rel=0.01), "and so at all that has not been measured"
 
@@ -166,17 +166,17 @@ def test_components_that_nobody_knows_are_a_guess(registry: Registry) -> None:
         (None, 0.0, ""),
         (12.0, 0.0, ", about 12 s"),
         (12.0, 0.4, ", about 12 s"),
-        (100.0, 8.0, ", about 1 min 40 s, of which 8 s compiling"),
+        (100.0, 8.0, ", about 1 min 40 s including 8 s for compiling"),
     ],
 )
 def test_the_estimate_is_told_with_what_is_compiled(seconds: float | None, compiling: float, text: str) -> None:
-    assert expected_time(seconds, compiling) == text
+    assert expected_time_text(seconds, compiling) == text
 
 
 def test_the_estimate_follows_the_grid(tmp_path: Path) -> None:
     plans: dict[str, Any] = {
         text: Workspace.open(tmp_path).plan("quick", ["excitation.points=400", text], executor=SERIAL)[1][0]
-        for text in ("excitation.whole_periods=1", "excitation.whole_periods=100")
+        for text in ("excitation.recorded_periods=1", "excitation.recorded_periods=100")
     }
     one, many = plans.values()
     assert many.seconds > 2 * one.seconds

@@ -11,11 +11,11 @@ from fraexp.data.results import EFFORT, Metric, Outcome, Result, Timing
 from fraexp.data.sweep import Sweep
 from fraexp.execution.estimates.estimate import SERIAL, work_seconds
 from fraexp.execution.estimates.learning import Lessons
-from fraexp.execution.estimates.run_times import MOST_SURPRISE, RunTimes, learn_run
-from fraexp.execution.estimates.speeds import Speeds, learn_speeds, read_speeds, speeds_file
+from fraexp.execution.estimates.run_times import MAX_START_RATIO, RunTimes, add_run_ratios
+from fraexp.execution.estimates.speeds import Speeds, read_speeds, save_ratios, speeds_file
 from fraexp.execution.estimates.workload import estimator_work, experiment_work
 from fraexp.execution.events import Ended, Planned
-from fraexp.kernels.cache_folder import VARIABLE
+from fraexp.kernels.cache_folder import CACHE_FOLDER_VARIABLE
 from fraexp.workspace.workspace import Workspace
 
 WARM, COLD = (True, True), (False, False)
@@ -23,7 +23,7 @@ WARM, COLD = (True, True), (False, False)
 
 @pytest.fixture(autouse=True)
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(VARIABLE, str(tmp_path / "cache"))
+    monkeypatch.setenv(CACHE_FOLDER_VARIABLE, str(tmp_path / "cache"))
     for place in (
         "fraexp.execution.estimates.estimate.slowdown",
         "fraexp.execution.estimates.run_times.slowdown",
@@ -51,11 +51,11 @@ def result(
 
 
 def test_speed_and_settling_are_told_apart(sweeps: Sequence[Sweep], registry: Registry) -> None:
-    learn_speeds({}, ["loop/rolling/lanes", "drive/rolling/lanes"])
+    save_ratios({}, ["loop/rolling/lanes", "drive/rolling/lanes"])
     lessons = Lessons(registry)
     for sweep in sweeps:
-        lessons.take(sweep, result(sweep, registry, 3.0, settling=5.0))
-    lessons.learn(SERIAL)
+        lessons.add(sweep, result(sweep, registry, 3.0, settling=5.0))
+    lessons.save_speeds(SERIAL)
     found = read_speeds()
     assert found.ratio("settling/stepped_sine/rolling") == pytest.approx(5.0, rel=0.01)
     assert found.ratio("loop/rolling/lanes") == pytest.approx(3.0, rel=0.01)
@@ -64,8 +64,8 @@ def test_speed_and_settling_are_told_apart(sweeps: Sequence[Sweep], registry: Re
 
 def test_what_was_loading_or_compiling_tells_no_speed(sweeps: Sequence[Sweep], registry: Registry) -> None:
     lessons = Lessons(registry)
-    lessons.take(sweeps[0], result(sweeps[0], registry, 900.0, is_warm=COLD))
-    lessons.learn(SERIAL)
+    lessons.add(sweeps[0], result(sweeps[0], registry, 900.0, is_warm=COLD))
+    lessons.save_speeds(SERIAL)
     found = read_speeds()
     assert not {"loop/rolling/lanes", "estimate/conventional"} & set(found.ratios)
     assert any(kernel.startswith("loop/rolling/lanes/") for kernel in found.kernels), (
@@ -75,9 +75,9 @@ def test_what_was_loading_or_compiling_tells_no_speed(sweeps: Sequence[Sweep], r
 
 def test_failed_sweeps_and_stored_ones_teach_nothing(sweeps: Sequence[Sweep], registry: Registry) -> None:
     lessons = Lessons(registry)
-    lessons.take(sweeps[0], None)
-    lessons.take(sweeps[0], Result(Outcome.OK))
-    lessons.learn(SERIAL)
+    lessons.add(sweeps[0], None)
+    lessons.add(sweeps[0], Result(Outcome.OK))
+    lessons.save_speeds(SERIAL)
     assert not speeds_file().exists()
 
 
@@ -90,7 +90,7 @@ def times(
 def learned(run: RunTimes, before: Speeds) -> dict[str, list[float]]:
     kinds = ("compile/shared", "compile/loop", "compile/drive", "start_serial", "start_processes", "sweep", "parallel")
     ratios: dict[str, list[float]] = {kind: [] for kind in kinds}
-    learn_run(run, before, before, ratios)
+    add_run_ratios(run, before, before, ratios)
     return {kind: found for kind, found in ratios.items() if found}
 
 
@@ -109,7 +109,7 @@ def test_a_first_run_tells_how_long_compiling_takes() -> None:
 
 
 def test_a_start_that_took_very_long_was_none() -> None:
-    assert not learned(times(took=2 * MOST_SURPRISE, computing=0.1), Speeds())
+    assert not learned(times(took=2 * MAX_START_RATIO, computing=0.1), Speeds())
 
 
 def test_long_runs_tell_how_work_is_stored_and_divided() -> None:
@@ -134,7 +134,7 @@ def test_a_plan_uses_what_earlier_runs_have_taught(tmp_path: Path) -> None:
     assert first.seconds is not None
     assert second.seconds is not None
     assert first.compiling > 0 == second.compiling
-    assert {"loop/rolling/lanes", "estimate/proposed", "estimate/conventional", "figure"} <= set(known.ratios)
+    assert {"loop/rolling/lanes", "estimate/effective_input", "estimate/conventional", "figure"} <= set(known.ratios)
     data = json.loads(speeds_file().read_text())
     slower = {kind: [log + 1.0, runs] for kind, (log, runs) in data["ratios"].items()}
     then = Workspace.open(tmp_path).plan("quick", arguments, executor=SERIAL)[1][0].seconds
@@ -149,6 +149,6 @@ def test_learning_never_ends_a_run(
     sweeps: Sequence[Sweep], registry: Registry, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     lessons = Lessons(registry)
-    lessons.take(sweeps[0], result(sweeps[0], registry, 1.0))
+    lessons.add(sweeps[0], result(sweeps[0], registry, 1.0))
     monkeypatch.setattr("fraexp.execution.estimates.learning.experiment_work", lambda *_: 1 / 0)
-    lessons.learn(SERIAL)
+    lessons.save_speeds(SERIAL)

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from fraexp.execution.estimates.machine_load import GREATEST_SLOWDOWN, slowdown
+from fraexp.execution.estimates.machine_load import MAX_SLOWDOWN, slowdown
 
 
 @pytest.mark.parametrize(
@@ -16,7 +16,7 @@ from fraexp.execution.estimates.machine_load import GREATEST_SLOWDOWN, slowdown
         ("0.10 0.10 0.20 9/500 1234", 1, 1.0),  # many run for a moment
         ("6.00 6.00 6.00 8/500 1234", 2, 2.0),
         ("7.00 7.00 7.00 9/500 1234", 1, 2.0),
-        ("500.0 6.00 6.00 700/900 1234", 2, GREATEST_SLOWDOWN),
+        ("500.0 6.00 6.00 700/900 1234", 2, MAX_SLOWDOWN),
         ("nonsense", 2, 1.0),
     ],
 )
@@ -25,11 +25,11 @@ def test_programs_that_were_there_and_still_are_slow_a_run_down(
 ) -> None:
     file = tmp_path / "loadavg"
     file.write_text(text)
-    monkeypatch.setattr("fraexp.execution.estimates.machine_load.RUNNING", file)
+    monkeypatch.setattr("fraexp.execution.estimates.machine_load.LOAD_FILE", file)
     monkeypatch.setattr("os.cpu_count", lambda: 2)
     assert slowdown(processes) == expected
 
 
 def test_a_system_that_does_not_tell_counts_as_idle(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("fraexp.execution.estimates.machine_load.RUNNING", tmp_path / "missing")
+    monkeypatch.setattr("fraexp.execution.estimates.machine_load.LOAD_FILE", tmp_path / "missing")
     assert slowdown(2) == 1.0

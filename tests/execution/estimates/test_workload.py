@@ -11,10 +11,10 @@ import pytest
 from fraexp.components.kinds import Excitation, Period, Schedule
 from fraexp.components.registry import Registry
 from fraexp.execution.estimates.loop_work import looks_vectorised, samples_of
-from fraexp.execution.estimates.workload import UNKNOWN, Counted, estimator_work, experiment_work
+from fraexp.execution.estimates.workload import UNKNOWN_WORK, CountedExperiment, estimator_work, experiment_work
 from fraexp.simulation import experiments
 from fraexp.simulation.experiments import Setup
-from fraexp.simulation.loop import prepared
+from fraexp.simulation.loop_setup import prepare_setup
 from fraexp.workspace.workspace import Workspace
 from tests.machines import FRICTIONLESS, LEAD, TABLE, table_models
 
@@ -28,7 +28,7 @@ def experiment(registry: Registry) -> dict[str, Any]:
     return dict(study.sweeps[0].experiment)
 
 
-def counted(experiment: dict[str, Any], registry: Registry, **excitation: Any) -> Counted:
+def counted(experiment: dict[str, Any], registry: Registry, **excitation: Any) -> CountedExperiment:
     changed = {**experiment["excitation"], **excitation}
     return experiment_work({**experiment, "excitation": changed}, registry)
 
@@ -37,7 +37,7 @@ def counted(experiment: dict[str, Any], registry: Registry, **excitation: Any) -
 def setup() -> Setup:
     from fraexp.simulation.machine import ControlLoop, Machine, Numerics
 
-    return prepared(Machine(TABLE, FRICTIONLESS, LEAD, ControlLoop.parse(LOOP, "loop"), Numerics()))
+    return prepare_setup(Machine(TABLE, FRICTIONLESS, LEAD, ControlLoop.parse(LOOP, "loop"), Numerics()))
 
 
 @pytest.mark.parametrize("block", [7, 200, 400, 12_000])
@@ -45,17 +45,17 @@ def setup() -> Setup:
     "schedule",
     [
         Schedule(),
-        Schedule(ramp=0.1, periods=20),
-        Schedule(ramp=0.1, periods=1, record_time=3.0),
-        Schedule(settle_limit=0.0, periods=4),
+        Schedule(ramp=0.1, recorded_periods=20),
+        Schedule(ramp=0.1, recorded_periods=1, min_record_time=3.0),
+        Schedule(settling_timeout=0.0, recorded_periods=4),
     ],
 )
 def test_samples_are_those_that_the_loop_expects(setup: Setup, block: int, schedule: Schedule) -> None:
     period = Period(np.zeros(block), np.array([1]))
-    plan = experiments._Plan.of(experiments.Experiment(setup, period, schedule, 0))
+    plan = experiments.ExperimentPlan.from_experiment(experiments.Experiment(setup, period, schedule, 0))
     before, recorded = samples_of(period, schedule, setup.sample_time, setup.delay)
     assert recorded == plan.record
-    assert before + recorded == plan.expected
+    assert before + recorded == plan.expected_samples
 
 
 def test_a_stepped_sine_is_counted_frequency_by_frequency(experiment: dict[str, Any], registry: Registry) -> None:
@@ -69,7 +69,7 @@ def test_a_stepped_sine_is_counted_frequency_by_frequency(experiment: dict[str, 
 
 
 def test_more_periods_are_more_work(experiment: dict[str, Any], registry: Registry) -> None:
-    one, twenty = (counted(experiment, registry, whole_periods=periods) for periods in (1, 20))
+    one, twenty = (counted(experiment, registry, recorded_periods=periods) for periods in (1, 20))
     assert twenty.shape.recorded == 20 * one.shape.recorded
     assert twenty.shape.repeated
     assert twenty.work[0].seconds > 3 * one.work[0].seconds
@@ -94,20 +94,25 @@ def test_steps_cost(experiment: dict[str, Any], registry: Registry) -> None:
 
 
 def test_an_estimator_is_counted_with_what_it_holds(experiment: dict[str, Any], registry: Registry) -> None:
-    shape = counted(experiment, registry, whole_periods=4).shape
+    shape = counted(experiment, registry, recorded_periods=4).shape
     friction = experiment["friction"]
-    nested = {"name": "proposed", "friction": friction, "interpolation": 4, "method": {"name": "local_polynomial"}}
+    nested = {
+        "name": "effective_input",
+        "friction": friction,
+        "oversampling": 4,
+        "method": {"name": "local_polynomial"},
+    }
     alone = estimator_work({"name": "local_polynomial"}, experiment, shape, registry)
     both = estimator_work(nested, experiment, shape, registry)
     assert [work.kind for work in alone] == ["estimate/local_polynomial"]
-    assert [work.kind for work in both] == ["estimate/proposed+local_polynomial", "drive/rolling/lanes"]
+    assert [work.kind for work in both] == ["estimate/effective_input+local_polynomial", "drive/rolling/lanes"]
     assert both[0].seconds > alone[0].seconds
 
 
 def test_an_identification_is_more_work_than_a_response(experiment: dict[str, Any], registry: Registry) -> None:
     shape = counted(experiment, registry).shape
     (fast,) = estimator_work({"name": "conventional"}, experiment, shape, registry)
-    (slow,) = estimator_work({"name": "autonomous"}, experiment, shape, registry)
+    (slow,) = estimator_work({"name": "plant_and_friction"}, experiment, shape, registry)
     assert slow.seconds > 50 * fast.seconds
 
 
@@ -123,7 +128,7 @@ def test_a_fit_that_is_not_there_yet_is_counted_as_the_machines_own_component(
     registry: Registry, checkout: Path
 ) -> None:
     (study,) = Workspace.open(checkout).studies(["paper/fig08_identified"])
-    assert UNKNOWN not in [experiment_work(sweep.experiment, registry) for sweep in study.sweeps]
+    assert UNKNOWN_WORK not in [experiment_work(sweep.experiment, registry) for sweep in study.sweeps]
 
 
 class Broken(Excitation, name="broken_in_test", version=1):
@@ -143,7 +148,7 @@ def test_a_plugin_that_fails_while_it_is_counted_breaks_no_plan(experiment: dict
     registry = discover()
     registry.add(Broken, "test")
     found = experiment_work({**experiment, "excitation": {"name": "broken_in_test"}}, registry)
-    assert found == UNKNOWN
+    assert found == UNKNOWN_WORK
     assert estimator_work({"name": "not_there"}, experiment, found.shape, registry)[0].seconds > 0
 
 
@@ -152,7 +157,7 @@ def test_a_plugin_that_fails_while_it_is_counted_breaks_no_plan(experiment: dict
 )
 def test_lanes_are_guessed_as_the_compiler_decides(name: str, registry: Registry) -> None:
     model = table_models(registry)[name]
-    assert looks_vectorised(model.law) == model.vectorises
+    assert looks_vectorised(model.law) == model.is_vectorisable
 
 
 def test_a_plan_does_not_load_the_compiler(tmp_path: Path) -> None:

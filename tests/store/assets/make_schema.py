@@ -8,8 +8,9 @@ import numpy as np
 
 from fraexp.data.results import Curve, Fit, FrequencyResponse, Metric, Outcome, Result
 from fraexp.data.sweep import Sweep
-from fraexp.store import Store, Supplied
+from fraexp.store import ComponentOrigin, Store
 from fraexp.store.migrations import HISTORY
+from tests.store.conftest import reseal
 
 FILE = Path(__file__).with_name(f"schema-{HISTORY[-1]}.db")
 
@@ -21,11 +22,13 @@ def main() -> None:
     grid = [Sweep(experiment, {"name": name, "version": 1}, {"estimator.name": name}) for name in ("a", "b")]
     with Store.open(str(FILE), create=True) as store:
         run = store.begin_run("friction", "studies/friction.toml", "fraexp run", {"fraexp": "0.1.0"}, grid)
-        store.save(run, [(grid[0], result(), {"friction:rolling": Supplied("0123abcd", "fraexp 0.1.0")})])
+        store.save(run, [(grid[0], result(), {"friction:rolling": ComponentOrigin("0123abcd", "fraexp 0.1.0")})])
         store.fail(run, grid[1].key, "killed its worker twice", "no log")
         store.end_run(run, "complete")
     with closing(sqlite3.connect(FILE, isolation_level=None)) as connection:
         connection.execute("UPDATE run SET host = 'example', boot = '', pid = 1, process_start = NULL")
+    reseal(str(FILE))
+    with closing(sqlite3.connect(FILE, isolation_level=None)) as connection:
         for statement in ("journal_mode = DELETE", "page_size = 512"):
             connection.execute(f"PRAGMA {statement}")
         connection.execute("VACUUM")

@@ -1,0 +1,224 @@
+"""Compare fraexp with an independent fine simulation on machines drawn at random, and print a table.
+
+    python benchmarks/random_machines.py                 40 machines
+    python benchmarks/random_machines.py --machines 8    the first eight of them
+    python benchmarks/random_machines.py --only 3 17     these two
+    python benchmarks/random_machines.py --seed 7        40 others
+
+Mass, modes, damping, dead times, lags, friction of every kind, sample time, controller and amplitude are drawn. The
+encoder is ideal. At every point that fraexp calls ok the conventional response must lie within `numerics.tolerance`
+of the reference (`reference_loop`), and the proposed one (matched) within twice the tolerance of P(jω), or within its
+band. Points that are not ok are listed with the reason. Where physics allows better, as the reference shows, they must
+be fewer than a tenth of all. The exit code is 1 if a bound is missed.
+"""
+
+import argparse
+import os
+import sys
+import time
+from dataclasses import dataclass
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+from drawn_machines import SEED, TOLERANCE, DrawnMachine, drawn_machine
+from reference_loop import reference_response
+
+from fraexp.analysis.confidence import confidence_limits
+from fraexp.data.results import FrequencyResponse, Result
+from fraexp.execution.job import Failure, Job, run_job
+
+COUNT = 40
+GOAL = 0.1 * TOLERANCE
+"""Error of the reference before extrapolation: a tenth of what it has to judge."""
+MAX_WITHHELD = 0.1
+"""Greatest share of points that are not ok although physics allows better."""
+FEW = 10
+"""Machines below which this share means nothing."""
+WITHOUT_HIDDEN_FORCE = 0.01
+"""Error of P̂ below which the sampled motion shows the friction force."""
+REST = 1e-12
+"""Amplitude [m] that is no motion: a hundredth of an atom."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What fraexp and the reference say at one frequency of one machine."""
+
+    frequency: float
+    amplitude: float
+    """Amplitude of the measured position [m]."""
+    conventional: float
+    """|fraexp/reference - 1|."""
+    proposed: float
+    """|P̂/P - 1|."""
+    is_in_band: bool
+    """Whether P lies within the band that is drawn around P̂."""
+    reference_error: float
+    is_ok: tuple[bool, bool]
+    """Whether fraexp calls the conventional and the proposed number ok."""
+    spread: float
+    """Relative spread of the reference over the last half of its time: more than GOAL if it is not periodic."""
+    ratios: tuple[complex, complex] = (1, 1)
+    """fraexp/reference and P̂/P."""
+
+    @property
+    def is_periodic(self) -> bool:
+        """Whether the reference became periodic."""
+        return self.spread <= GOAL
+
+    @property
+    def missed(self) -> tuple[bool, bool]:
+        """Whether either number is called ok and lies outside its bound."""
+        return (
+            self.is_ok[0] and self.conventional > TOLERANCE + self.reference_error + self.spread,
+            self.is_ok[1] and self.proposed > 2 * TOLERANCE and not self.is_in_band,
+        )
+
+    @property
+    def is_withheld(self) -> tuple[bool, bool]:
+        """Whether either number is not ok although the motion is periodic, and shows the friction force."""
+        is_possible = self.is_periodic and self.amplitude > REST
+        is_shown = self.is_ok[0] and self.proposed <= WITHOUT_HIDDEN_FORCE
+        return is_possible and not self.is_ok[0], is_possible and is_shown and not self.is_ok[1]
+
+
+@dataclass(frozen=True)
+class Report:
+    """One machine's findings, and what fraexp says of its two sweeps."""
+
+    machine: DrawnMachine
+    findings: tuple[Finding, ...]
+    messages: tuple[str, str]
+    numerics: str
+    seconds: tuple[float, float]
+
+
+def compared(machine: DrawnMachine) -> Report:
+    """Return what fraexp and the reference say of a machine."""
+    began = time.process_time()
+    answers = _sweeps(machine)
+    between = time.process_time()
+    both = [answer for answer in answers if isinstance(answer, Result)]
+    if len(both) < len(answers):
+        failures = [answer.message for answer in answers if isinstance(answer, Failure)]
+        return Report(machine, (), (f"error: {failures[0]}", f"error: {failures[-1]}"), "", (between - began, 0.0))
+    messages = tuple(f"{sweep.outcome.name.lower()}: {sweep.message}".rstrip(": ") for sweep in both)
+    responses = [sweep.response for sweep in both]
+    findings: list[Finding] = []
+    if responses[0] is not None and responses[1] is not None:
+        for index in range(responses[0].frequency.size):
+            findings.append(_finding(machine, both, responses[0], responses[1], index))
+    seconds = (between - began, time.process_time() - between)
+    return Report(machine, tuple(findings), (messages[0], messages[1]), both[0].numerics, seconds)
+
+
+def _sweeps(machine: DrawnMachine) -> list[Result | Failure]:
+    sections = machine.sections()
+    matched = {"name": "effective_input", "friction": sections["friction"], **machine.delays()}
+    return run_job(Job(sections, ({"name": "conventional"}, matched)), lambda _: None)
+
+
+def _finding(
+    machine: DrawnMachine, sweeps: list[Result], first: FrequencyResponse, second: FrequencyResponse, index: int
+) -> Finding:
+    frequency = float(first.frequency[index])
+    truth = reference_response(machine.reference, frequency, machine.amplitude, GOAL)
+    plant = machine.reference.plant(np.array([frequency]))[0]
+    ratios = first.response[index] / truth.value, second.response[index] / plant
+    # settled points of a sweep of which others are not settled count, unless its message doubts all of them
+    certain = [sweep.outcome.name in ("OK", "NOT_SETTLED") and "; " not in sweep.message for sweep in sweeps]
+    return Finding(
+        frequency, float(first.output_amplitude[index]), abs(ratios[0] - 1), abs(ratios[1] - 1),
+        _is_in_band(second, index, 1 / ratios[1]), truth.error,
+        (certain[0] and bool(first.settled[index]), certain[1] and bool(second.settled[index])), truth.spread, ratios,
+    )  # fmt: skip
+
+
+def _is_in_band(response: FrequencyResponse, index: int, ratio: complex) -> bool:
+    """Return whether the band of a response holds the response times `ratio`."""
+    if response.numerical_error is not None and abs(ratio - 1) <= response.numerical_error[index]:
+        return True  # without scatter no band is drawn, and the numerical error is all of it
+    limits = confidence_limits(response)
+    lower, upper = limits.magnitude[:, index]
+    first, last = limits.phase[:, index]
+    return bool(lower <= abs(ratio) <= upper and first <= np.angle(ratio) <= last)
+
+
+def main() -> int:
+    """Print all machines; return 1 if a bound is missed."""
+    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    options.add_argument("--machines", type=int, default=COUNT, help="how many, from the first one on")
+    options.add_argument("--only", type=int, nargs="*", help="numbers of single machines")
+    options.add_argument("--seed", type=int, default=SEED, help="of the machines")
+    options.add_argument("--points", action="store_true", help="print every frequency")
+    options.add_argument("--reduced", action="store_const", dest="machines", const=10, help="the same as --machines 10")
+    chosen = options.parse_args()
+    reports = []
+    for number in chosen.only or range(chosen.machines):
+        reports.append(compared(drawn_machine(number, chosen.seed)))
+        print(line(reports[-1]), flush=True)
+        if chosen.points:
+            print("\n".join(point(finding) for finding in reports[-1].findings), flush=True)
+    return summary(reports)
+
+
+def line(report: Report) -> str:
+    """Return a machine's worst numbers at its points called ok."""
+    machine, findings = report.machine, report.findings
+    worst = [max((f.conventional for f in findings if f.is_ok[0]), default=np.nan)]
+    worst.append(max((f.proposed for f in findings if f.is_ok[1]), default=np.nan))
+    missed = [sum(f.missed[way] for f in findings) for way in (0, 1)]
+    error = max((f.reference_error for f in findings), default=np.nan)
+    ok = "/".join(str(sum(f.is_ok[way] for f in findings)) for way in (0, 1))
+    text = f"{machine.number:3d} {machine.law:<26s} A/F {machine.relative_amplitude:5.2f} "
+    text += f"conventional {worst[0]:8.1e} ({missed[0]} missed) proposed {worst[1]:8.1e} ({missed[1]} missed) "
+    text += f"ok {ok} of {len(findings)}, reference {error:7.1e}, {report.seconds[0]:.1f}/{report.seconds[1]:.1f} s; "
+    text += report.numerics
+    unlike = [message for message in dict.fromkeys(report.messages) if message != "ok"]
+    return text + "".join(f"\n      {message}" for message in unlike)
+
+
+def point(finding: Finding) -> str:
+    """Return one frequency's numbers."""
+    marks = "".join(
+        "M" if missed else "." if ok else "-" for missed, ok in zip(finding.missed, finding.is_ok, strict=True)
+    )
+    ratios = [f"{20 * np.log10(abs(way)):+9.4f} dB {np.degrees(np.angle(way)):+8.4f}°" for way in finding.ratios]
+    return (
+        f"      {finding.frequency:8.3f} Hz {finding.amplitude:9.2e} m  {finding.conventional:8.1e} {ratios[0]}   "
+        f"{finding.proposed:8.1e} {ratios[1]}  {marks} reference {finding.reference_error:7.1e}"
+        + ("" if finding.is_periodic else f" not periodic, {finding.spread:.0e}")
+    )
+
+
+def summary(reports: list[Report]) -> int:
+    """Print the figures over all machines; return 1 if a bound is missed."""
+    findings = [finding for report in reports for finding in report.findings]
+    missed = 0
+    for way, name in enumerate(("conventional", "proposed")):
+        ok = [f for f in findings if f.is_ok[way]]
+        values = np.array([(f.conventional, f.proposed)[way] for f in ok])
+        bad = sum(f.missed[way] for f in ok)
+        text = f"{name}: {len(ok)} of {len(findings)} points ok; {bad} outside the bound"
+        if way:
+            wide = sum(f.proposed > 2 * TOLERANCE and f.is_in_band for f in ok)
+            text += f", {wide} beyond {2 * TOLERANCE:g} but within the band"
+        print(f"{text}; median {np.median(values):.1e}, worst {values.max():.1e}")
+        missed += bad
+    aperiodic = sum(not f.is_periodic for f in findings)
+    called = sum(not f.is_periodic and f.is_ok[0] for f in findings)
+    print(f"reference not periodic: {aperiodic} points, of which {called} are called ok")
+    for way, name in enumerate(("conventional", "proposed")):
+        withheld = sum(f.is_withheld[way] for f in findings)
+        missed += len(reports) >= FEW and withheld > MAX_WITHHELD * len(findings)
+        print(f"{name}: {withheld} of {len(findings)} points not ok where physics allows better")
+    failed = sum(not report.findings for report in reports)
+    print(f"machines without an answer: {failed}")
+    missed += failed
+    print(f"{missed} missed")
+    return 1 if missed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,35 @@
+"""What noise and rounding of an encoder do to Fourier sums over one period."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fraexp.data.signals import Encoder, Segment
+
+ALIKE_VARIANCE = 2.0
+"""Factor on the variance of odd terms where both halves of a motion are rounded alike: the even terms have none."""
+
+
+def phasor_variance(segment: Segment, encoder: Encoder) -> NDArray[np.float64]:
+    """Return the variance E|dY|² of the phasors of one period of a measured position [m²], shape (lines,).
+
+    Rounding counts as white, with a variance of q²/12, at all samples that are at different places of the motion:
+    B. Widrow and I. Kollár, Quantization Noise, 2008, doi:10.1017/CBO9780511754661.
+    """
+    rounding = encoder.resolution**2 / 12 * rounding_symmetry(segment) / _distinct_samples(segment)
+    return np.full(segment.lines.size, 4 * (rounding + encoder.noise**2 / segment.samples))
+
+
+def rounding_symmetry(segment: Segment) -> float:
+    """Return the factor on the variance of odd terms by rounding.
+
+    A sine that is sampled evenly about a multiple of half a quantisation step is rounded alike to and fro: all of its
+    error is then in its odd terms. A loop at rest usually is near such a place.
+    """
+    return ALIKE_VARIANCE if segment.lines.size == 1 and _distinct_samples(segment) % 2 == 0 else 1.0
+
+
+def _distinct_samples(segment: Segment) -> int:
+    """Return the samples of a period at different places of the motion, which may repeat itself in it."""
+    return segment.samples // math.gcd(segment.samples, *segment.lines.tolist())

@@ -1,0 +1,82 @@
+"""Published numbers of a stored run's study beside those of its sweeps."""
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from fraexp.data.results import Result
+from fraexp.errors import FraexpError
+from fraexp.store import RunSummary, Store, StoredSweep
+from fraexp.study.published_values import ORIGINS, Candidate, PublishedComparison, PublishedNumber, half_widths
+from fraexp.study.study_file import Study, describe_study, find_studies
+
+
+def compare_published(
+    numbers: Sequence[PublishedNumber], sweeps: Sequence[StoredSweep], results: Mapping[str, Result]
+) -> list[PublishedComparison]:
+    """Return each published number beside that of the stored sweeps of its study."""
+    if not numbers:
+        return []
+    candidates = [_candidate(sweep, results[sweep.key]) for sweep in sweeps if sweep.key in results]
+    return [number.compare_with(candidates) for number in numbers]
+
+
+def compare_run(
+    run: RunSummary, sweeps: Sequence[StoredSweep], results: Mapping[str, Result], folder: Path
+) -> list[PublishedComparison]:
+    """Return the published numbers of a run's study, as its file is today, beside the run's; none without the file."""
+    return compare_published(read_study(run, folder)[0].published, sweeps, results)
+
+
+def compare_sweep(store: Store, sweep: StoredSweep, result: Result, folder: Path) -> list[PublishedComparison]:
+    """Return the published numbers that a sweep's latest run compares with this sweep."""
+    number = store.page(f"key={sweep.key}").rows[0].run
+    if number is None:
+        return []
+    published = read_study(store.run(number), folder)[0].published
+    return compare_published(
+        [of for of in published if of.selects(_candidate(sweep, result))], [sweep], {sweep.key: result}
+    )
+
+
+def _candidate(sweep: StoredSweep, result: Result) -> Candidate:
+    sections = {**sweep.experiment, "estimator": sweep.estimator}
+    return Candidate(sweep.labels, sections, result.metrics, half_widths(result), result.outcome)
+
+
+def read_study(run: RunSummary, folder: Path) -> tuple[Study, list[str]]:
+    """Return the description of a run's study as its file is today, and a note if it cannot be read."""
+    bare = Study(run.study, Path(run.study_file), run.study, "", ())
+    if not run.study_file.endswith(".toml"):  # a fit to stored responses
+        return bare, []
+    try:
+        return describe_study(run.study, _study_file(run, folder)), []
+    except FraexpError as error:
+        return bare, [f"title, question and printed numbers are left out: {error}"]
+
+
+def _study_file(run: RunSummary, folder: Path) -> Path:
+    """Return the study's file: the one that the run read, or the one that has the study's name now."""
+    file = Path(run.study_file)
+    return file if file.is_file() else find_studies(run.study, folder)[0][1]
+
+
+def verdict(compared: Sequence[PublishedComparison]) -> str:
+    """Return how many published numbers are met, by origin, as a sentence without its full stop; empty without any."""
+    if not compared:
+        return ""
+    groups = ((origin, [one.is_met for one in compared if one.published.origin == origin]) for origin in ORIGINS)
+    counts = [f"{origin} {sum(met)} of {len(met)}" for origin, met in groups if met]
+    total, plural = sum(one.is_met for one in compared), "" if len(compared) == 1 else "s"
+    return f"{total} of {len(compared)} printed number{plural} met: {', '.join(counts)}"
+
+
+def comparison_document(one: PublishedComparison) -> dict[str, Any]:
+    """Return a published number and ours as plain data; what is unknown is None."""
+    of = one.published
+    given = of.model_dump(mode="json", include={"what", "source", "origin", "value", "unit", "compare", "tolerance"})
+    ours = {"ours": one.ours, "half_width_95": one.half}
+    found = {name: value if math.isfinite(value) else None for name, value in ours.items()}
+    outcome = one.outcome.name.lower()
+    return {**given, **found, "outcome": outcome, "met": one.is_met, "remark": one.remark, "note": of.note}

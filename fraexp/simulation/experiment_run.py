@@ -1,0 +1,132 @@
+"""Experiments on loops, run side by side: from machines and periods to segments."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fraexp.components.kinds import FrictionModel
+from fraexp.components.law_step import Law, call_fault, hang_fault, law_place
+from fraexp.data.signals import Segment
+from fraexp.errors import PluginError
+from fraexp.kernels.call_watch import CallBudget, call_explainer
+from fraexp.kernels.law_error import LawCall, LawCallError
+from fraexp.simulation.experiments import Experiment, ExperimentPlan, Setup
+
+if TYPE_CHECKING:
+    from fraexp.kernels.batch_arrays import KernelBatch
+
+STEPS_PER_CALL = 1_000_000
+"""Steps after which compiled code returns: a long experiment then reports progress, and can be interrupted."""
+MAX_POOL_SIZE = 1 << 24
+"""Numbers of results that share one array, unless a single experiment has more."""
+UNFINISHED_SHARE = 0.9
+"""Greatest share of an experiment that counts as done while it is running."""
+Progress = Callable[[float], None]
+"""Takes the fraction that is done."""
+
+
+def run_experiments(experiments: Sequence[Experiment], progress: Progress) -> list[Segment | None]:
+    """Return what each experiment recorded, in their order; None where the loop diverged."""
+    from fraexp.kernels.batch import ALL_DONE, POOL_FULL, advance  # numba: imported only where a loop is run
+    from fraexp.simulation.batch_preparation import prepare_batch
+
+    plans = [ExperimentPlan.from_experiment(experiment) for experiment in experiments]
+    order = sorted(range(len(plans)), key=lambda k: -plans[k].expected_samples)  # the longest first: lanes end together
+    plans = [plans[k] for k in order]
+    setup = experiments[0].setup
+    batch, laws = prepare_batch(plans, setup), setup.laws
+    budget = CallBudget(STEPS_PER_CALL // setup.steps, laws.law)
+    results = batch.results
+    weights = np.array([plan.expected_samples for plan in plans]) / sum(plan.expected_samples for plan in plans)
+    pools: list[NDArray[np.float64]] = []
+    pool_of = np.full(len(plans), -1)
+    status = POOL_FULL
+    while status != ALL_DONE:
+        if status == POOL_FULL:
+            pools.append(np.empty(_pool_size(plans, batch, is_first=not pools)))
+            batch.queue["pool_used"] = 0
+        try:
+            with call_explainer(partial(_hang_fault, setup)), budget.measure() as samples:
+                status = advance(laws, batch, pools[-1], samples)
+        except LawCallError as error:
+            raise PluginError(_law_fault(setup, error)) from error
+        pool_of[(results["pool_index"] >= 0) & (pool_of < 0)] = len(pools) - 1
+        progress(_fraction_done(weights, plans, batch))
+    _require_finite([experiments[k] for k in order], results)
+    segments: list[Segment | None] = [None] * len(plans)
+    for number, plan in enumerate(plans):
+        if results["pool_index"][number] >= 0:
+            segments[order[number]] = plan.read_segment(results[number], pools[pool_of[number]])
+    return segments
+
+
+def _law_fault(setup: Setup, error: LawCallError) -> str:
+    """Return in one line what is wrong with a law that failed in compiled code."""
+    model = _model_of(setup, error.law)
+    return call_fault(model.name, error.law, model.law_arguments(), error)
+
+
+def _hang_fault(setup: Setup, law: Law, call: LawCall | None, seconds: float) -> str:
+    """Return in one line where a law hangs in compiled code."""
+    model = _model_of(setup, law)
+    return hang_fault(model.name, law, model.law_arguments(), call, seconds)
+
+
+def _model_of(setup: Setup, law: Law) -> FrictionModel:
+    """Return the model of a law: that of the friction, or that of its compensation.
+
+    Of several contacts it is one that does not come with fraexp, if there is one.
+    """
+    compensation = setup.compensation
+    is_compensation = compensation is not None and law is setup.laws.compensation_law
+    if compensation is not None and is_compensation:
+        return compensation.friction
+    from fraexp.kernels.law import is_built_in  # numba, which only a loop that is run needs
+
+    models = list(setup.frictions.values())
+    return next((model for model in models if not is_built_in(model.law)), models[0])
+
+
+def _require_finite(experiments: Sequence[Experiment], results: NDArray[np.void]) -> None:
+    """Raise PluginError if a position is no number: that is not divergence, but a law whose force is none.
+
+    Experiments side by side are told apart by running one alone, where the call that gives it is on record.
+    """
+    from fraexp.kernels.batch_arrays import NOT_FINITE
+
+    wrong = np.flatnonzero(results["status"] == NOT_FINITE)
+    if not wrong.size:
+        return
+    experiment = experiments[wrong[0]]
+    if experiment.setup.is_vectorised:
+        alone = replace(experiment, setup=replace(experiment.setup, is_vectorised=False))
+        run_experiments([alone], lambda _: None)
+    friction = _model_of(experiment.setup, experiment.setup.laws.law)
+    raise PluginError(
+        f"the law of {friction.name} ({law_place(friction.law)}) gives a force that is not a finite number, in the loop"
+    )
+
+
+def _pool_size(plans: list[ExperimentPlan], batch: "KernelBatch", is_first: bool) -> int:
+    """Return the numbers that the next results need: a guess, which may be too small for one result at first only."""
+    largest_result = batch.history.shape[1] + batch.recorded[0].size
+    guess = sum(plan.expected_samples + batch.recorded.shape[1] * plan.record for plan in plans)
+    guess = min(guess, MAX_POOL_SIZE)
+    return guess if is_first and len(plans) > 1 else max(largest_result, guess)
+
+
+def _fraction_done(weights: NDArray[np.float64], plans: list[ExperimentPlan], batch: "KernelBatch") -> float:
+    """Return the fraction of all experiments that is certainly done."""
+    from fraexp.kernels.batch_arrays import DIVERGED, IDLE
+
+    is_done = (batch.results["pool_index"] >= 0) | (batch.results["status"] == DIVERGED)
+    done = float(np.sum(weights[is_done]))
+    for lane in batch.lanes:
+        if lane["stage"] != IDLE:
+            job = int(lane["job"])
+            done += weights[job] * min(int(lane["elapsed"]) / max(plans[job].max_samples, 1), UNFINISHED_SHARE)
+    return min(done, 1.0)

@@ -1,0 +1,127 @@
+"""A machine made ready for simulation: its steps per sample, and whether its friction is explicit or implicit."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from fraexp.components.kinds import FrictionModel
+from fraexp.errors import ParameterError
+from fraexp.simulation.discretisation import DiscreteLoop, discretise, split_dead_time
+from fraexp.simulation.experiments import Setup, set_valued_law
+from fraexp.simulation.machine import Machine
+
+MAX_STEP_RAD = 1.0
+"""Longest step, in radians of the stuck table's resonance."""
+REFERENCE_STEP_RAD, REFERENCE_ERROR = 0.08, 1e-3
+"""A step, in radians of the stuck table's resonance, and the relative error of a response that comes with it."""
+MAX_ACCURACY_STEPS = 10
+"""Maximum number of steps per sample for the sake of accuracy: where a machine is merely held, as by Coulomb friction,
+its resonance need not be resolved."""
+SET_VALUED_STEPS = 9
+"""Steps per sample at which a law of velocity causes the error REFERENCE_ERROR at 200 Hz and 0.5 ms."""
+EXPLICIT_STIFFNESS_LIMIT = 0.05
+"""Greatest product of the law's stiffness and a step's compliance at which explicit friction is as good as implicit."""
+
+
+def prepare_setup(machine: Machine) -> Setup:
+    """Return a machine's loop in numbers: how many steps a sample has, and whether friction is explicit or implicit.
+
+    Raises PluginError for a friction law that breaks its contract, ParameterError for numerics that do not fit.
+    """
+    loop, frictions = machine.loop, machine.frictions
+    models = [*frictions.values(), *([machine.compensation.friction] if machine.compensation else [])]
+    for model in models:
+        model.check_law()
+    discrete = discretise_machine(machine, steps_per_sample(machine))
+    for model in frictions.values():
+        model.check_law(loop.sample_time / discrete.steps)
+    if machine.compensation:
+        machine.compensation.friction.check_law(loop.sample_time)
+    return Setup(
+        frictions=frictions,
+        positions=tuple(machine.ports.positions),
+        discrete=discrete,
+        sample_time=loop.sample_time,
+        input_delay=split_dead_time(loop.input_dead_time, loop.sample_time).samples,
+        output_delay=split_dead_time(loop.output_dead_time, loop.sample_time).samples,
+        delay=loop.delay,
+        reference=loop.reference,
+        resolution=loop.resolution,
+        noise_std=loop.noise,
+        seed=loop.seed,
+        divergence_limit=loop.divergence_limit,
+        is_vectorised=is_friction_soft(frictions, discrete, loop.sample_time)
+        and all(model.is_vectorisable for model in models),
+        compensation=machine.compensation,
+    )
+
+
+def setup_with_steps(machine: Machine, setup: Setup, steps: int) -> Setup:
+    """Return the setup of a machine with another number of steps per sample, run by the same compiled code."""
+    return setup if steps == setup.steps else replace(setup, discrete=discretise_machine(machine, steps))
+
+
+def discretise_machine(machine: Machine, steps: int) -> DiscreteLoop:
+    """Return the constants of a machine's loop, with a number of steps per sample."""
+    loop, frictions = machine.loop, machine.frictions
+    return discretise(
+        machine.ports,
+        {name: model.viscous for name, model in frictions.items()},
+        machine.controller.transfer_function(loop.sample_time),
+        sample_time=loop.sample_time,
+        steps=steps,
+        is_force_held=set_valued_law(frictions) is not None,
+        input_path=loop.input_path,
+        output_path=loop.output_path,
+    )
+
+
+def is_friction_soft(frictions: Mapping[str, FrictionModel], discrete: DiscreteLoop, sample_time: float) -> bool:
+    """Return whether friction is so soft within a step that it may be explicit, as it is in lanes."""
+    if set_valued_law(frictions):  # solved in velocities, in lanes as well
+        return True
+    step = sample_time / discrete.steps
+    stiffness = [max(model.max_stiffness, model.stiffness_in_step(step)) for model in frictions.values()]
+    return bool(np.max(np.abs(discrete.step_compliance) @ stiffness) <= EXPLICIT_STIFFNESS_LIMIT)
+
+
+def steps_per_sample(machine: Machine) -> int:
+    """Return the steps per sample: the number that is asked for, or the one that the tolerance needs.
+
+    Raises ParameterError for steps that are too long to follow the stuck table on its presliding stiffness.
+    """
+    numerics, fewest = machine.numerics, fewest_steps(machine)
+    if numerics.steps_per_sample == 0:  # the error of a response falls with the square of the step
+        reference = machine.loop.sample_time * stuck_resonance(machine) / REFERENCE_STEP_RAD
+        if set_valued_law(machine.frictions):
+            reference = SET_VALUED_STEPS
+        accurate = int(np.ceil(reference * np.sqrt(REFERENCE_ERROR / numerics.tolerance)))
+        return max(min(accurate, MAX_ACCURACY_STEPS), fewest)
+    if numerics.steps_per_sample < fewest:
+        raise ParameterError(
+            f"numerics.steps_per_sample is {numerics.steps_per_sample}; stuck on {machine.friction_names} friction the "
+            f"machine resonates at {stuck_resonance(machine) / (2 * np.pi):.4g} Hz: expected {fewest} or more, or 0 to "
+            "let fraexp choose"
+        )
+    return numerics.steps_per_sample
+
+
+def fewest_steps(machine: Machine) -> int:
+    """Return the steps per sample that follow the stuck table on its presliding stiffness."""
+    return max(int(np.ceil(machine.loop.sample_time * stuck_resonance(machine) / MAX_STEP_RAD)), 1)
+
+
+def stuck_resonance(machine: Machine) -> float:
+    """Return the angular frequency [rad/s] at which the machine resonates on the presliding stiffness of its friction.
+
+    Of several contacts it is the highest. It is 0 for a law of velocity, which has no stiffness at rest.
+    """
+    ports, frictions = machine.ports, machine.frictions
+    if set_valued_law(frictions):
+        return 0.0
+    forces = np.column_stack([contact.force for contact in ports.contacts.values()])
+    displacements = np.array([contact.displacement for contact in ports.contacts.values()])
+    stiffness = np.diag([model.max_stiffness for model in frictions.values()])
+    squares = np.linalg.eigvals(displacements @ ports.a @ forces @ stiffness).real
+    return float(np.sqrt(max(squares.max(), 0.0)))

@@ -1,0 +1,147 @@
+"""The check of a simulation: a few of its periods again, with other steps."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fraexp.analysis.fourier import phasors
+from fraexp.components.kinds import Period, Schedule
+from fraexp.data.signals import Segment, Verification
+from fraexp.simulation.experiment_run import run_experiments
+from fraexp.simulation.experiments import Experiment, Setup
+from fraexp.simulation.loop_setup import fewest_steps, setup_with_steps
+from fraexp.simulation.machine import Machine
+
+MAX_VERIFIED = 4
+"""Maximum number of periods that are computed again."""
+MAX_CANDIDATES = 12
+"""Maximum number of periods whose distortion is computed to find the greatest one."""
+PAIR_SETTLING_TOLERANCE = 1e-4
+"""Settling tolerance, at least, of two runs that are compared with each other."""
+MIN_REALISATIONS_FOR_TWO = 8
+"""Number of broadband periods from which two are computed again, so that methods work which need several."""
+SAFETY_FACTOR = 2.0
+"""Factor on the error of a method of second order: where friction turns and slips the order is lower."""
+REFINEMENT_MARGIN = 1.2
+"""Factor on the steps that the error asks for."""
+MAX_STEPS = 200
+"""Maximum number of steps per sample that fraexp chooses by itself."""
+
+
+class StepPair(NamedTuple):
+    """A machine made ready with two numbers of steps per sample."""
+
+    coarse: Setup
+    fine: Setup
+
+    def error_ratio(self, steps: int) -> float:
+        """Return the error with `steps` over the difference of both: it falls with the square of the step."""
+        return SAFETY_FACTOR / steps**2 / (1 / self.coarse.steps**2 - 1 / self.fine.steps**2)
+
+
+def verify(
+    machine: Machine, setup: Setup, schedule: Schedule, periods: Sequence[Period], segments: Sequence[Segment]
+) -> Verification | None:
+    """Return how exact an experiment is, from some of its periods with other steps; None without a periodic state."""
+    numbers = hardest_segments(segments) if schedule.settling_timeout > 0 else []
+    if not numbers:
+        return None
+    is_ideal = not (setup.resolution or setup.noise_std)
+    pair = step_pair(machine, setup)
+    short = replace(schedule, recorded_periods=1, min_record_time=0.0)
+    if not is_ideal:  # both are run, and their transients are alike
+        short = replace(short, settling_tolerance=max(schedule.settling_tolerance, PAIR_SETTLING_TOLERANCE))
+
+    def run(stepped: Setup) -> list[Segment | None]:
+        if is_ideal and stepped is setup:
+            return [segments[number] for number in numbers]
+        ideal = replace(stepped, resolution=0.0, noise_std=0.0)
+        experiments = [Experiment(ideal, periods[number], short, number) for number in numbers]
+        return run_experiments(experiments, lambda _: None)
+
+    pairs = [(a, b) for a, b in zip(run(pair.coarse), run(pair.fine), strict=True) if _is_settled(a) and _is_settled(b)]
+    if not pairs:
+        return None
+    coarse, fine = (tuple(segment for segment in part if segment) for part in zip(*pairs, strict=True))
+    recorded = tuple(segments) if is_ideal else fine
+    return Verification(
+        frequency=_frequencies(fine),
+        step_error=pair.error_ratio(setup.steps) * _relative_difference(coarse, fine),
+        segments=recorded,
+        plants=_plants(machine, setup, 2 * np.pi * _frequencies(recorded)),
+        machine={
+            "friction": machine.friction,
+            "nominal_plant": machine.plant,
+            "input_dead_time": machine.loop.input_dead_time,
+            "input_time_constants": machine.loop.input_time_constants,
+            "output_dead_time": machine.loop.output_dead_time,
+            "output_time_constants": machine.loop.output_time_constants,
+        },
+    )
+
+
+def _plants(machine: Machine, setup: Setup, omega: NDArray[np.float64]) -> dict[str, NDArray[np.complex128]]:
+    """Return the plant's response to the thrust by the channel of each measured position."""
+    further = {f"y.{name}": machine.ports.response(omega, name) for name in setup.positions[1:]}
+    return {"y": machine.response(omega), **further}
+
+
+def step_pair(machine: Machine, setup: Setup) -> StepPair:
+    """Return the experiment's steps and half of them, or twice as many where half are too few."""
+    half = setup.steps // 2
+    if half >= fewest_steps(machine):
+        return StepPair(setup_with_steps(machine, setup, half), setup)
+    return StepPair(setup, setup_with_steps(machine, setup, 2 * setup.steps))
+
+
+def refined_steps(machine: Machine, setup: Setup, verification: Verification | None) -> int:
+    """Return the steps per sample that the tolerance needs, as far as fraexp may choose them."""
+    if verification is None or machine.numerics.steps_per_sample:
+        return setup.steps
+    excess = float(np.nanmax(verification.step_error, initial=0.0)) / machine.numerics.tolerance
+    if excess <= 1:
+        return setup.steps
+    return min(int(np.ceil(REFINEMENT_MARGIN * setup.steps * np.sqrt(excess))), max(MAX_STEPS, setup.steps))
+
+
+def hardest_segments(segments: Sequence[Segment]) -> list[int]:
+    """Return the numbers of the segments to verify, ascending: the most distorted one, and others."""
+    settled = [number for number, segment in enumerate(segments) if _is_settled(segment)]
+    if not settled:
+        return []
+    if any(segments[number].lines.size > 1 for number in settled):
+        return settled[: 2 if len(settled) >= MIN_REALISATIONS_FOR_TWO else 1]
+    candidates = settled[:: -(-len(settled) // MAX_CANDIDATES)]
+    most_distorted = max(candidates, key=lambda number: _distortion(segments[number]))
+    spread = np.linspace(0, len(settled) - 1, min(MAX_VERIFIED - 1, len(settled))).round().astype(int)
+    return sorted({most_distorted, *(settled[at] for at in spread)})
+
+
+def _is_settled(segment: Segment | None) -> bool:
+    return segment is not None and segment.settling is not None and segment.settling.settled
+
+
+def _frequencies(segments: Sequence[Segment]) -> NDArray[np.float64]:
+    return np.concatenate([segment.frequency for segment in segments])
+
+
+def _relative_difference(coarse: Sequence[Segment], fine: Sequence[Segment]) -> NDArray[np.float64]:
+    """Return the relative difference of two measurements of y/u."""
+    with np.errstate(divide="ignore", invalid="ignore"):  # where nothing moves
+        first, second = (
+            np.concatenate([phasors(segment, "y")[0] / phasors(segment, "u")[0] for segment in part])
+            for part in (coarse, fine)
+        )
+        difference = np.abs(first / second - 1)
+    return np.where(np.isfinite(difference), difference, np.nan)
+
+
+def _distortion(segment: Segment) -> float:
+    """Return how much more than its fundamental the measured position contains, relative to it."""
+    position = segment.channels["y"][0]
+    fundamental = float(np.abs(phasors(segment, "y")[0, 0])) ** 2 / 2
+    power = float(position @ position) / position.size - float(position.mean()) ** 2
+    return power / fundamental if fundamental else 0.0

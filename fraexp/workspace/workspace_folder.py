@@ -1,0 +1,103 @@
+"""The folder and the database of a workspace: all that is needed to read, mark and delete; importing this is instant.
+
+Whoever computes, draws or resolves studies uses `Workspace`, which is one of these and imports far more.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, Self
+
+from fraexp.errors import StoreError, StudyError
+
+if TYPE_CHECKING:
+    from fraexp.components.registry import Registry
+    from fraexp.store import Store
+    from fraexp.store.stored_records import MigrationSummary
+
+
+DATABASE_VARIABLE = "FRAEXP_DB"
+"""Environment variable with the path or URL of the database, unless ``--db`` names one."""
+
+
+@dataclass(frozen=True)
+class WorkspaceFolder:
+    """A folder with ``plugins/``, ``studies/`` and ``results.db``, each of which may be missing."""
+
+    folder: Path
+    database: str
+    """Path or URL."""
+
+    @classmethod
+    def open(cls, folder: str | Path, database: str | None = None) -> Self:
+        """Open a folder; the database is ``results.db`` in it, unless a path or URL is given."""
+        root = Path(folder)
+        if not root.is_dir():
+            raise StudyError(f"{root}: there is no such folder to work in")
+        return cls(root, str(database or root / "results.db"))
+
+    @cached_property
+    def registry(self) -> "Registry":
+        """All components: installed ones and those in the workspace's ``plugins/``."""
+        from fraexp.components.registry import discover
+
+        return discover(self.folder / "plugins")
+
+    def reload(self) -> None:
+        """Forget the registry, so that plugins that were added, repaired or broken since are loaded anew."""
+        self.__dict__.pop("registry", None)
+
+    def units(self, path: str) -> set[str]:
+        """Return the units in which a parameter may be declared: for filters."""
+        from fraexp.study.paths import units_of
+
+        return units_of(path, self.registry)
+
+    def open_store(self, mode: Literal["read", "write", "create"] = "read") -> "Store":
+        """Return the opened database, a context manager: to read, to write, or made first if it is missing.
+
+        Raises
+        ------
+        StoreError : the database is missing, damaged or of another schema; with ``create`` a missing one is made.
+        """
+        from fraexp.store import Store
+
+        return Store.open(self.database, create=mode == "create", read_only=mode == "read", units=self.units)
+
+    def has_database(self) -> bool:
+        """Return whether there is probably a database; cheap, as the first `open_store` finds out what is wrong."""
+        if "://" not in self.database:
+            return Path(self.database).exists()
+        try:
+            return self.database_exists()
+        except StoreError:  # there is something: opening it raises the same error where it can be reported
+            return True
+
+    def database_exists(self) -> bool:
+        """Return whether a run has made the database; StoreError if something else is in its place."""
+        from fraexp.store import Store
+
+        return Store.exists(self.database)
+
+    def write_refusal(self) -> str:
+        """Return why the database cannot be written, so far as that shows before writing; empty if it can."""
+        from fraexp.store import Store
+
+        return Store.refusal(self.database)
+
+    def migrate_database(self) -> "MigrationSummary":
+        """Bring the database to the current schema, and free unused space."""
+        from fraexp.store import Store
+
+        return Store.migrate(self.database)
+
+    def location_options(self) -> list[str]:
+        """Return the options that name this workspace from any folder."""
+        return [f"--workspace={self.folder.absolute()}"]
+
+    def location_environment(self) -> dict[str, str]:
+        """Return the variable that names the database to a child process: everybody can read arguments.
+
+        A URL may contain a password.
+        """
+        return {DATABASE_VARIABLE: self.database if "://" in self.database else str(Path(self.database).absolute())}

@@ -1,0 +1,1 @@
+"""Helpers of the estimators: delays, realisations, windows, local models, the observer."""

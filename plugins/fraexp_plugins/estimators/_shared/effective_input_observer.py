@@ -1,0 +1,368 @@
+"""The effective control input observer: the part of the control input that moves the plant, without friction."""
+
+import itertools
+from abc import ABC
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import lru_cache
+from typing import ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fraexp.api import (
+    Encoder,
+    FrictionModel,
+    Motion,
+    Segment,
+    Signals,
+    fourier_sums,
+    param,
+    path_response,
+    phasor_variance,
+    phasors,
+    record_spectrum,
+)
+from fraexp_plugins.estimators._shared.delayed_estimator import DelayedEstimator, LoopDelays
+from fraexp_plugins.estimators._shared.encoder_errors import EncoderErrors, simulated_encoder_errors
+from fraexp_plugins.estimators._shared.interpolation import resample
+from fraexp_plugins.estimators._shared.motion_above_nyquist import (
+    PlantAboveModes,
+    UnsampledErrors,
+    mean_phasors,
+    motion_above_nyquist,
+)
+from fraexp_plugins.estimators._shared.oversampling import choose_oversampling
+from fraexp_plugins.estimators._shared.possible_motions import (
+    EncoderErrorSamples,
+    ErrorMoments,
+    draws_per_segment,
+    error_moments,
+    examined_segments,
+    possible_motions,
+)
+
+EFFECTIVE_INPUT = "u_e"
+"""Name of the channel û_e."""
+MIN_TERM_STDS = 3.0
+"""Size of a term of the Fourier series, in standard deviations of its scatter, from which it is kept."""
+TOLERANCE_RATIO = 10.0
+"""Tolerated error of y'/û_e over that of y'/u: the effective input is a small difference."""
+MAX_POINTS_OF_DRAWS = 1024
+"""Points of a motion at which a friction model is driven to find the errors that the encoder causes."""
+POINTS_MULTIPLE = 16
+"""Numbers of points of which a Fourier transform is fast are multiples of it."""
+FREQUENCIES_PER_BLOCK = 8192
+"""Frequencies at which the aliasing images are summed at once: a hundred numbers each."""
+
+
+class ObserverEstimator(DelayedEstimator, ABC):
+    """An estimator that knows a friction model: û_e = G_di G_do u - f̂, the observer of eqs (2)-(5).
+
+    y' drives the friction model in the time domain; the delays act at each frequency. Between its samples y' is
+    interpolated by its Fourier series, which is exact for a periodic response; a friction model driven by the samples
+    only would miss the peaks by A(1 - cos(ωTs/2)). Terms of the series below the encoder's resolution and noise are
+    removed, because the model would take them for reversals.
+    """
+
+    renamed: ClassVar[Mapping[str, str]] = {
+        "width_scale": "displacement_scale",
+        "interpolation": "oversampling",
+    }
+
+    friction: FrictionModel = param("", "friction model FM of the observer", inherit="friction")
+    force_scale: float = param("1", "factor on the model's force, such as 1.1 for a ΣF_m 10 % too large", 1.0, above=0)
+    displacement_scale: float = param("1", "factor on the model's deflections Y_m, at the same ΣF_m", 1.0, above=0)
+    resolution: float = param("m", "quantisation step of the encoder", 0.0, at_least=0, inherit="loop.resolution")
+    noise: float = param("m", "standard deviation of the encoder's noise", 0.0, at_least=0, inherit="loop.noise")
+    oversampling: int = param(
+        "1",
+        "points per sample at which y' drives the friction model; 0 for what the tolerance needs",
+        0,
+        at_least=0,
+        at_most=64,
+    )
+    interpolation_tolerance: float = param(
+        "1",
+        "relative error of y'/u that is tolerated; ten times as much of y'/û_e",
+        1e-4,
+        at_least=1e-5,
+        at_most=0.1,
+        inherit="numerics.tolerance",
+    )
+
+    def matched(self, machine: Mapping[str, object]) -> Self:
+        """Return the observer of the machine itself, with an ideal encoder."""
+        known = {name: value for name, value in machine.items() if name in type(self).model_fields}
+        ideal = {"resolution": 0.0, "noise": 0.0, "force_scale": 1.0, "displacement_scale": 1.0}
+        return self.model_copy(update={**known, **ideal})
+
+    def effective_phasors(self, segments: Sequence[Segment]) -> list[NDArray[np.complex128]]:
+        """Return the phasors of û_e [N] at the excited lines per segment, each of shape (periods, lines), eq (2)."""
+        if not (self.oversampling and segments):
+            return self.resolve_oversampling(segments).effective_phasors(segments) if segments else []
+        forces = self._friction_phasors(segments)
+        return [linear - force for linear, force in zip(self.linear_phasors(segments), forces, strict=True)]
+
+    def linear_phasors(self, segments: Sequence[Segment]) -> list[NDArray[np.complex128]]:
+        """Return the phasors of G_di G_do u less viscous friction [N] per segment, each of shape (periods, lines)."""
+        if not segments:
+            return []
+        counts = [segment.lines.size for segment in segments]
+        omega = 2 * np.pi * np.concatenate([segment.frequency for segment in segments])
+        times = {segment.sample_time for segment in segments}
+        sample_time = times.pop() if len(times) == 1 else np.repeat([s.sample_time for s in segments], counts)
+        path = self.input_path(omega, sample_time) * self.output_path(omega)
+        viscous = 1j * omega * self.friction.viscous
+        factors = zip(*(np.split(factor, np.cumsum(counts)[:-1]) for factor in (path, viscous)), strict=True)
+        return [
+            delayed * phasors(segment, self.input) - damping * phasors(segment, self.output)
+            for segment, (delayed, damping) in zip(segments, factors, strict=True)
+        ]
+
+    def with_effective_input(self, signals: Signals) -> Signals:
+        """Return the signals with û_e [N] as one more channel, at the samples and limited to their band.
+
+        Delays, hold and viscous friction act on the spectrum of the whole record. If the record is not periodic they
+        use its end as the past of its beginning. The error is as smooth over frequency as the transient itself, so
+        that estimators that remove the transient remove this error too.
+        """
+        if not self.oversampling:
+            return self.resolve_oversampling(signals.segments).with_effective_input(signals)
+        unit = signals.unit(self.input)
+        found = []
+        for segment, force in zip(signals.segments, self._forces(signals.segments), strict=True):
+            shape, size = segment.channels[self.output].shape, segment.channels[self.output].size
+            path = _record_path(self.delays, size, segment.sample_time)
+            effective = np.fft.irfft(self._effective_bins(segment, force.ravel(), path), size)
+            extended = replace(segment, channels={**segment.channels, EFFECTIVE_INPUT: effective.reshape(shape)})
+            extended.cache.update(segment.cache)
+            found.append(extended)
+        return replace(signals, segments=tuple(found), units={**signals.units, EFFECTIVE_INPUT: unit})
+
+    def resolve_oversampling(self, segments: Sequence[Segment]) -> Self:
+        """Return the estimator with the points per sample that its friction model needs along these segments."""
+        if self.oversampling:
+            return self
+        points = choose_oversampling(segments, TOLERANCE_RATIO * self.interpolation_tolerance, self._phasors_with)
+        return self._oversampled(points)
+
+    def _phasors_with(self, points: int, segments: Sequence[Segment]) -> list[NDArray[np.complex128]]:
+        return self._oversampled(points).effective_phasors(segments)
+
+    def _oversampled(self, points: int) -> Self:
+        """Return the same estimator with a number of points per sample."""
+        return self.model_copy(update={"oversampling": points})
+
+    def _effective_bins(
+        self, segment: Segment, force: NDArray[np.float64], path: NDArray[np.complex128]
+    ) -> NDArray[np.complex128]:
+        size = segment.channels[self.output].size
+        omega = 2 * np.pi * np.fft.rfftfreq(size, segment.sample_time)
+        friction = np.fft.rfft(force)[: omega.size] * (self.force_scale / self.oversampling)
+        if self.output_time_constants:
+            friction = friction * path_response(omega, 0.0, self.output_time_constants)
+        viscous = 1j * omega * self.friction.viscous * record_spectrum(segment, self.output)
+        return path * record_spectrum(segment, self.input) - viscous - friction
+
+    def _friction_phasors(self, segments: Sequence[Segment]) -> list[NDArray[np.complex128]]:
+        """Return the phasors of the friction model's force [N] per segment, each of shape (periods, lines)."""
+        return [
+            fourier_sums(periods, segment.lines) * self._force_factor(segment)
+            for segment, periods in zip(segments, self._forces(segments), strict=True)
+        ]
+
+    def friction_phasors(self, segments: Sequence[Segment]) -> list[NDArray[np.complex128]]:
+        """Return the phasors of all friction [N], viscous friction included, each of shape (periods, lines)."""
+        return [
+            force + 2j * np.pi * segment.frequency * self.friction.viscous * phasors(segment, self.output)
+            for segment, force in zip(segments, self._friction_phasors(segments), strict=True)
+        ]
+
+    def force_spectra(self, segments: Sequence[Segment]) -> list[NDArray[np.complex128]]:
+        """Return the spectrum of all friction [N] over the whole record per segment, each of shape (n // 2 + 1,)."""
+        return [
+            -self._effective_bins(segment, force.ravel(), np.zeros(1, dtype=complex))
+            for segment, force in zip(segments, self._forces(segments), strict=True)
+        ]
+
+    def _force_factor(self, segment: Segment) -> NDArray[np.complex128]:
+        """Return the factor from the model's force to that in û_e at the lines, shape (lines,)."""
+        return self.force_scale * path_response(2 * np.pi * segment.frequency, 0.0, self.output_time_constants)
+
+    def encoder_errors(self, segment: Segment) -> EncoderErrors:
+        """Return what noise and rounding of the encoder do to displacement [m] and friction force [N] in û_e."""
+
+        def force(terms: NDArray[np.complex128], duration: float, finer: int) -> NDArray[np.float64]:
+            return np.stack(self.friction.forces(self._motions_of_terms(segment, terms, duration, finer)))
+
+        found = simulated_encoder_errors(segment, self.output, self.resolution, self.noise, force)
+        return found.scaled(self._force_factor(segment))
+
+    def unsampled_motion_errors(self, segments: Sequence[Segment], plant: PlantAboveModes) -> list[UnsampledErrors]:
+        """Return the errors by the motion above the Nyquist frequency, of the mean over the periods, per segment."""
+        motions = [self._motion(segment) for segment in segments]
+        forces = self.friction.forces(motions)
+        unsampled = [
+            motion_above_nyquist(segment, force, plant, self.output_time_constants)
+            for segment, force in zip(segments, forces, strict=True)
+        ]
+        moved = [
+            motion._replace(displacement=motion.displacement + found.interpolation_error / self.displacement_scale)
+            for motion, found in zip(motions, unsampled, strict=True)
+        ]
+        changes = zip(segments, forces, self.friction.forces(moved), strict=True)
+        lacking = [
+            mean_phasors(segment, along - true) * self._force_factor(segment) for segment, along, true in changes
+        ]
+        return [UnsampledErrors(found.aliases, force) for found, force in zip(unsampled, lacking, strict=True)]
+
+    def single_period_errors(self, segments: Sequence[Segment]) -> ErrorMoments:
+        """Return the moments of the same errors for records of one period, at the lines of all segments."""
+        examined = examined_segments(segments)
+        draws = draws_per_segment(examined)
+        possible = [possible_motions(each, self.output, self.resolution, self.noise, draws) for each in examined]
+        motions = [
+            self._motions_of_terms(segment, found.terms, found.duration)
+            for segment, found in zip(examined, possible, strict=True)
+        ]
+        forces = iter(self.friction.forces(list(itertools.chain.from_iterable(motions))))
+        force_errors = []
+        for segment, found in zip(examined, possible, strict=True):
+            sums = fourier_sums(np.stack([next(forces) for _ in found.terms]), found.lines)
+            force_errors.append((sums[0] - sums[1:]) * self._force_factor(segment))
+        samples = EncoderErrorSamples(
+            np.concatenate([segment.frequency for segment in examined]),
+            np.concatenate([found.output_errors for found in possible], axis=1),
+            np.concatenate(force_errors, axis=1),
+            self._output_deviation(examined),
+        )
+        frequency = np.concatenate([segment.frequency for segment in segments])
+        return error_moments(samples, frequency, self._output_deviation(segments))
+
+    def _output_deviation(self, segments: Sequence[Segment]) -> NDArray[np.float64]:
+        """Return the standard deviation of the output's phasors by noise and rounding [m], at all lines."""
+        encoder = Encoder(self.noise, self.resolution)
+        return np.sqrt(np.concatenate([phasor_variance(segment, encoder) for segment in segments]))
+
+    def _motions_of_terms(
+        self, segment: Segment, terms: NDArray[np.complex128], duration: float, finer: int = 1
+    ) -> list[Motion]:
+        """Return motions of such Fourier coefficients, shape (motions, terms), and period [s].
+
+        A single one is as exact as the observer's own. Several are there to be compared with each other: most of their
+        own errors cancel.
+        """
+        points = int(np.ceil(finer * self.oversampling * duration / segment.sample_time))
+        before = self._lead_in(segment)
+        if len(terms) > 1:
+            points = min(points, max(MAX_POINTS_OF_DRAWS, 2 * terms.shape[1]))
+            before = np.empty(0)
+        omega = 2 * np.pi / duration * np.arange(terms.shape[1])
+        bins = terms / path_response(omega, 0.0, self.output_time_constants)
+        points += -points % POINTS_MULTIPLE
+        motions = np.fft.irfft(bins, points) * (points / self.displacement_scale)
+        return [Motion(x, duration / points, True, before, segment.sample_time) for x in motions]
+
+    def _lead_in(self, segment: Segment) -> NDArray[np.float64]:
+        """Return the displacement before the record that drives the friction model [m]; empty if it does not matter."""
+        if self.friction.has_unique_periodic_force or self.output not in segment.lead_in:
+            return np.empty(0)
+        return segment.lead_in[self.output] / self.displacement_scale
+
+    def _forces(self, segments: Sequence[Segment]) -> list[NDArray[np.float64]]:
+        """Return the friction model's force [N] along each segment, each of shape (periods, samples × oversampling).
+
+        The mean over the periods is the force along the whole record, in which noise hides the fewest terms. Removing
+        those terms makes its periods alike, so their scatter is taken from the forces along each single period: a
+        covariance then includes the noise that acts through friction, which is most of it if friction is most of the
+        input.
+        """
+        motions = [self._motion(segment) for segment in segments]
+        single_periods = [self._motions_of_periods(*pair) for pair in zip(segments, motions, strict=True)]
+        forces = self.friction.forces([*motions, *itertools.chain.from_iterable(single_periods)])
+        others, found = iter(forces[len(motions) :]), []
+        for segment, force, own_motions in zip(segments, forces[: len(motions)], single_periods, strict=True):
+            periods = force.reshape(-1, segment.samples * self.oversampling)
+            if own_motions:
+                single = np.stack([next(others) for _ in own_motions])
+                mean = np.add.reduce(periods, axis=0) / len(periods)
+                periods = mean + single - np.add.reduce(single, axis=0) / len(single)
+            found.append(periods)
+        return found
+
+    def _motions_of_periods(self, segment: Segment, whole: Motion) -> list[Motion]:
+        """Return the motion of each single period, with the terms that stand out of the noise of the whole record."""
+        y = segment.channels[self.output]
+        if len(y) < 2 or is_from_rest(segment) or not (self.noise or self.resolution):
+            return []
+        kept = self._bins(segment)[:: len(y)] != 0
+        bins = np.where(kept, np.fft.rfft(y, axis=1), 0)
+        unlagged = [self._without_output_lags(row, y.shape[1], segment.sample_time) for row in bins]
+        motions = [resample(row, y.shape[1], self.oversampling) for row in unlagged]
+        return [whole._replace(displacement=motion / self.displacement_scale) for motion in motions]
+
+    def _motion(self, segment: Segment) -> Motion:
+        """Return the motion that drives the friction model: all periods of a segment, after its lead-in."""
+        repeats = not is_from_rest(segment)
+        fine = self._fine_displacement(segment) if repeats else self._fine_displacement_from_rest(segment)
+        time_step = segment.sample_time / self.oversampling
+        return Motion(fine / self.displacement_scale, time_step, repeats, self._lead_in(segment), segment.sample_time)
+
+    def _fine_displacement(self, segment: Segment) -> NDArray[np.float64]:
+        """Return all periods of a record, one after another, at `oversampling` times as many points."""
+        size = segment.channels[self.output].size
+        return resample(
+            self._without_output_lags(self._bins(segment), size, segment.sample_time), size, self.oversampling
+        )
+
+    def _bins(self, segment: Segment) -> NDArray[np.complex128]:
+        """Return the Fourier series of a record without the terms below the encoder's resolution and noise."""
+        periods, samples = segment.channels[self.output].shape
+        # rounding repeats itself from period to period and adds up, noise does not
+        scatter = self.noise**2 * periods + self.resolution**2 / 12 * periods**2
+        return _significant_terms(record_spectrum(segment, self.output), scatter * samples)
+
+    def _fine_displacement_from_rest(self, segment: Segment) -> NDArray[np.float64]:
+        """Return the same for a record that begins at rest and does not return to it.
+
+        The record is mirrored at its end: a Fourier series rings if its end and its beginning differ, and the friction
+        model would take that for reversals.
+        """
+        record = segment.channels[self.output].ravel()
+        mirrored = np.concatenate([record, record[::-1]])
+        scatter = self.noise**2 + self.resolution**2 / 12
+        bins = _significant_terms(np.fft.rfft(mirrored), scatter * mirrored.size)
+        bins = self._without_output_lags(bins, mirrored.size, segment.sample_time)
+        fine = resample(bins, mirrored.size, self.oversampling)
+        return fine[: record.size * self.oversampling]
+
+    def _without_output_lags(
+        self, bins: NDArray[np.complex128], size: int, sample_time: float
+    ) -> NDArray[np.complex128]:
+        """Return a Fourier series of `size` samples without G_do's lags, which act behind the friction."""
+        if not self.output_time_constants:
+            return bins
+        omega = 2 * np.pi * np.fft.rfftfreq(size, sample_time)
+        return bins / path_response(omega, 0.0, self.output_time_constants)
+
+
+@lru_cache(8)
+def _record_path(delays: LoopDelays, size: int, sample_time: float) -> NDArray[np.complex128]:
+    """Return G_di G_do with hold and images at all frequencies of a record, shape (size // 2 + 1,).
+
+    This is the slowest part, and the same for each realisation and each friction model: hence the cache.
+    """
+    omega = 2 * np.pi * np.fft.rfftfreq(size, sample_time)
+    parts = np.array_split(omega, -(-omega.size // FREQUENCIES_PER_BLOCK))
+    return np.concatenate([delays.input_path(part, sample_time) * delays.output_path(part) for part in parts])
+
+
+def _significant_terms(bins: NDArray[np.complex128], variance: float) -> NDArray[np.complex128]:
+    """Return a Fourier series without the terms that scatter of this variance can explain."""
+    return np.where(np.abs(bins) < MIN_TERM_STDS * np.sqrt(variance), 0, bins) if variance else bins
+
+
+def is_from_rest(segment: Segment) -> bool:
+    """Say whether a segment was recorded from rest, its transient included; measured segments count as periodic."""
+    return segment.settling is not None and segment.settling.time == 0

@@ -1,0 +1,140 @@
+"""Leakage of windows: the bias of a response from windows, by comparison with windows of another length.
+
+The expectation of an estimate from Hann windows is the response averaged over the width of a line. The bias is
+proportional to the response's curvature and to 1/T² for windows of length T (J. S. Bendat and A. G. Piersol, Random
+Data, 4th ed. 2010, section 8.5, doi:10.1002/9781118032428): with D = Ĝ(T) - Ĝ(2T) it is 4/3 D for T and 1/3 D for 2T.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fraexp.api import frequency_text
+from fraexp_plugins.estimators._shared.hann_windows import independent_windows, longest_record
+from fraexp_plugins.estimators._shared.realisations import Group, Part, circular_covariance
+
+DIFFERENCE_VARIANCE = 0.73
+"""E|D|² by noise alone over the variance of Ĝ(T): Monte-Carlo, Hann windows with 50 % overlap."""
+FALSE_ALARM_PROBABILITY = 0.01
+"""Probability with which noise alone looks like leakage in a record."""
+MIN_WINDOWS = 3
+"""Lengths of a window that a record needs for windows of twice that length to be compared."""
+NEIGHBOURS = 3
+"""Lines whose differences are averaged."""
+FREEDOM = 4
+"""Degrees of freedom of that average: neighbouring lines are correlated."""
+LOCAL_EVIDENCE = 2.0
+"""Average over its expectation by noise alone from which the line itself is taken to leak, if the record does."""
+MIN_RELATIVE_BIAS = 0.01
+"""Bias over the response up to which the response is accurate, and only the band is widened."""
+MAX_RELATIVE_DEVIATION = 0.3
+"""Standard deviation over the response above which a line is too noisy for its leakage to be seen."""
+LOWEST_HALF_BIN = 2
+"""Lowest bin at which windows of half the length are compared."""
+
+
+class WindowedResponse(NamedTuple):
+    """A response from windows."""
+
+    response: NDArray[np.complex128]
+    """Shape (n,)."""
+    variance: NDArray[np.float64]
+    """E|dG|² by noise, shape (n,)."""
+
+
+def total_variance(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return E|dG|², shape (n,), of a covariance of both parts, shape (n, 2, 2)."""
+    return np.asarray(covariance[:, 0, 0] + covariance[:, 1, 1])
+
+
+Estimate = Callable[[int, NDArray[np.int64], int], WindowedResponse]
+"""Returns the response from windows of so many samples at bins of a transform of so many samples."""
+
+
+def with_leakage(
+    part: Part,
+    group: Group,
+    channel: str,
+    samples: int,
+    bins: NDArray[np.int64],
+    estimate: Estimate,
+    is_inverse: bool = False,
+) -> Part:
+    """Return a response from windows of so many samples with its bias in the covariance, and a message if it is large.
+
+    `channel` tells how many windows are independent. The estimates are of the inverse response if that is the one
+    whose denominator has no noise.
+    """
+    own = estimate(samples, bins, samples)
+    if longest_record(group) >= MIN_WINDOWS * samples:
+        short, ratio, variance = samples, 4 / 3, own.variance
+        other = estimate(2 * samples, 2 * bins, 2 * samples)
+    else:
+        short, ratio = samples // 2, -1 / 3
+        other = estimate(samples // 2, bins, samples)
+        variance = np.where(bins < LOWEST_HALF_BIN, np.nan, other.variance)
+    difference = own.response - other.response
+    size = np.maximum(np.abs(own.response), np.abs(other.response))
+    variance = np.where(variance < MAX_RELATIVE_DEVIATION**2 * size**2, variance, np.nan)
+    windows = independent_windows(group, channel, short)
+    evidence = _evidence(np.abs(difference) ** 2, DIFFERENCE_VARIANCE * variance, windows)
+    unbiased = own.response - ratio * difference
+    return _with_bias(part, part.response - (1 / unbiased if is_inverse else unbiased), evidence)
+
+
+class _Evidence(NamedTuple):
+    """Where two lengths of windows differ by more than noise, each of shape (n,)."""
+
+    is_likely: NDArray[np.bool_]
+    """Where the line leaks more likely than not, if the record does; nowhere in a record that need not leak."""
+    is_significant: NDArray[np.bool_]
+    """Where noise alone does not explain the difference."""
+    excess: NDArray[np.float64]
+    """The part of |D|² that noise does not explain, over |D|²."""
+
+
+def _evidence(difference: NDArray[np.float64], expected: NDArray[np.float64], windows: float) -> _Evidence:
+    """Return where |D|² is more than its expectation by noise, shape (n,) each, given so many independent windows."""
+    from scipy.special import fdtri  # slow to import: listing plugins must stay fast
+
+    known = np.isfinite(difference) & np.isfinite(expected) & (expected > 0)
+    ratio = np.where(known, difference / np.where(known, expected, 1.0), 0.0)
+    average = _running_mean(ratio, NEIGHBOURS)
+    limit = fdtri(FREEDOM, windows, 1 - FALSE_ALARM_PROBABILITY / max(known.sum(), 1))
+    is_significant = known & (average > limit)
+    is_likely = known & (average > LOCAL_EVIDENCE) & is_significant.any()
+    return _Evidence(is_likely, is_significant, np.maximum(1 - 1 / np.maximum(ratio, 1.0), 0.0))
+
+
+def _running_mean(values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+    """Return the mean over so many neighbours, those at the ends like the next ones."""
+    if values.size < count:
+        return np.full(values.size, np.add.reduce(values) / values.size)
+    means = np.add.reduce(np.lib.stride_tricks.sliding_window_view(values, count), axis=1) / count
+    return np.pad(means, (count // 2, count - 1 - count // 2), mode="edge")
+
+
+def _with_bias(part: Part, bias: NDArray[np.complex128], evidence: _Evidence) -> Part:
+    """Return a response with a bias in the covariance where there is evidence of it, and a message if it is large."""
+    if not evidence.is_likely.any():
+        return part
+    square = np.where(evidence.is_likely, np.abs(bias) ** 2 * evidence.excess, 0.0)
+    relative = np.sqrt(square) / np.abs(part.response - bias)
+    covariance = part.covariance + circular_covariance(square)
+    inflated = replace(part, covariance=covariance)
+    affected = evidence.is_significant & (relative > MIN_RELATIVE_BIAS) & (square > total_variance(part.covariance))
+    if not affected.any():
+        return inflated
+    worst = int(np.argmax(np.where(affected, relative, 0.0)))
+    where = part.frequency[affected]
+    size = f"about {relative[worst]:.0%}" if relative[worst] < 1 else "100% or more"
+    text = (
+        f"the windows leak: the response is off by {size} at {part.frequency[worst]:.4g} Hz, and "
+        f"by more than {MIN_RELATIVE_BIAS:.0%} at {affected.sum()} of {affected.size} lines "
+        f"({frequency_text(where)}), as windows of another length show; the confidence band includes it: use a longer "
+        "window, local_polynomial, or a periodic excitation"
+    )
+    return replace(inflated, inaccuracy=text)

@@ -1,0 +1,197 @@
+"""The uncertainty of a model of friction or of a plant: standard deviations of parameters, and their correlation."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
+from math import inf
+from typing import ClassVar, Generic, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fraexp.api import ParameterError, Parameters, did_you_mean, param
+
+CORRELATION_TOLERANCE = 1e-6
+"""Deviation from symmetry, and size of negative eigenvalues, that rounding may cause in a correlation matrix."""
+Model = TypeVar("Model", bound=Parameters)
+MAX_STEP_HALVINGS = 10
+"""Number of times that a step outside the bounds of a parameter is halved."""
+
+
+class Deviation(Parameters):
+    """The standard deviation of one parameter of a model."""
+
+    renamed: ClassVar[Mapping[str, str]] = {"deviation": "std"}
+
+    parameter: str = param(
+        "", "name of the parameter, with dots to parts and to places in a list: `coulomb_force`, `stiffness.0`"
+    )
+    std: object = param("", "its standard deviation: a number in the parameter's SI unit, or text such as `0.5 N s/m`")
+    """A text is read once the model is known, which has the parameter's unit."""
+
+    def model_post_init(self, context: object) -> None:
+        """Check that it is a text or a positive number."""
+        given = self.std
+        is_number = isinstance(given, float | int) and not isinstance(given, bool) and 0 < given < inf
+        if not is_number and not isinstance(given, str):
+            raise ParameterError(f"deviations: std of '{self.parameter}' is {given!r}; expected a number above 0")
+
+    def in_si_units(self, model: Model) -> float:
+        """Return the standard deviation in the parameter's SI unit."""
+        unit = _target(model, self.parameter).unit
+        return _std_in(unit).parse({"std": self.std}, f"deviations: '{self.parameter}'").std
+
+
+class _Std(Parameters):
+    """A standard deviation in SI units."""
+
+    std: float = param("1", "standard deviation", above=0)
+
+
+@cache
+def _std_in(unit: str) -> type[_Std]:
+    """Return a class that reads texts of this unit."""
+
+    class StdInUnit(_Std):
+        std: float = param(unit, "standard deviation", above=0)
+
+    return StdInUnit
+
+
+def check_deviations(model: Model, deviations: Sequence[Deviation], correlation: Sequence[Sequence[float]]) -> None:
+    """Raise ParameterError unless each deviation has a parameter of its own, whose bounds allow it."""
+    correlation_matrix(correlation, len(deviations))
+    for number, each in enumerate(deviations):
+        with_moved_parameters(model, [each], [each.in_si_units(model)])
+        path = _target(model, each.parameter).path
+        if any(_target(model, other.parameter).path == path for other in deviations[:number]):
+            raise ParameterError(f"deviations: '{each.parameter}' is given twice; give each parameter once")
+
+
+def correlation_matrix(correlation: Sequence[Sequence[float]], count: int) -> NDArray[np.float64]:
+    """Return the correlation matrix, shape (count, count); the unit matrix if none is given."""
+    if not correlation:
+        return np.eye(count)
+    rows = [len(row) for row in correlation]
+    if rows != [count] * count:
+        raise ParameterError(
+            f"correlation has rows of {rows} numbers; expected {count} rows of {count}, one for each deviation"
+        )
+    matrix = np.array(correlation, dtype=float)
+    if (
+        np.abs(matrix - matrix.T).max() > CORRELATION_TOLERANCE
+        or np.abs(np.diag(matrix) - 1).max() > CORRELATION_TOLERANCE
+    ):
+        raise ParameterError("correlation: expected a symmetric matrix with 1 on its diagonal")
+    if np.linalg.eigvalsh(matrix)[0] < -CORRELATION_TOLERANCE:
+        raise ParameterError("correlation has a negative eigenvalue; expected a positive semi-definite matrix")
+    return matrix
+
+
+class Perturbation(NamedTuple, Generic[Model]):
+    """A model on either side of the stated one."""
+
+    above: Model
+    below: Model
+    steps: float
+    """How many standard deviations both are away."""
+
+
+def perturbations(
+    model: Model, deviations: Sequence[Deviation], correlation: Sequence[Sequence[float]], steps: float
+) -> Iterator[Perturbation[Model]]:
+    """Yield the model above and below along each column of a square root of its parameters' covariance.
+
+    Both are `steps` columns away, or fewer if the bounds of a parameter do not allow that.
+    """
+    check_deviations(model, deviations, correlation)
+    values, vectors = np.linalg.eigh(correlation_matrix(correlation, len(deviations)))
+    sizes = np.array([each.in_si_units(model) for each in deviations])
+    for value, vector in zip(values, vectors.T, strict=True):
+        if value > CORRELATION_TOLERANCE:
+            yield _perturbation(model, deviations, sizes * vector * np.sqrt(value), steps)
+
+
+def _perturbation(
+    model: Model, deviations: Sequence[Deviation], column: NDArray[np.float64], steps: float
+) -> Perturbation[Model]:
+    for _ in range(MAX_STEP_HALVINGS):
+        try:
+            return _symmetric(model, deviations, column, steps)
+        except ParameterError:
+            steps /= 2
+    return _symmetric(model, deviations, column, steps)
+
+
+def _symmetric(
+    model: Model, deviations: Sequence[Deviation], column: NDArray[np.float64], steps: float
+) -> Perturbation[Model]:
+    above, below = (with_moved_parameters(model, deviations, sign * steps * column) for sign in (1, -1))
+    return Perturbation(above, below, steps)
+
+
+def with_moved_parameters(
+    model: Model, deviations: Sequence[Deviation], amounts: Sequence[float | str] | NDArray[np.float64]
+) -> Model:
+    """Return the model with its parameters moved by `amounts` [their SI units], shape (deviations,).
+
+    A text stands for one standard deviation.
+    """
+    for each, amount in zip(deviations, amounts, strict=True):
+        path = _target(model, each.parameter).path
+        step = each.in_si_units(model) if isinstance(amount, str) else float(amount)
+        moved = _increased(model, path, step) if step else model
+        assert isinstance(moved, type(model))
+        model = moved
+    return model
+
+
+class _Target(NamedTuple):
+    """A parameter of a model."""
+
+    path: tuple[str | int, ...]
+    """Names of today, and places in lists."""
+    value: float
+    unit: str
+
+
+def _target(model: Model, parameter: str) -> _Target:
+    """Return a parameter by its name, or a former one; ParameterError if it does not exist or is not a number."""
+    found: object = model
+    path: list[str | int] = []
+    unit = ""
+    for part in parameter.split("."):
+        if isinstance(found, tuple):
+            if not part.isdecimal() or int(part) >= len(found):
+                raise ParameterError(f"deviations: '{parameter}' has no place '{part}'; expected 0 to {len(found) - 1}")
+            path.append(int(part))
+            found = found[int(part)]
+            continue
+        if not isinstance(found, Parameters):
+            raise ParameterError(f"deviations: '{parameter}' has no part '{part}': what comes before it is a number")
+        fields = type(found).model_fields
+        name = type(found).renamed_parameters().get(part, part)
+        if name not in fields:
+            raise ParameterError(f"deviations: there is no parameter '{parameter}'{did_you_mean(part, fields)}")
+        path.append(name)
+        found, unit = getattr(found, name), _unit(fields[name].json_schema_extra)
+    if isinstance(found, bool) or not isinstance(found, float):
+        raise ParameterError(f"deviations: '{parameter}' is {found!r}; expected the name of a number")
+    return _Target(tuple(path), found, unit)
+
+
+def _unit(declared: object) -> str:
+    return str(declared["unit"]) if isinstance(declared, dict) else ""
+
+
+def _increased(owner: object, path: Sequence[str | int], amount: float) -> object:
+    """Return a copy of a component, a group or a list whose number at `path` is larger by `amount`."""
+    if isinstance(owner, float):
+        return owner + amount
+    first, *rest = path
+    if isinstance(owner, tuple):
+        index = int(first)
+        return (*owner[:index], _increased(owner[index], rest, amount), *owner[index + 1 :])
+    assert isinstance(owner, Parameters)  # _target has followed the path
+    values = {key: getattr(owner, key) for key in type(owner).model_fields}
+    values[str(first)] = _increased(values[str(first)], rest, amount)
+    return type(owner).parse(values, f"deviations: {getattr(owner, 'name', '') or type(owner).__name__}")

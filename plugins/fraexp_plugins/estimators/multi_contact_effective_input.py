@@ -1,0 +1,249 @@
+"""The proposed FRA method for machines with friction at several contacts, or away from the measured position."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fraexp.api import (
+    FrictionModel,
+    ParameterError,
+    Plant,
+    Ports,
+    Result,
+    Segment,
+    Signals,
+    param,
+    phasors,
+    record_spectrum,
+    response_result,
+)
+from fraexp_plugins.estimators._shared.delayed_estimator import DelayedEstimator
+from fraexp_plugins.estimators._shared.effective_input_observer import EFFECTIVE_INPUT
+from fraexp_plugins.estimators._shared.model_covariance import inverse_response, outer_parts, with_model_covariance
+from fraexp_plugins.estimators._shared.parameter_uncertainty import Deviation, check_deviations, perturbations
+from fraexp_plugins.estimators.effective_input import DIFFERENCE_STEP_STDS, EffectiveInput
+
+MIN_WEIGHT = 1e-9
+"""Weight of a position in a displacement that counts as none."""
+
+
+class MultiContactEffectiveInput(DelayedEstimator, name="multi_contact_effective_input", version=1):
+    """P̂ = y'/û_e with û_e = G_di G_do u - Σ R_c f̂_c: eqs (2)-(5), with a friction model for each contact c.
+
+    A friction model is driven by the displacement of its contact, as far as measured positions give it: one of them, or
+    a difference such as motor less link. Channel `y` is the position that is fed back, `y.motor` another one. R_c is
+    the thrust that moves the output as a unit of the contact's force does: P_yc/P_yu of the nominal plant. Where
+    friction acts at the thrust itself, as at a motor, it is 1 whatever the plant is.
+
+    The displacement of one contact may be unknown. It is then reconstructed from the position that is fed back, by the
+    nominal plant. Both uses of the nominal plant cost what it is wrong. With standard deviations of its parameters,
+    `plant_deviations`, the confidence band contains that: they move the nominal plant, and with it 1/P̂.
+
+    `output` chooses the position of the response: `y.load` for the one called load.
+    """
+
+    frictions: dict[str, FrictionModel] = param("", "friction model of each contact", inherit="friction")
+    nominal_plant: Plant = param("", "plant by which friction acts at a distance", inherit="plant")
+    thrust: str = param("", "thrust that is excited, as in the loop", "", inherit="loop.thrust")
+    position: str = param("", "position that is fed back, as in the loop", "", inherit="loop.position")
+    resolution: float = param("m", "quantisation step of the encoder", 0.0, at_least=0, inherit="loop.resolution")
+    noise: float = param("m", "standard deviation of the encoder's noise", 0.0, at_least=0, inherit="loop.noise")
+    plant_deviations: tuple[Deviation, ...] = param(
+        "",
+        "standard deviations of the nominal plant's parameters, such as { parameter = 'stiffness', std = 4000.0 }",
+        (),
+    )
+    interpolation_tolerance: float = param(
+        "1", "relative error of y'/u that is tolerated", 1e-4, at_least=1e-5, at_most=0.1, inherit="numerics.tolerance"
+    )
+
+    def matched(self, machine: Mapping[str, object]) -> Self:
+        """Return the estimator of the machine itself, with an ideal encoder."""
+        frictions, fields = machine["friction"], type(self).model_fields
+        known = {name: value for name, value in machine.items() if name in fields}
+        if isinstance(frictions, Mapping):
+            known["frictions"] = dict(frictions)
+        certain: dict[str, object] = {"resolution": 0.0, "noise": 0.0, "plant_deviations": ()}
+        return self.model_copy(update={**known, **certain})
+
+    def model_post_init(self, context: object) -> None:
+        """Check that the nominal plant has the parameters that deviate."""
+        try:
+            check_deviations(self.nominal_plant, self.plant_deviations, ())
+        except ParameterError as error:
+            raise ParameterError(f"{self.name}.plant_{error}") from None
+
+    def estimate(self, signals: Signals) -> Result:
+        """Return y'/û_e at each frequency, with a band that contains the stated deviations of the nominal plant."""
+        if not signals.segments:
+            return Result(signals.outcome, signals.message)
+        found = self._estimate_with_plant(signals)
+        if found.response is None or not self.plant_deviations:
+            return found
+        covariance = np.zeros((found.response.frequency.size, 2, 2))
+        for above, below, steps in perturbations(self.nominal_plant, self.plant_deviations, (), DIFFERENCE_STEP_STDS):
+            pair = [self.model_copy(update={"nominal_plant": plant}) for plant in (above, below)]
+            inverses = [inverse_response(each._estimate_with_plant(signals)) for each in pair]
+            covariance += outer_parts((inverses[0] - inverses[1]) / (2 * steps))
+        return replace(found, response=with_model_covariance(found.response, covariance))
+
+    def _estimate_with_plant(self, signals: Signals) -> Result:
+        """Return y'/û_e with this nominal plant."""
+        ports = self.nominal_plant.ports().closed_by(self.thrust, self.position)
+        models, target = self._models(ports), self._position_of(self.output, ports)
+        signals = self._with_displacements(signals, ports, models)
+        units = (signals.unit(self.input), signals.unit(self.output))
+        inputs = self._effective_phasors(signals.segments, ports, models, target)
+        outputs = [phasors(segment, self.output) for segment in signals.segments]
+        return response_result(signals, inputs, outputs, names=(EFFECTIVE_INPUT, self.output), units=units)
+
+    def _models(self, ports: Ports) -> dict[str, FrictionModel]:
+        """Return the models of the contacts that have friction; ParameterError for one that the plant does not have."""
+        for contact in self.frictions:
+            if contact not in ports.contacts:
+                known = ", ".join(ports.contacts)
+                raise ParameterError(
+                    f"{self.name}.frictions: the nominal plant has no contact '{contact}'; known: {known}"
+                )
+        return {name: model for name, model in self.frictions.items() if model.state_size or model.viscous}
+
+    def _observer(
+        self, contact: str, model: FrictionModel, ports: Ports, segments: Sequence[Segment]
+    ) -> EffectiveInput:
+        """Return the observer of one contact, which is driven by its displacement."""
+        shared = {name: getattr(self, name) for name in DelayedEstimator.model_fields if name != "output"}
+        observer = EffectiveInput(
+            friction=model,
+            output=_contact_channel(contact),
+            resolution=self.resolution,
+            noise=self.noise,
+            interpolation_tolerance=self.interpolation_tolerance,
+            **shared,
+        )
+        return observer.resolve_oversampling(segments)
+
+    def _effective_phasors(
+        self, segments: Sequence[Segment], ports: Ports, models: Mapping[str, FrictionModel], target: str
+    ) -> list[NDArray[np.complex128]]:
+        """Return the phasors of û_e [N] per segment, each of shape (periods, lines)."""
+        omegas = [2 * np.pi * segment.frequency for segment in segments]
+        found = [
+            self.input_path(omega, segment.sample_time) * self.output_path(omega) * phasors(segment, self.input)
+            for omega, segment in zip(omegas, segments, strict=True)
+        ]
+        for contact, model in models.items():
+            forces = self._observer(contact, model, ports, segments).friction_phasors(segments)
+            for number, (omega, force) in enumerate(zip(omegas, forces, strict=True)):
+                found[number] = found[number] - ports.share(contact, omega, target) * force
+        return found
+
+    def _position_of(self, channel: str, ports: Ports) -> str:
+        """Return the name of the position that a channel measures."""
+        names = _position_channels(ports)
+        if channel not in names:
+            known = ", ".join(names)
+            raise ParameterError(f"{self.name}.output is '{channel}'; expected the channel of a position: {known}")
+        return names[channel]
+
+    def _with_displacements(self, signals: Signals, ports: Ports, models: Mapping[str, FrictionModel]) -> Signals:
+        """Return the signals with a channel for the displacement of each contact that has friction."""
+        measured = {channel: name for channel, name in _position_channels(ports).items() if channel in signals.units}
+        rows = np.array([ports.positions[name] for name in measured.values()]).reshape(-1, ports.a.shape[0])
+        hidden = []
+        for contact in models:
+            weights = _weights(rows, ports.contacts[contact].displacement)
+            if weights is None:
+                hidden.append(contact)
+            else:
+                signals = _with_combination(signals, contact, dict(zip(measured, weights, strict=True)))
+        return self._with_reconstruction(signals, ports, models, hidden) if hidden else signals
+
+    def _with_reconstruction(
+        self, signals: Signals, ports: Ports, models: Mapping[str, FrictionModel], hidden: Sequence[str]
+    ) -> Signals:
+        """Return the signals with the displacement of the contact that no encoder sees."""
+        if len(hidden) > 1:
+            raise ParameterError(
+                f"{self.name}: measured positions do not give the displacements of the contacts "
+                f"{' and '.join(hidden)}, and only one can be reconstructed; record another position, as channel y.NAME"
+            )
+        spectra = {
+            name: self._observer(name, model, ports, signals.segments).force_spectra(signals.segments)
+            for name, model in models.items()
+            if name not in hidden
+        }
+        segments = [
+            self._reconstruct(segment, hidden[0], ports, {name: each[number] for name, each in spectra.items()})
+            for number, segment in enumerate(signals.segments)
+        ]
+        return replace(signals, segments=tuple(segments))
+
+    def _reconstruct(
+        self,
+        segment: Segment,
+        contact: str,
+        ports: Ports,
+        forces: Mapping[str, NDArray[np.complex128]],
+    ) -> Segment:
+        """Return a segment with the displacement of a contact, from the position that is fed back.
+
+        With f_m = (P_yu u - Σ P_yk f_k - y)/P_ym the contact moves by x_m = P_mu u - Σ P_mk f_k - P_mm f_m.
+        """
+        samples = segment.channels["y"]
+        omega = np.asarray(2 * np.pi * np.fft.rfftfreq(samples.size, segment.sample_time)[1:], dtype=float)
+        own, fed_back = ports.contacts[contact], ports.measured[0]
+        to_position = ports.transfer(own.force, fed_back, omega)
+        ratio = ports.transfer(own.force, own.displacement, omega) / to_position
+
+        def part(column: NDArray[np.float64]) -> NDArray[np.complex128]:
+            """Return how a force moves the contact while the position stays where it was measured."""
+            direct = ports.transfer(column, own.displacement, omega)
+            return direct - ratio * ports.transfer(column, fed_back, omega)
+
+        path = self.input_path(omega, segment.sample_time) * self.output_path(omega)
+        thrust = part(ports.drive) * path * record_spectrum(segment, self.input)[1:]
+        bins = ratio * record_spectrum(segment, "y")[1:] + thrust
+        for name, spectrum in forces.items():
+            bins = bins - part(ports.contacts[name].force) * spectrum[1:]
+        displacement = np.fft.irfft(np.concatenate([[0.0], bins]), samples.size).reshape(samples.shape)
+        return replace(segment, channels={**segment.channels, _contact_channel(contact): displacement})
+
+
+def _position_channels(ports: Ports) -> dict[str, str]:
+    """Return the positions' names by their channels."""
+    fed_back, *others = ports.positions
+    return {"y": fed_back, **{f"y.{name}": name for name in others}}
+
+
+def _contact_channel(contact: str) -> str:
+    return f"displacement by {contact}"
+
+
+def _weights(rows: NDArray[np.float64], row: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """Return the weights by which rows add up to another one; None if they do not."""
+    solved = np.linalg.lstsq(rows.T, row, rcond=None)[0]
+    weights = np.where(np.abs(solved) > MIN_WEIGHT, solved, 0.0).astype(float)
+    return weights if np.allclose(weights @ rows, row, rtol=0.0, atol=MIN_WEIGHT * np.abs(row).max()) else None
+
+
+def _with_combination(signals: Signals, contact: str, weights: Mapping[str, float]) -> Signals:
+    """Return the signals with the displacement of a contact, which is a combination of measured positions."""
+    used = {channel: weight for channel, weight in weights.items() if weight}
+
+    def combine(parts: Mapping[str, NDArray[np.float64]]) -> dict[str, NDArray[np.float64]]:
+        if not used.keys() <= parts.keys():
+            return {}
+        return {_contact_channel(contact): sum((w * parts[name] for name, w in used.items()), start=np.zeros(1))}
+
+    segments = [
+        replace(
+            segment,
+            channels={**segment.channels, **combine(segment.channels)},
+            lead_in={**segment.lead_in, **combine(segment.lead_in)},
+        )
+        for segment in signals.segments
+    ]
+    return replace(signals, segments=tuple(segments))

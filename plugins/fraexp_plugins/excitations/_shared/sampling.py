@@ -1,0 +1,128 @@
+"""How finely a period is sampled, and how whole cycles fit into whole samples."""
+
+from functools import cache, lru_cache
+from math import gcd
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fraexp.api import ParameterError
+
+MIN_SAMPLES_PER_PERIOD, MAX_SAMPLES_PER_PERIOD = 16, 2_000_000
+"""Fewer samples do not draw a wave; more do not fit into memory: half a gigabyte of channels."""
+MAX_RECORDED_SAMPLES = 20_000_000
+"""Samples that an experiment may record in all: about a gigabyte of channels."""
+MIN_CYCLES_PER_SAMPLE = 1e-18
+"""A lower frequency is computed as this one, so that its period is a finite number."""
+FREQUENCY_TOLERANCE = 1e-3
+"""Relative distance between the frequency asked for and the one at which whole periods fit into whole samples."""
+MIN_BLOCK_SAMPLES, MAX_BLOCK_SAMPLES = 400, 1 << 16
+"""Samples of a block of whole periods."""
+EXACT_TOLERANCE = 1e-9
+"""Relative distance at which a frequency is the one asked for."""
+MAX_LENGTH_RATIO = 1.2
+"""How much longer than the shortest a block may be if its number of samples has small prime factors."""
+MIN_PHASES = 20
+"""Different phases at which a sine is sampled."""
+MAX_PRIME_FACTOR = 13
+"""Greatest prime factor of a number of samples whose Fourier transform is fast."""
+
+
+class CoherentBlock(NamedTuple):
+    """Whole cycles of a sine in whole samples."""
+
+    cycles: int
+    samples: int
+
+    def relative_error(self, cycles_per_sample: float) -> float:
+        """Return how far the block's frequency is from the one asked for, relative to it."""
+        return abs(self.cycles / (self.samples * cycles_per_sample) - 1)
+
+
+def samples_per_period(name: str, frequency: float, sample_time: float) -> int:
+    """Return the whole number nearest to 1/(f Ts); ParameterError if there are too few samples, or too many."""
+    samples = round(1 / max(frequency * sample_time, MIN_CYCLES_PER_SAMPLE))
+    if samples > MAX_SAMPLES_PER_PERIOD:
+        raise ParameterError(
+            f"{name} has {samples:,} samples per period at {frequency:g} Hz and a sample time of {sample_time:g} s; "
+            f"expected {MAX_SAMPLES_PER_PERIOD:,} or fewer: raise 'frequency', or lengthen loop.sample_time"
+        )
+    if samples < MIN_SAMPLES_PER_PERIOD:
+        raise ParameterError(
+            f"{name} has {samples} samples per period at {frequency:g} Hz and a sample time of {sample_time:g} s; "
+            f"expected {MIN_SAMPLES_PER_PERIOD} or more: lower 'frequency', or shorten loop.sample_time"
+        )
+    return samples
+
+
+def even_samples(duration: float, sample_time: float) -> int:
+    """Return the even number of samples nearest to `duration` [s] whose Fourier transform is fast.
+
+    It is even because the second half of a period of odd harmonics is the first one with its sign changed, which
+    a wave that is held between samples can only be if both halves have equally many.
+    """
+    half = max(round(duration / sample_time / 2), 1)
+    nearest = (half + sign * away for away in range(half + 1) for sign in (-1, 1))
+    return 2 * next(samples for samples in nearest if samples > 0 and max(_prime_factors(samples)) <= MAX_PRIME_FACTOR)
+
+
+@cache
+def coherent_block(cycles_per_sample: float) -> CoherentBlock:
+    """Return a block whose cycles per sample are near the number asked for.
+
+    Its samples meet the sine at `MIN_PHASES` different phases or more: the encoder's quantisation, which hides a small
+    motion at one phase, shows it at others. Of blocks of similar length it is one whose Fourier transform is fast.
+    """
+    fitting: list[CoherentBlock] = []
+    for cycles in range(1, max(2, int(cycles_per_sample * MAX_BLOCK_SAMPLES))):
+        shortest = max(int(np.ceil(cycles / cycles_per_sample / (1 + FREQUENCY_TOLERANCE))), MIN_BLOCK_SAMPLES)
+        if fitting and shortest > MAX_LENGTH_RATIO * fitting[0].samples:
+            break
+        longest = int(np.floor(cycles / cycles_per_sample / (1 - FREQUENCY_TOLERANCE)))
+        lengths = range(shortest, longest + 1)
+        fitting += [CoherentBlock(cycles, n) for n in lengths if n >= MIN_PHASES * gcd(cycles, n)]
+    if fitting:
+        exact = [block for block in fitting if block.relative_error(cycles_per_sample) < EXACT_TOLERANCE]
+        return min(exact or fitting, key=_transform_cost)
+    return CoherentBlock(1, max(round(1 / cycles_per_sample), MIN_PHASES))
+
+
+def coherent_half_period(min_samples: float, cycles_per_sample: float) -> CoherentBlock:
+    """Return a block of `min_samples` or more that is half a period of a slower motion.
+
+    Its cycles per sample are near the number asked for, and below the Nyquist frequency.
+    """
+    first = max(int(np.ceil(min_samples * cycles_per_sample * (1 - EXACT_TOLERANCE))), 1)
+    blocks = [
+        CoherentBlock(cycles, max(round(cycles / cycles_per_sample), 2 * cycles + 1))
+        for cycles in range(first, 2 * first + 10)
+    ]
+    near = [block for block in blocks if block.relative_error(cycles_per_sample) <= FREQUENCY_TOLERANCE]
+    if not near:
+        return min(blocks, key=lambda block: block.relative_error(cycles_per_sample))
+    return min((block for block in near if block.samples <= MAX_LENGTH_RATIO * near[0].samples), key=_transform_cost)
+
+
+@lru_cache(1024)
+def sine_wave(block: CoherentBlock) -> NDArray[np.float64]:
+    """Return a block of a sine of amplitude 1, shape (samples,); cached, as many sweeps have the same frequencies."""
+    cycles, samples = block
+    return np.sin(2 * np.pi * (cycles * np.arange(samples) % samples) / samples)
+
+
+def _transform_cost(block: CoherentBlock) -> tuple[int, int]:
+    """Return a key that sorts blocks by the operations per sample of their Fourier transform, then by length."""
+    return sum(_prime_factors(block.samples)), block.samples
+
+
+@cache
+def _prime_factors(samples: int) -> tuple[int, ...]:
+    """Return the prime factors; a Fourier transform takes about their sum of operations per sample."""
+    factors, factor = [], 2
+    while samples > 1:
+        while samples % factor == 0:
+            factors.append(factor)
+            samples //= factor
+        factor += 1 if factor * factor <= samples else samples - factor
+    return tuple(factors or [1])

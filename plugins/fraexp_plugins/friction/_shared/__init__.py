@@ -1,0 +1,1 @@
+"""Base classes and parts of friction models; no component."""

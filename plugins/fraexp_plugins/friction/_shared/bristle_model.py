@@ -1,0 +1,45 @@
+"""Base class of the models of a bristle's mean deflection."""
+
+from abc import ABC
+from collections.abc import Mapping
+from typing import ClassVar
+
+from fraexp.api import FrictionModel, ParameterError, param
+
+
+class BristleModel(FrictionModel, ABC):
+    """Bristles of mean deflection z: F = σ0 z + σ1 ż + σ2 v, with Stribeck's curve from Fs at rest down to Fc."""
+
+    states: ClassVar[tuple[str, ...]] = ("deflection [m]", "its last change [m]")
+    renamed: ClassVar[Mapping[str, str]] = {
+        "sigma0": "bristle_stiffness",
+        "sigma1": "bristle_damping",
+        "sigma2": "viscous_coefficient",
+        "coulomb": "coulomb_force",
+        "breakaway": "static_force",
+    }
+
+    bristle_stiffness: float = param("N/m", "bristle stiffness σ0", above=0)
+    bristle_damping: float = param("N s/m", "bristle damping σ1", 0.0, at_least=0)
+    viscous_coefficient: float = param("N s/m", "viscous coefficient σ2", 0.0, at_least=0)
+    coulomb_force: float = param("N", "Coulomb friction force Fc", above=0)
+    static_force: float = param("N", "static friction force Fs", above=0)
+    stribeck_velocity: float = param("m/s", "Stribeck velocity vs", 1e-3, above=0)
+
+    def model_post_init(self, context: object) -> None:
+        """Check that friction does not rise with the velocity."""
+        if self.static_force < self.coulomb_force:
+            raise ParameterError(
+                f"{self.name}.static_force is {self.static_force:g} N; "
+                f"it must be at least coulomb_force, {self.coulomb_force:g} N"
+            )
+
+    @property
+    def viscous(self) -> float:
+        """σ2 [N s/m]."""
+        return self.viscous_coefficient
+
+    @property
+    def force_bound(self) -> float | None:
+        """Fs [N] without σ1; with it the force has no bound."""
+        return None if self.bristle_damping else self.static_force

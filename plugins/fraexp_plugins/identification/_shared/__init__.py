@@ -1,0 +1,1 @@
+"""Helpers of all identification: least squares, stop operators, curves of friction."""

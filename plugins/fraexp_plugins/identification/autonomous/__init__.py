@@ -1,0 +1,1 @@
+"""Plant and friction together, from frequency response records only."""

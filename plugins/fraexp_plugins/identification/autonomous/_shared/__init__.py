@@ -1,0 +1,1 @@
+"""Helpers of the joint identification: spectral lines, friction elements, the plant."""

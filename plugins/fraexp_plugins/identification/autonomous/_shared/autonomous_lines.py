@@ -1,0 +1,184 @@
+"""The records of a joint identification at each line: thrust, motion, and the deflections of friction elements."""
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fraexp.api import RecordError, Segment, Signals, fourier_sums, phasors
+from fraexp_plugins.estimators._shared.effective_input_observer import is_from_rest
+from fraexp_plugins.estimators._shared.realisations import mean
+from fraexp_plugins.estimators.effective_input import EffectiveInput
+from fraexp_plugins.identification._shared.stop_operator import stop_operators
+
+FREQUENCY_TOLERANCE = 1e-4
+"""Relative difference up to which two frequencies are equal."""
+SMOOTHING_NEIGHBOURS = 2
+"""Lines on either side over which a variance is averaged, since that of few periods is uncertain."""
+ROUNDING_SEED = 0
+"""Seed of the alternative rounding errors."""
+
+SegmentPlaces = tuple[int, ...]
+"""Places of the segments with the same frequencies: records of the same lines at several amplitudes or phases."""
+
+
+class ElementObserver(EffectiveInput):
+    """The effective control input observer, and the deflections of elements with given thresholds."""
+
+    name: ClassVar[str] = ""  # not a component: it must not be found as effective_input
+
+    def thrust(self, segment: Segment) -> NDArray[np.complex128]:
+        """Return the mean phasors of G_di G_do u [N], complex, shape (lines,)."""
+        omega = 2 * np.pi * segment.frequency
+        path = self.input_path(omega, segment.sample_time) * self.output_path(omega)
+        return path * mean(phasors(segment, self.input))
+
+    def deflections(self, segment: Segment, thresholds: NDArray[np.float64]) -> NDArray[np.complex128]:
+        """Return the phasors [m] of the deflections of elements with these thresholds [m], shape (lines, N)."""
+        y = mean(segment.channels[self.output])
+        periods = len(segment.channels[self.output])
+        quieter = self.model_copy(update={"noise": self.noise / np.sqrt(periods)})
+        motion = quieter._motion(replace(segment, channels={self.output: y[None]})).displacement
+        # the state before the first slip has no effect after one period
+        periodic = stop_operators(np.concatenate([motion, motion]), thresholds)[motion.size :]
+        return fourier_sums(np.ascontiguousarray(periodic.T), segment.lines).T
+
+
+@dataclass(frozen=True)
+class SpectralLines:
+    """Mean phasors at L lines of up to M records each."""
+
+    groups: tuple[SegmentPlaces, ...]
+    frequency: NDArray[np.float64]
+    """Frequency [Hz], shape (L,)."""
+    thrust: NDArray[np.complex128]
+    """G_di G_do U [N], complex, shape (L, M); 0 if there is no record."""
+    motion: NDArray[np.complex128]
+    """Y [m], complex, shape (L, M)."""
+    deflection: NDArray[np.complex128]
+    """Deflection of each element [m], complex, shape (L, M, N)."""
+    known: NDArray[np.bool_]
+    """Whether there is a record, shape (L, M)."""
+
+    @property
+    def equations(self) -> int:
+        """Number of real equations once P is eliminated at each line."""
+        return int(2 * np.sum(np.maximum(self.known.sum(axis=1) - 1, 0)))
+
+
+def _groups(signals: Signals) -> tuple[SegmentPlaces, ...]:
+    """Return the places of the segments with the same frequencies, in the order of their first segments."""
+    found: list[list[int]] = []
+    for place, segment in enumerate(signals.segments):
+        for group in found:
+            first = signals.segments[group[0]].frequency
+            if first.shape == segment.frequency.shape and np.allclose(first, segment.frequency, FREQUENCY_TOLERANCE, 0):
+                group.append(place)
+                break
+        else:
+            found.append([place])
+    return tuple(tuple(group) for group in found)
+
+
+def usable_signals(signals: Signals, output: str) -> Signals:
+    """Return the signals with the settled segments that move; RecordError if there are none."""
+    if any(is_from_rest(segment) for segment in signals.segments):
+        raise RecordError(
+            "plant_and_friction: the record begins at rest; expected the steady state: set transient = false"
+        )
+    settled = [s for s in signals.segments if s.settling is None or s.settling.settled]
+    moving = tuple(s for s in settled if np.ptp(s.channels[output]) > 0)
+    if not moving:
+        raise RecordError(
+            "plant_and_friction: no segment in the steady state moves; raise excitation.amplitude or "
+            "excitation.settling_timeout"
+        )
+    return replace(signals, segments=moving)
+
+
+def spectral_lines(signals: Signals, observer: ElementObserver, thresholds: NDArray[np.float64]) -> SpectralLines:
+    """Return thrust and motion of all records at each line, and the deflections of elements of these thresholds [m]."""
+    groups = _groups(signals)
+    records = max(len(group) for group in groups)
+    parts = []
+    for group in groups:
+        lines = signals.segments[group[0]].lines.size
+        u, y = np.zeros((2, lines, records), dtype=complex)
+        z = np.zeros((lines, records, thresholds.size), dtype=complex)
+        for record, place in enumerate(group):
+            segment = signals.segments[place]
+            u[:, record], y[:, record] = observer.thrust(segment), mean(phasors(segment, observer.output))
+            z[:, record] = observer.deflections(segment, thresholds)
+        frequency, known = signals.segments[group[0]].frequency, (u != 0) & (y != 0)
+        if not known.any(axis=1).all():
+            raise RecordError(
+                f"plant_and_friction: '{observer.input}' or '{observer.output}' is 0 in all records at some line from "
+                f"{frequency[0]:.4g} Hz on; leave that line out"
+            )
+        parts.append((frequency, u, y, z, known))
+    return SpectralLines(groups, *(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+def noise_variances(
+    signals: Signals, lines: SpectralLines, observer: ElementObserver, inverse: NDArray[np.complex128]
+) -> NDArray[np.float64]:
+    """Return E|e|² [N²] by noise of e = G_di G_do U - F̂ - Y/P̂, given 1/P̂ [N/m], shape (L, M).
+
+    One part is the variance of the mean over the periods by their scatter, which includes noise of thrust and encoder
+    that acts through the friction model. The other part is the effect of another rounding error of the encoder.
+    """
+    generator = np.random.default_rng(ROUNDING_SEED)
+    rounded = [_with_other_rounding(segment, observer, generator) for segment in signals.segments]
+    errors = zip(
+        observer.effective_phasors(signals.segments),
+        observer.effective_phasors(rounded) if observer.resolution else [None] * len(rounded),
+        strict=True,
+    )
+    of_segment = list(errors)
+    found = np.full(lines.thrust.shape, np.nan)
+    begin = 0
+    for group in lines.groups:
+        end = begin + signals.segments[group[0]].lines.size
+        for record, place in enumerate(group):
+            first, other = of_segment[place]
+            error = first - inverse[begin:end] * phasors(signals.segments[place], observer.output)
+            found[begin:end, record] = _variance_of_mean(error)
+            if other is not None:
+                again = other - inverse[begin:end] * phasors(rounded[place], observer.output)
+                found[begin:end, record] += np.abs(mean(again) - mean(error)) ** 2
+        begin = end
+    return _smoothed_variances(lines, found)
+
+
+def _with_other_rounding(segment: Segment, observer: ElementObserver, generator: np.random.Generator) -> Segment:
+    """Return a segment with another rounding error, the same in each period, as in the steady state."""
+    change = generator.uniform(-observer.resolution / 2, observer.resolution / 2, segment.samples)
+    return replace(segment, channels={**segment.channels, observer.output: segment.channels[observer.output] + change})
+
+
+def _variance_of_mean(values: NDArray[np.complex128]) -> NDArray[np.float64]:
+    """Return the variance of the mean over periods, shape (lines,); 0 for one period, which has no scatter."""
+    periods = len(values)
+    if periods < 2:
+        return np.zeros(values.shape[1])
+    scatter = np.add.reduce(np.abs(values - mean(values)) ** 2, axis=0)
+    return scatter / (periods * (periods - 1))
+
+
+def _smoothed_variances(lines: SpectralLines, variance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return variances [N²], averaged relative to the thrust's power over neighbouring lines of the same record."""
+    order = np.argsort(lines.frequency, kind="stable")
+    power = np.where(lines.known, np.abs(lines.thrust) ** 2, np.nan)
+    found = np.zeros_like(variance)
+    for record in range(variance.shape[1]):
+        rows = order[lines.known[order, record]]
+        found[rows, record] = _running_mean(variance[rows, record] / power[rows, record]) * power[rows, record]
+    return found
+
+
+def _running_mean(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    reach = min(SMOOTHING_NEIGHBOURS, max(values.size - 1, 0))
+    padded = np.pad(values, reach, mode="reflect") if reach else values
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1)
+    return np.mean(windows, axis=1)

@@ -1,0 +1,1 @@
+"""Friction models from records of force and displacement."""

@@ -1,0 +1,1 @@
+"""Helpers of friction identification: records, regression, reports."""

@@ -1,0 +1,181 @@
+"""Friction elements on a grid of thresholds: the convex problem with which every identification starts."""
+
+from abc import ABC
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fraexp.api import RecordError, Signals, param
+from fraexp_plugins.identification.friction._shared.friction_identification import (
+    FrictionIdentification,
+    IdentificationTask,
+)
+from fraexp_plugins.identification.friction._shared.friction_regression import (
+    CompressedRows,
+    RegressionRows,
+    long_run_variance,
+)
+from fraexp_plugins.identification.friction._shared.friction_report import ReportedElements
+
+REMARKED_SPRING, REFUSED_SPRING = 0.1, 0.5
+"""Forces of a spring to ground, over that of slipping elements, from which there is a remark, and an error."""
+SPRING_ERROR_RATIO = 0.9
+"""Squared error with that spring over the one without, up to which the spring is significant."""
+CURVE_END_FORCE, GRID_MARGIN = 0.98, 1.5
+"""Part of the Coulomb force at which the virgin curve ends, and the factor by which the grid extends beyond."""
+MIN_STIFFNESS = 1e-12
+"""Relative stiffness of an element below which it counts as none."""
+ERROR_TOLERANCE = 1e-3
+"""Relative excess of the squared error that counts as none."""
+
+
+class GridIdentification(FrictionIdentification, ABC):
+    """An identification that begins with non-negative least squares on stop operators over a grid of thresholds.
+
+    Elements are removed one by one, always the one whose removal increases the error least; their number is the one
+    with the smallest squared error over the held-out cycles. The covariance includes the neighbours on the grid: an
+    error of an element's threshold appears as stiffness there, and counts as that of the nearest element.
+    """
+
+    elements: int = param("1", "number of elements; chosen by held-out cycles if 0", 0, at_least=0, at_most=400)
+
+    expected_failures: ClassVar[dict[str, str]] = dict.fromkeys(
+        ("linear-plant", "result-units", "covariance", "outcome"),
+        "It refuses the frictionless machine with which it is tried here.",
+    )
+
+    def solution(self, task: IdentificationTask) -> tuple[ReportedElements, list[RegressionRows], NDArray[np.float64]]:
+        """Return elements and terms, the rows of the final grid, and the coefficients of their columns."""
+        rows = task.rows(task.thresholds)
+        fitted = CompressedRows(rows, task.cycles)
+        terms = np.arange(rows[0].columns.shape[1]) < len(task.terms)
+        every = np.ones_like(terms, dtype=bool)
+        sets = [every] if self.thresholds else _nested_sets(fitted, terms, every)
+        kept = _choose_set(sets, rows, task, fitted, self.elements)
+        coefficients = fitted.solve(kept)
+        _check_found(coefficients[len(task.terms) :])
+        basis = terms | (coefficients > 0) if self.thresholds else terms | _with_neighbours(sets[0], len(task.terms))
+        covariance = _covariance(rows, task, fitted, coefficients, basis)
+        return _elements(task, coefficients, covariance), rows, coefficients
+
+    def focused_task(self, signals: Signals) -> IdentificationTask:
+        """Return the task with a grid that ends at the end of the virgin curve, which a wide motion hardly resolves."""
+        task = self.task(signals)
+        if self.thresholds:
+            return task
+        rows = task.rows(task.thresholds)
+        coefficients = CompressedRows(rows, task.cycles).solve(np.ones(rows[0].columns.shape[1], dtype=bool))
+        remarks = (*task.remarks, *_spring_remarks(rows, task, coefficients))
+        force = coefficients[len(task.terms) :] * task.thresholds
+        _check_found(force)
+        reached = np.searchsorted(np.cumsum(force), CURVE_END_FORCE * force.sum())
+        task = replace(task, remarks=remarks)
+        return self.with_smaller_grid(task, GRID_MARGIN * float(task.thresholds[min(reached, force.size - 1)]))
+
+
+def _with_neighbours(kept: NDArray[np.bool_], count: int) -> NDArray[np.bool_]:
+    """Return the kept elements and those beside them on the grid, after `count` terms, shape (p,) of bool."""
+    elements = kept[count:].copy()
+    elements[1:] |= kept[count:-1]
+    elements[:-1] |= kept[count + 1 :]
+    return np.concatenate([kept[:count], elements])
+
+
+def _covariance(
+    rows: Sequence[RegressionRows],
+    task: IdentificationTask,
+    fitted: CompressedRows,
+    coefficients: NDArray[np.float64],
+    basis: NDArray[np.bool_],
+) -> NDArray[np.float64]:
+    """Return the covariance of the coefficients of the `basis`, 0 elsewhere, shape (p, p)."""
+    residuals = [(each.force - each.columns @ coefficients)[np.isin(each.cycle, task.cycles)] for each in rows]
+    return fitted.inverse(basis) * long_run_variance(residuals, int(basis.sum()))
+
+
+def _nested_sets(fitted: CompressedRows, terms: NDArray[np.bool_], every: NDArray[np.bool_]) -> list[NDArray[np.bool_]]:
+    """Return sets of columns with fewer and fewer elements, each of shape (p,): the least important one is removed."""
+    kept = terms | (fitted.solve(every) > 0)
+    sets = [kept]
+    while np.sum(kept & ~terms) > 1:
+        trials = [kept & (np.arange(kept.size) != place) for place in np.flatnonzero(kept & ~terms)]
+        solved = [fitted.solve(trial) for trial in trials]
+        best = int(np.argmin([fitted.mean_square(solution) for solution in solved]))
+        kept = trials[best] & (terms | (solved[best] > 0))
+        sets.append(kept)
+    return sets
+
+
+def _choose_set(
+    sets: Sequence[NDArray[np.bool_]],
+    rows: Sequence[RegressionRows],
+    task: IdentificationTask,
+    fitted: CompressedRows,
+    elements: int,
+) -> NDArray[np.bool_]:
+    """Return the set of so many elements, or the smallest set with the smallest held-out error."""
+    sizes = [int(kept.sum()) - len(task.terms) for kept in sets]
+    if len(sets) == 1:
+        return sets[0]
+    if elements:
+        return next((kept for kept, size in zip(sets, sizes, strict=True) if size <= elements), sets[-1])
+    held_out = CompressedRows(rows, task.held_out)
+    held_out = held_out if held_out.count else fitted
+    errors = np.array([held_out.mean_square(fitted.solve(kept)) for kept in sets])
+    good = np.flatnonzero(errors <= errors.min() * (1 + ERROR_TOLERANCE))
+    return sets[int(good[-1])]
+
+
+def _spring_remarks(
+    rows: Sequence[RegressionRows], task: IdentificationTask, coefficients: NDArray[np.float64]
+) -> list[str]:
+    """Return a remark if a spring to ground explains a part of the force; RecordError if it explains most of it."""
+    elements = [
+        np.column_stack([task.deflections(record, task.thresholds), record.displacement]) for record in task.records
+    ]
+    with_spring = task.rows_with(elements)
+    compressed = CompressedRows(with_spring, task.cycles)
+    found = compressed.solve(np.ones(with_spring[0].columns.shape[1], dtype=bool))
+    stroke = max(float(np.ptp(record.displacement)) for record in task.records)
+    slipping = float(np.sum(found[len(task.terms) : -1] * task.thresholds))
+    spring = found[-1] * stroke / 2
+    without = CompressedRows(rows, task.cycles).mean_square(coefficients)
+    if spring <= REMARKED_SPRING * slipping or compressed.mean_square(found) > SPRING_ERROR_RATIO * without:
+        return []
+    rise = f"over the stroke of {stroke:.3g} m the force still rises by {spring:.3g} N of {spring + slipping:.3g} N"
+    if spring > REFUSED_SPRING * slipping:
+        raise RecordError(f"the motion stays in presliding: {rise}; record a motion several times as wide")
+    return [f"{rise}: record a wider motion to separate a spring, a Stribeck effect and wider elements"]
+
+
+def _check_found(stiffness: NDArray[np.float64]) -> None:
+    """Raise RecordError if no element has a stiffness."""
+    if not np.any(stiffness > 0):
+        raise RecordError(
+            "no friction is identifiable: the force does not follow the motion as friction does; check its sign "
+            "(friction acts with the velocity), its channel and the dead time"
+        )
+
+
+def _elements(
+    task: IdentificationTask, coefficients: NDArray[np.float64], covariance: NDArray[np.float64]
+) -> ReportedElements:
+    """Return the elements of the coefficients that are above 0."""
+    count = len(task.terms)
+    stiffness = coefficients[count:]
+    kept = np.flatnonzero(stiffness > MIN_STIFFNESS * stiffness.sum())
+    places = np.arange(stiffness.size)
+    nearest = np.argmin(np.abs(np.log(task.thresholds)[:, None] - np.log(task.thresholds[kept])), axis=1)
+    transform = np.zeros((2 * kept.size + count, coefficients.size))
+    transform[nearest, count + places] = 1.0
+    transform[kept.size + nearest, count + places] = task.thresholds
+    transform[2 * kept.size :, :count] = np.eye(count)
+    full = transform @ covariance @ transform.T
+    terms = dict(zip(task.terms, coefficients[:count].tolist(), strict=True))
+    if task.viscous is not None:
+        terms["viscous"] = task.viscous
+        full = np.pad(full, (0, 1))
+    return ReportedElements(stiffness[kept], stiffness[kept] * task.thresholds[kept], np.empty(0), terms, full)

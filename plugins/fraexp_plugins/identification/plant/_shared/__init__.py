@@ -1,0 +1,1 @@
+"""Helpers of the plant fit: the model, its start values, its order, its solver."""

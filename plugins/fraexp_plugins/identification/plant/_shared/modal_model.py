@@ -1,0 +1,167 @@
+"""The logarithm of eq (1) with a dead time, its derivatives, and its parameters in a fit and in a study."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fraexp_plugins.plants.modal import Modal
+
+MIN_DAMPING_RATIO, MAX_DAMPING_RATIO = 1e-6, 2.0
+"""Limits of the damping ratios."""
+FREQUENCY_MARGIN = 3.0
+"""Factor by which a natural frequency may lie outside of the frequency range."""
+
+
+@dataclass(frozen=True)
+class ModalModel:
+    """G(jω) = k0 (1/(s² + k0 D s) + Σ r_i / (s² + 2 ζ_i ω_i s + ω_i²)) e^{-Ls}, as a function of a vector p.
+
+    p = (ln k0; ln f_i, ln ζ_i, r_i for each mode; k0 D/ω_l if D is free; ω_h L if L is free), with the limits
+    ω_l and ω_h [rad/s] of the frequency range: all of p is of the order of 1.
+    """
+
+    modes: int
+    min_frequency: float
+    """Lower limit of the frequency range [Hz]."""
+    max_frequency: float
+    """Upper limit of the frequency range [Hz]."""
+    fit_viscous: bool = False
+    """Whether D is free; otherwise it is 0."""
+    dead_time: float | None = None
+    """L if it is fixed [s]; None if it is free."""
+
+    @property
+    def size(self) -> int:
+        """Length of p."""
+        return 1 + 3 * self.modes + self.fit_viscous + (self.dead_time is None)
+
+    @property
+    def damping_place(self) -> int:
+        """Place of k0 D/ω_l in p, if D is free."""
+        return 1 + 3 * self.modes
+
+    @property
+    def rate_unit(self) -> float:
+        """The lower limit ω_l of the frequency range [rad/s]."""
+        return 2 * np.pi * self.min_frequency
+
+    @property
+    def time_unit(self) -> float:
+        """The reciprocal of the upper limit, 1/ω_h [s]."""
+        return 1 / (2 * np.pi * self.max_frequency)
+
+    def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the bounds of p, each of shape (size,)."""
+        low, high = np.full((2, self.size), np.inf) * np.array([[-1], [1]])
+        low[1 : self.damping_place : 3] = np.log(self.min_frequency / FREQUENCY_MARGIN)
+        high[1 : self.damping_place : 3] = np.log(self.max_frequency * FREQUENCY_MARGIN)
+        low[2 : self.damping_place : 3], high[2 : self.damping_place : 3] = (
+            np.log(MIN_DAMPING_RATIO),
+            np.log(MAX_DAMPING_RATIO),
+        )
+        if self.fit_viscous:
+            low[self.damping_place] = -0.9  # a pole below 0 is unstable: a sign that D is not identifiable
+        return low, high
+
+    def parts(
+        self, p: NDArray[np.float64], s: NDArray[np.complex128]
+    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        """Return 1/(s² + k0 D s), shape (n,), and 1/(s² + 2 ζ_i ω_i s + ω_i²), shape (modes, n)."""
+        frequency, zeta = self.poles(p).T
+        return 1 / (s**2 + self.rate(p) * s), resonators(s, 2 * np.pi * frequency, zeta)
+
+    def log_response(self, p: NDArray[np.float64], s: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        """Return ln G(s), shape (n,); its imaginary part is the phase [rad] up to whole turns."""
+        rigid, modes = self.parts(p, s)
+        total = rigid + p[3 : self.damping_place : 3] @ modes
+        return p[0] + np.log(total) - s * self.delay(p)
+
+    def jacobian(self, p: NDArray[np.float64], s: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        """Return the derivative of ln G(s) by p, complex, shape (n, size)."""
+        rigid, modes = self.parts(p, s)
+        residues = p[3 : self.damping_place : 3]
+        total = rigid + residues @ modes
+        found = np.empty((s.size, self.size), dtype=complex)
+        found[:, 0] = 1
+        for i, (mode, residue) in enumerate(zip(modes, residues, strict=True)):
+            omega, zeta = 2 * np.pi * np.exp(p[1 + 3 * i]), np.exp(p[2 + 3 * i])
+            slope = -residue * mode**2 / total
+            found[:, 1 + 3 * i] = slope * (2 * zeta * omega * s + 2 * omega**2)
+            found[:, 2 + 3 * i] = slope * (2 * zeta * omega * s)
+            found[:, 3 + 3 * i] = mode / total
+        if self.fit_viscous:
+            found[:, self.damping_place] = -self.rate_unit * s * rigid**2 / total
+        if self.dead_time is None:
+            found[:, -1] = -self.time_unit * s
+        return found
+
+    def poles(self, p: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return f_i [Hz] and ζ_i of the modes, shape (modes, 2)."""
+        return np.exp(p[1 : self.damping_place].reshape(-1, 3)[:, :2])
+
+    def rate(self, p: NDArray[np.float64]) -> float:
+        """Return the rate k0 D of the rigid body [rad/s]."""
+        return float(p[self.damping_place] * self.rate_unit) if self.fit_viscous else 0.0
+
+    def delay(self, p: NDArray[np.float64]) -> float:
+        """Return the dead time L [s]."""
+        return float(p[-1] * self.time_unit) if self.dead_time is None else self.dead_time
+
+    def sort_modes(self, p: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return p with the modes in ascending order of frequency."""
+        modes = p[1 : self.damping_place].reshape(-1, 3)
+        return np.concatenate([p[:1], modes[np.argsort(modes[:, 0])].ravel(), p[self.damping_place :]])
+
+    def names(self) -> tuple[str, ...]:
+        """Return the names of the parameters in p; all except ``dead_time`` are those of `Modal`."""
+        modes = [
+            f"{name}.{i}" for i in range(self.modes) for name in ("frequencies", "damping_ratios", "modal_gain_ratios")
+        ]
+        ends = ["viscous_coefficient"] * self.fit_viscous + ["dead_time"] * (self.dead_time is None)
+        return ("rigid_body_gain", *modes, *ends)
+
+    def values(self, p: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return their values in SI units, shape (size,)."""
+        values = p.copy()
+        values[0] = np.exp(p[0])
+        for first in (1, 2):
+            values[first : self.damping_place : 3] = np.exp(p[first : self.damping_place : 3])
+        if self.fit_viscous:
+            values[self.damping_place] = self.rate(p) / values[0]
+        if self.dead_time is None:
+            values[-1] = self.delay(p)
+        return values
+
+    def slopes(self, p: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the derivative of the values by p, shape (size, size)."""
+        values, found = self.values(p), np.eye(self.size)
+        found[0, 0] = values[0]
+        for i in range(self.modes):
+            for place in (1 + 3 * i, 2 + 3 * i):
+                found[place, place] = values[place]
+        if self.fit_viscous:
+            found[self.damping_place, self.damping_place] = self.rate_unit / values[0]
+            found[self.damping_place, 0] = -values[self.damping_place]
+        if self.dead_time is None:
+            found[-1, -1] = self.time_unit
+        return found
+
+    def plant(self, p: NDArray[np.float64]) -> Modal:
+        """Return the plant, without the dead time."""
+        values = self.values(p)
+        modes = values[1 : self.damping_place].reshape(-1, 3)
+        return Modal(
+            rigid_body_gain=float(values[0]),
+            frequencies=tuple(map(float, modes[:, 0])),
+            damping_ratios=tuple(map(float, modes[:, 1])),
+            modal_gain_ratios=tuple(map(float, modes[:, 2])),
+            viscous_coefficient=float(values[self.damping_place]) if self.fit_viscous else 0.0,
+        )
+
+
+def resonators(
+    s: NDArray[np.complex128], omega: NDArray[np.float64], zeta: NDArray[np.float64]
+) -> NDArray[np.complex128]:
+    """Return 1/(s² + 2 ζ ω s + ω²), shape (modes, n), at s, shape (n,), for ω [rad/s] and ζ, each of shape (modes,)."""
+    return 1 / (s**2 + (2 * zeta * omega)[:, None] * s + (omega**2)[:, None])

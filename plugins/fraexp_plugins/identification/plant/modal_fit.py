@@ -1,0 +1,340 @@
+"""The plant model of eq (1) with a dead time, from a frequency response."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fraexp.api import (
+    Curve,
+    Estimator,
+    Fit,
+    FrequencyResponse,
+    Metric,
+    Outcome,
+    ParameterError,
+    RecordError,
+    Result,
+    Signals,
+    param,
+)
+from fraexp_plugins.identification.plant._shared.log_response import LogResponse, Weighting, log_response
+from fraexp_plugins.identification.plant._shared.modal_doubts import unsupported_parts
+from fraexp_plugins.identification.plant._shared.modal_model import ModalModel
+from fraexp_plugins.identification.plant._shared.modal_order import (
+    OrderChoice,
+    chosen_by_hold_out,
+    chosen_by_information,
+    fit_of_order,
+    mode_limit,
+)
+from fraexp_plugins.identification.plant._shared.modal_solver import WHITENESS_PROBABILITY, Solution, count_text
+from fraexp_plugins.identification.plant._shared.whiteness import whiteness
+
+PLANT_UNIT = "m/N"
+MAX_RESIDUAL = 0.5
+"""Root mean square of ln(G_m/Ĝ) above which a fit is refused: a factor of 1.6."""
+NEGATIVE_DELAY_STDS = 2.0
+"""Standard deviations below 0 from which a dead time counts as negative."""
+INTERVAL_ADVICE = (
+    "the intervals are widened for the part of it that may be in the parameters, but not for a bias by friction at all "
+    "frequencies; try more modes, a narrower frequency range, or a method that compensates friction"
+)
+CURVE_POINTS = 400
+"""Frequencies of the fitted model's curve: enough for a resonance with 1 % damping."""
+
+
+class ModalFit(Estimator, name="modal_fit", version=4):
+    """P_d(s) e^{-Ls} of the paper's eq (1), fitted to the response of `method`: rigid body, modes and dead time.
+
+    Minimises Σ w_k |ln(G_m(jω_k)/Ĝ_k)|², the weighted logarithmic residual (J. D. Sidman, F. E. DeAngelis and
+    G. C. Verghese, IEEE Trans. Automatic Control 36(9), 1991; R. Pintelon et al., IEEE Trans. Automatic Control 39(11),
+    1994, doi 10.1109/9.333769), with 1/w_k the variance of ln Ĝ_k by noise and `floor`, or all points alike. No start
+    values are needed. The covariance of the parameters follows from that of the response. If the latter is unknown, or
+    does not explain the residuals, the residuals give it; an error of the model does not average out, so the residuals
+    then count as one for each parameter. An error that is the same at all frequencies shows in no residual.
+
+    A dead time that is not given is estimated. It includes half a sample time if the response still contains the hold:
+    set `refer_to_plant` in the method, which removes delay and magnitude of the hold. Rigid body and modes are then the
+    `rigid_body_gain`, `frequencies`, `damping_ratios` and `modal_gain_ratios` of the plant `modal`.
+
+    Where the response is inaccurate outside the frequency range of the fit only, the fit is ok.
+
+    Metrics: the parameters, whose covariance is in the fit; `residual`, the root mean square of ln(G_m/Ĝ); `cost`, the
+    weighted sum of squares over its expectation by noise and `model_error` (1 if the model is right; missing if the
+    noise is unknown); `beyond`, the fraction of points outside of their 95 % limit; `whiteness`, the probability of
+    residuals as correlated along the frequencies as these. None of them includes the error by a wrong friction model.
+
+    A number of modes that is not given is chosen such that the data support all modes: none lies outside of the
+    frequency range unless its natural frequency is known to 5 %, has too much damping for a peak, or a modal gain that
+    may vanish without a few points. The message names the modes that were dropped. Residuals that are correlated with
+    their neighbours count as fewer in the covariance and in `criterion`.
+
+    Do not use it if the response is biased by friction, unless to show that bias: the fit follows the response, not
+    the plant.
+    """
+
+    renamed: ClassVar[Mapping[str, str]] = {
+        "greatest": "max_modes",
+        "lowest": "min_frequency",
+        "highest": "max_frequency",
+        "viscous": "fit_viscous",
+        "floor": "model_error",
+    }
+
+    fits: ClassVar[str] = "plant"
+
+    method: Estimator = param("", "estimator of the response that is fitted")
+    modes: int | None = param(
+        "1", "number of modes; chosen by `criterion` if it is not given", None, at_least=0, at_most=12
+    )
+    max_modes: int = param("1", "largest number of modes to try if it is not given", 6, at_least=0, at_most=12)
+    criterion: Literal["information", "hold_out"] = param(
+        "", "criterion for the number of modes: information (extended BIC) or hold_out", "information"
+    )
+    min_frequency: float = param("Hz", "lower limit of the frequency range of the fit", 0.0, at_least=0)
+    max_frequency: float | None = param(
+        "Hz", "upper limit of the frequency range of the fit; none if it is not given", None, above=0
+    )
+    dead_time: float | None = param("s", "fixed dead time L; estimated if it is not given", None)
+    fit_viscous: bool = param("", "whether a viscous coefficient of the rigid body is fitted", False)
+    quantity: Literal["complex", "magnitude"] = param(
+        "", "quantity that is fitted: complex, or magnitude, which has no dead time", "complex"
+    )
+    weighting: Weighting = param(
+        "", "noise (1/σ), relative (all points alike), or automatic: noise if it is known", "automatic"
+    )
+    model_error: float = param("1", "relative error of the model that is allowed for besides noise", 1e-3, above=0)
+
+    def model_post_init(self, context: object) -> None:
+        """Check the frequency range."""
+        if self.max_frequency is not None and self.max_frequency <= self.min_frequency:
+            raise ParameterError(
+                f"modal_fit.max_frequency is {self.max_frequency:g} Hz; expected more than min_frequency, "
+                f"{self.min_frequency:g} Hz"
+            )
+
+    def estimate(self, signals: Signals) -> Result:
+        """Return the response of `method`, and the plant that is fitted to it."""
+        found = self.method.estimate(signals)
+        if found.response is None:
+            if found.outcome is Outcome.OK:
+                raise RecordError(
+                    f"modal_fit: the method {self.method.name} returns no response to fit; choose another one"
+                )
+            return found
+        try:
+            fit = self.fit_response(found.response)
+        except RecordError as error:
+            if found.outcome is Outcome.OK:
+                raise
+            return replace(found, message=f"{found.message}; {error}")  # the signals are the cause
+        if found.outcome is Outcome.INACCURATE and self._is_exact_within_range(signals):
+            found = replace(
+                found, outcome=Outcome.OK, message=f"outside the frequency range of the fit: {found.message}"
+            )
+        return replace(
+            found,
+            message="; ".join(text for text in (found.message, fit.message) if text),
+            metrics=(*found.metrics, *fit.metrics),
+            curves=(*fit.curves, *found.curves),
+            fits=(*found.fits, *fit.fits),
+        )
+
+    def _is_exact_within_range(self, signals: Signals) -> bool:
+        """Return whether the method finds nothing inaccurate in the segments that are fitted."""
+        high = np.inf if self.max_frequency is None else self.max_frequency
+        inside = [
+            segment
+            for segment in signals.segments
+            if np.any((segment.frequency >= self.min_frequency) & (segment.frequency <= high))
+        ]
+        if len(inside) == len(signals.segments):
+            return False
+        return self.method.estimate(replace(signals, segments=tuple(inside))).outcome is Outcome.OK
+
+    def fit_response(self, response: FrequencyResponse) -> Result:
+        """Return a response with the plant that is fitted to it; RecordError if there is none."""
+        solution, remark = self._checked_fit(response)
+        return Result(
+            Outcome.OK,
+            remark,
+            response,
+            tuple(self._metrics(solution, response.unit)),
+            (_model_curve(solution, response.unit), _error_curve(solution)),
+            (self._fit(solution, response.unit),),
+        )
+
+    def _checked_fit(self, response: FrequencyResponse) -> tuple[Solution, str]:
+        """Return the fit to a response, and remarks on it."""
+        band = (self.min_frequency, np.inf if self.max_frequency is None else self.max_frequency)
+        data = log_response(response, band, self.weighting, self.model_error, 1 if self.quantity == "magnitude" else 2)
+        dead_time = 0.0 if self.quantity == "magnitude" and self.dead_time is None else self.dead_time
+        if not data.frequency.size:
+            raise RecordError(
+                "modal_fit: no settled point lies within the frequency range; widen it by min_frequency and "
+                "max_frequency"
+            )
+        limits = float(data.frequency[0]), float(data.frequency[-1])
+        model = ModalModel(self.modes or 0, *limits, self.fit_viscous, dead_time)
+        solution, unsupported = self._fit_modes(model, data)
+        remarks = []
+        if self.fit_viscous and solution.model.rate(solution.p) < 0:
+            solution, unsupported = self._fit_modes(replace(model, fit_viscous=False), data)
+            remarks.append("the viscous coefficient would be negative and is fixed at 0")
+        if unsupported:
+            remarks.append(unsupported)
+        return solution, "; ".join([*remarks, *_remarks(solution)])
+
+    def _fit_modes(self, model: ModalModel, data: LogResponse) -> tuple[Solution, str]:
+        """Return the fit, and a remark on modes that the data do not support."""
+        possible = mode_limit(data, model)
+        if possible < model.modes:
+            most = f"for more than {count_text(possible, 'mode')}" if possible >= 0 else "even for a rigid body"
+            raise RecordError(
+                f"modal_fit: {data.frequency.size} settled points from {model.min_frequency:.4g} to "
+                f"{model.max_frequency:.4g} Hz are too few {most}; record more, widen the frequency range, or "
+                "use fewer modes"
+            )
+        if self.modes is not None:
+            solution = fit_of_order(model, data)
+            unsupported = "; ".join(unsupported_parts(solution))
+            advice = f"use {'fewer' if self.modes else 'more'} modes or another frequency range"
+            remark = f"the data do not support {unsupported}: {advice}" if unsupported else ""
+        else:
+            choose = chosen_by_information if self.criterion == "information" else chosen_by_hold_out
+            choice = choose(model, data, min(possible, self.max_modes))
+            solution = _chosen_solution(choice)
+            remark = f"dropped, because the data do not support it: {choice.dropped}" if choice.dropped else ""
+        if solution.unidentifiable:
+            raise RecordError(
+                f"modal_fit: not identifiable from this response: {', '.join(solution.unidentifiable)}; use fewer "
+                "modes, fix the dead time, or record more points around the modes"
+            )
+        residual = solution.residual
+        if residual > MAX_RESIDUAL:
+            raise RecordError(
+                f"modal_fit: the residual is {residual:.2g} in the logarithm; expected {MAX_RESIDUAL:g} or less, for a "
+                "response of position over force: choose a frequency range (min_frequency, max_frequency) that is "
+                "excited and free of friction, or more modes" + (f" ({remark})" if remark else "")
+            )
+        return solution, remark
+
+    def _fit(self, solution: Solution, unit: str) -> Fit:
+        """Return the plant with the covariance of its parameters; that of a fixed dead time is 0."""
+        model, values, covariance = solution.model, *_values(solution)
+        names, units = model.names(), _units(model, unit)
+        if self.dead_time is not None:
+            names, units, values = (*names, "dead_time"), (*units, "s"), np.append(values, self.dead_time)
+            covariance = np.pad(covariance, (0, 1))
+        return Fit("plant", model.plant(solution.p).spec(), names, units, values, covariance)
+
+    def _metrics(self, solution: Solution, unit: str) -> Iterator[Metric]:
+        model, data = solution.model, solution.data
+        for name, value, own_unit in zip(model.names(), model.values(solution.p), _units(model, unit), strict=True):
+            yield Metric(_symbol(name), float(value), own_unit)
+        yield Metric("modes", float(model.modes), "1")
+        yield Metric("points", float(data.frequency.size), "1")
+        yield Metric("residual", solution.residual, "1")
+        if data.covariance is not None:
+            yield Metric("cost", solution.excess, "1")
+        yield Metric("beyond", float(np.mean(_relative_errors(solution) > 1)), "1")
+        yield Metric("whiteness", _whiteness(solution), "1")
+
+
+def _chosen_solution(choice: OrderChoice) -> Solution:
+    """Return the chosen fit; RecordError if there is none."""
+    if choice.solution is None:
+        raise RecordError(
+            "modal_fit: the response does not support a fit, whatever its number of modes"
+            + (f": {choice.dropped}" if choice.dropped else "")
+            + "; expected a response of position over force: choose a frequency range (min_frequency, max_frequency) "
+            "that is free of friction and noise, or a method that compensates friction"
+        )
+    return choice.solution
+
+
+def _values(solution: Solution) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return values and covariance of the parameters in SI units."""
+    slopes = solution.model.slopes(solution.p)
+    return solution.model.values(solution.p), slopes @ solution.reported_covariance @ slopes.T
+
+
+def _units(model: ModalModel, unit: str) -> tuple[str, ...]:
+    """Return the units of the parameters for a response in this unit."""
+    plant = unit == PLANT_UNIT
+    ends = ["N s/m" if plant else f"s/({unit})"] * model.fit_viscous + ["s"] * (model.dead_time is None)
+    return ("m/(N s**2)" if plant else f"({unit})/s**2", *["Hz", "1", "1"] * model.modes, *ends)
+
+
+def _symbol(name: str) -> str:
+    """Return the literature's letter for a parameter, such as f1 for frequencies.0."""
+    head, _, number = name.partition(".")
+    letters = {"rigid_body_gain": "k0", "frequencies": "f", "damping_ratios": "ζ", "modal_gain_ratios": "r"}
+    letters |= {"viscous_coefficient": "D", "dead_time": "L"}
+    return letters[head] + (str(int(number) + 1) if number else "")
+
+
+def _relative_errors(solution: Solution) -> NDArray[np.float64]:
+    """Return |ln(G_m/Ĝ)| over its 95 % limit, shape (n,)."""
+    data = solution.data
+    scale = solution.excess if data.covariance is None else 1.0
+    limit = -2 * np.log(0.05) if data.parts == 2 else 1.959964**2
+    squared = np.sum(data.weighted_parts(solution.error).reshape(data.parts, -1) ** 2, axis=0)
+    return np.asarray(np.sqrt(squared / max(scale * limit, 1e-300)))
+
+
+def _model_curve(solution: Solution, unit: str) -> Curve:
+    """Return the fitted model with its resonances; without a phase if only the magnitude is fitted."""
+    data, model = solution.data, solution.model
+    low, high = float(data.frequency[0]), float(data.frequency[-1])
+    modes = model.poles(solution.p)[:, 0]
+    inside = modes[(low < modes) & (modes < high)]
+    frequency = np.unique(np.concatenate([np.geomspace(low, high, CURVE_POINTS), inside]))
+    log_model = model.log_response(solution.p, 2j * np.pi * frequency)
+    columns = {"frequency": frequency, "magnitude": np.exp(log_model.real)}
+    if data.parts == 2:
+        columns["phase"] = np.angle(np.exp(1j * log_model.imag), deg=True)
+    units = {"frequency": "Hz", "magnitude": unit, "phase": "deg"}
+    return Curve("plant fit", columns, {name: units[name] for name in columns})
+
+
+def _error_curve(solution: Solution) -> Curve:
+    """Return the errors of the fitted model over the frequencies of its points."""
+    data = solution.data
+    columns = {"frequency": data.frequency, "magnitude error": np.expm1(solution.error.real)}
+    if data.parts == 2:
+        columns["phase error"] = np.degrees(solution.error.imag)
+    columns["error over 95 % limit"] = _relative_errors(solution)
+    units = {"frequency": "Hz", "phase error": "deg"}
+    return Curve("plant fit error", columns, {name: units.get(name, "1") for name in columns})
+
+
+def _remarks(solution: Solution) -> Iterator[str]:
+    """Yield reasons to doubt the fit."""
+    residual = solution.residual
+    if solution.has_model_error:
+        yield (
+            f"the residual is {np.sqrt(solution.excess):.2g} times what noise and model_error explain ({residual:.2g} "
+            f"of the response): {INTERVAL_ADVICE}"
+        )
+    elif solution.exceeds_noise:
+        yield f"the residual is {residual:.2g} of the response, and its part by noise is unknown: {INTERVAL_ADVICE}"
+    elif _whiteness(solution) < WHITENESS_PROBABILITY:
+        yield (
+            f"the residual ({residual:.2g} of the response) is not white, so the errors are larger than the standard "
+            "deviations: try more modes or another frequency range, and check the friction model"
+        )
+    if solution.model.dead_time is None:
+        values, covariance = _values(solution)
+        if values[-1] < -NEGATIVE_DELAY_STDS * np.sqrt(covariance[-1, -1]):
+            yield (
+                f"the dead time is {values[-1]:.3g} s: the method removes more delay than there is; lower its dead "
+                "times, or fix dead_time"
+            )
+
+
+def _whiteness(solution: Solution) -> float:
+    return whiteness(solution.data.weighted_parts(solution.error), solution.data.parts)

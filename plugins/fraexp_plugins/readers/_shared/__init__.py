@@ -1,0 +1,1 @@
+"""Helpers of the readers: checks, and the formats of MATLAB files; no component."""

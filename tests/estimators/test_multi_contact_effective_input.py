@@ -1,0 +1,118 @@
+"""The proposed method with friction at several contacts: P is found although most of the thrust is friction."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fraexp_plugins.controllers.pid import Pid
+from fraexp_plugins.estimators.conventional import Conventional
+from fraexp_plugins.estimators.multi_contact_effective_input import MultiContactEffectiveInput
+from fraexp_plugins.plants.two_mass import TwoMass
+
+from fraexp.errors import ParameterError
+from tests.machines import FRICTIONLESS, decibel, degrees, guide, simulated
+
+DRIVE = TwoMass(motor_mass=3.0, load_mass=5.0, stiffness=2e5, damping=20.0)
+CONTROLLER = Pid(proportional=8000.0, derivative_time=0.04, filter_time=0.004)
+MOTOR, LOAD = guide(17.9, 46.8e-6, 4.69), guide(8.0, 50e-6, 2.0, elements=8)
+GRID = tuple(np.geomspace(2.0, 200.0, 12))
+DEAD_TIME = 1e-3
+
+
+def record(frictions, amplitude, position="", frequencies=GRID):
+    return simulated(frictions, frequencies, amplitude, plant=DRIVE, controller=CONTROLLER, steps=10, position=position)
+
+
+def without_motor_encoder(signals):
+    return replace(signals, units={name: unit for name, unit in signals.units.items() if name != "y.motor"})
+
+
+def observer(frictions, **changes):
+    given = {"frictions": frictions, "nominal_plant": DRIVE, "input_dead_time": DEAD_TIME, "relative_degree": 3}
+    return MultiContactEffectiveInput(**{**given, **changes})
+
+
+def errors(response, position="load"):
+    ratio = response.response / DRIVE.ports().response(2 * np.pi * response.frequency, position)
+    return np.abs(decibel(ratio)).max(), np.abs(degrees(ratio)).max()
+
+
+@pytest.mark.parametrize("amplitude", [20.0, 75.0])
+def test_from_motor_to_load_with_both_encoders(amplitude):
+    """The friction model is driven by the motor's encoder, and the response is that of the load's position."""
+    frictions = {"motor": MOTOR, "load": FRICTIONLESS}
+    signals = record(frictions, amplitude)
+    settings = {"output": "y.load", "input_dead_time": DEAD_TIME}
+    conventional = Conventional(refer_to_plant=True, relative_degree=3, **settings).estimate(signals).response
+    assert errors(conventional)[0] > (10 if amplitude == 20 else 5)
+    magnitude, phase = errors(observer(frictions, output="y.load").estimate(signals).response)
+    assert magnitude < 0.02
+    assert phase < 0.1
+
+
+@pytest.mark.parametrize(("channel", "position"), [("y", "motor"), ("y.load", "load")])
+def test_friction_at_both_ends_is_taken_off(channel, position):
+    frictions = {"motor": MOTOR, "load": LOAD}
+    found = observer(frictions, output=channel, relative_degree=2 if channel == "y" else 3)
+    magnitude, phase = errors(found.estimate(record(frictions, 20.0)).response, position)
+    assert magnitude < 0.02
+    assert phase < 0.1
+
+
+def test_the_motors_motion_is_reconstructed_from_the_loads():
+    frictions = {"motor": MOTOR, "load": LOAD}
+    signals = without_motor_encoder(record(frictions, 20.0, position="load"))
+    magnitude, phase = errors(observer(frictions, position="load").estimate(signals).response)
+    assert magnitude < 0.02
+    assert phase < 0.1
+
+
+@pytest.mark.thorough
+def test_the_band_contains_what_a_wrong_nominal_plant_costs():
+    """Nominal plants 2 % wrong, drawn at random: the stated deviation of their parameters covers P."""
+    frictions = {"motor": MOTOR, "load": LOAD}
+    signals = without_motor_encoder(record(frictions, 20.0, "load", (2.0, 8.0, 25.0, 90.0)))
+    names, draws, inside = ("motor_mass", "load_mass", "stiffness", "damping"), 20, 0
+    random = np.random.default_rng(1)
+    for _ in range(draws):
+        factors = 1 + 0.02 * random.standard_normal(len(names))
+        wrong = TwoMass(**{name: getattr(DRIVE, name) * factor for name, factor in zip(names, factors, strict=True)})
+        deviations = [{"parameter": name, "std": 0.02 * getattr(wrong, name)} for name in names]
+        given = {"nominal_plant": wrong, "position": "load", "plant_deviations": deviations}
+        response = observer(frictions, **given).estimate(signals).response
+        plant = DRIVE.ports().response(2 * np.pi * response.frequency, "load")
+        change = 1 / plant - 1 / response.response
+        parts = np.stack([change.real, change.imag], axis=1)
+        inside += np.sum(np.einsum("ni,nij,nj->n", parts, np.linalg.inv(response.model_covariance), parts) < 5.99)
+    assert inside >= 0.87 * draws * 4  # 95 % less two and a half standard deviations
+
+
+def test_friction_at_the_thrust_needs_no_plant():
+    """Whatever the nominal plant is, friction at the motor acts as its thrust does."""
+    frictions = {"motor": MOTOR, "load": FRICTIONLESS}
+    wrong = TwoMass(motor_mass=1.0, load_mass=9.0, stiffness=5e4)
+    found = observer(frictions, nominal_plant=wrong, output="y.load").estimate(record(frictions, 20.0)).response
+    assert errors(found)[0] < 0.02
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"output": "y.lod"}, r"output is 'y.lod'; expected the channel of a position: y, y.load"),
+        ({"frictions": {"lod": MOTOR}}, "the nominal plant has no contact 'lod'; known: motor, load"),
+        ({"thrust": "lod"}, "the plant has no thrust 'lod'"),
+    ],
+)
+def test_what_does_not_fit_is_named(changes, message):
+    frictions = {"motor": MOTOR, "load": LOAD}
+    signals = record(frictions, 75.0, frequencies=(25.0,))
+    with pytest.raises(ParameterError, match=message):
+        observer(**{"frictions": frictions, **changes}).estimate(signals)
+
+
+def test_two_unknown_displacements_are_too_many():
+    frictions = {"motor": MOTOR, "load": LOAD}
+    signals = record(frictions, 75.0, frequencies=(25.0,))
+    units = {name: unit for name, unit in signals.units.items() if not name.startswith("y")}
+    with pytest.raises(ParameterError, match=r"do not give the displacements of the contacts motor and load"):
+        observer(frictions).estimate(replace(signals, units=units))

@@ -1,0 +1,214 @@
+"""The band of the proposed method that knows how uncertain its friction model is."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from fraexp_plugins.estimators._shared.parameter_uncertainty import (
+    Deviation,
+    check_deviations,
+    perturbations,
+    with_moved_parameters,
+)
+from fraexp_plugins.estimators.best_linear_approximation import BestLinearApproximation
+from fraexp_plugins.estimators.conventional import Conventional
+from fraexp_plugins.estimators.effective_input import EffectiveInput
+from fraexp_plugins.friction.composite import Composite
+from fraexp_plugins.friction.dahl import Dahl
+from fraexp_plugins.friction.rolling import Rolling
+
+from fraexp.errors import ParameterError
+from tests.machines import guide, simulated
+
+DELAYS = {"input_dead_time": 1e-3}
+CURVE = {"coulomb_force": 17.9, "characteristic_displacement": 45e-6}
+
+
+@pytest.fixture(scope="module")
+def signals():
+    return simulated(guide(), (5.0, 20.0, 40.0), 12.0)
+
+
+def covariance_of(signals, **given):
+    return EffectiveInput(friction=guide(), **DELAYS, **given).estimate(signals).response.model_covariance
+
+
+def test_the_covariance_is_that_of_the_error_law(signals):
+    """1/P̂ - 1/P = N - N̂, and N̂ is proportional to the force: a deviation s gives s² N̂ N̂ᵀ."""
+    stated = covariance_of(signals, force_std=0.05)
+    inverses = [
+        1 / EffectiveInput(friction=guide(viscous=0.0), **DELAYS, force_scale=scale).estimate(signals).response.response
+        for scale in (1.0, 2.0)
+    ]
+    change = 0.05 * (inverses[0] - inverses[1])
+    parts = np.stack([change.real, change.imag], axis=1)
+    assert np.allclose(stated, parts[:, :, None] * parts[:, None, :], rtol=1e-6, atol=0)
+
+
+def test_independent_errors_add_up(signals):
+    parts = [covariance_of(signals, **given) for given in ({"force_std": 0.02}, {"displacement_std": 0.03})]
+    both = covariance_of(signals, force_std=0.02, displacement_std=0.03)
+    assert np.allclose(both, parts[0] + parts[1], rtol=1e-12, atol=0)
+
+
+def test_a_parameter_deviates_as_its_scale_does(signals):
+    friction = Rolling(curve=CURVE)
+    deviation = Deviation(parameter="curve.coulomb_force", std=0.05 * 17.9)
+    by_name, by_scale = (
+        EffectiveInput(friction=friction, **DELAYS, **given).estimate(signals).response.model_covariance
+        for given in ({"deviations": (deviation,)}, {"force_std": 0.05})
+    )
+    assert np.allclose(by_name, by_scale, rtol=1e-9, atol=0)
+
+
+def test_errors_that_always_come_together_are_one(signals):
+    """With correlation 1 two parameters move along one line: their effects add before they are squared."""
+    friction = Rolling(curve=CURVE, viscous_coefficient=4.69)
+    first, second = (
+        Deviation(parameter="curve.coulomb_force", std=0.5),
+        Deviation(parameter="viscous_coefficient", std=1.0),
+    )
+    given = {"deviations": (first, second), "correlation": ((1.0, 1.0), (1.0, 1.0))}
+    found = EffectiveInput(friction=friction, **DELAYS, **given).estimate(signals).response
+    assert (
+        np.max(np.linalg.det(found.model_covariance) / np.trace(found.model_covariance, axis1=1, axis2=2) ** 2) < 1e-9
+    )
+    singles = [
+        EffectiveInput(friction=friction, **DELAYS, deviations=(one,)).estimate(signals).response
+        for one in (first, second)
+    ]
+    apart = sum(single.model_covariance for single in singles)
+    assert not np.allclose(found.model_covariance, apart, rtol=0.05)
+
+
+def test_the_covariance_is_that_of_drawn_parameters():
+    """Columns of a square root: summed over them, the outer products of the changes are the covariance."""
+    friction = Composite(parts=(Dahl(stiffness=3.9e5, coulomb_force=17.9), Rolling(curve=CURVE)))
+    deviations = [
+        Deviation(parameter="parts.0.coulomb_force", std=0.5),
+        Deviation(parameter="parts.1.curve.characteristic_displacement", std=2e-6),
+    ]
+    correlation = ((1.0, -0.6), (-0.6, 1.0))
+    total = np.zeros((2, 2))
+    for above, below, steps in perturbations(friction, deviations, correlation, 1.0):
+        change = np.array([
+            above.parts[0].coulomb_force - below.parts[0].coulomb_force,
+            above.parts[1].curve.characteristic_displacement - below.parts[1].curve.characteristic_displacement,
+        ]) / 2  # fmt: skip
+        assert steps == 1.0
+        total += np.outer(change, change)
+    assert np.allclose(total, [[0.25, -0.6e-6], [-0.6e-6, 4e-12]], rtol=1e-9, atol=0)
+
+
+@pytest.mark.parametrize(
+    ("parameter", "text", "number"),
+    [
+        ("viscous_coefficient", "0.5 N s/m", 0.5),
+        ("curve.characteristic_displacement", "2 um", 2e-6),
+        ("curve.coulomb_force", "0.5", 0.5),
+        ("curve.width", "2 um", 2e-6),  # a former name
+    ],
+)
+def test_a_deviation_is_read_in_the_unit_of_its_parameter(signals, parameter, text, number):
+    friction = Rolling(curve=CURVE, viscous_coefficient=4.69)
+    covariances = []
+    for given in (text, number):
+        plain = {"friction": friction, "deviations": [{"parameter": parameter, "std": given}], **DELAYS}
+        estimator = EffectiveInput.parse(plain, "effective_input")
+        assert estimator.deviations[0].in_si_units(friction) == pytest.approx(number, rel=1e-12)
+        covariances.append(estimator.estimate(signals).response.model_covariance)
+    assert np.allclose(*covariances, rtol=1e-9, atol=0)
+
+
+def test_a_place_in_a_list_has_the_unit_of_the_list():
+    friction = Composite(
+        parts=(Dahl(stiffness=3.9e5, coulomb_force=17.9), Rolling(stiffness=(1e5,), limit_force=(5.0,)))
+    )
+    assert Deviation(parameter="parts.0.stiffness", std="1 N/um").in_si_units(friction) == pytest.approx(1e6)
+    assert Deviation(parameter="parts.1.limit_force.0", std="2 mN").in_si_units(friction) == pytest.approx(2e-3)
+
+
+@pytest.mark.parametrize("names", [("curve.coulomb_force", "curve.coulomb_force"), ("stiffness.0", "stiffness.00")])
+def test_a_parameter_that_deviates_twice_is_refused(names):
+    friction = Rolling(curve=CURVE) if "curve" in names[0] else Rolling(stiffness=(1e5,), limit_force=(5.0,))
+    twice = [Deviation(parameter=name, std=0.5) for name in names]
+    with pytest.raises(ParameterError, match=f"'{names[1]}' is given twice; give each parameter once"):
+        check_deviations(friction, twice, ())
+    with pytest.raises(ParameterError, match="given twice"):
+        next(perturbations(friction, twice, (), 2.0))
+
+
+def test_a_number_in_a_list_deviates(signals):
+    friction = Rolling(stiffness=(1e5, 2e5), limit_force=(5.0, 4.0))
+    found = with_moved_parameters(friction, [Deviation(parameter="limit_force.1", std=0.5)], np.array([0.5]))
+    assert found.limit_force == (5.0, 4.5)
+
+
+def test_bounds_shorten_the_step(signals):
+    """A limit force of 0.5 ± 0.4 N cannot be two deviations lower; the difference is then taken over less."""
+    friction, deviation = (
+        Rolling(stiffness=(1e5,), limit_force=(0.5,)),
+        Deviation(parameter="limit_force.0", std=0.4),
+    )
+    ((above, below, steps),) = perturbations(friction, [deviation], (), 2.0)
+    assert steps == 1.0
+    assert (above.limit_force, below.limit_force) == ((0.9,), pytest.approx((0.1,)))
+
+
+def test_any_method_behind_the_observer_gets_the_band(signals):
+    """The same error law: the covariance does not depend on how û_e and y' are averaged."""
+    plain = covariance_of(signals, force_std=0.03)
+    for method in (Conventional(), BestLinearApproximation()):
+        found = covariance_of(signals, force_std=0.03, method=method)
+        assert np.allclose(found, plain, rtol=1e-6, atol=0)
+
+
+def test_without_a_stated_uncertainty_the_band_is_that_of_noise(signals):
+    assert covariance_of(signals) is None
+
+
+@pytest.mark.parametrize(
+    ("given", "sentence"),
+    [
+        ({"deviations": ({"parameter": "curve.coulom", "std": 1.0},)}, "did you mean 'coulomb_force'"),
+        ({"deviations": ({"parameter": "stiffness.3", "std": 1.0},)}, "no place '3'"),
+        ({"deviations": ({"parameter": "curve", "std": 1.0},)}, "expected the name of a number"),
+        (
+            {"deviations": ({"parameter": "curve.characteristic_displacement", "std": "2 N"},)},
+            "'N' is not a unit of the same kind as 'm'",
+        ),
+        ({"deviations": ({"parameter": "curve.characteristic_displacement", "std": "-2 um"},)}, "must be above 0 m"),
+        (
+            {"deviations": ({"parameter": "curve.characteristic_displacement", "std": -2e-6},)},
+            "expected a number above 0",
+        ),
+        (
+            {"deviations": ({"parameter": "curve.characteristic_displacement", "std": True},)},
+            "expected a number above 0",
+        ),
+        ({"correlation": ((1.0,),)}, "expected 0 rows"),
+    ],
+)
+def test_what_is_stated_wrongly_is_refused_in_one_line(given, sentence):
+    with pytest.raises(ParameterError, match=sentence) as caught:
+        EffectiveInput.parse({"friction": Rolling(curve=CURVE), **given}, "effective_input")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("matrix", [((1.0, 0.5), (0.4, 1.0)), ((1.0, 1.2), (1.2, 1.0)), ((2.0, 0.0), (0.0, 1.0))])
+def test_a_matrix_that_is_no_correlation_is_refused(matrix):
+    names = [{"parameter": f"curve.{name}", "std": 1e-7} for name in CURVE]
+    with pytest.raises(ParameterError, match="correlation"):
+        EffectiveInput.parse(
+            {"friction": Rolling(curve=CURVE), "deviations": names, "correlation": matrix}, "effective_input"
+        )
+
+
+@pytest.mark.thorough
+def test_the_plant_lies_in_the_band_when_friction_is_drawn_from_it(checkout):
+    """At 95 % of the frequencies at least, with and without sensor noise, in all three ways to read the band."""
+    command = [sys.executable, str(checkout / "benchmarks" / "friction_band.py"), "--reduced"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.rstrip().endswith("0 missed")

@@ -1,0 +1,157 @@
+"""The proposed method where friction holds the machine still: it says so, and how far the response may be off."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fraexp_plugins.estimators.best_linear_approximation import BestLinearApproximation
+from fraexp_plugins.estimators.conventional import Conventional
+from fraexp_plugins.estimators.effective_input import EffectiveInput
+from fraexp_plugins.estimators.moving_axis import MovingAxis
+from fraexp_plugins.excitations.moving_sine import MovingSine
+from fraexp_plugins.excitations.multisine import Multisine
+from fraexp_plugins.friction.composite import Composite
+from fraexp_plugins.friction.coulomb import Coulomb
+from fraexp_plugins.friction.none import Frictionless
+
+from fraexp.data.results import Outcome
+from fraexp.data.signals import Signals
+from fraexp.simulation.loop import simulate_loop
+from fraexp.simulation.machine import ControlLoop, Machine, Numerics
+from tests.examples import some
+from tests.machines import LEAD, TABLE, decibel, guide, simulated, table_models
+
+COULOMB = Coulomb(coulomb_force=17.9, viscous_coefficient=4.69)
+STRIBECK = Coulomb(coulomb_force=15.0, static_force=20.0, viscous_coefficient=4.69)
+STOP = COULOMB.model_copy(update={"stiction_displacement": 1e-7})
+LOW = (2.0, 2.94, 4.33, 6.37)
+DELAYS = {"input_dead_time": 1e-3}
+
+
+def plant_error(result):
+    """Return P over the response found, less 1: what would have to be corrected."""
+    return TABLE.response(2 * np.pi * result.response.frequency) / result.response.response - 1
+
+
+def estimated_error(message):
+    """Return the error that a message states [dB]."""
+    (found,) = re.findall(r"off by about ([\d.e+-]+) dB", message)
+    return float(found)
+
+
+@pytest.mark.parametrize("resolution", some([0.0, 1e-7], 1e-7))
+@pytest.mark.parametrize(
+    ("friction", "amplitude"), [(COULOMB, 25.0), (STOP, 25.0), (STRIBECK, 40.0), (STRIBECK, 75.0), (COULOMB, 75.0)]
+)
+def test_a_machine_that_sticks_is_not_ok_and_says_how_far_it_is_off(friction, amplitude, resolution):
+    """With P the matched model is 10 dB off where the machine stands for half of the time; nothing else shows it."""
+    signals = simulated(friction, LOW, amplitude, resolution=resolution)
+    found = EffectiveInput(friction=friction, resolution=resolution, **DELAYS).estimate(signals)
+    error = np.abs(decibel(1 + plant_error(found)))
+    assert found.outcome is Outcome.INACCURATE
+    assert "raise the amplitude" in found.message
+    assert error.max() > 0.5
+    assert estimated_error(found.message) == pytest.approx(error.max(), rel=0.5)
+
+
+def test_the_estimate_is_that_of_each_frequency():
+    """If friction balances the input at standstill the response is the plant, but for the load's free vibration."""
+    signals = simulated(COULOMB, LOW, 25.0)
+    estimator = EffectiveInput(friction=COULOMB, **DELAYS).resolve_oversampling(signals.segments)
+    found = estimator.estimate(signals)
+    corrected = estimator._response_with(signals, estimator._hidden(signals), found.response)
+    plant = TABLE.response(2 * np.pi * found.response.frequency)
+    assert np.abs(decibel(found.response.response / plant)).min() > 4
+    assert np.abs(decibel(corrected / plant)).max() < 0.8
+
+
+def test_a_method_behind_the_observer_is_checked_as_the_observer_alone():
+    """One is checked with û_e as a channel, the other with its phasors."""
+    signals = simulated(COULOMB, LOW, 25.0)
+    plain = EffectiveInput(friction=COULOMB, **DELAYS).resolve_oversampling(signals.segments)
+    nested = plain.model_copy(update={"method": Conventional(refer_to_plant=True)})
+    corrected = [
+        each._response_with(signals, each._hidden(signals), each.estimate(signals).response) for each in (plain, nested)
+    ]
+    assert np.abs(corrected[1] / corrected[0] - 1).max() < 1e-9
+    assert nested.estimate(signals).message == plain.estimate(signals).message
+
+
+@pytest.mark.parametrize(
+    "delays",
+    [
+        {"input_dead_time": 1.3e-3, "output_dead_time": 0.4e-3},
+        {"input_dead_time": 1e-3, "input_time_constants": (2e-4,)},
+        {"output_time_constants": (2e-4,)},
+    ],
+)
+def test_any_delay_is_taken_into_account(delays):
+    signals = simulated(COULOMB, LOW, 40.0, **{"input_dead_time": 0.0, **delays})
+    found = EffectiveInput(friction=COULOMB, **delays).estimate(signals)
+    error = np.abs(decibel(1 + plant_error(found)))
+    assert found.outcome is Outcome.INACCURATE
+    assert estimated_error(found.message) == pytest.approx(error.max(), rel=0.3)
+
+
+def test_a_measured_record_is_checked_as_well():
+    """A record has input and position alone, and does not say how it settled."""
+    signals = simulated(COULOMB, LOW, 25.0)
+    segments = tuple(
+        replace(segment, channels={key: segment.channels[key] for key in ("u", "y")}, settling=None, lead_in={})
+        for segment in signals.segments
+    )
+    measured = Signals(segments, {"u": "N", "y": "m"})
+    results = [EffectiveInput(friction=COULOMB, **DELAYS).estimate(each) for each in (signals, measured)]
+    assert results[0].outcome is results[1].outcome is Outcome.INACCURATE
+    assert results[0].message == results[1].message
+
+
+def test_a_part_that_sticks_hides_its_share():
+    friction = Composite(parts=(COULOMB.model_copy(update={"coulomb_force": 6.0}), guide(12.0, viscous=0.0)))
+    signals = simulated(friction, LOW, 40.0, steps=0)
+    found = EffectiveInput(friction=friction, **DELAYS).estimate(signals)
+    error = np.abs(decibel(1 + plant_error(found)))
+    assert found.outcome is Outcome.INACCURATE
+    assert error.max() < estimated_error(found.message) < 3 * error.max()
+
+
+@pytest.mark.parametrize("amplitude", some([12.0, 75.0], 12.0))
+@pytest.mark.parametrize("name", ["rolling", "gms", "dahl", "lugre"])
+def test_friction_that_the_motion_shows_is_ok(registry, name, amplitude):
+    friction = table_models(registry)[name]
+    signals = simulated(friction, (5.0, 12.0, 40.0, 150.0), amplitude, resolution=1e-7)
+    found = EffectiveInput(friction=friction, resolution=1e-7, **DELAYS).estimate(signals)
+    assert "standstill" not in found.message
+    assert not any(EffectiveInput(friction=friction, resolution=1e-7, **DELAYS)._hidden(signals))
+
+
+def test_a_machine_without_friction_is_ok():
+    signals = simulated(Frictionless(), (5.0,), 12.0)
+    assert EffectiveInput(friction=Frictionless(), **DELAYS).estimate(signals).outcome is Outcome.OK
+
+
+def test_a_multisine_that_sticks_is_not_ok():
+    loop, numerics = ControlLoop(sample_time=500e-6, **DELAYS), Numerics(steps_per_sample=5)
+    excitation = Multisine(
+        rms=25.0, min_frequency=1, max_frequency=100, line_spacing=0.5, points=20, detection_group_size=0,
+        realisations=2, settling_timeout=4.0,
+    )  # fmt: skip
+    signals = simulate_loop(Machine(TABLE, COULOMB, LEAD, loop, numerics), excitation, lambda _: None)
+    estimator = EffectiveInput(friction=COULOMB, **DELAYS, method=BestLinearApproximation())
+    found = estimator.estimate(replace(signals, outcome=Outcome.OK, message=""))
+    error = np.abs(decibel(1 + plant_error(found)))
+    assert found.outcome is Outcome.INACCURATE
+    assert 0.3 * error.max() < estimated_error(found.message) < 3 * error.max()
+
+
+def test_a_moving_axis_does_not_stick():
+    """The axis stands where it turns, which the method leaves out."""
+    excitation = MovingSine(
+        amplitude=4.0, velocity=0.05, frequencies=(5.0, 20.0), reversal_settling_time=1.0, base_period=4.0
+    )
+    machine = Machine(TABLE, COULOMB, LEAD, ControlLoop(sample_time=500e-6, **DELAYS), Numerics(steps_per_sample=5))
+    signals = simulate_loop(machine, excitation, lambda _: None)
+    found = EffectiveInput(friction=COULOMB, **DELAYS, method=MovingAxis(reversal_settling_time=1.0)).estimate(signals)
+    assert found.outcome is Outcome.OK
+    assert np.abs(plant_error(found)).max() < 1e-3

@@ -1,0 +1,120 @@
+"""What is called ok is within its tolerance, or says that it is not."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fraexp_plugins.estimators.conventional import Conventional
+
+from fraexp.components.kinds import Plant
+from fraexp.components.registry import Registry, create
+from fraexp.data.results import Outcome, Result
+from fraexp.data.signals import Verification
+from fraexp.execution.certificate import certify, spread_error
+from fraexp.execution.job import Job, run_job
+from fraexp.study.study_file import load
+from tests.machines import guide, simulated
+
+TABLE = {"name": "modal", "rigid_body_gain": 0.132, "viscous_coefficient": 0.0}
+
+
+SINE = {"name": "stepped_sine", "amplitude": 25.0}
+FREQUENCIES = [3.0, 5.0, 8.0, 12.0, 20.0, 30.0, 50.0, 80.0]
+EXPERIMENT = {
+    "source": "loop",
+    "plant": TABLE,
+    "controller": {"name": "pid", "proportional": 800.0, "derivative_time": 0.03, "filter_time": 0.004},
+    "loop": {"sample_time": 5e-4, "input_dead_time": 1e-3},
+    "numerics": {"tolerance": 1e-4},
+}
+
+
+def computed(friction: dict, steps: int = 0, amplitude: float = 25.0, frequency: float = 2.94) -> list[Result]:
+    """Return what both methods find on a table at one frequency and its double."""
+    experiment = {
+        **EXPERIMENT,
+        "friction": friction,
+        "excitation": {**SINE, "amplitude": amplitude, "frequencies": [frequency, 2 * frequency]},
+        "numerics": {"tolerance": 1e-4, "steps_per_sample": steps},
+    }
+    observer = {"name": "effective_input", "friction": friction, "input_dead_time": 1e-3}
+    results = run_job(Job(experiment, ({"name": "conventional"}, observer)), lambda _: None)
+    assert all(isinstance(result, Result) for result in results), results
+    return results
+
+
+STICK = """
+machine = "linear_motor_table"
+friction = { name = "coulomb", coulomb_force = 17.9, viscous_coefficient = 4.69 }
+loop = { resolution = 0.0 }
+excitation = { name = "stepped_sine", amplitude = 25.0, frequencies = [2.0, 2.94, 4.33, 6.37, 12.0] }
+estimator = { name = "effective_input" }
+"""
+ELEMENTS = {"name": "rolling", "stiffness": [4e5, 6e4, 1e4], "limit_force": [4.0, 8.0, 5.0], "viscous_coefficient": 5.0}
+
+
+def test_a_machine_without_trouble_is_ok():
+    for result in computed(ELEMENTS):
+        assert result.outcome is Outcome.OK, result.message
+        assert 0 < result.response.numerical_error.max() < 0.01
+
+
+def test_too_few_steps_are_said():
+    result, _ = computed(ELEMENTS, steps=1, frequency=40.0)
+    assert result.outcome is Outcome.INACCURATE
+    assert "set numerics.steps_per_sample to 0 or higher" in result.message
+
+
+def test_friction_that_the_sampled_motion_does_not_show_is_said(registry: Registry, tmp_path: Path):
+    """Where it sticks, the force of Coulomb friction is not in the motion: the plant is 10 dB off, and it says so."""
+    file = tmp_path / "stick.toml"
+    file.write_text(STICK, "utf-8")
+    (sweep,) = load("stick", file, Path(__file__).parents[2], registry).sweeps
+    (result,) = run_job(Job(sweep.experiment, (sweep.estimator,)), lambda _: None)
+    response = result.response
+    truth = create(registry, Plant, sweep.experiment["plant"]).response(2 * np.pi * response.frequency)
+    error = np.abs(response.response / truth - 1)
+    assert result.outcome is Outcome.INACCURATE
+    assert "the motion does not show the friction force at standstill and reversal at 5 of 5" in result.message
+    assert error.max() > 1
+    assert np.all(error <= 2 * response.numerical_error)
+    assert np.all(response.numerical_error <= 2 * error)
+
+
+def test_what_the_motion_does_not_show_is_known_at_every_frequency(registry: Registry):
+    """With an ideal encoder no frequency is left out, though only four are simulated again."""
+    friction = {**ELEMENTS, "damping": [300.0, 60.0, 20.0]}
+    experiment = {**EXPERIMENT, "friction": friction, "excitation": {**SINE, "frequencies": FREQUENCIES}}
+    observer = {"name": "effective_input", "friction": friction, "input_dead_time": 1e-3}
+    right, wrong = run_job(Job(experiment, (observer, {**observer, "force_scale": 1.1})), lambda _: None)
+    assert isinstance(right, Result), right
+    assert isinstance(wrong, Result), wrong
+    plant = create(registry, Plant, TABLE).response(2 * np.pi * right.response.frequency)
+    error = np.abs(right.response.response / plant - 1)
+    assert np.all(error <= right.response.numerical_error)
+    assert np.all(right.response.numerical_error <= error + 1e-4)
+    assert wrong.response.numerical_error == pytest.approx(right.response.numerical_error)
+
+
+def test_between_verified_frequencies_the_greater_error_counts():
+    known, error = np.array([1.0, 10.0, 5.0]), np.array([1e-4, 3e-4, np.nan])
+    assert spread_error(np.array([0.5, 1.0, 3.0, 10.0, 20.0]), known, error) == pytest.approx(
+        [1e-4, 1e-4, 3e-4, 3e-4, 3e-4]
+    )
+    assert np.isnan(spread_error(np.array([1.0]), known[2:], error[2:])).all()
+
+
+def test_a_doubt_of_the_estimator_leaves_that_of_the_computation():
+    """The message must name all frequencies that do not hold: a reader takes the others as they are."""
+    signals = simulated(guide(), (5.0, 20.0, 80.0), 12.0, tolerance=1e-4)
+    found = replace(Conventional().estimate(signals), outcome=Outcome.INACCURATE, message="noise at 5 Hz")
+    error = np.array([1e-6, 1e-2, 2e-2])
+    frequency = found.response.frequency
+    verification = Verification(frequency, error, signals.segments, {"y": np.ones(3, complex)}, {})
+    result = certify(Conventional(), replace(signals, verification=verification), found, 1e-4)
+    assert result.outcome is Outcome.INACCURATE
+    assert result.message.startswith(
+        f"noise at 5 Hz; the computation falsifies the response at 2 of 3 frequencies "
+        f"({frequency[1]:.4g} to {frequency[2]:.4g} Hz), by 0.17 dB and 1.1 deg at {frequency[2]:.4g} Hz: "
+    )

@@ -1,0 +1,31 @@
+"""Why a sweep is computed: what is compared with what."""
+
+from pathlib import Path
+
+from fraexp.components.registry import Registry
+from fraexp.data.results import Outcome, Result
+from fraexp.data.sweep import Sweep
+from fraexp.execution.explain import reasons
+from fraexp.store import Store
+
+
+def sweep(number: int) -> Sweep:
+    return Sweep({"source": "loop", "plant": {"name": "modal", "x": number}}, {"name": "conventional", "version": 1})
+
+
+def texts(folder: Path, registry: Registry, stored: Sweep) -> list[str]:
+    with Store.open(str(folder / "results.db"), create=True) as store:
+        run = store.begin_run("study", "f", "c", {}, [stored])
+        store.save(run, [(stored, Result(Outcome.OK), {})])
+        return [why.reason for why in reasons([sweep(2)], {}, (), {}, store, "study", registry)]
+
+
+def test_a_new_sweep_is_compared_with_the_nearest_stored_one(tmp_path: Path, registry: Registry) -> None:
+    (text,) = texts(tmp_path, registry, sweep(1))
+    assert text.startswith("plant.x = 2, stored 1")
+
+
+def test_sweeps_of_an_earlier_version_are_not_compared_name_by_name(tmp_path: Path, registry: Registry) -> None:
+    former = sweep(1)
+    former.key = f"fx1-{former.key[4:]}"
+    assert texts(tmp_path, registry, former) == ["run 1 was stored by an earlier version, under other keys"]

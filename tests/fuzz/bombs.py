@@ -1,0 +1,150 @@
+"""Databases to merge, files that inflate, and headers that claim more than there is."""
+
+import contextlib
+import io
+import json
+import shutil
+import struct
+import zipfile
+import zlib
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import h5py
+import numpy as np
+
+from fraexp.cli.exits import ExitCode
+from fraexp.components.registry import Registry
+from fraexp.data.results import Outcome, Result
+from fraexp.errors import FraexpError
+from fraexp.figures.export.universal import write_universal
+from fraexp.store.codec import NPY_MAGIC, decode_array
+from tests.cli.conftest import fill, response_of
+from tests.fuzz import files, mutation
+from tests.fuzz.watching import Target
+
+CLAIMS = (10 * 2**30, 2**31 - 1, 2**32 - 1, 2**40, 2**62, 2**63 - 1)
+"""Bytes or elements that a header claims."""
+INFLATED_BYTES = 64 * 2**20
+"""Bytes of zeros to which a bomb inflates really."""
+DOUBLE_CLASS, DOUBLE_TYPE, INT8_TYPE, INT32_TYPE, UINT32_TYPE, MATRIX_TYPE, COMPRESSED_TYPE = 6, 9, 1, 5, 6, 14, 15
+
+
+def targets(folder: Path, registry: Registry) -> list[Target]:
+    """Return merging, and the readers of files that claim or inflate."""
+    fill(folder / "model.db")
+    for suffix in ("-wal", "-shm"):
+        (folder / f"model.db{suffix}").unlink(missing_ok=True)
+    with contextlib.suppress(FraexpError):
+        _merge(folder, folder / "model.db")  # what is imported once, and takes its time
+    database = (folder / "model.db").read_bytes()
+    bombs = [zlib.compress(bytes(INFLATED_BYTES), 9)]
+    return [
+        Target("merged rows", files.random_rows, partial(_merge_rows, folder), 0.0002),
+        Target("merged files", partial(_changed_bytes, database), partial(_merge_file, folder), 0.0005),
+        Target("MATLAB claims", partial(_matlab, bombs), partial(_read, folder, registry, "claim.mat"), 0.002),
+        Target("HDF5 claims", partial(_hdf5, folder), partial(_read, folder, registry, "claim.mat"), 0.001),
+        Target("array claims", _array, decode_array, 0.02),
+        Target("universal and zip", _others(folder), partial(_read_any, folder, registry), 0.003),
+    ]
+
+
+def _changed_bytes(seed: bytes, rng: Random) -> bytes:
+    return mutation.octets(rng, seed, [seed])
+
+
+def _merge_rows(folder: Path, changes: Any) -> None:
+    file = folder / "rows.db"
+    shutil.copyfile(folder / "model.db", file)
+    files.change_rows(file, changes)
+    _merge(folder, file)
+
+
+def _merge_file(folder: Path, data: bytes) -> None:
+    file = folder / "bytes.db"
+    file.write_bytes(data)
+    _merge(folder, file)
+
+
+def _merge(folder: Path, file: Path) -> None:
+    """Merge a hostile database into a new one; all that is read is counted, and the new one is sound."""
+    target = folder / "merged.db"
+    for suffix in ("", "-wal", "-shm"):
+        (folder / f"merged.db{suffix}").unlink(missing_ok=True)
+        if suffix:
+            Path(f"{file}{suffix}").unlink(missing_ok=True)
+    code, text = files.command(["merge", str(file), "--db", str(target), "--workspace", str(folder), "--json"])
+    if code == ExitCode.INTERNAL:
+        raise AssertionError(text.splitlines()[-1][:120])
+    if code not in (ExitCode.OK, ExitCode.INCOMPLETE):
+        raise FraexpError("refused")
+    merged = json.loads(text[text.index("{") : text.rindex("}") + 1])
+    sweeps = merged["added"] + merged["there"] + len(merged["conflicts"]) + len(merged["damaged"])
+    runs = merged["runs"] + merged["known_runs"] + len(merged["run_conflicts"]) + len(merged["damaged_runs"])
+    if (sweeps, runs) != (merged["read"], merged["read_runs"]):
+        raise AssertionError(f"the counts of a merge do not add up: {sweeps} of {merged['read']} sweeps")
+
+
+def _element(kind: int, data: bytes, size: int | None = None) -> bytes:
+    """Return an element of a MATLAB 5 file, which may claim another size."""
+    return struct.pack("<II", kind, (len(data) if size is None else size) & 0xFFFFFFFF) + data + bytes(-len(data) % 8)
+
+
+def _matlab(bombs: list[bytes], rng: Random) -> bytes:
+    """Return a MATLAB 5 or 4 file whose array claims more than there is, or inflates."""
+    claim = rng.choice(CLAIMS)
+    rows = min(claim // 8, 2**31 - 1)
+    if rng.random() < 0.2:
+        return struct.pack("<5i", 0, rows, rng.choice((1, 8)), 0, 2) + b"t\0" + bytes(8 * rng.randrange(100))
+    shape = _element(INT32_TYPE, struct.pack("<2i", rows, rng.choice((1, 2))))
+    head = _element(UINT32_TYPE, struct.pack("<2I", DOUBLE_CLASS, 0)) + shape + _element(INT8_TYPE, b"t")
+    values = bytes(8 * rng.randrange(200))
+    array = _element(MATRIX_TYPE, head + _element(DOUBLE_TYPE, values, rng.choice((None, claim))))
+    if rng.random() < 0.5:
+        array = _element(COMPRESSED_TYPE, zlib.compress(array) if rng.random() < 0.9 else rng.choice(bombs))
+    header = b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM"
+    return mutation.octets(rng, header + array, [array]) if rng.random() < 0.3 else header + array
+
+
+def _hdf5(folder: Path, rng: Random) -> bytes:
+    """Return an HDF5 file with datasets that claim 10 GB and more, chunked, compressed or not."""
+    file = folder / "claims.h5"
+    count = rng.choice(CLAIMS[:4]) // 8
+    with h5py.File(file, "w", userblock_size=512) as made:
+        options: dict[str, Any] = rng.choice(({}, {"chunks": (1024,)}, {"chunks": (1024,), "compression": "gzip"}))
+        made.create_dataset(rng.choice(("t", "u", "big")), (count,), float, **options)
+        made["y"] = np.arange(rng.randrange(1, 50), dtype=float)
+    data = file.read_bytes()
+    return mutation.octets(rng, data, [data]) if rng.random() < 0.5 else data
+
+
+def _array(rng: Random) -> bytes:
+    """Return a stored array whose header claims a shape that its bytes do not have."""
+    sizes = [rng.choice((*CLAIMS, -1, 0, 2**70, 10**30)) for _ in range(rng.randrange(1, 4))]
+    kind = rng.choice(("<f8", "<c16", "|b1", "|O", "<U1000000000", "|V2147483647"))
+    layout = f"{{'descr':{kind!r},'fortran_order':False,'shape':({','.join(map(str, sizes))},)}}\n".encode()
+    claimed = rng.choice((len(layout), 65535, 0, len(layout) + 1))
+    return NPY_MAGIC + claimed.to_bytes(2, "little") + layout + bytes(rng.randrange(200))
+
+
+def _others(folder: Path) -> Callable[[Random], tuple[str, bytes]]:
+    """Return what makes universal files, archives of arrays, and archives under other names."""
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("t.npy", bytes(INFLATED_BYTES))
+    universal = folder / "seed.unv"
+    write_universal(Result(Outcome.OK, response=response_of(0.1)), {"study": "fuzz"}, universal)
+    seeds = [packed.getvalue(), universal.read_bytes()]
+    names = ("a.unv", "a.uff", "a.npz", "a.zip", "a.csv", "a.mat", "a.h5", "a.txt")
+    return lambda rng: (rng.choice(names), mutation.octets(rng, rng.choice(seeds), seeds))
+
+
+def _read(folder: Path, registry: Registry, name: str, data: bytes) -> None:
+    files.read_file(folder, registry, name, data)
+
+
+def _read_any(folder: Path, registry: Registry, made: tuple[str, bytes]) -> None:
+    files.read_file(folder, registry, *made)

@@ -1,0 +1,88 @@
+"""An independent simulation of coupled bodies with elasto-slide friction: Runge-Kutta steps, far finer than a sample.
+
+It shares no code with the loop: the equations of motion are written with mass matrices, friction is a sum of springs
+that slide, and the controller is a difference equation.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Sliders:
+    """Springs that slide at a limit force, and viscous friction, along vᵀq."""
+
+    port: NDArray[np.float64]
+    stiffness: NDArray[np.float64]
+    limit: NDArray[np.float64]
+    viscous: float
+
+
+@dataclass(frozen=True)
+class FineLoop:
+    """Bodies in a sampled loop from the position pᵀq to the force along the same port."""
+
+    mass: NDArray[np.float64]
+    damping: NDArray[np.float64]
+    stiffness: NDArray[np.float64]
+    contacts: Sequence[Sliders]
+    thrust: NDArray[np.float64]
+    positions: Mapping[str, NDArray[np.float64]]
+    """The first is fed back."""
+    numerator: NDArray[np.float64]
+    denominator: NDArray[np.float64]
+    sample_time: float
+    dead_samples: int
+
+    def responses(self, amplitude: float, samples: int, periods: int, substeps: int) -> dict[str, complex]:
+        """Return y/u of each position at the fundamental, in the last of `periods` periods of `samples` samples."""
+        q, v = np.zeros(len(self.mass)), np.zeros(len(self.mass))
+        deflections = [np.zeros(contact.stiffness.size) for contact in self.contacts]
+        inverse, h = np.linalg.inv(self.mass), self.sample_time / substeps
+        errors, outputs = np.zeros(self.numerator.size), np.zeros(self.denominator.size - 1)
+        waiting = [0.0] * self.dead_samples
+        recorded, inputs = [], []
+        fed_back = next(iter(self.positions.values()))
+
+        def friction(moved: NDArray[np.float64], velocity: NDArray[np.float64]) -> NDArray[np.float64]:
+            total = np.zeros(len(q))
+            for contact, deflection in zip(self.contacts, deflections, strict=True):
+                springs = contact.stiffness * (deflection + contact.port @ moved)
+                force = np.clip(springs, -contact.limit, contact.limit).sum() + contact.viscous * (
+                    contact.port @ velocity
+                )
+                total += contact.port * force
+            return total
+
+        for sample in range(samples * periods):
+            errors = np.concatenate([[-(fed_back @ q)], errors[:-1]])
+            control = self.numerator @ errors - self.denominator[1:] @ outputs
+            outputs = np.concatenate([[control], outputs[:-1]])
+            control += amplitude * np.sin(2 * np.pi * sample / samples)
+            waiting.append(control)
+            thrust = self.thrust * waiting.pop(0)
+            if sample >= samples * (periods - 1):
+                recorded.append(q)
+                inputs.append(control)
+            for _ in range(substeps):
+                begin = q
+
+                def acceleration(q: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
+                    force = thrust - self.damping @ v - self.stiffness @ q - friction(q - begin, v)  # noqa: B023
+                    return np.asarray(inverse @ force)
+
+                a1 = acceleration(q, v)
+                a2 = acceleration(q + h / 2 * v, v + h / 2 * a1)
+                a3 = acceleration(q + h / 2 * v + h**2 / 4 * a1, v + h / 2 * a2)
+                a4 = acceleration(q + h * v + h**2 / 2 * a2, v + h * a3)
+                q = q + h * v + h**2 / 6 * (a1 + a2 + a3)
+                v = v + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
+                for number, contact in enumerate(self.contacts):
+                    reach = contact.limit / contact.stiffness
+                    deflections[number] = np.clip(deflections[number] + contact.port @ (q - begin), -reach, reach)
+        basis = np.exp(-2j * np.pi * np.arange(samples) / samples)
+        motion, force = basis @ np.array(recorded), basis @ np.array(inputs)
+        return {name: complex(port @ motion / force) for name, port in self.positions.items()}

@@ -1,0 +1,90 @@
+"""Coulomb friction in the loop against a simulation that locates each event: stick and slip are exact in the step."""
+
+import numpy as np
+import pytest
+from fraexp_plugins.estimators.conventional import Conventional
+from fraexp_plugins.excitations.stepped_sine import SteppedSine
+from fraexp_plugins.friction.coulomb import Coulomb
+
+from fraexp.data.results import Outcome
+from fraexp.simulation.loop import simulate_loop
+from fraexp.simulation.machine import ControlLoop, Machine, Numerics
+from tests.machines import LEAD, TABLE, decibel, degrees, simulated
+from tests.physics.event_located import Guide, simulate
+
+SAMPLE_TIME, DEAD_SAMPLES, AMPLITUDE = 5e-4, 2, 25.0
+COULOMB = Coulomb(coulomb_force=17.9, viscous_coefficient=4.69)
+IDEAL = Guide(0.132, (38.8, 80.0), (0.04, 0.02), (0.342, 0.3), 17.9, 4.69)
+
+
+def found(friction, frequency, steps=0):
+    """Return the conventional response of the paper's machine with this friction."""
+    loop = ControlLoop(sample_time=SAMPLE_TIME, input_dead_time=DEAD_SAMPLES * SAMPLE_TIME)
+    machine = Machine(TABLE, friction, LEAD, loop, Numerics(steps_per_sample=steps))
+    signals = simulate_loop(machine, SteppedSine(amplitude=AMPLITUDE, frequencies=(frequency,)), lambda _: None)
+    return Conventional().estimate(signals).response.response[0]
+
+
+def expected(frequency, seconds):
+    """Return the same by event location."""
+    (period,) = SteppedSine(amplitude=AMPLITUDE, frequencies=(frequency,)).periods(SAMPLE_TIME)
+    samples = period.waveform.size
+    periods = int(np.ceil(seconds / (samples * SAMPLE_TIME)))
+    controller = LEAD.transfer_function(SAMPLE_TIME)
+    y, u = simulate(IDEAL, controller, period.waveform, periods, SAMPLE_TIME, DEAD_SAMPLES)
+    turns = np.exp(-2j * np.pi * period.lines[0] * np.arange(samples) / samples)
+    return (y @ turns) / (u @ turns)
+
+
+@pytest.mark.parametrize(
+    ("frequency", "seconds"),
+    [
+        (6.37, 2.0),
+        pytest.param(2.94, 3.0, marks=pytest.mark.thorough),
+        pytest.param(20.0, 3.0, marks=pytest.mark.thorough),
+        pytest.param(140.0, 15.0, marks=pytest.mark.thorough),
+        pytest.param(205.9, 15.0, marks=pytest.mark.thorough),
+    ],
+)
+def test_coulomb_friction_is_set_valued_in_the_loop(frequency, seconds):
+    """A stop of 0.1 µm is 7 dB off at 205.9 Hz, and 3 dB at 140 Hz; one of 1e-10 m still 0.09 dB."""
+    ratio = found(COULOMB, frequency) / expected(frequency, seconds)
+    assert abs(decibel(ratio)) < 2e-3
+    assert abs(degrees(ratio)) < 0.01
+
+
+def test_the_error_falls_with_the_square_of_the_step():
+    coarse, halved, fine = (found(COULOMB, 205.9, steps) for steps in (5, 10, 40))
+    assert 3 < abs(coarse - fine) / abs(halved - fine) < 6
+
+
+def test_a_stated_stop_is_a_spring_and_converges_to_the_ideal():
+    """The law with a stop is solved in displacements, the ideal one in velocities."""
+    ideal, *stops = (
+        found(COULOMB.model_copy(update={"stiction_displacement": stop}), 20.0) for stop in (None, 1e-8, 1e-9)
+    )
+    errors = [abs(stop / ideal - 1) for stop in stops]
+    assert errors[1] < 0.3 * errors[0]
+    assert errors[1] < 1e-3
+
+
+def test_each_direction_has_its_own_friction():
+    """On a table pushed to and fro, the mean friction force in motion is that of each way."""
+    lopsided = COULOMB.model_copy(update={"negative_ratio": 0.5})
+    loop = ControlLoop(sample_time=SAMPLE_TIME, input_dead_time=DEAD_SAMPLES * SAMPLE_TIME)
+    machine = Machine(TABLE, lopsided, LEAD, loop, Numerics())
+    signals = simulate_loop(machine, SteppedSine(amplitude=75.0, frequencies=(10.0,)), lambda _: None)
+    force, y = (signals.segments[0].channels[name][0] for name in ("friction", "displacement"))
+    speed = (np.roll(y, -1) - np.roll(y, 1)) / (2 * SAMPLE_TIME)
+    assert force[speed > 0.2 * speed.max()] == pytest.approx(17.9, rel=1e-6)
+    assert force[speed < 0.2 * speed.min()] == pytest.approx(-8.95, rel=1e-6)
+
+
+def test_a_machine_that_never_breaks_away_does_not_move():
+    """Rounding of 1e-22 m is no motion, and no response: the remedy is a greater amplitude."""
+    friction = Coulomb(coulomb_force=25.0)
+    record = simulated(friction, (2.0, 20.0), 24.9, steps=0)
+    assert record.outcome is Outcome.OK
+    result = Conventional().estimate(record)
+    assert result.outcome is Outcome.NO_MOTION
+    assert np.isnan(result.response.response).all()

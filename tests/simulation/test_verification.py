@@ -1,0 +1,85 @@
+"""The check of a simulation, against the same machine in steps so fine that their error does not count."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fraexp_plugins.controllers.pid import Pid
+from fraexp_plugins.estimators.conventional import Conventional
+from fraexp_plugins.excitations.stepped_sine import SteppedSine
+from fraexp_plugins.friction.rolling import Rolling
+from fraexp_plugins.plants.modal import Modal
+
+from fraexp.components.kinds import FrictionModel
+from fraexp.data.signals import Signals
+from fraexp.simulation.loop import simulate_loop
+from fraexp.simulation.loop_setup import prepare_setup
+from fraexp.simulation.machine import ControlLoop, Machine, Numerics
+from fraexp.simulation.verification import _relative_difference, refined_steps
+
+STIFFNESS = (4e5, 2.5e5, 1.2e5, 6e4, 3e4, 1.2e4, 5e3)
+WIDTHS = (2e-6, 5e-6, 12e-6, 25e-6, 45e-6, 80e-6, 140e-6)
+ELEMENTS = {"stiffness": STIFFNESS, "limit_force": tuple(k * y for k, y in zip(STIFFNESS, WIDTHS, strict=True))}
+NARROW = Rolling(**ELEMENTS, viscous_coefficient=60.0)
+DAMPED = Rolling(**ELEMENTS, viscous_coefficient=2.0, damping=(300.0, 200.0, 150.0, 100.0, 60.0, 30.0, 15.0))
+PLANT = Modal(
+    rigid_body_gain=0.5, frequencies=(23.0, 140.0), damping_ratios=(0.01, 0.3), modal_gain_ratios=(0.15, -0.4)
+)
+FREQUENCIES = (5.0, 20.0, 60.0, 100.0)
+
+
+def signals(friction: FrictionModel, steps: int = 0, resolution: float = 0.0, tolerance: float = 1e-4) -> Signals:
+    """A machine that was not chosen to suit the preset, at 8 N."""
+    loop = ControlLoop(
+        sample_time=0.8e-3,
+        input_dead_time=1.04e-3,
+        output_dead_time=0.36e-3,
+        input_time_constants=(0.6e-3,),
+        resolution=resolution,
+    )
+    controller = Pid(proportional=800.0, derivative_time=0.03, filter_time=0.004)
+    machine = Machine(PLANT, friction, controller, loop, Numerics(steps_per_sample=steps, tolerance=tolerance))
+    excitation = SteppedSine(amplitude=8.0, frequencies=FREQUENCIES, settling_tolerance=1e-7)
+    return simulate_loop(machine, excitation, lambda _: None)
+
+
+def response(of: Signals) -> np.ndarray:
+    found = Conventional().estimate(of).response
+    assert found is not None
+    return found.response
+
+
+@pytest.mark.parametrize("friction", [NARROW, DAMPED], ids=["narrow", "damped"])
+def test_the_steps_are_those_that_the_tolerance_needs(friction):
+    truth, found = response(signals(friction, steps=150)), signals(friction)
+    assert np.max(np.abs(response(found) / truth - 1)) < 1e-4
+    assert found.verification.step_error.max() <= 1e-4
+
+
+@pytest.mark.parametrize("steps", [1, 4, 9])
+@pytest.mark.parametrize("friction", [NARROW, DAMPED], ids=["narrow", "damped"])
+def test_the_estimated_error_is_about_the_true_one(friction, steps):
+    truth, found = response(signals(friction, steps=150)), signals(friction, steps=steps)
+    error, estimated = np.abs(response(found) / truth - 1).max(), found.verification.step_error.max()
+    assert 0.4 * error <= estimated <= 10 * error
+
+
+def test_the_encoder_has_no_part_in_it():
+    ideal, coarse = (signals(NARROW, resolution=resolution).verification for resolution in (0.0, 1e-6))
+    assert coarse.step_error == pytest.approx(ideal.step_error, rel=1e-2, abs=1e-6)
+
+
+def test_a_loose_tolerance_takes_fewer_steps():
+    loose, tight = (int(signals(NARROW, tolerance=each).numerics.split()[0]) for each in (1e-2, 1e-4))
+    assert loose < tight
+
+
+def test_a_silent_channel_leaves_the_error_unknown():
+    """Where nothing is excited y/u is no number; neither the check nor the choice of steps may fail on it."""
+    record = signals(NARROW)
+    silent = [replace(each, channels={**each.channels, "u": 0 * each.channels["u"]}) for each in record.segments]
+    difference = _relative_difference(silent, record.segments)
+    assert np.isnan(difference).all()
+    machine = Machine(PLANT, NARROW, Pid(proportional=800.0), ControlLoop(sample_time=0.8e-3), Numerics())
+    setup = prepare_setup(machine)
+    assert refined_steps(machine, setup, replace(record.verification, step_error=difference)) == setup.steps

@@ -1,0 +1,67 @@
+"""Rows that another program has changed, on every kind of database: they are shown as damaged, and by doctor."""
+
+import pytest
+
+from fraexp.data.results import Outcome
+from fraexp.store import Store
+
+OF_A_SWEEP = {
+    "a metric": "UPDATE metric SET value = 2",
+    "a metric that is missing": "DELETE FROM metric",
+    "an array": "UPDATE frequency_response SET response = covariance",
+    "an array of a curve": "DELETE FROM curve_column WHERE name = 'f'",
+    "a message": "UPDATE sweep SET message = 'all bad'",
+    "an outcome": "UPDATE sweep SET outcome = 'NOT_SETTLED'",
+    "a computing time": "UPDATE sweep SET elapsed = 2",
+    "an origin": "UPDATE supplied_component SET source_hash = 'another'",
+    "a parameter": """UPDATE part SET content = '{"name": "rolling", "version": 3}' WHERE section = 'friction'""",
+    "a tag": "UPDATE tag SET name = 'reference'",
+    "a note": "DELETE FROM note",
+    "a run that is missing": "DELETE FROM run",
+}
+OF_A_SWEEP_IN_A_RUN = {
+    "a label": """UPDATE run_sweep SET labels = '{"amplitude": 13}'""",
+    "a failure": "UPDATE run_sweep SET message = 'killed'",
+}
+OF_A_RUN = {
+    "a study": "UPDATE run SET study = 'another'",
+    "a provenance": """UPDATE run SET provenance = '{"fraexp": "0.2.0"}'""",
+    "a state": "UPDATE run SET state = 'finished'",
+    "a sweep's state": "UPDATE run_sweep SET state = 'calculated'",
+    "a sweep that is missing": "DELETE FROM run_sweep",
+}
+
+
+@pytest.fixture
+def annotated(store, sweep, result, origin) -> Store:
+    """One sweep in one run, with all that is stored of either."""
+    run = store.begin_run("friction", "studies/friction.toml", "fraexp run", {}, [sweep(amplitude=12)])
+    store.save(run, [(sweep(), result(), origin)])
+    store.end_run(run, "complete")
+    store.tag([sweep().key], "baseline")
+    store.annotate(sweep().key, "measured by hand")
+    assert store.health() == "sound"
+    return store
+
+
+@pytest.mark.parametrize("statement", OF_A_SWEEP.values(), ids=OF_A_SWEEP)
+def test_a_changed_sweep_is_shown_as_damaged(annotated, sql, sweep, statement):
+    sql(statement)
+    shown = {annotated.find(sweep().key).outcome, annotated.results([sweep().key])[sweep().key].outcome}
+    assert Outcome.DAMAGED in shown
+    assert f"sweep {sweep().key[4:12]}" in annotated.health()
+
+
+@pytest.mark.parametrize("statement", OF_A_SWEEP_IN_A_RUN.values(), ids=OF_A_SWEEP_IN_A_RUN)
+def test_a_sweep_that_has_changed_in_its_run_is_shown_as_damaged(annotated, sql, sweep, statement):
+    sql(statement)
+    assert annotated.find(sweep().key).outcome is Outcome.DAMAGED
+    assert [row.outcome for row in annotated.page().rows] == [Outcome.DAMAGED]
+    assert "run 1: damaged at position 0" in annotated.health()
+
+
+@pytest.mark.parametrize("statement", OF_A_RUN.values(), ids=OF_A_RUN)
+def test_a_changed_run_is_shown_as_damaged(annotated, sql, statement):
+    sql(statement)
+    assert [run.state for run in annotated.runs()] == ["damaged"]
+    assert "run 1: damaged" in annotated.health()
