@@ -106,8 +106,9 @@ def balanced(plant, frictions, controller, frequency, amplitude):
         Elements(np.array(law.stiffness), np.array(law.limit_force) / law.stiffness) for law in frictions.values()
     ]
     displacement = solve_contacts(at @ moved, free @ at.T, elements)
-    # The forces are those that take the free displacements to these; they move the bodies as well.
-    forces = np.linalg.solve((at @ moved)[0], (free[0] @ at.T - displacement[0]))
+    # The forces are those that take the free displacements to these; they move the bodies as well. Of more contacts
+    # than bodies many forces do, all with the same effect on the bodies.
+    forces = np.linalg.lstsq((at @ moved)[0], free[0] @ at.T - displacement[0], rcond=1e-10)[0]
     q = free[0] - moved[0] @ forces
     u = amplitude - feedback[0] * (fed_back @ q)
     return {name: complex(port @ q / u) for name, port in bodies.positions.items()}
