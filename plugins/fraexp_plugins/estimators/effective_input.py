@@ -41,6 +41,11 @@ of û_e is no longer small, and 1/û_e is not linear in it."""
 MAX_SCALE_REDUCTION = 0.9
 """Largest relative reduction of a scale."""
 
+NO_RATE_S = 1e9
+"""A step so long that nothing moves fast in it [s]."""
+MIN_STIFFENING = 1.001
+"""Stiffness of a friction model in a sample, over that at rest, from which its elements damp."""
+
 
 class EffectiveInput(ObserverEstimator, name="effective_input", version=4):
     """P̂ = y'/û_e with û_e = G_di G_do u - f̂: the effective control input observer, eqs (2)-(5).
@@ -219,7 +224,7 @@ class EffectiveInput(ObserverEstimator, name="effective_input", version=4):
         if not self.friction.state_size:
             return with_rounding(response, signals.segments, self.output, self.resolution), unknown
         if any(len(segment.channels[self.output]) == 1 for segment in signals.segments):
-            return self._with_errors_of_single_periods(signals.segments, response), unknown
+            return self._with_errors_of_single_periods(signals.segments, response, plant), unknown
         linear = self.linear_phasors(signals.segments)
         unsampled = self.unsampled_motion_errors(signals.segments, plant)
         parts = [
@@ -229,14 +234,28 @@ class EffectiveInput(ObserverEstimator, name="effective_input", version=4):
         return with_error_vectors(response, ratio, errors), weak
 
     def _with_errors_of_single_periods(
-        self, segments: Sequence[Segment], response: FrequencyResponse
+        self, segments: Sequence[Segment], response: FrequencyResponse, plant: PlantAboveModes
     ) -> FrequencyResponse:
         errors = self.single_period_errors(segments)
         ratio = response.response
         output = 1 + ratio * 2j * np.pi * response.frequency * self.friction.viscous
         with np.errstate(divide="ignore", invalid="ignore"):  # where nothing moves
             variance = errors.variance(output, ratio) / response.input_amplitude**2
-        return replace(response, covariance=variance[:, None, None] * (np.eye(2) / 2), freedom=errors.freedom)
+        if self._is_damped(segments[0].sample_time):
+            unsampled = self.unsampled_motion_errors(segments, plant)
+            moved, force = (np.concatenate(each) for each in zip(*unsampled, strict=True))
+            weak = np.concatenate(self.weak_term_errors(segments))
+            measured = np.concatenate([phasors(segment, self.output)[0] for segment in segments])
+            with np.errstate(divide="ignore", invalid="ignore"):
+                hidden = ratio * (output * moved + ratio * (force + weak)) / measured
+            ratio, variance = ratio - hidden, variance + np.abs(hidden) ** 2
+        covariance = variance[:, None, None] * (np.eye(2) / 2)
+        return replace(response, response=ratio, covariance=covariance, freedom=errors.freedom)
+
+    def _is_damped(self, sample_time: float) -> bool:
+        """Return whether elements of the friction model damp: their force has steps, which move the plant unseen."""
+        slow, fast = (self.friction.stiffness_in_step(step) for step in (NO_RATE_S, sample_time))
+        return fast > MIN_STIFFENING * slow
 
     def _response_with_encoder_errors(
         self, segment: Segment, linear: NDArray[np.complex128], unsampled: UnsampledErrors

@@ -217,6 +217,20 @@ class ObserverEstimator(DelayedEstimator, ABC):
         ]
         return [UnsampledErrors(found.aliases, force) for found, force in zip(unsampled, lacking, strict=True)]
 
+    def weak_term_errors(self, segments: Sequence[Segment]) -> list[NDArray[np.complex128]]:
+        """Return the error of the force in û_e [N] by weak terms of the motion, which the observer leaves out.
+
+        Each has the shape (lines,). Records of one period; all terms of a motion err in the same direction.
+        """
+        errors = []
+        for segment in segments:
+            found = possible_motions(segment, self.output, self.resolution, self.noise, 0)
+            pair = np.stack([found.terms[0], found.likely])
+            taken, likely = self.friction.forces(self._motions_of_terms(segment, pair, found.duration))
+            sums = fourier_sums(np.stack([taken, likely]), found.lines)
+            errors.append((sums[0] - sums[1]) * self._force_factor(segment))
+        return errors
+
     def single_period_errors(self, segments: Sequence[Segment]) -> ErrorMoments:
         """Return the moments of the same errors for records of one period, at the lines of all segments."""
         examined = examined_segments(segments)

@@ -34,6 +34,8 @@ class PossibleMotions(NamedTuple):
     """Terms that are excited, shape (lines,)."""
     duration: float
     """Period of the motion [s]."""
+    likely: NDArray[np.complex128]
+    """The mean of the possible motions, shape (terms,): of a weak term, its likely part."""
 
 
 class EncoderErrorSamples(NamedTuple):
@@ -105,7 +107,7 @@ def possible_motions(segment: Segment, channel: str, resolution: float, noise: f
     normal = generator.standard_normal((draws, 2 * terms.size)).view(complex) * np.sqrt(0.5)
     drawn = share * terms + np.sqrt(share * scatter) * normal
     found = np.where(np.abs(terms) < CLEAR_TERM_STDS * np.sqrt(rounding + random), 0, terms)
-    return PossibleMotions(np.vstack([found, drawn]), 2 * (terms - drawn)[:, lines], lines, duration)
+    return PossibleMotions(np.vstack([found, drawn]), 2 * (terms - drawn)[:, lines], lines, duration, share * terms)
 
 
 def error_moments(
