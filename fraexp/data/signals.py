@@ -80,13 +80,16 @@ class Verification:
     frequency: NDArray[np.float64]
     """Frequencies [Hz] at which it was examined, shape (n,)."""
     step_error: NDArray[np.float64]
-    """Relative error of y/u by the steps, shape (n,)."""
+    """Relative error of y/u by the steps, shape (n,); of a transient, that of y over the stroke; of a law that is
+    driven, that of the force over its range."""
     segments: tuple[Segment, ...]
     """What an ideal encoder recorded: all segments of the experiment if its own is ideal, else those examined."""
     plants: Mapping[str, NDArray[np.complex128]]
     """P(jω) [m/N] of the simulated plant at the lines of `segments`, by the channel of the measured position."""
     machine: Mapping[str, object]
     """Friction model, dead times and lags of the simulated machine, by the names that estimators have for them."""
+    remedy: str = ""
+    """What makes the simulation more exact."""
 
     cache: dict[str, NDArray[np.float64] | None] = field(default_factory=dict, init=False, repr=False, compare=False)
     """Error along `segments` of each estimator that knows the machine: those of a job often differ in no more."""
@@ -108,7 +111,7 @@ class Signals:
     encoder: Encoder | None = None
     """Noise and rounding of the measured position, where they are known: those of a simulation."""
     verification: Verification | None = None
-    """What shows how exact a simulation is; None for a record, and for a motion that does not become periodic."""
+    """What shows how exact a simulation is; None for a record."""
 
     def unit(self, channel: str) -> str:
         """Return the unit of a channel; RecordError names the nearest one if it does not exist."""

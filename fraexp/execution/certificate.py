@@ -1,4 +1,4 @@
-"""The numerical certificate of a result: how far the computation itself may have falsified its response."""
+"""The numerical certificate of a result: how far the computation itself may have falsified it."""
 
 from dataclasses import replace
 
@@ -7,31 +7,32 @@ from numpy.typing import NDArray
 
 from fraexp.components.kinds import Estimator
 from fraexp.data.frequency_text import frequency_text
-from fraexp.data.results import FrequencyResponse, Outcome, Result
+from fraexp.data.results import FrequencyResponse, Metric, Outcome, Result
 from fraexp.data.signals import Signals, Verification
 from fraexp.errors import FraexpError
 
 COMPENSATED_ERROR_RATIO = 100.0
 """Tolerated error of a response without friction, over that of y/u: the effective input is a small difference."""
+NUMERICAL_ERROR = "numerical error"
+"""Name of the metric that tells how far the computation may have falsified a motion, relative to its range."""
 SAME_FREQUENCY = 1e-9
 """Relative difference of two frequencies that are the same."""
-STEPS_REMEDY = (
-    "set numerics.steps_per_sample to 0 or higher, raise numerics.tolerance, or, where the machine hardly moves, the "
-    "amplitude"
-)
 MOTION_REMEDY = (
     "the sampled motion does not show all of the friction force; raise the amplitude, or shorten the samples"
 )
 
 
 def certify(estimator: Estimator, signals: Signals, result: Result, tolerance: float) -> Result:
-    """Return a result with the numerical error of its response, and not as ok where that exceeds the tolerance.
+    """Return a result with its numerical error, and not as ok where that exceeds the tolerance.
 
-    A result without a response, or whose signals were not verified, is returned as it is.
+    The error of a response is known at each frequency; that of metrics and curves is a metric, the error of the motion.
+    A result whose signals were not verified is returned as it is.
     """
     verification = signals.verification
-    if verification is None or result.response is None:
+    if verification is None:
         return result
+    if result.response is None:
+        return _certify_motion(result, verification, tolerance)
     found = spread_error(result.response.frequency, verification.frequency, verification.step_error)
     compensated = compensation_error(estimator, signals, result.response)
     if compensated is not None:
@@ -39,13 +40,27 @@ def certify(estimator: Estimator, signals: Signals, result: Result, tolerance: f
         found = found + spread_error(result.response.frequency, at, compensated)
     response = replace(result.response, numerical_error=found)
     limit = tolerance if compensated is None else tolerance * COMPENSATED_ERROR_RATIO
-    complaint = _complaint(response, found, limit, STEPS_REMEDY if compensated is None else MOTION_REMEDY)
+    complaint = _complaint(response, found, limit, verification.remedy if compensated is None else MOTION_REMEDY)
+    return _with_complaint(replace(result, response=response), complaint)
+
+
+def _certify_motion(result: Result, verification: Verification, tolerance: float) -> Result:
+    """Return a result without a response with the greatest error of the motion from which it was computed."""
+    known = verification.step_error[np.isfinite(verification.step_error)]
+    if not known.size or not (result.metrics or result.curves):
+        return result
+    error = float(known.max())
+    found = replace(result, metrics=(*result.metrics, Metric(NUMERICAL_ERROR, error, "1")))
+    off = f"the computation falsifies the motion or its force by {error:.2g} of its range: {verification.remedy}"
+    return _with_complaint(found, off if error > tolerance else "")
+
+
+def _with_complaint(result: Result, complaint: str) -> Result:
+    """Return a result with what its certificate complains of; with a complaint it is not ok."""
     if not complaint:
-        return replace(result, response=response)
+        return result
     outcome = Outcome.INACCURATE if result.outcome is Outcome.OK else result.outcome
-    return replace(
-        result, outcome=outcome, message="; ".join(filter(None, (result.message, complaint))), response=response
-    )
+    return replace(result, outcome=outcome, message="; ".join(filter(None, (result.message, complaint))))
 
 
 def compensation_error(

@@ -19,7 +19,7 @@ from fraexp.execution.certificate import certify
 from fraexp.kernels.announcement import compilation_listener
 from fraexp.kernels.law_error import LawError
 from fraexp.simulation import loop
-from fraexp.simulation.machine import build_machine
+from fraexp.simulation.machine import Numerics, build_machine
 
 ReportProgress = Callable[[float], None]
 """Called with the fraction of the experiment that is done."""
@@ -79,8 +79,8 @@ def _run_job(job: Job, progress: ReportProgress, begins: ReportEstimator) -> lis
 
 
 def _tolerance(experiment: Plain) -> float:
-    """Return the numerical error that an experiment on a loop tolerates."""
-    return float(experiment.get("numerics", {}).get("tolerance", 0.0))
+    """Return the numerical error that an experiment tolerates."""
+    return float(experiment.get("numerics", {}).get("tolerance", Numerics().tolerance))
 
 
 def _law_names(job: Job) -> str:

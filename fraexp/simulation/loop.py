@@ -13,7 +13,7 @@ from fraexp.simulation.experiment_run import run_experiments
 from fraexp.simulation.experiments import Experiment, Setup
 from fraexp.simulation.loop_setup import prepare_setup, setup_with_steps
 from fraexp.simulation.machine import ControlLoop, Machine
-from fraexp.simulation.verification import refined_steps, verify
+from fraexp.simulation.verification import force_along, refined_steps, verify, verify_driven
 
 CHANNEL_UNITS = {
     "u": "N",
@@ -143,10 +143,8 @@ def drive_friction(friction: FrictionModel, excitation: Excitation, sample_time:
     """Return the periodic force of a friction model along each period of an excitation's displacement."""
     segments = []
     for period in excitation.periods(sample_time):
-        force = friction.force(period.waveform, sample_time, periodic=True)
-        omega = 2 * np.pi * np.fft.rfftfreq(period.waveform.size, sample_time)
-        velocity = np.fft.irfft(1j * omega * np.fft.rfft(period.waveform), period.waveform.size)
-        force = force + friction.viscous * velocity
+        force = force_along(friction, period.waveform, sample_time)
         channels = {"displacement": period.waveform[None, :], "friction": force[None, :]}
         segments.append(Segment(sample_time, channels, period.lines))
-    return Signals(tuple(segments), {"displacement": "m", "friction": "N"})
+    verification = verify_driven(friction, tuple(segments))
+    return Signals(tuple(segments), {"displacement": "m", "friction": "N"}, verification=verification)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.analysis.fourier import phasors
-from fraexp.components.kinds import Period, Schedule
+from fraexp.components.kinds import FrictionModel, Period, Schedule
 from fraexp.data.signals import Segment, Verification
 from fraexp.simulation.experiment_run import run_experiments
 from fraexp.simulation.experiments import Experiment, Setup
@@ -29,6 +29,10 @@ REFINEMENT_MARGIN = 1.2
 """Factor on the steps that the error asks for."""
 MAX_STEPS = 200
 """Maximum number of steps per sample that fraexp chooses by itself."""
+STEPS_REMEDY = (
+    "set numerics.steps_per_sample to 0 or higher, raise numerics.tolerance, or, where the machine hardly moves, the "
+    "amplitude"
+)
 
 
 class StepPair(NamedTuple):
@@ -45,13 +49,14 @@ class StepPair(NamedTuple):
 def verify(
     machine: Machine, setup: Setup, schedule: Schedule, periods: Sequence[Period], segments: Sequence[Segment]
 ) -> Verification | None:
-    """Return how exact an experiment is, from some of its periods with other steps; None without a periodic state."""
-    numbers = hardest_segments(segments) if schedule.settling_timeout > 0 else []
+    """Return how exact an experiment is, from some of its periods with other steps; None if none was recorded."""
+    numbers = hardest_segments(segments)
     if not numbers:
         return None
     is_ideal = not (setup.resolution or setup.noise_std)
+    is_transient = schedule.settling_timeout == 0
     pair = step_pair(machine, setup)
-    short = replace(schedule, recorded_periods=1, min_record_time=0.0)
+    short = schedule if is_transient else replace(schedule, recorded_periods=1, min_record_time=0.0)
     if not is_ideal:  # both are run, and their transients are alike
         short = replace(short, settling_tolerance=max(schedule.settling_tolerance, PAIR_SETTLING_TOLERANCE))
 
@@ -67,9 +72,10 @@ def verify(
         return None
     coarse, fine = (tuple(segment for segment in part if segment) for part in zip(*pairs, strict=True))
     recorded = tuple(segments) if is_ideal else fine
+    difference = _motion_difference if is_transient else _relative_difference
     return Verification(
         frequency=_frequencies(fine),
-        step_error=pair.error_ratio(setup.steps) * _relative_difference(coarse, fine),
+        step_error=pair.error_ratio(setup.steps) * difference(coarse, fine),
         segments=recorded,
         plants=_plants(machine, setup, 2 * np.pi * _frequencies(recorded)),
         machine={
@@ -80,7 +86,30 @@ def verify(
             "output_dead_time": machine.loop.output_dead_time,
             "output_time_constants": machine.loop.output_time_constants,
         },
+        remedy=STEPS_REMEDY,
     )
+
+
+def verify_driven(friction: FrictionModel, segments: tuple[Segment, ...]) -> Verification:
+    """Return how exact the force of a friction model is that displacements drive: with every second sample of them."""
+    errors = []
+    for segment in segments:
+        twice, force = (np.tile(segment.channels[name][0], 2) for name in ("displacement", "friction"))
+        coarse = force_along(friction, twice[::2], 2 * segment.sample_time)
+        span = float(np.ptp(force))
+        error = float(np.abs(coarse - force[::2]).max()) / span if span else np.nan
+        errors.append(np.full(segment.lines.size, SAFETY_FACTOR / (2**2 - 1) * error))
+    return Verification(
+        _frequencies(segments), np.concatenate(errors), segments, plants={}, machine={}, remedy="lower loop.sample_time"
+    )
+
+
+def force_along(friction: FrictionModel, displacement: NDArray[np.float64], sample_time: float) -> NDArray[np.float64]:
+    """Return the force of a friction model [N] along a periodic displacement [m], with its viscous part, shape (n,)."""
+    force = friction.force(displacement, sample_time, periodic=True)
+    omega = 2 * np.pi * np.fft.rfftfreq(displacement.size, sample_time)
+    velocity = np.fft.irfft(1j * omega * np.fft.rfft(displacement), displacement.size)
+    return np.asarray(force + friction.viscous * velocity)
 
 
 def _plants(machine: Machine, setup: Setup, omega: NDArray[np.float64]) -> dict[str, NDArray[np.complex128]]:
@@ -137,6 +166,16 @@ def _relative_difference(coarse: Sequence[Segment], fine: Sequence[Segment]) -> 
         )
         difference = np.abs(first / second - 1)
     return np.where(np.isfinite(difference), difference, np.nan)
+
+
+def _motion_difference(coarse: Sequence[Segment], fine: Sequence[Segment]) -> NDArray[np.float64]:
+    """Return the greatest difference of two transients over their stroke, the same at each line."""
+    errors = []
+    for first, second in zip(coarse, fine, strict=True):
+        y, stroke = second.channels["y"], float(np.ptp(second.channels["y"]))
+        error = float(np.abs(first.channels["y"] - y).max()) / stroke if stroke else np.nan
+        errors.append(np.full(second.lines.size, error))
+    return np.concatenate(errors)
 
 
 def _distortion(segment: Segment) -> float:

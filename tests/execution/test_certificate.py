@@ -11,7 +11,7 @@ from fraexp.components.kinds import Plant
 from fraexp.components.registry import Registry, create
 from fraexp.data.results import Outcome, Result
 from fraexp.data.signals import Verification
-from fraexp.execution.certificate import certify, spread_error
+from fraexp.execution.certificate import NUMERICAL_ERROR, certify, spread_error
 from fraexp.execution.job import Job, run_job
 from fraexp.study.study_file import load
 from tests.machines import guide, simulated
@@ -64,6 +64,22 @@ def test_too_few_steps_are_said():
     result, _ = computed(ELEMENTS, steps=1, frequency=40.0)
     assert result.outcome is Outcome.INACCURATE
     assert "set numerics.steps_per_sample to 0 or higher" in result.message
+
+
+@pytest.mark.parametrize(("steps", "outcome"), [(0, Outcome.OK), (2, Outcome.INACCURATE)])
+def test_metrics_state_how_exact_the_motion_is(steps: int, outcome: Outcome):
+    move = {
+        "name": "point_to_point", "targets": [1e-3], "profile": "jerk_limited", "duration": 0.02, "plant": TABLE,
+        "friction": ELEMENTS,
+    }  # fmt: skip
+    numerics = {"tolerance": 1e-5, "steps_per_sample": steps}
+    experiment = {**EXPERIMENT, "friction": ELEMENTS, "excitation": move, "numerics": numerics}
+    (result,) = run_job(Job(experiment, ({"name": "positioning_metrics", "settling_window": 1e-4},)), lambda _: None)
+    error = next(metric for metric in result.metrics if metric.name == NUMERICAL_ERROR)
+    assert error.unit == "1"
+    assert (0 < error.value <= 1e-5) is (outcome is Outcome.OK)
+    assert result.outcome is outcome
+    assert ("set numerics.steps_per_sample to 0 or higher" in result.message) is (outcome is Outcome.INACCURATE)
 
 
 def test_friction_that_the_sampled_motion_does_not_show_is_said(registry: Registry, tmp_path: Path):
