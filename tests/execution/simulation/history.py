@@ -276,10 +276,9 @@ class History:
 
     def _wrong_runs(self) -> Iterator[str]:
         states = self._run_states()
-        if "running" in states:  # a clock that was wrong may have dated the last heartbeat of a dead run to this moment
-            self.time += 3 * HEARTBEAT_TIMEOUT.total_seconds()
-            states = self._run_states()
-        if "running" in states:
+        # A clock that was wrong may have dated the last heartbeat of a dead run to this moment, or to a later one.
+        self.time += 3 * HEARTBEAT_TIMEOUT.total_seconds()
+        if any(pair == ("running", "running") for pair in zip(states, self._run_states(), strict=True)):
             yield f"a run seems to go on, newest first: {states}"
         if len(states) > len(self.programs):
             yield f"{len(self.programs)} processes have {len(states)} runs"
