@@ -22,8 +22,8 @@ TEST_STEPS = [
 """Steps [m] of the trial run and their times [s]: small and long, slow and fast, back and forth."""
 MAX_STATES = 10_000
 """Greatest size of a law's memory: a law of friction has tens of elements."""
-SLOW_STEP_S = 0.5
-"""Time [s] that a step may take in plain Python; compiled it takes a hundredth."""
+MAX_STEP_TIME_S = LAW_TIME_LIMIT_S / len(TEST_STEPS)
+"""Time that a step may take in plain Python [s]; compiled it takes a hundredth."""
 
 UNWRITTEN_NUMBERS = (1e30, -1e30)
 """What z_next contains, in turn, when a step is repeated: in a run it contains an older state, which is no input."""
@@ -119,5 +119,5 @@ class _Trial:
         if self._done and time.monotonic() - self._since < 0.8 * LAW_TIME_LIMIT_S:
             each = LAW_TIME_LIMIT_S / self._done
             found = f"({law_place(self._law)}) takes {each:.2g} s for a step in plain Python"
-            return f"{found}; expected less than {SLOW_STEP_S:g} s: simplify it, or take fewer states"
+            return f"{found}; expected less than {MAX_STEP_TIME_S:.2g} s: simplify it, or take fewer states"
         return overdue_text(error, self._law, self._at, LAW_TIME_LIMIT_S)

@@ -2,6 +2,7 @@
 
 import ctypes
 import re
+import sys
 import threading
 import time
 import traceback
@@ -35,12 +36,19 @@ def time_limit(seconds: float, is_processor_time: bool = False) -> Iterator[None
     machine. The error reaches interpreted code only, as with Python's own tools: a call that waits inside a function
     written in C is not ended.
     """
-    watchdog = _Watchdog(seconds, is_processor_time)
+    watchdog, show = _Watchdog(seconds, is_processor_time), sys.unraisablehook
+
+    def show_others(unraisable: "sys.UnraisableHookArgs") -> None:
+        if not isinstance(unraisable.exc_value, OverdueError):  # C code that calls back, such as the compiler, drops it
+            show(unraisable)
+
+    sys.unraisablehook = show_others
     watchdog.thread.start()
     try:
         yield
     finally:
         watchdog.stop()
+        sys.unraisablehook = show
 
 
 class _Watchdog:

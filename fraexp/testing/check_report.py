@@ -1,6 +1,7 @@
 """Run checks and report their findings."""
 
 import inspect
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
@@ -158,6 +159,9 @@ class _ExampleSearch:
     tried: int = 0
     """Number of examples to which the check applies."""
     skipped: str = field(default="")
+    left_out: int = 0
+    """Number of examples for which there was no time."""
+    began: float = field(default_factory=time.process_time)
 
     def finding(self) -> Finding:
         """Return the finding."""
@@ -183,7 +187,8 @@ class _ExampleSearch:
             return Finding(self.check, Verdict.FAILED, reason, self._example_text)
         if not self.tried:
             return Finding(self.check, Verdict.SKIPPED, self.skipped)
-        return Finding(self.check, Verdict.PASSED)
+        cut = f"tried {self.tried} examples only: each takes long" if self.left_out else ""
+        return Finding(self.check, Verdict.PASSED, cut)
 
     def _search(self) -> None:
         from hypothesis import HealthCheck, Phase, Verbosity, given, seed, settings
@@ -204,6 +209,9 @@ class _ExampleSearch:
         )(search)()
 
     def _try(self, example: object) -> None:
+        if self.tried >= MIN_EXAMPLES and time.process_time() - self.began > MAX_SEARCH_TIME_S:
+            self.left_out += 1
+            return
         self.example = example
         self.on_example(self.check, example)
         try:
@@ -237,6 +245,10 @@ class _ExampleSearch:
         return describe_component(owner) if isinstance(owner, Component) else ""
 
 
+MIN_EXAMPLES = 8
+"""Number of examples that are tried however long they take."""
+MAX_SEARCH_TIME_S = 30.0
+"""Processor time of a check from which no further example is tried [s]: most take less than one in all."""
 EXPECTED_FAILURE_EFFORT = 8
 """Factor on the examples of a check that must fail: the search ends with the first one that does."""
 EXAMPLE_SEED = 1

@@ -1,9 +1,12 @@
 """A time limit on interpreted code: it ends what does not return, in any thread, and nothing else."""
 
+import ctypes
 import itertools
 import sys
 import threading
+import time
 from collections.abc import Callable
+from contextlib import suppress
 
 import pytest
 
@@ -73,3 +76,10 @@ def test_the_interpreters_dump_tells_the_innermost_line_of_a_file() -> None:
     dump.append('  File "/b/law.py", line 40 in outer')
     assert dumped_location(dump, "/b/law.py") == "law.py, line 12"
     assert dumped_location(dump, "/b/other.py") == ""
+
+
+def test_code_that_drops_the_error_in_a_callback_prints_no_traceback(capsys: pytest.CaptureFixture[str]) -> None:
+    callback = ctypes.CFUNCTYPE(None)(lambda: time.sleep(0.3) or sum(range(10)))
+    with suppress(OverdueError), time_limit(0.05):
+        callback()
+    assert not capsys.readouterr().err

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from fraexp_plugins.friction.dahl import Dahl
 
 from fraexp.components.kinds import Component
 from fraexp.components.registry import discover
@@ -50,3 +51,11 @@ def test_no_finding_depends_on_the_seed(
     (check,) = (each for each in checks_for(component) if each.name == name)
     finding = run_check(check, component, expectations(component).get(name))
     assert not finding.is_failure, str(finding)
+
+
+def test_a_law_whose_steps_take_long_is_tried_on_fewer_examples(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(check_report, "MAX_SEARCH_TIME_S", 0.0)
+    (check,) = (each for each in checks_for(Dahl) if each.name == "odd")
+    finding = run_check(check, Dahl)
+    assert finding.verdict is Verdict.PASSED
+    assert finding.reason == f"tried {check_report.MIN_EXAMPLES} examples only: each takes long"

@@ -1,0 +1,96 @@
+"""Measure how the cost of a loop grows with the number of contacts at which friction acts.
+
+    python benchmarks/contacts.py            medians of 15 turns
+    python benchmarks/contacts.py --turns 5
+
+The paper's table has one to four contacts, each with ten elasto-slide elements that share its friction. Nanoseconds per
+step of one experiment of a sweep, all Python included: in lanes, where the forces are predicted, and one by one, where
+they are solved together implicitly. Experiments with different numbers of contacts take turns.
+"""
+
+import argparse
+import statistics
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from fraexp_plugins.friction.rolling import Rolling
+from fraexp_plugins.plants.modal import Modal
+from kernel import PLANT, SECTIONS, in_turns, machine, sweep
+
+from fraexp.components.kinds import FrictionModel
+from fraexp.components.ports import Ports
+from fraexp.simulation.experiment_run import run_experiments
+from fraexp.simulation.experiments import Experiment, Setup
+from fraexp.simulation.loop_setup import prepare_setup
+
+MAX_CONTACTS = 4
+ELEMENTS, STEPS = 10, 5
+POINTS = 64
+"""Frequencies of the sweep."""
+
+
+class SharedTable(Modal, name="shared_table", version=1):
+    """The paper's table with several contacts at the same place."""
+
+    def ports(self) -> Ports:
+        """Return the table's ports with a contact for each share of its friction."""
+        ports = super().ports()
+        (contact,) = ports.contacts.values()
+        return Ports(ports.a, ports.thrusts, {f"contact_{k}": contact for k in range(self.count)}, ports.positions)
+
+    count: int = 1
+
+
+def shares(count: int) -> dict[str, FrictionModel]:
+    """Return the table's friction as equal laws at so many contacts."""
+    knots = np.geomspace(1e-6, 1e-3, ELEMENTS)
+    force = 18.0 * np.diff(1 - np.exp(-knots / 1e-4), prepend=0.0) / count
+    law = Rolling(stiffness=tuple(force / knots), limit_force=tuple(force), viscous_coefficient=4.69 / count)
+    return {f"contact_{k}": law for k in range(count)}
+
+
+def setup_of(count: int, is_vectorised: bool) -> Setup:
+    """Return the table with so many contacts, made ready."""
+    plant = SharedTable(**PLANT.model_dump(), count=count)
+    made = replace(machine(Rolling(stiffness=(1.0,), limit_force=(1.0,)), STEPS), plant=plant, friction=shares(count))
+    return replace(prepare_setup(made), is_vectorised=is_vectorised)
+
+
+def sweep_of(setup: Setup) -> tuple[Callable[[], object], float]:
+    """Return what runs a sweep, and the number of its steps."""
+    excitation = sweep(POINTS)
+    periods = excitation.periods(SECTIONS["loop"]["sample_time"])
+    experiments = [Experiment(setup, period, excitation.schedule, n) for n, period in enumerate(periods)]
+    segments = run_experiments(experiments, lambda _: None)
+    if not all(segments):
+        raise SystemExit(f"{setup.numerics}: a loop diverged")
+    samples = sum(
+        segment.settling.time / setup.sample_time + segment.channels["y"].size
+        for segment in segments
+        if segment and segment.settling
+    )
+    return lambda: run_experiments(experiments, lambda _: None), samples * setup.steps
+
+
+def main() -> int:
+    """Print a row for each number of contacts."""
+    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    options.add_argument("--turns", type=int, default=15)
+    turns, counts = options.parse_args().turns, range(1, MAX_CONTACTS + 1)
+    print(f"{ELEMENTS} elements at each contact, {STEPS} steps per sample; ns per step, and over one contact")
+    rows: dict[int, list[str]] = {count: [] for count in counts}
+    for is_vectorised in (True, False):
+        made = [sweep_of(setup_of(count, is_vectorised)) for count in counts]
+        times = in_turns(*(run for run, _ in made), turns=turns)
+        costs = [1e9 * statistics.median(times[at]) / steps for at, (_, steps) in enumerate(made)]
+        for count, cost in zip(counts, costs, strict=True):
+            rows[count].append(f"{cost:7.1f} ns {cost / costs[0]:5.2f} times")
+    for count, (lanes, alone) in rows.items():
+        print(f"{count} contact{'s' if count > 1 else ' '}  lanes {lanes}   one by one {alone}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
