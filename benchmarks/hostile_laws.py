@@ -211,6 +211,7 @@ LAWS = {
     ),
     "states_as_text": Law(attributes='states = "force [N]"'),
     "stiffness_too_low": Law(attributes="max_stiffness = property(lambda self: 1.0)"),
+    "stiffness_absurd": Law(attributes="max_stiffness = property(lambda self: 1e14)"),
     "stiffness_is_text": Law(attributes="max_stiffness = property(lambda self: 'stiff')"),
     "stiffness_changes": Law(attributes="max_stiffness = property(lambda self: 4e5 * (1.0 + random.random()))"),
     "complex_late": Law(when(LATE, "force = force + 0j")),

@@ -9,7 +9,7 @@ from fraexp.components.kinds import FrictionModel
 from fraexp.errors import ParameterError
 from fraexp.simulation.discretisation import DiscreteLoop, discretise, split_dead_time
 from fraexp.simulation.experiments import Setup, set_valued_law
-from fraexp.simulation.machine import Machine
+from fraexp.simulation.machine import MAX_STEPS_PER_SAMPLE, Machine
 
 MAX_STEP_RAD = 1.0
 """Longest step, in radians of the stuck table's resonance."""
@@ -89,9 +89,17 @@ def is_friction_soft(frictions: Mapping[str, FrictionModel], discrete: DiscreteL
 def steps_per_sample(machine: Machine) -> int:
     """Return the steps per sample: the number that is asked for, or the one that the tolerance needs.
 
-    Raises ParameterError for steps that are too long to follow the stuck table on its presliding stiffness.
+    Raises ParameterError for steps that are too long to follow the stuck table on its presliding stiffness, and for
+    a stiffness that no number of steps follows.
     """
     numerics, fewest = machine.numerics, fewest_steps(machine)
+    if fewest > MAX_STEPS_PER_SAMPLE:
+        stiffness = max(model.max_stiffness for model in machine.frictions.values())
+        raise ParameterError(
+            f"stuck on {machine.friction_names} friction, of up to {stiffness:.4g} N/m, the machine resonates at "
+            f"{stuck_resonance(machine) / (2 * np.pi):.4g} Hz, which needs {fewest} steps per sample; expected at most "
+            f"{MAX_STEPS_PER_SAMPLE}: correct max_stiffness of the law (check 'stiffness'), or lower loop.sample_time"
+        )
     if numerics.steps_per_sample == 0:  # the error of a response falls with the square of the step
         reference = machine.loop.sample_time * stuck_resonance(machine) / REFERENCE_STEP_RAD
         if set_valued_law(machine.frictions):

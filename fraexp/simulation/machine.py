@@ -20,6 +20,9 @@ from fraexp.simulation.experiments import Compensation
 FED_BACK = "y"
 """Channel of the measured position that is fed back; another one of name `load` is `y.load`."""
 
+MAX_STEPS_PER_SAMPLE = 1000
+"""Maximum number of steps of the plant and its friction per sample."""
+
 
 class ControlLoop(Parameters):
     """The sampled loop around the plant (paper, Figs 3, 5 and 9): clock, delays and encoder."""
@@ -80,7 +83,7 @@ class Numerics(Parameters):
         "steps of the plant and its friction per sample; 0 for what the tolerance needs",
         0,
         at_least=0,
-        at_most=1000,
+        at_most=MAX_STEPS_PER_SAMPLE,
     )
 
 

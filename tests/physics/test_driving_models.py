@@ -81,6 +81,13 @@ def test_too_coarse_sampling_is_refused_with_the_remedy():
             excitation.check(SAMPLE)
 
 
+def test_a_stiffness_that_no_number_of_steps_follows_is_refused_with_the_remedy():
+    absurd = Rolling(stiffness=(1e14,), limit_force=(10.0,))
+    machine = Machine(TABLE, absurd, LEAD, ControlLoop(sample_time=SAMPLE), Numerics())
+    with pytest.raises(ParameterError, match=r"of up to 1e\+14 N/m, .* expected at most 1000: correct max_stiffness"):
+        simulate_loop(machine, BiasedSine(bias=1, amplitude=1, frequency=5), lambda _: None)
+
+
 def test_a_step_that_is_too_long_for_the_friction_is_refused_with_the_number_needed():
     stiff = Rolling(stiffness=(1e9,), limit_force=(10.0,))
     machine = Machine(TABLE, stiff, LEAD, ControlLoop(sample_time=SAMPLE), Numerics(steps_per_sample=2))
