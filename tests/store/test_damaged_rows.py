@@ -1,5 +1,8 @@
 """Rows that another program has changed, on every kind of database: they are shown as damaged, and by doctor."""
 
+import sqlite3
+from contextlib import closing
+
 import pytest
 
 from fraexp.data.results import Outcome
@@ -65,3 +68,12 @@ def test_a_changed_run_is_shown_as_damaged(annotated, sql, statement):
     sql(statement)
     assert [run.state for run in annotated.runs()] == ["damaged"]
     assert "run 1: damaged" in annotated.health()
+
+
+def test_a_sweep_whose_key_is_no_text_is_shown_as_damaged(path, annotated):
+    with closing(sqlite3.connect(path)) as database, database:
+        database.execute("UPDATE sweep SET key = x'00ff'")
+    (row,) = annotated.page().rows
+    assert row.outcome is Outcome.DAMAGED
+    assert "b'\\x00\\xff'" in row.key
+    assert "damaged" in annotated.health()

@@ -232,8 +232,9 @@ def _listed_sweep(row: RowMapping, studies: Mapping[int, str], tags: tuple[str, 
     return check_types(listed)
 
 
-def _damaged_row(key: str, number: int | None) -> ListedSweep:
-    """Return what is shown instead of a damaged sweep."""
+def _damaged_row(key: object, number: int | None) -> ListedSweep:
+    """Return what is shown instead of a damaged sweep; SQLite may hold even bytes where its key should be."""
     unknown: RowValues = dict.fromkeys((*COMPONENT_COLUMNS, "source", "created", "study"))
     values: RowValues = {"labels": {}, "state": "computed", "message": DAMAGED, "elapsed": 0.0, "tags": (), "note": ""}
-    return ListedSweep(key=key, outcome=Outcome.DAMAGED, run=number, **unknown, **values)
+    name = key if isinstance(key, str) else f"key-{key!r}"
+    return ListedSweep(key=name, outcome=Outcome.DAMAGED, run=number, **unknown, **values)
