@@ -26,6 +26,7 @@ from fraexp.data.results import HARMONICS, Curve, Fit, FrequencyResponse, Metric
 from fraexp.data.signals import Encoder, Segment, Settling, Signals
 from fraexp.errors import FraexpError, ParameterError, RecordError, did_you_mean
 from fraexp.kernels.choice import where
+from fraexp.simulation.replay import Replay, ReplayModel, replay
 
 __all__ = [
     "HARMONICS",
@@ -50,6 +51,8 @@ __all__ = [
     "RecordError",
     "RecordReader",
     "RecordTable",
+    "Replay",
+    "ReplayModel",
     "Result",
     "Schedule",
     "Segment",
@@ -70,6 +73,7 @@ __all__ = [
     "phasor_variance",
     "phasors",
     "record_spectrum",
+    "replay",
     "response_result",
     "rounding_symmetry",
     "where",

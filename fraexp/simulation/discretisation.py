@@ -1,6 +1,7 @@
 """The loop's linear part over one sample, exactly: any dead time, first-order lags, friction linear in the step."""
 
 from collections.abc import Mapping, Sequence
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -108,8 +109,15 @@ def discretise(
     responses = zip(*_integrals(part.a, np.column_stack([part.drive, part.force]), times), strict=True)
     response_at = {time: _Responses(*response) for time, response in zip(times, responses, strict=True)}
 
-    def response_after(time: float) -> _Responses:
-        return response_at[_round_time(time)]
+    @cache
+    def force_effects(begin: float, end: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the effect of a step's forces at its two bounds, which were `begin` and `end` ago, shape (n, c) each.
+
+        The force goes from one bound's value to the next one's, then has no effect of its own.
+        """
+        (_, held_begin, ramp_begin), (_, held_end, ramp_end) = response_at[begin], response_at[end]
+        rising = held_begin - held_end if is_force_held else (ramp_begin - ramp_end) / step - held_end
+        return (held_begin - held_end - rising)[:, 1:], rising[:, 1:]
 
     def effects_at(time: float) -> NDArray[np.float64]:
         """Return what states, two inputs and all forces contribute to the state at `time`.
@@ -117,16 +125,16 @@ def discretise(
         Its shape is (n, n + 2 + contacts (steps + 1)).
         """
         effect = np.zeros((n, n + 2 + contacts * (steps + 1)))
-        transition, held, _ = response_after(time)
-        later = response_after(time - late_in).step
+        transition, held, _ = response_at[_round_time(time)]
+        later = response_at[_round_time(time - late_in)].step
         effect[:, :n], effect[:, n], effect[:, n + 1] = transition, held[:, 0] - later[:, 0], later[:, 0]
         forces = effect[:, n + 2 :].reshape(n, steps + 1, contacts)
-        for j in range(steps):  # the force goes from one bound's value to the next one's, then has no effect of its own
-            _, held_begin, ramp_begin = response_after(time - j * step)
-            _, held_end, ramp_end = response_after(time - (j + 1) * step)
-            rising = held_begin - held_end if is_force_held else (ramp_begin - ramp_end) / step - held_end
-            forces[:, j] -= (held_begin - held_end - rising)[:, 1:]
-            forces[:, j + 1] -= rising[:, 1:]
+        since = [_round_time(time - start) for start in starts]
+        for j in range(steps):
+            if since[j] > 0:  # the steps after it have no effect yet
+                at_begin, at_end = force_effects(since[j], since[j + 1])
+                forces[:, j] -= at_begin
+                forces[:, j + 1] -= at_end
         return effect
 
     rows = part.displacement @ part.a if is_force_held else part.displacement  # c·b = 0: c·a is the velocity

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from fraexp.components.kinds import FrictionModel
+from fraexp.components.ports import Ports
 from fraexp.errors import ParameterError
 from fraexp.simulation.discretisation import DiscreteLoop, discretise, split_dead_time
 from fraexp.simulation.experiments import Setup, set_valued_law
@@ -93,39 +94,48 @@ def steps_per_sample(machine: Machine) -> int:
     a stiffness that no number of steps follows.
     """
     numerics, fewest = machine.numerics, fewest_steps(machine)
+    resonance = stuck_resonance(machine.ports, machine.frictions)
     if fewest > MAX_STEPS_PER_SAMPLE:
         stiffness = max(model.max_stiffness for model in machine.frictions.values())
         raise ParameterError(
             f"stuck on {machine.friction_names} friction, of up to {stiffness:.4g} N/m, the machine resonates at "
-            f"{stuck_resonance(machine) / (2 * np.pi):.4g} Hz, which needs {fewest} steps per sample; expected at most "
+            f"{resonance / (2 * np.pi):.4g} Hz, which needs {fewest} steps per sample; expected at most "
             f"{MAX_STEPS_PER_SAMPLE}: correct max_stiffness of the law (check 'stiffness'), or lower loop.sample_time"
         )
-    if numerics.steps_per_sample == 0:  # the error of a response falls with the square of the step
-        reference = machine.loop.sample_time * stuck_resonance(machine) / REFERENCE_STEP_RAD
-        if set_valued_law(machine.frictions):
-            reference = SET_VALUED_STEPS
-        accurate = int(np.ceil(reference * np.sqrt(REFERENCE_ERROR / numerics.tolerance)))
-        return max(min(accurate, MAX_ACCURACY_STEPS), fewest)
+    if numerics.steps_per_sample == 0:
+        return accurate_steps(machine.ports, machine.frictions, machine.loop.sample_time, numerics.tolerance)
     if numerics.steps_per_sample < fewest:
         raise ParameterError(
             f"numerics.steps_per_sample is {numerics.steps_per_sample}; stuck on {machine.friction_names} friction the "
-            f"machine resonates at {stuck_resonance(machine) / (2 * np.pi):.4g} Hz: expected {fewest} or more, or 0 to "
+            f"machine resonates at {resonance / (2 * np.pi):.4g} Hz: expected {fewest} or more, or 0 to "
             "let fraexp choose"
         )
     return numerics.steps_per_sample
 
 
+def accurate_steps(ports: Ports, frictions: Mapping[str, FrictionModel], sample_time: float, tolerance: float) -> int:
+    """Return the steps per sample with which a response has this relative error: it falls with the step's square."""
+    resonance = sample_time * stuck_resonance(ports, frictions)
+    reference = SET_VALUED_STEPS if set_valued_law(frictions) else resonance / REFERENCE_STEP_RAD
+    accurate = int(np.ceil(reference * np.sqrt(REFERENCE_ERROR / tolerance)))
+    return max(min(accurate, MAX_ACCURACY_STEPS), _steps_that_follow(resonance))
+
+
 def fewest_steps(machine: Machine) -> int:
     """Return the steps per sample that follow the stuck table on its presliding stiffness."""
-    return max(int(np.ceil(machine.loop.sample_time * stuck_resonance(machine) / MAX_STEP_RAD)), 1)
+    return _steps_that_follow(machine.loop.sample_time * stuck_resonance(machine.ports, machine.frictions))
 
 
-def stuck_resonance(machine: Machine) -> float:
-    """Return the angular frequency [rad/s] at which the machine resonates on the presliding stiffness of its friction.
+def _steps_that_follow(resonance: float) -> int:
+    """Return the steps per sample that follow a resonance [rad per sample]."""
+    return max(int(np.ceil(resonance / MAX_STEP_RAD)), 1)
+
+
+def stuck_resonance(ports: Ports, frictions: Mapping[str, FrictionModel]) -> float:
+    """Return the angular frequency [rad/s] at which a machine resonates on the presliding stiffness of its friction.
 
     Of several contacts it is the highest. It is 0 for a law of velocity, which has no stiffness at rest.
     """
-    ports, frictions = machine.ports, machine.frictions
     if set_valued_law(frictions):
         return 0.0
     forces = np.column_stack([contact.force for contact in ports.contacts.values()])

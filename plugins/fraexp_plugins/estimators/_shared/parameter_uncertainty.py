@@ -145,6 +145,24 @@ def with_moved_parameters(
     return model
 
 
+def parameter_value(model: Model, parameter: str) -> float:
+    """Return a parameter by its name [its SI unit]; ParameterError if it does not exist or is not a number."""
+    return _target(model, parameter).value
+
+
+def parameter_unit(model: Model, parameter: str) -> str:
+    """Return the SI unit of a parameter by its name."""
+    return _target(model, parameter).unit
+
+
+def with_parameter(model: Model, parameter: str, value: float) -> Model:
+    """Return the model with another value of a parameter [its SI unit]."""
+    target = _target(model, parameter)
+    moved = _increased(model, target.path, value - target.value)
+    assert isinstance(moved, type(model))
+    return moved
+
+
 class _Target(NamedTuple):
     """A parameter of a model."""
 

@@ -15,6 +15,7 @@ from fraexp_plugins.estimators.conventional import Conventional
 from fraexp_plugins.friction.none import Frictionless
 from fraexp_plugins.friction.rolling import Rolling
 from fraexp_plugins.identification._shared.friction_curves import NORMAL_QUANTILE, virgin_curve
+from fraexp_plugins.identification._shared.usable_signals import usable_signals
 from fraexp_plugins.identification.autonomous._shared.autonomous_elements import (
     AutonomousElements,
     fit_elements,
@@ -25,7 +26,6 @@ from fraexp_plugins.identification.autonomous._shared.autonomous_lines import (
     SpectralLines,
     noise_variances,
     spectral_lines,
-    usable_signals,
 )
 from fraexp_plugins.identification.autonomous._shared.autonomous_plant import (
     IdentifiedPlant,
@@ -131,7 +131,7 @@ class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=2):
         signals.unit(self.input), signals.unit(self.output)
         if not signals.segments:
             return Result(signals.outcome, signals.message)
-        used = usable_signals(signals, self.output)
+        used = usable_signals(signals, self.output, self.name)
         lines, elements = self._elements(used)
         self._check(lines, elements)
         found = self._response(used, lines, elements)

@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import RecordError, Segment, Signals, fourier_sums, phasors
-from fraexp_plugins.estimators._shared.effective_input_observer import is_from_rest
 from fraexp_plugins.estimators._shared.realisations import mean
 from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.identification._shared.stop_operator import stop_operators
@@ -79,22 +78,6 @@ def _groups(signals: Signals) -> tuple[SegmentPlaces, ...]:
         else:
             found.append([place])
     return tuple(tuple(group) for group in found)
-
-
-def usable_signals(signals: Signals, output: str) -> Signals:
-    """Return the signals with the settled segments that move; RecordError if there are none."""
-    if any(is_from_rest(segment) for segment in signals.segments):
-        raise RecordError(
-            "plant_and_friction: the record begins at rest; expected the steady state: set transient = false"
-        )
-    settled = [s for s in signals.segments if s.settling is None or s.settling.settled]
-    moving = tuple(s for s in settled if np.ptp(s.channels[output]) > 0)
-    if not moving:
-        raise RecordError(
-            "plant_and_friction: no segment in the steady state moves; raise excitation.amplitude or "
-            "excitation.settling_timeout"
-        )
-    return replace(signals, segments=moving)
 
 
 def spectral_lines(signals: Signals, observer: ElementObserver, thresholds: NDArray[np.float64]) -> SpectralLines:

@@ -1,0 +1,168 @@
+"""A modelled machine along a record: the positions that it takes where the recorded control input drives it.
+
+A record does not tell its controller, and a mass that slides freely would drift off from its recorded position. The
+model is therefore pulled towards it by a weak controller of its own, far below the frequencies of the record. Where the
+model is right, nothing pulls; where it is wrong, the difference to the record is nearly what it would be without.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fraexp.components.kinds import FrictionModel, Period, Schedule
+from fraexp.components.ports import Ports
+from fraexp.simulation.discretisation import SignalPath, discretise, split_dead_time
+from fraexp.simulation.experiment_run import run_experiments
+from fraexp.simulation.experiments import Experiment, Setup, set_valued_law
+from fraexp.simulation.loop_setup import accurate_steps, is_friction_soft
+
+PULL_RATIO, MAX_PULL_HZ = 1.0, 8.0
+"""Crossover frequency of the pull over the lowest frequency of a record, and its greatest value [Hz]."""
+LEAD_RATIO = 10.0
+"""Pole over zero of the pull, a lead."""
+RAMP_CYCLES = 8.0
+"""Cycles over which the input of a law rises that keeps an offset of its start for long."""
+SETTLING_CYCLES, MIN_SETTLING_S = 40.0, 3.0
+"""Cycles, and least time [s], after which a motion counts as it is."""
+MAX_DISPLACEMENT_M = 1e3
+"""Displacement at which a model counts as diverged [m]: any that an axis may have is far below."""
+
+
+@dataclass(frozen=True, eq=False)
+class ReplayModel:
+    """A modelled machine: its plant, friction at each contact, and the delays around them."""
+
+    ports: Ports
+    """The plant; its first thrust is driven, its first position compared."""
+    frictions: Mapping[str, FrictionModel]
+    """Friction model of each contact, by its name."""
+    sample_time: float
+    """Sample time [s]."""
+    input_path: tuple[float, tuple[float, ...]]
+    """Dead time and time constants of the lags before the thrust [s]."""
+    output_path: tuple[float, tuple[float, ...]]
+    """The same before the sample of the position."""
+    tolerance: float
+    """Relative error of the motion that the steps may cause."""
+    refinement: int = 1
+    """Factor on the steps per sample that the tolerance needs."""
+    scales: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """Factors on force and deflection of a contact's friction, by its name; 1 for those that are not given."""
+
+    def with_scales(self, scales: Mapping[str, tuple[float, float]]) -> "ReplayModel":
+        """Return the model with such factors on force and deflection of its friction."""
+        return replace(self, scales=dict(scales))
+
+    def with_frictions(self, frictions: Mapping[str, FrictionModel]) -> "ReplayModel":
+        """Return the model with other friction models of the same law."""
+        return replace(self, frictions=dict(frictions))
+
+
+class Replay(NamedTuple):
+    """A model that is driven along a record."""
+
+    model: ReplayModel
+    control_input: NDArray[np.float64]
+    """Control input of all recorded periods [N], shape (n,)."""
+    position: NDArray[np.float64]
+    """Recorded position [m], shape (n,)."""
+    frequency: float
+    """Lowest excited frequency of the record [Hz]."""
+
+
+def replay(runs: Sequence[Replay]) -> list[NDArray[np.float64]]:
+    """Return the periodic position that each model takes [m], without rounding, shape (n,) each; NaN if it diverges."""
+    experiments = [_experiment(run, number) for number, run in enumerate(runs)]
+    positions: list[NDArray[np.float64]] = [np.empty(0)] * len(runs)
+    for group in _alike(experiments):
+        segments = run_experiments([experiments[place] for place in group], lambda _: None)
+        for place, segment in zip(group, segments, strict=True):
+            size = runs[place].position.size
+            if segment is None or segment.settling is None:
+                positions[place] = np.full(size, np.nan)
+                continue
+            waited = round(segment.settling.time / segment.sample_time)
+            positions[place] = np.roll(segment.channels["y"][0], waited % size)
+    return positions
+
+
+def _alike(experiments: Sequence[Experiment]) -> list[list[int]]:
+    """Return the places of experiments that can run side by side."""
+    groups: dict[int, list[int]] = {}
+    for place, experiment in enumerate(experiments):
+        groups.setdefault(experiment.setup.steps * 2 + experiment.setup.is_vectorised, []).append(place)
+    return list(groups.values())
+
+
+def _experiment(run: Replay, number: int) -> Experiment:
+    crossover = min(PULL_RATIO * run.frequency, MAX_PULL_HZ)
+    octave = 2.0 ** np.floor(np.log2(crossover))  # few different controllers: their constants are computed once
+    forgets = all(friction.has_unique_periodic_force for friction in run.model.frictions.values())
+    ramp = 0.0 if forgets else RAMP_CYCLES / run.frequency
+    timeout = ramp + max(SETTLING_CYCLES / run.frequency, MIN_SETTLING_S)
+    line = max(round(run.frequency * run.position.size * run.model.sample_time), 1)
+    period = Period(run.control_input, np.array([line]), run.position)
+    schedule = Schedule(ramp, run.model.tolerance, timeout)
+    return Experiment(_setup(run.model, float(octave)), period, schedule, number)
+
+
+@lru_cache(maxsize=4096)
+def _setup(model: ReplayModel, crossover: float) -> Setup:
+    """Return the loop of a model that is pulled with a crossover frequency [Hz]."""
+    sample_time, inward, outward = model.sample_time, SignalPath(*model.input_path), SignalPath(*model.output_path)
+    ports, viscous = _scaled(model)
+    steps = model.refinement * accurate_steps(model.ports, model.frictions, sample_time, model.tolerance)
+    discrete = discretise(
+        ports,
+        viscous,
+        _pull(ports, crossover, sample_time),
+        sample_time=sample_time,
+        steps=steps,
+        is_force_held=set_valued_law(model.frictions) is not None,
+        input_path=inward,
+        output_path=outward,
+    )
+    lags = sum(inward.lags) + sum(outward.lags)
+    return Setup(
+        frictions=model.frictions,
+        positions=tuple(ports.positions),
+        discrete=discrete,
+        sample_time=sample_time,
+        input_delay=split_dead_time(inward.dead_time, sample_time).samples,
+        output_delay=split_dead_time(outward.dead_time, sample_time).samples,
+        delay=inward.dead_time + outward.dead_time + 5 * lags,
+        reference=0.0,
+        resolution=0.0,
+        noise_std=0.0,
+        seed=0,
+        divergence_limit=MAX_DISPLACEMENT_M,
+        is_vectorised=is_friction_soft(model.frictions, discrete, sample_time)
+        and all(friction.is_vectorisable for friction in model.frictions.values()),
+    )
+
+
+def _scaled(model: ReplayModel) -> tuple[Ports, dict[str, float]]:
+    """Return the plant to which friction of other scales looks like the given one, and its viscous coefficients.
+
+    A law of the force s f(y/c) is the law f between a displacement row that is divided by c and a force column times s.
+    """
+    contacts, viscous = {}, {}
+    for name, contact in model.ports.contacts.items():
+        force, displacement = model.scales.get(name, (1.0, 1.0))
+        contacts[name] = replace(contact, force=contact.force * force, displacement=contact.displacement / displacement)
+        viscous[name] = model.frictions[name].viscous * displacement / force
+    return replace(model.ports, contacts=contacts), viscous
+
+
+def _pull(ports: Ports, crossover: float, sample_time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return a lead that crosses over the plant at a frequency [Hz], in ascending powers of z⁻¹."""
+    omega = 2 * np.pi * crossover
+    zero, pole = np.sqrt(LEAD_RATIO) / omega, 1 / (np.sqrt(LEAD_RATIO) * omega)
+    gain = 1 / (abs(ports.response(np.array([omega]))[0]) * np.sqrt(LEAD_RATIO))
+    numerator = gain * np.array([1 + zero / sample_time, -zero / sample_time])
+    denominator = np.array([1 + pole / sample_time, -pole / sample_time])
+    return numerator / denominator[0], denominator / denominator[0]

@@ -1,0 +1,1 @@
+"""Plant and friction from whole records: every sample counts, not the spectral lines alone."""

@@ -1,0 +1,186 @@
+"""What a fit to whole records tells: the response with its band, the parameters, and whether to believe them."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fraexp.api import Curve, Fit, FrictionModel, Metric, Outcome, Result, Signals, frequency_text
+from fraexp_plugins.estimators._shared.effective_input_observer import EFFECTIVE_INPUT
+from fraexp_plugins.estimators._shared.parameter_uncertainty import parameter_unit, parameter_value
+from fraexp_plugins.estimators._shared.realisations import Part, combine_parts, realisation_groups
+from fraexp_plugins.identification._shared.friction_curves import NORMAL_QUANTILE
+from fraexp_plugins.identification.whole_record._shared.free_parameters import SCALES
+from fraexp_plugins.identification.whole_record._shared.joint_fit import FitStep
+from fraexp_plugins.identification.whole_record._shared.scaled_friction import (
+    ScaledParameter,
+    scaled_friction,
+    scaled_parameters,
+)
+from fraexp_plugins.identification.whole_record._shared.staged_fit import MAX_MEAN_RATIO, Fitted
+
+MAX_RATIO, MAX_RATIO_STDS = 1.1, 4.0
+"""Residual over what noise and rounding explain from which a record is not repeated, and scatter allowed above it."""
+RATIO_STD = 0.7
+"""Standard deviation of the ratio of one sample with Gaussian noise; it falls with the root of their number."""
+MAX_WRONG_SHARE = 0.2
+"""Share of records that are not repeated, above which the model is wrong."""
+RESIDUAL_RATIO = "residual over expectation"
+
+
+@dataclass(frozen=True)
+class FitReport:
+    """A fit to whole records, and the signals to which it was fitted."""
+
+    signals: Signals
+    found: Fitted
+    starts: int
+    """How many starts were tried."""
+    held: Sequence[str] = ()
+    """Names of the parameters that the records do not tell."""
+
+    def result(self) -> Result:
+        """Return P̂ with its band, the parameters with theirs, the residuals, and the verdict."""
+        information = self.found.fit.information(self.found.linear)
+        result = self._response()
+        wrong = self._complaint()
+        outcome = Outcome.INACCURATE if wrong and result.outcome is Outcome.OK else result.outcome
+        message = "; ".join(filter(None, (result.message, wrong, *self._remarks())))
+        return replace(
+            result,
+            outcome=outcome,
+            message=message,
+            metrics=tuple(self._metrics(information)),
+            curves=(self._curve(),),
+            fits=tuple(self._fits(information)),
+        )
+
+    def _response(self) -> Result:
+        """Return P̂: the mean of the records that have the same lines, weighted by what each of them tells."""
+        fit, linear = self.found.fit, self.found.linear
+        assert self.found.error is not None
+        bands = fit.inverse_covariances(linear)
+        place_of = {id(record.segment): place for place, record in enumerate(fit.records)}
+        parts, errors = [], []
+        for group in realisation_groups(self.signals):
+            places = [place_of[id(segment)] for segment in group]
+            inverse, covariance = _weighted_mean([linear.inverse[k] for k in places], [bands[k] for k in places])
+            output = np.mean([np.abs(fit.records[k].measured) for k in places], axis=0)
+            band, amplitudes = _of_reciprocal(1 / inverse, covariance), (output * np.abs(inverse), output)
+            parts.append(Part(group, group[0].frequency, 1 / inverse, band, np.inf, *amplitudes))
+            errors.append(np.max([self.found.error.inverse[k] for k in places], axis=0))
+        units = self.signals.unit(fit.records[0].input), self.signals.unit(fit.records[0].output)
+        names = EFFECTIVE_INPUT, fit.records[0].output
+        result = combine_parts(self.signals, parts, names=names, units=units)
+        assert result.response is not None
+        return replace(result, response=replace(result.response, numerical_error=np.concatenate(errors)))
+
+    @property
+    def _is_wrong(self) -> NDArray[np.bool_]:
+        """Whether the model does not repeat a record, shape (records,)."""
+        return self.found.ratios > MAX_RATIO + MAX_RATIO_STDS * RATIO_STD / np.sqrt(self.found.fit.freedom)
+
+    def _complaint(self) -> str:
+        """Return what is wrong with the model; empty if it repeats the records."""
+        allowed = MAX_MEAN_RATIO + MAX_RATIO_STDS * RATIO_STD / np.sqrt(self.found.fit.freedom.sum())
+        if self.found.mean_ratio <= allowed and self._is_wrong.mean() <= MAX_WRONG_SHARE:
+            return ""
+        tried = f"none of {self.starts} starts led closer" if self.starts > 1 else "one start was tried"
+        return (
+            f"the model does not fit: what it leaves of {self._wrong_text()}, and {tried}; try another friction law, "
+            "more frequencies or a nominal_plant, and state the dead times and the encoder's resolution"
+        )
+
+    def _wrong_text(self) -> str:
+        wrong, ratios = self._is_wrong, self.found.ratios
+        records = self.found.fit.records
+        at = np.concatenate(
+            [r.frequency for r, is_wrong in zip(records, wrong, strict=True) if is_wrong] or [np.empty(0)]
+        )
+        where = f" ({frequency_text(np.unique(at))})" if wrong.any() else ""
+        return (
+            f"{wrong.sum()} of {wrong.size} records{where} is up to {ratios.max():.3g} times as large as noise and "
+            "rounding explain"
+        )
+
+    def _remarks(self) -> Iterator[str]:
+        if self._is_wrong.any() and not self._complaint():
+            yield f"what the model leaves of {self._wrong_text()}: their band is as much wider"
+        if self.held:
+            names = " and ".join(self.held)
+            yield f"the records do not tell {names}, held at the start: raise the amplitude, or leave it out of free"
+
+    def _metrics(self, information: FitStep) -> Iterator[Metric]:
+        """Yield friction's parameters with their intervals, and how well they repeat the records."""
+        fit, state = self.found.fit, self.found.state
+        relative = NORMAL_QUANTILE * np.sqrt(np.diag(information.covariances[0]))
+        values, units = fit.free.values(fit.start, state.shared), fit.free.units(fit.start)
+        for name, value, unit, half in zip(fit.free.friction, values, units, relative, strict=False):
+            yield Metric(name, float(value), unit)
+            yield Metric(f"{name}, 95 %", abs(float(half * value)), unit)
+        yield Metric(RESIDUAL_RATIO, self.found.mean_ratio, "1")
+        yield Metric("starts", float(self.starts), "1")
+
+    def _curve(self) -> Curve:
+        frequency = np.array([record.frequency.min() for record in self.found.fit.records])
+        rms = np.array([float(np.sqrt(np.mean(each.residual**2))) for each in self.found.linear.records])
+        columns = {"frequency": frequency, "residual": rms, RESIDUAL_RATIO: self.found.ratios}
+        return Curve("residual", columns, {"frequency": "Hz", "residual": "m", RESIDUAL_RATIO: "1"})
+
+    def _fits(self, information: FitStep) -> Iterator[Fit]:
+        """Yield plant and friction as components; a law whose parameters do not scale gives none."""
+        fit, logs = self.found.fit, self.found.state.shared
+        models, count = fit.free.applied_to(fit.start, logs), len(fit.free.friction)
+        covariance = information.covariances[0][: logs.size, : logs.size]
+        if fit.free.plant:
+            values, units = fit.free.values(fit.start, logs)[count:], fit.free.units(fit.start)[count:]
+            spread = np.outer(values, values) * covariance[count:, count:]
+            yield Fit("plant", models.plant.spec(), fit.free.plant, units, values, spread)
+        stroke = max(float(np.ptp(record.position)) for record in fit.records)
+        friction = scaled_friction(models.friction, fit.free.scales(logs), stroke)
+        if friction is not None:
+            yield _friction_fit(friction, fit.free.friction, covariance[:count, :count])
+
+
+def _friction_fit(friction: FrictionModel, free: Sequence[str], covariance: NDArray[np.float64]) -> Fit:
+    """Return a friction model with the covariance that its scales and free parameters, given in logarithms, cause."""
+    known = list(scaled_parameters(friction))
+    known += [
+        ScaledParameter(name, parameter_value(friction, name), parameter_unit(friction, name), (0, 0))
+        for name in free
+        if name not in SCALES and name not in [each.name for each in known]
+    ]
+    values = np.array([each.value for each in known])
+    by_scale = dict(
+        zip(SCALES, np.array([each.exponents for each in known], dtype=float).reshape(-1, 2).T, strict=True)
+    )
+    columns = [by_scale[name] if name in SCALES else [float(each.name == name) for each in known] for name in free]
+    slopes = values[:, None] * np.array(columns).reshape(len(free), len(known)).T
+    names, units = tuple(each.name for each in known), tuple(each.unit for each in known)
+    return Fit("friction", friction.spec(), names, units, values, slopes @ covariance @ slopes.T)
+
+
+def _weighted_mean(
+    values: Sequence[NDArray[np.complex128]], covariances: Sequence[NDArray[np.float64]]
+) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
+    """Return the mean of complex numbers, shape (lines,) each, weighted by their information, and its covariance."""
+    if len(values) == 1:
+        return values[0], covariances[0]
+    information = np.linalg.inv(np.array(covariances))
+    covariance = np.linalg.inv(information.sum(axis=0))
+    parts = np.stack([np.real(values), np.imag(values)], axis=-1)[..., None]
+    mean = (covariance @ (information @ parts).sum(axis=0))[..., 0]
+    return np.asarray(mean[:, 0] + 1j * mean[:, 1]), covariance
+
+
+def _of_reciprocal(response: NDArray[np.complex128], covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the covariance of P̂ from that of 1/P̂: dP̂ = -P̂² d(1/P̂)."""
+    factor = -(response**2)
+    turn = np.array([[factor.real, -factor.imag], [factor.imag, factor.real]]).transpose(2, 0, 1)
+    return _symmetric(turn @ covariance @ turn.transpose(0, 2, 1))
+
+
+def _symmetric(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a covariance without the asymmetry of its last bits."""
+    return (covariance + covariance.transpose(0, 2, 1)) / 2

@@ -1,0 +1,116 @@
+"""The parameters that all records share: factors on friction's force and deflection, and numbers of the models."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fraexp.api import FrictionModel, ParameterError, Plant, ReplayModel, did_you_mean
+from fraexp_plugins.estimators._shared.parameter_uncertainty import parameter_unit, parameter_value, with_parameter
+
+FORCE_SCALE, DISPLACEMENT_SCALE = "force_scale", "displacement_scale"
+SCALES = (FORCE_SCALE, DISPLACEMENT_SCALE)
+"""Factors on the friction model's force, and on its deflections at the same force."""
+
+
+@dataclass(frozen=True)
+class Models:
+    """Plant and friction of a machine, and the delays around them as a replay takes them."""
+
+    plant: Plant
+    friction: FrictionModel
+    replay: ReplayModel
+
+    @property
+    def contact(self) -> str:
+        """Name of the plant's one contact."""
+        (name,) = self.replay.frictions
+        return name
+
+    def with_plant(self, plant: Plant) -> "Models":
+        """Return the machine with another plant."""
+        return replace(self, plant=plant, replay=replace(self.replay, ports=plant.ports()))
+
+    def with_friction(self, friction: FrictionModel, scales: tuple[float, float]) -> "Models":
+        """Return the machine with another friction model of the same law, and factors on its force and deflection."""
+        changed = replace(self.replay, frictions={self.contact: friction}, scales={self.contact: scales})
+        return replace(self, friction=friction, replay=changed)
+
+
+@dataclass(frozen=True)
+class FreeParameters:
+    """Names of the parameters that are estimated, as factors on their values at the start.
+
+    The fit sees the logarithms of the factors: what is positive stays so, and a step is a relative change.
+    """
+
+    friction: tuple[str, ...]
+    """Scales, and names of the friction model's numbers."""
+    plant: tuple[str, ...] = ()
+    """Names of the plant's numbers."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all, those of friction first."""
+        return (*self.friction, *self.plant)
+
+    def check(self, model: FrictionModel) -> None:
+        """Raise ParameterError for a name that the friction model does not have, or whose value is 0."""
+        for place, name in enumerate(self.friction):
+            if name in self.friction[:place]:
+                raise ParameterError(f"maximum_likelihood.free names '{name}' twice; name each parameter once")
+            if name in SCALES:
+                continue
+            try:
+                value = parameter_value(model, name)
+            except ParameterError as error:
+                text, near = str(error).removeprefix("deviations: "), did_you_mean(name, SCALES)
+                raise ParameterError(f"maximum_likelihood.free: {text}{near}") from None
+            if value == 0:
+                raise ParameterError(
+                    f"maximum_likelihood.free: '{name}' is 0, and a factor on it is estimated: start from another value"
+                )
+
+    def from_scales(self, scales: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the logarithms of all parameters for those of the scales of force and deflection."""
+        given = dict(zip(SCALES, scales, strict=True))
+        return np.array([given.get(name, 0.0) for name in self.names])
+
+    def scales(self, logs: NDArray[np.float64]) -> tuple[float, float]:
+        """Return the factors on friction's force and deflection."""
+        factors = dict(zip(self.names, np.exp(logs), strict=True))
+        return float(factors.get(FORCE_SCALE, 1.0)), float(factors.get(DISPLACEMENT_SCALE, 1.0))
+
+    def values(self, start: Models, logs: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the values of all parameters, shape (p,)."""
+        values = [1.0 if name in SCALES else parameter_value(start.friction, name) for name in self.friction]
+        values += [parameter_value(start.plant, name) for name in self.plant]
+        return np.array(values) * np.exp(logs)
+
+    def units(self, start: Models) -> tuple[str, ...]:
+        """Return the units of all parameters."""
+        units = ["1" if name in SCALES else parameter_unit(start.friction, name) for name in self.friction]
+        return (*units, *(parameter_unit(start.plant, name) for name in self.plant))
+
+    def applied_to(self, start: Models, logs: NDArray[np.float64]) -> Models:
+        """Return the machine with these parameters."""
+        friction, plant = start.friction, start.plant
+        for name, value in zip(self.names, self.values(start, logs), strict=True):
+            if name in self.plant:
+                plant = with_parameter(plant, name, float(value))
+            elif name not in SCALES:
+                friction = with_parameter(friction, name, float(value))
+        changed = start.with_friction(friction, self.scales(logs))
+        return changed.with_plant(plant) if self.plant else changed
+
+
+def plant_parameters(plant: Plant) -> tuple[str, ...]:
+    """Return the names of all numbers of a plant that are not 0."""
+    names: list[str] = []
+    for name in type(plant).model_fields:
+        value = getattr(plant, name)
+        if isinstance(value, tuple):
+            names += [f"{name}.{place}" for place, each in enumerate(value) if each]
+        elif isinstance(value, float) and value:
+            names.append(name)
+    return tuple(names)

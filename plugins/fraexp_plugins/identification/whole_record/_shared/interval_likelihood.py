@@ -1,0 +1,43 @@
+"""The likelihood of rounded and noisy samples: how probable it is that noise takes a position into its interval."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import log_ndtr
+
+MIN_CURVATURE = 1e-6
+"""Least curvature of a sample's loss, in units of 1/σ²: inside its interval it has hardly any."""
+LOG_NORMAL_PEAK = 0.5 * np.log(2 * np.pi)
+
+
+class Loss(NamedTuple):
+    """The negative logarithm of the likelihood of each sample, with its derivatives by the residual."""
+
+    value: NDArray[np.float64]
+    """Shape (n,)."""
+    slope: NDArray[np.float64]
+    """[1/m], shape (n,)."""
+    curvature: NDArray[np.float64]
+    """[1/m²], shape (n,)."""
+
+
+def interval_loss(residual: NDArray[np.float64], resolution: float, std: float) -> Loss:
+    """Return the loss of samples that were rounded to steps of `resolution` [m] after noise of `std` [m].
+
+    `residual` is the rounded sample less the position [m], shape (n,). The likelihood of a sample is
+    Φ((r + q/2)/σ) - Φ((r - q/2)/σ): that of Gaussian noise for q = 0, a box for σ = 0. It is log-concave.
+    """
+    if not resolution:
+        scaled = residual / std
+        return Loss(0.5 * scaled**2, scaled / std, np.full(residual.shape, 1 / std**2))
+    # Both ends on the left tail, where the logarithm of Φ is exact however far out they are.
+    upper = (-np.abs(residual) + resolution / 2) / std
+    lower = (-np.abs(residual) - resolution / 2) / std
+    log_upper = log_ndtr(upper)
+    log_probability = log_upper + np.log1p(-np.exp(np.minimum(log_ndtr(lower) - log_upper, -1e-300)))
+    at_upper = np.exp(-0.5 * upper**2 - LOG_NORMAL_PEAK - log_probability)
+    at_lower = np.exp(-0.5 * lower**2 - LOG_NORMAL_PEAK - log_probability)
+    rise = at_upper - at_lower
+    curvature = rise**2 + upper * at_upper - lower * at_lower
+    return Loss(-log_probability, np.sign(residual) * rise / std, np.maximum(curvature, MIN_CURVATURE) / std**2)

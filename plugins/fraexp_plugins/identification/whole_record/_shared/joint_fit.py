@@ -1,0 +1,177 @@
+"""A linearised fit of several records at once: parameters that all share, and those of each record alone."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fraexp_plugins.identification.whole_record._shared.interval_likelihood import interval_loss
+
+MAX_NEWTON_STEPS, MAX_HALVINGS = 40, 30
+CONVERGED = 1e-9
+"""Decrease that a step promises, relative to the loss, at which it is the last."""
+SUFFICIENT = 1e-4
+"""Share of the promised decrease that a step must bring (Armijo)."""
+
+
+class LinearRecord(NamedTuple):
+    """One record, linearised in its parameters."""
+
+    residual: NDArray[np.float64]
+    """Record less the model's position [m], shape (n,)."""
+    shared: NDArray[np.float64]
+    """Derivatives of the position by the shared parameters, shape (n, p)."""
+    own: NDArray[np.float64]
+    """Derivatives by the record's own ones, shape (n, m)."""
+    resolution: float
+    """Rounding step [m]."""
+    std: float
+    """Standard deviation of its noise [m]."""
+
+
+class Prior(NamedTuple):
+    """What is known of the shared parameters: a normal distribution."""
+
+    mean: NDArray[np.float64]
+    """Shape (p,)."""
+    information: NDArray[np.float64]
+    """Inverse of its covariance, shape (p, p)."""
+
+    def loss(self, values: NDArray[np.float64]) -> float:
+        """Return the negative logarithm of the density, but for a constant."""
+        return 0.5 * float((values - self.mean) @ self.information @ (values - self.mean))
+
+    def relative_to(self, values: NDArray[np.float64]) -> "Prior":
+        """Return the distribution of changes from these values."""
+        return Prior(self.mean - values, self.information)
+
+
+class FitStep(NamedTuple):
+    """Changes of the parameters, and what the linearised records tell of them."""
+
+    shared: NDArray[np.float64]
+    """Change of the shared parameters, shape (p,)."""
+    own: tuple[NDArray[np.float64], ...]
+    """Change of each record's own ones, shape (m,) each."""
+    gain: float
+    """Log-likelihood that the linearised records gain."""
+    covariances: tuple[NDArray[np.float64], ...]
+    """Inverse of the information about shared parameters, then those of one record, shape (p + m, p + m) each."""
+
+
+class _Blocks(NamedTuple):
+    """Gradient and curvature of one record's loss."""
+
+    gradient: NDArray[np.float64]
+    hessian: NDArray[np.float64]
+
+
+def fit_linear(
+    records: Sequence[LinearRecord],
+    shared_radius: NDArray[np.float64],
+    own_radius: Sequence[NDArray[np.float64]],
+    prior: Prior | None = None,
+) -> FitStep:
+    """Return the step that minimises the loss of all records, held around 0 by these radii, and by a prior if any.
+
+    Newton's method on a convex function. The parameters of different records meet in the shared ones alone, so that
+    each record's own ones are eliminated before the shared ones are solved for.
+    """
+    problem = _Problem(records, _combine_priors(shared_radius, prior), own_radius)
+    x, own = np.zeros(shared_radius.size), [np.zeros(radius.size) for radius in own_radius]
+    loss = before = problem.loss(x, own)
+    for _ in range(MAX_NEWTON_STEPS):
+        step, own_steps, slope = problem.newton_step(x, own)
+        if -slope <= CONVERGED * max(abs(loss), 1.0):
+            break
+        length = 1.0
+        for _ in range(MAX_HALVINGS):
+            moved = x + length * step, [a + length * b for a, b in zip(own, own_steps, strict=True)]
+            tried = problem.loss(*moved)
+            if tried <= loss + SUFFICIENT * length * slope:
+                break
+            length /= 2
+        (x, own), loss = moved, tried
+    return FitStep(x, tuple(own), before - loss, problem.covariances(x, own))
+
+
+def _combine_priors(radius: NDArray[np.float64], prior: Prior | None) -> Prior:
+    """Return the prior of the shared parameters that a radius around 0 and another prior give."""
+    held: NDArray[np.float64] = np.diag(radius**-2.0)
+    if prior is None:
+        return Prior(np.zeros(radius.size), held)
+    information = held + prior.information
+    return Prior(_solution(information, prior.information @ prior.mean), information)
+
+
+def _solution(matrix: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(np.linalg.solve(matrix, right), dtype=float)
+
+
+class _Problem(NamedTuple):
+    """Linearised records, and what holds their parameters."""
+
+    records: Sequence[LinearRecord]
+    prior: Prior
+    own_radius: Sequence[NDArray[np.float64]]
+
+    def loss(self, x: NDArray[np.float64], own: Sequence[NDArray[np.float64]]) -> float:
+        total = self.prior.loss(x)
+        for record, values, radius in zip(self.records, own, self.own_radius, strict=True):
+            residual = record.residual - record.shared @ x - record.own @ values
+            total += float(interval_loss(residual, record.resolution, record.std).value.sum())
+            total += 0.5 * float(np.sum((values / radius) ** 2))
+        return total
+
+    def blocks(self, x: NDArray[np.float64], own: Sequence[NDArray[np.float64]]) -> list[_Blocks]:
+        weights = [np.concatenate([np.zeros(x.size), radius**-2.0]) for radius in self.own_radius]
+        return [_blocks(record, x, *each) for record, *each in zip(self.records, own, weights, strict=True)]
+
+    def newton_step(
+        self, x: NDArray[np.float64], own: Sequence[NDArray[np.float64]]
+    ) -> tuple[NDArray[np.float64], list[NDArray[np.float64]], float]:
+        """Return the step of shared and own parameters, and the slope of the loss along it."""
+        p, blocks = x.size, self.blocks(x, own)
+        hessian = self.prior.information
+        gradient: NDArray[np.float64] = self.prior.information @ (x - self.prior.mean)
+        shared_gradient = gradient
+        for block in blocks:
+            mixed = _solution(block.hessian[p:, p:], block.hessian[p:, :p])
+            hessian = hessian + block.hessian[:p, :p] - block.hessian[:p, p:] @ mixed
+            gradient = gradient + block.gradient[:p] - mixed.T @ block.gradient[p:]
+            shared_gradient = shared_gradient + block.gradient[:p]
+        step = -_solution(hessian, gradient) if p else x
+        slope, own_steps = float(shared_gradient @ step), []
+        for block in blocks:
+            right = block.gradient[p:] + block.hessian[p:, :p] @ step
+            own_steps.append(-_solution(block.hessian[p:, p:], right))
+            slope += float(block.gradient[p:] @ own_steps[-1])
+        return step, own_steps, slope
+
+    def covariances(
+        self, x: NDArray[np.float64], own: Sequence[NDArray[np.float64]]
+    ) -> tuple[NDArray[np.float64], ...]:
+        """Return the covariance of shared and own parameters, record by record."""
+        p, blocks = x.size, self.blocks(x, own)
+        mixed = [_solution(block.hessian[p:, p:], block.hessian[p:, :p]) for block in blocks]
+        information = self.prior.information
+        for block, each in zip(blocks, mixed, strict=True):
+            information = information + block.hessian[:p, :p] - block.hessian[:p, p:] @ each
+        shared = np.linalg.inv(information)
+        found = []
+        for block, each in zip(blocks, mixed, strict=True):
+            of_own = np.linalg.inv(block.hessian[p:, p:]) + each @ shared @ each.T
+            found.append(np.block([[shared, -shared @ each.T], [-each @ shared, of_own]]))
+        return tuple(found)
+
+
+def _blocks(
+    record: LinearRecord, x: NDArray[np.float64], own: NDArray[np.float64], weights: NDArray[np.float64]
+) -> _Blocks:
+    residual = record.residual - record.shared @ x - record.own @ own
+    loss = interval_loss(residual, record.resolution, record.std)
+    jacobian = np.hstack([record.shared, record.own])
+    values = np.concatenate([np.zeros(x.size), own])
+    gradient = -(jacobian.T @ loss.slope) + weights * values
+    return _Blocks(gradient, (jacobian.T * loss.curvature) @ jacobian + np.diag(weights))

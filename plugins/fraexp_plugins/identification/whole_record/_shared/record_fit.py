@@ -1,0 +1,284 @@
+"""The fit of a modelled machine to records: Gauss-Newton steps whose trial lengths run side by side."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fraexp_plugins.identification.whole_record._shared.free_parameters import FreeParameters, Models
+from fraexp_plugins.identification.whole_record._shared.interval_likelihood import interval_loss
+from fraexp_plugins.identification.whole_record._shared.joint_fit import FitStep, LinearRecord, Prior, fit_linear
+from fraexp_plugins.identification.whole_record._shared.replayed_record import ReplayedRecord, Trial, positions_of
+
+SHARED_DIFFERENCE = 5e-4
+"""Half width of the central differences by the logarithm of a shared factor."""
+MOTION_DIFFERENCE, MAX_FORCE_DIFFERENCE = 0.3, 0.02
+"""Half width of those by a force: the motion that it causes, in resolutions, and its greatest share of the input."""
+SHARED_RADIUS, FORCE_RADIUS, DRIFT_RADIUS = 0.2, 0.1, 0.2
+"""Largest first step of a shared logarithm, that of a force over the control input, and of a drift over the motion."""
+LENGTHS = np.array([1.0, 0.5, 0.25, 0.1, 0.03])
+"""Lengths of a step that are tried side by side."""
+RADIUS_FACTORS = (2.0, 1.0, 1.0, 0.5, 0.25)
+"""Factor on the radius for each of them."""
+FAILED_FACTOR, MIN_RADIUS = 0.125, 1e-3
+"""Factor on the radius after a step that no length makes better, and the radius that is small enough to end."""
+MAX_STEPS, MAX_SMALL_GAINS = 20, 3
+"""Maximum number of steps, and of those in a row that gain little."""
+MAX_MEDIAN_RATIO = 1.2
+"""Median of the residuals, over what noise and rounding explain, from which the records are far from explained."""
+MIN_STD_RATIO, MIN_RELATIVE_STD = 0.03, 1e-6
+"""Standard deviation of a position over the encoder's step, and over the motion, below which the replay errs itself."""
+MIN_RELATIVE_RESIDUAL = 1e-5
+"""Residual over the motion that the replay's own error may cause."""
+MAX_EXPLAINED_EXCESS = 0.1
+"""Excess of a residual, over what noise and rounding explain, that is scatter."""
+NO_RADIUS = 1e9
+"""Factor on the radius that holds nothing."""
+EXCESS_SHARE = 1.0
+"""Standard deviation that is allowed for, over the excess: far from the solution the likelihood of a box is flat."""
+
+
+@dataclass(frozen=True)
+class State:
+    """Values of all parameters."""
+
+    shared: NDArray[np.float64]
+    """Logarithms of the shared factors, shape (p,)."""
+    own: tuple[NDArray[np.float64], ...]
+    """Own parameters of each record, shape (m,) each."""
+
+
+@dataclass(frozen=True)
+class LinearisedFit:
+    """The records around a state."""
+
+    records: tuple[LinearRecord, ...]
+    inverse: tuple[NDArray[np.complex128], ...]
+    """1/P̂ of each record [N/m], shape (lines,) each."""
+    inverse_slopes: tuple[NDArray[np.complex128], ...]
+    """Its derivatives by shared and own parameters, shape (lines, p + m) each."""
+
+
+@dataclass
+class RecordFit:
+    """Records, the machine that is to explain them, and the parameters that they share."""
+
+    records: Sequence[ReplayedRecord]
+    start: Models
+    free: FreeParameters
+    resolution: float
+    noise: float
+    has_own_forces: bool = True
+    """Whether the response of each record is its own; otherwise it is the plant's."""
+    prior: Prior | None = None
+    """What is known of the shared parameters."""
+
+    def converge(self, state: State, min_gain: float, max_steps: int = MAX_STEPS) -> tuple[State, LinearisedFit]:
+        """Return the state of greatest likelihood that steps from this one lead to, and the records around it.
+
+        It ends before a step that promises less than `min_gain` of the log-likelihood, unless the records are still far
+        from explained, where a shorter step may lead on a few times.
+        """
+        radius, small = 1.0, 0
+        state = self._with_drifts(state)
+        for _ in range(max_steps):
+            linear = self.linearise(state)
+            moved, gain, factor = self._improve(state, linear, radius, min_gain)
+            radius *= factor
+            small = small + 1 if gain < min_gain else 0
+            if radius < MIN_RADIUS or small > MAX_SMALL_GAINS or (small and self._is_explained(linear)):
+                return state, linear
+            state = moved
+        return state, self.linearise(state)
+
+    def _is_explained(self, linear: LinearisedFit) -> bool:
+        return bool(np.median(self.residual_ratios(linear)) < MAX_MEDIAN_RATIO)
+
+    def with_needed_drifts(self, state: State) -> "RecordFit":
+        """Return the fit in which the records have a drift that show one."""
+        model = self.free.applied_to(self.start, state.shared).replay
+        positions = positions_of(
+            [Trial(record, model, own) for record, own in zip(self.records, state.own, strict=True)]
+        )
+        records = [record.with_needed_drift(y) for record, y in zip(self.records, positions, strict=True)]
+        return replace(self, records=records)
+
+    def with_more_steps(self, factor: int) -> "RecordFit":
+        """Return the fit whose replay takes more steps by a factor."""
+        model = self.start.replay
+        return replace(self, start=replace(self.start, replay=replace(model, refinement=factor * model.refinement)))
+
+    def inverse_covariances(self, linear: LinearisedFit) -> list[NDArray[np.float64]]:
+        """Return the covariance of (real, imaginary) part of 1/P̂ of each record [N²/m²], shape (lines, 2, 2)."""
+        found = []
+        for slopes, covariance in zip(linear.inverse_slopes, self.information(linear).covariances, strict=True):
+            parts = np.stack([slopes.real, slopes.imag], axis=1)
+            found.append(parts @ covariance @ parts.transpose(0, 2, 1))
+        return found
+
+    def _with_drifts(self, state: State) -> State:
+        """Return the state with the drifts that least squares give."""
+        (residuals,) = self.residuals([state])
+        own = []
+        for record, values, residual in zip(self.records, state.own, residuals, strict=True):
+            drift, *_ = np.linalg.lstsq(record.drifts[:, record.settled_samples].T, np.nan_to_num(residual), rcond=None)
+            own.append(values + np.concatenate([np.zeros(record.forces), drift]))
+        return State(state.shared, tuple(own))
+
+    def _improve(
+        self, state: State, linear: LinearisedFit, radius: float, min_gain: float
+    ) -> tuple[State, float, float]:
+        """Return a better state if a step leads to one, the gain, and a factor on the radius."""
+        shared, own = self._radii(radius)
+        step = fit_linear(linear.records, shared, own, self._prior_around(state))
+        if step.gain < min_gain and self._is_explained(linear):
+            return state, 0.0, 1.0
+        relative = [
+            np.abs(a / b).max(initial=0.0) for a, b in zip((step.shared, *step.own), (shared, *own), strict=True)
+        ]
+        states = [self._state_along(state, step, length) for length in LENGTHS / max(*relative, 1.0)]
+        before = self._loss([record.residual for record in linear.records], linear, state)
+        losses = [self._loss(found, linear, each) for found, each in zip(self.residuals(states), states, strict=True)]
+        best = int(np.argmin(losses))
+        gain = before - losses[best]
+        return (states[best], gain, RADIUS_FACTORS[best]) if gain > 0 else (state, 0.0, FAILED_FACTOR)
+
+    def _state_along(self, state: State, step: FitStep, length: float) -> State:
+        columns = [self._columns(record) for record in self.records]
+        own = tuple(a + length * c.T @ b for a, c, b in zip(state.own, columns, step.own, strict=True))
+        return State(state.shared + length * step.shared, own)
+
+    def _loss(self, residuals: Sequence[NDArray[np.float64]], linear: LinearisedFit, state: State) -> float:
+        total = 0.0 if self.prior is None else self.prior.loss(state.shared)
+        for residual, record in zip(residuals, linear.records, strict=True):
+            total += float(interval_loss(residual, record.resolution, record.std).value.sum())
+        return total if np.isfinite(total) else np.inf
+
+    def _prior_around(self, state: State) -> Prior | None:
+        return None if self.prior is None else self.prior.relative_to(state.shared)
+
+    def _radii(self, radius: float) -> tuple[NDArray[np.float64], list[NDArray[np.float64]]]:
+        own = []
+        for record in self.records:
+            force = np.full(record.forces, FORCE_RADIUS * np.abs(record.control).max())
+            drift = np.full(len(record.drifts), DRIFT_RADIUS * np.ptp(record.position))
+            own.append(radius * self._columns(record) @ np.concatenate([force, drift]))
+        return np.full(len(self.free.names), SHARED_RADIUS * radius), own
+
+    def _columns(self, record: ReplayedRecord) -> NDArray[np.float64]:
+        """Return the rows of the unit matrix that belong to a record's free parameters, shape (free, m)."""
+        every = np.eye(record.count)
+        return every if self.has_own_forces else every[record.forces :]
+
+    def _own_forces(self, record: ReplayedRecord) -> int:
+        return record.forces if self.has_own_forces else 0
+
+    def residuals(self, states: Sequence[State]) -> list[list[NDArray[np.float64]]]:
+        """Return record less position [m] of each record, for each state."""
+        models = [self.free.applied_to(self.start, state.shared) for state in states]
+        trials = [
+            Trial(record, model.replay, own)
+            for state, model in zip(states, models, strict=True)
+            for record, own in zip(self.records, state.own, strict=True)
+        ]
+        positions = iter(positions_of(trials))
+        return [
+            [record.residual(own, next(positions)) for record, own in zip(self.records, state.own, strict=True)]
+            for state in states
+        ]
+
+    def linearise(self, state: State) -> LinearisedFit:
+        """Return all records linearised by central differences, run side by side."""
+        steps = SHARED_DIFFERENCE * np.eye(state.shared.size)
+        places = [state.shared, *(place for step in steps for place in (state.shared + step, state.shared - step))]
+        models = [self.free.applied_to(self.start, place) for place in places]
+        sides = [self._sides(record, models, own) for record, own in zip(self.records, state.own, strict=True)]
+        positions = iter(positions_of([trial for each in sides for trial in each.trials]))
+        parts = [
+            self._linear_record(record, each, np.array([next(positions) for _ in each.trials]))
+            for record, each in zip(self.records, sides, strict=True)
+        ]
+        return LinearisedFit(*(tuple(part) for part in zip(*parts, strict=True)))
+
+    def _sides(self, record: ReplayedRecord, models: Sequence[Models], own: NDArray[np.float64]) -> "_Sides":
+        """Return the trials around a state: the centre, then both sides of each parameter but the drift."""
+        width = self._force_difference(record)
+        trials = [(model, own) for model in models]
+        for row in np.eye(record.count)[: self._own_forces(record)]:
+            trials += [(models[0], own + width * row), (models[0], own - width * row)]
+        widths = [SHARED_DIFFERENCE] * len(self.free.names) + [width] * self._own_forces(record)
+        return _Sides(trials, record, np.array(widths))
+
+    def _linear_record(
+        self, record: ReplayedRecord, sides: "_Sides", positions: NDArray[np.float64]
+    ) -> tuple[LinearRecord, NDArray[np.complex128], NDArray[np.complex128]]:
+        count = len(self.free.names)
+        residual = record.residual(sides.models[0][1], positions[0])
+        inverse = np.array(
+            [
+                record.inverse_response(model.plant, own, position)
+                for (model, own), position in zip(sides.models, positions, strict=True)
+            ]
+        )
+        derivatives = np.hstack([sides.derivatives(positions).T, record.drifts.T])[record.settled_samples]
+        slopes = np.hstack([sides.derivatives(inverse).T, np.zeros((inverse.shape[1], len(record.drifts)))])
+        std = self._std(record, residual)
+        linear = LinearRecord(residual, derivatives[:, :count], derivatives[:, count:], self.resolution, std)
+        return linear, inverse[0], slopes
+
+    def _force_difference(self, record: ReplayedRecord) -> float:
+        amplitude, control = float(np.abs(record.measured).max()), float(np.abs(record.control).max())
+        motion = MOTION_DIFFERENCE * max(self.resolution, self.noise, 1e-4 * amplitude)
+        return min(motion / amplitude, MAX_FORCE_DIFFERENCE) * control
+
+    def _std(self, record: ReplayedRecord, residual: NDArray[np.float64]) -> float:
+        """Return the standard deviation that the likelihood of a record assumes [m]."""
+        least = max(MIN_STD_RATIO * self.resolution, MIN_RELATIVE_STD * float(np.abs(record.measured).max()))
+        explained = self.resolution**2 / 12 + self.noise**2
+        excess = max(float(np.mean(residual**2)) - explained, 0.0)
+        if np.sqrt(excess) < MAX_EXPLAINED_EXCESS * np.sqrt(explained):
+            excess = 0.0
+        return float(np.sqrt(least**2 + self.noise**2 + EXCESS_SHARE**2 * excess))
+
+    @property
+    def freedom(self) -> NDArray[np.float64]:
+        """Degrees of freedom that each record leaves, shape (records,)."""
+        return np.array(
+            [max(r.position[r.settled_samples].size - len(self._columns(r)), 1) for r in self.records], dtype=float
+        )
+
+    def residual_ratios(self, linear: LinearisedFit) -> NDArray[np.float64]:
+        """Return the residual of each record over what noise, rounding and its own change explain, shape (records,)."""
+        squares = np.array([float(np.sum(each.residual**2)) for each in linear.records])
+        least = np.array([MIN_RELATIVE_RESIDUAL * float(np.abs(each.measured).max()) for each in self.records])
+        changes = np.array([each.change for each in self.records])
+        explained = np.maximum(self.resolution**2 / 12 + self.noise**2, changes**2 / 2) + least**2
+        return np.asarray(np.sqrt(squares / (self.freedom * explained)))
+
+    def newton_step(self, records: Sequence[LinearRecord], prior_mean: NDArray[np.float64]) -> FitStep:
+        """Return the step to the greatest likelihood of linearised records, for a mean of the prior off the state."""
+        shared, own = self._radii(NO_RADIUS)
+        prior = None if self.prior is None else Prior(prior_mean, self.prior.information)
+        return fit_linear(records, shared, own, prior)
+
+    def information(self, linear: LinearisedFit) -> FitStep:
+        """Return the covariances of the parameters, as likelihood and prior give them."""
+        return self.newton_step(linear.records, np.zeros(len(self.free.names)))
+
+
+@dataclass(frozen=True)
+class _Sides:
+    """Trials on both sides of each parameter of a record, after that at the centre."""
+
+    models: Sequence[tuple[Models, NDArray[np.float64]]]
+    record: ReplayedRecord
+    widths: NDArray[np.float64]
+
+    @property
+    def trials(self) -> list[Trial]:
+        return [Trial(self.record, model.replay, own) for model, own in self.models]
+
+    def derivatives(self, values: NDArray[np.inexact]) -> NDArray[np.inexact]:
+        """Return central differences of what the trials gave, shape (parameters, ...)."""
+        return (values[1::2] - values[2::2]) / (2 * self.widths[:, None])

@@ -1,0 +1,168 @@
+"""One record, and the positions of a modelled machine along it: what its own parameters are, and how they act."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fraexp.api import Plant, Replay, ReplayModel, Segment, replay
+
+DRIFT_STDS = 4.0
+"""Standard deviations of scatter, from which a drift is none."""
+SETTLING_PART = 8
+"""Part of a record that is left out, if it has as many cycles."""
+MAX_SLOW_TERMS = 8
+"""Terms slower than the period that a drift has at most."""
+
+
+@dataclass(frozen=True)
+class ReplayedRecord:
+    """A segment whose periods count as one motion.
+
+    Its own parameters are those of forces and of drift. The forces: real and negative imaginary part of a force [N]
+    that is added to the control input at each excited line; by it the response at that line becomes any complex number.
+    The drift [m] is added to the position: an offset, a ramp, and, of several periods, terms slower than the period. A
+    replay is periodic, and what the axis does besides, as it wanders with noise or slides off, is small and slow.
+    """
+
+    segment: Segment
+    input: str
+    output: str
+    path: NDArray[np.complex128]
+    """G_di G_do with the hold at the excited lines, shape (lines,)."""
+    has_drift: bool = True
+    """Whether the position may drift; otherwise it has an offset only."""
+    trend: NDArray[np.float64] | float = 0.0
+    """Estimate of the drift [m], shape (n,), that a replay does not follow: a leap at its end would shake the model."""
+
+    @property
+    def frequency(self) -> NDArray[np.float64]:
+        """Excited lines [Hz], shape (lines,)."""
+        return self.segment.frequency
+
+    @cached_property
+    def position(self) -> NDArray[np.float64]:
+        """Recorded position of all periods [m], shape (n,)."""
+        return self.segment.channels[self.output].ravel()
+
+    @cached_property
+    def waves(self) -> NDArray[np.float64]:
+        """Cosine and sine of each excited line, shape (2 lines, n)."""
+        periods, size = len(self.segment.channels[self.output]), self.position.size
+        turns = np.outer(self.segment.lines * periods, np.arange(size)) / size
+        return np.concatenate([np.cos(2 * np.pi * turns), np.sin(2 * np.pi * turns)])
+
+    @cached_property
+    def change(self) -> float:
+        """Root mean square of the difference of successive periods [m]; 0 if it is unknown.
+
+        Feedback of a rounded position, noise and slow creep keep a motion from repeating itself exactly.
+        """
+        periods = self.segment.channels[self.output]
+        if len(periods) > 1:
+            return float(np.sqrt(np.mean(np.diff(periods, axis=0) ** 2)))
+        settling = self.segment.settling
+        return float(np.nan_to_num(settling.residual) * self.position.std()) if settling else 0.0
+
+    @property
+    def settled_samples(self) -> slice:
+        """Samples in which a replay has settled.
+
+        It leaps where the record ends and begins again; of many cycles the first are left out, which show that.
+        """
+        cycles = int(self.segment.lines[0]) * len(self.segment.channels[self.output])
+        return slice(self.position.size // SETTLING_PART if cycles >= SETTLING_PART else 0, None)
+
+    @cached_property
+    def drifts(self) -> NDArray[np.float64]:
+        """Offset, ramp and slow terms of the drift, shape (d, n)."""
+        periods, size = len(self.segment.channels[self.output]), self.position.size
+        if not self.has_drift:
+            return np.ones((1, size))
+        time = (np.arange(size) + 0.5) / size
+        turns = 2 * np.pi * np.outer(np.arange(1, min(periods, MAX_SLOW_TERMS + 1)), time)
+        return np.concatenate([np.ones((1, size)), (time - 0.5)[None, :], np.cos(turns), np.sin(turns)])
+
+    @property
+    def forces(self) -> int:
+        """Number of its own parameters that are forces; they come first."""
+        return 2 * self.segment.lines.size
+
+    @property
+    def count(self) -> int:
+        """Number of its own parameters."""
+        return self.forces + len(self.drifts)
+
+    def phasors(self, positions: NDArray[np.float64]) -> NDArray[np.complex128]:
+        """Return the phasors at the excited lines, shape (..., lines), of positions, shape (..., n)."""
+        sums = positions @ self.waves.T * (2 / self.position.size)
+        cosine, sine = np.split(sums, 2, axis=-1)
+        return np.asarray(cosine - 1j * sine)
+
+    @cached_property
+    def measured(self) -> NDArray[np.complex128]:
+        """Phasors of the recorded position [m], shape (lines,)."""
+        return self.phasors(self.position)
+
+    @cached_property
+    def control(self) -> NDArray[np.complex128]:
+        """Phasors of the control input [N], shape (lines,)."""
+        return self.phasors(self.segment.channels[self.input].ravel())
+
+    def parameters_for(self, effective: NDArray[np.complex128], plant: Plant) -> NDArray[np.float64]:
+        """Return its parameters for an effective input û_e [N] at the lines, shape (lines,)."""
+        force = (self.measured / self.response(plant) - effective) / self.path
+        return np.concatenate([force.real, -force.imag, np.zeros(len(self.drifts))])
+
+    def response(self, plant: Plant) -> NDArray[np.complex128]:
+        """Return P(jω) of a plant at the lines [m/N], shape (lines,)."""
+        return plant.response(2 * np.pi * self.frequency)
+
+    def inverse_response(
+        self, plant: Plant, parameters: NDArray[np.float64], position: NDArray[np.float64]
+    ) -> NDArray[np.complex128]:
+        """Return 1/P̂ [N/m] at the lines, shape (lines,), of parameters, shape (m,), and the periodic position, (n,)."""
+        cosine, sine = np.split(parameters[: self.forces], 2)
+        return 1 / self.response(plant) - (cosine - 1j * sine) * self.path / self.phasors(position)
+
+    def residual(self, parameters: NDArray[np.float64], position: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the record less a periodic position and the drift [m], where the replay has settled."""
+        return (self.position - position - self.drift(parameters))[self.settled_samples]
+
+    def drift(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the drift [m], shape (n,)."""
+        return parameters[self.forces :] @ self.drifts
+
+    def with_needed_drift(self, position: NDArray[np.float64]) -> "ReplayedRecord":
+        """Return the record with its trend; without a drift if a replayed position leaves but scatter of one."""
+        residual = (self.position - position)[self.settled_samples]
+        columns = self.drifts[:, self.settled_samples].T
+        coefficients, *_ = np.linalg.lstsq(columns, residual, rcond=None)
+        terms = columns.shape[1] - 1
+        allowed = 1 + (terms + DRIFT_STDS * np.sqrt(2 * terms)) / residual.size
+        is_scatter = np.var(residual) <= allowed * np.var(residual - columns @ coefficients)
+        if is_scatter:
+            return replace(self, has_drift=False)
+        return replace(self, trend=coefficients[1:] @ self.drifts[1:])
+
+    def replay(self, model: ReplayModel, parameters: NDArray[np.float64]) -> Replay:
+        """Return the run of a model along the record, with the record's own parameters."""
+        control = self.segment.channels[self.input].ravel() + parameters[: self.forces] @ self.waves
+        return Replay(model, control, self.position - self.trend, float(self.frequency.min()))
+
+
+class Trial(NamedTuple):
+    """A model along a record."""
+
+    record: ReplayedRecord
+    model: ReplayModel
+    parameters: NDArray[np.float64]
+    """The record's own parameters, shape (m,)."""
+
+
+def positions_of(trials: Sequence[Trial]) -> list[NDArray[np.float64]]:
+    """Return the periodic position of each trial, without its drift [m], shape (n,) each."""
+    return replay([trial.record.replay(trial.model, trial.parameters) for trial in trials])

@@ -1,0 +1,234 @@
+"""The fit of plant and friction to all records of an experiment, in stages that begin where friction is weak."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fraexp.api import Plant, ReplayModel, Segment, Signals
+from fraexp_plugins.estimators._shared.parameter_uncertainty import parameter_value, with_parameter
+from fraexp_plugins.estimators.effective_input import EffectiveInput
+from fraexp_plugins.identification.whole_record._shared.free_parameters import (
+    SCALES,
+    FreeParameters,
+    Models,
+    plant_parameters,
+)
+from fraexp_plugins.identification.whole_record._shared.joint_fit import Prior
+from fraexp_plugins.identification.whole_record._shared.observed_start import ObservedStart, spread_places, union_of
+from fraexp_plugins.identification.whole_record._shared.record_fit import MAX_STEPS, LinearisedFit, RecordFit, State
+from fraexp_plugins.identification.whole_record._shared.replay_error import ReplayError, replay_error
+from fraexp_plugins.identification.whole_record._shared.replayed_record import ReplayedRecord
+from fraexp_plugins.identification.whole_record._shared.scale_search import ScaleSearch
+
+FIRST_RECORDS, SECOND_RECORDS = 8, 12
+"""Records of the first stage, and those that the second one adds, spread over the frequencies."""
+STAGE_GAIN, LAST_GAIN = 5.0, 0.5
+"""Gain of the log-likelihood with which a stage ends, and the last ones."""
+HOPELESS_RATIO, HOPELESS_STEPS = 10.0, 2
+"""Residual over what noise and rounding explain, from which a start is given up, and the steps taken after it."""
+MAX_PLANT_RATIO, MODES = 2.0, (1, 2, 3)
+"""The same from which the plant may lack a mode, and the numbers of modes that are tried then."""
+WRONG_LAW_RATIO = 100.0
+"""The same from which no mode helps."""
+MAX_START_RATIO, MAX_MEAN_RATIO = 1.3, 1.05
+"""Geometric mean of the same up to which no other start is tried, and up to which the model repeats the records."""
+MAX_REFINEMENTS, REFINEMENT = 2, 3
+"""How often the replay's steps are refined if they matter, and by which factor."""
+REPLAY_TOLERANCE_RATIO = 0.1
+"""Tolerance of the replay over that of y'/u: û_e may be a small part of the input."""
+
+
+class Fitted(NamedTuple):
+    """A fit, the state of greatest likelihood, and the records around it."""
+
+    fit: RecordFit
+    state: State
+    linear: LinearisedFit
+    error: ReplayError | None = None
+    """How far the replay's steps falsify it."""
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether the replay's steps falsify most responses by less than samples leave open."""
+        assert self.error is not None
+        covariances = np.concatenate(self.fit.inverse_covariances(self.linear))
+        std = np.sqrt(covariances[:, 0, 0] + covariances[:, 1, 1]) / np.abs(np.concatenate(self.linear.inverse))
+        return float(np.median(np.concatenate(self.error.inverse) / std)) < 1
+
+    @property
+    def ratios(self) -> NDArray[np.float64]:
+        """Residual of each record over what noise and rounding explain of it, shape (records,)."""
+        return self.fit.residual_ratios(self.linear)
+
+    @property
+    def mean_ratio(self) -> float:
+        """Geometric mean of the ratios: a few records with a leap do not decide."""
+        return float(np.exp(np.mean(np.log(self.ratios))))
+
+
+def _weak_friction(observed: ObservedStart, count: int) -> list[int]:
+    return sorted(observed.places_by_friction()[:FIRST_RECORDS])
+
+
+def _spread(observed: ObservedStart, count: int) -> list[int]:
+    return union_of(_weak_friction(observed, count), spread_places(count, SECOND_RECORDS))
+
+
+class _Stage(NamedTuple):
+    """A fit to some of the records, before that to all."""
+
+    places: Callable[[ObservedStart, int], list[int]]
+    """The records, by what the observer finds and how many there are."""
+    friction_error: float
+    """By how much friction may then be wrong, relatively."""
+
+
+STAGES = (_Stage(_weak_friction, 0.05), _Stage(_spread, 0.01))
+
+
+@dataclass(frozen=True)
+class StagedFit:
+    """What is to be fitted.
+
+    The response of each record is first that of the plant, whose numbers are estimated with those of friction: where
+    friction is weak, then at some other frequencies, then at all. At last each record has a response of its own.
+    """
+
+    signals: Signals
+    observer: EffectiveInput
+    """The friction model at the start, the delays and the encoder."""
+    free: FreeParameters
+    nominal_plant: Plant | None
+    modes: int | None
+
+    def run(self) -> tuple[Fitted, int]:
+        """Return the fit with a response for each record, and from how many starts it was tried."""
+        found: list[Fitted] = []
+        for start in self._starts():
+            found.append(self._first_fits(start))
+            if found[-1].mean_ratio < MAX_START_RATIO:
+                break
+        best = min(found, key=lambda each: each.mean_ratio)
+        every = replace(best.fit, records=self._records(range(len(self.signals.segments))))
+        every = every.with_needed_drifts(State(best.state.shared, tuple(np.zeros(r.count) for r in every.records)))
+        whole = self._whole(every, best)
+        for _ in range(MAX_REFINEMENTS):
+            if whole.is_exact or whole.mean_ratio > MAX_PLANT_RATIO:
+                break
+            every = every.with_more_steps(REFINEMENT)
+            whole = self._whole(every, whole)
+        return whole, len(found)
+
+    def _whole(self, fit: RecordFit, before: Fitted) -> Fitted:
+        """Return the fit of all records with a response for each, from that of some."""
+        steps = MAX_STEPS if before.mean_ratio < HOPELESS_RATIO else HOPELESS_STEPS
+        whole = _with_own_responses(self._converged(fit, before.state.shared, LAST_GAIN, steps), steps)
+        if whole.mean_ratio < MAX_PLANT_RATIO:
+            return whole
+        logs = before.state.shared[: len(self.free.names)]
+        effective = ObservedStart.of(self._observer(logs), self.signals).effective
+        alone = _without_plant(replace(fit, free=self.free), logs, effective, steps)
+        if alone.mean_ratio > whole.mean_ratio:
+            return whole
+        return alone._replace(error=replay_error(*alone[:3]))
+
+    def _starts(self) -> list[NDArray[np.float64]]:
+        """Return the logarithms of the free parameters at which a fit may begin, the most plausible first."""
+        if not set(SCALES) & set(self.free.friction):
+            return [np.zeros(len(self.free.names))]
+        search = ScaleSearch(self.signals.segments, self._observer(np.zeros(len(self.free.names))), self.free.friction)
+        return [self.free.from_scales(scales) for scales in search.starts()]
+
+    def _first_fits(self, start: NDArray[np.float64]) -> Fitted:
+        """Return the fit of some records, from a start."""
+        logs = start
+        for stage in STAGES:
+            found = self._stage_fit(stage, logs)
+            logs = found.state.shared[: logs.size]
+            if found.mean_ratio > HOPELESS_RATIO:
+                break
+        return found
+
+    def _stage_fit(self, stage: "_Stage", logs: NDArray[np.float64]) -> Fitted:
+        """Return the fit of a stage's records with the plant of fewest modes that explains them, or without one."""
+        observer, count = self._observer(logs), len(self.signals.segments)
+        observed = ObservedStart.of(observer, self.signals)
+        places = stage.places(observed, count)
+        tried: list[Fitted] = []
+        for modes in (None, *MODES) if self.modes is None and self.nominal_plant is None else (self.modes,):
+            plant = self.nominal_plant or observed.plant(self.signals, observer, modes, stage.friction_error)
+            if any(plant == each.fit.start.plant for each in tried):
+                continue
+            fit = self._fit(plant, self._records(places))
+            tried.append(self._converged(fit, logs, STAGE_GAIN))
+            if not MAX_PLANT_RATIO < tried[-1].mean_ratio < WRONG_LAW_RATIO:
+                return tried[-1]
+        tried.append(_without_plant(fit, logs, [observed.effective[place] for place in places]))
+        return min(tried, key=lambda each: each.mean_ratio)
+
+    def _converged(
+        self, fit: RecordFit, shared: NDArray[np.float64], gain: float, max_steps: int = MAX_STEPS
+    ) -> Fitted:
+        """Return the fit in which every response is that of the plant."""
+        parameters = () if self.nominal_plant is not None else plant_parameters(fit.start.plant)
+        joint = replace(fit, free=FreeParameters(self.free.friction, parameters), has_own_forces=False)
+        missing = len(joint.free.names) - shared.size
+        own = tuple(np.zeros(record.count) for record in fit.records)
+        return Fitted(joint, *joint.converge(State(np.append(shared, np.zeros(missing)), own), gain, max_steps))
+
+    def _observer(self, logs: NDArray[np.float64]) -> EffectiveInput:
+        """Return the observer with these parameters of friction."""
+        force, displacement = self.free.scales(logs)
+        friction = self.observer.friction
+        for name, factor in zip(self.free.friction, np.exp(logs), strict=False):
+            if name not in SCALES:
+                friction = with_parameter(friction, name, parameter_value(friction, name) * float(factor))
+        changed = {"friction": friction, "force_scale": force, "displacement_scale": displacement}
+        return self.observer.model_copy(update=changed).resolve_oversampling(self.signals.segments)
+
+    def _fit(self, plant: Plant, records: Sequence[ReplayedRecord]) -> RecordFit:
+        observer, ports = self.observer, plant.ports()
+        (contact,) = ports.contacts
+        model = ReplayModel(
+            ports,
+            {contact: observer.friction},
+            records[0].segment.sample_time,
+            (observer.input_dead_time, observer.input_time_constants),
+            (observer.output_dead_time, observer.output_time_constants),
+            REPLAY_TOLERANCE_RATIO * observer.interpolation_tolerance,
+        )
+        start = Models(plant, observer.friction, model)
+        return RecordFit(records, start, self.free, observer.resolution, observer.noise)
+
+    def _records(self, places: Sequence[int]) -> list[ReplayedRecord]:
+        return [self._record(self.signals.segments[place]) for place in places]
+
+    def _record(self, segment: Segment) -> ReplayedRecord:
+        omega = 2 * np.pi * segment.frequency
+        path = self.observer.input_path(omega, segment.sample_time) * self.observer.output_path(omega)
+        return ReplayedRecord(segment, self.observer.input, self.observer.output, path)
+
+
+def _without_plant(
+    fit: RecordFit, shared: NDArray[np.float64], effective: Sequence[NDArray[np.complex128]], max_steps: int = MAX_STEPS
+) -> Fitted:
+    """Return the fit in which each record has its own response, at first the observer's: the plant may lack a mode."""
+    own = tuple(
+        record.parameters_for(each, fit.start.plant) for record, each in zip(fit.records, effective, strict=True)
+    )
+    return Fitted(fit, *fit.converge(State(shared, own), LAST_GAIN, max_steps))
+
+
+def _with_own_responses(found: Fitted, max_steps: int = MAX_STEPS) -> Fitted:
+    """Return the fit in which each record has a response of its own; the others tell what all share."""
+    covariance = found.fit.information(found.linear).covariances[0]
+    count = found.state.shared.size
+    information = np.asarray(np.linalg.inv(covariance[:count, :count]), dtype=float)
+    known = Prior(found.state.shared, information) if count else None
+    own = replace(found.fit, has_own_forces=True, prior=known)
+    state, linear = own.converge(found.state, LAST_GAIN, max_steps)
+    error_of_shared = replay_error(*found[:3]).shared
+    return Fitted(own, state, linear, replay_error(own, state, linear, error_of_shared))

@@ -1,0 +1,152 @@
+"""Plant and friction parameters of greatest likelihood: every sample of the records, through a simulated machine."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fraexp.api import (
+    FrictionModel,
+    ParameterError,
+    Plant,
+    RecordError,
+    Result,
+    Signals,
+    param,
+)
+from fraexp_plugins.estimators._shared.delayed_estimator import DelayedEstimator
+from fraexp_plugins.estimators.effective_input import EffectiveInput
+from fraexp_plugins.identification._shared.usable_signals import usable_signals
+from fraexp_plugins.identification.whole_record._shared.fit_report import FitReport
+from fraexp_plugins.identification.whole_record._shared.free_parameters import SCALES, FreeParameters
+from fraexp_plugins.identification.whole_record._shared.staged_fit import MAX_START_RATIO, Fitted, StagedFit
+
+MAX_LINES = 64
+"""Maximum number of excited lines of a segment, each of which takes two parameters of its own."""
+MAX_PARAMETER_STD = 0.5
+"""Relative standard deviation from which records do not tell a parameter."""
+
+
+class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=1):
+    """P̂ of greatest likelihood: a simulated machine that repeats all samples of the records, friction included.
+
+    The observer of `effective_input` drives its friction model by measured positions, and takes the small difference of
+    two forces. Here the machine itself is simulated along the recorded control input, and plant and friction are those
+    with which it most probably gives the samples that were recorded. A sample tells an interval, that of the encoder's
+    resolution, widened by its noise: the likelihood is Φ((r + q/2)/σ) - Φ((r - q/2)/σ) for the residual r, step q and
+    standard deviation σ (F. Gustafsson and R. Karlsson, Automatica 45(12), 2009). Rounding costs hardly anything then,
+    and the parameters of friction come out as well.
+
+    `free` names what is estimated of friction: by default one factor on its force and one on its deflections, for
+    which the model may be wrong by a factor of three at the start. They belong to all records; the more records of
+    different frequencies and amplitudes there are, the better they are known. The response of each record is its own.
+    At harmonics of the excitation, which friction causes, the plant acts as well: as `nominal_plant`, or as the modal
+    plant that is fitted to all records together.
+
+    The band is that of the information in the likelihood, with the parameters' part. The metrics are the parameters
+    with their 95 % intervals, and the geometric mean of the residuals over what noise and rounding explain, which is 1
+    where the model is right. Where it is not, the outcome is not ok, and the message says so: another friction law,
+    wrong dead times, unknown noise. A parameter that the records do not tell is held, and named. Plant and friction
+    are results as components too, where the parameters of the law can express the scales.
+
+    It needs the steady state of stepped sines or multisines of up to 64 lines, from one contact. Where friction holds
+    the machine nearly still at all frequencies there is nothing to see, by this method neither. Simulation takes time:
+    about 0.1 s for each frequency.
+    """
+
+    friction: FrictionModel = param("", "friction model at the start", inherit="friction")
+    free: tuple[str, ...] = param(
+        "",
+        "parameters of friction that are estimated: force_scale, displacement_scale, or names of the model's numbers",
+        SCALES,
+    )
+    nominal_plant: Plant | None = param("", "plant at the harmonics; fitted to the response if it is not given", None)
+    modes: int | None = param("1", "modes of the fitted plant; chosen if not given", None, at_least=0, at_most=12)
+    resolution: float = param("m", "quantisation step of the encoder", 0.0, at_least=0, inherit="loop.resolution")
+    noise: float | None = param(
+        "m",
+        "standard deviation of the encoder's noise; from the scatter of the periods if it is not given",
+        None,
+        at_least=0,
+        inherit="loop.noise",
+    )
+    interpolation_tolerance: float = param(
+        "1", "relative error of y'/u that is tolerated", 1e-4, at_least=1e-5, at_most=0.1, inherit="numerics.tolerance"
+    )
+
+    def model_post_init(self, context: object) -> None:
+        """Check the names of the free parameters, and that the plant has one contact."""
+        FreeParameters(self.free).check(self.friction)
+        contacts = [] if self.nominal_plant is None else list(self.nominal_plant.ports().contacts)
+        if len(contacts) > 1:
+            raise ParameterError(
+                f"maximum_likelihood.nominal_plant has friction at {len(contacts)} contacts ({', '.join(contacts)}); "
+                "expected one: use multi_contact_effective_input"
+            )
+
+    def estimate(self, signals: Signals) -> Result:
+        """Return P̂ with its band, the friction parameters, and how well the model repeats the records."""
+        signals.unit(self.input), signals.unit(self.output)
+        if not signals.segments:
+            return Result(signals.outcome, signals.message)
+        used = usable_signals(signals, self.output, self.name)
+        _check_segments(used)
+        noise = _scatter(used, self.output, self.resolution) if self.noise is None else self.noise
+        found, starts = self._staged_fit(used, noise, self.free).run()
+        held = _untold(found)
+        if held:
+            free = tuple(name for name in self.free if name not in held)
+            found, starts = self._staged_fit(used, noise, free).run()
+        return FitReport(used, found, starts, held).result()
+
+    def _staged_fit(self, signals: Signals, noise: float, free: tuple[str, ...]) -> StagedFit:
+        shared = {name: getattr(self, name) for name in DelayedEstimator.model_fields}
+        observer = EffectiveInput(
+            friction=self.friction,
+            resolution=self.resolution,
+            noise=noise,
+            interpolation_tolerance=self.interpolation_tolerance,
+            **shared,
+        )
+        return StagedFit(signals, observer, FreeParameters(free), self.nominal_plant, self.modes)
+
+
+def _check_segments(signals: Signals) -> None:
+    """Raise RecordError for segments that a replay cannot follow."""
+    if not all(segment.periodic for segment in signals.segments):
+        raise RecordError(
+            "maximum_likelihood: the record does not repeat itself (periodic = false); expected whole periods: state "
+            "the record's period, or take h1_h2_hv or local_polynomial"
+        )
+    lines = max(segment.lines.size for segment in signals.segments)
+    if lines > MAX_LINES:
+        raise RecordError(
+            f"maximum_likelihood: a segment has {lines} excited lines; expected at most {MAX_LINES}: excite fewer at a "
+            "time, or use effective_input"
+        )
+    times = sorted({segment.sample_time for segment in signals.segments})
+    if len(times) > 1:
+        raise RecordError(
+            f"maximum_likelihood: the segments have sample times of {times[0]:g} to {times[-1]:g} s; expected one: "
+            "estimate those of each sample time for themselves"
+        )
+
+
+def _scatter(signals: Signals, output: str, resolution: float) -> float:
+    """Return the standard deviation of the noise [m] that the scatter over the periods shows besides rounding."""
+    scatter = [_variance(segment.channels[output]) for segment in signals.segments]
+    known = [each for each in scatter if each is not None]
+    return float(np.sqrt(max(np.median(known) - resolution**2 / 12, 0.0))) if known else 0.0
+
+
+def _variance(periods: NDArray[np.float64]) -> float | None:
+    """Return the mean variance over the periods, shape (periods, n); None for a single one."""
+    if len(periods) < 2:
+        return None
+    return float(np.mean(np.var(periods - periods.mean(axis=1, keepdims=True), axis=0, ddof=1)))
+
+
+def _untold(found: Fitted) -> tuple[str, ...]:
+    """Return the names of friction's parameters that the records do not tell, if the model is right."""
+    if found.mean_ratio > MAX_START_RATIO:
+        return ()
+    std = np.sqrt(np.diag(found.fit.information(found.linear).covariances[0]))
+    return tuple(name for name, each in zip(found.fit.free.friction, std, strict=False) if each > MAX_PARAMETER_STD)

@@ -1,0 +1,229 @@
+"""Plant and friction from all samples: the likelihood, the fit, what records cannot tell, and what is refused."""
+
+import tomllib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fraexp_plugins.identification.whole_record._shared.interval_likelihood import interval_loss
+from fraexp_plugins.identification.whole_record._shared.joint_fit import LinearRecord, Prior, fit_linear
+from fraexp_plugins.identification.whole_record._shared.scaled_friction import scaled_friction
+from scipy.optimize import minimize
+from scipy.stats import norm
+
+from fraexp.analysis.confidence import circle_factor
+from fraexp.components.kinds import Controller, Estimator, Excitation, FrictionModel, Plant
+from fraexp.components.registry import create, discover
+from fraexp.data.results import Outcome
+from fraexp.errors import ParameterError, RecordError
+from fraexp.simulation.loop import simulate_loop
+from fraexp.simulation.machine import ControlLoop, Machine, Numerics
+from fraexp.study.study_file import packaged_studies
+from tests.machines import decibel, degrees, table_models
+
+MACHINE = tomllib.loads((packaged_studies() / "machines" / "linear_motor_table.toml").read_text(encoding="utf-8"))
+RESOLUTION = 0.1e-6
+FREQUENCIES = [1.5, 2, 3, 4, 6, 8, 12, 16, 22, 30, 38, 45, 60, 80, 100, 150]
+LUGRE = {
+    "name": "lugre", "bristle_stiffness": 1.5e5, "bristle_damping": 50.0, "coulomb_force": 17.9, "static_force": 21.0,
+    "stribeck_velocity": 5e-3, "viscous_coefficient": 10.0,
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def recorded(registry):
+    """Return what records the paper's machine."""
+
+    def record(friction=None, excitation=None, **loop):
+        machine = Machine(
+            create(registry, Plant, MACHINE["plant"]),
+            create(registry, FrictionModel, friction or MACHINE["friction"]),
+            create(registry, Controller, MACHINE["controller"]),
+            ControlLoop.parse({**MACHINE["loop"], "resolution": RESOLUTION, **loop}, "loop"),
+            Numerics(),
+        )
+        sine = {"name": "stepped_sine", "amplitude": 12.0, "frequencies": FREQUENCIES}
+        return simulate_loop(machine, create(registry, Excitation, excitation or sine), lambda _: None)
+
+    return record
+
+
+@pytest.fixture(scope="module")
+def record(recorded):
+    """One period of each frequency at 12 N."""
+    return recorded()
+
+
+def estimator(friction=None, **given):
+    delays = {"input_dead_time": MACHINE["loop"]["input_dead_time"]}
+    parameters = {"friction": friction or MACHINE["friction"], "resolution": RESOLUTION, "noise": 0.0, **delays}
+    return create(discover(), Estimator, {"name": "maximum_likelihood", **parameters, **given})
+
+
+def scaled(force, displacement):
+    """Return the machine's friction with other scales."""
+    curve = MACHINE["friction"]["curve"]
+    widths = {key: curve[key] * displacement for key in ("characteristic_displacement", "min_knot", "max_knot")}
+    return {**MACHINE["friction"], "curve": {**curve, **widths, "coulomb_force": curve["coulomb_force"] * force}}
+
+
+def plant_at(registry, result):
+    return create(registry, Plant, MACHINE["plant"]).response(2 * np.pi * result.response.frequency)
+
+
+def metrics(result):
+    return {metric.name: metric.value for metric in result.metrics}
+
+
+@pytest.mark.parametrize(("resolution", "std"), [(1.0, 0.3), (1.0, 0.03), (1.0, 5.0), (0.0, 0.7)])
+def test_the_loss_is_that_of_a_rounded_normal_variable(resolution, std):
+    residual = np.linspace(-1.5, 1.5, 61)
+    loss = interval_loss(residual, resolution, std)
+    if resolution:
+        # the survival function is exact where the distribution function rounds to 1
+        far = np.abs(residual)
+        expected = norm.sf((far - resolution / 2) / std) - norm.sf((far + resolution / 2) / std)
+        known = expected > 1e-290
+        np.testing.assert_allclose(np.exp(-loss.value)[known], expected[known], rtol=1e-9)
+    else:
+        np.testing.assert_allclose(loss.value, residual**2 / (2 * std**2))
+    step = 1e-5
+    after, before = (interval_loss(residual + sign * step, resolution, std) for sign in (1, -1))
+    scale = np.abs(loss.slope).max()
+    np.testing.assert_allclose(loss.slope, (after.value - before.value) / (2 * step), rtol=1e-5, atol=1e-6 * scale)
+    rise = (after.slope - before.slope) / (2 * step)
+    np.testing.assert_allclose(loss.curvature, rise, rtol=1e-4, atol=1e-5 * np.abs(rise).max())
+
+
+def test_the_joint_step_is_that_of_a_minimiser_that_knows_no_blocks():
+    random = np.random.default_rng(3)
+    records = [
+        LinearRecord(random.normal(0, 2, 40), random.normal(0, 1, (40, 2)), random.normal(0, 1, (40, 3)), 1.0, 0.4)
+        for _ in range(3)
+    ]
+    radii, prior = (np.full(2, 5.0), [np.full(3, 5.0)] * 3), Prior(np.array([0.3, -0.2]), np.diag([4.0, 9.0]))
+
+    def loss(values):
+        shared, own = values[:2], values[2:].reshape(3, 3)
+        total = 0.5 * np.sum(values**2) / 25 + prior.loss(shared)
+        for record, each in zip(records, own, strict=True):
+            residual = record.residual - record.shared @ shared - record.own @ each
+            total += interval_loss(residual, record.resolution, record.std).value.sum()
+        return total
+
+    expected = minimize(loss, np.zeros(11), method="BFGS", options={"gtol": 1e-7})
+    step = fit_linear(records, *radii, prior)
+    np.testing.assert_allclose(np.concatenate([step.shared, *step.own]), expected.x, atol=2e-6)
+    assert step.gain == pytest.approx(loss(np.zeros(11)) - expected.fun, rel=1e-9)
+    np.testing.assert_allclose(step.covariances[1][:2, :2], expected.hess_inv[:2, :2], rtol=0.05, atol=1e-3)
+
+
+def test_every_law_can_have_other_scales(registry):
+    models = [*table_models(registry).values(), create(registry, FrictionModel, LUGRE)]
+    motion = 1e-4 * np.sin(np.linspace(0, 20, 500)) * np.linspace(0, 1, 500)
+    for model in models:
+        changed = scaled_friction(model, (1.3, 0.7), 1e-4)
+        assert changed is not None, model.name
+        expected = 1.3 * model.force(motion / 0.7, 1e-3)
+        np.testing.assert_allclose(changed.force(motion, 1e-3), expected, atol=1e-9 * np.abs(expected).max())
+        assert changed.viscous == model.viscous
+
+
+@pytest.mark.parametrize(("force", "displacement"), [(1.2, 0.8), (0.5, 2.0)])
+def test_plant_and_scales_are_found_from_a_wrong_friction_model(record, registry, force, displacement):
+    result = estimator(scaled(force, displacement)).estimate(record)
+    assert result.outcome is Outcome.OK, result.message
+    ratio = result.response.response / plant_at(registry, result)
+    assert np.abs(decibel(ratio)).max() < 0.1
+    assert np.abs(degrees(ratio)).max() < 1
+    assert metrics(result)["force_scale"] == pytest.approx(1 / force, rel=5e-4)
+    assert metrics(result)["displacement_scale"] == pytest.approx(1 / displacement, rel=5e-4)
+    assert metrics(result)["residual over expectation"] == pytest.approx(1, abs=0.05)
+
+
+def test_plant_and_friction_are_results_too(record, registry):
+    result = estimator(scaled(1.2, 0.8)).estimate(record)
+    plant, friction = result.fits
+    found = create(registry, Plant, plant.component)
+    assert found.rigid_body_gain == pytest.approx(MACHINE["plant"]["rigid_body_gain"], rel=1e-4)
+    np.testing.assert_allclose(found.frequencies, MACHINE["plant"]["frequencies"], rtol=1e-4)
+    curve = create(registry, FrictionModel, friction.component).curve
+    assert curve.coulomb_force == pytest.approx(MACHINE["friction"]["curve"]["coulomb_force"], rel=5e-4)
+    assert dict(zip(friction.parameters, friction.units, strict=True))["curve.coulomb_force"] == "N"
+    deviation = dict(zip(friction.parameters, friction.standard_deviation, strict=True))["curve.coulomb_force"]
+    assert 0 < deviation < 1e-3 * curve.coulomb_force
+
+
+def test_another_law_does_not_fit_and_is_not_ok(record):
+    result = estimator(LUGRE).estimate(record)
+    assert result.outcome is Outcome.INACCURATE
+    assert "the model does not fit: what it leaves of" in result.message
+    assert metrics(result)["residual over expectation"] > 4
+
+
+def test_the_right_law_with_a_drifting_state_fits(recorded, registry):
+    signals = recorded(LUGRE, {"name": "stepped_sine", "amplitude": 25.0, "frequencies": FREQUENCIES})
+    wrong = scaled_friction(create(registry, FrictionModel, LUGRE), (0.8, 0.9), 1e-4)
+    assert wrong is not None
+    result = estimator(wrong.spec()).estimate(signals)
+    assert result.outcome is Outcome.OK, result.message
+    ratio = result.response.response / plant_at(registry, result)
+    assert np.abs(decibel(ratio)).max() < 0.05
+
+
+def test_noise_is_taken_from_the_periods_and_the_band_holds_the_plant(recorded, registry):
+    sine = {"name": "stepped_sine", "amplitude": 12.0, "frequencies": FREQUENCIES, "recorded_periods": 4}
+    result = estimator(scaled(0.9, 1.1), noise=None).estimate(recorded(excitation=sine, noise=30e-9))
+    assert result.outcome is Outcome.OK, result.message
+    response, plant = result.response, plant_at(registry, result)
+    radius = circle_factor(np.inf) * response.standard_deviation + response.numerical_error * np.abs(plant)
+    assert np.mean(np.abs(response.response - plant) <= radius) >= 0.8
+    assert np.abs(decibel(response.response / plant)).max() < 0.1
+
+
+def test_amplitudes_of_one_experiment_give_one_response(recorded, registry):
+    sines = [{"name": "stepped_sine", "amplitude": a, "frequencies": FREQUENCIES} for a in (12.0, 25.0)]
+    result = estimator().estimate(recorded(excitation={"name": "concatenated", "parts": sines}))
+    assert result.response.frequency.size == len(FREQUENCIES)
+    ratio = result.response.response / plant_at(registry, result)
+    assert np.abs(decibel(ratio)).max() < 0.05
+
+
+def test_a_parameter_that_the_records_do_not_tell_is_held_and_named(recorded):
+    result = estimator({"name": "none"}).estimate(recorded({"name": "none"}))
+    assert "the records do not tell force_scale and displacement_scale, held at the start" in result.message
+    assert "force_scale" not in metrics(result)
+
+
+def test_other_parameters_can_be_free(record):
+    wrong = {**MACHINE["friction"], "viscous_coefficient": 9.0}
+    names = ("force_scale", "displacement_scale", "viscous_coefficient")
+    found = metrics(estimator(wrong, free=names).estimate(record))
+    assert found["viscous_coefficient"] == pytest.approx(MACHINE["friction"]["viscous_coefficient"], rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        (("force_scal",), r"maximum_likelihood\.free: .*'force_scal'.*force_scale"),
+        (("force_scale", "force_scale"), r"names 'force_scale' twice"),
+        (("curve",), r"maximum_likelihood\.free: 'curve' is"),
+    ],
+)
+def test_a_wrong_name_of_a_parameter_is_refused(names, message):
+    with pytest.raises(ParameterError, match=message):
+        estimator(free=names)
+
+
+def test_records_that_a_replay_cannot_follow_are_refused(record):
+    first, *others = record.segments
+    with pytest.raises(RecordError, match=r"does not repeat itself .* expected whole periods"):
+        estimator().estimate(replace(record, segments=(replace(first, periodic=False), *others)))
+    with pytest.raises(RecordError, match=r"sample times of 0\.0005 to 0\.001 s; expected one"):
+        estimator().estimate(replace(record, segments=(replace(first, sample_time=1e-3), *others)))
+    many = replace(first, lines=np.arange(1, 101))
+    with pytest.raises(RecordError, match=r"100 excited lines; expected at most 64"):
+        estimator().estimate(replace(record, segments=(many, *others)))
+    still = {name: np.zeros_like(samples) for name, samples in first.channels.items()}
+    with pytest.raises(RecordError, match=r"maximum_likelihood: no segment in the steady state moves"):
+        estimator().estimate(replace(record, segments=(replace(first, channels=still),)))
