@@ -1,8 +1,8 @@
 """A modelled machine along a record: the positions that it takes where the recorded control input drives it.
 
 A record does not tell its controller, and a mass that slides freely would drift off from its recorded position. The
-model is therefore pulled towards it by a weak controller of its own, far below the frequencies of the record. Where the
-model is right, nothing pulls; where it is wrong, the difference to the record is nearly what it would be without.
+model is therefore pulled towards it by a weak controller of its own. Where the model is right, nothing pulls; where it
+is wrong, the difference to the record is nearly what it would be without.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,7 +21,7 @@ from fraexp.simulation.experiments import Experiment, Setup, set_valued_law
 from fraexp.simulation.loop_setup import accurate_steps, is_friction_soft
 
 PULL_RATIO, MAX_PULL_HZ = 1.0, 8.0
-"""Crossover frequency of the pull over the lowest frequency of a record, and its greatest value [Hz]."""
+"""Crossover frequency of the pull over the geometric mean of a record's frequencies, and its greatest value [Hz]."""
 LEAD_RATIO = 10.0
 """Pole over zero of the pull, a lead."""
 RAMP_CYCLES = 8.0
@@ -70,8 +70,8 @@ class Replay(NamedTuple):
     """Control input of all recorded periods [N], shape (n,)."""
     position: NDArray[np.float64]
     """Recorded position [m], shape (n,)."""
-    frequency: float
-    """Lowest excited frequency of the record [Hz]."""
+    frequency: NDArray[np.float64]
+    """Excited frequencies of the record [Hz], shape (lines,)."""
 
 
 def replay(runs: Sequence[Replay]) -> list[NDArray[np.float64]]:
@@ -99,12 +99,13 @@ def _alike(experiments: Sequence[Experiment]) -> list[list[int]]:
 
 
 def _experiment(run: Replay, number: int) -> Experiment:
-    crossover = min(PULL_RATIO * run.frequency, MAX_PULL_HZ)
+    lowest, middle = float(run.frequency.min()), float(np.exp(np.mean(np.log(run.frequency))))
+    crossover = min(PULL_RATIO * middle, MAX_PULL_HZ)
     octave = 2.0 ** np.floor(np.log2(crossover))  # few different controllers: their constants are computed once
     forgets = all(friction.has_unique_periodic_force for friction in run.model.frictions.values())
-    ramp = 0.0 if forgets else RAMP_CYCLES / run.frequency
-    timeout = ramp + max(SETTLING_CYCLES / run.frequency, MIN_SETTLING_S)
-    line = max(round(run.frequency * run.position.size * run.model.sample_time), 1)
+    ramp = 0.0 if forgets else RAMP_CYCLES / lowest
+    timeout = ramp + max(SETTLING_CYCLES / lowest, MIN_SETTLING_S)
+    line = max(round(lowest * run.position.size * run.model.sample_time), 1)
     period = Period(run.control_input, np.array([line]), run.position)
     schedule = Schedule(ramp, run.model.tolerance, timeout)
     return Experiment(_setup(run.model, float(octave)), period, schedule, number)

@@ -155,12 +155,13 @@ def test_plant_and_friction_are_results_too(record, registry):
 
 
 def test_another_law_does_not_fit_and_is_not_ok(record):
-    result = estimator(LUGRE).estimate(record)
+    result = estimator(LUGRE, modes=2).estimate(record)
     assert result.outcome is Outcome.INACCURATE
     assert "the model does not fit: what it leaves of" in result.message
     assert metrics(result)["residual over expectation"] > 4
 
 
+@pytest.mark.thorough
 def test_the_right_law_with_a_drifting_state_fits(recorded, registry):
     signals = recorded(LUGRE, {"name": "stepped_sine", "amplitude": 25.0, "frequencies": FREQUENCIES})
     wrong = scaled_friction(create(registry, FrictionModel, LUGRE), (0.8, 0.9), 1e-4)
@@ -171,6 +172,7 @@ def test_the_right_law_with_a_drifting_state_fits(recorded, registry):
     assert np.abs(decibel(ratio)).max() < 0.05
 
 
+@pytest.mark.thorough
 def test_noise_is_taken_from_the_periods_and_the_band_holds_the_plant(recorded, registry):
     sine = {"name": "stepped_sine", "amplitude": 12.0, "frequencies": FREQUENCIES, "recorded_periods": 4}
     result = estimator(scaled(0.9, 1.1), noise=None).estimate(recorded(excitation=sine, noise=30e-9))
@@ -181,10 +183,22 @@ def test_noise_is_taken_from_the_periods_and_the_band_holds_the_plant(recorded, 
     assert np.abs(decibel(response.response / plant)).max() < 0.1
 
 
+@pytest.mark.thorough
 def test_amplitudes_of_one_experiment_give_one_response(recorded, registry):
     sines = [{"name": "stepped_sine", "amplitude": a, "frequencies": FREQUENCIES} for a in (12.0, 25.0)]
     result = estimator().estimate(recorded(excitation={"name": "concatenated", "parts": sines}))
     assert result.response.frequency.size == len(FREQUENCIES)
+    ratio = result.response.response / plant_at(registry, result)
+    assert np.abs(decibel(ratio)).max() < 0.05
+
+
+def test_one_period_of_a_multisine_is_enough(recorded, registry):
+    multisine = {
+        "name": "multisine", "min_frequency": 1, "max_frequency": 200, "line_spacing": 1.0, "points": 20, "rms": 12.0,
+        "detection_group_size": 0, "realisations": 1,
+    }  # fmt: skip
+    result = estimator(scaled(1.2, 0.8)).estimate(recorded(excitation=multisine))
+    assert result.outcome is Outcome.OK, result.message
     ratio = result.response.response / plant_at(registry, result)
     assert np.abs(decibel(ratio)).max() < 0.05
 

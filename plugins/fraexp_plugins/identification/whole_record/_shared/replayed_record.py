@@ -151,7 +151,7 @@ class ReplayedRecord:
     def replay(self, model: ReplayModel, parameters: NDArray[np.float64]) -> Replay:
         """Return the run of a model along the record, with the record's own parameters."""
         control = self.segment.channels[self.input].ravel() + parameters[: self.forces] @ self.waves
-        return Replay(model, control, self.position - self.trend, float(self.frequency.min()))
+        return Replay(model, control, self.position - self.trend, self.frequency)
 
 
 class Trial(NamedTuple):
