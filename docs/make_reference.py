@@ -16,6 +16,7 @@ from fraexp.cli import arguments
 from fraexp.cli.exits import ExitCode
 from fraexp.components.kinds import KINDS, Component, nested_kind
 from fraexp.components.parameters import Parameters, inherited_from, unit_of
+from fraexp.components.position_dependence import Cogging, PositionDependence, Ripple
 from fraexp.components.registry import Registry, discover
 from fraexp.records.channels import Channel
 from fraexp.records.record_settings import RecordSettings, Step
@@ -32,6 +33,9 @@ SECTIONS: Mapping[str, type[Parameters]] = {
     "compensation": Compensation,
     "limits": MotionLimits,
     "record": RecordSettings,
+    "friction over the stroke: position_dependence": PositionDependence,
+    "a ripple over the stroke": Ripple,
+    "a cogging force over the stroke": Cogging,
     "a channel of record": Channel,
     "a step of record": Step,
 }

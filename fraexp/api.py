@@ -19,6 +19,7 @@ from fraexp.components.kinds import (
 )
 from fraexp.components.parameters import Parameters, param
 from fraexp.components.ports import Contact, Ports, StateSpace
+from fraexp.components.position_dependence import PositionDependentFriction
 from fraexp.components.providers import component_modules
 from fraexp.components.registry import hookimpl
 from fraexp.data.frequency_text import frequency_text
@@ -48,6 +49,7 @@ __all__ = [
     "Period",
     "Plant",
     "Ports",
+    "PositionDependentFriction",
     "RecordError",
     "RecordReader",
     "RecordTable",

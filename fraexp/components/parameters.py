@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Self, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic.fields import FieldInfo
@@ -166,13 +166,14 @@ def _error_sentence(cls: type[Parameters], title: str, data: Mapping[str, Any], 
     found = next(
         (one for one in all_found if one["type"] == "extra_forbidden"), all_found[0]
     )  # a slip of the pen first
-    place = ".".join(str(part) for part in found["loc"])
-    name = str(found["loc"][0]) if found["loc"] else ""
+    cls, title, data, loc = _innermost_table(cls, title, data, found["loc"])
+    place = ".".join(str(part) for part in loc)
+    name = str(loc[0]) if loc else ""
     info = cls.model_fields.get(name)
     match found["type"]:
         case "extra_forbidden":
             return f"{title} has no parameter '{name}'{did_you_mean(name, cls.model_fields)}"
-        case "tuple_type" if info is not None and len(found["loc"]) == 1:
+        case "tuple_type" if info is not None and len(loc) == 1:
             given = json.dumps(data[name], default=str)
             what = f"{info.description}, {unit_of(info) or 'text'}"
             return f"{title}.{name} is {given} ({what}); expected a list, such as [{given}]"
@@ -188,3 +189,21 @@ def _error_sentence(cls: type[Parameters], title: str, data: Mapping[str, Any], 
         if place
         else f"{title}: {expected}"
     )
+
+
+def _innermost_table(
+    cls: type[Parameters], title: str, data: Any, loc: tuple[Any, ...]
+) -> tuple[type[Parameters], str, Any, tuple[Any, ...]]:
+    """Return the table of parameters in which a location lies, its name, its data, and the location within it."""
+    info = cls.model_fields.get(str(loc[0])) if len(loc) > 1 else None
+    candidates = (info.annotation, *get_args(info.annotation)) if info is not None else ()
+    inner = next((of for of in candidates if isinstance(of, type) and issubclass(of, Parameters)), None)
+    if inner is None:
+        return cls, title, data, loc
+    outer = 2 if isinstance(loc[1], int) else 1  # a table, or one of a list of them
+    if len(loc) == outer:
+        return cls, title, data, loc
+    for part in loc[:outer]:
+        title, data = f"{title}.{part}", data[part]
+    data = inner.with_current_names(data) if isinstance(data, Mapping) else data
+    return _innermost_table(inner, title, data, loc[outer:])

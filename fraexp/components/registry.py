@@ -21,6 +21,7 @@ import fraexp
 from fraexp.components.kinds import KINDS, Component, nested_kind
 from fraexp.components.local_file import failed_classes, load_file
 from fraexp.components.parameters import Parameters, inherited_from
+from fraexp.components.position_dependence import positioned_class
 from fraexp.components.providers import Provider, Providers
 from fraexp.data.sweep import models_by_contact
 from fraexp.errors import FraexpError, ParameterError, PluginError, did_you_mean
@@ -147,6 +148,7 @@ class Registry:
         values = {key: value for key, value in spec.items() if key not in ("name", "version", "preset")}
         if "preset" in spec:
             values = {**_preset(cls, spec["preset"]), **values}
+        cls = positioned_class(cls, values)
         return cls.parse(self.fill_inherited(cls, values, environment), name)
 
     def fill_inherited(

@@ -8,6 +8,7 @@ from pydantic.fields import FieldInfo
 
 from fraexp.components.kinds import FrictionModel, nested_kind
 from fraexp.components.parameters import Parameters, unit_of
+from fraexp.components.position_dependence import positioned_class
 from fraexp.components.registry import Registry
 from fraexp.data.sweep import models_by_contact
 from fraexp.errors import StudyError, did_you_mean
@@ -109,7 +110,7 @@ def _owner(info: FieldInfo | None, value: Any, registry: Registry) -> Owner:
 def component_of(kind: str, spec: Any, registry: Registry) -> Owner:
     """Return the component class that plain data name; None if they name none, or an unknown one."""
     provider = registry.providers.get((kind, str(spec.get("name")))) if isinstance(spec, Mapping) else None
-    return provider.component if provider else None
+    return positioned_class(provider.component, spec) if provider else None
 
 
 def units_of(path: str, registry: Registry) -> set[str]:

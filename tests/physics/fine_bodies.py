@@ -4,7 +4,7 @@ It shares no code with the loop: the equations of motion are written with mass m
 that slide, and the controller is a difference equation.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,12 +13,16 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class Sliders:
-    """Springs that slide at a limit force, and viscous friction, along vᵀq."""
+    """Springs that slide at a limit force, and viscous friction, along x = vᵀq."""
 
     port: NDArray[np.float64]
     stiffness: NDArray[np.float64]
     limit: NDArray[np.float64]
     viscous: float
+    ratio: Callable[[float], float] = lambda x: 1.0
+    """Factor on the springs' force at x [m]."""
+    cogging: Callable[[float], float] = lambda x: 0.0
+    """Force against the displacement [N] at x [m]."""
 
 
 @dataclass(frozen=True)
@@ -47,14 +51,13 @@ class FineLoop:
         recorded, inputs = [], []
         fed_back = next(iter(self.positions.values()))
 
-        def friction(moved: NDArray[np.float64], velocity: NDArray[np.float64]) -> NDArray[np.float64]:
+        def friction(q: NDArray[np.float64], begin: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
             total = np.zeros(len(q))
             for contact, deflection in zip(self.contacts, deflections, strict=True):
-                springs = contact.stiffness * (deflection + contact.port @ moved)
-                force = np.clip(springs, -contact.limit, contact.limit).sum() + contact.viscous * (
-                    contact.port @ velocity
-                )
-                total += contact.port * force
+                springs = contact.stiffness * (deflection + contact.port @ (q - begin))
+                x = float(contact.port @ q)
+                force = contact.ratio(x) * float(np.clip(springs, -contact.limit, contact.limit).sum())
+                total += contact.port * (force + contact.viscous * (contact.port @ v) + contact.cogging(x))
             return total
 
         for sample in range(samples * periods):
@@ -71,7 +74,7 @@ class FineLoop:
                 begin = q
 
                 def acceleration(q: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
-                    force = thrust - self.damping @ v - self.stiffness @ q - friction(q - begin, v)  # noqa: B023
+                    force = thrust - self.damping @ v - self.stiffness @ q - friction(q, begin, v)  # noqa: B023
                     return np.asarray(inverse @ force)
 
                 a1 = acceleration(q, v)

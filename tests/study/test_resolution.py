@@ -10,6 +10,7 @@ import pytest
 from fraexp.components.registry import discover
 from fraexp.data.sweep import Section, Sweep
 from fraexp.errors import FraexpError
+from fraexp.study.paths import unit_at
 from fraexp.study.study_file import resolve
 
 FILE = Path("study.toml")
@@ -93,3 +94,26 @@ def test_whatever_differs_gives_another_key() -> None:
 
     others = [key("drive"), key(plant={"x": 2}), key(plant={}, friction={"x": 1}), key(loop={}), key(plant={"x": "1"})]
     assert len({key(), *others}) == len(others) + 1
+
+
+def test_a_dependence_on_the_position_is_a_parameter_of_any_friction_model() -> None:
+    cogging = [{"period": "16 mm", "amplitude": 4}]
+    axis = {"friction.position_dependence.start": ["1 mm", 0.002]}
+    positioned = {**BASE, "friction": {"position_dependence": {"cogging": cogging}}, "grid": axis}
+    found = list(sweeps_of({**positioned, "estimator": {"name": "effective_input"}}))
+    for sweep, start in zip(found, (0.001, 0.002), strict=True):
+        for friction in (sweep.experiment["friction"], sweep.estimator["friction"]):  # the observer's is the machine's
+            assert friction["name"] == "rolling"
+            assert friction["position_dependence"]["start"] == start
+            assert friction["position_dependence"]["cogging"] == [{"period": 0.016, "amplitude": 4.0, "phase": 0.0}]
+        assert unit_at(sweep.experiment, "friction.position_dependence.cogging.0.amplitude", REGISTRY) == "N"
+    (plain,) = sweeps_of(BASE)
+    assert "position_dependence" not in plain.experiment["friction"]
+
+
+def test_a_dependence_on_the_position_belongs_to_one_of_several_contacts() -> None:
+    (found,) = sweeps_of(
+        {**BASE, "machine": "two_mass_drive"}, ["friction.load.position_dependence.ripples=[{period=1,amplitude=0.1}]"]
+    )
+    assert "position_dependence" in found.experiment["friction"]["load"]
+    assert "position_dependence" not in found.experiment["friction"]["motor"]

@@ -100,6 +100,7 @@ class EffectiveInput(ObserverEstimator, name="effective_input", version=4):
 
     def model_post_init(self, context: object) -> None:
         """Check that the method accepts û_e, and that the friction model has the parameters that deviate."""
+        super().model_post_init(context)
         if self.method is not None and getattr(
             self.method, "compensates_friction", isinstance(self.method, ObserverEstimator)
         ):

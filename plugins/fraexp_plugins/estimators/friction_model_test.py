@@ -68,6 +68,7 @@ class FrictionModelTest(ObserverEstimator, name="friction_model_test", version=2
 
     def model_post_init(self, context: object) -> None:
         """Check the bands."""
+        super().model_post_init(context)
         if len(self.bands) < 2 or min(np.diff(self.bands)) <= 0:
             raise ParameterError("friction_model_test.bands: expected two or more frequencies in ascending order")
 

@@ -12,6 +12,7 @@ from fraexp.api import (
     ParameterError,
     Plant,
     Ports,
+    PositionDependentFriction,
     Result,
     Segment,
     Signals,
@@ -169,6 +170,12 @@ class MultiContactEffectiveInput(DelayedEstimator, name="multi_contact_effective
             raise ParameterError(
                 f"{self.name}: measured positions do not give the displacements of the contacts "
                 f"{' and '.join(hidden)}, and only one can be reconstructed; record another position, as channel y.NAME"
+            )
+        if isinstance(models[hidden[0]], PositionDependentFriction):
+            raise ParameterError(
+                f"{self.name}: the displacement of contact '{hidden[0]}' is reconstructed without its mean, and its "
+                "friction depends on the position; record a position there, as channel y.NAME, or leave out "
+                f"position_dependence in {self.name}.frictions.{hidden[0]}"
             )
         spectra = {
             name: self._observer(name, model, ports, signals.segments).force_spectra(signals.segments)

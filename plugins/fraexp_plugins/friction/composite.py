@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import FrictionModel, ParameterError, param
+from fraexp.api import FrictionModel, ParameterError, PositionDependentFriction, param
 
 if TYPE_CHECKING:  # only the checker needs the name of this type: importing it would import numba
     from fraexp.kernels.law_arguments import LawArgument
@@ -30,9 +30,13 @@ class Composite(FrictionModel, name="composite", version=1):
     }
 
     def model_post_init(self, context: object) -> None:
-        """Check that there is something to add."""
+        """Check that there is something to add, at one contact."""
         if not self.parts:
             raise ParameterError("composite has no parts; expected friction models such as [{ name = 'rolling', ... }]")
+        positioned = next((part.name for part in self.parts if isinstance(part, PositionDependentFriction)), "")
+        if positioned:
+            found = f"composite's part {positioned} has a position_dependence"
+            raise ParameterError(f"{found}; expected it beside parts: all of them act at one contact")
 
     @property
     def state_size(self) -> int:

@@ -14,6 +14,8 @@ from fraexp.api import (
     Encoder,
     FrictionModel,
     Motion,
+    ParameterError,
+    PositionDependentFriction,
     Segment,
     Signals,
     fourier_sums,
@@ -90,6 +92,17 @@ class ObserverEstimator(DelayedEstimator, ABC):
         at_most=0.1,
         inherit="numerics.tolerance",
     )
+
+    def model_post_init(self, context: object) -> None:
+        """Check that deflections are not scaled where the position matters."""
+        is_positioned = isinstance(self.friction, PositionDependentFriction)
+        for key, expected in (("displacement_scale", 1.0), ("displacement_std", 0.0)):
+            found = getattr(self, key, expected)
+            if is_positioned and found != expected:
+                raise ParameterError(
+                    f"{self.name}.{key} is {found:g}, which would scale the friction model's position_dependence too; "
+                    f"expected {expected:g}: change the model's own parameters, or state deviations of those"
+                )
 
     def matched(self, machine: Mapping[str, object]) -> Self:
         """Return the observer of the machine itself, with an ideal encoder."""

@@ -7,7 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import (
+    FrictionModel,
     Motion,
+    PositionDependentFriction,
     Segment,
     hold_response,
     path_response,
@@ -77,7 +79,10 @@ class _Doubt(NamedTuple):
 
 
 def _find_doubts(observer: ObserverEstimator, segments: Sequence[Segment]) -> list[_Doubt]:
-    greatest, stiffness = observer.force_scale * _greatest_force(observer), observer.friction.max_stiffness
+    friction, ratio = observer.friction, 1.0
+    if isinstance(friction, PositionDependentFriction):  # the motion shows what depends on the position
+        ratio, friction = friction.position_dependence.max_ratio, friction.everywhere_alike
+    greatest, stiffness = observer.force_scale * _greatest_force(friction), friction.max_stiffness
     if min(greatest, stiffness) <= 0:
         return []
     stop = observer.displacement_scale * greatest / observer.force_scale / stiffness
@@ -88,19 +93,19 @@ def _find_doubts(observer: ObserverEstimator, segments: Sequence[Segment]) -> li
         for index, motion in unseen
     ]
     doubts = []
-    for (index, motion), force in zip(unseen, observer.friction.forces(motions), strict=True):
+    for (index, motion), force in zip(unseen, friction.forces(motions), strict=True):
         change = float(2 * observer.force_scale * np.abs(force).max())
         share = min(change / (2 * greatest), 1.0)
         if share >= MIN_HIDDEN_SHARE:
-            doubts.append(_Doubt(index, float(np.clip(stop, motion, MAX_STOP_RATIO * motion)), change, share))
+            doubts.append(_Doubt(index, float(np.clip(stop, motion, MAX_STOP_RATIO * motion)), ratio * change, share))
     return doubts
 
 
-def _greatest_force(observer: ObserverEstimator) -> float:
+def _greatest_force(friction: FrictionModel) -> float:
     """Return the greatest force [N] of the friction model: its bound, or what it reaches on a slow motion."""
-    if observer.friction.force_bound is not None:
-        return observer.friction.force_bound
-    force = observer.friction.force(np.linspace(0.0, PROBE_M, PROBE_STEPS), PROBE_STEP_S)
+    if friction.force_bound is not None:
+        return friction.force_bound
+    force = friction.force(np.linspace(0.0, PROBE_M, PROBE_STEPS), PROBE_STEP_S)
     return float(np.abs(force).max())
 
 

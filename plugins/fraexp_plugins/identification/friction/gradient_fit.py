@@ -7,7 +7,15 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import FrictionModel, ParameterError, RecordError, Result, Signals, param
+from fraexp.api import (
+    FrictionModel,
+    ParameterError,
+    PositionDependentFriction,
+    RecordError,
+    Result,
+    Signals,
+    param,
+)
 from fraexp_plugins.friction._shared.element_model import ElementModel
 from fraexp_plugins.identification._shared.levenberg_marquardt import IterationStep, minimise
 from fraexp_plugins.identification._shared.stop_operator import threshold_sensitivity
@@ -95,6 +103,8 @@ class GradientFit(GridIdentification, name="gradient_fit", version=2):
             raise ParameterError(
                 f"gradient_fit.start is {self.start.name}; expected a model of elements, such as rolling"
             )
+        if isinstance(self.start, PositionDependentFriction):
+            raise ParameterError("gradient_fit.start has a position_dependence, which is not fitted; leave it out")
 
     def estimate(self, signals: Signals) -> Result:
         """Return elements, terms, errors, virgin curve and the rolling model."""
