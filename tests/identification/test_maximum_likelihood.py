@@ -229,6 +229,18 @@ def test_a_wrong_name_of_a_parameter_is_refused(names, message):
         estimator(free=names)
 
 
+def test_friction_that_depends_on_the_position_is_refused():
+    positioned = {**MACHINE["friction"], "position_dependence": {"cogging": [{"period": 0.02, "amplitude": 1.0}]}}
+    with pytest.raises(ParameterError, match=r"maximum_likelihood\.friction has a position_dependence"):
+        estimator(positioned)
+
+
+def test_a_plant_with_several_contacts_is_refused(registry):
+    ball_screw = tomllib.loads((packaged_studies() / "machines" / "ball_screw.toml").read_text(encoding="utf-8"))
+    with pytest.raises(ParameterError, match=r"nominal_plant has friction at 3 contacts .* expected one"):
+        estimator(nominal_plant=ball_screw["plant"])
+
+
 def test_records_that_a_replay_cannot_follow_are_refused(record):
     first, *others = record.segments
     with pytest.raises(RecordError, match=r"does not repeat itself .* expected whole periods"):

@@ -7,6 +7,7 @@ from fraexp.api import (
     FrictionModel,
     ParameterError,
     Plant,
+    PositionDependentFriction,
     RecordError,
     Result,
     Signals,
@@ -73,7 +74,12 @@ class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=1):
     )
 
     def model_post_init(self, context: object) -> None:
-        """Check the names of the free parameters, and that the plant has one contact."""
+        """Check the names of the free parameters, and that plant and friction can be replayed."""
+        if isinstance(self.friction, PositionDependentFriction):
+            raise ParameterError(
+                "maximum_likelihood.friction has a position_dependence, and a replay does not know where on the stroke "
+                "the record was; leave it out, or use effective_input"
+            )
         FreeParameters(self.free).check(self.friction)
         contacts = [] if self.nominal_plant is None else list(self.nominal_plant.ports().contacts)
         if len(contacts) > 1:
