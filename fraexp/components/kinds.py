@@ -365,8 +365,7 @@ class Estimator(Component, ABC):
     def matched(self, machine: Mapping[str, object]) -> "Estimator | None":
         """Return the estimator that knows a simulated machine, whose response without friction must be the plant.
 
-        `machine` has its friction model, dead times and lags by the names of parameters. None for an estimator that
-        takes no friction from the input.
+        `machine` has its friction model, dead times and lags by the names of parameters. None if friction stays in.
         """
         return None
 
@@ -377,6 +376,10 @@ class RecordReader(Component, ABC):
     kind: ClassVar[str] = "reader"
     suffixes: ClassVar[tuple[str, ...]] = ()
     """File name suffixes that it reads, such as ``.csv``."""
+
+    def recognises(self, path: Path) -> bool:
+        """Say whether a file is evidently of this format, and this reader preferred to others."""
+        return False
 
     @abstractmethod
     def read(self, path: Path, columns: Sequence[str]) -> "RecordTable":
@@ -390,9 +393,8 @@ class RecordTable:
     columns: Mapping[str, NDArray[np.float64]]
     """Values by column name, each of shape (n,)."""
     sample_time: float | None = None
-    """Sample time [s] if the file states one."""
+    """Sample time [s], and unit of each column, as far as the file states them."""
     units: Mapping[str, str] = field(default_factory=dict)
-    """Unit of each column whose unit the file states."""
 
 
 KINDS: tuple[type[Component], ...] = (FrictionModel, Plant, Controller, Excitation, Estimator, RecordReader)

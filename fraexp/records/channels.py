@@ -8,8 +8,8 @@ from typing import Any
 from fraexp.components.parameters import Parameters, param
 from fraexp.errors import ParameterError
 
-COLUMN_WITH_UNIT = re.compile(r"^(?P<column>.*\S)\s*\[(?P<unit>[^\]]*)\]$")
-"""A text with a unit in square brackets, such as ``iq [A]``."""
+COLUMN_WITH_UNIT = re.compile(r"^(?P<column>.*\S)(?!(?<!\s)\[\d+\]$)\s*\[(?P<unit>[^\]]*)\]$")
+"""A text with a unit in square brackets, such as ``iq [A]``; a number directly behind the name is an index."""
 NUMBER_PATTERN = r"[+-]?(?:\d++\.?\d*+|\.\d++)(?:[eE][+-]?\d++)?"
 SCALED_COLUMN = re.compile(
     rf"^(?P<inner>\S.*?)\s++(?P<operator>[*/])\s++(?P<gain>{NUMBER_PATTERN})(?:\s++(?P<sign>[+-])\s++(?P<offset>{NUMBER_PATTERN}))?$"

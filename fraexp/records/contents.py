@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from fraexp.components.kinds import RecordTable
 from fraexp.components.registry import Registry
 from fraexp.data.units import si
 from fraexp.errors import FraexpError, RecordError
@@ -127,9 +128,10 @@ def propose_import(file: Path, found: Sequence[FileContent], registry: Registry)
             words += ["--channel", f"{name}={_with_level(one.quantity, level) if one else 'COLUMN [UNIT]'}"]
     if level:
         words += [part for number in level for part in ("--level", number)]
-    words += _clock_options(file, alike, found, registry)
     one = chosen["u"]
-    words += _period_options(file, one, registry) if one else []
+    table = _read(file, one.column, registry) if one else None
+    words += _clock_options(file, alike, found, registry) if table is None or table.sample_time is None else []
+    words += _period_options(one, table.columns[one.column]) if one and table else []
     return shlex.join(words)
 
 
@@ -174,17 +176,21 @@ def _clock_options(
     return ["--sample-rate", "HZ"]
 
 
-def _period_options(file: Path, one: FileContent, registry: Registry) -> list[str]:
+def _period_options(one: FileContent, values: NDArray[np.float64]) -> list[str]:
     sides = [side for side in one.shape if side > 1]
     if len(sides) > 1:
         return ["--samples-per-period", str(max(sides))]
-    period = detect_period(_read_values(file, one.column, registry))
+    period = detect_period(values)
     return ["--samples-per-period", str(period)] if period else ["--aperiodic", "--estimator", "sliding_identification"]
 
 
-def _read_values(file: Path, name: str, registry: Registry) -> NDArray[np.float64]:
+def _read(file: Path, name: str, registry: Registry) -> RecordTable:
     path = existing_file(file)
-    return find_reader("", path, registry).read(path, [name]).columns[name]
+    return find_reader("", path, registry).read(path, [name])
+
+
+def _read_values(file: Path, name: str, registry: Registry) -> NDArray[np.float64]:
+    return _read(file, name, registry).columns[name]
 
 
 def clock_fault(file: Path, time: FileContent, registry: Registry) -> str:

@@ -176,6 +176,11 @@ def find_reader(name: str, path: Path, registry: Registry) -> RecordReader:
         for known in registry.names(RecordReader.kind)
         if path.suffix.lower() in getattr(registry.provider(RecordReader.kind, known).component, "suffixes", ())
     ]
+    if not name and len(fitting) > 1:
+        readers = {known: create(registry, RecordReader, {"name": known}, place=path.name) for known in fitting}
+        fitting = [known for known in fitting if readers[known].recognises(path)] or [
+            known for known in fitting if type(readers[known]).recognises is RecordReader.recognises
+        ]
     if not name and len(fitting) != 1:
         which = f"readers {', '.join(fitting)} all read" if fitting else "no reader reads"
         known = ", ".join(registry.names(RecordReader.kind))
@@ -193,7 +198,10 @@ def _read_columns(reader: RecordReader, path: Path, columns: set[str]) -> Record
     lengths = {name: samples.size for name, samples in table.columns.items()}
     if len(set(lengths.values())) > 1:
         text = ", ".join(f"'{name}' {length}" for name, length in lengths.items())
-        raise RecordError(f"{path.name}: the columns have different numbers of samples ({text}); expected equal ones")
+        raise RecordError(
+            f"{path.name}: the columns have different numbers of samples ({text}); expected equal ones: "
+            "choose channels of one sample rate"
+        )
     for name, samples in table.columns.items():
         bad = np.flatnonzero(~np.isfinite(samples))
         if bad.size:

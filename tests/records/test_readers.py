@@ -35,6 +35,12 @@ LAYOUTS = {
     "title above": "Recorder 7\nt [s],Position [mm]\n0,0.25\n1,-1.5\n2,3e-3\n",
     "byte order mark": "\ufefft [s],Position [mm]\n0,0.25\n1,-1.5\n2,3e-3\n",
     "trailing delimiter": "t [s];Position [mm];\n0;0,25;\n1;-1,5;\n2;0,003;\n",
+    "block of properties": "Drive,AX5000\nDate,2026-05-04\nt [s],Position [mm]\n0,0.25\n1,-1.5\n2,3e-3\n",
+    "flags and text": "t [s],State,Position [mm],Enabled\n0,run,0.25,TRUE\n1,run,-1.5,TRUE\n2,stop,3e-3,FALSE\n",
+    "dates in front": "Clock;Position [mm]\n12:00:01;0,25\n12:00:02;-1,5\n12:00:03;0,003\n",
+    "several columns of time": "t [s],Speed,t [s],Position [mm]\n0,1,0,0.25\n1,2,1,-1.5\n2,3,2,3e-3\n",
+    "units under the names": "Time;Position\ns;mm\n0;0,25\n1;-1,5\n2;0,003\n",
+    "sample rate above": "Sample rate: 2.5 kHz\nPosition [mm],Speed\n0.25,1\n-1.5,2\n3e-3,3\n",
 }
 
 
@@ -43,6 +49,29 @@ def test_every_layout_of_text_gives_the_same_column_and_unit(tmp_path: Path, tex
     table = CsvReader().read(csv(tmp_path, text), ["Position"])
     assert table.columns["Position"].tolist() == POSITION
     assert table.units["Position"] == "mm"
+
+
+@pytest.mark.parametrize(
+    ("line", "sample_time"),
+    [
+        ("Sample rate: 2.5 kHz", 4e-4), ("fs = 2500 Hz", 4e-4), ("Sampling Frequency [kHz];2.5", 4e-4),
+        ("dt = 0.4 ms", 4e-4), ("Sample interval (s), 4e-4", 4e-4), ("Abtastzeit: 400 µs", 4e-4),
+        ("dt = 0.4 m\u017f", None), ("dt = 1.2.3 ms", None), ("fs = 0 Hz", None), ("fs" + " " * 100_000, None),
+    ],
+)  # fmt: skip
+def test_a_sample_time_above_the_table_is_that_of_the_record(
+    tmp_path: Path, line: str, sample_time: float | None
+) -> None:
+    table = CsvReader().read(csv(tmp_path, f"{line}\nForce [N],Position [mm]\n1,0.25\n2,-1.5\n"), ["Position"])
+    assert table.sample_time == (None if sample_time is None else pytest.approx(sample_time))
+
+
+def test_a_number_in_brackets_behind_a_name_is_an_index(tmp_path: Path) -> None:
+    path = csv(tmp_path, "Axis[0],Axis[1],ratio [1]\n1,2,3\n4,5,6\n")
+    table = CsvReader().read(path, ["Axis[1]", "ratio"])
+    assert table.columns["Axis[1]"].tolist() == [2.0, 5.0]
+    assert table.units.get("ratio") == "1"
+    assert "Axis[1]" not in table.units
 
 
 @pytest.mark.parametrize("encoding", ["utf-16", "latin-1"])
@@ -76,7 +105,7 @@ BROKEN = {
     "infinite": ("t,Positon\n0,1\n1,-inf\n", r"line 3: '-inf'"),
     "two of a name": ("Positon,Positon\n0,1\n", r"2 columns are called 'Positon'"),
     "no numbers": ("t,Positon\n", r"no line of numbers"),
-    "text above": ("t,Positon\n0,off\n1,2\n", r"line 2: 'off' does not fit the lines below"),
+    "text above": ("t,Positon\n0,off\n1,2\n", r"line 2: 'off' in column 'Positon' is not a finite number"),
     "quote left open": ('t,Positon\n0,1\n"1,2\n', r"line 3: '' in column 'Positon'"),
     "broken character": ("t,Positon\n" + "0,1\n" * 30000 + "1,\udcff\n", r"line 30002: '.' in column 'Positon'"),
     "endless cell": ("t,Positon\n0,1\n1," + "x" * 200_000 + "\n", r"line 3: '' in column 'Positon'"),

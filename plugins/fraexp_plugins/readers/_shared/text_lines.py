@@ -1,0 +1,103 @@
+"""Lines and cells of text files, which the readers of text share."""
+
+import csv
+import itertools
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import TextIO
+
+from fraexp.api import RecordError
+from fraexp_plugins.readers._shared.record_checks import missing_column
+
+ENCODING_PEEK_BYTES = 65536
+"""Bytes from which the encoding is detected."""
+MAX_HEADER_LINES = 1000
+"""Lines among which the first line of numbers must be."""
+MAX_LINE_CHARACTERS = 1 << 22
+"""Characters of a line, and of all lines together among which the first line of numbers must be."""
+
+
+def text_encoding(path: Path) -> str:
+    """Return the encoding of a text file; RecordError if it is not text."""
+    with path.open("rb") as stream:
+        head = stream.read(ENCODING_PEEK_BYTES)
+    if head.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return "utf-16"
+    if b"\0" in head:
+        raise RecordError(f"{path.name}: this is not a text file; expected lines of numbers, or choose another reader")
+    try:
+        # up to the end of a line, so that no character is cut in two
+        (head[: head.rfind(b"\n") + 1] if len(head) == ENCODING_PEEK_BYTES else head).decode("utf-8")
+    except UnicodeDecodeError:
+        return "latin-1"
+    return "utf-8-sig"
+
+
+def head_lines(path: Path, stream: TextIO) -> Iterator[str]:
+    """Yield the lines among which the first line of numbers must be."""
+    remaining = MAX_LINE_CHARACTERS
+    for line in itertools.islice(text_lines(path, stream), MAX_HEADER_LINES):
+        remaining -= len(line)
+        if remaining < 0:
+            return
+        yield line
+
+
+def text_lines(path: Path, stream: TextIO) -> Iterator[str]:
+    """Yield the lines of a text; RecordError at one that is too long to be a line of columns."""
+    number = 1
+    while line := stream.readline(MAX_LINE_CHARACTERS + 1):
+        if len(line) > MAX_LINE_CHARACTERS:
+            raise RecordError(
+                f"{path.name}, line {number}: more than {MAX_LINE_CHARACTERS:,} characters; expected columns"
+            )
+        yield line
+        number += 1
+
+
+def split_cells(line: str, delimiter: str | None) -> list[str]:
+    """Return the cells of a line without the blanks around them; the delimiter None is any run of blanks."""
+    if delimiter is None:
+        return line.split()
+    try:
+        return [cell.strip() for cell in next(csv.reader([line.rstrip("\r\n")], delimiter=delimiter), [])]
+    except csv.Error:  # such as a cell of more than 128 KiB
+        return [line.strip()]
+
+
+def is_number(cell: str, decimal_comma: bool) -> bool:
+    """Say whether a cell contains a number."""
+    with suppress(ValueError):
+        float(cell.replace(",", ".") if decimal_comma else cell)
+        return True
+    return False
+
+
+def unique_names(names: Sequence[str]) -> list[str]:
+    """Return the names; those that occur more than once are numbered, such as ``Time #2``."""
+    total, seen = Counter(names), Counter[str]()
+    found = []
+    for name in names:
+        seen[name] += 1
+        found.append(f"{name} #{seen[name]}" if total[name] > 1 and name else name)
+    return found
+
+
+def column_position(path: Path, column: str, *spellings: Sequence[str]) -> int:
+    """Return the position of a column in the first of the lists of names that contains it once.
+
+    Raises
+    ------
+    RecordError : if no list contains it, or one contains it several times.
+    """
+    for known in spellings:
+        count = list(known).count(column)
+        if count > 1:
+            raise RecordError(
+                f"{path.name}: {count} columns are called '{column}'; give '{column} #1' to '{column} #{count}'"
+            )
+        if count:
+            return list(known).index(column)
+    raise missing_column(path, column, spellings[-1])

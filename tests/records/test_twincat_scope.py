@@ -1,0 +1,144 @@
+"""Exports of TwinCAT 3 Scope: every layout gives the same numbers; what is wrong is said in one line."""
+
+import itertools
+import random
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fraexp_plugins.readers.twincat_scope import TwinCatScope
+
+from fraexp.components.kinds import RecordReader
+from fraexp.errors import RecordError
+from fraexp.records.contents import list_contents, propose_import
+from fraexp.records.source import find_reader
+
+TRACES = Path(__file__).parents[3] / "shared" / "data" / "traces"
+CHANNELS = {
+    "Torque": ("N (Newton)", 1.0, [0.5, -1.25, 2.0, 3.0]),
+    "ActPos": ("mm (Millimeter)", 1.0, [1.0, 2.0, 3.0, 4.0]),
+}
+FAST = ("(None)", 0.5, [float(value) for value in range(8)])
+
+
+def export(delimiter="\t", shared=False, point=".", end=True, fast=False, quoted=False):
+    """Return the text of an export of two channels of 1 ms, and one of 0.5 ms if asked for."""
+    columns = []
+    for number, (name, (unit, step, values)) in enumerate({**CHANNELS, **({"Fast": FAST} if fast else {})}.items()):
+        if not shared or number == 0 or step != 1.0:
+            columns.append(["Name", "SampleTime[ms]", "Unit", [f"{k * step:g}" for k in range(len(values))]])
+        columns.append([name, f"{step:g}", unit, [f"{value:g}" for value in values]])
+    length = max(len(column[3]) for column in columns)
+    cells = [[column[3][k] if k < len(column[3]) else "" for column in columns] for k in range(length)]
+    properties = [[column[row] for column in columns] for row in range(3)]
+    decimal = [[cell.replace(".", point) for cell in row] for row in (properties[1], *cells)]
+    rows = [["Name", "axis 3"], ["File", "a.csv"], [], properties[0], decimal[0], properties[2], [], *decimal[1:]]
+    lines = [delimiter.join(f'"{cell}"' if quoted and cell else cell for cell in row) for row in rows]
+    return "\n".join([*lines, *(["EOF"] if end else [])]) + "\n"
+
+
+def written(tmp_path, text, encoding="utf-8"):
+    path = tmp_path / "axis.csv"
+    path.write_bytes(text.encode(encoding, "surrogateescape"))
+    return path
+
+
+@pytest.mark.parametrize("delimiter", ["\t", ";", ":"])
+@pytest.mark.parametrize(("shared", "point", "end"), list(itertools.product((False, True), ".,", (False, True))))
+def test_every_layout_gives_the_same_values_and_units(tmp_path, delimiter, shared, point, end):
+    path = written(tmp_path, export(delimiter, shared, point, end))
+    table = TwinCatScope().read(path, ["ActPos", "Torque"])
+    assert table.columns["Torque"].tolist() == CHANNELS["Torque"][2]
+    assert table.columns["ActPos"].tolist() == CHANNELS["ActPos"][2]
+    assert table.units == {"Torque": "N", "ActPos": "mm"}
+    assert table.sample_time == pytest.approx(1e-3)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "latin-1"])
+@pytest.mark.parametrize("quoted", [False, True])
+def test_an_export_is_recognised_in_any_encoding(tmp_path, registry, encoding, quoted):
+    path = written(tmp_path, export(quoted=quoted), encoding)
+    assert isinstance(find_reader("", path, registry), TwinCatScope)
+    assert TwinCatScope().read(path, ["Torque"]).columns["Torque"].tolist() == CHANNELS["Torque"][2]
+
+
+def test_another_text_file_is_not_taken_for_one(tmp_path, registry):
+    path = written(tmp_path, "Name,SampleTime\n1,2\n3,4\n")
+    found = find_reader("", path, registry)
+    assert not isinstance(found, TwinCatScope)
+    assert isinstance(found, RecordReader)
+
+
+def test_the_listing_states_lengths_units_and_a_command_without_a_clock(tmp_path, registry):
+    path = written(tmp_path, export(fast=True))
+    contents = list_contents(path, registry)
+    assert [(one.name, one.size, one.unit) for one in contents] == [
+        ("Torque", 4, "N"), ("ActPos", 4, "mm"), ("Fast", 8, ""),
+    ]  # fmt: skip
+    assert "--sample-rate" not in propose_import(path, contents, registry)
+    assert "--time" not in propose_import(path, contents, registry)
+
+
+def test_stamps_that_are_rounded_are_accepted(tmp_path):
+    text = export().replace("0\t0.5", "0.0\t0.5").replace("\n1\t-1.25", "\n1.1\t-1.25")
+    assert TwinCatScope().read(written(tmp_path, text), ["Torque"]).sample_time == pytest.approx(1e-3)
+
+
+BROKEN = {
+    "no sample time": (export().replace("SampleTime[ms]", "Sample"), ["Torque"], r"no line 'SampleTime\[ms\]'"),
+    "a sample time that is text": (
+        export().replace("\t1\tSample", "\tfast\tSample"),
+        ["Torque"],
+        r"'fast'; expected milli",
+    ),
+    "no values": (export().replace("\n\n0\t", "\n0\t"), ["Torque"], r"no empty line ends the properties"),
+    "text as a value": (export().replace("-1.25", "off"), ["Torque"], r"line 9: channel 'Torque' is 'off'"),
+    "a gap": (export().replace("-1.25", ""), ["Torque"], r"line 10: channel 'Torque' after an empty cell"),
+    "a leap of time": (export().replace("\n2\t2\t", "\n7\t2\t"), ["Torque"], r"steps by 0\.006 s after sample 2"),
+    "a time that is no number": (export().replace("\n2\t2\t", "\nnan\t2\t"), ["Torque"], r"steps by nan s"),
+    "two rates": (export(fast=True), ["Torque", "Fast"], r"different sample times \('Torque' 1 ms, 'Fast' 0\.5 ms\)"),
+    "a wrong name": (export(), ["Torqe"], r"Torqe.*Torque"),
+    "names lost": (export().replace("Name\tActPos", "Name"), ["Torque"], r"names of the channels .* do not match"),
+}
+
+
+@pytest.mark.parametrize(("text", "columns", "message"), BROKEN.values(), ids=BROKEN)
+def test_what_is_wrong_is_said_in_one_line(tmp_path, text, columns, message):
+    with pytest.raises(RecordError, match=message) as caught:
+        TwinCatScope().read(written(tmp_path, text), columns)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_row_that_is_wider_than_the_table_is_listed(tmp_path, registry):
+    path = written(tmp_path, export().replace("-1.25", "-1.25\t\t\t7\t8"))
+    assert [one.name for one in list_contents(path, registry)] == ["Torque", "ActPos"]
+
+
+def test_a_damaged_export_is_read_or_refused_in_one_line(tmp_path, registry):
+    """Bytes are cut out, doubled and changed at random."""
+    whole, dice = export(fast=True).encode(), random.Random(4)
+    for _ in range(300):
+        begin, end = sorted(dice.choices(range(len(whole)), k=2))
+        middle = dice.choice([b"", whole[begin:end] * 2, bytes(dice.choices(range(256), k=min(end - begin, 9)))])
+        path = tmp_path / "axis.csv"
+        path.write_bytes(whole[:begin] + middle + whole[end:])
+        try:
+            contents = list_contents(path, registry)
+            find_reader("", path, registry).read(path, [contents[0].name])
+        except RecordError as error:
+            assert "\n" not in str(error)
+
+
+@pytest.mark.skipif(not TRACES.is_dir(), reason="the traces of strangers are not in the checkout")
+@pytest.mark.parametrize("name", ["twincat_scope_default.csv", "twincat_scope_shared_time.csv"])
+def test_a_strangers_exports_are_read(registry, name):
+    path = TRACES / name
+    assert isinstance(find_reader("", path, registry), TwinCatScope)
+    sizes = {one.name: one.size for one in list_contents(path, registry)}
+    assert (sizes["var_REAL64"], sizes["func_OS"], sizes["func_freesample"]) == (1000, 4996, 201)
+    table = TwinCatScope().read(path, ["func_units_unscaled", "func_units_scaled"])
+    assert table.units == {"func_units_unscaled": "V", "func_units_scaled": "dV"}
+    assert table.sample_time == pytest.approx(1e-3)
+    scaled, unscaled = table.columns["func_units_scaled"], table.columns["func_units_unscaled"]
+    assert np.isfinite(scaled).all()
+    assert scaled.shape == unscaled.shape == (1000,)
