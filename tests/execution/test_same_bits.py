@@ -27,13 +27,14 @@ STUDIES = [
     "methods/higher_order",
     "methods/joint_input_output",
     "methods/local_polynomial",
+    "methods/maximum_likelihood",
     "methods/moving_axis",
     "methods/self_diagnosis",
     "methods/spectral",
     "positioning/profiles",
     "quick",
 ]
-"""In which each estimator has a sweep of about a second at most."""
+"""In which each estimator has a sweep of a few seconds at most."""
 LONG = {"gradient_fit", "plant_and_friction", "gms_identification", "rolling_identification", "sliding_identification"}
 LONG |= {"elastoplastic_identification", "masing_inversion"}
 """Identification that takes ten seconds and more; it computes as viscous_identification does, which is here."""
