@@ -133,9 +133,9 @@ def child(name: str, folder: str, count: int, executor: str, compiled: bool) -> 
     """Run a study, or so many of its sweeps, and print estimate and time; this is a process of its own."""
     from fraexp.execution.estimates import estimate
     from fraexp.execution.events import Ended, Planned
-    from fraexp.workspace.workspace import Workspace
+    from fraexp.workspace.workspace_service import WorkspaceService
 
-    workspace = Workspace.open(folder)
+    workspace = WorkspaceService.open(folder)
     if executor == "serial":  # processor time is that of an idle machine
         estimate.slowdown = lambda processes: 1.0
     if compiled:

@@ -22,7 +22,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 from fraexp.execution.events import Finished
 from fraexp.execution.executors import usable_cores
 from fraexp.execution.job import Job, run_job
-from fraexp.workspace.workspace import Workspace
+from fraexp.workspace.workspace_service import WorkspaceService
 
 STUDY = """
 title = "Friction force within its tolerance"
@@ -46,7 +46,7 @@ MOST_GROWTH = 1.15
 """Memory at the end over memory at a quarter of the way, at most."""
 
 
-def alone(workspace: Workspace, sweeps: int) -> float:
+def alone(workspace: WorkspaceService, sweeps: int) -> float:
     """Return the rate [1/s] of one process that stores nothing: the median over groups of ten sweeps."""
     jobs = [Job(s.experiment, (s.estimator,), s.files) for s in workspace.studies(["draws"])[0].sweeps[: sweeps + 10]]
     rates = []
@@ -76,7 +76,7 @@ def main() -> int:
         (Path(folder) / "studies").mkdir()
         forces = [round(draw.gauss(17.9, 1.5), 5) for _ in range(count)]
         (Path(folder) / "studies" / "draws.toml").write_text(STUDY.format(forces=forces))
-        workspace = Workspace.open(folder)
+        workspace = WorkspaceService.open(folder)
         single = alone(workspace, 60)
         began, times, memory = time.perf_counter(), [], []
         for event in workspace.run(["draws"], chosen.executor):

@@ -25,7 +25,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from fraexp.execution.events import Finished
 from fraexp.execution.job import Job, run_job
-from fraexp.workspace.workspace import Workspace
+from fraexp.workspace.workspace_service import WorkspaceService
 
 PLUGIN = '''
 from fraexp.api import Estimator, Metric, Outcome, Result
@@ -70,7 +70,7 @@ LEAST_GAIN = 1.8
 """Rate of two workers over that of one, at least."""
 
 
-def bare(workspace: Workspace, name: str) -> float:
+def bare(workspace: WorkspaceService, name: str) -> float:
     """Return the seconds that computing takes per sweep, in this process."""
     sweeps = workspace.studies([name])[0].sweeps
     jobs = [Job(s.experiment, (s.estimator,), s.files, str(workspace.folder / "plugins")) for s in sweeps[:500]]
@@ -83,7 +83,7 @@ def bare(workspace: Workspace, name: str) -> float:
 
 def stored(folder: Path, name: str, executor: str, database: str) -> tuple[float, float, int]:
     """Run a study; return seconds, processor seconds of this process, and sweeps, all without the first fifth."""
-    workspace = Workspace.open(folder, str(folder / database))
+    workspace = WorkspaceService.open(folder, str(folder / database))
     moments = []
     for event in workspace.run([name], executor):
         if isinstance(event, Finished):
@@ -100,7 +100,7 @@ def overhead(folder: Path, executor: str, sweeps: int) -> float:
     (folder / "studies" / "tiny.toml").write_text(
         TINY.format(values=[round((n + 1) * 1e-6, 9) for n in range(sweeps)]), encoding="utf-8"
     )
-    alone = bare(Workspace.open(folder), "tiny")
+    alone = bare(WorkspaceService.open(folder), "tiny")
     wall, used, count = stored(folder, "tiny", executor, f"{executor.partition(':')[0]}.db")
     shared = alone if executor == "serial" else 0.0  # this process computes nothing itself then
     cost = 1e3 * (wall / count - alone)

@@ -26,7 +26,7 @@ from calibrate_machine import MACHINE, sections_of
 
 from fraexp.execution.events import Finished
 from fraexp.execution.job import Failure, Job, run_job
-from fraexp.workspace.workspace import Workspace
+from fraexp.workspace.workspace_service import WorkspaceService
 
 GROWTH, CORES, GROWN = 1.1, 1.7, 1.15
 """Bounds: greatest exponent, least gain of a second core, greatest ratio of memory with four times as many sweeps."""
@@ -58,8 +58,8 @@ def peak():
 print(peak())
 """
 RUN = """
-from fraexp.workspace.workspace import Workspace
-for _ in Workspace.open(".").run(["{study}"], "serial"):
+from fraexp.workspace.workspace_service import WorkspaceService
+for _ in WorkspaceService.open(".").run(["{study}"], "serial"):
     pass
 """
 
@@ -161,7 +161,7 @@ def stored(folder: Path, study: str, executor: str, number: int) -> tuple[float,
     The second figure leaves out how long worker processes take to start.
     """
     began, finished = time.perf_counter(), []
-    for event in Workspace.open(folder, str(folder / f"{number}.db")).run([study], executor):
+    for event in WorkspaceService.open(folder, str(folder / f"{number}.db")).run([study], executor):
         if isinstance(event, Finished):
             finished.append(time.perf_counter())
     return time.perf_counter() - began, (len(finished) - 1) / (finished[-1] - finished[0])

@@ -31,9 +31,9 @@ from fraexp.simulation.machine import reference_response
 FRAEXP = ["-m", "fraexp"]
 FIRST = """
 from fraexp.execution.events import Finished
-from fraexp.workspace.workspace import Workspace
+from fraexp.workspace.workspace_service import WorkspaceService
 
-events = Workspace.open(".").run(["quick"], "serial", rerun="all")
+events = WorkspaceService.open(".").run(["quick"], "serial", rerun="all")
 next(event for event in events if isinstance(event, Finished))
 events.close()
 """

@@ -11,7 +11,7 @@ os.environ["FRAEXP_TUI_SETTINGS"] = os.devnull
 
 from fraexp.store import Store
 from fraexp.tui.app import FraexpApp
-from fraexp.workspace.workspace import Workspace
+from fraexp.workspace.workspace_service import WorkspaceService
 
 TARGET = Path(__file__).resolve().parent / "figures" / "terminal.svg"
 SIZE = (112, 36)
@@ -39,7 +39,7 @@ async def draw() -> str:
 def main() -> None:
     """Run the study, and draw."""
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
-        for _ in Workspace.open(".").run(["quick"], "serial"):
+        for _ in WorkspaceService.open(".").run(["quick"], "serial"):
             pass
         TARGET.write_text(asyncio.run(draw()), encoding="utf-8")
     print(TARGET)

@@ -21,7 +21,7 @@ from fraexp.figures.kinds.plant_errors import (
 from fraexp.store import leave_out_damaged
 from fraexp.views.text_tables import TextTable
 from fraexp.views.words import fixed_text, number_text, plural, short_key
-from fraexp.workspace.workspace import Workspace
+from fraexp.workspace.workspace_service import WorkspaceService
 
 COVERAGE_COLUMN = "95 % limits that cover P [%]"
 MIN_REPORTED_OFFSET = 0.005
@@ -30,7 +30,7 @@ MIN_REPORTED_OFFSET = 0.005
 
 def execute(arguments: Namespace) -> ExitCode:
     """Print the errors of the responses at some frequencies, and the effort of the estimates."""
-    workspace = Workspace.open(arguments.workspace, arguments.db)
+    workspace = WorkspaceService.open(arguments.workspace, arguments.db)
     with workspace.open_store() as store:
         sweeps = choose_sweeps(store, arguments.ids)
         results = store.results(sweep.key for sweep in sweeps)

@@ -11,7 +11,7 @@ from fraexp.errors import FraexpError, StoreError
 from fraexp.figures.export import export
 from fraexp.reports.published_comparisons import compare_sweep, comparison_document
 from fraexp.views.words import short_key
-from fraexp.workspace.workspace import Workspace
+from fraexp.workspace.workspace_service import WorkspaceService
 
 
 def execute(arguments: Namespace) -> ExitCode:
@@ -33,7 +33,7 @@ def execute(arguments: Namespace) -> ExitCode:
         "experiment": json_value(sweeps[0].experiment),
         "estimator": json_value(sweeps[0].estimator),
         "published": [comparison_document(one) for one in published],
-        "models": Workspace.open(arguments.workspace, arguments.db).models(result),
+        "models": WorkspaceService.open(arguments.workspace, arguments.db).models(result),
     }
     export(result, header, arguments.output, force=arguments.force)
     print_path(arguments.output)

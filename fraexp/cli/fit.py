@@ -10,12 +10,12 @@ from fraexp.cli.sweep_lookup import choose_sweeps, find_run_number
 from fraexp.errors import FraexpError
 from fraexp.store import StoredSweep, leave_out_damaged
 from fraexp.workspace.fit_specs import fit_estimator, inherited_fit_settings
-from fraexp.workspace.workspace import Workspace
+from fraexp.workspace.workspace_service import WorkspaceService
 
 
 def execute(arguments: Namespace) -> ExitCode:
     """Fit the responses of sweeps, and print the results."""
-    workspace = Workspace.open(arguments.workspace, arguments.db)
+    workspace = WorkspaceService.open(arguments.workspace, arguments.db)
     with workspace.open_store() as store:
         numbers = [find_run_number(store, identifier) for identifier in arguments.ids]
         names = {store.run(number).study for number in numbers if number is not None}
@@ -32,7 +32,7 @@ def execute(arguments: Namespace) -> ExitCode:
     )
 
 
-def _report_inherited(sweeps: Sequence[StoredSweep], arguments: Namespace, workspace: Workspace) -> None:
+def _report_inherited(sweeps: Sequence[StoredSweep], arguments: Namespace, workspace: WorkspaceService) -> None:
     """Report which settings are inherited from the fits of the studies."""
     fitting = fit_estimator(workspace.registry, arguments.estimator)
     kept = [inherited_fit_settings(sweep, fitting, arguments.overrides, workspace.registry) for sweep in sweeps]

@@ -23,7 +23,7 @@ from fraexp.views.pace import expected_time_text
 from fraexp.views.plan import why_document, why_lines
 from fraexp.views.text_tables import sweep_table
 from fraexp.views.words import duration_text, plural, short_key
-from fraexp.workspace.workspace import Workspace
+from fraexp.workspace.workspace_service import WorkspaceService
 
 MAX_TABLE_SWEEPS = 50
 """Maximum number of sweeps in the table at the end; ``fraexp show`` has all."""
@@ -125,7 +125,7 @@ def _plan_text(planned: Planned) -> str:
     return f"{planned.study}: {sweeps}, {planned.reused} reused{stale}, {planned.missing} to compute{time}"
 
 
-def print_outcome(followed: RunEvents, arguments: Namespace, workspace: Workspace) -> ExitCode:
+def print_outcome(followed: RunEvents, arguments: Namespace, workspace: WorkspaceService) -> ExitCode:
     """Print the results of the runs, and return the exit code; StoreError if the database has lost some."""
     _confirm_stored(followed, workspace)
     runs = [_read_run(ended, ended.run, workspace) for ended in followed.ended if ended.run is not None]
@@ -150,7 +150,7 @@ def print_outcome(followed: RunEvents, arguments: Namespace, workspace: Workspac
     return ExitCode.INCOMPLETE if failed else ExitCode.OK
 
 
-def _confirm_stored(followed: RunEvents, workspace: Workspace) -> None:
+def _confirm_stored(followed: RunEvents, workspace: WorkspaceService) -> None:
     """Raise StoreError if the database, opened anew, lacks results that were stored."""
     for number, count in followed.computed.items():
         if count:
@@ -162,14 +162,14 @@ def _heading(study: str, titles: Mapping[str, str]) -> str:
     return ": ".join(part for part in (study, titles.get(study, "")) if part)
 
 
-def _read_run(ended: Ended, number: int, workspace: Workspace) -> FinishedRun:
+def _read_run(ended: Ended, number: int, workspace: WorkspaceService) -> FinishedRun:
     with workspace.open_store() as store:
         sweeps = store.sweeps(number)
         results = store.results(sweep.key for sweep in sweeps)
         return FinishedRun(ended, store.run(number), mark_damaged(sweeps, results), results)
 
 
-def _computed_count(followed: RunEvents, workspace: Workspace) -> int:
+def _computed_count(followed: RunEvents, workspace: WorkspaceService) -> int:
     """Return how many sweeps the runs have stored: the last ones are stored after the last event."""
     if not followed.begun:
         return 0
@@ -202,7 +202,7 @@ def _document(followed: RunEvents, runs: Sequence[FinishedRun]) -> dict[str, obj
     }
 
 
-def _print(finished: FinishedRun, workspace: Workspace, here: str) -> None:
+def _print(finished: FinishedRun, workspace: WorkspaceService, here: str) -> None:
     """Print a run; `here` holds the options that name its workspace and database."""
     ended, run, sweeps, results = finished
     if needs_summary(len(sweeps)):
@@ -221,7 +221,7 @@ def _print(finished: FinishedRun, workspace: Workspace, here: str) -> None:
     say(_next_steps(run, sweeps, results, here))
 
 
-def _print_errors(sweeps: list[StoredSweep], results: dict[str, Result], workspace: Workspace) -> None:
+def _print_errors(sweeps: list[StoredSweep], results: dict[str, Result], workspace: WorkspaceService) -> None:
     """Print the errors against the plant, if the study has cases."""
     labels = [sweep.labels for sweep in sweeps]
     if not any("case" in of for of in labels):

@@ -9,7 +9,7 @@ from fraexp.cli.output import print_json, print_table, say
 from fraexp.errors import RecordError
 from fraexp.records.channels import parse_channel
 from fraexp.records.study_writer import ImportRequest
-from fraexp.workspace.workspace import Workspace
+from fraexp.workspace.workspace_service import WorkspaceService
 
 RECORD_KEYS = (
     "line_channel", "sample_rate", "time_column", "samples_per_period", "period_time", "periods_per_realisation",
@@ -21,7 +21,7 @@ RECORD_KEYS = (
 
 def execute(arguments: Namespace) -> ExitCode:
     """Analyse a record, store the results, and print them as a run; without channels, list its contents."""
-    workspace = Workspace.open(arguments.workspace, arguments.db)
+    workspace = WorkspaceService.open(arguments.workspace, arguments.db)
     if not arguments.channels:
         return _list_contents(arguments, workspace)
     request = ImportRequest(
@@ -57,7 +57,7 @@ def _parse_channels(texts: list[str], integrals: list[str]) -> dict[str, object]
     return channels
 
 
-def _list_contents(arguments: Namespace, workspace: Workspace) -> ExitCode:
+def _list_contents(arguments: Namespace, workspace: WorkspaceService) -> ExitCode:
     """Print the contents of a file, and a command that would probably import it."""
     from fraexp.records.contents import clock_fault, list_contents, propose_import
 

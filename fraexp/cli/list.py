@@ -104,9 +104,9 @@ def _list_sweeps(arguments: Namespace) -> None:
 def _list_studies(arguments: Namespace) -> None:
     """Print the studies, and what running them would compute."""
     from fraexp.views.study import STUDY_COLUMNS, newest_runs, study_document, study_row, survey_studies
-    from fraexp.workspace.workspace import Workspace
+    from fraexp.workspace.workspace_service import WorkspaceService
 
-    workspace = Workspace.open(arguments.workspace, arguments.db)
+    workspace = WorkspaceService.open(arguments.workspace, arguments.db)
     entries = workspace.catalogue()
     found = {one.name: one for one in survey_studies(workspace, entries)}
     runs: dict[str, RunSummary] = {}

@@ -40,9 +40,9 @@ def execute(arguments: Namespace) -> ExitCode:
 
 def _rewrite_studies(arguments: Namespace) -> ExitCode:
     """Rewrite study files with the current names; a file that cannot be rewritten does not stop the others."""
-    from fraexp.workspace.workspace import Workspace
+    from fraexp.workspace.workspace_service import WorkspaceService
 
-    done = list(Workspace.open(arguments.workspace, arguments.db).rewrite_studies(arguments.studies))
+    done = list(WorkspaceService.open(arguments.workspace, arguments.db).rewrite_studies(arguments.studies))
     if arguments.json:
         print_json([{"file": str(one.file), "renamed": one.renamed, "error": one.error} for one in done])
     for one in done if not arguments.json else ():

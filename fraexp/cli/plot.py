@@ -12,7 +12,7 @@ from fraexp.figures.elements.view import View
 from fraexp.store import Store
 from fraexp.views.comparison import with_common_labels
 from fraexp.views.words import plural
-from fraexp.workspace.workspace import Workspace
+from fraexp.workspace.workspace_service import WorkspaceService
 
 
 def execute(arguments: Namespace) -> ExitCode:
@@ -20,7 +20,7 @@ def execute(arguments: Namespace) -> ExitCode:
     check_suffix(arguments.output)
     check_folder(arguments.output)
     view = View.parse(arguments.frequency_range, arguments.wrap_phase)
-    workspace = Workspace.open(arguments.workspace, arguments.db)
+    workspace = WorkspaceService.open(arguments.workspace, arguments.db)
     with workspace.open_store() as store:
         sweeps = choose_sweeps(store, arguments.ids)
         if all(find_run_number(store, identifier) is None for identifier in arguments.ids):

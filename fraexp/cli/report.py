@@ -14,13 +14,13 @@ from fraexp.reports.published_comparisons import verdict
 from fraexp.store import Store
 from fraexp.study.published_values import PublishedComparison
 from fraexp.study.study_file import find_studies, packaged_studies
-from fraexp.workspace.workspace import Workspace
+from fraexp.workspace.workspace_service import WorkspaceService
 
 
 def execute(arguments: Namespace) -> ExitCode:
     """Write the report of runs, and print its path."""
     check_target(arguments.output, arguments.force)
-    workspace = Workspace.open(arguments.workspace, arguments.db)
+    workspace = WorkspaceService.open(arguments.workspace, arguments.db)
     with workspace.open_store() as store:
         runs = list(dict.fromkeys(number for text in arguments.ids for number in _run_numbers(store, text)))
         title = arguments.title or f"Report: {', '.join(arguments.ids)}"
@@ -44,7 +44,7 @@ def _run_numbers(store: Store, identifier: str) -> list[int]:
     return [newest[study] for study in sorted(newest)]
 
 
-def report_folders(arguments: Namespace, runs: Sequence[int], workspace: Workspace) -> None:
+def report_folders(arguments: Namespace, runs: Sequence[int], workspace: WorkspaceService) -> None:
     """Write ``figures/FOLDER.html`` for each folder of studies that was run."""
     with workspace.open_store() as store:
         numbers = {store.run(number).study: number for number in runs}
@@ -68,7 +68,7 @@ def _study_folders(names: Sequence[str], folder: Path) -> Iterator[tuple[str, li
 
 
 def _write(
-    workspace: Workspace, store: Store, runs: Sequence[int], path: Path, title: str, as_talk: bool = False
+    workspace: WorkspaceService, store: Store, runs: Sequence[int], path: Path, title: str, as_talk: bool = False
 ) -> list[PublishedComparison]:
     compared = workspace.report(store, runs, path, title)
     if as_talk:

@@ -9,12 +9,12 @@ from fraexp.cli.report import report_folders
 from fraexp.cli.sweep_lookup import location_options
 from fraexp.errors import StudyError
 from fraexp.execution.executors import ResourceLimits, worker_count
-from fraexp.workspace.workspace import Workspace
+from fraexp.workspace.workspace_service import WorkspaceService
 
 
 def execute(arguments: Namespace) -> ExitCode:
     """Run the studies and print their sweeps."""
-    workspace = Workspace.open(arguments.workspace, arguments.db)
+    workspace = WorkspaceService.open(arguments.workspace, arguments.db)
     if arguments.detach:
         return _detach(arguments, workspace)
     limits = ResourceLimits.parse(arguments.time_limit, arguments.memory_limit, arguments.database_timeout)
@@ -29,7 +29,7 @@ def execute(arguments: Namespace) -> ExitCode:
     return code
 
 
-def _detach(arguments: Namespace, workspace: Workspace) -> ExitCode:
+def _detach(arguments: Namespace, workspace: WorkspaceService) -> ExitCode:
     """Start the run in the background, and print its log file; invalid options are reported here, not there."""
     if arguments.dry_run:
         raise StudyError("--detach starts a run, --dry-run computes nothing; give only one of them")

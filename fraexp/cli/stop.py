@@ -6,12 +6,12 @@ from argparse import Namespace
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.output import say
 from fraexp.cli.sweep_lookup import location_options
-from fraexp.workspace.workspace import Workspace
+from fraexp.workspace.workspace_service import WorkspaceService
 
 
 def execute(arguments: Namespace) -> ExitCode:
     """Ask the run to stop, or kill its processes."""
-    workspace = Workspace.open(arguments.workspace, arguments.db)
+    workspace = WorkspaceService.open(arguments.workspace, arguments.db)
     with workspace.open_store() as store:
         run = store.run(arguments.run)
     workspace.stop(run, arguments.kill)

@@ -67,6 +67,11 @@ class Providers(Mapping[Key, Provider]):
         self.load(provider.component.name)  # a package's component comes before a dropped-in one
         return self._known.setdefault(key, provider)
 
+    def replace(self, provider: Provider) -> None:
+        """Add a provider in place of the one that has its kind and name, such as a class that was defined anew."""
+        self.load(provider.component.name)
+        self._known[provider.component.kind, provider.component.name] = provider
+
     def load(self, name: str | None = None) -> None:
         """Load the modules that define a name, or all that are left."""
         with self._lock:

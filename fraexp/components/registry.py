@@ -32,6 +32,8 @@ hookimpl = pluggy.HookimplMarker("fraexp")
 AnyComponent = TypeVar("AnyComponent", bound=Component)
 LOCAL = "workspace"
 """Distribution of what local plugins provide."""
+SESSION = "session"
+"""Distribution of classes that were defined interactively: no other process knows them."""
 
 
 @hookspec
@@ -88,6 +90,16 @@ class Registry:
             reason = f"{name} is provided by both {places}; rename one"
             self.clashes[component.kind, component.name] = reason
             self.failed.append(LoadFailure(_relative_path(provider.file), reason, provider.file))
+
+    def add_from_session(self, component: type[Component]) -> None:
+        """Register a class that was defined interactively, unless a plugin provides it; a later definition counts."""
+        known = self.providers.get((component.kind, component.name))
+        if known is not None and known.distribution != SESSION and known.component is not component:
+            raise PluginError(
+                f"'{component.name}' ({component.kind}) is provided by {known.distribution}; rename yours"
+            )
+        if known is None or known.component is not component:
+            self.providers.replace(Provider(component, Path(), SESSION))
 
     def names(self, kind: str) -> list[str]:
         """Return the names of all components of a kind, sorted."""

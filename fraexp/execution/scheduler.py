@@ -23,7 +23,7 @@ from fraexp.execution.events import Begun, Ended, Event, Finished, Noticed, Plan
 from fraexp.execution.executors import ResourceLimits, Workers, create_workers
 from fraexp.execution.explain import Origins, reasons
 from fraexp.store import Store, StoredState
-from fraexp.study.study_file import Study
+from fraexp.study.study_file import ResolvedStudy
 
 MAX_EXPLAINED_SWEEPS = 2000
 """Maximum number of sweeps for which a run says by itself why nothing is reused."""
@@ -31,7 +31,7 @@ VERSION_PATTERN = re.compile(r"\bversion\b")
 
 
 def plan(
-    study: Study,
+    study: ResolvedStudy,
     store: Store | None,
     registry: Registry,
     rerun: str | None,
@@ -77,7 +77,7 @@ def _changed_components(
 
 
 def run(
-    study: Study,
+    study: ResolvedStudy,
     store: Store,
     registry: Registry,
     *,
@@ -115,7 +115,7 @@ def run(
     yield Ended(number, state)
 
 
-def _notice_new_versions(study: Study, planned: Planned, store: Store, registry: Registry) -> Iterator[Noticed]:
+def _notice_new_versions(study: ResolvedStudy, planned: Planned, store: Store, registry: Registry) -> Iterator[Noticed]:
     """Yield why nothing is reused if earlier versions of components have computed the study's stored sweeps."""
     if planned.reused or not 0 < planned.total <= MAX_EXPLAINED_SWEEPS:
         return
@@ -128,7 +128,7 @@ def _notice_new_versions(study: Study, planned: Planned, store: Store, registry:
 
 
 def begin_run(
-    study: Study, store: Store, command: str, provenance: Plain, retry: DatabaseRetry
+    study: ResolvedStudy, store: Store, command: str, provenance: Plain, retry: DatabaseRetry
 ) -> Generator[Event, None, int]:
     """Record a run, and return its number; with a `run_id` in its provenance a repeated call records it once."""
     return (
@@ -140,7 +140,7 @@ def begin_run(
 class Spool:
     """A file for results that the database does not accept, which `fraexp merge` reads."""
 
-    study: Study
+    study: ResolvedStudy
     command: str
     provenance: Plain
     folder: Path
@@ -161,7 +161,7 @@ class Spool:
 
 
 def compute_recorded(
-    study: Study,
+    study: ResolvedStudy,
     missing: Sequence[Sweep],
     context: RunContext,
     workers: Workers | None,
@@ -203,7 +203,7 @@ def _compute_batches(missing: Sequence[Sweep], context: RunContext, workers: Wor
     done = 0
     heartbeat = Heartbeat(context.store, context.run, len(missing), context.retry.clock)
     for batch in fit_references.topological_batches(list(missing)):
-        fits = _StoredFits(context.store)
+        fits = StoredFits(context.store)
         ready, blocked = yield from context.retry.call(partial(_split_by_fits, batch, fits))
         for sweep, reason in blocked:
             yield from context.retry.call(partial(context.store.fail, context.run, sweep.key, reason, ""))
@@ -218,7 +218,7 @@ def _compute_batches(missing: Sequence[Sweep], context: RunContext, workers: Wor
         heartbeat.finished_before = done
 
 
-class _StoredFits:
+class StoredFits:
     """The components that earlier sweeps have identified; each result is read once."""
 
     def __init__(self, store: Store) -> None:
@@ -241,7 +241,7 @@ class _StoredFits:
         return f"it needs the {kind} that sweep {key[4:12]} identifies, which {why}"
 
 
-def _split_by_fits(sweeps: Sequence[Sweep], fits: _StoredFits) -> tuple[list[Sweep], list[tuple[Sweep, str]]]:
+def _split_by_fits(sweeps: Sequence[Sweep], fits: StoredFits) -> tuple[list[Sweep], list[tuple[Sweep, str]]]:
     """Return the sweeps whose fits exist, and each of the others with the reason why it cannot be computed."""
     ready, blocked = [], []
     for sweep in sweeps:

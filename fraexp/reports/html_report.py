@@ -18,7 +18,7 @@ from fraexp.reports.published_comparisons import compare_published, read_study, 
 from fraexp.reports.report_tables import Cell, ReportTable, published_table, sweep_table
 from fraexp.store import RunSummary, Store, StoredSweep, mark_damaged
 from fraexp.study.published_values import PublishedComparison
-from fraexp.study.study_file import Study, find_studies
+from fraexp.study.study_file import ResolvedStudy, find_studies
 
 MAX_SWEEPS = 50
 """Sweeps of a run that are shown one by one."""
@@ -35,7 +35,7 @@ class RunChapter:
     """The contents of a report's chapter about one run."""
 
     run: RunSummary
-    study: Study
+    study: ResolvedStudy
     """Its title, question and published numbers, without sweeps."""
     sweeps: Sequence[StoredSweep]
     results: Mapping[str, Result]
@@ -54,7 +54,7 @@ def gather_chapter(
     number: int,
     folder: Path,
     registry: Registry,
-    draw: Callable[[Study, Sequence[StoredSweep]], Iterable[Path]],
+    draw: Callable[[ResolvedStudy, Sequence[StoredSweep]], Iterable[Path]],
 ) -> RunChapter:
     """Return the chapter about a stored run; `draw` returns the PNG files that show its sweeps."""
     run, sweeps = store.run(number), store.sweeps(number)
@@ -148,7 +148,7 @@ class _RenderedChapter:
 
     anchor: str
     run: RunSummary
-    study: Study
+    study: ResolvedStudy
     notes: Sequence[str]
     figures: Sequence[str]
     """PNG files in base64."""

@@ -9,7 +9,7 @@ from fraexp.data.results import Result
 from fraexp.errors import FraexpError
 from fraexp.store import RunSummary, Store, StoredSweep
 from fraexp.study.published_values import ORIGINS, Candidate, PublishedComparison, PublishedNumber, half_widths
-from fraexp.study.study_file import Study, describe_study, find_studies
+from fraexp.study.study_file import ResolvedStudy, describe_study, find_studies
 
 
 def compare_published(
@@ -45,9 +45,9 @@ def _candidate(sweep: StoredSweep, result: Result) -> Candidate:
     return Candidate(sweep.labels, sections, result.metrics, half_widths(result), result.outcome)
 
 
-def read_study(run: RunSummary, folder: Path) -> tuple[Study, list[str]]:
+def read_study(run: RunSummary, folder: Path) -> tuple[ResolvedStudy, list[str]]:
     """Return the description of a run's study as its file is today, and a note if it cannot be read."""
-    bare = Study(run.study, Path(run.study_file), run.study, "", ())
+    bare = ResolvedStudy(run.study, Path(run.study_file), run.study, "", ())
     if not run.study_file.endswith(".toml"):  # a fit to stored responses
         return bare, []
     try:

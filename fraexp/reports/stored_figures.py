@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,9 @@ from fraexp.figures.elements.view import FULL_VIEW, View
 from fraexp.figures.kinds.bode import Reference
 from fraexp.simulation.machine import reference_response
 from fraexp.store import Store, StoredSweep, leave_out_damaged
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 AMPLITUDE_PATH = "excitation.amplitude"
 """Path of the excitation's amplitude in a study."""
@@ -96,6 +100,23 @@ class StoredFigures:
         shown = self.shown_results(sweeps, results, kind in AGAINST_PLANT)
         save_figure(draw_figure(shown, reference, title, kind, view), path, stamp)
         return True
+
+    def figure(
+        self,
+        sweeps: Sequence[StoredSweep],
+        results: Mapping[str, Result],
+        title: str = "",
+        kind: str = "",
+        view: View = FULL_VIEW,
+    ) -> "Figure":
+        """Return a figure of results, by sweep key, without a file; see `draw` for `kind`."""
+        from fraexp.figures.drawing import draw_figure
+
+        try:
+            reference = self.reference(sweeps, results)
+        except PluginError:  # of a plant whose plugin is missing
+            reference = None
+        return draw_figure(self.shown_results(sweeps, results, kind in AGAINST_PLANT), reference, title, kind, view)
 
     def shown_results(
         self, sweeps: Sequence[StoredSweep], results: Mapping[str, Result], fully: bool = True

@@ -287,6 +287,12 @@ class Resolver:
 NO_FILES: Mapping[str, str] = {}
 
 
+def resolve_estimator(spec: Plain, experiment: Plain, registry: Registry, place: str) -> Plain:
+    """Return an estimator with all its parameters, those included that it inherits from a resolved experiment."""
+    around = {name: section for name, section in experiment.items() if name != "source"}
+    return registry.create(ESTIMATOR, _complete_tables(ESTIMATOR, spec, around, registry), around, place).spec()
+
+
 def _complete_tables(kind: str, spec: Any, environment: Plain, registry: Registry) -> Any:
     """Return a component in which tables without a name are completed from what they would inherit."""
     owner = component_of(kind, spec, registry)

@@ -42,7 +42,7 @@ MAX_NAME_LENGTH = 200
 
 
 @dataclass(frozen=True)
-class Study:
+class ResolvedStudy:
     """A study, resolved into sweeps."""
 
     name: str
@@ -103,7 +103,7 @@ def study_name(path: Path, roots: Sequence[Path]) -> str:
     return path.stem
 
 
-def load(name: str, file: Path, folder: Path, registry: Registry, overrides: Sequence[str] = ()) -> Study:
+def load(name: str, file: Path, folder: Path, registry: Registry, overrides: Sequence[str] = ()) -> ResolvedStudy:
     """Read a study and resolve every point of its grid; StudyError (or ParameterError) says what does not fit.
 
     `overrides` are texts such as ``excitation.amplitude=20`` that replace what the file says, its grid included.
@@ -113,7 +113,7 @@ def load(name: str, file: Path, folder: Path, registry: Registry, overrides: Seq
 
 def resolve(
     name: str, file: Path, data: Mapping[str, Any], folder: Path, registry: Registry, overrides: Sequence[str] = ()
-) -> Study:
+) -> ResolvedStudy:
     """Return the study that the data of a file describe, without reading the file itself."""
     describe_study(name, file, data)  # first what is wrong with the file as a whole
     if not any(key in SECTIONS or key in ("case", "machine") for key in current_tables(data, file)):
@@ -155,7 +155,7 @@ def outline(
     return [dict(case.sections) for case in _merged_cases(file, written)], _grid(file, written)
 
 
-def describe_study(name: str, file: Path, data: Mapping[str, Any] | None = None) -> Study:
+def describe_study(name: str, file: Path, data: Mapping[str, Any] | None = None) -> ResolvedStudy:
     """Return the words and printed numbers of a study's file, or of its data, without its sweeps."""
     data = current_tables(read(file) if data is None else data, file)
     _check_keys(data, file)
@@ -163,7 +163,9 @@ def describe_study(name: str, file: Path, data: Mapping[str, Any] | None = None)
         numbers = PublishedNumber.parse_all(data.get("published", []))
     except FraexpError as error:
         raise type(error)(f"{file}, {error}") from None
-    return Study(name, file, data.get("title", name), data.get("question", ""), (), data.get("figure", ""), numbers)
+    return ResolvedStudy(
+        name, file, data.get("title", name), data.get("question", ""), (), data.get("figure", ""), numbers
+    )
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from fraexp.study.sections import SECTIONS
 from fraexp.views.fields import run_duration_text, toml_value
 from fraexp.views.pace import expected_time_text
 from fraexp.views.words import plural, timestamp_text
-from fraexp.workspace.workspace import Workspace
+from fraexp.workspace.workspace_service import WorkspaceService
 
 STUDY_COLUMNS = ["study", "title", "state", "sweeps", "last run"]
 MAX_SHOWN_VALUES = 12
@@ -44,7 +44,7 @@ class StudySurvey:
         return "complete" if not self.missing else "partial" if self.reused else "new"
 
 
-def survey_study(workspace: Workspace, entry: StudyEntry) -> StudySurvey:
+def survey_study(workspace: WorkspaceService, entry: StudyEntry) -> StudySurvey:
     """Return what running a study would compute, or why it cannot be run.
 
     StoreError if the database cannot be read, which is not a fault of the study.
@@ -69,7 +69,7 @@ def survey_plan(name: str, planned: Planned) -> StudySurvey:
 
 
 def survey_studies(
-    workspace: Workspace, entries: Iterable[StudyEntry], first: Collection[str] = (FIRST_STUDY,)
+    workspace: WorkspaceService, entries: Iterable[StudyEntry], first: Collection[str] = (FIRST_STUDY,)
 ) -> Iterator[StudySurvey]:
     """Yield the survey of each study: those named in `first`, then the others by size."""
     for entry in sorted(entries, key=lambda one: (one.name not in first, one.size)):

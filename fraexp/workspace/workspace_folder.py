@@ -1,6 +1,6 @@
 """The folder and the database of a workspace: all that is needed to read, mark and delete; importing this is instant.
 
-Whoever computes, draws or resolves studies uses `Workspace`, which is one of these and imports far more.
+Whoever computes, draws or resolves studies uses `WorkspaceService`, which is one of these and imports far more.
 """
 
 from dataclasses import dataclass

@@ -12,7 +12,7 @@ from fraexp.data.sweep import Sweep
 from fraexp.execution.events import Begun, Ended, Event, Finished, Planned, Preparing, Progress
 from fraexp.store import Store
 from fraexp.views.words import short_key
-from fraexp.workspace.workspace import Workspace
+from fraexp.workspace.workspace_service import WorkspaceService
 
 PLANNED = Planned("bench", "Two sensors", 5, 3, 2, 1, 65.0)
 
@@ -45,7 +45,7 @@ def test_events_become_talk_on_stderr(sweeps: list[Sweep], capsys: pytest.Captur
 
 
 def told(followed: RunEvents, arguments: Namespace) -> ExitCode:
-    return print_outcome(followed, arguments, Workspace.open(arguments.workspace))
+    return print_outcome(followed, arguments, WorkspaceService.open(arguments.workspace))
 
 
 def test_ctrl_c_closes_the_events_and_tells_what_is_kept(

@@ -11,7 +11,7 @@ from fraexp.data.results import Outcome, Result
 from fraexp.data.sweep import Section, Sweep
 from fraexp.errors import FormerNameWarning
 from fraexp.store import Store
-from fraexp.workspace.workspace import Workspace
+from fraexp.workspace.workspace_service import WorkspaceService
 
 HEAD = 'machine = "linear_motor_table"\n[excitation]\nname = "stepped_sine"\n'
 ESTIMATOR = '[estimator]\nname = "conventional"\n'
@@ -55,7 +55,7 @@ def test_a_mistake_in_a_study_is_answered_in_the_users_words(
 def test_a_stroke_of_the_loop_may_be_meant_as_a_limit(tmp_path: Path) -> None:
     (tmp_path / "s.toml").write_text(f'{HEAD}amplitude = 12\n{ESTIMATOR}[loop]\nstroke = "10 mm"')
     with pytest.warns(FormerNameWarning, match=r"\(what the machine allows is limits.stroke\)"):
-        Workspace.open(tmp_path).studies([str(tmp_path / "s.toml")])
+        WorkspaceService.open(tmp_path).studies([str(tmp_path / "s.toml")])
 
 
 def test_plain_data_are_shown_as_they_are_written() -> None:
@@ -88,7 +88,7 @@ def test_doctor_names_a_cache_that_cannot_be_used(
 
 def test_a_run_says_why_nothing_is_reused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     settings = ["excitation.points=2", "excitation.min_frequency=20"]
-    workspace = Workspace.open(tmp_path)
+    workspace = WorkspaceService.open(tmp_path)
     (study,) = workspace.studies(["quick"], settings)
     aged = [replace_version(sweep) for sweep in study.sweeps]
     with workspace.open_store("create") as store:

@@ -17,7 +17,7 @@ from fraexp.data.sweep import Sweep
 from fraexp.execution.events import Ended, Event, Finished
 from fraexp.store import Store
 from fraexp.views.words import short_key
-from fraexp.workspace.workspace import Workspace
+from fraexp.workspace.workspace_service import WorkspaceService
 from tests.cli.conftest import response_of
 
 COUNT = 60
@@ -99,7 +99,7 @@ def test_elsewhere_every_sweep_is_a_row(folder: Path, capsys: pytest.CaptureFixt
 
 @pytest.mark.usefixtures("terminal")
 def test_a_run_ends_with_the_summary(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    print_outcome(RunEvents(ended=[Ended(1, "complete")]), arguments(folder), Workspace.open(folder))
+    print_outcome(RunEvents(ended=[Ended(1, "complete")]), arguments(folder), WorkspaceService.open(folder))
     printed = capsys.readouterr()
     assert "outcomes   59 ok, 1 diverged" in printed.out
     assert f"fraexp show 1 --all --workspace {folder} shows each sweep" in printed.err
@@ -107,7 +107,7 @@ def test_a_run_ends_with_the_summary(folder: Path, capsys: pytest.CaptureFixture
 
 
 def test_a_run_elsewhere_ends_with_rows(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    print_outcome(RunEvents(ended=[Ended(1, "complete")]), arguments(folder), Workspace.open(folder))
+    print_outcome(RunEvents(ended=[Ended(1, "complete")]), arguments(folder), WorkspaceService.open(folder))
     printed = capsys.readouterr()
     assert printed.out.count(" ok ") == MAX_TABLE_SWEEPS
     assert "10 more sweeps; see fraexp show 1" in printed.err

@@ -13,7 +13,7 @@ from fraexp.cli.arguments import COMMANDS
 from fraexp.components.registry import Registry
 from fraexp.data.results import Outcome
 from fraexp.study.study_file import KEYS
-from fraexp.workspace.workspace import Workspace
+from fraexp.workspace.workspace_service import WorkspaceService
 from tests.docs.conftest import MAKE_RUN, ROOT, blocks
 
 TOP = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")
@@ -161,12 +161,12 @@ def test_decisions_have_their_four_parts_and_are_listed() -> None:
 
 
 def test_studies_share_sweeps_as_the_page_on_concepts_says(tmp_path: Path) -> None:
-    first, second = Workspace.open(tmp_path).studies(["paper/fig12", "paper/fig14"])
+    first, second = WorkspaceService.open(tmp_path).studies(["paper/fig12", "paper/fig14"])
     assert {sweep.key for sweep in first.sweeps} & {sweep.key for sweep in second.sweeps}
 
 
 def test_a_number_with_a_unit_makes_the_same_sweep(tmp_path: Path) -> None:
-    workspace = Workspace.open(tmp_path)
+    workspace = WorkspaceService.open(tmp_path)
     (plain,) = workspace.studies(["quick"], ["loop.sample_time=500e-6"])
     (worded,) = workspace.studies(["quick"], ["loop.sample_time=0.5 ms"])
     assert [sweep.key for sweep in plain.sweeps] == [sweep.key for sweep in worded.sweeps]

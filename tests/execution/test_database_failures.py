@@ -22,15 +22,15 @@ from fraexp.execution.executors import Answer
 from fraexp.execution.job import Job
 from fraexp.execution.scheduler import Spool, compute_recorded
 from fraexp.store import Store
-from fraexp.study.study_file import Study
-from fraexp.workspace.workspace import Workspace
+from fraexp.study.study_file import ResolvedStudy
+from fraexp.workspace.workspace_service import WorkspaceService
 from tests.execution.test_computation import Scripted, begun
 from tests.postgresql import running
 from tests.trouble import study, trouble
 from tests.waiting import HANG_TIMEOUT_S, wait_until
 
 GRID = tuple(Sweep({"source": "drive", "n": n}, {"name": "h1", "version": 1}) for n in range(6))
-STUDY = Study("study", Path("study.toml"), "", "", GRID)
+STUDY = ResolvedStudy("study", Path("study.toml"), "", "", GRID)
 
 
 def number_of(job: Job, _: int) -> Answer:
@@ -142,7 +142,7 @@ def test_planning_and_figures_wait_as_well(tmp_path: Path, monkeypatch: pytest.M
         return original(store, *arguments)
 
     monkeypatch.setattr(Store, call, fail_once)
-    events = list(Workspace.open(tmp_path, None).run(["driven.toml"], "serial"))
+    events = list(WorkspaceService.open(tmp_path, None).run(["driven.toml"], "serial"))
     noticed = [event.what for event in events if isinstance(event, Noticed)]
     assert noticed[0] == "waiting for the database: the server restarts"
     assert noticed[-1].startswith("the database is available again")

@@ -11,7 +11,7 @@ from fraexp.data import fit_references
 from fraexp.data.results import Result
 from fraexp.execution.executors import create_workers
 from fraexp.execution.job import Job
-from fraexp.workspace.workspace import Workspace
+from fraexp.workspace.workspace_service import WorkspaceService
 from tests.waiting import HANG_TIMEOUT_S
 
 STUDIES = [
@@ -43,7 +43,7 @@ UNUSED = {"local_rational"}
 
 
 def jobs_of_each_estimator(folder: Path) -> dict[str, Job]:
-    workspace = Workspace.open(folder)
+    workspace = WorkspaceService.open(folder)
     jobs: dict[str, Job] = {}
     for study in workspace.studies(STUDIES):
         for sweep in study.sweeps:

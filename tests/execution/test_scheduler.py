@@ -9,7 +9,7 @@ from fraexp.data.results import Outcome
 from fraexp.data.sweep import Sweep
 from fraexp.execution.scheduler import plan
 from fraexp.store import StoredState
-from fraexp.study.study_file import Study
+from fraexp.study.study_file import ResolvedStudy
 
 
 class Stored:
@@ -24,7 +24,7 @@ class Stored:
 
 def test_what_is_missing_takes_time_and_what_is_stored_none(registry: Registry) -> None:
     sweeps = [Sweep({"n": number}, {"name": "unknown"}) for number in range(40)]
-    study = Study("study", Path("study.toml"), "", "", tuple(sweeps))
+    study = ResolvedStudy("study", Path("study.toml"), "", "", tuple(sweeps))
 
     def expected(stored: int) -> float | None:
         found, planned = plan(study, Stored(sweeps[:stored]), registry, None, executor="serial")  # type: ignore[arg-type]

@@ -7,7 +7,7 @@ import pytest
 
 from fraexp.cli.summary import print_summary
 from fraexp.store import Store
-from fraexp.workspace.workspace import Workspace
+from fraexp.workspace.workspace_service import WorkspaceService
 
 RIGHT = "nominal P_d"
 
@@ -15,7 +15,7 @@ RIGHT = "nominal P_d"
 @pytest.fixture(scope="module")
 def workspace(tmp_path_factory):
     folder = tmp_path_factory.mktemp("robustness")
-    found = Workspace.open(folder)
+    found = WorkspaceService.open(folder)
     *_, ended = found.run(["positioning/robustness"], executor="serial", overrides=["monte_carlo.count=25"])
     assert ended.state == "complete"
     assert [path.name for path in ended.figures] == ["robustness.png"]

@@ -12,7 +12,7 @@ from fraexp.cli.main import main
 from fraexp.errors import FraexpError
 from fraexp.reports.stored_figures import StoredFigures
 from fraexp.store import Store
-from fraexp.workspace.workspace import Workspace
+from fraexp.workspace.workspace_service import WorkspaceService
 
 EVIL = "<script>alert('&')</script>"
 STUDY = f"""
@@ -288,7 +288,7 @@ def test_the_paper_comes_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     assert figures >= {"fig02", "fig06", "fig08", "fig12", "fig13", "fig14", "fig15"}
     with Store.open("results.db", read_only=True) as store:
         runs = [run.number for run in store.runs()]
-        compared = Workspace.open(tmp_path).report(store, runs, tmp_path / "x.html", "paper")
+        compared = WorkspaceService.open(tmp_path).report(store, runs, tmp_path / "x.html", "paper")
     assert len(compared) >= 8
     assert [one for one in compared if not one.agrees] == []
     assert len(page(Path("figures/paper.html")).sources) == len(figures)

@@ -7,7 +7,7 @@ import pytest
 
 from fraexp.components.registry import Registry, discover
 from fraexp.errors import FormerNameWarning, FraexpError
-from fraexp.study.study_file import Study, load
+from fraexp.study.study_file import ResolvedStudy, load
 
 PLUGIN = """
 from fraexp.api import FrictionModel, hookimpl, param
@@ -71,7 +71,7 @@ def coil(tmp_path: Path) -> Registry:
     return discover(tmp_path / "plugins")
 
 
-def study(folder: Path, registry: Registry, words: dict[str, str], *overrides: str) -> Study:
+def study(folder: Path, registry: Registry, words: dict[str, str], *overrides: str) -> ResolvedStudy:
     file = folder / "study.toml"
     file.write_text(STUDY.format(**words), encoding="utf-8")
     return load("study", file, folder, registry, overrides)

@@ -9,7 +9,7 @@ from fraexp.store import Store
 from fraexp.tui import key_queue, page
 from fraexp.tui.services.study_survey import SurveyProcess
 from fraexp.views import law_trial
-from fraexp.workspace.workspace import Workspace
+from fraexp.workspace.workspace_service import WorkspaceService
 from tests.waiting import HANG_TIMEOUT_S
 
 RAISING = '''
@@ -67,7 +67,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name, text in (("plugins/raising.py", RAISING), ("studies/failing.toml", RAISING_STUDY)):
         (folder / name).parent.mkdir(exist_ok=True)
         (folder / name).write_text(text, encoding="utf-8")
-    workspace = Workspace.open(folder)
+    workspace = WorkspaceService.open(folder)
     for _ in workspace.run(["quick"], "serial", ["excitation.points=5"]):
         pass
     for _ in workspace.run(["failing"], "serial"):

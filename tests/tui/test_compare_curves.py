@@ -15,7 +15,7 @@ from fraexp.tui.plotting.compared_sweeps import compare_command, plot_command
 from fraexp.tui.plotting.figure_export import file_fault
 from fraexp.tui.screens import compare_page
 from fraexp.views.words import short_key
-from fraexp.workspace.workspace import Workspace
+from fraexp.workspace.workspace_service import WorkspaceService
 from tests.tui.pilots import pilot_of, screen_text, shows
 from tests.tui.responses import found, loop, resonant, store_results
 from tests.tui.test_compare import GRID, compare
@@ -149,7 +149,7 @@ def test_a_file_in_a_folder_that_is_not_there_is_refused(tmp_path: Path) -> None
 
 
 def test_commands_do_not_show_a_password(tmp_path: Path) -> None:
-    workspace = Workspace.open(tmp_path, "postgresql+psycopg://lab:secret@host/results")
+    workspace = WorkspaceService.open(tmp_path, "postgresql+psycopg://lab:secret@host/results")
     drawn = plot_command(workspace, ["v1:0-1"], "bode", "a.png", View())
     for command in (compare_command(workspace, ["v1:0-1"]), drawn):
         assert "secret" not in command

@@ -20,7 +20,7 @@ from fraexp.tui.screens.runs_page import RunsPage
 from fraexp.tui.screens.studies_page import StudiesPage
 from fraexp.tui.services.launch_form import build_form, find_concerned
 from fraexp.tui.widgets.field_list import FieldList
-from fraexp.workspace.workspace import Workspace
+from fraexp.workspace.workspace_service import WorkspaceService
 from tests.tui.pilots import pilot_of, settle, shows, until
 from tests.waiting import wait_until
 
@@ -141,7 +141,7 @@ def test_a_database_of_another_version_does_not_keep_from_launching(tmp_path):
 
 
 def test_every_study_that_comes_along_has_a_form_whose_own_texts_are_right(checkout, tmp_path):
-    workspace = Workspace.open(checkout, str(tmp_path / "none.db"))
+    workspace = WorkspaceService.open(checkout, str(tmp_path / "none.db"))
     for entry in workspace.catalogue():
         groups = build_form(*workspace.outline(entry.name), entry.data.get("random"), workspace.registry)
         fields = [field for group in groups for field in group.fields]
@@ -159,7 +159,7 @@ def test_every_study_that_comes_along_has_a_form_whose_own_texts_are_right(check
     ],
 )
 def test_an_error_finds_the_line_that_it_is_about(checkout, error, path):
-    workspace = Workspace.open(checkout)
+    workspace = WorkspaceService.open(checkout)
     groups = build_form(*workspace.outline("quick"), None, workspace.registry)
     found = find_concerned(error, [field for group in groups for field in group.fields])
     assert (found.path if found else None) == path

@@ -10,7 +10,7 @@ from fraexp.tui.screens.runs_page import RunsPage
 from fraexp.tui.screens.sweep_page import SweepPage
 from fraexp.tui.screens.sweeps_page import SweepsPage
 from fraexp.tui.services.database_access import Backend
-from fraexp.workspace.workspace import Workspace
+from fraexp.workspace.workspace_service import WorkspaceService
 from tests.tui.pilots import pilot_of, screen_text, shows, until
 
 SECRET = "postgresql://somebody:hunter2@host/lab"
@@ -60,7 +60,7 @@ def test_long_values_are_cut_in_what_is_told():
 
 
 def test_no_password_is_told(tmp_path, monkeypatch):
-    monkeypatch.setattr(Workspace, "has_database", lambda _: False)
+    monkeypatch.setattr(WorkspaceService, "has_database", lambda _: False)
     desk = Backend(tmp_path, SECRET)
     for asked in (desk._read_store, desk._write_store):
         with pytest.raises(StoreError, match=r"no database|database was deleted") as raised:
@@ -71,8 +71,8 @@ def test_no_password_is_told(tmp_path, monkeypatch):
 
 def test_the_list_of_sweeps_tells_no_password(workspace, monkeypatch):
     async def steps(app, pilot):
-        monkeypatch.setattr(Workspace, "has_database", lambda _: False)
-        app.backend.workspace = Workspace(workspace, SECRET)
+        monkeypatch.setattr(WorkspaceService, "has_database", lambda _: False)
+        app.backend.workspace = WorkspaceService(workspace, SECRET)
         await pilot.press("w")
         await shows(pilot, "There is no database yet: postgresql://somebody:")
         assert "hunter2" not in screen_text(app)

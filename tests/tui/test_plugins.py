@@ -13,7 +13,7 @@ from fraexp.tui.app import FraexpApp
 from fraexp.tui.screens.plugins_page import PluginTable
 from fraexp.tui.services.plugin_watch import PluginWatch
 from fraexp.views.components import list_offers
-from fraexp.workspace.workspace import Workspace
+from fraexp.workspace.workspace_service import WorkspaceService
 from tests.tui.pilots import pilot_of, screen_text, shows, until
 
 LAW = '''
@@ -153,7 +153,7 @@ def test_stored_sweeps_of_another_source_are_stale(workspace):
         sources = store.sources()
     (hash_now,) = sources["friction:rolling"]
     assert sources["friction:rolling"] == {hash_now: 4}
-    rolling = next(of for of in list_offers(Workspace.open(workspace).registry) if of.name == "rolling")
+    rolling = next(of for of in list_offers(WorkspaceService.open(workspace).registry) if of.name == "rolling")
     assert rolling.state(sources) == "ok"
     assert rolling.uses(sources) == (4, 0)
     assert rolling.state({"friction:rolling": {"another": 3, hash_now: 1}}) == "ok, 3 stale"
@@ -170,7 +170,7 @@ def test_an_edit_within_the_second_that_keeps_the_size_is_loaded(tmp_path):
 
 def test_two_plugins_of_one_name_are_told(workspace):
     drop(workspace, LAW.format(stiffness=1.0).replace('"mine"', '"dahl"'))
-    found = list_offers(Workspace.open(workspace).registry)
+    found = list_offers(WorkspaceService.open(workspace).registry)
     assert found[0].kind == "broken"
     assert "provided by both" in found[0].reason
     (dahl,) = [of for of in found if of.name == "dahl"]

@@ -15,7 +15,7 @@ from fraexp.tui.screens.run_page import RunPage, _launch_arguments, show_run
 from fraexp.tui.screens.runs_page import RunsPage
 from fraexp.tui.widgets.log_tail import LogTail
 from fraexp.views.run_progress import bar_text, progress_text
-from fraexp.workspace.workspace import Workspace
+from fraexp.workspace.workspace_service import WorkspaceService
 from tests.tui.pilots import pilot_of, screen_text, settle, shows, until
 
 SLOW = [
@@ -29,7 +29,7 @@ SLOW = [
 @pytest.fixture
 def living(workspace):
     """A run that takes its time; none is left when a test is over."""
-    started = Workspace.open(workspace).launch("quick", SLOW, "processes:1")
+    started = WorkspaceService.open(workspace).launch("quick", SLOW, "processes:1")
     yield started
     try:
         os.killpg(started.pid, signal.SIGKILL)
@@ -120,7 +120,7 @@ def test_a_run_whose_process_dies_is_shown_as_interrupted_within_seconds(workspa
 
 @pytest.mark.thorough
 def test_a_process_that_ends_without_a_run_shows_its_last_line(workspace):
-    started = Workspace.open(workspace).launch("nowhere")
+    started = WorkspaceService.open(workspace).launch("nowhere")
 
     async def steps(app, pilot):
         show_run(app, started)
@@ -156,11 +156,11 @@ def test_the_log_is_followed_line_by_line_and_made_harmless(tmp_path, workspace)
 
 
 def test_what_is_run_again_is_what_was_run(made):
-    space = Workspace.open(made)
+    space = WorkspaceService.open(made)
     with Store.open(str(made / "results.db"), read_only=True) as store:
         assert _launch_arguments(store.run(1), space) == ("quick", ["excitation.points=5"])
         assert _launch_arguments(store.run(2), space) == ("failing", [])
-        elsewhere = Workspace.open(made / "plugins")  # where 'failing' cannot be found
+        elsewhere = WorkspaceService.open(made / "plugins")  # where 'failing' cannot be found
         assert _launch_arguments(store.run(2), elsewhere) == (store.run(2).study_file, [])
 
 

@@ -44,7 +44,7 @@ def test_keys_that_are_typed_before_the_ui_is_up_count(workspace):
 
 
 def test_the_first_frame_needs_neither_the_database_nor_what_computes():
-    heavy = ("sqlalchemy", "numba", "matplotlib", "fraexp.workspace.workspace")
+    heavy = ("sqlalchemy", "numba", "matplotlib", "fraexp.workspace.workspace_service")
     code = f"import sys, fraexp.tui.app; print([name for name in {heavy} if name in sys.modules])"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
 

@@ -17,7 +17,7 @@ from fraexp.tui.plotting.panels import SmallAxes
 from fraexp.tui.screens.trial_page import TrialInput, TrialPage
 from fraexp.views.entries import apply_texts, example_spec, parameter_entries, without_defaults
 from fraexp.views.law_trial import STEPS_PER_PERIOD, TRIAL_STUDY, LawTrial, SineMotion, trial_overrides
-from fraexp.workspace.workspace import Workspace
+from fraexp.workspace.workspace_service import WorkspaceService
 from tests.tui.pilots import pilot_of, screen_text, shows, until
 from tests.tui.test_plugins import LAW, drop
 from tests.waiting import HANG_TIMEOUT_S
@@ -56,7 +56,7 @@ def test_viscous_friction_is_part_of_the_force(registry):
 
 @pytest.mark.parametrize("spec", [DAHL, pytest.param(LUGRE, marks=pytest.mark.thorough)])
 def test_the_study_at_the_top_gives_the_same_loop(tmp_path, spec):
-    workspace, sine = Workspace.open(tmp_path), SineMotion(amplitude=5e-5, frequency=2.0)
+    workspace, sine = WorkspaceService.open(tmp_path), SineMotion(amplitude=5e-5, frequency=2.0)
     loop = LawTrial(spec, sine, workspace.registry).loop()
     for _ in workspace.run([TRIAL_STUDY], "serial", trial_overrides(spec, sine)):
         pass
@@ -224,7 +224,7 @@ def test_the_command_at_the_top_can_be_run(workspace):
     words = shlex.split(found[0])
     assert words[:3] == ["fraexp", "run", TRIAL_STUDY]
     sets = [word.removeprefix("--set=") for word in words[3:]]
-    (study,) = Workspace.open(workspace).studies([TRIAL_STUDY], sets)
+    (study,) = WorkspaceService.open(workspace).studies([TRIAL_STUDY], sets)
     assert [sweep.experiment["friction"]["name"] for sweep in study.sweeps] == ["rolling"]
     assert study.sweeps[0].experiment["excitation"]["amplitude"] == 1e-4
 

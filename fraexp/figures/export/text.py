@@ -34,7 +34,7 @@ def write_csv(result: Result, header: Header, path: Path) -> None:
         )
         units = zip(("output", "input"), channel_units(response), strict=True)
         lines += [f"# {name}_amplitude: [{unit}]" for name, unit in units if unit]
-        lines += _csv_rows(_csv_columns(response))
+        lines += _csv_rows(table_columns(response))
     for curve in () if result.response is not None else result.curves:
         lines.append(f"# curve: {curve.name}")
         lines += _csv_rows(
@@ -47,7 +47,8 @@ def _heading(name: str, unit: str) -> str:
     return f"{name} [{unit}]" if unit else name
 
 
-def _csv_columns(response: FrequencyResponse) -> dict[str, NDArray[np.generic]]:
+def table_columns(response: FrequencyResponse) -> dict[str, NDArray[np.generic]]:
+    """Return the columns of a response as a table, by name with unit, each of shape (n,)."""
     with np.errstate(divide="ignore"):
         magnitude = 20 * np.log10(np.abs(response.response))
     return {

@@ -16,7 +16,7 @@ from fraexp.tui.plotting import plotted_curves
 from fraexp.tui.plotting.plotted_curves import REFERENCE, Picture, Reference
 from fraexp.views.comparison import difference_rows, with_common_labels
 from fraexp.views.words import plural, short_key
-from fraexp.workspace.workspace import Workspace
+from fraexp.workspace.workspace_service import WorkspaceService
 
 VIEW_NAMES = {
     "bode": "Bode",
@@ -141,7 +141,7 @@ def read_marked_sweeps(store: Store, marked: Iterable[str]) -> MarkedSweeps:
     return MarkedSweeps(tuple(sweep for sweep in sweeps if sweep.key in results), results, tuple(notes), tuple(gone))
 
 
-def compare_sweeps(workspace: Workspace, gathered: MarkedSweeps) -> ComparedSweeps:
+def compare_sweeps(workspace: WorkspaceService, gathered: MarkedSweeps) -> ComparedSweeps:
     """Return sweeps for comparison: named, with their differences, and the response of the plant where it is known."""
     sweeps, results = gathered.sweeps, gathered.results
     named = tuple(workspace.figures.shown_results(sweeps, results))
@@ -156,12 +156,12 @@ def compare_sweeps(workspace: Workspace, gathered: MarkedSweeps) -> ComparedSwee
     return ComparedSweeps(sweeps, named, references, difference_rows(sweeps, results), gathered.left_out)
 
 
-def compare_command(workspace: Workspace, keys: Sequence[str]) -> str:
+def compare_command(workspace: WorkspaceService, keys: Sequence[str]) -> str:
     """Return the command line that prints the differences between sweeps."""
     return shlex.join(["fraexp", "compare", *map(short_key, keys), *_location_options(workspace)])
 
 
-def plot_command(workspace: Workspace, keys: Sequence[str], kind: str, file: str, view: View) -> str:
+def plot_command(workspace: WorkspaceService, keys: Sequence[str], kind: str, file: str, view: View) -> str:
     """Return the command line that draws a figure of sweeps."""
     return shlex.join(["fraexp", *plot_arguments(keys, kind, file, view), *_location_options(workspace)])
 
@@ -171,7 +171,7 @@ def plot_arguments(keys: Sequence[str], kind: str, file: str, view: View) -> lis
     return ["plot", *map(short_key, keys), "--kind", kind, *view.options(), "-o", file]
 
 
-def _location_options(workspace: Workspace) -> list[str]:
+def _location_options(workspace: WorkspaceService) -> list[str]:
     """Return the options that name workspace and database, unless they are those of the current folder."""
     here = workspace.folder.resolve() == Path.cwd()
     usual = workspace.database == str(workspace.folder / "results.db")

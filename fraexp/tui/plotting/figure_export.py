@@ -10,7 +10,7 @@ from fraexp.errors import FraexpError
 from fraexp.figures.elements.stamp import check_suffix
 from fraexp.figures.elements.view import View
 from fraexp.tui.plotting.compared_sweeps import plot_arguments
-from fraexp.workspace.workspace import Workspace
+from fraexp.workspace.workspace_service import WorkspaceService
 
 
 def file_fault(text: str) -> str:
@@ -29,7 +29,9 @@ def file_fault(text: str) -> str:
     return ""
 
 
-async def draw_figure(workspace: Workspace, keys: Sequence[str], kind: str, file: Path, view: View) -> tuple[bool, str]:
+async def draw_figure(
+    workspace: WorkspaceService, keys: Sequence[str], kind: str, file: Path, view: View
+) -> tuple[bool, str]:
     """Draw the visible part of sweeps into a file; return whether it succeeded, and the path or the error."""
     arguments = [*plot_arguments(keys, kind, str(file), view), *workspace.location_options()]
     process = await asyncio.create_subprocess_exec(

@@ -27,7 +27,7 @@ from fraexp.views.components import (
     usage_text,
 )
 from fraexp.views.listing import Column
-from fraexp.workspace.workspace import Workspace
+from fraexp.workspace.workspace_service import WorkspaceService
 
 RECOUNT_DELAY_S = 3.0
 """Seconds from a change of the database, which others may follow, until stored sweeps are counted again."""
@@ -36,7 +36,7 @@ PREVIEW_PARAGRAPHS = 2
 SourceCounts = Mapping[str, Mapping[str, int]]
 
 
-def _load_offers(workspace: Workspace) -> list[Offer]:
+def _load_offers(workspace: WorkspaceService) -> list[Offer]:
     found = list_offers(workspace.registry)
     for offer in found:
         if offer.provider:

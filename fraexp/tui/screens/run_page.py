@@ -27,7 +27,7 @@ from fraexp.views.listing import time_text
 from fraexp.views.pace import Speed
 from fraexp.views.run_progress import counts_text, done_count, progress_text
 from fraexp.views.words import short_key
-from fraexp.workspace.workspace import Workspace
+from fraexp.workspace.workspace_service import WorkspaceService
 
 if TYPE_CHECKING:
     from fraexp.tui.app import FraexpApp
@@ -217,7 +217,7 @@ Enter opens a sweep, Space marks it; c compares the marked sweeps, or all of the
     async def _stop_run(self, kill: bool) -> None:
         run, started = self.run, self.started
 
-        def stop(workspace: Workspace) -> None:
+        def stop(workspace: WorkspaceService) -> None:
             if run is not None:
                 workspace.stop(run, kill)
             elif started is not None and not started.has_ended():
@@ -237,7 +237,7 @@ Enter opens a sweep, Space marks it; c compares the marked sweeps, or all of the
             self.run_worker(self._run_again(self.run, self.started), group="again")
 
     async def _run_again(self, run: RunSummary | None, before: BackgroundRun | None) -> None:
-        def launch(workspace: Workspace) -> BackgroundRun:
+        def launch(workspace: WorkspaceService) -> BackgroundRun:
             if run is not None:
                 return workspace.launch(*_launch_arguments(run, workspace), run.provenance.get("executor"))
             assert before is not None  # it ended before it was in the database
@@ -301,7 +301,7 @@ def _find_run_by_log(store: Store, log: Path) -> RunSummary | None:
     return next((run for run in store.runs() if run.provenance.get("log") == str(log)), None)
 
 
-def _launch_arguments(run: RunSummary, workspace: Workspace) -> tuple[str, list[str]]:
+def _launch_arguments(run: RunSummary, workspace: WorkspaceService) -> tuple[str, list[str]]:
     """Return study and overrides of a run's command; FraexpError unless it is ``fraexp run``."""
     words = shlex.split(run.command)
     if words[:2] != ["fraexp", "run"]:

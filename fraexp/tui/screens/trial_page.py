@@ -22,7 +22,7 @@ from fraexp.tui.plotting.panels import SmallPlot, prefixed_text
 from fraexp.tui.services.plugin_watch import PluginsChanged
 from fraexp.views.entries import ParameterEntry, apply_texts, example_spec, parameter_entries, without_defaults
 from fraexp.views.law_trial import TRIAL_STUDY, ForceLoop, LawTrial, SineMotion, trial_overrides
-from fraexp.workspace.workspace import Workspace
+from fraexp.workspace.workspace_service import WorkspaceService
 
 TRIAL_DELAY_S = 0.1
 """Seconds without a key before the law is evaluated."""
@@ -42,7 +42,7 @@ class TrialForm:
     entries: tuple[ParameterEntry, ...]
 
     @classmethod
-    def of(cls, name: str, workspace: Workspace) -> "TrialForm":
+    def of(cls, name: str, workspace: WorkspaceService) -> "TrialForm":
         """Return the form of a friction model, with sensible values."""
         registry = workspace.registry
         component = registry.provider(FrictionModel.kind, name).component
@@ -57,7 +57,9 @@ class TrialForm:
         ]
         return cls(base, (*own, *motion))
 
-    def read(self, texts: Mapping[str, str], workspace: Workspace) -> tuple[dict[str, object], SineMotion, list[str]]:
+    def read(
+        self, texts: Mapping[str, str], workspace: WorkspaceService
+    ) -> tuple[dict[str, object], SineMotion, list[str]]:
         """Return model, motion, and the overrides of a study for them; FraexpError if the motion is invalid."""
         registry = workspace.registry
         own = {path.removeprefix(MODEL_PREFIX): text for path, text in texts.items() if path.startswith(MODEL_PREFIX)}
@@ -232,7 +234,7 @@ The law is evaluated in plain Python; the command at the top computes the same l
         if form is None:
             return
 
-        def begin(workspace: Workspace) -> tuple[LawTrial, ForceLoop, str]:
+        def begin(workspace: WorkspaceService) -> tuple[LawTrial, ForceLoop, str]:
             spec, sine, told = form.read(texts, workspace)
             trial = LawTrial(spec, sine, workspace.registry)
             return trial, trial.loop(), workspace.command(TRIAL_STUDY, told)

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from fraexp.errors import StoreError
 from fraexp.store import Store, masked_url
-from fraexp.workspace.workspace import Workspace
+from fraexp.workspace.workspace_service import WorkspaceService
 
 Answer = TypeVar("Answer")
 
@@ -17,7 +17,7 @@ class Backend:
     """A workspace and its database, which may be created, deleted or replaced at any time."""
 
     def __init__(self, folder: str | Path, database: str | None) -> None:
-        self.workspace = Workspace.open(folder, database)
+        self.workspace = WorkspaceService.open(folder, database)
         self._store: Store | None = None
         self._stamp: object = None
         self.opened = 0
@@ -33,7 +33,7 @@ class Backend:
         """Change the database in one short transaction, which waits while a run is writing."""
         return await asyncio.get_running_loop().run_in_executor(self._reader, self._write_store, action)
 
-    async def work(self, task: Callable[[Workspace], Answer]) -> Answer:
+    async def work(self, task: Callable[[WorkspaceService], Answer]) -> Answer:
         """Run a task of the workspace that may take long; tasks run one after another."""
         return await asyncio.get_running_loop().run_in_executor(self._worker, task, self.workspace)
 

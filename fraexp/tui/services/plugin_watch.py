@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from textual.message import Message
 
 if TYPE_CHECKING:
-    from fraexp.workspace.workspace import Workspace
+    from fraexp.workspace.workspace_service import WorkspaceService
 
 FileStamp = tuple[int, int]
 """Time of the last change [ns] and size of a file."""
@@ -56,7 +56,7 @@ class PluginWatch:
         return stamps
 
 
-def reload_plugins(workspace: "Workspace", changes: dict[str, str]) -> list[PluginChange]:
+def reload_plugins(workspace: "WorkspaceService", changes: dict[str, str]) -> list[PluginChange]:
     """Reload the plugins, and return the state of the changed files."""
     workspace.reload()
     broken = {failure.file.name: failure.reason for failure in workspace.registry.failures if failure.file}

@@ -10,14 +10,14 @@ from dataclasses import asdict
 
 from fraexp.errors import FraexpError
 from fraexp.views.study import StudySurvey, survey_studies
-from fraexp.workspace.workspace import Workspace
 from fraexp.workspace.workspace_folder import DATABASE_VARIABLE
+from fraexp.workspace.workspace_service import WorkspaceService
 
 
 class SurveyProcess:
     """A process that surveys the studies of a workspace, one after another."""
 
-    def __init__(self, workspace: Workspace) -> None:
+    def __init__(self, workspace: WorkspaceService) -> None:
         self._folder, self._environment = str(workspace.folder.absolute()), workspace.location_environment()
         self._process: subprocess.Popen[str] | None = None
         self._stopped = False
@@ -49,7 +49,7 @@ def main() -> None:
     """Print a line of JSON for each study of a workspace."""
     folder, *first = sys.argv[1:]
     os.nice(5)  # running studies have priority
-    workspace = Workspace.open(folder, os.environ[DATABASE_VARIABLE])
+    workspace = WorkspaceService.open(folder, os.environ[DATABASE_VARIABLE])
     for found in survey_studies(workspace, workspace.catalogue(), first):
         print(json.dumps(asdict(found)), flush=True)
 

@@ -25,7 +25,7 @@ from fraexp.execution.estimates.speeds import Speeds
 from fraexp.execution.estimates.work import Work
 from fraexp.execution.executors import ResourceLimits
 from fraexp.views.pace import expected_time_text
-from fraexp.workspace.workspace import Workspace
+from fraexp.workspace.workspace_service import WorkspaceService
 
 SOURCE = law_hash_lookup(discover())("rolling")
 KERNELS = frozenset(f"{family}/rolling/lanes/{SOURCE}" for family in ("loop", "drive"))
@@ -39,7 +39,7 @@ def idle(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def sweeps(*overrides: str) -> tuple[Sweep, ...]:
-    (study,) = Workspace.open(".").studies(["quick"], overrides)
+    (study,) = WorkspaceService.open(".").studies(["quick"], overrides)
     return study.sweeps
 
 
@@ -82,7 +82,7 @@ def test_what_is_drawn_is_shared_by_estimators_too(most: int, tmp_path: Path, mo
     text = (Path(__file__).parents[3] / "studies" / "quick.toml").read_text()
     draw = '{ paths = "plant.rigid_body_gain", relative = 0.01 }'
     file.write_text(f"{text}\n[monte_carlo]\ncount = 50\ndraw = [{draw}]\n")
-    (study,) = Workspace.open(tmp_path).studies([str(file)])
+    (study,) = WorkspaceService.open(tmp_path).studies([str(file)])
     groups = sampled_groups(study.sweeps)
     assert len(study.sweeps) == 2 * 2 * 50
     assert {len(group.sweeps) for group in groups} == {2}
@@ -90,7 +90,7 @@ def test_what_is_drawn_is_shared_by_estimators_too(most: int, tmp_path: Path, mo
 
 
 def test_a_few_slow_sweeps_among_many_are_not_overlooked(registry: Registry) -> None:
-    (slow,) = (study.sweeps for study in Workspace.open(".").studies(["identification/friction_triangle"]))
+    (slow,) = (study.sweeps for study in WorkspaceService.open(".").studies(["identification/friction_triangle"]))
     found = sampled_groups([*sweeps(amplitudes(1000)), *slow])
     kinds = [str(group.sweeps[0].experiment["excitation"]["name"]) for group in found]
     assert "slow_triangle" in kinds
@@ -132,7 +132,7 @@ def test_the_faster_executor_is_chosen(registry: Registry, monkeypatch: pytest.M
 
 def test_a_study_that_outlasts_the_start_uses_both_cores(registry: Registry, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("fraexp.execution.executors.usable_cores", lambda: 2)
-    (study,) = Workspace.open(".").studies(["identification/friction_laws"])
+    (study,) = WorkspaceService.open(".").studies(["identification/friction_laws"])
     assert estimate(study.sweeps, registry, Speeds(), None).executor == PROCESSES
 
 
@@ -175,7 +175,7 @@ def test_the_estimate_is_told_with_what_is_compiled(seconds: float | None, compi
 
 def test_the_estimate_follows_the_grid(tmp_path: Path) -> None:
     plans: dict[str, Any] = {
-        text: Workspace.open(tmp_path).plan("quick", ["excitation.points=400", text], executor=SERIAL)[1][0]
+        text: WorkspaceService.open(tmp_path).plan("quick", ["excitation.points=400", text], executor=SERIAL)[1][0]
         for text in ("excitation.recorded_periods=1", "excitation.recorded_periods=100")
     }
     one, many = plans.values()

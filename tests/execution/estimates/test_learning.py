@@ -16,7 +16,7 @@ from fraexp.execution.estimates.speeds import Speeds, read_speeds, save_ratios, 
 from fraexp.execution.estimates.workload import estimator_work, experiment_work
 from fraexp.execution.events import Ended, Planned
 from fraexp.kernels.cache_folder import CACHE_FOLDER_VARIABLE
-from fraexp.workspace.workspace import Workspace
+from fraexp.workspace.workspace_service import WorkspaceService
 
 WARM, COLD = (True, True), (False, False)
 
@@ -33,7 +33,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(scope="module")
 def sweeps() -> Sequence[Sweep]:
-    (study,) = Workspace.open(".").studies(["quick"])
+    (study,) = WorkspaceService.open(".").studies(["quick"])
     return study.sweeps
 
 
@@ -125,7 +125,7 @@ def test_a_plan_uses_what_earlier_runs_have_taught(tmp_path: Path) -> None:
 
     def run(folder: str) -> Planned:
         (tmp_path / folder).mkdir()
-        events = list(Workspace.open(tmp_path / folder).run(["quick"], SERIAL, arguments))
+        events = list(WorkspaceService.open(tmp_path / folder).run(["quick"], SERIAL, arguments))
         assert isinstance(events[-1], Ended)
         return next(event for event in events if isinstance(event, Planned))
 
@@ -137,9 +137,9 @@ def test_a_plan_uses_what_earlier_runs_have_taught(tmp_path: Path) -> None:
     assert {"loop/rolling/lanes", "estimate/effective_input", "estimate/conventional", "figure"} <= set(known.ratios)
     data = json.loads(speeds_file().read_text())
     slower = {kind: [log + 1.0, runs] for kind, (log, runs) in data["ratios"].items()}
-    then = Workspace.open(tmp_path).plan("quick", arguments, executor=SERIAL)[1][0].seconds
+    then = WorkspaceService.open(tmp_path).plan("quick", arguments, executor=SERIAL)[1][0].seconds
     speeds_file().write_text(json.dumps({**data, "ratios": slower}))
-    now = Workspace.open(tmp_path).plan("quick", arguments, executor=SERIAL)[1][0].seconds
+    now = WorkspaceService.open(tmp_path).plan("quick", arguments, executor=SERIAL)[1][0].seconds
     assert then is not None
     assert now is not None
     assert now > 2 * then

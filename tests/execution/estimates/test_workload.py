@@ -15,7 +15,7 @@ from fraexp.execution.estimates.workload import UNKNOWN_WORK, CountedExperiment,
 from fraexp.simulation import experiments
 from fraexp.simulation.experiments import Setup
 from fraexp.simulation.loop_setup import prepare_setup
-from fraexp.workspace.workspace import Workspace
+from fraexp.workspace.workspace_service import WorkspaceService
 from tests.machines import FRICTIONLESS, LEAD, TABLE, table_models
 
 LOOP = {"sample_time": 500e-6, "input_dead_time": 1e-3}
@@ -24,7 +24,7 @@ LOOP = {"sample_time": 500e-6, "input_dead_time": 1e-3}
 @pytest.fixture(scope="module")
 def experiment(registry: Registry) -> dict[str, Any]:
     """A loop on the paper's machine at three frequencies."""
-    (study,) = Workspace.open(".").studies(["quick"], ["excitation.frequencies=[10, 20, 40]"])
+    (study,) = WorkspaceService.open(".").studies(["quick"], ["excitation.frequencies=[10, 20, 40]"])
     return dict(study.sweeps[0].experiment)
 
 
@@ -117,7 +117,7 @@ def test_an_identification_is_more_work_than_a_response(experiment: dict[str, An
 
 
 def test_a_record_is_counted_by_its_samples(registry: Registry, checkout: Path) -> None:
-    (study,) = Workspace.open(checkout).studies(["record"])
+    (study,) = WorkspaceService.open(checkout).studies(["record"])
     found = experiment_work(study.sweeps[0].experiment, registry)
     segments = study.sweeps[0].experiment["record"]["segments"]
     assert found.shape.recorded == sum(segment["periods"] * segment["samples"] for segment in segments)
@@ -127,7 +127,7 @@ def test_a_record_is_counted_by_its_samples(registry: Registry, checkout: Path) 
 def test_a_fit_that_is_not_there_yet_is_counted_as_the_machines_own_component(
     registry: Registry, checkout: Path
 ) -> None:
-    (study,) = Workspace.open(checkout).studies(["paper/fig08_identified"])
+    (study,) = WorkspaceService.open(checkout).studies(["paper/fig08_identified"])
     assert UNKNOWN_WORK not in [experiment_work(sweep.experiment, registry) for sweep in study.sweeps]
 
 
@@ -162,8 +162,8 @@ def test_lanes_are_guessed_as_the_compiler_decides(name: str, registry: Registry
 
 def test_a_plan_does_not_load_the_compiler(tmp_path: Path) -> None:
     code = (
-        "import sys; from fraexp.workspace.workspace import Workspace; "
-        f"planned = Workspace.open({str(tmp_path)!r}).plan('quick')[1][0]; "
+        "import sys; from fraexp.workspace.workspace_service import WorkspaceService; "
+        f"planned = WorkspaceService.open({str(tmp_path)!r}).plan('quick')[1][0]; "
         "print(planned.seconds > 0, 'numba' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=tmp_path)

@@ -29,7 +29,7 @@ from fraexp.execution.events import Event, Finished
 from fraexp.execution.scheduler import begin_run, compute_recorded
 from fraexp.store import Store
 from fraexp.store.liveness import HEARTBEAT_TIMEOUT, HOST, Host, Process, is_alive
-from fraexp.study.study_file import Study
+from fraexp.study.study_file import ResolvedStudy
 from tests.execution.simulation.faulty_sqlite import FaultyFile, Moment, ignore, unavailable
 from tests.execution.simulation.simulated_workers import SimulatedWorkers
 
@@ -121,7 +121,7 @@ class Program:
         self.has_finished = True
 
     def _events(self, store: Store, retry: DatabaseRetry) -> Generator[Event, None, None]:
-        study = Study("study", Path("study.toml"), "", "", self.history.grid)
+        study = ResolvedStudy("study", Path("study.toml"), "", "", self.history.grid)
         known = yield from retry.call(lambda: store.stored_states([sweep.key for sweep in study.sweeps]))
         missing = [sweep for sweep in study.sweeps if sweep.key not in known]
         self.run = yield from begin_run(study, store, "", {"run_id": str(self.pid)}, retry)

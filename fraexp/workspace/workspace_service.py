@@ -25,7 +25,7 @@ from fraexp.reports.stored_figures import StoredFigures
 from fraexp.store import RunSummary, Store, StoredSweep
 from fraexp.study.catalogue import StudyEntry, catalogue
 from fraexp.study.published_values import PublishedComparison
-from fraexp.study.study_file import Study, find_studies, load, outline, resolve
+from fraexp.study.study_file import ResolvedStudy, find_studies, load, outline, resolve
 from fraexp.workspace import fit_specs
 from fraexp.workspace.workspace_folder import WorkspaceFolder
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Workspace(WorkspaceFolder):
+class WorkspaceService(WorkspaceFolder):
     """A workspace that resolves, runs, fits and draws studies."""
 
     @property
@@ -46,7 +46,7 @@ class Workspace(WorkspaceFolder):
         """Return all studies, read but not resolved."""
         return catalogue(self.folder)
 
-    def studies(self, names: Sequence[str], overrides: Sequence[str] = ()) -> list[Study]:
+    def studies(self, names: Sequence[str], overrides: Sequence[str] = ()) -> list[ResolvedStudy]:
         """Return the studies of these names, files or folders, resolved; overrides apply to all."""
         found = [pair for name in names for pair in find_studies(name, self.folder)]
         return [load(name, file, self.folder, self.registry, overrides) for name, file in found]
@@ -73,13 +73,25 @@ class Workspace(WorkspaceFolder):
             yield from self._plan_events(resolved, rerun, executor=executor, limits=limits)
             return
         command = shlex.join(["fraexp", "run", *names, *(f"--set={text}" for text in overrides)])
+        yield from self.run_resolved(resolved, command, executor, rerun, limits)
+
+    def run_resolved(
+        self,
+        studies: Sequence[ResolvedStudy],
+        command: str,
+        executor: str | None = None,
+        rerun: str | None = None,
+        limits: ResourceLimits | None = None,
+    ) -> Generator[Event, None, None]:
+        """Run studies that are resolved already; `command` says in the database how the run was started."""
+        worker_count(executor or "processes")
         with self.open_store("create") as store:
-            for study in resolved:
+            for study in studies:
                 yield from self._run_one(study, store, command, executor, rerun, limits)
 
     def _run_one(
         self,
-        study: Study,
+        study: ResolvedStudy,
         store: Store,
         command: str,
         executor: str | None = None,
@@ -111,12 +123,12 @@ class Workspace(WorkspaceFolder):
         there is.
         """
         fitting = fit_specs.fit_estimator(self.registry, using)
-        wrapped = fit_specs.as_fit_sweeps(sweeps, fitting, settings, self.registry, self._record_files)
-        study = Study(name, Path(name), f"Fit of {name.removesuffix('-fit')}", "", wrapped)
+        wrapped = fit_specs.as_fit_sweeps(sweeps, fitting, settings, self.registry, self.record_files)
+        study = ResolvedStudy(name, Path(name), f"Fit of {name.removesuffix('-fit')}", "", wrapped)
         with self.open_store("create") as store:
             yield from self._run_one(study, store, shlex.join(["fraexp", "fit", *(s.key[4:12] for s in sweeps)]))
 
-    def _record_files(self, sweep: StoredSweep) -> Mapping[str, str]:
+    def record_files(self, sweep: StoredSweep) -> Mapping[str, str]:
         """Return the files of a sweep's record, which the study of one of its runs names."""
         if "record" not in sweep.experiment:
             return {}
@@ -160,12 +172,18 @@ class Workspace(WorkspaceFolder):
 
     def plan(
         self, study: str, overrides: Sequence[str] = (), rerun: str | None = None, executor: str | None = None
-    ) -> tuple[list[Study], list[Planned]]:
+    ) -> tuple[list[ResolvedStudy], list[Planned]]:
         """Return studies by name, file or folder, resolved, and the plans of running them; nothing is written."""
         resolved = self.studies([study], overrides)
+        return resolved, self.plan_resolved(resolved, rerun, executor)
+
+    def plan_resolved(
+        self, studies: Sequence[ResolvedStudy], rerun: str | None = None, executor: str | None = None
+    ) -> list[Planned]:
+        """Return the plans of running studies that are resolved already; nothing is written."""
         store = self.open_store() if self.has_database() else None
         try:
-            return resolved, [scheduler.plan(of, store, self.registry, rerun, executor=executor)[1] for of in resolved]
+            return [scheduler.plan(of, store, self.registry, rerun, executor=executor)[1] for of in studies]
         finally:
             if store:
                 store.close()
@@ -224,7 +242,9 @@ class Workspace(WorkspaceFolder):
             raise StudyError(f"run {run.number} runs on {run.process.host}; stop it there")
         background.stop(run.process.pid, kill)
 
-    def _plan_events(self, studies: Sequence[Study], rerun: str | None, **how: Any) -> Generator[Event, None, None]:
+    def _plan_events(
+        self, studies: Sequence[ResolvedStudy], rerun: str | None, **how: Any
+    ) -> Generator[Event, None, None]:
         store = self.open_store() if self.has_database() else None
         for study in studies:
             yield from (scheduler.plan(study, store, self.registry, rerun, True, **how)[1], Ended(None, "dry"))
@@ -232,7 +252,7 @@ class Workspace(WorkspaceFolder):
             store.close()
 
     def _draw_ended(
-        self, ended: Ended, study: Study, store: Store, retry: DatabaseRetry
+        self, ended: Ended, study: ResolvedStudy, store: Store, retry: DatabaseRetry
     ) -> Generator[Event, None, Ended]:
         """Draw the figures of a run that has ended, and return its event with them, or with why there are none."""
         try:
@@ -243,7 +263,7 @@ class Workspace(WorkspaceFolder):
         except Exception as error:  # a figure is worth less than the run, whose results are stored
             return replace(ended, note=f"{type(error).__name__}: {error}")
 
-    def _draw_figures(self, study: Study, store: Store, run: int | None) -> dict[Path, bool]:
+    def _draw_figures(self, study: ResolvedStudy, store: Store, run: int | None) -> dict[Path, bool]:
         path = self.folder / "figures" / f"{study.name}.png"
         if not path.parent.resolve().is_relative_to(
             self.folder.resolve()
@@ -269,7 +289,9 @@ class Workspace(WorkspaceFolder):
             write_report(path, title, chapters)
         return [one for chapter in chapters for one in chapter.compared]
 
-    def _drawing_function(self, store: Store, folder: Path) -> Callable[[Study, Sequence[StoredSweep]], Iterable[Path]]:
+    def _drawing_function(
+        self, store: Store, folder: Path
+    ) -> Callable[[ResolvedStudy, Sequence[StoredSweep]], Iterable[Path]]:
         """Return a function that draws the sweeps of a study into a folder."""
         draw = self.figures.draw
         return lambda study, sweeps: draw(store, sweeps, folder / f"{study.name}.png", study.title, study.figure)

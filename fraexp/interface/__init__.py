@@ -1,0 +1,1 @@
+"""The Python interface: what notebooks and scripts reach through ``import fraexp``."""

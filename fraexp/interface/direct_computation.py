@@ -1,0 +1,89 @@
+"""Experiments that are computed in this process, and what estimators make of them; no database is involved."""
+
+from collections.abc import Iterable, Mapping
+from datetime import UTC, datetime
+
+from fraexp.components.first_trial import first_trial, friction_specs
+from fraexp.components.kinds import Estimator
+from fraexp.components.registry import create
+from fraexp.data import fit_references
+from fraexp.data.results import Result
+from fraexp.data.sweep import Plain, Sweep, component_names
+from fraexp.errors import PluginError, StudyError
+from fraexp.execution.certificate import certify
+from fraexp.execution.job import Job, load_signals
+from fraexp.execution.scheduler import StoredFits
+from fraexp.interface.recordings import Recording
+from fraexp.interface.run_monitor import computing_meter
+from fraexp.interface.sweep_results import SweepResult
+from fraexp.simulation.machine import Numerics
+from fraexp.store import StoredSweep
+from fraexp.study.resolution import resolve_estimator
+from fraexp.study.study_file import ResolvedStudy
+from fraexp.workspace.workspace_service import WorkspaceService
+
+
+def single_sweep(study: ResolvedStudy) -> Sweep:
+    """Return the only sweep of a study; StudyError if it has several."""
+    if len(study.sweeps) != 1:
+        raise StudyError(f"{study.name}: it has {len(study.sweeps)} sweeps; expected one, run a Study for a grid")
+    return study.sweeps[0]
+
+
+def used_names(sweeps: Iterable[Sweep]) -> set[str]:
+    """Return the names of all components that sweeps use."""
+    sections: dict[int, object] = {}
+    for sweep in sweeps:
+        sections |= {id(section): section for section in (*sweep.experiment.values(), sweep.estimator)}
+    return {name for section in sections.values() for name in component_names(section)}
+
+
+def record_signals(experiment: Plain, files: Mapping[str, str], service: WorkspaceService) -> Recording:
+    """Simulate or read an experiment; a line of progress is shown while it lasts."""
+    experiment = _with_fits(experiment, service)
+    with computing_meter(experiment) as progress:
+        for spec in friction_specs([experiment]):
+            first_trial(spec, service.registry)
+        signals = load_signals(Job(experiment, (), files), service.registry, progress)
+    return Recording(signals, experiment, files)
+
+
+def _with_fits(experiment: Plain, service: WorkspaceService) -> Plain:
+    """Return an experiment in which the components that other sweeps have identified stand for their references."""
+    if not any(True for _ in fit_references.references_in(experiment)):
+        return experiment
+    with service.open_store() as store:
+        found: Plain = fit_references.replace_references(experiment, StoredFits(store).component)
+        return found
+
+
+def estimate_signals(recording: Recording, spec: Plain, service: WorkspaceService) -> SweepResult:
+    """Return the result of an estimator with its numerical certificate."""
+    experiment = recording.experiment
+    resolved = resolve_estimator(spec, experiment, service.registry, "estimate")
+    estimator = create(service.registry, Estimator, resolved)
+    with computing_meter({"estimator": resolved}):
+        for friction in friction_specs([resolved]):
+            first_trial(friction, service.registry)
+        result = estimator.estimate(recording.signals)
+    if not isinstance(result, Result):
+        raise PluginError(f"{estimator.name} returns {result!r:.60}; expected a Result")
+    tolerance = float(experiment.get("numerics", {}).get("tolerance", Numerics().tolerance))
+    result = certify(estimator, recording.signals, result, tolerance)
+    sweep = Sweep(experiment, resolved, {}, recording.files)
+    return SweepResult(_as_stored(sweep, result), result, service)
+
+
+def _as_stored(sweep: Sweep, result: Result) -> StoredSweep:
+    """Return a sweep as the database would, though it is not stored."""
+    return StoredSweep(
+        key=sweep.key,
+        experiment=dict(sweep.experiment),
+        estimator=dict(sweep.estimator),
+        labels={},
+        outcome=result.outcome,
+        message=result.message,
+        elapsed=result.elapsed,
+        created=datetime.now(UTC),
+        state="computed",
+    )

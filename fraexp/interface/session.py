@@ -1,0 +1,243 @@
+"""A workspace in Python: studies are run, results read, and experiments computed without a database."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from fraexp.components.kinds import Component, FrictionModel
+from fraexp.components.registry import SESSION, create
+from fraexp.errors import FraexpError, StudyError
+from fraexp.execution.executors import ResourceLimits
+from fraexp.interface import direct_computation
+from fraexp.interface.callable_law import FrictionLaw
+from fraexp.interface.overrides import override_texts
+from fraexp.interface.recordings import Recording
+from fraexp.interface.result_sets import Results, Run
+from fraexp.interface.run_monitor import follow_run
+from fraexp.interface.study_source import Study, component_spec, session_classes
+from fraexp.interface.sweep_results import SweepResult, require_fit
+from fraexp.records import RecordSettings
+from fraexp.records import resolve as resolve_record
+from fraexp.records.study_writer import PERIODIC_ESTIMATOR
+from fraexp.study.study_file import ResolvedStudy, find_studies
+from fraexp.workspace.workspace_service import WorkspaceService
+
+ALL_ROWS = 1_000_000
+"""Rows of a page that holds all sweeps."""
+
+
+class Workspace:
+    """A folder with ``plugins/``, ``studies/`` and ``results.db``, each of which may be missing.
+
+    Parameters
+    ----------
+    folder : the folder; by default the current one.
+    database : path or URL of the database; by default ``results.db`` in the folder.
+
+    All methods raise `FraexpError`, whose text is one line, for what a user can mend.
+    """
+
+    def __init__(self, folder: str | Path = ".", database: str | None = None) -> None:
+        self._service = WorkspaceService.open(folder, database)
+
+    @property
+    def folder(self) -> Path:
+        """The folder of the workspace."""
+        return self._service.folder
+
+    def studies(self) -> dict[str, str]:
+        """Return the titles of all studies, those of the workspace and the examples, by name."""
+        return {entry.name: entry.title for entry in self._service.catalogue()}
+
+    def study(self, name: str) -> Study:
+        """Return a study by name or file, to be changed and run; StudyError names the nearest one."""
+        found = find_studies(name, self.folder)
+        if len(found) != 1:
+            raise StudyError(f"'{name}' is a folder of {len(found)} studies; expected one of them")
+        study = Study.from_file(found[0][1])
+        study.name = found[0][0]
+        return study
+
+    def components(self, kind: str = "friction") -> list[str]:
+        """Return the names of all components of a kind: friction, plant, controller, excitation, estimator, reader."""
+        return self._service.registry.names(kind)
+
+    def reload(self) -> None:
+        """Load the plugins again: after one was written or changed."""
+        self._service.reload()
+
+    def run(
+        self,
+        study: str | Path | Study,
+        changes: Mapping[str, object] | None = None,
+        *,
+        executor: str | None = None,
+        rerun: str | None = None,
+        time_limit: float | None = None,
+        progress: bool = True,
+    ) -> Run:
+        """Run a study: missing sweeps are computed, stored ones are reused; return its results.
+
+        Parameters
+        ----------
+        study : name or file of a study, or a `Study`.
+        changes : values by path, such as ``{"excitation.points": 30}``, as ``--set`` on the command line.
+        executor : ``serial``, ``processes``, ``processes:4`` or ``dask:ADDRESS``; by default the faster one.
+        rerun : which stored sweeps are computed again: ``stale``, ``unusable`` or ``all``.
+        time_limit : time for an experiment with its first estimator, and for each further estimator [s].
+        progress : whether plan, progress and failures are shown, in the cell of a notebook or on standard error.
+
+        An interrupt (Ctrl-C, or the notebook's stop button) ends the run; finished sweeps are kept.
+        """
+        resolved, command = self._resolve(study, changes)
+        limits = ResourceLimits() if time_limit is None else ResourceLimits(time=time_limit)
+        events = self._service.run_resolved([resolved], command, executor, rerun, limits)
+        ended = follow_run(events, progress)
+        if ended.run is None:
+            raise FraexpError(f"{resolved.name}: the run was interrupted before it had begun")
+        run = self.open_run(ended.run, resolved.title)
+        run.figures = tuple(ended.figures)
+        return run
+
+    def plan(self, study: str | Path | Study, changes: Mapping[str, object] | None = None) -> dict[str, Any]:
+        """Return how many sweeps a run would reuse and compute, and the expected time [s]; nothing is written."""
+        resolved, _ = self._resolve(study, changes)
+        (planned,) = self._service.plan_resolved([resolved])
+        seconds = planned.seconds or 0.0
+        return {"total": planned.total, "reused": planned.reused, "missing": planned.missing, "seconds": seconds}
+
+    def _resolve(self, study: str | Path | Study, changes: Mapping[str, object] | None) -> tuple[ResolvedStudy, str]:
+        """Return a study with all its sweeps, and the command that the database keeps."""
+        overrides = override_texts(changes or {})
+        if isinstance(study, Study):
+            self._register(study.classes)
+            resolved = study.resolve(self.folder, self._service.registry, overrides)
+            command = f"fraexp.Workspace.run({study.name!r}, a study written in Python)"
+        else:
+            found = self._service.studies([str(study)], overrides)
+            if len(found) != 1:
+                raise StudyError(f"'{study}' is a folder of {len(found)} studies; expected one of them")
+            resolved = found[0]
+            command = self._service.command(resolved.name, overrides)
+        self._require_files(resolved)
+        return resolved, command
+
+    def _register(self, classes: Sequence[type[Component]]) -> None:
+        for component in classes:
+            self._service.registry.add_from_session(component)
+
+    def _require_files(self, study: ResolvedStudy) -> None:
+        """Refuse a class that only this session knows: a worker and a later reader need its file."""
+        providers = self._service.registry.providers
+        known = {of.component.name: of.component for of in providers.values() if of.distribution == SESSION}
+        for name in known.keys() & direct_computation.used_names(study.sweeps):
+            raise StudyError(
+                f"{study.name}: '{name}' is defined in this session only; write it to "
+                f"{self.folder / 'plugins'}/{name}.py and call reload(), or use simulate() and estimate()"
+            )
+
+    def runs(self) -> list[Run]:
+        """Return all runs, newest first; their results are read when they are needed."""
+        with self._service.open_store() as store:
+            return [Run(summary, store.sweeps(summary.number), self._service) for summary in store.runs()]
+
+    def open_run(self, number: int | str, title: str = "") -> Run:
+        """Return a run by its number, or the newest run of a study; StoreError if there is none."""
+        with self._service.open_store() as store:
+            newest = next((of.number for of in store.runs() if of.study == number), None)
+            if isinstance(number, str) and newest is None:
+                raise StudyError(f"no run of a study '{number}' is stored; run it first")
+            summary = store.run(int(newest if newest is not None else number))
+            return Run(summary, store.sweeps(summary.number), self._service, title)
+
+    def sweeps(self, filter: str = "") -> Results:  # noqa: A002 (the word that users know)
+        """Return all stored sweeps that match a filter, such as ``estimator=conventional excitation.amplitude>=12``."""
+        with self._service.open_store() as store:
+            found = [store.find(key) for key in store.keys(filter)]
+        return Results(found, self._service, filter)
+
+    def sweep(self, key: str) -> SweepResult:
+        """Return the result of the sweep whose key starts with `key`; StoreError if there is none."""
+        with self._service.open_store() as store:
+            found = store.find(key)
+            return SweepResult(found, store.result(found.key), self._service)
+
+    def friction_law(self, name: str, **parameters: object) -> FrictionLaw:
+        """Return a friction law by name with its parameters, such as ``stiffness="17 N/µm"``, to be called."""
+        spec = component_spec({"name": name, **parameters})
+        return FrictionLaw(create(self._service.registry, FrictionModel, spec))
+
+    def simulate(
+        self, machine: str | Mapping[str, Any], excitation: str | Mapping[str, Any] | Component, **sections: Any
+    ) -> Recording:
+        """Return the signals of a simulated experiment, without a database.
+
+        Parameters
+        ----------
+        machine : name of a machine, or its sections plant, friction, controller and loop.
+        excitation : a table such as ``{"name": "stepped_sine", "amplitude": 12.0}``, or its name.
+        sections : sections laid over those of the machine, such as ``friction=FrictionLaw(...)`` or
+            ``loop={"noise": 30e-9}``.
+        """
+        base = {"machine": machine} if isinstance(machine, str) else dict(machine)
+        data = {**base, **sections, "excitation": excitation, "estimator": PERIODIC_ESTIMATOR}
+        study = Study("simulation", self.folder, **data)
+        self._register(study.classes)
+        sweep = direct_computation.single_sweep(study.resolve(self.folder, self._service.registry))
+        return direct_computation.record_signals(sweep.experiment, {}, self._service)
+
+    def read_record(
+        self, file: str | Path | Sequence[str | Path], channels: Mapping[str, Any], **keys: Any
+    ) -> Recording:
+        """Return the signals of a measured record, without a database.
+
+        Parameters
+        ----------
+        file : a file, or one for each realisation.
+        channels : column of each channel by its name, such as ``{"u": "Torque[Nm]", "y": "Position"}``, or its
+            settings. The input is called u and the output y, unless an estimator is told otherwise.
+        keys : other keys of the section ``[record]``, such as ``sample_rate=2000.0`` or ``samples_per_period=4096``.
+        """
+        files = [str(file)] if isinstance(file, str | Path) else [str(one) for one in file]
+        section = {"file": files if len(files) > 1 else files[0], "channels": dict(channels), **keys}
+        settings = RecordSettings.parse(component_spec(section), "record")
+        experiment, paths = resolve_record(settings, Path(), self._service.registry)
+        return direct_computation.record_signals(experiment, paths, self._service)
+
+    def signals(self, result: SweepResult) -> Recording:
+        """Return the signals behind a result: simulated again, or read again from its record."""
+        return direct_computation.record_signals(
+            result.sweep.experiment, self._service.record_files(result.sweep), self._service
+        )
+
+    def estimate(
+        self, recording: Recording, estimator: str | Mapping[str, Any] | Component, **parameters: Any
+    ) -> SweepResult:
+        """Return what an estimator makes of signals, without a database.
+
+        Parameters
+        ----------
+        recording : signals of `simulate`, `read_record` or `signals`.
+        estimator : its name, its table, or an object.
+        parameters : parameters of the estimator; others are inherited from the experiment, as in a study.
+        """
+        self._register(session_classes([estimator, parameters]))
+        spec = component_spec({**component_spec(estimator), **parameters})
+        return direct_computation.estimate_signals(recording, spec, self._service)
+
+    def identify(
+        self, recording: Recording, estimator: str | Mapping[str, Any] | Component, **parameters: Any
+    ) -> SweepResult:
+        """Return the result of an estimator that identifies a plant or a friction law, as `estimate` does.
+
+        Its `models` go into a study, or into `simulate`. StudyError if the estimator identifies nothing.
+        """
+        return require_fit(self.estimate(recording, estimator, **parameters))
+
+    def __repr__(self) -> str:
+        return f"<Workspace {self.folder}, database {self._database_name()}>"
+
+    def _database_name(self) -> str:
+        from fraexp.store import url_without_password
+
+        return url_without_password(self._service.database)

@@ -1,0 +1,115 @@
+"""Results as xarray, pandas, python-control, HTML and files: nothing is lost on the way."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray
+
+import fraexp
+from tests.interface.conftest import POINTS
+
+
+def test_a_dataset_survives_netcdf_with_units_covariance_and_provenance(run: fraexp.Run, tmp_path: Path) -> None:
+    found = run.one("estimator=effective_input excitation.amplitude=12")
+    data = found.to_xarray()
+    data.to_netcdf(tmp_path / "result.nc")
+    with xarray.open_dataset(tmp_path / "result.nc") as read:
+        assert read.identical(data)
+        assert read.response.attrs["units"] == "m/N"
+        assert read.frequency.attrs["units"] == "Hz"
+        np.testing.assert_array_equal(read.covariance, found.frequency_response.covariance)
+        np.testing.assert_array_equal(read.response, found.response)
+        assert json.loads(read.attrs["estimator"])["name"] == "effective_input"
+        assert json.loads(read.attrs["experiment"])["plant"]["rigid_body_gain"] == 0.132
+        assert "estimator:effective_input" in json.loads(read.attrs["sources"])
+        assert json.loads(read.attrs["metrics"])["stroke"]["unit"] == "m"
+
+
+def test_a_run_is_one_dataset_over_its_grid(run: fraexp.Run, tmp_path: Path) -> None:
+    data = run.to_xarray()
+    assert dict(data.response.sizes) == {"amplitude": 2, "estimator": 2, "frequency": POINTS}
+    assert data.amplitude.attrs == {"path": "excitation.amplitude", "units": "N"}
+    for result in run:
+        chosen = data.sel(amplitude=result.labels["excitation.amplitude"], estimator=result.estimator)
+        np.testing.assert_array_equal(chosen.response, result.response)
+        assert str(chosen.key.values) == result.key
+    assert (data.attrs["study"], data.attrs["run"]) == ("quick", run.number)
+    assert json.loads(data.attrs["provenance"])["fraexp"]
+    data.to_netcdf(tmp_path / "run.nc")
+    with xarray.open_dataset(tmp_path / "run.nc") as read:
+        assert read.identical(data)
+
+
+def test_results_that_are_no_grid_are_stacked(run: fraexp.Run) -> None:
+    part = run.filter("-key:" + run[0].key)
+    data = part.to_xarray()
+    assert data.sizes["sweep"] == len(part) == 3
+    assert list(data.amplitude.values) == [of.labels["excitation.amplitude"] for of in part]
+
+
+def test_python_control_gets_the_response_to_the_last_bit(run: fraexp.Run) -> None:
+    for result in run:
+        found = result.to_frd()
+        np.testing.assert_array_equal(found.frdata[0, 0], result.response)
+        np.testing.assert_array_equal(found.omega, 2 * np.pi * result.frequency)
+        assert (found.input_labels, found.output_labels) == ([result.result.response.input], ["y"])
+
+
+def test_a_table_has_the_columns_of_the_csv_file(run: fraexp.Run, tmp_path: Path) -> None:
+    result = run[0]
+    table = result.to_pandas()
+    path = result.export(tmp_path / "result.csv")
+    rows = list(csv.reader(line for line in path.read_text("utf-8").splitlines() if not line.startswith("#")))
+    assert rows[0] == ["frequency_Hz", *table.columns]
+    np.testing.assert_array_equal(table["real"], [float(row[1]) for row in rows[1:]])
+    whole = run.to_pandas()
+    assert len(whole) == 4 * POINTS
+    assert list(whole.columns[:4]) == ["key", "amplitude", "estimator", "outcome"]
+    chosen = whole[(whole.amplitude == 12.0) & (whole.estimator == "conventional")]
+    np.testing.assert_array_equal(
+        chosen["real"], run.one("estimator=conventional excitation.amplitude=12").response.real
+    )
+
+
+def test_metrics_alone_make_a_table(workspace: fraexp.Workspace) -> None:
+    run = workspace.run("friction/hysteresis", progress=False, executor="serial")
+    table = run.to_pandas()
+    assert len(table) == len(run)
+    assert (table["energy per cycle"] > 0).all()
+    assert run[0].to_xarray().sizes == {"point": run[0].result.curves[0].columns["force"].size}
+    with pytest.raises(fraexp.FraexpError, match="no response to convert"):
+        run.to_xarray()
+    with pytest.raises(fraexp.FraexpError, match="has no frequency response"):
+        _ = run[0].frequency
+
+
+def test_a_cell_shows_figure_and_table(run: fraexp.Run, workspace: fraexp.Workspace) -> None:
+    law = workspace.friction_law("coulomb", coulomb_force=5.0)
+    study = workspace.study("quick")
+    for shown in (run, run[0], law):
+        html = shown._repr_html_()
+        assert "data:image/png;base64,iVBOR" in html
+    assert run._repr_html_().count("<tr>") == 5
+    assert "stepped_sine" in study._repr_html_()
+    named = fraexp.Study("named", title="<script>alert(1)</script>")
+    assert "<script>" not in named._repr_html_()
+
+
+@pytest.mark.parametrize("kind", ["", "nyquist", "errors"])
+def test_a_figure_is_drawn_in_each_kind(run: fraexp.Run, kind: str) -> None:
+    assert run.plot(kind).axes
+
+
+def test_a_figure_shows_a_range_of_frequencies(run: fraexp.Run) -> None:
+    axes = run[0].plot(frequency_range=(5.0, 50.0)).axes[0]
+    assert axes.get_xlim()[0] > 4
+    assert axes.get_xlim()[1] < 60
+
+
+def test_representations_are_one_line(run: fraexp.Run, workspace: fraexp.Workspace) -> None:
+    assert repr(run[0]) == f"<SweepResult {run[0].key}: conventional, y/u [m/N] at {POINTS} frequencies 1…200.2 Hz; ok>"
+    assert repr(run).startswith(f"<Run: run {run.number} of quick complete: 4 sweeps")
+    assert "\n" not in repr(workspace) + repr(workspace.study("quick"))

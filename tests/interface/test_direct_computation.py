@@ -1,0 +1,159 @@
+"""Experiments without a database: the same numbers as those of a run, and laws that only this session knows."""
+
+import numpy as np
+import pytest
+
+import fraexp
+from fraexp.api import FrictionModel, param
+from tests.interface.conftest import POINTS
+
+EXCITATION = {"name": "stepped_sine", "points": POINTS, "amplitude": 12.0}
+
+
+def law_class(factor: float) -> type[FrictionModel]:
+    class Scaled(FrictionModel, name="scaled_in_session", version=1):
+        """A spring with a slider."""
+
+        states = ("force [N]",)
+        stiffness: float = param("N/m", "stiffness", above=0)
+        coulomb_force: float = param("N", "Coulomb force", above=0)
+
+        @property
+        def scaled_force(self) -> float:
+            return factor * self.coulomb_force
+
+        @staticmethod
+        def advance(z, dy, dt, z_next, stiffness, scaled_force):
+            z_next[0] = min(max(z[0] + stiffness * dy, -scaled_force), scaled_force)
+            return z_next[0]
+
+    return Scaled
+
+
+def test_simulate_and_estimate_give_the_numbers_of_a_run(workspace: fraexp.Workspace, run: fraexp.Run) -> None:
+    recording = workspace.simulate("linear_motor_table", EXCITATION)
+    for stored in run.filter("excitation.amplitude=12"):
+        name = stored.estimator
+        found = workspace.estimate(
+            recording, {"name": name, **({"refer_to_plant": True} if name == "conventional" else {})}
+        )
+        assert found.key == stored.key
+        np.testing.assert_array_equal(found.response, stored.response)
+        np.testing.assert_array_equal(
+            found.frequency_response.numerical_error, stored.frequency_response.numerical_error
+        )
+    assert recording.outcome == "ok"
+
+
+def test_signals_of_a_stored_result_are_simulated_again(workspace: fraexp.Workspace, run: fraexp.Run) -> None:
+    result = run.one("estimator=conventional excitation.amplitude=75")
+    recording = workspace.signals(result)
+    data = recording.to_xarray()
+    assert data.u.attrs["units"] == recording.channels["u"] == "N"
+    first = data.where(data.segment == 0, drop=True)
+    period = first.where(first.period == first.period.max(), drop=True)
+    turns = np.exp(-2j * np.pi * result.frequency[0] * period.time.values)
+    gain = (turns @ period.y.values) / (turns @ period.u.values)
+    magnitude = abs(run.one("estimator=conventional excitation.amplitude=75").response[0])
+    assert abs(gain) == pytest.approx(magnitude, rel=1e-2)  # refer_to_plant takes off the dead time only
+
+
+def test_a_law_of_this_session_is_simulated_and_its_new_definition_counts(workspace: fraexp.Workspace) -> None:
+    peaks = []
+    for factor in (1.0, 0.5):
+        law = fraexp.FrictionLaw(law_class(factor)(stiffness=1e6, coulomb_force=10.0))
+        recording = workspace.simulate("linear_motor_table", {**EXCITATION, "amplitude": 75.0}, friction=law)
+        peaks.append(float(abs(recording.to_xarray().friction).max()))
+        assert workspace.estimate(recording, "effective_input").outcome == "ok"
+    assert peaks == pytest.approx([10.0, 5.0])
+
+
+def test_a_law_of_this_session_is_not_run_in_other_processes(workspace: fraexp.Workspace) -> None:
+    law = law_class(1.0)(stiffness=1e6, coulomb_force=10.0)
+    study = fraexp.Study(
+        "own", machine="linear_motor_table", friction=law, excitation=EXCITATION, estimator="conventional"
+    )
+    before = len(workspace.runs())
+    with pytest.raises(fraexp.FraexpError, match="defined in this session only; write it to"):
+        workspace.run(study)
+    assert len(workspace.runs()) == before
+
+
+def test_a_law_cannot_take_the_name_of_a_plugin(workspace: fraexp.Workspace) -> None:
+    class Rolling(FrictionModel, name="rolling", version=1):
+        """Not the one that is known."""
+
+        @staticmethod
+        def advance(z, dy, dt, z_next):
+            return 0.0
+
+    with pytest.raises(fraexp.FraexpError, match=r"'rolling' \(friction\) is provided by"):
+        workspace.simulate("linear_motor_table", EXCITATION, friction=Rolling())
+
+
+def test_a_model_that_was_identified_is_used(workspace: fraexp.Workspace) -> None:
+    recording = workspace.simulate("linear_motor_table", {**EXCITATION, "points": 30, "amplitude": 75.0})
+    found = workspace.identify(recording, "modal_fit", method={"name": "effective_input"}, modes=2)
+    assert found.models["plant"]["rigid_body_gain"] == pytest.approx(0.132, rel=1e-2)
+    assert found.state_space["a"].shape == (6, 6)
+    without = workspace.simulate("linear_motor_table", EXCITATION, plant=found.models["plant"], friction="none")
+    response = workspace.estimate(without, "conventional")
+    assert abs(response.response[0]) == pytest.approx(0.132 / (2 * np.pi) ** 2, rel=2e-2)
+
+
+def test_a_measured_record_is_read_and_estimated(tmp_path, workspace: fraexp.Workspace) -> None:
+    rng = np.random.default_rng(3)
+    angle = 2 * np.pi * np.outer(np.arange(500), np.arange(1, 100)) / 500
+    u = np.tile(np.cos(angle + rng.uniform(0, 6, 99)).sum(axis=1), 6)
+    y = 0.5 * np.roll(u, 3)
+    np.savetxt(tmp_path / "bench.csv", np.column_stack([u, y]), delimiter=",", header="current,angle", comments="")
+    channels = {"u": {"column": "current", "unit": "N"}, "y": {"column": "angle", "unit": "m"}}
+    recording = workspace.read_record(tmp_path / "bench.csv", channels, sample_rate=1000.0, samples_per_period=500)
+    found = workspace.estimate(recording, "conventional")
+    expected = 0.5 * np.exp(-2j * np.pi * found.frequency * 3e-3)
+    np.testing.assert_allclose(found.response, expected, rtol=1e-9)
+    assert "measured" in repr(recording)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda of: of.simulate("linear_motor", EXCITATION), "there is no machine 'linear_motor'"),
+        (lambda of: of.simulate("linear_motor_table", {"name": "stepped_sine"}), "lacks 'amplitude'"),
+        (lambda of: of.simulate({"plant": "modal"}, EXCITATION), "lacks"),
+        (lambda of: of.read_record("none.csv", {"u": "u", "y": "y"}), "no such file"),
+        (lambda of: of.estimate(of.simulate("linear_motor_table", EXCITATION), "conventionl"), "did you mean"),
+        (lambda of: of.identify(of.simulate("linear_motor_table", EXCITATION), "conventional"), "no component"),
+        (lambda of: of.sweep("ffffffff"), "no sweep"),
+        (lambda of: of.open_run("never"), "no run of a study 'never'"),
+        (lambda of: of.open_run(99), "99"),
+        (lambda of: of.sweeps("excitation.amplitude>>1"), "filter"),
+        (lambda of: of.study("quik"), "did you mean 'quick'"),
+        (lambda of: of.open_run("quick").one("estimator=gone"), "no sweep has the estimator 'gone'"),
+        (lambda of: of.open_run("quick").one("excitation.amplitude>100"), "0 results match 'excitation.amplitude>100'"),
+        (lambda of: fraexp.Workspace(of.folder / "missing"), "no such folder"),
+    ],
+)
+def test_a_mistake_is_said_in_one_line(workspace: fraexp.Workspace, call, message: str) -> None:
+    with pytest.raises(fraexp.FraexpError, match=message) as raised:
+        call(workspace)
+    assert "\n" not in str(raised.value)
+
+
+def test_stored_sweeps_are_found_by_the_language_of_filters(workspace: fraexp.Workspace, run: fraexp.Run) -> None:
+    found = workspace.sweeps("estimator=effective_input excitation.amplitude=75 excitation.points=6")
+    assert [of.key for of in found] == [run.one("estimator=effective_input excitation.amplitude=75").key]
+    assert workspace.sweep(found[0].key).key == found[0].key
+
+
+def test_functions_work_in_the_current_folder(tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    recording = fraexp.simulate("linear_motor_table", EXCITATION)
+    assert fraexp.estimate(recording, "conventional").outcome == "ok"
+    assert fraexp.friction_law("coulomb", coulomb_force=2.0).name == "coulomb"
+    assert list(tmp_path.iterdir()) == []
+    assert (
+        fraexp.run("quick", {"excitation.points": 4, "grid.excitation.amplitude": [75.0]}, progress=False).state
+        == "complete"
+    )
+    assert (tmp_path / "results.db").exists()
