@@ -100,7 +100,9 @@ class FrictionLaw:
         for amplitude in amplitudes:
             displacement, force = self.loop(float(amplitude), frequency)
             columns = {"displacement": np.append(displacement, displacement[0]), "force": np.append(force, force[0])}
-            curves.append(("", Curve("hysteresis", columns, {"displacement": "m", "force": "N"})))
+            curves.append(
+                (f"{1e6 * float(amplitude):.4g} µm", Curve("hysteresis", columns, {"displacement": "m", "force": "N"}))
+            )
         return draw_hysteresis(hysteresis_info(curves, f"Friction law {self.name}"))
 
     def __repr__(self) -> str:

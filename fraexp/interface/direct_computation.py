@@ -45,7 +45,7 @@ def record_signals(experiment: Plain, files: Mapping[str, str], service: Workspa
         for spec in friction_specs([experiment]):
             first_trial(spec, service.registry)
         signals = load_signals(Job(experiment, (), files), service.registry, progress)
-    return Recording(signals, experiment, files)
+    return Recording(signals, experiment, service, files)
 
 
 def _with_fits(experiment: Plain, service: WorkspaceService) -> Plain:
@@ -57,9 +57,9 @@ def _with_fits(experiment: Plain, service: WorkspaceService) -> Plain:
         return found
 
 
-def estimate_signals(recording: Recording, spec: Plain, service: WorkspaceService) -> SweepResult:
+def estimate_signals(recording: Recording, spec: Plain) -> SweepResult:
     """Return the result of an estimator with its numerical certificate."""
-    experiment = recording.experiment
+    experiment, service = recording.experiment, recording.service
     resolved = resolve_estimator(spec, experiment, service.registry, "estimate")
     estimator = create(service.registry, Estimator, resolved)
     with computing_meter({"estimator": resolved}):

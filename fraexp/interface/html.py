@@ -2,7 +2,6 @@
 
 import base64
 from collections.abc import Sequence
-from io import BytesIO
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -28,16 +27,8 @@ def page_part(
     """Return HTML with a heading, a figure and a table, of which all texts are escaped."""
     from jinja2 import Environment
 
+    from fraexp.figures.elements.canvas import png_bytes
+
     picture = base64.b64encode(png_bytes(figure)).decode() if figure is not None else ""
     template = Environment(autoescape=True).from_string(TEMPLATE)
     return template.render(heading=heading, notes=notes, figure=picture, columns=columns, rows=rows, text=text)
-
-
-def png_bytes(figure: "Figure") -> bytes:
-    """Return a figure as PNG in the style of fraexp's figures."""
-    from fraexp.figures.elements.canvas import figure_style
-
-    stream = BytesIO()
-    with figure_style():
-        figure.savefig(stream, format="png")
-    return stream.getvalue()

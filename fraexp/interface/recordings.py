@@ -12,6 +12,8 @@ from fraexp.views.words import plural
 if TYPE_CHECKING:
     import xarray
 
+    from fraexp.workspace.workspace_service import WorkspaceService
+
 
 @dataclass(frozen=True, eq=False)
 class Recording:
@@ -21,6 +23,7 @@ class Recording:
     """The samples, as an estimator gets them (see `fraexp.api.Signals`)."""
     experiment: Plain
     """What was simulated or read, completely resolved."""
+    service: "WorkspaceService"
     files: Mapping[str, str] = field(default_factory=dict)
     """Files of a measured record."""
 

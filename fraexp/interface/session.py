@@ -221,9 +221,10 @@ class Workspace:
         estimator : its name, its table, or an object.
         parameters : parameters of the estimator; others are inherited from the experiment, as in a study.
         """
-        self._register(session_classes([estimator, parameters]))
+        for component in session_classes([estimator, parameters]):
+            recording.service.registry.add_from_session(component)
         spec = component_spec({**component_spec(estimator), **parameters})
-        return direct_computation.estimate_signals(recording, spec, self._service)
+        return direct_computation.estimate_signals(recording, spec)
 
     def identify(
         self, recording: Recording, estimator: str | Mapping[str, Any] | Component, **parameters: Any

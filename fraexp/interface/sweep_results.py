@@ -1,7 +1,7 @@
 """The result of one sweep."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -160,9 +160,9 @@ class SweepResult:
         kind : kind of the figure, such as ``nyquist``; by default the one that fits the result.
         frequency_range : lowest and highest frequency [Hz].
         """
-        sweeps, results = [self.sweep], {self.sweep.key: self.result}
-        view = View(frequency_range)
-        return self.service.figures.figure(sweeps, results, self._title(), kind, view)
+        sweep = replace(self.sweep, labels=self.labels or {"estimator": self.estimator})
+        results = {self.sweep.key: self.result}
+        return self.service.figures.figure([sweep], results, self._title(), kind, View(frequency_range))
 
     def export(self, path: str | Path, force: bool = False) -> Path:
         """Write the result as .csv, .json, .mat, .h5 or .unv and return the path; `force` replaces a file."""
@@ -185,7 +185,7 @@ class SweepResult:
         return {**{key: json_value(value) for key, value in described.items()}, **outcome_attributes(self.result)}
 
     def _title(self) -> str:
-        return ", ".join(f"{path.rpartition('.')[2]} {value}" for path, value in self.labels.items()) or self.estimator
+        return f"{self.estimator}, {self.key}"
 
     def __repr__(self) -> str:
         found = self.result.response

@@ -1,0 +1,70 @@
+"""The notebooks are executed as they stand, and what they find is right by number."""
+
+import importlib.util
+from pathlib import Path
+from types import ModuleType
+
+import nbformat
+import pytest
+
+ROOT = Path(__file__).parents[2]
+NOTEBOOKS = {path.stem: path for path in (ROOT / "docs/notebooks").glob("*.ipynb")}
+CHECKS = {
+    "paper": """
+assert abs(float(difference.sel(estimator="effective_input").sel(frequency=10, method="nearest"))) < 0.05
+assert float(difference.sel(estimator="conventional").sel(frequency=10, method="nearest")) < -10
+assert (moves.to_pandas()["settling time"].dropna() < 0.05).all()
+""",
+    "friction_law": """
+assert largest_error < 1e-5
+assert np.median(error_in_db(effective_input)) < 0.1 < 5 < np.median(error_in_db(conventional))
+""",
+    "measured_record": """
+assert abs(fitted.models["plant"]["rigid_body_gain"] / 0.132 - 1) < 1e-3
+assert abs(fitted.models["plant"]["frequencies"][0] / 38.8 - 1) < 1e-3
+assert 10 < phase_margin < 80
+assert run[0].outcome == "ok"
+""",
+    "methods": """
+found = {name: row["error [dB]"] for name, row in table.items()}
+assert found["conventional"] > 10
+assert found["effective input"] < 0.5 < found["effective input, force 10 % too large"]
+assert found["maximum likelihood, force 10 % too large"] < 0.2
+assert abs(likelihood.metrics["force_scale"] * 1.1 - 1) < 1e-3
+""",
+    "monte_carlo": """
+assert set(near.groupby("estimator").size()) == {200}
+assert drawn.astype(float).corr().magnitude_dB["coulomb_force"] < -0.5
+""",
+}
+"""What holds at the end of each notebook."""
+
+
+@pytest.fixture(scope="module")
+def runner() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("run_notebooks", ROOT / "docs/run_notebooks.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_each_notebook_is_checked() -> None:
+    assert NOTEBOOKS.keys() == CHECKS.keys()
+
+
+@pytest.mark.parametrize("name", CHECKS)
+def test_each_code_cell_that_shows_something_shows_it_on_its_page(name: str) -> None:
+    cells = [cell for cell in nbformat.read(NOTEBOOKS[name], as_version=4).cells if cell.cell_type == "code"]
+    assert all(cell.execution_count for cell in cells), "run: .venv/bin/python docs/run_notebooks.py"
+    assert sum(bool(cell.outputs) for cell in cells) > len(cells) / 2
+    assert not any(output.output_type == "error" for cell in cells for output in cell.outputs)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", CHECKS)
+@pytest.mark.filterwarnings("ignore")  # of the messaging between the kernel and the test
+def test_a_notebook_holds_what_it_says(runner: ModuleType, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    runner.execute(NOTEBOOKS[name], CHECKS[name])
