@@ -54,6 +54,13 @@ def compare_tables(shown: list[str], printed: list[str]) -> None:
 
 
 @pytest.mark.thorough
+def test_the_page_on_python(follow: Follow, tmp_path: Path) -> None:
+    follow("docs/python.md")
+    assert (tmp_path / "quick.pdf").stat().st_size > 1000
+    assert (tmp_path / "studies/amplitudes.toml").exists()
+
+
+@pytest.mark.thorough
 def test_the_page_on_studies(follow: Follow) -> None:
     printed = follow("docs/studies.md")
     first = printed["fraexp run drive wrong"]
