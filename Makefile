@@ -17,7 +17,7 @@ export PIP_ROOT_USER_ACTION=ignore
 CANDIDATES := $(or $(PYTHON),python3 python3.13 python3.12 python3.11)
 RECENT     := import sys; sys.exit(sys.version_info < (3, 11))
 
-.PHONY: run test test-all coverage endurance check format bench docs-figures wheel lock clean
+.PHONY: run test test-all coverage endurance check format bench docs docs-figures wheel lock clean
 .DEFAULT_GOAL := run
 .NOTPARALLEL:  # make -j run test: both would set up one environment
 
@@ -68,6 +68,13 @@ bench: $(TOOLS)
 	  echo; echo "== benchmarks/$$command"; \
 	  $(BIN)/python benchmarks/$$command $(ARGS) || failed="$$failed $${command%%.py*}"; done; \
 	if test -n "$$failed"; then echo "missed a bound:$$failed" >&2; exit 1; fi
+
+# Into build/site, without network. The variables silence advertisements: of the theme, for the successor of MkDocs by
+# its makers, and of a package that some plugins of MkDocs bring, for itself.
+docs: $(TOOLS)
+	@NO_MKDOCS_2_WARNING=1 DISABLE_MKDOCS_2_WARNING=true \
+	  $(BIN)/python -m mkdocs build --strict --config-file docs/site/mkdocs.yml $(ARGS)
+	@echo build/site/index.html
 
 docs-figures: $(TOOLS)
 	@$(BIN)/python -m fraexp run paper/fig12 $(ARGS)

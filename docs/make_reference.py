@@ -1,4 +1,4 @@
-"""Write the generated pages: docs/reference.md, options and exit codes in docs/command-line.md, keys in
+"""Write the generated pages: the folder docs/reference, options and exit codes in docs/command-line.md, keys in
 docs/terminal-ui.md.
 
 python docs/make_reference.py
@@ -6,6 +6,7 @@ python docs/make_reference.py
 
 import argparse
 import inspect
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
@@ -40,6 +41,17 @@ SECTIONS: Mapping[str, type[Parameters]] = {
     "a step of record": Step,
 }
 """Sections of a study that are not components, by heading."""
+SECTIONS_PAGE = "sections.md"
+PAGES = {
+    "friction": ("friction.md", "Friction laws", "Components of the section `[friction]`."),
+    "plant": ("plants.md", "Plants", "Components of the section `[plant]`."),
+    "controller": ("controllers.md", "Controllers", "Components of the section `[controller]`."),
+    "excitation": ("excitations.md", "Excitations", "Components of the section `[excitation]`."),
+    "estimator": ("estimators.md", "Estimators", "Components of the section `[estimator]`."),
+    "reader": ("readers.md", "Readers of records", "Components of the key `record.reader`."),
+}
+"""By kind of component: the file name of its page, the title, and what the components are."""
+HOW_TO_READ = "The [reference](index.md#how-to-read-the-tables) explains the columns."
 WORDS = {float: "number", int: "whole number", str: "text", bool: "true or false"}
 DEFAULTS = [
     ["required", "there is no default"],
@@ -66,34 +78,56 @@ def pages(registry: Registry) -> dict[Path, str]:
     before, _, after = guide.read_text("utf-8").partition(BEGIN)
     return {
         guide: before + "\n".join([BEGIN, "", *_keys(), "", END]) + after.partition(END)[2],
-        DOCS / "reference.md": "\n".join(_reference(registry)) + "\n",
         command_line: head + "\n".join([BEGIN, "", *_commands(), END]) + tail,
+        **{DOCS / "reference" / name: "\n".join(lines) + "\n" for name, lines in _reference(registry).items()},
     }
 
 
-def _reference(registry: Registry) -> list[str]:
+def _reference(registry: Registry) -> dict[str, list[str]]:
+    """Return the lines of each page of the reference, by its file name."""
+    components = {kind.kind: _components(registry, kind.kind) for kind in KINDS}
+    found = {"index.md": _index(components), SECTIONS_PAGE: _section_page()}
+    for kind, of in components.items():
+        page, title, section = PAGES[kind]
+        lines = [f"# {title}", "", BEGIN, "", f"{section} {HOW_TO_READ}", "", *_contents(kind, of, "")]
+        found[page] = [*lines, *_component_pages(of)]
+    return found
+
+
+def _index(components: Mapping[str, Sequence[type[Component]]]) -> list[str]:
     lines = ["# Reference", "", BEGIN, ""]
     lines += ["All parameters of the built-in components, and the sections of a study that are not components."]
-    lines += ["[Varying studies](varying-studies.md) explains the keys of cases, grids and random draws."]
-    lines += ["`fraexp plugins` prints the same for all installed and local plugins.", ""]
-    lines += _table(["default", "meaning"], DEFAULTS)
+    lines += ["[Varying studies](../varying-studies.md) explains the keys of cases, grids and random draws."]
+    lines += ["`fraexp plugins` prints the same for all installed and local plugins."]
+    lines += ["", "## How to read the tables", "", *_table(["default", "meaning"], DEFAULTS), ""]
     lines += [
-        "",
-        'A list is written `[1, 2]`. A number may be a text with another unit of the same kind, such as `"1 um"`.',
+        'A list is written `[1, 2]`. A number may be a text with another unit of the same kind, such as `"1 um"`.'
     ]
-    lines += ["", "## Contents", ""]
-    components = {kind.kind: _components(registry, kind.kind) for kind in KINDS}
-    for kind, found in components.items():
-        rows = [[f"[`{component.name}`](#{_anchor(component)})", _summary(component)] for component in found]
-        lines += [*_table([kind, "what it is"], rows), ""]
-    lines += ["## Sections of a study"]
-    for name, owner in SECTIONS.items():
-        title = f"`[{name}]`" if " " not in name else name.capitalize()
-        lines += ["", f"### {title}", "", *_described(owner), *_parameters(owner)]
-    for kind, found in components.items():
-        lines += ["", "## Readers: `record.reader`" if kind == "reader" else f"## Components: `[{kind}]`"]
-        lines += _component_pages(found)
+    lines += ["", "## Sections of a study", "", f"Parameters: [sections of a study]({SECTIONS_PAGE}).", ""]
+    lines += [f"- [{_section_title(name)}]({SECTIONS_PAGE}#{_slug(_section_title(name))})" for name in SECTIONS]
+    for kind, of in components.items():
+        page, title, _section = PAGES[kind]
+        lines += ["", f"## {title}", "", f"Parameters: [{title.lower()}]({page}).", "", *_contents(kind, of, page)]
     return lines
+
+
+def _contents(kind: str, components: Sequence[type[Component]], page: str) -> list[str]:
+    """Return the table of a kind's components, with links to their headings on a page; empty: the same page."""
+    rows = [
+        [f"[`{component.name}`]({page}#{_slug(_heading(component))})", _summary(component)] for component in components
+    ]
+    return _table([kind, "what it is"], rows)
+
+
+def _section_page() -> list[str]:
+    lines = ["# Sections of a study", "", BEGIN, "", f"Sections of a study that are not components. {HOW_TO_READ}"]
+    for name, owner in SECTIONS.items():
+        lines += ["", f"## {_section_title(name)}", "", *_described(owner), *_parameters(owner)]
+    return lines
+
+
+def _section_title(name: str) -> str:
+    return f"`[{name}]`" if " " not in name else name.capitalize()
 
 
 def _components(registry: Registry, kind: str) -> list[type[Component]]:
@@ -103,17 +137,21 @@ def _components(registry: Registry, kind: str) -> list[type[Component]]:
 def _component_pages(components: Sequence[type[Component]]) -> list[str]:
     lines = []
     for component in components:
-        lines += ["", f"### {component.kind} `{component.name}`, version {component.version}", ""]
+        lines += ["", f"## {_heading(component)}", ""]
         lines += [*_described(component), *_parameters(component), *_presets(component)]
     for (name, table), owners in _inner_tables(components).items():
         shared = ", ".join(f"`{owner}`" for owner in owners)
-        lines += ["", f"### `{name}` of {shared}", "", *_described(table), *_parameters(table)]
+        lines += ["", f"## `{name}` of {shared}", "", *_described(table), *_parameters(table)]
     return lines
 
 
-def _anchor(component: type[Component]) -> str:
-    """Return the anchor that GitHub gives the heading of a component."""
-    return f"{component.kind}-{component.name}-version-{component.version}"
+def _heading(component: type[Component]) -> str:
+    return f"{component.kind} `{component.name}`, version {component.version}"
+
+
+def _slug(heading: str) -> str:
+    """Return the anchor that GitHub, and the site, give a heading."""
+    return re.sub(r"[^\w\s-]", "", heading.lower()).replace(" ", "-")
 
 
 def _summary(component: type[Component]) -> str:

@@ -41,9 +41,9 @@ def test_generated_pages_are_current(registry: Registry) -> None:
 
 
 def test_every_component_and_parameter_is_in_the_reference(registry: Registry) -> None:
-    reference = read("docs/reference.md")
+    reference = "".join(path.read_text("utf-8") for path in (ROOT / "docs/reference").glob("*.md"))
     for (kind, name), provider in registry.providers.items():
-        section = reference.partition(f"### {kind} `{name}`, version {provider.component.version}\n")[2].partition(
+        section = reference.partition(f"## {kind} `{name}`, version {provider.component.version}\n")[2].partition(
             "\n#"
         )[0]
         assert section, f"{kind} {name}"
