@@ -44,9 +44,12 @@ class FrictionLaw:
 
         Parameters
         ----------
-        displacement : motion from rest, sampled uniformly, shape (n,).
-        sample_time : its sample time [s]; it matters for laws that depend on the velocity.
-        periodic : whether the displacement is one or more whole periods, of which the periodic force is wanted.
+        displacement
+            Motion from rest, sampled uniformly, shape (n,).
+        sample_time
+            Its sample time [s]; it matters for laws that depend on the velocity.
+        periodic
+            Whether the displacement is one or more whole periods, of which the periodic force is wanted.
         """
         motion = np.ascontiguousarray(displacement, dtype=float)
         if motion.ndim != 1 or motion.size < 2 or not np.isfinite(motion).all():
@@ -63,8 +66,10 @@ class FrictionLaw:
 
         Parameters
         ----------
-        amplitude : amplitudes A of the displacement [m], above 0.
-        frequency : frequency of the motion [Hz]; it matters for laws that depend on the velocity.
+        amplitude
+            Amplitudes A of the displacement [m], above 0.
+        frequency
+            Frequency of the motion [Hz]; it matters for laws that depend on the velocity.
         """
         amplitudes = np.asarray(amplitude, dtype=float)
         sine = np.sin(2 * np.pi * np.arange(SAMPLES_PER_PERIOD) / SAMPLES_PER_PERIOD)

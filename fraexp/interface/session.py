@@ -14,7 +14,7 @@ from fraexp.interface.overrides import override_texts
 from fraexp.interface.recordings import Recording
 from fraexp.interface.result_sets import Results, Run
 from fraexp.interface.run_monitor import follow_run
-from fraexp.interface.study_source import Study, component_spec, session_classes
+from fraexp.interface.study_source import Study, component_spec, resolve_study, session_classes
 from fraexp.interface.sweep_results import SweepResult, require_fit
 from fraexp.records import RecordSettings
 from fraexp.records import resolve as resolve_record
@@ -29,12 +29,14 @@ ALL_ROWS = 1_000_000
 class Workspace:
     """A folder with ``plugins/``, ``studies/`` and ``results.db``, each of which may be missing.
 
+    All methods raise `FraexpError`, whose text is one line, for what a user can mend.
+
     Parameters
     ----------
-    folder : the folder; by default the current one.
-    database : path or URL of the database; by default ``results.db`` in the folder.
-
-    All methods raise `FraexpError`, whose text is one line, for what a user can mend.
+    folder
+        The folder; by default the current one.
+    database
+        Path or URL of the database; by default ``results.db`` in the folder.
     """
 
     def __init__(self, folder: str | Path = ".", database: str | None = None) -> None:
@@ -78,16 +80,22 @@ class Workspace:
     ) -> Run:
         """Run a study: missing sweeps are computed, stored ones are reused; return its results.
 
+        An interrupt (Ctrl-C, or the notebook's stop button) ends the run; finished sweeps are kept.
+
         Parameters
         ----------
-        study : name or file of a study, or a `Study`.
-        changes : values by path, such as ``{"excitation.points": 30}``, as ``--set`` on the command line.
-        executor : ``serial``, ``processes``, ``processes:4`` or ``dask:ADDRESS``; by default the faster one.
-        rerun : which stored sweeps are computed again: ``stale``, ``unusable`` or ``all``.
-        time_limit : time for an experiment with its first estimator, and for each further estimator [s].
-        progress : whether plan, progress and failures are shown, in the cell of a notebook or on standard error.
-
-        An interrupt (Ctrl-C, or the notebook's stop button) ends the run; finished sweeps are kept.
+        study
+            Name or file of a study, or a `Study`.
+        changes
+            Values by path, such as ``{"excitation.points": 30}``, as ``--set`` on the command line.
+        executor
+            ``serial``, ``processes``, ``processes:4`` or ``dask:ADDRESS``; by default the faster one.
+        rerun
+            Which stored sweeps are computed again: ``stale``, ``unusable`` or ``all``.
+        time_limit
+            Time for an experiment with its first estimator, and for each further estimator [s].
+        progress
+            Whether plan, progress and failures are shown, in the cell of a notebook or on standard error.
         """
         resolved, command = self._resolve(study, changes)
         limits = ResourceLimits() if time_limit is None else ResourceLimits(time=time_limit)
@@ -111,7 +119,7 @@ class Workspace:
         overrides = override_texts(changes or {})
         if isinstance(study, Study):
             self._register(study.classes)
-            resolved = study.resolve(self.folder, self._service.registry, overrides)
+            resolved = resolve_study(study, self.folder, self._service.registry, overrides)
             command = f"fraexp.Workspace.run({study.name!r}, a study written in Python)"
         else:
             found = self._service.studies([str(study)], overrides)
@@ -174,16 +182,19 @@ class Workspace:
 
         Parameters
         ----------
-        machine : name of a machine, or its sections plant, friction, controller and loop.
-        excitation : a table such as ``{"name": "stepped_sine", "amplitude": 12.0}``, or its name.
-        sections : sections laid over those of the machine, such as ``friction=FrictionLaw(...)`` or
+        machine
+            Name of a machine, or its sections plant, friction, controller and loop.
+        excitation
+            A table such as ``{"name": "stepped_sine", "amplitude": 12.0}``, or its name.
+        sections
+            Sections laid over those of the machine, such as ``friction=FrictionLaw(...)`` or
             ``loop={"noise": 30e-9}``.
         """
         base = {"machine": machine} if isinstance(machine, str) else dict(machine)
         data = {**base, **sections, "excitation": excitation, "estimator": PERIODIC_ESTIMATOR}
         study = Study("simulation", self.folder, **data)
         self._register(study.classes)
-        sweep = direct_computation.single_sweep(study.resolve(self.folder, self._service.registry))
+        sweep = direct_computation.single_sweep(resolve_study(study, self.folder, self._service.registry))
         return direct_computation.record_signals(sweep.experiment, {}, self._service)
 
     def read_record(
@@ -193,10 +204,13 @@ class Workspace:
 
         Parameters
         ----------
-        file : a file, or one for each realisation.
-        channels : column of each channel by its name, such as ``{"u": "Torque[Nm]", "y": "Position"}``, or its
+        file
+            A file, or one for each realisation.
+        channels
+            Column of each channel by its name, such as ``{"u": "Torque[Nm]", "y": "Position"}``, or its
             settings. The input is called u and the output y, unless an estimator is told otherwise.
-        keys : other keys of the section ``[record]``, such as ``sample_rate=2000.0`` or ``samples_per_period=4096``.
+        keys
+            Other keys of the section ``[record]``, such as ``sample_rate=2000.0`` or ``samples_per_period=4096``.
         """
         files = [str(file)] if isinstance(file, str | Path) else [str(one) for one in file]
         section = {"file": files if len(files) > 1 else files[0], "channels": dict(channels), **keys}
@@ -217,9 +231,12 @@ class Workspace:
 
         Parameters
         ----------
-        recording : signals of `simulate`, `read_record` or `signals`.
-        estimator : its name, its table, or an object.
-        parameters : parameters of the estimator; others are inherited from the experiment, as in a study.
+        recording
+            Signals of `simulate`, `read_record` or `signals`.
+        estimator
+            Its name, its table, or an object.
+        parameters
+            Parameters of the estimator; others are inherited from the experiment, as in a study.
         """
         for component in session_classes([estimator, parameters]):
             recording.service.registry.add_from_session(component)

@@ -30,15 +30,18 @@ RECORD_FILE = "record.file"
 class Study:
     """A study as Python values: the same keys as in TOML, the same sweeps, the same reuse.
 
+    StudyError if a name or a value cannot stand in a study; sections are checked when the study is run or planned.
+
     Parameters
     ----------
-    name : name under which its runs and figures appear.
-    folder : folder from which relative paths of records start; by default the current one.
-    keys : sections and keys of a study, such as ``machine="linear_motor_table"``,
+    name
+        Name under which its runs and figures appear.
+    folder
+        Folder from which relative paths of records start; by default the current one.
+    keys
+        Sections and keys of a study, such as ``machine="linear_motor_table"``,
         ``excitation={"name": "stepped_sine"}``, ``grid={"excitation.amplitude": [12.0, 75.0]}`` or ``case=[...]``. A
         component is a table, its name alone, or an object such as a `FrictionLaw`; numbers may be numpy's.
-
-    StudyError if a name or a value cannot stand in a study; sections are checked when the study is run or planned.
     """
 
     def __init__(self, name: str = "study", folder: str | Path = ".", **keys: Any) -> None:
@@ -82,13 +85,6 @@ class Study:
             draft.write_text(study_text(data), encoding="utf-8")
         return file
 
-    def resolve(self, folder: Path, registry: Registry, overrides: Sequence[str] = ()) -> ResolvedStudy:
-        """Return the study with every point of its grid; StudyError or ParameterError says what does not fit."""
-        file = self.folder / f"{self.name}.toml"
-        base = file.parent
-        data = _move_records(self.data, lambda record: _path_from(self.folder / record, base))
-        return study_file.resolve(self.name, file, data, folder, registry, overrides)
-
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Study) and self.data == other.data
 
@@ -117,6 +113,13 @@ def plain_value(value: Any) -> Any:
         case str() | bool() | int() | float():
             return value
     raise StudyError(f"a study cannot contain {value!r:.60}; expected numbers, texts, lists, tables or components")
+
+
+def resolve_study(study: Study, folder: Path, registry: Registry, overrides: Sequence[str] = ()) -> ResolvedStudy:
+    """Return a study with every point of its grid; StudyError or ParameterError says what does not fit."""
+    file = study.folder / f"{study.name}.toml"
+    data = _move_records(study.data, lambda record: _path_from(study.folder / record, file.parent))
+    return study_file.resolve(study.name, file, data, folder, registry, overrides)
 
 
 def component_spec(value: Any) -> dict[str, Any]:

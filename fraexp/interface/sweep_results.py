@@ -157,8 +157,10 @@ class SweepResult:
 
         Parameters
         ----------
-        kind : kind of the figure, such as ``nyquist``; by default the one that fits the result.
-        frequency_range : lowest and highest frequency [Hz].
+        kind
+            Kind of the figure, such as ``nyquist``; by default the one that fits the result.
+        frequency_range
+            Lowest and highest frequency [Hz].
         """
         sweep = replace(self.sweep, labels=self.labels or {"estimator": self.estimator})
         results = {self.sweep.key: self.result}

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 import fraexp
 from fraexp.data import toml
 from fraexp.interface.overrides import toml_text
+from fraexp.interface.study_source import resolve_study
 from fraexp.study.catalogue import catalogue
 from fraexp.workspace.workspace_service import WorkspaceService
 from tests.interface.conftest import POINTS
@@ -45,7 +46,7 @@ def test_every_example_means_the_same_in_python(name: str, tmp_path: Path) -> No
     again = fraexp.Study.from_toml(study.to_toml(), study.name, EXAMPLES[name].parent)
     assert again == study
     (file,) = service.studies([name])
-    written = again.resolve(tmp_path, service.registry)
+    written = resolve_study(again, tmp_path, service.registry)
     assert [sweep.key for sweep in written.sweeps] == [sweep.key for sweep in file.sweeps]
     assert [sweep.labels for sweep in written.sweeps] == [sweep.labels for sweep in file.sweeps]
 
