@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from fraexp.components.kinds import FrictionModel, Motion
 from fraexp.data.results import Curve
 from fraexp.errors import ParameterError
+from fraexp.interface.argument_checks import require_positive
 from fraexp.interface.html import page_part
 from fraexp.views.words import value_text
 
@@ -28,6 +29,14 @@ class FrictionLaw:
 
     model: FrictionModel
     """The component (see `fraexp.api.FrictionModel`)."""
+
+    def __post_init__(self) -> None:
+        """Refuse what is no friction model, such as a name."""
+        if not isinstance(self.model, FrictionModel):
+            raise ParameterError(
+                f"FrictionLaw: found {self.model!r:.60}; expected a friction model, such as MyLaw(stiffness=1e6); "
+                "friction_law(name, ...) makes one from a name"
+            )
 
     @property
     def name(self) -> str:
@@ -51,7 +60,8 @@ class FrictionLaw:
         periodic
             Whether the displacement is one or more whole periods, of which the periodic force is wanted.
         """
-        motion = np.ascontiguousarray(displacement, dtype=float)
+        require_positive(sample_time, "sample_time")
+        motion = numbers_of(displacement, "displacement")
         if motion.ndim != 1 or motion.size < 2 or not np.isfinite(motion).all():
             raise ParameterError(f"force: the displacement has shape {motion.shape}; expected a list of finite numbers")
         force = self.model.force(motion, sample_time, periodic)
@@ -71,7 +81,7 @@ class FrictionLaw:
         frequency
             Frequency of the motion [Hz]; it matters for laws that depend on the velocity.
         """
-        amplitudes = np.asarray(amplitude, dtype=float)
+        amplitudes = numbers_of(amplitude, "amplitude")
         sine = np.sin(2 * np.pi * np.arange(SAMPLES_PER_PERIOD) / SAMPLES_PER_PERIOD)
         forces = self._forces(amplitudes.ravel(), frequency, sine)
         fundamental = np.fft.rfft(sine)[1]
@@ -118,6 +128,14 @@ class FrictionLaw:
 
     def _repr_html_(self) -> str:
         return page_part(f"Friction law {self.name}", [self._parameters_text()], self.plot())
+
+
+def numbers_of(values: ArrayLike, what: str) -> NDArray[np.float64]:
+    """Return values as an array of numbers; ParameterError if they are none."""
+    try:
+        return np.array(values, dtype=float, order="C")
+    except (TypeError, ValueError):
+        raise ParameterError(f"{what} is {values!r:.60}; expected numbers") from None
 
 
 def _velocity(displacement: NDArray[np.float64], sample_time: float, periodic: bool) -> NDArray[np.float64]:

@@ -5,11 +5,12 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
+from fraexp.data.figure_kinds import check_kind
 from fraexp.data.results import Result
 from fraexp.errors import StudyError
 from fraexp.figures.elements.label_units import label_units
 from fraexp.figures.elements.labels import label_columns
-from fraexp.figures.elements.view import View
+from fraexp.interface.argument_checks import frequency_view, require_text
 from fraexp.interface.datasets import label_values, stack_datasets
 from fraexp.interface.html import page_part
 from fraexp.interface.optional_packages import import_optional
@@ -75,6 +76,7 @@ class Results(Sequence[SweepResult]):
 
         For example ``estimator=effective_input excitation.amplitude>=12``. FraexpError if it is invalid.
         """
+        require_text(text, "filter")
         with self._service.open_store() as store:
             known = set(store.keys(text))
         return Results([of for of in self._sweeps if of.key in known], self._service, self.title)
@@ -146,7 +148,8 @@ class Results(Sequence[SweepResult]):
     def plot(self, kind: str = "", frequency_range: tuple[float, float] | None = None) -> "Figure":
         """Return a matplotlib figure of all results; `kind` and `frequency_range` [Hz] as for a single one."""
         sweeps = [of.sweep for of in self if of.is_usable]
-        view = View(frequency_range)
+        check_kind(kind, "plot: kind")
+        view = frequency_view(frequency_range)
         return self._service.figures.figure(sweeps, self._found, self.title, kind, view)
 
     def _table(self) -> TextTable:

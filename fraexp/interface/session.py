@@ -4,11 +4,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from fraexp.components.kinds import Component, FrictionModel
+from fraexp.components.kinds import KINDS, Component, FrictionModel
 from fraexp.components.registry import SESSION, create
-from fraexp.errors import FraexpError, StudyError
+from fraexp.errors import FraexpError, ParameterError, StudyError, did_you_mean
 from fraexp.execution.executors import ResourceLimits
 from fraexp.interface import direct_computation
+from fraexp.interface.argument_checks import require_mapping, require_positive, require_text
 from fraexp.interface.callable_law import FrictionLaw
 from fraexp.interface.overrides import override_texts
 from fraexp.interface.recordings import Recording
@@ -62,7 +63,11 @@ class Workspace:
 
     def components(self, kind: str = "friction") -> list[str]:
         """Return the names of all components of a kind: friction, plant, controller, excitation, estimator, reader."""
-        return self._service.registry.names(kind)
+        known = self._service.registry.names(kind)
+        if not known:
+            kinds = sorted(of.kind for of in KINDS)
+            raise ParameterError(f"there is no kind of component '{kind}'{did_you_mean(str(kind), kinds)}")
+        return known
 
     def reload(self) -> None:
         """Load the plugins again: after one was written or changed."""
@@ -97,8 +102,12 @@ class Workspace:
         progress
             Whether plan, progress and failures are shown, in the cell of a notebook or on standard error.
         """
+        limits = ResourceLimits()
+        if time_limit is not None:
+            limits = ResourceLimits(time=require_positive(time_limit, "time_limit"))
+        if executor is not None:
+            require_text(executor, "executor")
         resolved, command = self._resolve(study, changes)
-        limits = ResourceLimits() if time_limit is None else ResourceLimits(time=time_limit)
         events = self._service.run_resolved([resolved], command, executor, rerun, limits)
         ended = follow_run(events, progress)
         if ended.run is None:
@@ -116,7 +125,7 @@ class Workspace:
 
     def _resolve(self, study: str | Path | Study, changes: Mapping[str, object] | None) -> tuple[ResolvedStudy, str]:
         """Return a study with all its sweeps, and the command that the database keeps."""
-        overrides = override_texts(changes or {})
+        overrides = override_texts(require_mapping(changes or {}, "changes", '{"excitation.points": 30}'))
         if isinstance(study, Study):
             self._register(study.classes)
             resolved = resolve_study(study, self.folder, self._service.registry, overrides)
@@ -151,21 +160,25 @@ class Workspace:
 
     def open_run(self, number: int | str, title: str = "") -> Run:
         """Return a run by its number, or the newest run of a study; StoreError if there is none."""
+        if not isinstance(number, int | str):
+            raise ParameterError(f"run {number!r:.60}: expected its number, or the name of a study")
         with self._service.open_store() as store:
             newest = next((of.number for of in store.runs() if of.study == number), None)
-            if isinstance(number, str) and newest is None:
+            if newest is None and isinstance(number, str) and not number.isdecimal():
                 raise StudyError(f"no run of a study '{number}' is stored; run it first")
-            summary = store.run(int(newest if newest is not None else number))
+            summary = store.run(int(number) if newest is None else newest)
             return Run(summary, store.sweeps(summary.number), self._service, title)
 
     def sweeps(self, filter: str = "") -> Results:  # noqa: A002 (the word that users know)
         """Return all stored sweeps that match a filter, such as ``estimator=conventional excitation.amplitude>=12``."""
+        require_text(filter, "filter")
         with self._service.open_store() as store:
             found = [store.find(key) for key in store.keys(filter)]
         return Results(found, self._service, filter)
 
     def sweep(self, key: str) -> SweepResult:
         """Return the result of the sweep whose key starts with `key`; StoreError if there is none."""
+        require_text(key, "key")
         with self._service.open_store() as store:
             found = store.find(key)
             return SweepResult(found, store.result(found.key), self._service)
@@ -190,7 +203,10 @@ class Workspace:
             Sections laid over those of the machine, such as ``friction=FrictionLaw(...)`` or
             ``loop={"noise": 30e-9}``.
         """
-        base = {"machine": machine} if isinstance(machine, str) else dict(machine)
+        base = {"machine": machine} if isinstance(machine, str) else machine
+        require_mapping(base, "machine", '{"plant": {...}, "friction": {...}}')
+        if "estimator" in sections:
+            raise ParameterError("simulate takes no estimator; give it to estimate()")
         data = {**base, **sections, "excitation": excitation, "estimator": PERIODIC_ESTIMATOR}
         study = Study("simulation", self.folder, **data)
         self._register(study.classes)
@@ -213,6 +229,8 @@ class Workspace:
             Other keys of the section ``[record]``, such as ``sample_rate=2000.0`` or ``samples_per_period=4096``.
         """
         files = [str(file)] if isinstance(file, str | Path) else [str(one) for one in file]
+        if not files:
+            raise ParameterError("read_record: there is no file; expected one at least")
         section = {"file": files if len(files) > 1 else files[0], "channels": dict(channels), **keys}
         settings = RecordSettings.parse(component_spec(section), "record")
         experiment, paths = resolve_record(settings, Path(), self._service.registry)
@@ -238,6 +256,10 @@ class Workspace:
         parameters
             Parameters of the estimator; others are inherited from the experiment, as in a study.
         """
+        if not isinstance(recording, Recording):
+            raise ParameterError(
+                f"found {type(recording).__name__}; expected a Recording of simulate(), read_record() or signals()"
+            )
         for component in session_classes([estimator, parameters]):
             recording.service.registry.add_from_session(component)
         spec = component_spec({**component_spec(estimator), **parameters})

@@ -45,9 +45,9 @@ class Study:
     """
 
     def __init__(self, name: str = "study", folder: str | Path = ".", **keys: Any) -> None:
-        if not NAME_PATTERN.fullmatch(name):
+        if not NAME_PATTERN.fullmatch(str(name)):
             raise StudyError(f"study name {name!r}: expected letters, digits, '.', '_' and '-', such as 'amplitudes'")
-        self.name, self.folder = name, Path(folder)
+        self.name, self.folder = str(name), Path(folder)
         self.classes = session_classes(keys)
         """Classes of the components that are given as objects."""
         self.data: dict[str, Any] = {key: _section(key, value) for key, value in keys.items()}

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fraexp.data.figure_kinds import check_kind
 from fraexp.data.results import UNUSABLE_OUTCOMES, FrequencyResponse, Result
 from fraexp.errors import FraexpError, StudyError
-from fraexp.figures.elements.view import View
 from fraexp.figures.export import export
 from fraexp.figures.export.content import json_value
+from fraexp.interface.argument_checks import frequency_view
 from fraexp.interface.datasets import curve_dataset, outcome_attributes, response_dataset, response_table
 from fraexp.interface.html import page_part
 from fraexp.interface.optional_packages import import_optional
@@ -162,13 +163,16 @@ class SweepResult:
         frequency_range
             Lowest and highest frequency [Hz].
         """
+        check_kind(kind, "plot: kind")
         sweep = replace(self.sweep, labels=self.labels or {"estimator": self.estimator})
         results = {self.sweep.key: self.result}
-        return self.service.figures.figure([sweep], results, self._title(), kind, View(frequency_range))
+        return self.service.figures.figure([sweep], results, self._title(), kind, frequency_view(frequency_range))
 
     def export(self, path: str | Path, force: bool = False) -> Path:
         """Write the result as .csv, .json, .mat, .h5 or .unv and return the path; `force` replaces a file."""
         target = Path(path)
+        if target.exists() and not force:
+            raise FraexpError(f"{target}: the file exists; give force=True to replace it, or another name")
         header = {**self._attributes(), "models": self.service.models(self.result)}
         export(self.result, header, target, force=force)
         return target

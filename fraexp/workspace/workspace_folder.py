@@ -43,6 +43,10 @@ class WorkspaceFolder:
 
         return discover(self.folder / "plugins")
 
+    def __getstate__(self) -> dict[str, object]:
+        """Return folder and database: a copy in another process finds the plugins itself."""
+        return {"folder": self.folder, "database": self.database}
+
     def reload(self) -> None:
         """Forget the registry, so that plugins that were added, repaired or broken since are loaded anew."""
         self.__dict__.pop("registry", None)

@@ -1,11 +1,19 @@
 """Experiments without a database: the same numbers as those of a run, and laws that only this session knows."""
 
+import pickle
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import fraexp
 from fraexp.api import FrictionModel, param
+from fraexp.errors import StoreError
 from tests.interface.conftest import POINTS
+from tests.waiting import HANG_TIMEOUT_S, wait_until
 
 EXCITATION = {"name": "stepped_sine", "points": POINTS, "amplitude": 12.0}
 
@@ -157,3 +165,66 @@ def test_functions_work_in_the_current_folder(tmp_path, monkeypatch: pytest.Monk
         == "complete"
     )
     assert (tmp_path / "results.db").exists()
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda of: of.run("quick", ["excitation.points=3"]), "changes: found .*; expected a table"),
+        (lambda of: of.run("quick", executor=4), "executor is 4; expected a text"),
+        (lambda of: of.run("quick", time_limit=-1), "time_limit is -1; expected a finite number above 0"),
+        (lambda of: of.run("quick", rerun="al"), "did you mean 'all'"),
+        (lambda of: of.sweeps(3), "filter is 3; expected a text"),
+        (lambda of: of.sweep(3), "key is 3; expected a text"),
+        (lambda of: of.open_run(1.5), "expected its number"),
+        (lambda of: of.components("law"), "no kind of component 'law'"),
+        (lambda of: of.simulate(None, "chirp"), "machine: found None"),
+        (lambda of: of.simulate("linear_motor_table", "chirp", estimator="conventional"), "takes no estimator"),
+        (lambda of: of.read_record([], {"u": "u"}), "there is no file"),
+        (lambda of: of.estimate(np.zeros(3), "conventional"), "found ndarray; expected a Recording"),
+        (lambda of: of.open_run("quick").plot("bod"), "did you mean 'bode'"),
+        (lambda of: of.open_run("quick").plot(frequency_range=(50, 5)), "expected two frequencies"),
+        (lambda of: of.open_run("quick")[0].plot(frequency_range="5:50"), "expected two frequencies"),
+        (lambda of: fraexp.FrictionLaw("dahl"), "expected a friction model"),
+    ],
+)
+def test_a_wrong_type_is_named(workspace: fraexp.Workspace, call, message: str) -> None:
+    with pytest.raises(fraexp.FraexpError, match=message) as raised:
+        call(workspace)
+    assert "\n" not in str(raised.value)
+
+
+def test_a_result_travels_to_another_process(run: fraexp.Run) -> None:
+    copied = pickle.loads(pickle.dumps(run[0]))
+    np.testing.assert_array_equal(copied.response, run[0].response)
+    assert copied.plot().axes
+
+
+def test_an_existing_file_is_not_replaced_unasked(run: fraexp.Run, tmp_path) -> None:
+    path = run[0].export(tmp_path / "a.csv")
+    with pytest.raises(fraexp.FraexpError, match="give force=True"):
+        run[0].export(path)
+    assert run[1].export(path, force=True) == path
+
+
+def test_an_interrupt_ends_a_run_and_keeps_what_is_finished(tmp_path) -> None:
+    script = """
+import fraexp
+study = fraexp.Study("long", machine="linear_motor_table", excitation={"name": "stepped_sine", "points": 60},
+                     estimator="conventional", grid={"excitation.amplitude": list(range(5, 400))})
+run = fraexp.run(study, executor="serial")
+print(run.state, len(run) > 0, len(run) < 395)
+"""
+    process = subprocess.Popen(
+        [sys.executable, "-c", script], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    )
+    wait_until(lambda: has_computed(tmp_path))
+    process.send_signal(signal.SIGINT)
+    assert process.communicate(timeout=HANG_TIMEOUT_S)[0].split() == ["interrupted", "True", "True"]
+
+
+def has_computed(folder: Path) -> bool:
+    try:
+        return any(run.summary.computed for run in fraexp.Workspace(folder).runs())
+    except StoreError:  # there is no database yet
+        return False

@@ -1,0 +1,50 @@
+"""What arguments of the Python interface must be: a wrong one is named before anything is computed."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from fraexp.errors import ParameterError
+from fraexp.figures.elements.view import FULL_VIEW, View
+
+
+def require_text(value: Any, what: str) -> str:
+    """Return a text; ParameterError for anything else."""
+    if not isinstance(value, str):
+        raise ParameterError(f"{what} is {value!r:.60}; expected a text")
+    return value
+
+
+def require_mapping(value: Any, what: str, example: str) -> Mapping[str, Any]:
+    """Return a mapping whose keys are texts; ParameterError for anything else."""
+    if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
+        raise ParameterError(f"{what}: found {value!r:.60}; expected a table such as {example}")
+    return value
+
+
+def require_positive(value: Any, what: str) -> float:
+    """Return a finite number above 0; ParameterError for anything else."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = np.nan
+    if isinstance(value, str) or not 0 < number < np.inf:
+        raise ParameterError(f"{what} is {value!r:.60}; expected a finite number above 0")
+    return number
+
+
+def frequency_view(frequency_range: Any) -> View:
+    """Return the view of a figure between two frequencies [Hz], or all of it."""
+    if frequency_range is None:
+        return FULL_VIEW
+    try:
+        low, high = (float(value) for value in frequency_range)
+    except (TypeError, ValueError):
+        low = high = np.nan
+    if isinstance(frequency_range, str) or not 0 < low < high < np.inf:
+        raise ParameterError(
+            f"frequency_range is {frequency_range!r:.60}; expected two frequencies [Hz] above 0 in ascending order, "
+            "such as (4.5, 45)"
+        )
+    return View((low, high))
