@@ -38,6 +38,8 @@ UNIT_ROLES = {"m": "y", "rad": "y", "m/s": "y", "m/s**2": "y", "N": "u", "A": "u
 """Probable role of a column by its SI unit."""
 NAME_SEPARATORS = re.compile(r"[_.\s\d]+")
 NUMBERED_NAME = re.compile(r"^(?P<head>.*?)(?P<number>\d+)(?P<tail>\D*)$")
+UNREADABLE = "unreadable"
+"""What stands in place of the role of a variable that holds no numbers, or cannot be read."""
 CLOCK_ROLES = ("sample rate", "sample time")
 
 
@@ -98,6 +100,8 @@ def list_contents(file: Path, registry: Registry, reader: str = "") -> list[File
 
 
 def _guess_role(name: str, unit: str, shape: Sequence[int]) -> str:
+    if 0 in shape:
+        return UNREADABLE
     single = int(np.prod(shape)) <= 1
     last = name.rpartition(".")[2].lower()
     for word in (last, *(part for part in NAME_SEPARATORS.split(last) if part)):

@@ -11,7 +11,9 @@ from fraexp_plugins.readers.csv_reader import CsvReader
 from fraexp_plugins.readers.mat_reader import MatReader
 from scipy.io import savemat
 
+from fraexp.components.registry import Registry
 from fraexp.errors import RecordError
+from fraexp.records.contents import list_contents, propose_import
 
 POSITION = [0.25, -1.5, 3e-3]
 
@@ -255,3 +257,14 @@ def test_a_text_file_is_refused_by_its_size(tmp_path: Path) -> None:
         stream.truncate(3 * 1024**3)  # sparse: takes no room
     with pytest.raises(RecordError, match=r"the file takes 3\.0 GiB; expected up to 2 GiB"):
         CsvReader().read(path, ["t"])
+
+
+def test_a_variable_that_cannot_be_read_does_not_close_the_file(registry: Registry) -> None:
+    file = Path(__file__).parents[3] / "shared/data/two_inertia_bench/MultisineTypeA.mat"
+    if not file.exists():
+        pytest.skip("the bench record is not on this machine")
+    found = {one.name: one for one in list_contents(file, registry)}
+    assert found["ms"].guess == "unreadable"  # a struct with an object of MATLAB's own
+    assert found["iq_adx"].shape == (50000, 1)
+    assert (found["iq_adx"].guess, found["theta_mx"].guess, found["time"].guess) == ("u", "y", "time")
+    assert "u=iq_adx" in propose_import(file, list(found.values()), registry)

@@ -36,10 +36,22 @@ def read_columns(path: Path, columns: Sequence[str]) -> dict[str, NDArray[np.gen
 
 
 def shapes(path: Path) -> dict[str, tuple[int, ...]]:
-    """Return the shape of every numeric array in the file, by name."""
-    content, sizes = _load(path, None)
-    leaves = [leaf for top in sizes if top in content for leaf in _leaves(content[top], top)]
-    return {leaf: _array_at(path, leaf, content, sizes).shape for leaf in leaves}
+    """Return the shape of every numeric array in the file, by name; (0,) for a variable that cannot be read.
+
+    RecordError if none can be read.
+    """
+    found: dict[str, tuple[int, ...]] = {}
+    faults: list[RecordError] = []
+    for top in _load(path, set())[1]:
+        try:
+            content, sizes = _load(path, {top})
+            found |= {leaf: _array_at(path, leaf, content, sizes).shape for leaf in _leaves(content[top], top)}
+        except RecordError as fault:  # such as one with an object of MATLAB's own in it
+            faults.append(fault)
+            found[top] = (0,)
+    if faults and all(shape == (0,) for shape in found.values()):
+        raise faults[0]
+    return found
 
 
 def _load(path: Path, tops: set[str] | None) -> tuple[Mapping[str, Any], dict[str, int]]:
