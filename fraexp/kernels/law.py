@@ -116,10 +116,9 @@ def explain_compiler_errors(*laws: Law) -> Iterator[None]:
         reason = f"the compiler has not returned after {COMPILE_LIMIT_S:g} s; expected seconds: make the law simpler"
         raise LawError(f"{names} ({_error_place('', laws)}) cannot be compiled: {reason}") from None
     except Exception as error:  # the compiler raises errors of many kinds
-        cause = _error_cause(
-            [line.strip() for line in str(error).splitlines() if line.strip()] or [type(error).__name__]
-        )
-        raise LawError(f"{names} ({_error_place(str(error), laws)}) cannot be compiled: {cause}") from None
+        message = TERMINAL_CODE.sub("", str(error))
+        cause = _error_cause([line.strip() for line in message.splitlines() if line.strip()] or [type(error).__name__])
+        raise LawError(f"{names} ({_error_place(message, laws)}) cannot be compiled: {cause}") from None
 
 
 def _error_cause(lines: list[str]) -> str:
@@ -149,6 +148,8 @@ COMPILE_LIMIT_S = 20.0
 """Limit of the processor time for compiling one kernel [s]: four times what the slowest built-in law takes."""
 COMPILER_PLACE = re.compile(r'(?:File "([^"]+)", line |Raised from (.+) \()(\d+)')
 """The two forms in which the compiler names a file and a line."""
+TERMINAL_CODE = re.compile(r"\x1b\[[0-9;]*m")
+"""Colours, which the compiler puts into its messages wherever the package colorama is installed."""
 UNASSIGNED = "Detected uninitialized variable"
 """How the error about a variable begins that a branch leaves unassigned."""
 MEANINGS = {

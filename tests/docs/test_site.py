@@ -53,6 +53,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.thorough
 def test_the_site_builds_and_loads_nothing_from_elsewhere(site: Path) -> None:
     pages = {path.relative_to(site).as_posix(): path.read_text("utf-8") for path in site.rglob("*.html")}
     assert {"index.html", "tutorial.html", "reference/friction.html", "decisions/index.html"} <= pages.keys()
@@ -146,6 +147,7 @@ def test_the_drawing_of_the_layers_is_that_of_the_contracts() -> None:
     assert re.findall(r'class="c"[^>]*>(\w+)<', (DOCS / "figures/layers.svg").read_text("utf-8")) == expected
 
 
+@pytest.mark.thorough
 def test_the_page_on_other_tools(follow: Follow) -> None:
     printed = follow("docs/comparison.md")
     (by_hand,) = re.findall(r"(-?\d+\.\d+) dB at 40 Hz", printed["python response.py"])

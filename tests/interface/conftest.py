@@ -10,7 +10,7 @@ POINTS = 6
 
 @pytest.fixture(scope="session")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A workspace with one run of the study quick."""
+    """A workspace whose run 1 is of the study quick; a test that adds runs of it takes a folder of its own."""
     folder = tmp_path_factory.mktemp("interface")
     fraexp.Workspace(folder).run("quick", {"excitation.points": POINTS}, executor="serial", progress=False)
     return folder
@@ -23,4 +23,4 @@ def workspace(folder: Path) -> fraexp.Workspace:
 
 @pytest.fixture
 def run(workspace: fraexp.Workspace) -> fraexp.Run:
-    return workspace.open_run("quick")
+    return workspace.open_run(1)

@@ -36,7 +36,7 @@ def test_the_same_study_is_not_computed_again(workspace: fraexp.Workspace) -> No
     )
     assert workspace.plan(study)["missing"] == 0
     run = workspace.run(study, progress=False)
-    assert [of.key for of in run] == [of.key for of in workspace.open_run("quick")]
+    assert [of.key for of in run] == [of.key for of in workspace.open_run(1)]
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
@@ -66,7 +66,8 @@ def test_a_saved_study_finds_its_records(tmp_path: Path) -> None:
         study.save(tmp_path / "studies" / "bench.toml")
 
 
-def test_changes_are_those_of_the_command_line(workspace: fraexp.Workspace) -> None:
+def test_changes_are_those_of_the_command_line(tmp_path: Path) -> None:
+    workspace = fraexp.Workspace(tmp_path)
     changes = {"excitation.points": POINTS, "grid.excitation.amplitude": [75.0], "excitation.max_frequency": "150 Hz"}
     run = workspace.run("quick", changes, progress=False)
     assert len(run) == 2

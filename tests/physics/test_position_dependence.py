@@ -79,6 +79,7 @@ def test_the_loop_agrees_with_an_independent_simulation(registry, monkeypatch, p
     assert abs(alike / response - 1) > 0.02  # what is compared matters
 
 
+@pytest.mark.thorough
 def test_several_contacts_agree_with_an_independent_simulation(registry):
     component = registry.provider("plant", "two_mass").component
     plant = registry.create("plant", {"name": "two_mass", "preset": next(iter(component.presets))})
