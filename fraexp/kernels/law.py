@@ -132,7 +132,7 @@ def _error_cause(lines: list[str]) -> str:
     at = next((at for at in reversed(range(len(lines))) if lines[at].startswith(CAUSE_PREFIXES)), len(lines) - 1)
     if lines[at].endswith("found for signature:") and at + 1 < len(lines):  # the signature is in the line after it
         return f"there is no implementation of {lines[at + 1].removeprefix('>>> ')}"
-    return lines[at]
+    return lines[at].partition(" Raised from ")[0]
 
 
 def _error_place(message: str, laws: Sequence[Law]) -> str:
