@@ -127,20 +127,40 @@ def stack_datasets(
     xarray = import_optional("xarray", PURPOSE)
     if not datasets:
         raise FraexpError("there is no response to convert; expected at least one; see to_pandas() for metrics")
+    units = {of.response.attrs["units"] for of in datasets}
+    if len(units) > 1:
+        raise FraexpError(f"the responses have different units ({', '.join(sorted(units))}); filter those of one unit")
     places = list(zip(*axes.values(), strict=True))
     grid = {name: list(dict.fromkeys(values)) for name, values in axes.items()}
     is_grid = bool(axes) and len(set(places)) == len(places) == int(np.prod([len(values) for values in grid.values()]))
-    aligned = xarray.align(*datasets, join="outer")
+    aligned = _align(datasets)
     if not is_grid:
         stacked = xarray.concat(aligned, "sweep", combine_attrs="drop_conflicts", **CONCATENATION)
-        stacked = stacked.assign_coords({name: ("sweep", list(values)) for name, values in axes.items()})
-        return stacked.assign_attrs(describe(attributes))
+        whole = stacked.assign_coords({name: ("sweep", list(values)) for name, values in axes.items()})
+        return _tidy(whole, attributes)
     placed = [
         one.expand_dims({name: [value] for name, value in zip(grid, place, strict=True)})
         for one, place in zip(aligned, places, strict=True)
     ]
     whole = xarray.combine_by_coords(placed, combine_attrs="drop_conflicts", **COMBINATION).reindex(grid)
-    return whole.assign_attrs(describe(attributes))
+    return _tidy(whole, attributes)
+
+
+def _align(datasets: Sequence["xarray.Dataset"]) -> "Sequence[xarray.Dataset]":
+    """Return datasets over all of their frequencies; FraexpError if one repeats a frequency that others lack."""
+    xarray = import_optional("xarray", PURPOSE)
+    first = datasets[0].frequency
+    if all(of.frequency.equals(first) for of in datasets):
+        return datasets
+    if any(not of.indexes["frequency"].is_unique for of in datasets):
+        raise FraexpError("some responses repeat a frequency, and others have not the same; convert each by itself")
+    return list(xarray.align(*datasets, join="outer"))
+
+
+def _tidy(whole: "xarray.Dataset", attributes: Mapping[str, Any]) -> "xarray.Dataset":
+    """Return a dataset with its attributes, in which a point that a sweep lacks is not settled."""
+    settled = (whole.settled == 1).assign_attrs(whole.settled.attrs)
+    return whole.assign(settled=settled).assign_attrs(describe(attributes))
 
 
 CONCATENATION: Mapping[str, Any] = {"data_vars": "all", "coords": "minimal", "compat": "override", "join": "outer"}

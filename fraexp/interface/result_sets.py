@@ -66,7 +66,13 @@ class Results(Sequence[SweepResult]):
     def __getitem__(self, index: slice) -> "list[SweepResult]": ...
 
     def __getitem__(self, index: int | slice) -> "SweepResult | list[SweepResult]":
-        return self._items[index]
+        try:
+            return self._items[index]
+        except IndexError:
+            reason = next((f"; of the others: {text}" for text in self.missing.values()), "")
+            raise IndexError(
+                f"there is no result {index}: {plural(len(self), 'result')} of {self._heading()}{reason}"
+            ) from None
 
     def __iter__(self) -> Iterator[SweepResult]:
         return iter(self._items)

@@ -9,6 +9,7 @@ import pytest
 import xarray
 
 import fraexp
+from fraexp.interface.datasets import stack_datasets
 from tests.interface.conftest import POINTS
 
 
@@ -113,3 +114,59 @@ def test_representations_are_one_line(run: fraexp.Run, workspace: fraexp.Workspa
     assert repr(run[0]) == f"<SweepResult {run[0].key}: conventional, y/u [m/N] at {POINTS} frequencies 1…200.2 Hz; ok>"
     assert repr(run).startswith(f"<Run: run {run.number} of quick complete: 4 sweeps")
     assert "\n" not in repr(workspace) + repr(workspace.study("quick"))
+
+
+def test_sweeps_over_other_frequencies_share_a_dataset(workspace: fraexp.Workspace, tmp_path: Path) -> None:
+    excitation = {"name": "stepped_sine", "amplitude": 75.0}
+    case = [
+        {"label": f"{points} points", "excitation": {"points": points, "max_frequency": 50.0 * points}}
+        for points in (2, 3)
+    ]
+    study = fraexp.Study(
+        "two_grids", machine="linear_motor_table", excitation=excitation, case=case, estimator="conventional"
+    )
+    run = workspace.run(study, executor="serial", progress=False)
+    data = run.to_xarray()
+    assert data.sizes["frequency"] == len(set(run[0].frequency) | set(run[1].frequency))
+    for result in run:
+        own = data.sel(case=result.labels["case"], frequency=result.frequency)
+        np.testing.assert_array_equal(own.response, result.response)
+        assert int(data.sel(case=result.labels["case"]).settled.sum()) == result.frequency_response.settled.sum()
+    data.to_netcdf(tmp_path / "two.nc")
+    with xarray.open_dataset(tmp_path / "two.nc") as read:
+        assert read.identical(data)
+        assert read.settled.dtype == bool
+
+
+def test_responses_of_different_units_are_not_mixed(run: fraexp.Run) -> None:
+    first, second = (of.to_xarray() for of in run[:2])
+    second.response.attrs["units"] = "rad/A"
+    with pytest.raises(fraexp.FraexpError, match=r"different units .m/N, rad/A."):
+        stack_datasets([first, second], {"estimator": ["one", "other"]}, {})
+
+
+def test_a_frequency_that_is_repeated_is_not_lost(run: fraexp.Run) -> None:
+    first = run[0].to_xarray()
+    twice = xarray.concat(
+        [first, first], "frequency", data_vars="minimal", coords="minimal", compat="override", join="override"
+    )
+    whole = stack_datasets([twice, twice], {"estimator": ["one", "other"]}, {})
+    assert whole.sizes["frequency"] == 2 * POINTS
+    with pytest.raises(fraexp.FraexpError, match="repeat a frequency"):
+        stack_datasets([first, twice], {"estimator": ["one", "other"]}, {})
+
+
+def test_what_is_missing_is_said_with_its_reason(workspace: fraexp.Workspace) -> None:
+    parts = [{"name": "stepped_sine", "amplitude": amplitude, "points": 2} for amplitude in (12.0, 30.0)]
+    study = fraexp.Study(
+        "fails",
+        machine="linear_motor_table",
+        excitation={"name": "concatenated", "parts": parts},
+        estimator="conventional",
+    )
+    run = workspace.run(study, executor="serial", progress=False)
+    assert len(run) == 0
+    assert "expects each frequency once" in next(iter(run.missing.values()))
+    with pytest.raises(IndexError, match=r"there is no result 0: 0 results .*expects each frequency once"):
+        run[0]
+    assert "1 failed" in run._repr_html_()
