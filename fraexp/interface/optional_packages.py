@@ -13,4 +13,6 @@ def import_optional(name: str, purpose: str) -> Any:
     except ModuleNotFoundError as error:
         if error.name != name:
             raise
-        raise FraexpError(f"{purpose} needs the package {name}: pip install 'fraexp[notebook]'") from None
+        raise FraexpError(
+            f"{purpose} needs the package {name}: pip install {name} (the extra 'notebook' has all of them)"
+        ) from None

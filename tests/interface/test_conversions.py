@@ -2,6 +2,7 @@
 
 import csv
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -170,3 +171,13 @@ def test_what_is_missing_is_said_with_its_reason(workspace: fraexp.Workspace) ->
     with pytest.raises(IndexError, match=r"there is no result 0: 0 results .*expects each frequency once"):
         run[0]
     assert "1 failed" in run._repr_html_()
+
+
+@pytest.mark.parametrize("name", ["xarray", "pandas", "control"])
+def test_a_missing_package_is_named_with_its_remedy(
+    run: fraexp.Run, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, name, None)
+    convert = {"xarray": run[0].to_xarray, "pandas": run[0].to_pandas, "control": run[0].to_frd}[name]
+    with pytest.raises(fraexp.FraexpError, match=f"needs the package {name}: pip install {name}"):
+        convert()
