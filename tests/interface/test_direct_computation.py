@@ -208,8 +208,11 @@ def test_an_existing_file_is_not_replaced_unasked(run: fraexp.Run, tmp_path) -> 
 
 
 def test_an_interrupt_ends_a_run_and_keeps_what_is_finished(tmp_path) -> None:
+    # Whatever a shell starts in the background ignores Ctrl-C: the program takes it up again.
     script = """
+import signal
 import fraexp
+signal.signal(signal.SIGINT, signal.default_int_handler)
 study = fraexp.Study("long", machine="linear_motor_table", excitation={"name": "stepped_sine", "points": 60},
                      estimator="conventional", grid={"excitation.amplitude": list(range(5, 400))})
 run = fraexp.run(study, executor="serial")
