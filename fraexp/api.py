@@ -14,7 +14,6 @@ from fraexp.components.kinds import (
     Period,
     Plant,
     RecordReader,
-    RecordTable,
     Schedule,
 )
 from fraexp.components.parameters import Parameters, param
@@ -23,6 +22,7 @@ from fraexp.components.position_dependence import PositionDependentFriction
 from fraexp.components.providers import component_modules
 from fraexp.components.registry import hookimpl
 from fraexp.data.frequency_text import frequency_text
+from fraexp.data.record_table import RecordTable
 from fraexp.data.results import HARMONICS, Curve, Fit, FrequencyResponse, Metric, Outcome, Result
 from fraexp.data.signals import Encoder, Segment, Settling, Signals
 from fraexp.errors import FraexpError, ParameterError, RecordError, did_you_mean

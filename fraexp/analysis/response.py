@@ -64,13 +64,14 @@ def response_result(
         unit=f"{units[1]}/{units[0]}",
         input=names[0],
         output=names[1],
-        input_amplitude=np.abs(u),
-        output_amplitude=np.abs(y),
+        input_amplitude=np.where(_lacks_amplitude(signals.segments, lines), np.nan, np.abs(u)),
+        output_amplitude=np.where(_lacks_amplitude(signals.segments, lines), np.nan, np.abs(y)),
         settled=~silent & np.repeat([known.settled if known else True for known in settlings], lines),
         settling_time=np.repeat([known.time if known else np.nan for known in settlings], lines),
         residual=np.repeat([known.residual if known else np.nan for known in settlings], lines),
         harmonics=np.concatenate([_relative_harmonics(s, names[1]) for s in signals.segments]),
         freedom=np.where(np.isfinite(known), np.inf, freedom),
+        coherence=_stated_coherence(signals.segments),
     )
     if silent.any() and signals.outcome is Outcome.OK:
         message = f"at {silent.sum()} of {silent.size} frequencies input or output does not move"
@@ -86,10 +87,24 @@ def _known_variance(signals: Signals, segment: Segment, outputs: NDArray[np.comp
 
     A record from rest contains a transient, which is no noise.
     """
+    if segment.stated is not None:
+        return np.full(segment.lines.size, segment.stated.output_variance)
     is_from_rest = segment.settling is not None and segment.settling.time == 0
     if signals.encoder is None or len(outputs) > 1 or is_from_rest:
         return np.full(segment.lines.size, np.nan)
     return phasor_variance(segment, signals.encoder)
+
+
+def _lacks_amplitude(segments: Sequence[Segment], lines: Sequence[int]) -> NDArray[np.bool_]:
+    """Return where the amplitude of the input is unknown, shape (n,)."""
+    lacking = [segment.stated is not None and not segment.stated.has_amplitude for segment in segments]
+    return np.repeat(lacking, lines)
+
+
+def _stated_coherence(segments: Sequence[Segment]) -> NDArray[np.float64] | None:
+    """Return the coherence of a response that was measured elsewhere, shape (n,); None if it is not known."""
+    found = np.array([segment.stated.coherence for segment in segments if segment.stated is not None])
+    return found if found.size == len(segments) and np.isfinite(found).any() else None
 
 
 def _check_realisations(segments: Sequence[Segment]) -> None:
@@ -121,7 +136,7 @@ def _relative_harmonics(segment: Segment, channel: str) -> NDArray[np.complex128
     NaN above the Nyquist frequency, and for several lines.
     """
     result = np.full((segment.lines.size, HARMONICS - 1), np.nan, dtype=complex)
-    if segment.lines.size == 1 and channel in segment.channels:
+    if segment.lines.size == 1 and channel in segment.channels and segment.stated is None:
         sums = harmonic_phasors(segment, channel).sum(axis=0)
         if sums[0] != 0:
             result[0, : sums.size - 1] = sums[1:] / sums[0]

@@ -21,13 +21,22 @@ def declare(parser: Parser) -> None:
     """Declare the options of `fraexp import`."""
     parser.add_argument(
         "files", metavar="FILE", type=Path, nargs="+",
-        help="measured record: .csv or .mat; several files are realisations of one experiment",
+        help="measured record or response, such as .csv, .mat or .h5; several files are realisations of one experiment",
     )  # fmt: skip
     parser.add_argument(
         "--channel", metavar="NAME=COLUMN", dest="channels", action="append", default=[],
         help="define a channel, such as u=force, 'y=position [mm]' or 'u=(volts - 2.5) * 31.5 [N]'; the first is the "
         "input, the second the output; without --channel, list the contents of the file",
     )  # fmt: skip
+    parser.add_argument(
+        "--unit", metavar="UNIT", dest="response_unit",
+        help="unit of a response that was measured elsewhere, such as mm/N: its channels are frequency, magnitude and "
+        "phase, or real and imaginary",
+    )  # fmt: skip
+    parser.add_argument(
+        "--input-amplitude", metavar="VALUE", dest="input_amplitude", help="amplitude of its input, such as '12 N'"
+    )
+    parser.add_argument("--averages", metavar="COUNT", type=int, help="number of averages behind its coherence")
     _declare_timebase(parser)
     _declare_segments(parser)
     _declare_lines(parser)

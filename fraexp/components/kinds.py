@@ -3,7 +3,7 @@
 import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, get_args
@@ -16,6 +16,7 @@ from fraexp.components.law_check import check_law
 from fraexp.components.law_step import argument_names, explained_calls
 from fraexp.components.parameters import Parameters
 from fraexp.components.ports import Ports, StateSpace
+from fraexp.data.record_table import RecordTable
 from fraexp.data.results import Result
 from fraexp.data.signals import Segment, Signals
 from fraexp.errors import PluginError, did_you_mean
@@ -357,6 +358,8 @@ class Estimator(Component, ABC):
     kind: ClassVar[str] = "estimator"
     fits: ClassVar[str] = ""
     """Kind of component that it identifies from the response of another estimator, its `method`; empty for none."""
+    takes_responses: ClassVar[bool] = False
+    """Whether it takes a response that was measured elsewhere: sines of which only the fundamental is known."""
 
     @abstractmethod
     def estimate(self, signals: Signals) -> Result:
@@ -382,19 +385,8 @@ class RecordReader(Component, ABC):
         return False
 
     @abstractmethod
-    def read(self, path: Path, columns: Sequence[str]) -> "RecordTable":
+    def read(self, path: Path, columns: Sequence[str]) -> RecordTable:
         """Return the named columns of a file; RecordError states the fault, and which columns exist."""
-
-
-@dataclass(frozen=True)
-class RecordTable:
-    """Columns of a measured record, as stored in the file."""
-
-    columns: Mapping[str, NDArray[np.float64]]
-    """Values by column name, each of shape (n,)."""
-    sample_time: float | None = None
-    """Sample time [s], and unit of each column, as far as the file states them."""
-    units: Mapping[str, str] = field(default_factory=dict)
 
 
 KINDS: tuple[type[Component], ...] = (FrictionModel, Plant, Controller, Excitation, Estimator, RecordReader)

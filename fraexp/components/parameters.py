@@ -4,10 +4,11 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Self, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, model_validator
 from pydantic.fields import FieldInfo
 
 from fraexp.data import toml, units
+from fraexp.data.rotary_axes import rotary_text, rotary_unit
 from fraexp.errors import ParameterError, did_you_mean
 
 REQUIRED: Any = ...
@@ -15,6 +16,8 @@ TYPICAL = {
     "N": 10.0, "N/m": 1e5, "N s/m": 10.0, "N/s": 100.0, "m": 1e-5, "m/s": 1e-3, "s": 1e-3, "Hz": 10.0, "kg": 5.0,
 }  # fmt: skip
 """Magnitudes of the field by unit, for examples of parameters without a default."""
+ROTARY = {"axis": "rotary"}
+"""Context of a validation in which units are those of a rotary axis."""
 
 
 def param(
@@ -44,10 +47,11 @@ def param(
     )
 
 
-def unit_of(info: FieldInfo) -> str:
-    """Return the declared unit of a parameter."""
+def unit_of(info: FieldInfo, *, rotary: bool = False) -> str:
+    """Return the declared unit of a parameter, or what stands for it on a rotary axis."""
     extra = info.json_schema_extra
-    return str(extra["unit"]) if isinstance(extra, dict) else ""
+    unit = str(extra["unit"]) if isinstance(extra, dict) else ""
+    return rotary_unit(unit) if rotary else unit
 
 
 def inherited_from(info: FieldInfo) -> str | None:
@@ -81,39 +85,48 @@ class Parameters(BaseModel):
 
     @model_validator(mode="before")
     @classmethod
-    def _read_units(cls, data: Any) -> Any:
+    def _read_units(cls, data: Any, info: ValidationInfo) -> Any:
         if not isinstance(data, Mapping):
             return data
         read = cls.with_current_names(data)
-        for key, info in cls.model_fields.items():
-            if isinstance(read.get(key), bool) and info.annotation in (float, int):
+        for key, field in cls.model_fields.items():
+            if isinstance(read.get(key), bool) and field.annotation in (float, int):
                 raise ParameterError(f"{key} is {toml.as_text(read[key])}; expected a number")
-            if unit_of(info) and read.get(key) is not None:
+            if unit_of(field) and read.get(key) is not None:
                 try:
-                    read[key] = _with_units(read[key], unit_of(info))
+                    read[key] = _with_units(read[key], unit_of(field, rotary=info.context == ROTARY))
                 except ParameterError as error:
-                    raise ParameterError(f"{key}: {error}") from None
+                    raise ParameterError(f"{key}: {error}{_axis_hint(read[key], field, info)}") from None
         return read
 
     @classmethod
-    def parse(cls, data: Mapping[str, Any], title: str) -> Self:
-        """Build from plain data; ParameterError says in one line what does not fit. `title` names the owner."""
+    def parse(cls, data: Mapping[str, Any], title: str, *, rotary: bool = False) -> Self:
+        """Build from plain data; ParameterError says in one line what does not fit. `title` names the owner.
+
+        Of a `rotary` axis, units that are written with values are those of torques and angles.
+        """
         if not isinstance(data, Mapping):
             raise ParameterError(f"{title} is {data!r:.60}; expected a table")
         try:
             data = cls.with_current_names(data)
-            return cls.model_validate(data)
+            return cls.model_validate(data, context=ROTARY if rotary else None)
         except ValidationError as error:
-            raise ParameterError(_validation_sentence(cls, title, data, error)) from None
+            sentence = _validation_sentence(cls, title, data, error)
         except ParameterError as error:
-            raise ParameterError(f"{title}: {error}") from None
+            sentence = f"{title}: {error}"
+        raise ParameterError(rotary_text(sentence) if rotary else sentence)
 
     @classmethod
-    def fault(cls, data: Mapping[str, Any], key: str, title: str) -> str:
+    def fault(cls, data: Mapping[str, Any], key: str, title: str, *, rotary: bool = False) -> str:
         """Return what is wrong with one of the values in one line, whatever the others are; empty if nothing is."""
+        found = cls._fault(data, key, title, ROTARY if rotary else None)
+        return rotary_text(found) if rotary else found
+
+    @classmethod
+    def _fault(cls, data: Mapping[str, Any], key: str, title: str, context: Mapping[str, str] | None) -> str:
         try:
             data = cls.with_current_names(data)
-            cls.model_validate(data)
+            cls.model_validate(data, context=context)
         except ValidationError as error:
             found = [one for one in error.errors(include_url=False) if one["loc"][:1] == (key,)]
             return _error_sentence(cls, title, data, found) if found else ""
@@ -130,6 +143,18 @@ class Parameters(BaseModel):
     def spec(self) -> dict[str, Any]:
         """Return the plain data that identifies this object as a value of another one."""
         return self.plain()
+
+
+def _axis_hint(value: Any, field: FieldInfo, info: ValidationInfo) -> str:
+    """Return what to do about a unit of the other kind of axis; empty if the value has none."""
+    is_rotary = info.context == ROTARY
+    try:
+        _with_units(value, unit_of(field, rotary=not is_rotary))
+    except ParameterError:
+        return ""
+    return (
+        "; loop.rotary = true says that the axis turns" if is_rotary else "; an axis that turns has loop.rotary = true"
+    )
 
 
 def _with_units(value: Any, unit: str) -> Any:

@@ -23,6 +23,7 @@ from fraexp.components.local_file import failed_classes, load_file
 from fraexp.components.parameters import Parameters, inherited_from
 from fraexp.components.position_dependence import positioned_class
 from fraexp.components.providers import Provider, Providers
+from fraexp.data.rotary_axes import is_rotary
 from fraexp.data.sweep import models_by_contact
 from fraexp.errors import FraexpError, ParameterError, PluginError, did_you_mean
 
@@ -161,7 +162,8 @@ class Registry:
         if "preset" in spec:
             values = {**_preset(cls, spec["preset"]), **values}
         cls = positioned_class(cls, values)
-        return cls.parse(self.fill_inherited(cls, values, environment), name)
+        filled = self.fill_inherited(cls, values, environment)
+        return cls.parse(filled, name, rotary=is_rotary(environment))
 
     def fill_inherited(
         self, cls: type[Parameters], given: Mapping[str, Any], environment: Mapping[str, Any]

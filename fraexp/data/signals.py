@@ -23,6 +23,17 @@ class Settling:
     """Relative difference of the last two periods compared."""
 
 
+class StatedLine(NamedTuple):
+    """What is known of a segment that stands for a frequency of a response which was measured elsewhere."""
+
+    output_variance: float
+    """Variance of the output's phasor [unit²]; NaN if unknown."""
+    coherence: float
+    """Squared coherence; NaN if unknown."""
+    has_amplitude: bool
+    """Whether the amplitude of the input was stated, without which friction cannot be taken off."""
+
+
 @dataclass(frozen=True)
 class Segment:
     """Whole periods of one periodic experiment, sampled so that a period is a whole number of samples.
@@ -42,6 +53,8 @@ class Segment:
     """Samples from rest up to the first period, each of shape (n,), where they are known."""
     periodic: bool = True
     """Whether the record repeats itself; otherwise sums over a period are not phasors."""
+    stated: StatedLine | None = None
+    """Of a response that was measured elsewhere: then only the fundamental of the samples is known."""
 
     cache: dict[tuple[str, str], NDArray[np.complex128]] = field(
         default_factory=dict, init=False, repr=False, compare=False
@@ -112,6 +125,11 @@ class Signals:
     """Noise and rounding of the measured position, where they are known: those of a simulation."""
     verification: Verification | None = None
     """What shows how exact a simulation is; None for a record."""
+
+    @property
+    def are_stated(self) -> bool:
+        """Whether they stand for a response that was measured elsewhere."""
+        return any(segment.stated for segment in self.segments)
 
     def unit(self, channel: str) -> str:
         """Return the unit of a channel; RecordError names the nearest one if it does not exist."""

@@ -12,10 +12,11 @@ from fraexp.components.first_trial import first_trial, friction_specs
 from fraexp.components.kinds import Estimator, Excitation, FrictionModel
 from fraexp.components.registry import Registry, create, discover
 from fraexp.data.results import Result, Timing
+from fraexp.data.rotary_axes import is_rotary, rotary_signals, rotary_text
 from fraexp.data.signals import Signals
 from fraexp.data.sweep import Plain, component_names
-from fraexp.errors import FraexpError, PluginError
-from fraexp.execution.certificate import certify
+from fraexp.errors import FraexpError
+from fraexp.execution.estimation import apply_estimator
 from fraexp.kernels.announcement import compilation_listener
 from fraexp.kernels.law_error import LawError
 from fraexp.simulation import loop
@@ -68,17 +69,20 @@ def _run_job(job: Job, progress: ReportProgress, begins: ReportEstimator) -> lis
             first_trial(spec, registry)
         signals = load_signals(job, registry, progress)
     except Exception as error:  # a plugin or a file may raise anything; the other experiments go on
-        return [describe_failure(error)] * len(job.estimators)
+        failure = describe_failure(error)
+        if is_rotary(job.experiment):
+            failure = replace(failure, message=rotary_text(failure.message))
+        return [failure] * len(job.estimators)
     shared = (time.perf_counter() - began) / len(job.estimators)
     timing = Timing(time.thread_time() - computing, len(job.estimators), 0.0, (was_warm, False))
     answers = []
     for number, estimator in enumerate(job.estimators):
         begins(number)
-        answers.append(_estimate(registry, estimator, signals, shared, timing, _tolerance(job.experiment)))
+        answers.append(_estimate(registry, estimator, signals, shared, timing, tolerated_error(job.experiment)))
     return answers
 
 
-def _tolerance(experiment: Plain) -> float:
+def tolerated_error(experiment: Plain) -> float:
     """Return the numerical error that an experiment tolerates."""
     return float(experiment.get("numerics", {}).get("tolerance", Numerics().tolerance))
 
@@ -110,9 +114,13 @@ def registry_of(folder: str) -> Registry:
 
 def load_signals(job: Job, registry: Registry, progress: ReportProgress) -> Signals:
     """Return the signals of an experiment: a simulated loop, a driven friction model, or a record."""
-    experiment = job.experiment
-    if experiment["source"] == "record":
-        return records.load(experiment, job.files, registry)
+    if job.experiment["source"] == "record":
+        return records.load(job.experiment, job.files, registry)
+    signals = _simulate(job.experiment, registry, progress)
+    return rotary_signals(signals) if is_rotary(job.experiment) else signals
+
+
+def _simulate(experiment: Plain, registry: Registry, progress: ReportProgress) -> Signals:
     excitation = create(registry, Excitation, experiment["excitation"])
     if experiment["source"] == "drive":
         friction = create(registry, FrictionModel, experiment["friction"])
@@ -127,10 +135,7 @@ def _estimate(
     was_warm = _is_warm(spec)
     try:
         estimator = create(registry, Estimator, spec)
-        result = estimator.estimate(signals)
-        if not isinstance(result, Result):
-            raise PluginError(f"{estimator.name} returns {result!r:.60}; expected a Result")
-        result = certify(estimator, signals, result, tolerance)
+        result = apply_estimator(estimator, signals, tolerance)
     except Exception as error:  # as above: the other estimators go on
         return describe_failure(error)
     return replace(

@@ -9,14 +9,13 @@ from fraexp.components.registry import create
 from fraexp.data import fit_references
 from fraexp.data.results import Result
 from fraexp.data.sweep import Plain, Sweep, component_names
-from fraexp.errors import PluginError, StudyError
-from fraexp.execution.certificate import certify
-from fraexp.execution.job import Job, load_signals
+from fraexp.errors import StudyError
+from fraexp.execution.estimation import apply_estimator
+from fraexp.execution.job import Job, load_signals, tolerated_error
 from fraexp.execution.scheduler import StoredFits
 from fraexp.interface.recordings import Recording
 from fraexp.interface.run_monitor import computing_meter
 from fraexp.interface.sweep_results import SweepResult
-from fraexp.simulation.machine import Numerics
 from fraexp.store import StoredSweep
 from fraexp.study.resolution import resolve_estimator
 from fraexp.study.study_file import ResolvedStudy
@@ -65,11 +64,7 @@ def estimate_signals(recording: Recording, spec: Plain) -> SweepResult:
     with computing_meter({"estimator": resolved}):
         for friction in friction_specs([resolved]):
             first_trial(friction, service.registry)
-        result = estimator.estimate(recording.signals)
-    if not isinstance(result, Result):
-        raise PluginError(f"{estimator.name} returns {result!r:.60}; expected a Result")
-    tolerance = float(experiment.get("numerics", {}).get("tolerance", Numerics().tolerance))
-    result = certify(estimator, recording.signals, result, tolerance)
+        result = apply_estimator(estimator, recording.signals, tolerated_error(experiment))
     sweep = Sweep(experiment, resolved, {}, recording.files)
     return SweepResult(_as_stored(sweep, result), result, service)
 

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.components.kinds import RecordReader, RecordTable
+from fraexp.components.kinds import RecordReader
+from fraexp.data.record_table import RecordTable
 from fraexp.errors import ParameterError, RecordError
 from fraexp.records.quantities import UNITLESS_MARKS, si_unit
 from fraexp.records.timebase import MAX_JITTER, sample_rate_of

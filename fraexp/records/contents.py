@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.components.kinds import RecordTable
 from fraexp.components.registry import Registry
+from fraexp.data.record_table import RecordTable
 from fraexp.data.units import si
 from fraexp.errors import FraexpError, RecordError
 from fraexp.records.clocks import RATE_NAMES, SAMPLE_TIME_NAMES, TIME_NAMES

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.components.kinds import RecordTable
 from fraexp.data import units
+from fraexp.data.record_table import RecordTable
 from fraexp.data.sweep import Plain
 from fraexp.errors import ParameterError, RecordError
 from fraexp.records.channels import Channel

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.components.kinds import RecordTable
+from fraexp.data.record_table import RecordTable
 from fraexp.errors import ParameterError, RecordError
 from fraexp.records.cutting import Cut, find_runs
 from fraexp.records.record_settings import RecordSettings

@@ -56,7 +56,16 @@ class RecordSettings(Parameters):
 
     file: tuple[str, ...] = param("", "file of the record, relative to the study, or several of one experiment")
     reader: str = param("", "name of the reader; found by the file's suffix if empty", "")
-    channels: dict[str, Channel] = param("", "channels by name: the columns of the file")
+    channels: dict[str, Channel] = param(
+        "", "channels by name: the columns of the file; frequency, magnitude and phase of a response"
+    )
+    response_unit: str = param("", "unit of a response, such as mm/N; 0 dB is 1 of it", "")
+    input_amplitude: float | str | None = param(
+        "", "amplitude of a response's input, in the SI unit or with one: friction depends on it", None
+    )
+    averages: int | None = param(
+        "1", "averages of a response with coherence, for its standard deviation", None, at_least=1, at_most=MAX_SAMPLES
+    )
     line_channel: str = param(
         "", "channel in which lines are looked for; if empty excitation or reference, if there is one, or the first", ""
     )

@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.components.kinds import RecordReader, RecordTable
+from fraexp.components.kinds import RecordReader
 from fraexp.components.registry import Registry, create
 from fraexp.data.identity import file_hash
+from fraexp.data.record_table import RecordTable
 from fraexp.data.signals import Segment, Settling, Signals
 from fraexp.data.sweep import Plain
 from fraexp.errors import RecordError, did_you_mean
@@ -24,6 +25,7 @@ from fraexp.records.quantities import PlainTable, auxiliary_values, channel_colu
 from fraexp.records.record_segments import check_levels, parse_condition, select_runs
 from fraexp.records.record_settings import RecordSettings
 from fraexp.records.repeats import check_repeats, detect_period, period_hint
+from fraexp.records.stated_response import is_response, load_response, resolve_response, response_columns
 from fraexp.records.timebase import MAX_JITTER, agreed_rate, sample_rate_of
 
 APERIODIC_SETTLING = Settling(settled=True, time=0.0, residual=float("nan"))
@@ -53,6 +55,8 @@ def resolve(settings: RecordSettings, base_folder: Path, registry: Registry) -> 
     the SI unit, and the cuts with their excited harmonics: the same signals have the same key, however a study
     describes them. All faults of a record are found here, as RecordError or ParameterError in one line.
     """
+    if is_response(settings.channels):
+        return _resolve_response(settings, base_folder, registry)
     parts = [_resolve_part(one, Path(os.path.normpath(base_folder / file)), registry) for file, one in settings.parts()]
     _check_alike(parts)
     cuts = [cut for part in parts for cut in part.cuts]
@@ -79,11 +83,30 @@ def resolve(settings: RecordSettings, base_folder: Path, registry: Registry) -> 
     return {"source": "record", "record": record}, {"record": paths[0], **more}
 
 
+def _resolve_response(
+    settings: RecordSettings, base_folder: Path, registry: Registry
+) -> tuple[PlainTable, dict[str, str]]:
+    """Return the experiment that stands for a response that was measured elsewhere, and the path of its file."""
+    named = list(settings.parts())
+    if len(named) > 1:
+        raise RecordError(f"{named[0][0]} and others: expected one file with one response; compare several in a grid")
+    file, own = named[0]
+    path = existing_file(Path(os.path.normpath(base_folder / file)))
+    reader = find_reader(own.reader, path, registry)
+    table = _read_columns(reader, path, response_columns(own))
+    record = {"hash": file_hash(path), "reader": reader.spec(), **resolve_response(own, table, path)}
+    return {"source": "record", "record": record}, {"record": str(path)}
+
+
 def load(experiment: Plain, files: Mapping[str, str], registry: Registry) -> Signals:
     """Return the signals of a resolved record; RecordError if its file is missing or has changed."""
     record = experiment["record"]
     parts: Sequence[PlainTable] = record.get("parts", [record])
     reader = create(registry, RecordReader, record["reader"], place="record")
+    if "response" in record:
+        path = _unchanged_file(files["record"], record["hash"])
+        columns = {str(column["column"]) for column in record["response"]["columns"].values()}
+        return load_response(record, _read_columns(reader, path, columns), path)
     found: list[Segment] = []
     for number, part in enumerate(parts):
         path = _unchanged_file(files[f"record.{number}" if number else "record"], part["hash"])

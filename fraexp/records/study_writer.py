@@ -11,6 +11,7 @@ from fraexp.components.registry import Registry
 from fraexp.data import toml
 from fraexp.errors import StudyError, did_you_mean
 from fraexp.records.record_settings import INJECTED_CHANNELS
+from fraexp.records.stated_response import INPUT, OUTPUT, is_response
 
 CHANNEL_ROLES = {"input": "first", "thrust": "first", "force": "first", "output": "second", "displacement": "second"}
 """Parameters of estimators that name a channel, and which of a record's channels they are given."""
@@ -52,7 +53,9 @@ def study_data(request: ImportRequest, folder: Path, registry: Registry) -> dict
     StudyError : if the input or the output is missing, an estimator is needed, or no estimator has a given parameter.
     """
     outputs = [name for name in request.channels if name not in INJECTED_CHANNELS]
-    if len(outputs) < 2:
+    if is_response(request.channels):
+        outputs = [INPUT, OUTPUT]
+    elif len(outputs) < 2:
         raise StudyError(
             f"{request.files[0]}: {len(outputs)} channel given; expected an input and an output, such as u=... "
             "and y=..."

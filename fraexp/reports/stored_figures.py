@@ -15,6 +15,7 @@ from fraexp.errors import FraexpError, PluginError, StoreError
 from fraexp.figures.elements.bundles import MAX_SINGLE_CURVES
 from fraexp.figures.elements.label_units import label_units
 from fraexp.figures.elements.labels import curve_names, describe_draws, group_names
+from fraexp.figures.elements.scales import PLANT_UNITS
 from fraexp.figures.elements.shown import ShownResult
 from fraexp.figures.elements.stamp import is_current, stamp_digest
 from fraexp.figures.elements.view import FULL_VIEW, View
@@ -142,7 +143,7 @@ class StoredFigures:
     def _truth(self, sweep: StoredSweep, result: Result) -> NDArray[np.complex128] | None:
         """Return P(jω) at the frequencies of a result if its plant is known and its plugin exists."""
         response = result.response
-        if response is None or response.unit != "m/N" or "plant" not in sweep.experiment:
+        if response is None or response.unit not in PLANT_UNITS or "plant" not in sweep.experiment:
             return None
         try:
             return reference_response(sweep.experiment, response.frequency, self.registry, response.output)
@@ -159,7 +160,7 @@ class StoredFigures:
     def reference(self, sweeps: Sequence[StoredSweep], results: Mapping[str, Result]) -> Reference | None:
         """Return label, frequency [Hz] and P(jω) [m/N] if all sweeps show the same response of the same plant."""
         responses = [results[sweep.key].response for sweep in sweeps]
-        shown = [response for response in responses if response and response.unit == "m/N"]
+        shown = [response for response in responses if response and response.unit in PLANT_UNITS]
         frequencies, outputs = [response.frequency for response in shown], {response.output for response in shown}
         plants = [(sweep.experiment.get("plant"), *_ports_of_loop(sweep)) for sweep in sweeps]
         if len(outputs) != 1 or plants[0][0] is None or any(plant != plants[0] for plant in plants):

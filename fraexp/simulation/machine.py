@@ -24,6 +24,10 @@ MAX_STEPS_PER_SAMPLE = 1000
 """Maximum number of steps of the plant and its friction per sample."""
 
 
+LATER_KEYS = ("thrust", "position", "rotary")
+"""Keys that came after databases were filled: without them, their sweeps are the same ones as before."""
+
+
 class ControlLoop(Parameters):
     """The sampled loop around the plant (paper, Figs 3, 5 and 9): clock, delays and encoder."""
 
@@ -45,6 +49,7 @@ class ControlLoop(Parameters):
     noise: float = param("m", "standard deviation of the encoder's noise", 0.0, at_least=0)
     seed: int = param("1", "seed of the encoder's noise", 0, at_least=0)
     divergence_limit: float = param("m", "displacement at which the loop counts as diverged", 1.0, above=0)
+    rotary: bool = param("", "whether the axis turns: in rad, N m and kg m² instead of m, N and kg", False)
 
     def model_post_init(self, context: object) -> None:
         """Raise ParameterError for a lag that is not above 0 s."""
@@ -52,8 +57,8 @@ class ControlLoop(Parameters):
             raise ParameterError("loop has a lag of 0 s or less; a first-order lag must be above 0 s")
 
     def plain(self) -> dict[str, Any]:
-        """Return plain data; ports that are not chosen are left out, as they were before there were any to choose."""
-        return {key: value for key, value in super().plain().items() if value or key not in ("thrust", "position")}
+        """Return plain data; what was not there to be chosen once is left out where it is not chosen."""
+        return {key: value for key, value in super().plain().items() if value or key not in LATER_KEYS}
 
     @property
     def input_path(self) -> SignalPath:

@@ -10,6 +10,7 @@ from fraexp.components.kinds import FrictionModel, nested_kind
 from fraexp.components.parameters import Parameters, unit_of
 from fraexp.components.position_dependence import positioned_class
 from fraexp.components.registry import Registry
+from fraexp.data.rotary_axes import is_rotary, rotary_unit
 from fraexp.data.sweep import models_by_contact
 from fraexp.errors import StudyError, did_you_mean
 from fraexp.simulation.experiments import Compensation
@@ -55,7 +56,7 @@ def replace_at(data: Any, parts: Sequence[str], value: Any) -> Any:
 def unit_at(sections: Mapping[str, Any], path: str, registry: Registry) -> str:
     """Return the unit that is declared for what is at a path; empty where there is none, or nothing."""
     info = declared_at(sections, path, registry)
-    return unit_of(info) if info else ""
+    return unit_of(info, rotary=is_rotary(sections)) if info else ""
 
 
 def first_path(sections: Mapping[str, Any], path: str, registry: Registry) -> str:
@@ -114,7 +115,7 @@ def component_of(kind: str, spec: Any, registry: Registry) -> Owner:
 
 
 def units_of(path: str, registry: Registry) -> set[str]:
-    """Return the units that components declare for a path; none if one of them declares no unit."""
+    """Return the units that components declare for a path, of either kind of axis; none if one declares no unit."""
     section, *parts = path.split(".")
     owners = [SETTINGS[section]] if section in SETTINGS else _components_of_kind(section, registry)
     found: list[FieldInfo] = []
@@ -123,7 +124,7 @@ def units_of(path: str, registry: Registry) -> set[str]:
             found = [owner.model_fields[part] for owner in owners if part in owner.model_fields]
             owners = [owner for info in found for owner in _owners(info, registry)]
     units = {unit_of(info) for info in found}
-    return set() if "" in units else units
+    return set() if "" in units else units | {rotary_unit(unit) for unit in units}
 
 
 def _owners(info: FieldInfo, registry: Registry) -> list[type[Parameters]]:

@@ -233,7 +233,7 @@ def half_widths(result: Result) -> dict[str, float]:
 def readable_unit(unit: str, values: Iterable[float]) -> tuple[float, str]:
     """Return the factor to, and the name of, the unit in which people write such numbers: 1e-5 m are 10 µm."""
     greatest = max((abs(value) for value in values if math.isfinite(value)), default=0.0)
-    if unit.startswith("m/"):
+    if unit.startswith(("m/", "rad/(")):
         return (1e3, f"m{unit}")
     if unit not in PREFIXED_UNITS or not greatest:
         return (1.0, unit)

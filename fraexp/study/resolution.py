@@ -15,6 +15,7 @@ from fraexp.components.kinds import Excitation, FrictionModel, Plant, nested_kin
 from fraexp.components.parameters import Parameters, inherited_from
 from fraexp.components.registry import Registry, create
 from fraexp.data import fit_references, toml
+from fraexp.data.rotary_axes import is_rotary
 from fraexp.data.sweep import Plain, Section, Sweep, as_section, experiment_key, models_by_contact
 from fraexp.errors import FraexpError, StudyError
 from fraexp.simulation import motion_limits
@@ -53,7 +54,7 @@ class _Point:
         """Return the names of the sections to be resolved again when one is written anew."""
         affected: list[str] = []
         for name in self.order:
-            if name == changed or not {changed, *affected}.isdisjoint(self.inherits[name]):
+            if changed in ("loop", name) or not {changed, *affected}.isdisjoint(self.inherits[name]):
                 affected.append(name)
         return affected
 
@@ -137,7 +138,8 @@ class Resolver:
         section = point.written[name]
         inherits = point.inherits[name] = self._inherited_sections(name, section, around)
         try:
-            key = (name, section.digest, *[around[of].digest for of in inherits if of in around])
+            inherited = [around[of].digest for of in inherits if of in around]
+            key = (name, section.digest, is_rotary(around), *inherited)
         except (AttributeError, TypeError, ValueError):  # no table, or with a value that no parameter takes
             found = self._make(name, section, around, place)
         else:
@@ -184,9 +186,11 @@ class Resolver:
             return Section(self._registry.create(name, given, around, where).spec())
         models = models_by_contact(section) if name == FrictionModel.kind else {}
         if models:
-            made = {of: self._registry.create(name, model, place=f"{where[:-1]}.{of}]") for of, model in models.items()}
+            made = {
+                of: self._registry.create(name, model, around, f"{where[:-1]}.{of}]") for of, model in models.items()
+            }
             return Section({of: model.spec() for of, model in made.items()})
-        return Section(self._registry.create(name, section, place=where).spec())
+        return Section(self._registry.create(name, section, around, where).spec())
 
     def _check_misplaced(self, name: str, section: Any, where: str) -> None:
         """Raise StudyError if a component's section has a parameter of the loop, such as its sample time."""
@@ -222,7 +226,7 @@ class Resolver:
             name = error.args[0]
             raise StudyError(f"{place}: lacks the section [{name}]; name a machine, or write the section") from None
         if drives:
-            return {**experiment, "loop": self._sample_time(resolved["loop"])}
+            return {**experiment, "loop": self._of_a_driven_law(resolved["loop"])}
         if COMPENSATION in resolved:
             experiment[COMPENSATION] = resolved[COMPENSATION]
         self._check_ports(experiment, place)
@@ -245,11 +249,11 @@ class Resolver:
             self._known[key] = drives
         return bool(self._known[key])
 
-    def _sample_time(self, loop: Section) -> Section:
-        """Return all that a driven law takes from the loop."""
-        key = ("sample_time", loop.digest)
+    def _of_a_driven_law(self, loop: Section) -> Section:
+        """Return all that a driven law takes from the loop: its sample time, and whether the axis turns."""
+        key = ("driven law", loop.digest)
         if key not in self._known:
-            self._known[key] = Section(sample_time=loop["sample_time"])
+            self._known[key] = Section({name: loop[name] for name in ("sample_time", "rotary") if name in loop})
         return self._known[key]
 
     def _check_ports(self, sections: Plain, place: str) -> None:
@@ -312,6 +316,7 @@ def _complete_tables(kind: str, spec: Any, environment: Plain, registry: Registr
 
 def _settings(registry: Registry, key: str, value: Plain, sections: Plain, place: str) -> dict[str, Any]:
     try:
-        return SETTINGS[key].parse(registry.fill_inherited(SETTINGS[key], value, sections), key).plain()
+        filled = registry.fill_inherited(SETTINGS[key], value, sections)
+        return SETTINGS[key].parse(filled, key, rotary=is_rotary(sections)).plain()
     except FraexpError as error:
         raise type(error)(f"{place}: {error}") from None

@@ -6,6 +6,7 @@ from typing import Any
 
 from fraexp.components.parameters import inherited_from, unit_of
 from fraexp.components.registry import Registry
+from fraexp.data.rotary_axes import is_rotary
 from fraexp.errors import StudyError
 from fraexp.store import StoredSweep
 from fraexp.study.paths import declared_at, value_at
@@ -47,7 +48,7 @@ def _resolve(
         info = None
     if info is None:
         return ResolvedParameter(path, value_text(value), "", "grid" if _is_in_grid(path, sweep) else "", "")
-    unit = unit_of(info)
+    unit = unit_of(info, rotary=is_rotary(sections))
     origin = "grid" if _is_in_grid(path, sweep) else "study"
     inherited = inherited_from(info)
     if origin == "study" and inherited and _value(sections, inherited) == value:

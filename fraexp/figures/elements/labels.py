@@ -7,6 +7,7 @@ from typing import NamedTuple
 from fraexp.data.sweep import DRAW, Plain
 from fraexp.data.terminal_text import printable
 from fraexp.data.units import with_powers
+from fraexp.figures.elements.scales import DISPLACEMENT_UNITS
 
 MAX_LIST_VALUES = 4
 """Number of values above which only the ends of a list are shown."""
@@ -167,6 +168,10 @@ def _label_part(title: str, value: object, text: str, unit: str, alone: bool) ->
     if not unit or not isinstance(value, int | float):
         return f"{title} {text}"
     factor, shown = (
-        (1.0, unit) if unit != "m" or abs(value) >= 1 else (1e3, "mm") if abs(value) >= 1e-3 else (1e6, "µm")
+        (1.0, unit)
+        if unit not in DISPLACEMENT_UNITS or abs(value) >= 1
+        else (1e3, f"m{unit}")
+        if abs(value) >= 1e-3
+        else (1e6, f"µ{unit}")
     )
     return f"{'' if alone else f'{title} '}{value * factor:.6g} {with_powers(shown)}"

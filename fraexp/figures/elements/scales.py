@@ -9,13 +9,22 @@ ANCHOR_WEIGHT = 0.2
 
 def readable_unit(unit: str) -> tuple[float, str]:
     """Return the factor to the unit in which a response is shown, and that unit (``m/N`` → 1000, ``mm/N``)."""
-    return (1000.0, f"m{unit}") if unit == "m" or unit.startswith("m/") else (1.0, unit)
+    return (1000.0, f"m{unit}") if unit == "m" or unit.startswith(("m/", "rad/(")) else (1.0, unit)
 
 
-def length_unit(greatest: float) -> tuple[float, str]:
-    """Return the factor from m to the unit in which lengths up to the greatest one [m] are shown, and that unit."""
-    units = ((0.9995e-3, 1e3, "mm"), (0.9995e-6, 1e6, "µm"), (1e-300, 1e9, "nm"))  # 0.9995 would be rounded to 1
-    return next(((factor, name) for least, factor, name in units if greatest >= least), (1e3, "mm"))
+def displacement_unit(greatest: float, unit: str = "m") -> tuple[float, str]:
+    """Return the factor from m, or rad, to the unit in which displacements up to the greatest one are shown, and it."""
+    prefixes = ((0.9995e-3, 1e3, "m"), (0.9995e-6, 1e6, "µ"), (1e-300, 1e9, "n"))  # 0.9995 would be rounded to 1
+    factor, prefix = next(((factor, prefix) for least, factor, prefix in prefixes if greatest >= least), (1e3, "m"))
+    return factor, f"{prefix}{unit}"
+
+
+DISPLACEMENT_UNITS = ("m", "rad")
+"""Units of displacements: of straight and of rotary axes."""
+PLANT_UNITS = ("m/N", "rad/(N m)")
+"""Units of a plant's response: of straight and of rotary axes."""
+FORCE_NAMES = {"N": "force", "N m": "torque"}
+"""What a force is called by its unit."""
 
 
 def decibel(response: NDArray[np.inexact]) -> NDArray[np.float64]:

@@ -78,7 +78,7 @@ def optional_arrays(response: FrequencyResponse) -> dict[str, NDArray[np.float64
 def channel_units(response: FrequencyResponse) -> tuple[str, str]:
     """Return the units of output and input; empty if the unit of the response is ambiguous."""
     output, *rest = response.unit.split("/")  # m/s/N may be (m/s)/N or m/(s/N)
-    return (output, rest[0]) if len(rest) == 1 else ("", "")
+    return (output, rest[0].strip("()")) if len(rest) == 1 else ("", "")
 
 
 def response_units(response: FrequencyResponse) -> dict[str, str]:

@@ -12,6 +12,7 @@ from fraexp.data.results import EFFORT
 from fraexp.errors import FraexpError
 from fraexp.figures.elements.labels import MAX_GROUPS, drawable
 from fraexp.figures.elements.line_style import LineStyle
+from fraexp.figures.elements.scales import DISPLACEMENT_UNITS
 from fraexp.figures.elements.shown import ShownResult
 from fraexp.figures.elements.table_panel import FigureTable
 
@@ -131,8 +132,8 @@ def _value(of: ShownResult, name: str, unit: str) -> float:
 
 
 def _readable_unit(unit: str, greatest: float) -> tuple[float, str]:
-    if unit == "m":
-        return (1e6, "µm") if greatest < 1e-3 else (1e3, "mm") if greatest < 1 else (1.0, "m")
+    if unit in DISPLACEMENT_UNITS:
+        return (1e6, f"µ{unit}") if greatest < 1e-3 else (1e3, f"m{unit}") if greatest < 1 else (1.0, unit)
     return (1e3, "ms") if unit == "s" and greatest < 1 else (1.0, unit)
 
 

@@ -12,7 +12,7 @@ from fraexp.errors import FraexpError
 from fraexp.figures.elements.frequency_lines import add_band_legend, curve_limits, draw_bands
 from fraexp.figures.elements.labels import drawable
 from fraexp.figures.elements.line_style import LineStyle
-from fraexp.figures.elements.scales import length_unit
+from fraexp.figures.elements.scales import DISPLACEMENT_UNITS, FORCE_NAMES, displacement_unit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -50,26 +50,36 @@ class HysteresisInfo:
     """Contents of a hysteresis figure: one panel, or two panels for small and large strokes."""
 
     panels: tuple[HysteresisPanel, ...]
+    force_unit: str
+    """``N``, or ``N m`` of a rotary axis."""
     title: str
+
+    @property
+    def force_title(self) -> str:
+        """Name of the force, with its unit."""
+        return f"Friction {FORCE_NAMES[self.force_unit]} [{self.force_unit}]"
 
 
 def is_hysteresis(curve: Curve) -> bool:
-    """Say whether a curve is friction force [N] over displacement [m]."""
-    return curve.units.get("displacement") == "m" and curve.units.get("force") == "N"
+    """Say whether a curve is friction force [N] over displacement [m], or torque [N m] over angle [rad]."""
+    return curve.units.get("displacement") in DISPLACEMENT_UNITS and curve.units.get("force") in FORCE_NAMES
 
 
 def hysteresis_info(curves: Sequence[tuple[str, Curve]], title: str = "") -> HysteresisInfo:
-    """Return the loops of labelled curves with the columns displacement [m] and force [N], by size of stroke."""
+    """Return the loops of labelled curves with the columns displacement and force, by size of stroke."""
     for label, curve in curves:
         if not is_hysteresis(curve):
             found = ", ".join(f"{name} [{unit}]" for name, unit in curve.units.items())
             raise FraexpError(f"hysteresis figure, {label}: found {found}; expected displacement [m], force [N]")
     if not curves:
         raise FraexpError("hysteresis figure: there is no curve to draw; choose sweeps of a driven friction model")
+    if len({(curve.units["displacement"], curve.units["force"]) for _, curve in curves}) > 1:
+        raise FraexpError("hysteresis figure: found straight and rotary axes; choose sweeps of one kind")
     groups = _group_by_stroke(curves)
     names = ("",) if len(groups) == 1 else ("(a) Small strokes", "(b) Large strokes")
     panels = tuple(_hysteresis_panel(name, group) for name, group in zip(names, groups, strict=True))
-    return HysteresisInfo(panels, title or "Friction force over displacement")
+    force_unit = curves[0][1].units["force"]
+    return HysteresisInfo(panels, force_unit, title or f"Friction {FORCE_NAMES[force_unit]} over displacement")
 
 
 def _amplitude(curve: Curve) -> float:
@@ -88,7 +98,7 @@ def _group_by_stroke(curves: Sequence[tuple[str, Curve]]) -> list[list[tuple[str
 
 def _hysteresis_panel(title: str, curves: list[tuple[str, Curve]]) -> HysteresisPanel:
     largest = max(float(np.max(np.abs(curve.columns["displacement"]))) for _, curve in curves)
-    factor, unit = length_unit(largest)
+    factor, unit = displacement_unit(largest, curves[0][1].units["displacement"])
     loops = (
         HysteresisLoop(label, factor * curve.columns["displacement"], curve.columns["force"], curve_limits(curve))
         for label, curve in curves
@@ -107,6 +117,7 @@ def draw_hysteresis(info: HysteresisInfo) -> "Figure":
         panels = figure.subplots(1, len(info.panels), squeeze=False)[0]
         for axes, panel in zip(panels, info.panels, strict=True):
             _draw_panel(axes, panel, styles)
+            axes.set_ylabel(info.force_title)
         canvas.draw_grid(*panels)
         (figure.suptitle if wide else panels[0].set_title)(canvas.wrapped_title(figure, info.title))
         if any(loop.limits is not None for panel in info.panels for loop in panel.loops):
@@ -125,5 +136,4 @@ def _draw_panel(axes: "Axes", panel: HysteresisPanel, styles: Iterator[LineStyle
     axes.axvline(0, color="0.55", linewidth=0.8, zorder=1)
     draw_bands(axes, bands)
     axes.set_xlabel(f"Displacement [{panel.unit}]")
-    axes.set_ylabel("Friction force [N]")
     axes.set_title(panel.title, fontsize=11, loc="left")

@@ -26,7 +26,7 @@ from fraexp.figures.elements.frequency_lines import (
 )
 from fraexp.figures.elements.labels import drawable
 from fraexp.figures.elements.line_style import LineStyle
-from fraexp.figures.elements.scales import length_unit, readable_unit
+from fraexp.figures.elements.scales import displacement_unit, readable_unit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -160,7 +160,7 @@ def _shown_units(alike: Sequence[LabelledCurve], columns: Sequence[str]) -> dict
     stored = {name: unit for _, curve, _ in alike for name, unit in curve.units.items() if name in columns}
     lengths = [curve.columns[name] for _, curve, _ in alike for name in columns if curve.units.get(name) == "m"]
     known = np.abs(np.concatenate([[0.0], *lengths]))
-    length = length_unit(float(known[np.isfinite(known)].max()))
+    length = displacement_unit(float(known[np.isfinite(known)].max()))
     return {name: ShownUnit(*(length if unit == "m" else readable_unit(unit)), unit) for name, unit in stored.items()}
 
 

@@ -11,6 +11,7 @@ from fraexp.data.results import Curve
 from fraexp.errors import FraexpError
 from fraexp.figures.elements.bundles import MAX_SINGLE_CURVES, Bundle, draw_bundles, group_indices, stack_padded
 from fraexp.figures.elements.labels import drawable
+from fraexp.figures.elements.scales import DISPLACEMENT_UNITS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -74,7 +75,7 @@ def positioning_info(curves: Sequence[tuple[str, Curve, str]], title: str = "") 
     length = found[0][1].units["position"]
     if any(curve.units["position"] != length for _, curve, _ in found):
         raise FraexpError("positioning figure: found positions in several units; choose sweeps that share one")
-    factor, unit = (1e6, "µm") if length == "m" else (1.0, length)
+    factor, unit = (1e6, f"µ{length}") if length in DISPLACEMENT_UNITS else (1.0, length)
     moves = tuple(_move_curve(label, curve, group, factor) for label, curve, group in found)
     bands = tuple(sorted({factor * float(band) for _, curve, _ in found for band in np.unique(curve.columns["band"])}))
     height = max(AXIS_MARGIN * max(move.residual for move in moves), MIN_HEIGHT_RATIO * bands[-1])

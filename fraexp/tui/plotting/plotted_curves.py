@@ -204,7 +204,8 @@ def _hysteresis_picture(found: Sequence[tuple[str, Curve]]) -> Picture:
 
     info = hysteresis_info([(label, curve) for label, curve in found if is_hysteresis(curve)])
     panels = tuple(
-        PlotPanel(f"{panel.title} Friction force [N] over displacement [{panel.unit}]".strip(), "N", panel.unit, tuple(
+        PlotPanel(f"{panel.title} {info.force_title} over displacement [{panel.unit}]".strip(), info.force_unit,
+            panel.unit, tuple(
             _loop_trace(int(loop.label), loop.displacement, loop.force, loop.limits) for loop in panel.loops
         ), axis, marks=(0.0,))
         for axis, panel in enumerate(info.panels)

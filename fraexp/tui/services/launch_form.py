@@ -12,6 +12,7 @@ from fraexp.components.kinds import Component, FrictionModel, nested_kind
 from fraexp.components.parameters import Parameters, inherited_from
 from fraexp.components.registry import Registry
 from fraexp.data import toml
+from fraexp.data.rotary_axes import is_rotary, rotary_text, rotary_unit
 from fraexp.data.sweep import models_by_contact
 from fraexp.errors import FraexpError, did_you_mean
 from fraexp.execution.executors import worker_count
@@ -75,7 +76,10 @@ def build_form(
     """Return all fields of a study: the axes of its grid, then the sections of its cases."""
     simulated = "record" not in cases[0]  # the settings of a record are those of its file
     kinds = [key for key in SECTION_ORDER if key in cases[0] or (key == "numerics" and simulated)]
-    every = {kind: list(_section_fields(kind, [case.get(kind, {}) for case in cases], registry)) for kind in kinds}
+    rotary = is_rotary(cases[0])
+    every = {
+        kind: list(_section_fields(kind, [case.get(kind, {}) for case in cases], registry, rotary)) for kind in kinds
+    }
     leaves = {field.path: field for fields in every.values() for field in fields}
     groups = [FieldGroup("grid", tuple(_axis_field(path, axes[path], cases[0], leaves, registry) for path in axes))]
     groups += [FieldGroup("monte_carlo", _random_fields(random))] if isinstance(random, Mapping) else []
@@ -103,20 +107,22 @@ def _is_axis(path: str, axes: Mapping[str, object]) -> bool:
     return any(path == axis or path.startswith(f"{axis}.") for axis in axes)
 
 
-def _section_fields(kind: str, specs: Sequence[object], registry: Registry) -> Iterator[FormField]:
+def _section_fields(kind: str, specs: Sequence[object], registry: Registry, rotary: bool) -> Iterator[FormField]:
     """Yield the fields of a section, from the values of each case."""
     contacts = list(models_by_contact(specs[0])) if kind == FrictionModel.kind else []
     if kind not in COMPONENTS:
-        yield from _parameter_fields(kind, SETTINGS[kind], specs, registry, kind)
+        yield from _parameter_fields(kind, SETTINGS[kind], specs, registry, kind, rotary)
     elif contacts and all(list(models_by_contact(spec)) == contacts for spec in specs):
         for contact in contacts:
             models = [models_by_contact(spec)[contact] for spec in specs]
-            yield from _component_fields(f"{kind}.{contact}", kind, models, registry)
+            yield from _component_fields(f"{kind}.{contact}", kind, models, registry, rotary)
     else:
-        yield from _component_fields(kind, kind, specs, registry)
+        yield from _component_fields(kind, kind, specs, registry, rotary)
 
 
-def _component_fields(path: str, kind: str, specs: Sequence[object], registry: Registry) -> Iterator[FormField]:
+def _component_fields(
+    path: str, kind: str, specs: Sequence[object], registry: Registry, rotary: bool
+) -> Iterator[FormField]:
     """Yield a component's name, then its parameters."""
     names = {str(spec.get("name", "")) if isinstance(spec, Mapping) else "" for spec in specs}
     name = names.pop() if len(names) == 1 else ""
@@ -128,7 +134,7 @@ def _component_fields(path: str, kind: str, specs: Sequence[object], registry: R
     )
     provider = registry.providers.get((kind, name))
     if provider is not None:
-        yield from _parameter_fields(path, provider.component, specs, registry, name)
+        yield from _parameter_fields(path, provider.component, specs, registry, name, rotary)
 
 
 def _component_fault(kind: str, text: str, registry: Registry) -> str:
@@ -137,7 +143,7 @@ def _component_fault(kind: str, text: str, registry: Registry) -> str:
 
 
 def _parameter_fields(
-    path: str, owner: type[Parameters], specs: Sequence[object], registry: Registry, title: str
+    path: str, owner: type[Parameters], specs: Sequence[object], registry: Registry, title: str, rotary: bool
 ) -> Iterator[FormField]:
     presets = getattr(owner, "presets", {})
     spec = specs[0] if isinstance(specs[0], Mapping) else {}
@@ -152,11 +158,11 @@ def _parameter_fields(
         values = [of.get(name) if isinstance(of, Mapping) else None for of in specs]
         place, inner, group = f"{path}.{name}", nested_kind(info), _parameter_group(info)
         if inner is not None and all(isinstance(value, Mapping) and "name" in value for value in values):
-            yield from _component_fields(place, inner.kind, values, registry)
+            yield from _component_fields(place, inner.kind, values, registry, rotary)
         elif group is not None and all(isinstance(value, Mapping) for value in values):
-            yield from _parameter_fields(place, group, values, registry, f"{title}.{name}")
+            yield from _parameter_fields(place, group, values, registry, f"{title}.{name}", rotary)
         else:
-            yield _parameter_field(place, owner, info, values, spec, base.get(name), title, registry)
+            yield _parameter_field(place, owner, info, values, spec, base.get(name), title, registry, rotary)
 
 
 def _parameter_field(
@@ -168,6 +174,7 @@ def _parameter_field(
     preset: object,
     title: str,
     registry: Registry,
+    rotary: bool,
 ) -> FormField:
     name = path.rpartition(".")[2]
     document = parameter_document(name, info)
@@ -181,13 +188,13 @@ def _parameter_field(
         value, inner = parse_text(text), nested_kind(info)
         if inner is not None and isinstance(value, Mapping):  # it is checked as a whole with the study
             return _component_fault(inner.kind, str(value["name"]), registry) if "name" in value else ""
-        return owner.fault({**given, name: value}, name, title)
+        return owner.fault({**given, name: value}, name, title, rotary=rotary)
 
     return FormField(
         path,
         field_text(values[0]) if same else "",
-        document["unit"],
-        entry.hint,
+        rotary_unit(document["unit"]) if rotary else document["unit"],
+        rotary_text(entry.hint) if rotary else entry.hint,
         (instead or "not given") if same else CASES_DIFFER,
         entry.choices,
         fault,

@@ -1,6 +1,7 @@
 """The conventional FRA method: measured position over control input."""
 
 from dataclasses import replace
+from typing import ClassVar
 
 from fraexp.api import Result, Signals, param, phasors, response_result
 from fraexp_plugins.estimators._shared.delayed_estimator import PlantReferredEstimator
@@ -17,14 +18,16 @@ class Conventional(PlantReferredEstimator, name="conventional", version=3):
     contains the rest, and noise by the scatter over periods. That of one simulated period follows from its encoder.
     """
 
+    takes_responses: ClassVar[bool] = True
+
     resolution: float = param("m", "quantisation step of the encoder", 0.0, at_least=0, inherit="loop.resolution")
 
     def estimate(self, signals: Signals) -> Result:
         """Return y'/u, or y'/(G_di G_do u), at each frequency."""
         units = (signals.unit(self.input), signals.unit(self.output))
+        path = self.fitted_to(signals).path
         inputs = [
-            phasors(segment, self.input) * self.path(segment.frequency, segment.sample_time)
-            for segment in signals.segments
+            phasors(segment, self.input) * path(segment.frequency, segment.sample_time) for segment in signals.segments
         ]
         outputs = [phasors(segment, self.output) for segment in signals.segments]
         found = response_result(signals, inputs, outputs, names=(self.input, self.output), units=units)

@@ -12,6 +12,7 @@ from fraexp.api import (
     FrequencyResponse,
     Outcome,
     ParameterError,
+    RecordError,
     Result,
     Segment,
     Signals,
@@ -78,6 +79,7 @@ class EffectiveInput(ObserverEstimator, name="effective_input", version=4):
     tolerance. Their size follows from the response at the highest frequencies, which should lie above the modes.
     """
 
+    takes_responses: ClassVar[bool] = True
     former_names: ClassVar[tuple[str, ...]] = ("proposed",)
     renamed: ClassVar[Mapping[str, str]] = {
         "force_deviation": "force_std",
@@ -126,7 +128,12 @@ class EffectiveInput(ObserverEstimator, name="effective_input", version=4):
         """Return y'/û_e at each frequency."""
         if not signals.segments:
             return Result(signals.outcome, signals.message)
-        observer = self.resolve_oversampling(signals.segments)
+        if any(segment.stated and not segment.stated.has_amplitude for segment in signals.segments):
+            raise RecordError(
+                "friction depends on the amplitude, which the response does not state; give record.input_amplitude "
+                "(--input-amplitude)"
+            )
+        observer = self.fitted_to(signals).resolve_oversampling(signals.segments)
         found = observer._estimate_with_model(signals)
         images = observer._images_that_matter(signals, found)
         if images:

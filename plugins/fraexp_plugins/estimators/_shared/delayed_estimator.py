@@ -2,12 +2,12 @@
 
 from abc import ABC
 from collections.abc import Mapping
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import Estimator, hold_response, image_factor, param, path_response
+from fraexp.api import Estimator, Signals, hold_response, image_factor, param, path_response
 
 
 class LoopDelays(NamedTuple):
@@ -63,6 +63,13 @@ class DelayedEstimator(Estimator, ABC):
     relative_degree: int = param(
         "1", "relative degree of the plant, for the aliasing images of the hold; 0 to ignore them", 2, at_least=0
     )
+
+    def fitted_to(self, signals: Signals) -> Self:
+        """Return the estimator without a hold for a response that was measured elsewhere: it was never sampled here.
+
+        Half a sample of its own hold counts as dead time.
+        """
+        return self.model_copy(update={"zero_order_hold": False}) if signals.are_stated else self
 
     @property
     def delays(self) -> LoopDelays:

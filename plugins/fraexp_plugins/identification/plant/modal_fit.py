@@ -85,6 +85,7 @@ class ModalFit(Estimator, name="modal_fit", version=4):
     }
 
     fits: ClassVar[str] = "plant"
+    takes_responses: ClassVar[bool] = True
 
     method: Estimator = param("", "estimator of the response that is fitted")
     modes: int | None = param(

@@ -136,8 +136,8 @@ def _check_plausible(task: MotionTask, plan: MotionPlan) -> None:
         duration = task.move_samples * task.model.sample_time
         raise ParameterError(
             f"a move of {task.move_samples} samples ({duration:g} s) needs {peak:.3g} N and "
-            f"{plan.max_acceleration:.3g} m/s²; beyond {MAX_ACCELERATION_M_S2:g} m/s², about 100 g, the linear model "
-            "of an axis is not plausible: lengthen 'duration', or give force_limit, the maximum thrust of the machine"
+            f"{plan.max_acceleration:.3g} m/s²; beyond {MAX_ACCELERATION_M_S2:g} m/s² the linear model of "
+            "an axis is not plausible: lengthen 'duration', or give force_limit, the maximum thrust of the machine"
         )
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import Curve, Fit, Metric, Result, Signals
+from fraexp.api import Curve, Fit, Metric, Outcome, Result, Signals
 from fraexp_plugins.friction.rolling import Rolling
 from fraexp_plugins.identification._shared.friction_curves import NORMAL_QUANTILE, virgin_curve
 from fraexp_plugins.identification.friction._shared.friction_regression import RegressionRows
@@ -96,12 +96,18 @@ def report(
     metrics = [*_parameters(found), *_quality(found, rows, errors, whole), *_counts(cycles, found), *_deviations(found)]
     curves = (virgin_curve(*found.virgin_curve), _forces(rows, errors))
     message = "; ".join([*([signals.message] if signals.message else []), *remarks])
-    return Result(signals.outcome, message, metrics=tuple(metrics), curves=curves, fits=(rolling_fit(found),))
+    outcome = outcome_of_fit(signals.outcome, found.coulomb[0], errors.worst)
+    return Result(outcome, message, metrics=tuple(metrics), curves=curves, fits=(rolling_fit(found),))
 
 
 def has_model_error(coulomb: float, error: float, noise: float) -> bool:
     """Return whether an error [N] is too large for a right model, given the error by the channels' noise [N]."""
     return error > MAX_ERROR * coulomb or error > max(MAX_UNEXPLAINED_ERROR * coulomb, MAX_NOISE_RATIO * noise)
+
+
+def outcome_of_fit(outcome: Outcome, coulomb: float, error: float) -> Outcome:
+    """Return the outcome of a fit: it is not ok if its parameters are unreliable."""
+    return Outcome.INACCURATE if outcome is Outcome.OK and error > MAX_ERROR * coulomb else outcome
 
 
 def model_error_remarks(coulomb: float, error: float, noise: float) -> list[str]:

@@ -25,6 +25,7 @@ from fraexp_plugins.identification.friction._shared.friction_report import (
     UNITS,
     ReportedElements,
     model_error_remarks,
+    outcome_of_fit,
 )
 from fraexp_plugins.identification.friction._shared.grid_identification import GridIdentification
 
@@ -175,7 +176,8 @@ class LawIdentification(GridIdentification, ABC):
         time = first.duration * np.arange(first.force.size)
         table = np.stack([time, first.force, first.force - residuals[0]])[:, :MAX_CURVE_SAMPLES]
         curve = Curve("friction force", dict(zip(("time", "force", "model"), table, strict=True)), _CURVE_UNITS)
-        return Result(signals.outcome, "; ".join(remarks), metrics=tuple(metrics), curves=(curve,), fits=(fit,))
+        outcome = outcome_of_fit(signals.outcome, coulomb, errors.worst)
+        return Result(outcome, "; ".join(remarks), metrics=tuple(metrics), curves=(curve,), fits=(fit,))
 
     @staticmethod
     def _viscous(task: IdentificationTask, guess: Guess) -> float:

@@ -1,0 +1,18 @@
+"""What a reader returns: columns of a measured record."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class RecordTable:
+    """Columns of a measured record, as stored in the file."""
+
+    columns: Mapping[str, NDArray[np.float64]]
+    """Values by column name, each of shape (n,)."""
+    sample_time: float | None = None
+    """Sample time [s], and unit of each column, as far as the file states them."""
+    units: Mapping[str, str] = field(default_factory=dict)
