@@ -12,6 +12,10 @@ BEGINNING = 3
 class FraexpError(Exception):
     """Base of all errors that a user can mend; its text is one line."""
 
+    def __str__(self) -> str:
+        """Return the text in one line, whatever a plugin's own error that it quotes looks like."""
+        return " ".join(super().__str__().split("\n"))
+
 
 class StudyError(FraexpError):
     """A study file asks for something that does not exist or does not fit."""

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, Self, get_args
+from typing import TYPE_CHECKING, Any, ClassVar, Self, cast, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, model_validator
 from pydantic.fields import FieldInfo
@@ -61,7 +61,27 @@ def inherited_from(info: FieldInfo) -> str | None:
     return place if isinstance(place, str) else None
 
 
-class Parameters(BaseModel):
+if TYPE_CHECKING:
+    from pydantic._internal._model_construction import ModelMetaclass
+else:
+    ModelMetaclass = type(BaseModel)
+
+
+class _Constructor(ModelMetaclass, type):
+    """What makes a call of a class raise a ParameterError of one line for values that do not fit."""
+
+    def __call__(cls, *values: Any, **named: Any) -> Any:
+        if values:
+            names = ", ".join(f"{name}=..." for name in vars(cls)["__pydantic_fields__"])
+            raise ParameterError(f"{cls.__name__}: found a value without a name; expected {cls.__name__}({names})")
+        try:
+            return super().__call__(**named)
+        except ValidationError as error:
+            owner = cast("type[Parameters]", cls)
+            raise ParameterError(_validation_sentence(owner, cls.__name__, named, error)) from None
+
+
+class Parameters(BaseModel, metaclass=_Constructor):
     """Named values with unit, meaning and bounds; immutable, and plain data when asked."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, ser_json_inf_nan="null")

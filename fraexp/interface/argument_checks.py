@@ -1,6 +1,7 @@
 """What arguments of the Python interface must be: a wrong one is named before anything is computed."""
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,13 @@ def require_text(value: Any, what: str) -> str:
     if not isinstance(value, str):
         raise ParameterError(f"{what} is {value!r:.60}; expected a text")
     return value
+
+
+def require_path(value: Any, what: str) -> Path:
+    """Return a path; ParameterError for what is none."""
+    if not isinstance(value, str | Path):
+        raise ParameterError(f"{what} is {value!r:.60}; expected a path")
+    return Path(value)
 
 
 def require_mapping(value: Any, what: str, example: str) -> Mapping[str, Any]:

@@ -11,6 +11,7 @@ from fraexp.components.kinds import FrictionModel, Motion
 from fraexp.data.results import Curve
 from fraexp.errors import ParameterError
 from fraexp.interface.argument_checks import require_positive
+from fraexp.interface.compiled_laws import compiler_errors_as_ours
 from fraexp.interface.html import page_part
 from fraexp.views.words import value_text
 
@@ -62,9 +63,13 @@ class FrictionLaw:
         """
         require_positive(sample_time, "sample_time")
         motion = numbers_of(displacement, "displacement")
-        if motion.ndim != 1 or motion.size < 2 or not np.isfinite(motion).all():
-            raise ParameterError(f"force: the displacement has shape {motion.shape}; expected a list of finite numbers")
-        force = self.model.force(motion, sample_time, periodic)
+        if motion.ndim != 1 or motion.size < 2:
+            raise ParameterError(f"force: the displacement has shape {motion.shape}; expected a list of numbers")
+        if not np.isfinite(motion).all():
+            place = int(np.flatnonzero(~np.isfinite(motion))[0])
+            raise ParameterError(f"force: displacement[{place}] is {motion[place]}; expected finite numbers")
+        with compiler_errors_as_ours():
+            force = self.model.force(motion, sample_time, periodic)
         if not self.model.viscous:
             return force
         return np.asarray(force + self.model.viscous * _velocity(motion, sample_time, periodic))
@@ -94,6 +99,7 @@ class FrictionLaw:
     def loop(self, amplitude: float, frequency: float = 1.0) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return displacement [m] and force [N] over one period of a sinusoidal motion, each of shape (n,)."""
         angle = 2 * np.pi * np.arange(SAMPLES_PER_PERIOD) / SAMPLES_PER_PERIOD
+        require_positive(amplitude, "amplitude")
         (force,) = self._forces(np.array([amplitude], dtype=float), frequency, np.sin(angle))
         velocity = 2 * np.pi * frequency * amplitude * np.cos(angle)
         return amplitude * np.sin(angle), force + self.model.viscous * velocity
@@ -105,7 +111,8 @@ class FrictionLaw:
         if not (np.isfinite(amplitudes) & (amplitudes > 0)).all() or not 0 < frequency < np.inf:
             raise ParameterError(f"{self.name}: amplitudes [m] and frequency [Hz] must be finite and above 0")
         step = 1 / (frequency * sine.size)
-        return self.model.forces([Motion(amplitude * sine, step, periodic=True) for amplitude in amplitudes])
+        with compiler_errors_as_ours():
+            return self.model.forces([Motion(amplitude * sine, step, periodic=True) for amplitude in amplitudes])
 
     def plot(self, amplitudes: Sequence[float] = SHOWN_AMPLITUDES_M, frequency: float = 1.0) -> "Figure":
         """Return a matplotlib figure of the hysteresis loops at some amplitudes [m]."""

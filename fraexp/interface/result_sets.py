@@ -112,11 +112,16 @@ class Results(Sequence[SweepResult]):
     def to_xarray(self) -> "xarray.Dataset":
         """Return all responses as one dataset: a dimension for each label of the grid, and ``frequency``.
 
-        The dimension is ``sweep`` if the sweeps are no full grid. Points that a sweep lacks are NaN. Key and outcome of
-        each sweep are variables, and labels have their unit in the attribute ``units``.
+        The dimension is ``sweep`` if the sweeps are no full grid. Points that a sweep lacks are NaN. Key, outcome and
+        message of each sweep are variables, and labels have their unit in the attribute ``units``.
         """
         usable = [of for of in self if of.result.response is not None]
-        datasets = [of.to_xarray().assign(key=of.key, outcome=of.outcome) for of in usable]
+        own = {of.key: {"key": of.key, "outcome": of.outcome, "message": of.message} for of in usable}
+        datasets = [of.to_xarray().assign(own[of.key]) for of in usable]
+        for dataset in datasets:
+            dataset.attrs = {
+                name: value for name, value in dataset.attrs.items() if name not in own[dataset.key.item()]
+            }
         whole = stack_datasets(datasets, self._axes(usable), self._attributes())
         units = self._label_units(usable)
         for path, name in label_columns([of.labels for of in usable]).items():
@@ -140,7 +145,8 @@ class Results(Sequence[SweepResult]):
         axes = self._axes(self)
         tables = []
         for number, of in enumerate(self):
-            named = {"key": of.key, **{name: values[number] for name, values in axes.items()}, "outcome": of.outcome}
+            named = {"key": of.key, **{name: values[number] for name, values in axes.items()}}
+            named |= {"outcome": of.outcome, "message": of.message}
             if of.result.response is not None:
                 table = of.to_pandas().reset_index()
                 table.attrs = {}  # each has its own

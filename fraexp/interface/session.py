@@ -9,7 +9,7 @@ from fraexp.components.registry import SESSION, create
 from fraexp.errors import FraexpError, ParameterError, StudyError, did_you_mean
 from fraexp.execution.executors import ResourceLimits
 from fraexp.interface import direct_computation
-from fraexp.interface.argument_checks import require_mapping, require_positive, require_text
+from fraexp.interface.argument_checks import require_mapping, require_path, require_positive, require_text
 from fraexp.interface.callable_law import FrictionLaw
 from fraexp.interface.overrides import override_texts
 from fraexp.interface.recordings import Recording
@@ -41,7 +41,8 @@ class Workspace:
     """
 
     def __init__(self, folder: str | Path = ".", database: str | None = None) -> None:
-        self._service = WorkspaceService.open(folder, database)
+        # Absolute: a session goes on in the folder in which it began, wherever the program goes.
+        self._service = WorkspaceService.open(require_path(folder, "folder").absolute(), database)
 
     @property
     def folder(self) -> Path:
@@ -228,16 +229,20 @@ class Workspace:
         keys
             Other keys of the section ``[record]``, such as ``sample_rate=2000.0`` or ``samples_per_period=4096``.
         """
-        files = [str(file)] if isinstance(file, str | Path) else [str(one) for one in file]
-        if not files:
+        given = list(file) if isinstance(file, list | tuple) else [file]
+        if not given:
             raise ParameterError("read_record: there is no file; expected one at least")
-        section = {"file": files if len(files) > 1 else files[0], "channels": dict(channels), **keys}
+        files = [str(require_path(one, "file")) for one in given]
+        columns = dict(require_mapping(channels, "channels", '{"u": "iq [A]", "y": "pos [mm]"}'))
+        section = {"file": files if len(files) > 1 else files[0], "channels": columns, **keys}
         settings = RecordSettings.parse(component_spec(section), "record")
         experiment, paths = resolve_record(settings, Path(), self._service.registry)
         return direct_computation.record_signals(experiment, paths, self._service)
 
     def signals(self, result: SweepResult) -> Recording:
         """Return the signals behind a result: simulated again, or read again from its record."""
+        if not isinstance(result, SweepResult):
+            raise ParameterError(f"signals: found {type(result).__name__}; expected a SweepResult, such as run[0]")
         return direct_computation.record_signals(
             result.sweep.experiment, self._service.record_files(result.sweep), self._service
         )

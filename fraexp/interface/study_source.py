@@ -102,8 +102,8 @@ def plain_value(value: Any) -> Any:
     match value:
         case FrictionLaw() | Component():
             return (value.model if isinstance(value, FrictionLaw) else value).spec()
-        case np.ndarray() | np.generic():
-            return value.tolist()
+        case _ if hasattr(value, "__array__"):  # arrays and numbers of numpy, pandas and xarray
+            return np.asarray(value).tolist()
         case Path():
             return value.as_posix()
         case Mapping():

@@ -1,6 +1,6 @@
 """The result of one sweep."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -88,8 +88,8 @@ class SweepResult:
 
     @property
     def response(self) -> NDArray[np.complex128]:
-        """Complex response [`unit`], shape (n,)."""
-        return self.frequency_response.response
+        """Complex response [`unit`], shape (n,); a copy."""
+        return self.frequency_response.response.copy()
 
     @property
     def unit(self) -> str:
@@ -153,7 +153,12 @@ class SweepResult:
             name=f"{self.estimator}_{self.key}",
         )
 
-    def plot(self, kind: str = "", frequency_range: tuple[float, float] | None = None) -> "Figure":
+    def plot(
+        self,
+        kind: str = "",
+        frequency_range: tuple[float, float] | None = None,
+        beside: Sequence["SweepResult"] = (),
+    ) -> "Figure":
         """Return a matplotlib figure: the response with its 95 % band and the simulated plant, or the curves.
 
         Parameters
@@ -162,11 +167,14 @@ class SweepResult:
             Kind of the figure, such as ``nyquist``; by default the one that fits the result.
         frequency_range
             Lowest and highest frequency [Hz].
+        beside
+            Other results to be drawn in the same axes, such as that of another estimator.
         """
         check_kind(kind, "plot: kind")
-        sweep = replace(self.sweep, labels=self.labels or {"estimator": self.estimator})
-        results = {self.sweep.key: self.result}
-        return self.service.figures.figure([sweep], results, self._title(), kind, frequency_view(frequency_range))
+        shown = {of.key: of for of in (self, *beside)}
+        sweeps = [replace(of.sweep, labels=of.labels or {"estimator": of.estimator}) for of in shown.values()]
+        results = {of.sweep.key: of.result for of in shown.values()}
+        return self.service.figures.figure(sweeps, results, self._title(), kind, frequency_view(frequency_range))
 
     def export(self, path: str | Path, force: bool = False) -> Path:
         """Write the result as .csv, .json, .mat, .h5 or .unv and return the path; `force` replaces a file."""

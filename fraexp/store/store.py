@@ -14,6 +14,7 @@ from fraexp.store.backends.engine import CONCURRENT, EXCLUSIVE, WRITE_MODE, Data
 from fraexp.store.backends.urls import locate_database
 from fraexp.store.changes import leases, merging, writing
 from fraexp.store.clock import steady_time
+from fraexp.store.interrupts import deferred_interrupt
 from fraexp.store.liveness import this_process
 from fraexp.store.queries import annotations, reading, sweep_pages
 from fraexp.store.queries.filter_sql import UnitDeclarations, no_declared_units
@@ -392,6 +393,6 @@ class Store:
     @contextmanager
     def _writing(self, mode: str = EXCLUSIVE) -> Iterator[Connection]:
         self._check_unchanged()
-        with self._database.translated_errors(), self._writers[mode].begin() as connection:
+        with deferred_interrupt(), self._database.translated_errors(), self._writers[mode].begin() as connection:
             yield connection
         self._written += 1

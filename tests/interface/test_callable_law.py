@@ -62,8 +62,8 @@ def test_an_amplitude_that_is_none_is_refused(slider: fraexp.FrictionLaw, amplit
 
 
 @pytest.mark.parametrize("displacement", [[], [1.0], [[1.0, 2.0]], [0.0, np.nan]])
-def test_a_displacement_that_is_none_is_refused(slider: fraexp.FrictionLaw, displacement: object) -> None:
-    with pytest.raises(fraexp.FraexpError, match="expected a list of finite numbers"):
+def test_an_invalid_displacement_is_refused(slider: fraexp.FrictionLaw, displacement: object) -> None:
+    with pytest.raises(fraexp.FraexpError, match=r"expected (a list of|finite) numbers"):
         slider.force(displacement)
 
 

@@ -5,6 +5,7 @@ import os
 import pickle
 import queue
 import signal
+import sys
 import threading
 import time
 import warnings
@@ -15,6 +16,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
+from types import ModuleType
 
 from fraexp.errors import StudyError
 from fraexp.execution.executors.limits import ResourceLimits, size_text
@@ -264,7 +266,7 @@ class Processes(Workers):
         with self._lock:
             if self._is_stopped:
                 return
-            with _single_threaded_children():
+            with _single_threaded_children(), _without_main_module():
                 process.start()
             self._workers.append(_Worker(process, jobs, answers))
         theirs.close()
@@ -279,6 +281,17 @@ class Processes(Workers):
             worker.process.join(max(deadline - time.monotonic(), 0.0))
             worker.process.kill()
             worker.process.join()
+
+
+@contextmanager
+def _without_main_module() -> Iterator[None]:
+    """Let a starting process not run the user's script again, as multiprocessing does: workers need nothing of it."""
+    main = sys.modules["__main__"]
+    sys.modules["__main__"] = ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = main
 
 
 def _exit_reason(process: BaseProcess, memory: int | None) -> str:

@@ -1,0 +1,127 @@
+"""A session of Python as users have it: scripts without a guard, other folders, laws that fail, Ctrl-C."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import fraexp
+from fraexp.api import FrictionModel, param
+from fraexp.errors import FraexpError, ParameterError, PluginError
+from fraexp.store.interrupts import deferred_interrupt
+from tests.waiting import HANG_TIMEOUT_S
+
+SCRIPT = """
+import fraexp
+print("begins")
+study = fraexp.Study("pair", machine="linear_motor_table", excitation={"name": "stepped_sine", "points": 4},
+                     estimator="conventional", grid={"excitation.amplitude": [12.0, 75.0]})
+print(fraexp.Workspace().run(study, executor="processes:2", progress=False).state)
+"""
+
+
+class Uncompiled(FrictionModel, name="uncompiled_in_session", version=1):
+    """A law that uses what the compiler does not support."""
+
+    states = ("force [N]",)
+    stiffness: float = param("N/m", "stiffness", above=0)
+
+    @staticmethod
+    def advance(z, dy, dt, z_next, stiffness):
+        z_next[0] = float(str(z[0])) + stiffness * dy
+        return z_next[0]
+
+
+@pytest.mark.parametrize("way", ["file", "standard input"])
+def test_workers_do_not_run_a_script_again(tmp_path: Path, way: str) -> None:
+    (tmp_path / "script.py").write_text(SCRIPT)
+    command = [sys.executable, "script.py"] if way == "file" else [sys.executable, "-"]
+    given = SCRIPT if way == "standard input" else ""
+    done = subprocess.run(
+        command, cwd=tmp_path, input=given, capture_output=True, text=True, timeout=HANG_TIMEOUT_S, check=False
+    )
+    assert done.stdout.split() == ["begins", "complete"], done.stderr
+
+
+def test_a_session_stays_in_its_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    workspace = fraexp.Workspace()
+    (tmp_path / "other").mkdir()
+    os.chdir(tmp_path / "other")
+    assert workspace.folder == tmp_path
+    with pytest.raises(FraexpError, match=str(tmp_path / "results.db")):
+        workspace.runs()
+
+
+def test_a_law_that_cannot_be_compiled_is_one_of_our_errors(tmp_path: Path) -> None:
+    law = fraexp.FrictionLaw(Uncompiled(stiffness=1e6))
+    with pytest.raises(PluginError, match="cannot be compiled"):
+        law.force(np.linspace(0, 1e-6, 10))
+    with pytest.raises(PluginError, match="cannot be compiled"):
+        fraexp.Workspace(tmp_path).simulate(
+            "linear_motor_table", {"name": "stepped_sine", "points": 2, "amplitude": 12.0}, friction=law
+        )
+
+
+@pytest.mark.parametrize(
+    ("call", "expected"),
+    [
+        (Uncompiled, "Uncompiled lacks 'stiffness' (stiffness, N/m)"),
+        (lambda: Uncompiled(3.0), "found a value without a name; expected Uncompiled(stiffness=...)"),
+        (lambda: Uncompiled(stiffness=-1), "Uncompiled.stiffness is -1; the stiffness must be above 0 N/m"),
+        (lambda: Uncompiled(stiffnes=1), "has no parameter 'stiffnes'; did you mean 'stiffness'?"),
+        (lambda: fraexp.Workspace(None), "folder is None; expected a path"),
+        (lambda: fraexp.read_record(None, {}), "file is None; expected a path"),
+        (lambda: fraexp.read_record("a.csv", ["u", "y"]), "channels: found ['u', 'y']; expected a table"),
+    ],
+)
+def test_a_wrong_call_is_one_line(call, expected: str) -> None:
+    with pytest.raises(ParameterError) as raised:
+        call()
+    assert expected in str(raised.value)
+    assert "\n" not in str(raised.value)
+
+
+def test_values_of_pandas_and_xarray_make_a_grid() -> None:
+    pandas, xarray = pytest.importorskip("pandas"), pytest.importorskip("xarray")
+    studies = [
+        fraexp.Study(grid={"excitation.amplitude": values})
+        for values in (pandas.Series([12.0, 75.0]), xarray.DataArray([12.0, 75.0]), [12.0, 75.0])
+    ]
+    assert studies[0].data == studies[1].data == studies[2].data
+
+
+def test_an_error_of_several_lines_is_told_in_one() -> None:
+    assert str(FraexpError("first\nsecond")) == "first second"
+
+
+def test_an_interrupt_waits_for_what_is_written() -> None:
+    done = []
+    with pytest.raises(KeyboardInterrupt), deferred_interrupt():
+        signal.raise_signal(signal.SIGINT)
+        done.append("written")
+    assert done == ["written"]
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_a_second_interrupt_does_not_wait() -> None:
+    done = []
+    with pytest.raises(KeyboardInterrupt), deferred_interrupt():
+        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
+        done.append("never")
+    assert not done
+
+
+def test_results_of_two_estimators_are_drawn_together(tmp_path: Path) -> None:
+    workspace = fraexp.Workspace(tmp_path)
+    recording = workspace.simulate("linear_motor_table", {"name": "stepped_sine", "points": 4, "amplitude": 12.0})
+    found = [workspace.estimate(recording, name) for name in ("conventional", "effective_input")]
+    (legend,) = [axes.get_legend() for axes in found[0].plot(beside=found[1:]).axes if axes.get_legend()] or [None]
+    texts = [text.get_text() for text in (legend or found[0].plot(beside=found[1:]).legends[0]).get_texts()]
+    assert any("conventional" in text for text in texts)
+    assert any("effective_input" in text for text in texts)
