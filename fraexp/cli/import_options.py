@@ -13,6 +13,9 @@ RENAMED = {
     "--where": "--select",
     "--each-file": "--separate-files",
     "--lines": "--harmonics",
+    "--lowest": "--min-frequency",
+    "--highest": "--max-frequency",
+    "--every": "--harmonic-step",
 }
 """Earlier spellings of options, which are still understood, with their names of today."""
 
@@ -80,6 +83,12 @@ def _declare_timebase(parser: Parser) -> None:
         "--skip-periods", metavar="COUNT", dest="skip_periods", type=int, help="number of periods to skip at the start"
     )
     parser.add_argument("--skip-time", metavar="SECONDS", type=float, help="time to skip at the start")
+    parser.add_argument(
+        "--resample", metavar="METHOD", choices=("cubic", "linear"),
+        help="interpolate between uneven time stamps, or channels of several sample rates: cubic or linear",
+    )  # fmt: skip
+    parser.add_argument("--start-time", metavar="SECONDS", type=float, help="begin so long after the first sample")
+    parser.add_argument("--end-time", metavar="SECONDS", type=float, help="end so long after the first sample")
 
 
 def _declare_segments(parser: Parser) -> None:
@@ -111,15 +120,12 @@ def _declare_lines(parser: Parser) -> None:
     parser.add_argument(
         "--input", metavar="NAME", dest="line_channel", help="channel in which the excited lines are detected"
     )
-    parser.add_argument("--lowest", metavar="HZ", dest="min_frequency", type=float, help="lowest excited frequency")
-    parser.add_argument("--highest", metavar="HZ", dest="max_frequency", type=float, help="highest excited frequency")
+    parser.add_argument("--min-frequency", metavar="HZ", type=float, help="lowest excited frequency")
+    parser.add_argument("--max-frequency", metavar="HZ", type=float, help="highest excited frequency")
     parser.add_argument(
-        "--every",
-        metavar="COUNT",
-        dest="harmonic_step",
-        type=int,
-        help="step between excited harmonics, from lowest to highest",
-    )
+        "--harmonic-step", metavar="COUNT", type=int,
+        help="step between excited harmonics, from --min-frequency to --max-frequency",
+    )  # fmt: skip
     parser.add_argument(
         "--harmonics", metavar="N,...", dest="harmonics", type=_harmonics, help="excited harmonics, such as 1,3,7-15"
     )

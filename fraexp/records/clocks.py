@@ -1,6 +1,7 @@
 """Clocks in a record's file that the study does not name: a column of time, or a number with a name such as fs."""
 
 import re
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from fraexp.components.kinds import RecordReader
 from fraexp.data.record_table import RecordTable
 from fraexp.errors import ParameterError, RecordError
+from fraexp.records.channels import Channel
 from fraexp.records.quantities import UNITLESS_MARKS, si_unit
 from fraexp.records.timebase import MAX_JITTER, sample_rate_of
 
@@ -28,19 +30,30 @@ def find_clock(reader: RecordReader, table: RecordTable, path: Path, even: bool)
 
     Its unit must be one of time. It must be uniform, or unless `even` have the name of a time and increase.
     """
-    for column, unit in table.units.items():
-        if column in table.columns:
-            continue
+    for column, factor in _time_columns(table):
         with suppress(ParameterError, RecordError):  # such a column is not a clock
-            factor, short = si_unit(unit, "")
-            if short == "s" and unit.strip() not in UNITLESS_MARKS:
-                time = reader.read(path, [column]).columns[column] * factor
-                return (
-                    sample_rate_of(time, column)
-                    if even or not TIME_NAMES.fullmatch(column.strip())
-                    else _mean_rate(time)
-                )
+            time = reader.read(path, [column]).columns[column] * factor
+            must_be_even = even or not TIME_NAMES.fullmatch(column.strip())
+            return sample_rate_of(time, column) if must_be_even else _mean_rate(time)
     return None
+
+
+def find_time_column(reader: RecordReader, table: RecordTable, path: Path) -> Channel | None:
+    """Return an unused column that is evidently the time, though its steps may be uneven, or None."""
+    for column, factor in _time_columns(table):
+        with suppress(ParameterError, RecordError):
+            _mean_rate(reader.read(path, [column]).columns[column] * factor)
+            return Channel(column=column)
+    return None
+
+
+def _time_columns(table: RecordTable) -> Iterator[tuple[str, float]]:
+    """Yield the unused columns with a unit of time, and their factors to seconds."""
+    for column, unit in table.units.items():
+        with suppress(ParameterError):
+            factor, short = si_unit(unit, "")
+            if column not in table.columns and short == "s" and unit.strip() not in UNITLESS_MARKS:
+                yield column, factor
 
 
 def _mean_rate(time: NDArray[np.float64]) -> float:

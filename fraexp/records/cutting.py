@@ -112,7 +112,8 @@ def split_realisations(
     ):
         raise RecordError(
             f"{place}: {run[1] - run[0]} samples are {(run[1] - run[0]) / length:.2f} realisations of "
-            f"{settings.periods_per_realisation} periods; expected a whole number: correct periods or period"
+            f"{settings.periods_per_realisation} periods; expected a whole number: correct "
+            "periods_per_realisation (--periods) or the period"
         )
     edges = [run[0] + round(number * length) for number in range(count + 1)]
     return list(pairwise(edges))
@@ -197,7 +198,7 @@ def _block_cut(  # the numbers of one cut
     if found is None:
         raise RecordError(
             f"{place}: no whole number of periods of {period:.6g} samples is a whole number of samples within "
-            f"{slip:g} periods and fits twice into {available} samples; raise coherence, or record for longer"
+            f"{slip:g} periods and fits twice into {available} samples; raise max_phase_slip, or record for longer"
         )
     samples, periods = found
     # A clock that is corrected by the slip gives the lines their true frequencies. Leakage affects input and output

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from itertools import product
-from typing import ClassVar, Self
+from typing import ClassVar, Literal, Self
 
 from pydantic import field_validator
 
@@ -71,6 +71,11 @@ class RecordSettings(Parameters):
     )
     sample_rate: float | None = param("Hz", "sample rate", None, above=0)
     time_column: Channel | None = param("", "column with the time; in s if it has no unit", None)
+    resample: Literal["", "cubic", "linear"] = param(
+        "", "interpolation between time stamps to a uniform clock; if empty, the clock must be uniform", ""
+    )
+    start_time: float = param("s", "time after the first sample at which the record begins", 0.0, at_least=0)
+    end_time: float | None = param("s", "time after the first sample at which the record ends", None, above=0)
     level: Name | None = param("", "what {level} stands for in names; a grid over it compares levels", None)
     realisations: tuple[Name, ...] = param("", "what {realisation} stands for in names, one after another", ())
     select: str = param("", "which samples are taken, such as 'amplitude = 12'; each run of them is a segment", "")

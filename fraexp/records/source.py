@@ -17,7 +17,6 @@ from fraexp.data.sweep import Plain
 from fraexp.errors import RecordError, did_you_mean
 from fraexp.records.calculus import integrate_blocks
 from fraexp.records.channels import Channel
-from fraexp.records.clocks import check_stated_rate, find_clock, unknown_rate_error
 from fraexp.records.cutting import Cut, find_steps, periodic_cut, split_realisations, step_cuts, whole_cut
 from fraexp.records.excited import describe_doubts
 from fraexp.records.line_selection import check_step_frequencies, common_lines, select_lines
@@ -25,8 +24,9 @@ from fraexp.records.quantities import PlainTable, auxiliary_values, channel_colu
 from fraexp.records.record_segments import check_levels, parse_condition, select_runs
 from fraexp.records.record_settings import RecordSettings
 from fraexp.records.repeats import check_repeats, detect_period, period_hint
+from fraexp.records.sampling import plan_sampling, sampled_table, sampling_columns, sampling_text
 from fraexp.records.stated_response import is_response, load_response, resolve_response, response_columns
-from fraexp.records.timebase import MAX_JITTER, agreed_rate, sample_rate_of
+from fraexp.records.timebase import MAX_JITTER
 
 APERIODIC_SETTLING = Settling(settled=True, time=0.0, residual=float("nan"))
 """Settling of an aperiodic record: what preceded its first sample is unknown."""
@@ -41,7 +41,14 @@ class _RecordPart:
     channels: dict[str, PlainTable]
     values: dict[str, NDArray[np.float64]]
     rate: float
+    sampling: PlainTable
+    """Which samples are used, and how they are resampled; empty if as they are."""
     cuts: list[Cut]
+
+    def as_plain(self) -> PlainTable:
+        """Return the plain data that identifies its signals."""
+        sampling = {"sampling": self.sampling} if self.sampling else {}
+        return {"hash": file_hash(self.path), "channels": self.channels, **sampling}
 
     def blocks(self, name: str) -> list[NDArray[np.float64]]:
         """Return the blocks of a channel in each segment, each of shape (blocks, samples)."""
@@ -66,16 +73,11 @@ def resolve(settings: RecordSettings, base_folder: Path, registry: Registry) -> 
         cuts = cuts if settings.harmonics or settings.harmonic_step else common_lines(cuts)
     segments = [cut.as_plain() for cut in cuts]
     first = parts[0]
-    record: PlainTable = {
-        "hash": file_hash(first.path),
-        "reader": first.reader,
-        "sample_rate": first.rate,
-        "channels": first.channels,
-        "segments": segments,
-    }
-    if len(parts) > 1:
-        del record["hash"], record["channels"]
-        record["parts"] = [{"hash": file_hash(part.path), "channels": part.channels} for part in parts]
+    record: PlainTable = {"reader": first.reader, "sample_rate": first.rate, "segments": segments}
+    if len(parts) == 1:
+        record |= first.as_plain()
+    else:
+        record["parts"] = [part.as_plain() for part in parts]
         owners = [number for number, part in enumerate(parts) for _ in part.cuts]
         record["segments"] = [{**plain, "part": number} for plain, number in zip(segments, owners, strict=True)]
     paths = [str(part.path) for part in parts]
@@ -108,16 +110,20 @@ def load(experiment: Plain, files: Mapping[str, str], registry: Registry) -> Sig
         columns = {str(column["column"]) for column in record["response"]["columns"].values()}
         return load_response(record, _read_columns(reader, path, columns), path)
     found: list[Segment] = []
+    messages = [describe_doubts([Cut.from_plain(plain) for plain in record["segments"]])]
+    highest = max(max(plain["lines"]) / (plain["samples"] * plain["sample_time"]) for plain in record["segments"])
     for number, part in enumerate(parts):
         path = _unchanged_file(files[f"record.{number}" if number else "record"], part["hash"])
-        table = _read_columns(reader, path, set().union(*map(channel_columns, part["channels"].values())))
+        sampling = part.get("sampling", {})
+        columns = set().union(*map(channel_columns, part["channels"].values())) | sampling_columns(sampling)
+        raw = _read_columns(reader, path, columns)
+        messages += [] if number else [sampling_text(raw, sampling, highest, path)]
+        table = sampled_table(raw, sampling, path)
         values = {name: channel_values(table, channel, name, path) for name, channel in part["channels"].items()}
         own = [plain for plain in record["segments"] if plain.get("part", 0) == number]
         found += [_load_segment(Cut.from_plain(plain), values, part["channels"], path) for plain in own]
     units = {name: str(channel["unit"]) for name, channel in parts[0]["channels"].items()}
-    return Signals(
-        tuple(found), units, message=describe_doubts([Cut.from_plain(plain) for plain in record["segments"]])
-    )
+    return Signals(tuple(found), units, message="; ".join(filter(None, messages)))
 
 
 def _load_segment(
@@ -148,15 +154,17 @@ def _resolve_part(settings: RecordSettings, file: Path, registry: Registry) -> _
     chosen = parse_condition(settings.select, path.name)
     table = _read_columns(reader, path, wanted | ({chosen[0]} if chosen else set()))
     plain = {name: resolve_channel(name, channel, table, path) for name, channel in settings.channels.items()}
+    rate, sampling = plan_sampling(settings, reader, table, path)
+    held = {column for channel in extra.values() for column in channel.columns} | ({chosen[0]} if chosen else set())
+    table = sampled_table(table, sampling, path, held)
     values = {name: channel_values(table, channel, name, path) for name, channel in plain.items()}
-    rate = _sample_rate(settings, reader, table, path)
     cuts = _plan_cuts(settings, values, table, rate, path)
     for name, channel in plain.items():
         if (
             channel.get("integrate", 0) and not cuts[0].periodic
         ):  # an impossible integral is reported before it is computed
             integrate_blocks(np.zeros((1, 2)), cuts[0], channel["integrate"], f"{path.name}, '{name}'")
-    return _RecordPart(path, reader.spec(), plain, values, rate, cuts)
+    return _RecordPart(path, reader.spec(), plain, values, rate, sampling, cuts)
 
 
 def _check_alike(parts: Sequence[_RecordPart]) -> None:
@@ -219,7 +227,7 @@ def _auxiliary_channels(settings: RecordSettings) -> dict[str, Channel]:
 def _read_columns(reader: RecordReader, path: Path, columns: set[str]) -> RecordTable:
     table = reader.read(path, sorted(columns))
     lengths = {name: samples.size for name, samples in table.columns.items()}
-    if len(set(lengths.values())) > 1:
+    if len(set(lengths.values())) > 1 and not table.times:
         text = ", ".join(f"'{name}' {length}" for name, length in lengths.items())
         raise RecordError(
             f"{path.name}: the columns have different numbers of samples ({text}); expected equal ones: "
@@ -233,20 +241,6 @@ def _read_columns(reader: RecordReader, path: Path, columns: set[str]) -> Record
                 f"the first is sample {bad[0] + 1}; mend or cut them out"
             )
     return table
-
-
-def _sample_rate(settings: RecordSettings, reader: RecordReader, table: RecordTable, path: Path) -> float:
-    clock = 1 / table.sample_time if table.sample_time else None
-    if settings.time_column is not None:
-        time = auxiliary_values("time", settings.time_column, table, "s", path)
-        clock = sample_rate_of(time, f"{path.name}: the time in column '{settings.time_column.column}'")
-    elif clock is None:
-        clock = find_clock(reader, table, path, even=settings.sample_rate is None)
-    if settings.sample_rate and clock is None and not table.units:  # such as in MATLAB files
-        check_stated_rate(settings.sample_rate, reader, path)
-    if clock is None and settings.sample_rate is None:
-        raise unknown_rate_error(reader, table, path)
-    return agreed_rate(settings.sample_rate, clock, path.name)
 
 
 def _plan_cuts(

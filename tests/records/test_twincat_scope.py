@@ -96,7 +96,6 @@ BROKEN = {
     "a gap": (export().replace("-1.25", ""), ["Torque"], r"line 10: channel 'Torque' after an empty cell"),
     "a leap of time": (export().replace("\n2\t2\t", "\n7\t2\t"), ["Torque"], r"steps by 0\.006 s after sample 2"),
     "a time that is no number": (export().replace("\n2\t2\t", "\nnan\t2\t"), ["Torque"], r"steps by nan s"),
-    "two rates": (export(fast=True), ["Torque", "Fast"], r"different sample times \('Torque' 1 ms, 'Fast' 0\.5 ms\)"),
     "a wrong name": (export(), ["Torqe"], r"Torqe.*Torque"),
     "names lost": (export().replace("Name\tActPos", "Name"), ["Torque"], r"names of the channels .* do not match"),
 }
