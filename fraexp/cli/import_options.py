@@ -113,6 +113,9 @@ def _declare_segments(parser: Parser) -> None:
         dest="segment_column",
         help="column with the number of the realisation; 0 between realisations",
     )
+    parser.add_argument(
+        "--join-files", action="store_const", const=True, help="take the FILEs as channels of one record"
+    )
     parser.add_argument("--separate-files", action="store_true", help="treat each FILE as a separate experiment")
 
 

@@ -55,6 +55,7 @@ class RecordSettings(Parameters):
     }
 
     file: tuple[str, ...] = param("", "file of the record, relative to the study, or several of one experiment")
+    join_files: bool = param("", "whether the files are channels of one record, and not realisations", False)
     reader: str = param("", "name of the reader; found by the file's suffix if empty", "")
     channels: dict[str, Channel] = param(
         "", "channels by name: the columns of the file; frequency, magnitude and phase of a response"
@@ -144,7 +145,10 @@ class RecordSettings(Parameters):
         """Least number of blocks of a segment: the variance is their scatter, or that of the realisations."""
         return (
             1
-            if self.realisations or len(self.file) > 1 or self.segment_column or self.periods_per_realisation == 1
+            if self.realisations
+            or (len(self.file) > 1 and not self.join_files)
+            or self.segment_column
+            or self.periods_per_realisation == 1
             else MIN_BLOCKS
         )
 
@@ -159,8 +163,8 @@ class RecordSettings(Parameters):
         given = (name for name in INJECTED_CHANNELS if name in self.channels)
         return self.line_channel or next(given, self.reference)
 
-    def parts(self) -> Iterator[tuple[str, Self]]:
-        """Yield the name of each file and its settings for each realisation, without placeholders.
+    def parts(self) -> Iterator[tuple[tuple[str, ...], Self]]:
+        """Yield each file, or all that are joined, and its settings for each realisation, without placeholders.
 
         ParameterError if a placeholder has no value, or a value has no placeholder.
         """
@@ -171,7 +175,8 @@ class RecordSettings(Parameters):
                 finding = f"{key} is given, but {mark} stands in no name" if given else f"{mark} stands in a name"
                 remedy = "write it into a column, a file or select" if given else f"give {key} (--{key.rstrip('s')})"
                 raise ParameterError(f"record: {finding}; {remedy}")
-        for file, realisation in product(self.file, self.realisations or ("",)):
+        groups = [self.file] if self.join_files else [(file,) for file in self.file]
+        for files, realisation in product(groups, self.realisations or ("",)):
             names = {LEVEL_MARK: _name_text(self.level), REALISATION_MARK: _name_text(realisation)}
             filled = {
                 "channels": {name: _fill_marks(channel, names) for name, channel in self.channels.items()},
@@ -182,7 +187,7 @@ class RecordSettings(Parameters):
                     if getattr(self, key) is not None
                 },
             }
-            yield _replace_marks(file, names), self.model_copy(update=filled)
+            yield tuple(_replace_marks(file, names) for file in files), self.model_copy(update=filled)
 
     def _named_channels(self) -> list[Channel]:
         extra = [getattr(self, key) for key in AUXILIARY_COLUMNS]

@@ -7,12 +7,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.components.kinds import RecordReader
 from fraexp.data.record_table import RecordTable
 from fraexp.data.sweep import Plain
 from fraexp.errors import RecordError
 from fraexp.records.channels import Channel
-from fraexp.records.clocks import check_stated_rate, find_clock, find_time_column, unknown_rate_error
+from fraexp.records.clocks import ColumnReader, check_stated_rate, find_clock, find_time_column, unknown_rate_error
 from fraexp.records.quantities import PlainTable, auxiliary_values, resolve_channel
 from fraexp.records.record_settings import RecordSettings
 from fraexp.records.resampling import UniformClock, hold_values, plan_clock, resample, resampling_text
@@ -25,7 +24,7 @@ Stamps = Mapping[str, NDArray[np.float64]]
 
 
 def plan_sampling(
-    settings: RecordSettings, reader: RecordReader, table: RecordTable, path: Path
+    settings: RecordSettings, reader: ColumnReader, table: RecordTable, path: Path
 ) -> tuple[float, PlainTable]:
     """Return the sample rate [Hz] of a record, and as plain data how its samples are used; empty if as they are.
 
@@ -62,7 +61,7 @@ def plan_sampling(
     return rate, {"window": plain["window"]} if window else {}
 
 
-def _with_column(reader: RecordReader, table: RecordTable, column: Channel, path: Path) -> RecordTable:
+def _with_column(reader: ColumnReader, table: RecordTable, column: Channel, path: Path) -> RecordTable:
     more = reader.read(path, [column.column])
     return replace(table, columns={**table.columns, **more.columns})
 
@@ -118,7 +117,7 @@ def _stamps(table: RecordTable, plain: Plain, path: Path) -> Stamps:
 
 
 def _uniform_rate(
-    settings: RecordSettings, reader: RecordReader, table: RecordTable, stamps: Stamps, path: Path
+    settings: RecordSettings, reader: ColumnReader, table: RecordTable, stamps: Stamps, path: Path
 ) -> float | None:
     """Return the sample rate [Hz] of a record without time stamps; None if it has some."""
     if stamps:

@@ -1,5 +1,6 @@
 """Measured records as a source of signals: resolved to plain data that identifies them, and loaded."""
 
+import itertools
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -17,8 +18,10 @@ from fraexp.data.sweep import Plain
 from fraexp.errors import RecordError, did_you_mean
 from fraexp.records.calculus import integrate_blocks
 from fraexp.records.channels import Channel
+from fraexp.records.clocks import ColumnReader
 from fraexp.records.cutting import Cut, find_steps, periodic_cut, split_realisations, step_cuts, whole_cut
 from fraexp.records.excited import describe_doubts
+from fraexp.records.joined_files import JoinedFiles
 from fraexp.records.line_selection import check_step_frequencies, common_lines, select_lines
 from fraexp.records.quantities import PlainTable, auxiliary_values, channel_columns, channel_values, resolve_channel
 from fraexp.records.record_segments import check_levels, parse_condition, select_runs
@@ -36,7 +39,8 @@ APERIODIC_SETTLING = Settling(settled=True, time=0.0, residual=float("nan"))
 class _RecordPart:
     """A file, or a realisation in it, with the cuts of its segments."""
 
-    path: Path
+    paths: tuple[Path, ...]
+    """The file, or those whose columns are joined."""
     reader: PlainTable
     channels: dict[str, PlainTable]
     values: dict[str, NDArray[np.float64]]
@@ -48,7 +52,13 @@ class _RecordPart:
     def as_plain(self) -> PlainTable:
         """Return the plain data that identifies its signals."""
         sampling = {"sampling": self.sampling} if self.sampling else {}
-        return {"hash": file_hash(self.path), "channels": self.channels, **sampling}
+        joined = {"joined": [file_hash(path) for path in self.paths[1:]]} if len(self.paths) > 1 else {}
+        return {"hash": file_hash(self.path), **joined, "channels": self.channels, **sampling}
+
+    @property
+    def path(self) -> Path:
+        """The first file, which messages name."""
+        return self.paths[0]
 
     def blocks(self, name: str) -> list[NDArray[np.float64]]:
         """Return the blocks of a channel in each segment, each of shape (blocks, samples)."""
@@ -64,7 +74,7 @@ def resolve(settings: RecordSettings, base_folder: Path, registry: Registry) -> 
     """
     if is_response(settings.channels):
         return _resolve_response(settings, base_folder, registry)
-    parts = [_resolve_part(one, Path(os.path.normpath(base_folder / file)), registry) for file, one in settings.parts()]
+    parts = [_resolve_part(one, base_folder, files, registry) for files, one in settings.parts()]
     _check_alike(parts)
     cuts = [cut for part in parts for cut in part.cuts]
     inputs = [blocks for part in parts for blocks in part.blocks(settings.reference)]
@@ -80,7 +90,7 @@ def resolve(settings: RecordSettings, base_folder: Path, registry: Registry) -> 
         record["parts"] = [part.as_plain() for part in parts]
         owners = [number for number, part in enumerate(parts) for _ in part.cuts]
         record["segments"] = [{**plain, "part": number} for plain, number in zip(segments, owners, strict=True)]
-    paths = [str(part.path) for part in parts]
+    paths = [str(path) for part in parts for path in part.paths]
     more = {f"record.{number}": path for number, path in enumerate(paths[1:], start=1)}
     return {"source": "record", "record": record}, {"record": paths[0], **more}
 
@@ -91,8 +101,10 @@ def _resolve_response(
     """Return the experiment that stands for a response that was measured elsewhere, and the path of its file."""
     named = list(settings.parts())
     if len(named) > 1:
-        raise RecordError(f"{named[0][0]} and others: expected one file with one response; compare several in a grid")
-    file, own = named[0]
+        raise RecordError(
+            f"{named[0][0][0]} and others: expected one file with one response; compare several in a grid"
+        )
+    (file, *_), own = named[0]
     path = existing_file(Path(os.path.normpath(base_folder / file)))
     reader = find_reader(own.reader, path, registry)
     table = _read_columns(reader, path, response_columns(own))
@@ -105,6 +117,7 @@ def load(experiment: Plain, files: Mapping[str, str], registry: Registry) -> Sig
     record = experiment["record"]
     parts: Sequence[PlainTable] = record.get("parts", [record])
     reader = create(registry, RecordReader, record["reader"], place="record")
+    remaining = (f"record.{number}" if number else "record" for number in itertools.count())
     if "response" in record:
         path = _unchanged_file(files["record"], record["hash"])
         columns = {str(column["column"]) for column in record["response"]["columns"].values()}
@@ -113,10 +126,12 @@ def load(experiment: Plain, files: Mapping[str, str], registry: Registry) -> Sig
     messages = [describe_doubts([Cut.from_plain(plain) for plain in record["segments"]])]
     highest = max(max(plain["lines"]) / (plain["samples"] * plain["sample_time"]) for plain in record["segments"])
     for number, part in enumerate(parts):
-        path = _unchanged_file(files[f"record.{number}" if number else "record"], part["hash"])
+        hashes = (part["hash"], *part.get("joined", ()))
+        paths = [_unchanged_file(files[next(remaining)], content) for content in hashes]
+        path, source = paths[0], _joined_reader(paths, reader, registry)
         sampling = part.get("sampling", {})
         columns = set().union(*map(channel_columns, part["channels"].values())) | sampling_columns(sampling)
-        raw = _read_columns(reader, path, columns)
+        raw = _read_columns(source, path, columns)
         messages += [] if number else [sampling_text(raw, sampling, highest, path)]
         table = sampled_table(raw, sampling, path)
         values = {name: channel_values(table, channel, name, path) for name, channel in part["channels"].items()}
@@ -146,9 +161,17 @@ def _unchanged_file(file: str, content: str) -> Path:
     return path
 
 
-def _resolve_part(settings: RecordSettings, file: Path, registry: Registry) -> _RecordPart:
-    path = existing_file(file)  # the folder itself may not exist yet
-    reader = find_reader(settings.reader, path, registry)
+def _joined_reader(paths: Sequence[Path], first: RecordReader, registry: Registry) -> ColumnReader:
+    """Return the reader of a file, or one for all files that are joined."""
+    if len(paths) == 1:
+        return first
+    return JoinedFiles(paths, [first, *(find_reader("", path, registry) for path in paths[1:])])
+
+
+def _resolve_part(settings: RecordSettings, base_folder: Path, files: Sequence[str], registry: Registry) -> _RecordPart:
+    paths = tuple(existing_file(Path(os.path.normpath(base_folder / file))) for file in files)
+    path, own = paths[0], find_reader(settings.reader, paths[0], registry)
+    reader = _joined_reader(paths, own, registry)
     extra = _auxiliary_channels(settings)
     wanted = {column for channel in (*settings.channels.values(), *extra.values()) for column in channel.columns}
     chosen = parse_condition(settings.select, path.name)
@@ -164,7 +187,7 @@ def _resolve_part(settings: RecordSettings, file: Path, registry: Registry) -> _
             channel.get("integrate", 0) and not cuts[0].periodic
         ):  # an impossible integral is reported before it is computed
             integrate_blocks(np.zeros((1, 2)), cuts[0], channel["integrate"], f"{path.name}, '{name}'")
-    return _RecordPart(path, reader.spec(), plain, values, rate, sampling, cuts)
+    return _RecordPart(paths, own.spec(), plain, values, rate, sampling, cuts)
 
 
 def _check_alike(parts: Sequence[_RecordPart]) -> None:
@@ -224,7 +247,7 @@ def _auxiliary_channels(settings: RecordSettings) -> dict[str, Channel]:
     return {f" {name}": channel for name, channel in found.items() if channel is not None}
 
 
-def _read_columns(reader: RecordReader, path: Path, columns: set[str]) -> RecordTable:
+def _read_columns(reader: ColumnReader, path: Path, columns: set[str]) -> RecordTable:
     table = reader.read(path, sorted(columns))
     lengths = {name: samples.size for name, samples in table.columns.items()}
     if len(set(lengths.values())) > 1 and not table.times:
