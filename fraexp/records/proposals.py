@@ -18,7 +18,7 @@ from fraexp.records.quantities import UNITLESS_MARKS
 from fraexp.records.repeats import detect_period
 from fraexp.records.resampling import plan_clock, resample
 from fraexp.records.roles import CLOCK_ROLES, FileContent, is_usable_unit
-from fraexp.records.source import existing_file, find_reader
+from fraexp.records.source import existing_file, find_reader, read_columns
 from fraexp.records.timebase import examine_stamps, sample_rate_of, stamps_text
 
 NUMBERED_NAME = re.compile(r"^(?P<head>.*?)(?P<number>\d+)(?P<tail>\D*)$")
@@ -115,7 +115,9 @@ def _propose_record(
     registry: Registry,
 ) -> None:
     alike = _matrix_columns(_longest(signals))
-    inputs, outputs = _inputs_and_outputs(alike if any(one.guess for one in alike) else _matrix_columns(signals))
+    inputs, outputs = _inputs_and_outputs(alike)
+    if not inputs or not outputs:  # the other one may have a clock of its own
+        inputs, outputs = _inputs_and_outputs(signals) if len(signals) > 1 else (inputs, outputs)
     level = _common_levels(inputs, outputs, found)
     if level:
         inputs, outputs = inputs[:1], outputs[:1]
@@ -179,13 +181,15 @@ def _common_levels(
 ) -> list[str]:
     """Return the numbers in the names of input and output, if each of these exists with both."""
     numbers: list[list[str]] = []
+    families = set()
     for several in (inputs, outputs):
         match = NUMBERED_NAME.match(several[0].name) if several else None
         if match is None:
             return []
+        families.add((match["head"], match["tail"]))
         others = (re.fullmatch(rf"{re.escape(match['head'])}(\d+){re.escape(match['tail'])}", of.name) for of in found)
         numbers.append([other[1] for other in others if other])
-    return numbers[0] if numbers[0] == numbers[1] and len(numbers[0]) > 1 else []
+    return numbers[0] if numbers[0] == numbers[1] and len(numbers[0]) > 1 and len(families) > 1 else []
 
 
 def _with_level(text: str, level: Sequence[str]) -> str:
@@ -207,7 +211,11 @@ def _propose_clock(
     names = [one.column for one in used] or [one.column for one in found if one.size > 1][:1]
     if not names:
         return
-    table = reader.read(path, names)
+    try:
+        table = read_columns(reader, path, set(names))
+    except RecordError as error:
+        proposal.needs.append(str(error))
+        return
     if table.sample_time is None and not table.times:
         _propose_rate(proposal, path, reader, used, found)
     if chosen is not None:

@@ -77,6 +77,8 @@ def plan_clock(
         common = max(round(period_time * common), 1) / period_time
     margins = {name: _filter_length(1 / stamps.period, common) / 2 * stamps.period for name, stamps in found.items()}
     start = max(float(time[0]) + margins[name] for name, time in times.items())
+    own = times[slowest]  # at its own stamps the slowest channel is exact
+    start = float(own[min(int(np.searchsorted(own, start - MAX_JITTER / nominal)), own.size - 1)])
     end = min(float(time[-1]) - margins[name] for name, time in times.items())
     samples = int(np.floor((end - start) * common * (1 + 1e-12))) + 1
     if samples < 2:
@@ -122,10 +124,11 @@ def interpolation_error(time: NDArray[np.float64], frequency: float, clock: Unif
 def resampling_text(time: NDArray[np.float64], frequency: float, clock: UniformClock) -> str:
     """Return in words what was resampled, how, and how exactly at the highest line [Hz]."""
     error, reason = interpolation_error(time, frequency, clock), stamps_text(examine_stamps(time))
+    is_random = examine_stamps(time).jitter > MAX_JITTER or examine_stamps(time).lost_count
+    share = "and the scatter over periods contains it" if is_random else "which the confidence band does not contain"
     return (
-        f"resampled to {clock.rate:.6g} Hz by {DESCRIPTIONS[clock.method]} because {reason}: at "
-        f"{frequency:.4g} Hz, the highest line, it is exact to {error:.1g} of the amplitude, and the scatter over "
-        "periods contains it"
+        f"resampled to {clock.rate:.6g} Hz by {DESCRIPTIONS[clock.method]} ({reason}): at "
+        f"{frequency:.4g} Hz, the highest line, it is exact to {error:.1g} of the amplitude, {share}"
     )
 
 

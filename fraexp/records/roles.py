@@ -24,7 +24,7 @@ CLOCK_PATTERNS = {
 }
 """Names of single numbers."""
 NAME_PATTERNS = {
-    "time": TIME_NAMES.pattern,
+    "time": rf"{TIME_NAMES.pattern}|x_?values?",
     "coherence": r"coh\w*|gamma2?",
     "magnitude": r"mag|magnitude|gain|ampl?itude_?ratio|betrag|db",
     "phase": r"pha(se)?|phi|arg",
@@ -35,7 +35,8 @@ NAME_PATTERNS = {
     "segment": r"level|lvl|segment|step|run|amplitude|ampl?",
     "ignored": r"err(or)?|lag|schlepp\w*|following|diff|status|state|flags?|temp\w*|id|index|count(er)?|sample|valid"
     r"|alarm",
-    "u": r"[uf]\d|volts?|voltage|control\w*|ctrl|force\w*|kraft|thrust|current\w*|strom|iq\w*|torque\w*|moment|drive"
+    "u": r"[uf]\d|volts?|voltage|control\w*|ctrl|force\w*|kraft|effort"
+    r"|thrust|current\w*|strom|iq\w*|torque\w*|moment|drive"
     r"|dac\w*|m?fu|tau|trq|hammer",
     "y": r"[xy]\d?|pos\w*|enc\w*|counts|inc\w*|scale|laser|disp\w*|angle|winkel|theta\w*|q\d?|acc\w*|a\d|vel\w*|speed"
     r"|resp\w*|weg|geschw\w*|ist\w*|drehzahl|omega_?\w*",
@@ -125,7 +126,7 @@ def guess_role(name: str, unit: str, shape: Sequence[int]) -> Role:
     """
     if 0 in shape:
         return Role(UNREADABLE, 0)
-    short = name.rpartition(".")[2].strip()
+    short = next((part.strip() for part in reversed(name.split(".")) if not part.isdigit()), name)
     words = [word.lower() for word in WORDS.findall(short.partition("(")[0])]
     if int(np.prod(shape)) <= 1:
         return Role(_matching(CLOCK_PATTERNS, [short.lower(), *words]), 0)

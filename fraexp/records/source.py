@@ -31,6 +31,8 @@ from fraexp.records.sampling import plan_sampling, sampled_table, sampling_colum
 from fraexp.records.stated_response import is_response, load_response, resolve_response, response_columns
 from fraexp.records.timebase import MAX_JITTER
 
+MAX_VALUE = 1e100
+"""Magnitude of a sample from which a file is damaged: its square could not be computed."""
 APERIODIC_SETTLING = Settling(settled=True, time=0.0, residual=float("nan"))
 """Settling of an aperiodic record: what preceded its first sample is unknown."""
 
@@ -107,7 +109,7 @@ def _resolve_response(
     (file, *_), own = named[0]
     path = existing_file(Path(os.path.normpath(base_folder / file)))
     reader = find_reader(own.reader, path, registry)
-    table = _read_columns(reader, path, response_columns(own))
+    table = read_columns(reader, path, response_columns(own))
     record = {"hash": file_hash(path), "reader": reader.spec(), **resolve_response(own, table, path)}
     return {"source": "record", "record": record}, {"record": str(path)}
 
@@ -121,7 +123,7 @@ def load(experiment: Plain, files: Mapping[str, str], registry: Registry) -> Sig
     if "response" in record:
         path = _unchanged_file(files["record"], record["hash"])
         columns = {str(column["column"]) for column in record["response"]["columns"].values()}
-        return load_response(record, _read_columns(reader, path, columns), path)
+        return load_response(record, read_columns(reader, path, columns), path)
     found: list[Segment] = []
     messages = [describe_doubts([Cut.from_plain(plain) for plain in record["segments"]])]
     highest = max(max(plain["lines"]) / (plain["samples"] * plain["sample_time"]) for plain in record["segments"])
@@ -131,7 +133,7 @@ def load(experiment: Plain, files: Mapping[str, str], registry: Registry) -> Sig
         path, source = paths[0], _joined_reader(paths, reader, registry)
         sampling = part.get("sampling", {})
         columns = set().union(*map(channel_columns, part["channels"].values())) | sampling_columns(sampling)
-        raw = _read_columns(source, path, columns)
+        raw = read_columns(source, path, columns)
         messages += [] if number else [sampling_text(raw, sampling, highest, path)]
         table = sampled_table(raw, sampling, path)
         values = {name: channel_values(table, channel, name, path) for name, channel in part["channels"].items()}
@@ -175,9 +177,11 @@ def _resolve_part(settings: RecordSettings, base_folder: Path, files: Sequence[s
     extra = _auxiliary_channels(settings)
     wanted = {column for channel in (*settings.channels.values(), *extra.values()) for column in channel.columns}
     chosen = parse_condition(settings.select, path.name)
-    table = _read_columns(reader, path, wanted | ({chosen[0]} if chosen else set()))
+    table = read_columns(reader, path, wanted | ({chosen[0]} if chosen else set()))
     plain = {name: resolve_channel(name, channel, table, path) for name, channel in settings.channels.items()}
     rate, sampling = plan_sampling(settings, reader, table, path)
+    if not sampling_columns(sampling) <= table.columns.keys():  # a time that the study does not name
+        table = read_columns(reader, path, set(table.columns) | sampling_columns(sampling))
     held = {column for channel in extra.values() for column in channel.columns} | ({chosen[0]} if chosen else set())
     table = sampled_table(table, sampling, path, held)
     values = {name: channel_values(table, channel, name, path) for name, channel in plain.items()}
@@ -247,7 +251,8 @@ def _auxiliary_channels(settings: RecordSettings) -> dict[str, Channel]:
     return {f" {name}": channel for name, channel in found.items() if channel is not None}
 
 
-def _read_columns(reader: ColumnReader, path: Path, columns: set[str]) -> RecordTable:
+def read_columns(reader: ColumnReader, path: Path, columns: set[str]) -> RecordTable:
+    """Return columns of a file; RecordError if their lengths differ, or they hold no plausible numbers."""
     table = reader.read(path, sorted(columns))
     lengths = {name: samples.size for name, samples in table.columns.items()}
     if len(set(lengths.values())) > 1 and not table.times:
@@ -257,11 +262,11 @@ def _read_columns(reader: ColumnReader, path: Path, columns: set[str]) -> Record
             "choose channels of one sample rate"
         )
     for name, samples in table.columns.items():
-        bad = np.flatnonzero(~np.isfinite(samples))
+        bad = np.flatnonzero(~(np.abs(samples) < MAX_VALUE))
         if bad.size:
             raise RecordError(
-                f"{path.name}: {bad.size} of {samples.size} samples in '{name}' are not finite numbers, "
-                f"the first is sample {bad[0] + 1}; mend or cut them out"
+                f"{path.name}: {bad.size} of {samples.size} samples in '{name}' are not finite numbers "
+                f"below {MAX_VALUE:g}, the first is sample {bad[0] + 1}; mend or cut them out"
             )
     return table
 

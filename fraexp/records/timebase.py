@@ -218,7 +218,9 @@ def stamps_text(found: TimeStamps) -> str:
         parts.append(f"the rate drifts, by {np.ptp(found.deviation):.2g} samples in all")
     elif found.jitter > MAX_JITTER:
         parts.append(f"the stamps jitter by {found.jitter:.1%} of a step (standard deviation)")
-    return " and ".join(parts) or "single stamps are off"
+    return " and ".join(parts) or (
+        "single stamps are off" if np.abs(found.deviation).max() > MAX_JITTER else "uniform stamps"
+    )
 
 
 def agreed_rate(stated: float | None, clock: float | None, place: str) -> float:
