@@ -14,6 +14,8 @@ from fraexp_plugins.readers._shared.record_checks import check_size, missing_col
 from fraexp_plugins.readers._shared.text_lines import unique_names
 
 MAGIC = b"MDF "
+OPEN_STREAMS = ("_tempfile", "_file", "_mapped_file")
+"""Attributes of the package's class that hold open files."""
 
 
 class MdfReader(RecordReader, name="mdf", version=1):
@@ -61,10 +63,17 @@ def _open(path: Path) -> Any:
         return package.MDF(path)
     except Exception as error:
         for frame, _ in traceback.walk_tb(error.__traceback__):
-            half_made: Any = frame.f_locals.get("self")
-            if hasattr(half_made, "_from_filelike") and not hasattr(half_made, "_file"):
-                half_made._file = None  # its finaliser looks for it, and would print a traceback
+            _close_unfinished(frame.f_locals.get("self"))
         raise RecordError(f"{path.name}: this is damaged, or no MDF file; export it again") from None
+
+
+def _close_unfinished(file: Any) -> None:
+    """Close a file of which the constructor failed: its own finaliser would fail as well, and print a traceback."""
+    if hasattr(file, "_from_filelike"):
+        file._closed = True
+        for stream in (getattr(file, name, None) for name in OPEN_STREAMS):
+            if stream is not None:
+                stream.close()
 
 
 def _places(file: Any) -> Iterator[tuple[str, tuple[int, int]]]:
