@@ -24,8 +24,8 @@ def declare(parser: Parser) -> None:
     """Declare the options of `fraexp import`."""
     parser.add_argument(
         "files", metavar="FILE", type=Path, nargs="+",
-        help="measured record or response: .csv, .txt, .mat, .h5, .npz, .uff, .xml, .tdms, .mf4, .mcap, .parquet; several "
-        "files are realisations of one experiment",
+        help="measured record or response: .csv, .txt, .mat, .h5, .npz, .uff, .xml, .tdms, .mf4, .mcap, .parquet; "
+        "several files are realisations of one experiment",
     )  # fmt: skip
     parser.add_argument(
         "--channel", metavar="NAME=COLUMN", dest="channels", action="append", default=[],

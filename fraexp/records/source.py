@@ -24,10 +24,10 @@ from fraexp.records.excited import describe_doubts
 from fraexp.records.joined_files import JoinedFiles
 from fraexp.records.line_selection import check_step_frequencies, common_lines, select_lines
 from fraexp.records.quantities import PlainTable, auxiliary_values, channel_columns, channel_values, resolve_channel
+from fraexp.records.record_sampling import plan_sampling, sampled_table, sampling_columns, sampling_text
 from fraexp.records.record_segments import check_levels, parse_condition, select_runs
 from fraexp.records.record_settings import RecordSettings
 from fraexp.records.repeats import check_repeats, detect_period, period_hint
-from fraexp.records.sampling import plan_sampling, sampled_table, sampling_columns, sampling_text
 from fraexp.records.stated_response import is_response, load_response, resolve_response, response_columns
 from fraexp.records.timebase import MAX_JITTER
 

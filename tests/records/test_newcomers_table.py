@@ -14,7 +14,8 @@ from tests.records.strangers_files import results
 
 PAGE = Path(__file__).parents[2] / "docs/records.md"
 ROW = re.compile(r"^\| (?P<kind>[^|]+) \| `(?P<command>fraexp import [^`]+)` \|$", re.MULTILINE)
-COMMANDS = {row["kind"]: shlex.split(row["command"]) for row in ROW.finditer(PAGE.read_text(encoding="utf-8"))}
+SECTION = PAGE.read_text(encoding="utf-8").partition("## Which command for which file")[2].partition("\n## ")[0]
+COMMANDS = {row["kind"]: shlex.split(row["command"]) for row in ROW.finditer(SECTION)}
 KINDS = {
     "CSV with time and units": "comma",
     "CSV without a header": "padded columns",
