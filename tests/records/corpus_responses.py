@@ -2,70 +2,7 @@
 
 import numpy as np
 
-from tests.records.corpus_writers import (
-    BODE,
-    COLUMNS,
-    FORCE,
-    FORCE_AND_POSITION,
-    FREQUENCY,
-    LVM_HEAD,
-    MAGNITUDE_DB,
-    PERIODIC,
-    PHASE_DEG,
-    POSITION,
-    PROPOSED,
-    RATE_HZ,
-    RESPONSE,
-    SWEEP_HEAD,
-    TIME,
-    Layout,
-    hdf5,
-    hdf5_matrix,
-    jittered,
-    joined,
-    lines_of,
-    mcap,
-    mdf,
-    padded_side_by_side,
-    parquet,
-    plant,
-    rate_in_a_column,
-    scope,
-    sinumerik_measurement,
-    sinumerik_trace,
-    tdms,
-    text_and_flags,
-    text_file,
-    uff_response,
-    uff_time,
-)  # fmt: skip
-
-__all__ = ["LAYOUTS", "Layout", "plant"]
-
-LAYOUTS = {
-    "comma": Layout(
-        "logger",
-        ["a.csv"],
-        text_file("a.csv", "time [s],force [N],position [um]\n", COLUMNS),
-        [*FORCE_AND_POSITION, *PERIODIC],
-        PROPOSED,
-    ),
-    "decimal comma": Layout(
-        "spreadsheet",
-        ["a.csv"],
-        text_file(
-            "a.csv",
-            "Zeit [s];Kraft [N];Weg [um]\n",
-            lines_of("%.10g", TIME, FORCE, POSITION, separator=";", comma=True),
-        ),
-        ["--channel", "u=Kraft", "--channel", "y=Weg", *PERIODIC],
-        ("u=Kraft", "y=Weg", "--time Zeit"),
-    ),
-    "tab": Layout(
-        "spreadsheet",
-        ["a.tsv"],
-        text_file(
-            "a.tsv", "time [s]\tforce [N]\tposition [um]\n", lines_of("%.10g", TIME, FORCE, POSITION, separator="\t")
+from tests.records.corpus_writers import BODE, FREQUENCY, MAGNITUDE_DB, PHASE_DEG, RESPONSE, Layout, lines_of, text_file
 
 RESPONSE_LAYOUTS = {
     "Bode in dB and degrees": Layout(
