@@ -25,7 +25,7 @@ from fraexp.api import (
 )
 from fraexp_plugins.estimators._shared.effective_input_observer import EFFECTIVE_INPUT, ObserverEstimator, is_from_rest
 from fraexp_plugins.estimators._shared.encoder_aware_observer import EncoderAwareObserver
-from fraexp_plugins.estimators._shared.encoder_errors import with_error_vectors
+from fraexp_plugins.estimators._shared.encoder_errors import EncoderErrors, with_error_vectors
 from fraexp_plugins.estimators._shared.hold_images import HoldImages, gain_above_modes, hold_images
 from fraexp_plugins.estimators._shared.model_covariance import inverse_response, outer_parts, with_model_covariance
 from fraexp_plugins.estimators._shared.motion_above_nyquist import UnsampledErrors
@@ -33,7 +33,6 @@ from fraexp_plugins.estimators._shared.parameter_uncertainty import Deviation, c
 from fraexp_plugins.estimators._shared.plant_above_modes import PlantAboveModes
 from fraexp_plugins.estimators._shared.rounding_band import with_rounding
 from fraexp_plugins.estimators._shared.standstill import HiddenForce, hidden_forces
-from fraexp_plugins.estimators._shared.weak_terms import LikelyTerms
 
 DIFFERENCE_STEP_STDS = 2.0
 """Half width of central differences in standard deviations: about as far as the edge of the confidence band."""
@@ -240,10 +239,11 @@ class EffectiveInput(EncoderAwareObserver, name="effective_input", version=5):
         plant, likely = self.likely_motions(signals.segments, plant)
         linear = self.linear_phasors(signals.segments)
         unsampled = self.unsampled_motion_errors(signals.segments, plant)
-        each = zip(signals.segments, likely, linear, unsampled, strict=True)
+        errors = self.encoder_errors(signals.segments, likely)
+        each = zip(signals.segments, errors, linear, unsampled, strict=True)
         parts = [self._response_with_encoder_errors(*part, plant) for part in each]
-        ratio, errors, weak = (np.concatenate(each, axis=-1) for each in zip(*parts, strict=True))
-        return with_error_vectors(response, ratio, errors), weak
+        ratio, vectors, weak = (np.concatenate(part, axis=-1) for part in zip(*parts, strict=True))
+        return with_error_vectors(response, ratio, vectors), weak
 
     def _with_errors_of_single_periods(
         self, segments: Sequence[Segment], response: FrequencyResponse, plant: PlantAboveModes
@@ -272,7 +272,7 @@ class EffectiveInput(EncoderAwareObserver, name="effective_input", version=5):
     def _response_with_encoder_errors(
         self,
         segment: Segment,
-        likely: LikelyTerms,
+        errors: EncoderErrors,
         linear: NDArray[np.complex128],
         unsampled: UnsampledErrors,
         plant: PlantAboveModes,
@@ -281,7 +281,6 @@ class EffectiveInput(EncoderAwareObserver, name="effective_input", version=5):
 
         The third value is by how much terms of the motion that noise partly hides change P̂, shape (lines,).
         """
-        errors = self.encoder_errors(segment, likely)
         damping = 2j * np.pi * segment.frequency * self.friction.viscous
         corrected = np.add.reduce(linear, axis=0) / len(linear) + damping * errors.output_correction
         effective = corrected - errors.force

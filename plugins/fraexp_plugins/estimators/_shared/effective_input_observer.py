@@ -139,6 +139,11 @@ class ObserverEstimator(DelayedEstimator, ABC):
         points = choose_oversampling(segments, TOLERANCE_RATIO * self.interpolation_tolerance, self._phasors_with)
         return self._oversampled(points)
 
+    def resolved(self, signals: Signals) -> Self:
+        """Return the estimator with the points per sample that it takes: its certificate is that of the same points."""
+        is_sampled = signals.segments and not signals.are_stated
+        return self.resolve_oversampling(signals.segments) if is_sampled else self
+
     def _phasors_with(self, points: int, segments: Sequence[Segment]) -> list[NDArray[np.complex128]]:
         return self._oversampled(points).effective_phasors(segments)
 

@@ -3,13 +3,19 @@
 import itertools
 from abc import ABC
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import Encoder, Motion, Segment, fourier_sums, path_response, phasor_variance
 from fraexp_plugins.estimators._shared.effective_input_observer import ObserverEstimator
-from fraexp_plugins.estimators._shared.encoder_errors import EncoderErrors, simulated_encoder_errors
+from fraexp_plugins.estimators._shared.encoder_errors import (
+    DrawnMotions,
+    EncoderErrors,
+    draw_motions,
+    simulated_encoder_errors,
+)
 from fraexp_plugins.estimators._shared.likely_motions import likely_motions
 from fraexp_plugins.estimators._shared.measured_terms import measured_terms, motion_terms
 from fraexp_plugins.estimators._shared.motion_above_nyquist import UnsampledErrors, mean_phasors, motion_above_nyquist
@@ -26,6 +32,10 @@ from fraexp_plugins.estimators._shared.weak_terms import LikelyTerms
 
 MAX_POINTS_OF_DRAWS = 1024
 """Points of a motion at which a friction model is driven to find the errors that the encoder causes."""
+REFINEMENT_FACTORS = (4, 8)
+"""Factors by which a motion is interpolated more finely, to find the error by interpolation."""
+SINGLE_MOTIONS = 2 + len(REFINEMENT_FACTORS)
+"""Motions of a segment that are driven once each."""
 POINTS_MULTIPLE = 16
 """Numbers of points of which a Fourier transform is fast are multiples of it."""
 
@@ -49,19 +59,39 @@ class EncoderAwareObserver(ObserverEstimator, ABC):
 
         return likely_motions(measured, force_terms, guess)
 
-    def encoder_errors(self, segment: Segment, likely: LikelyTerms) -> EncoderErrors:
+    def encoder_errors(self, segments: Sequence[Segment], likely: Sequence[LikelyTerms]) -> list[EncoderErrors]:
         """Return what noise and rounding of the encoder do to displacement [m] and friction force [N] in û_e."""
-        measured = measured_terms(segment, self.output, self.resolution, self.noise)
+        motions = [
+            draw_motions(
+                measured_terms(segment, self.output, self.resolution, self.noise), self.resolution, self.noise, own
+            )
+            for segment, own in zip(segments, likely, strict=True)
+        ]
+        pairs = zip(segments, motions, strict=True)
+        singles = self.friction.forces([motion for pair in pairs for motion in self._single_motions(*pair)])
+        errors = []
+        for number, (segment, each) in enumerate(zip(segments, motions, strict=True)):
+            several = self._motions_of_terms(segment, np.concatenate([each.drawn, each.found]), each.duration)
+            sums = fourier_sums(np.stack(self.friction.forces(several)), each.lines)
+            own = singles[number * SINGLE_MOTIONS : (number + 1) * SINGLE_MOTIONS]
+            forces = [fourier_sums(force[None, :], each.lines)[0] for force in own]
+            found = simulated_encoder_errors(each, sums[: len(each.drawn)], sums[len(each.drawn) :], forces)
+            errors.append(found.scaled(self.force_factor(2 * np.pi * segment.frequency)))
+        return errors
 
-        def force(terms: NDArray[np.complex128], duration: float, finer: int) -> NDArray[np.float64]:
-            return np.stack(self.friction.forces(self._motions_of_terms(segment, terms, duration, finer)))
-
-        found = simulated_encoder_errors(measured, self.resolution, self.noise, likely, force)
-        return found.scaled(self.force_factor(2 * np.pi * segment.frequency))
+    def _single_motions(self, segment: Segment, motions: DrawnMotions) -> list[Motion]:
+        """Return the motions that are driven once each: all of them together, so that they fill the lanes."""
+        alike = self._motions_of_terms(segment, np.stack([motions.estimated, motions.known]), motions.duration)
+        exact = [
+            self._motions_of_terms(segment, motions.estimated[None, :], motions.duration, finer)[0]
+            for finer in REFINEMENT_FACTORS
+        ]
+        return [*alike, *exact]
 
     def unsampled_motion_errors(self, segments: Sequence[Segment], plant: PlantAboveModes) -> list[UnsampledErrors]:
         """Return the errors by the motion above the Nyquist frequency, of the mean over the periods, per segment."""
-        motions = [self.motion(segment) for segment in segments]
+        motions = [self.mean_motion(segment) for segment in segments]
+        segments = [_mean_period(segment, self.output) for segment in segments]
         forces = self.friction.forces(motions)
         unsampled = [
             motion_above_nyquist(segment, force, plant, self.output_time_constants)
@@ -77,6 +107,11 @@ class EncoderAwareObserver(ObserverEstimator, ABC):
             for segment, along, true in changes
         ]
         return [UnsampledErrors(found.aliases, force) for found, force in zip(unsampled, lacking, strict=True)]
+
+    def mean_motion(self, segment: Segment) -> Motion:
+        """Return the motion of the mean over the periods, in which noise hides fewer terms."""
+        quieter = self.noise / np.sqrt(len(segment.channels[self.output]))
+        return self.model_copy(update={"noise": quieter}).motion(_mean_period(segment, self.output))
 
     def weak_term_errors(self, segments: Sequence[Segment]) -> list[NDArray[np.complex128]]:
         """Return the error of the force in û_e [N] by weak terms of the motion, which the observer leaves out.
@@ -138,3 +173,9 @@ class EncoderAwareObserver(ObserverEstimator, ABC):
         points += -points % POINTS_MULTIPLE
         motions = np.fft.irfft(bins, points) * (points / self.displacement_scale)
         return [Motion(x, duration / points, True, before, segment.sample_time) for x in motions]
+
+
+def _mean_period(segment: Segment, channel: str) -> Segment:
+    """Return a segment of one period, the mean of all, with this channel alone."""
+    periods = segment.channels[channel]
+    return replace(segment, channels={channel: np.add.reduce(periods, axis=0)[None] / len(periods)})

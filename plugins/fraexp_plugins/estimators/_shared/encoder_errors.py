@@ -4,23 +4,20 @@ B. Efron and R. J. Tibshirani, An Introduction to the Bootstrap, 1993, ch. 6 and
 """
 
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import FrequencyResponse, fourier_sums
+from fraexp.api import FrequencyResponse
 from fraexp_plugins.estimators._shared.encoder import mean_rounding_error
 from fraexp_plugins.estimators._shared.measured_terms import MeasuredTerms, motion_samples, motion_terms
 from fraexp_plugins.estimators._shared.weak_terms import LikelyTerms, clear_terms, estimate_motion, likely_spread
 
 DRAWS = 32
 """Simulated repetitions of the experiment."""
-ForceOfMotions = Callable[[NDArray[np.complex128], float, int], NDArray[np.float64]]
-"""Returns the force [N] over one period of motions, shape (motions, n), from the coefficients of their Fourier series,
-shape (motions, terms), their period [s], and the factor by which they are interpolated more finely than usual."""
 
 
 class EncoderErrors(NamedTuple):
@@ -49,18 +46,36 @@ class EncoderErrors(NamedTuple):
         return self._replace(**{name: getattr(self, name) * factor for name in names})
 
 
-def simulated_encoder_errors(
-    measured: MeasuredTerms, resolution: float, noise: float, likely: LikelyTerms, force: ForceOfMotions
-) -> EncoderErrors:
-    """Return displacement and friction force of a periodic record with the errors that the encoder causes.
+class DrawnMotions(NamedTuple):
+    """Motions that could have given a record, and what would be found of each, by their terms, shape (draws, terms)."""
 
-    Motions are drawn that could have given the record: its terms that stand out of noise and rounding, and of the
-    weaker ones as much as friction, or else their neighbours, make likely. Each is measured again, with new noise, and
-    rounded; the force along what is then found, less the force along the drawn motion, is one error of the force. Their
-    mean is taken off, their scatter is the uncertainty. Rounding that repeats in each period is invisible in the
-    scatter over periods, and terms that noise hides are missing in every period alike: both are in these errors.
+    lines: NDArray[np.int64]
+    """Terms that are excited, shape (lines,)."""
+    duration: float
+    """Period of the motion [s]."""
+    estimated: NDArray[np.complex128]
+    """The estimated motion, shape (terms,)."""
+    known: NDArray[np.complex128]
+    """The same with likely values in place of terms that noise partly hides."""
+    drawn: NDArray[np.complex128]
+    found: NDArray[np.complex128]
+    output: NDArray[np.complex128]
+    """Phasors of the displacement [m] less the part of the rounding error that repeats, shape (lines,)."""
+    output_correction: NDArray[np.complex128]
+    """That part [m]."""
+    output_errors: NDArray[np.complex128]
+    """Errors of the displacement in each draw [m], shape (draws, lines)."""
+
+
+def draw_motions(measured: MeasuredTerms, resolution: float, noise: float, likely: LikelyTerms) -> DrawnMotions:
+    """Return motions that could have given a periodic record, and what an encoder would show of each.
+
+    They are its terms that stand out of noise and rounding, and of the weaker ones as much as friction, or else their
+    neighbours, make likely. Each is measured again, with new noise, and rounded. Rounding that repeats in each period
+    is invisible in the scatter over periods, and terms that noise hides are missing in every period alike: both are in
+    the errors of what is found.
     """
-    samples, stride, lines, duration = measured.periods.shape[1], measured.stride, measured.lines, measured.duration
+    samples, stride, lines = measured.periods.shape[1], measured.stride, measured.lines
     terms, scatter = measured.terms, measured.scatter
 
     def rounding(motion: NDArray[np.complex128]) -> NDArray[np.complex128]:
@@ -74,22 +89,36 @@ def simulated_encoder_errors(
     motion = motion - share * rounded
     drawn = motion + spread
     again = drawn + np.sqrt(measured.random) * next(normal) + rounding(drawn) - rounded
-    found = estimate_motion(again, scatter, likely).terms
     known = np.where(clear_terms(terms, scatter), motion, likely.mean)
-    forces = fourier_sums(force(np.concatenate([drawn, found, [motion, known]]), duration, 1), lines)
-    force_errors = forces[DRAWS : 2 * DRAWS] - forces[:DRAWS]
-    output_errors = 2 * (again - drawn)[:, lines]
-    output_mean, force_mean = _mean_over_draws(output_errors), _mean_over_draws(force_errors)
-    finer, finest = (fourier_sums(force(motion[None, :], duration, factor), lines)[0] for factor in (4, 8))
+    found, errors = estimate_motion(again, scatter, likely).terms, 2 * (again - drawn)[:, lines]
+    output, repeated = 2 * (terms - rounded)[lines], 2 * rounded[lines]
+    return DrawnMotions(lines, measured.duration, motion, known, drawn, found, output, repeated, errors)
+
+
+def simulated_encoder_errors(
+    motions: DrawnMotions,
+    drawn_forces: NDArray[np.complex128],
+    found_forces: NDArray[np.complex128],
+    forces: Sequence[NDArray[np.complex128]],
+) -> EncoderErrors:
+    """Return displacement and friction force with the errors that the encoder causes.
+
+    The phasors of the force along what is found, less those along the drawn motions, each of shape (draws, lines), are
+    its errors: their mean is taken off, their scatter is the uncertainty. `forces` are the phasors along the estimated
+    and the known motion, and along the estimated one at four and eight times as many points.
+    """
+    force_errors = found_forces - drawn_forces
+    output_mean, force_mean = _mean_over_draws(motions.output_errors), _mean_over_draws(force_errors)
+    estimated, known, finer, finest = forces
     return EncoderErrors(
-        2 * (terms - rounded)[lines] - output_mean,
+        motions.output - output_mean,
         finest - force_mean,
-        2 * rounded[lines] + output_mean,
+        motions.output_correction + output_mean,
         force_mean,
-        output_errors - output_mean,
+        motions.output_errors - output_mean,
         force_errors - force_mean,
         (finest - finer) / 3,  # the error falls with the square of the points
-        forces[-2] - forces[-1],
+        estimated - known,
     )
 
 

@@ -26,7 +26,8 @@ def likely_motions(
         forces = force_terms(motions)
         plant = fit_above_modes([_harmonics(*pair) for pair in zip(measured, forces, strict=True)], guess)
         likely = [
-            plant.likely_terms(each.omega, _caused(each, force)) for each, force in zip(measured, forces, strict=True)
+            plant.likely_terms(each.omega, _causing_force(each, force))
+            for each, force in zip(measured, forces, strict=True)
         ]
         motions = [
             estimate_motion(each.terms, each.scatter, own).terms for each, own in zip(measured, likely, strict=True)
@@ -34,7 +35,7 @@ def likely_motions(
     return plant, likely
 
 
-def _caused(measured: MeasuredTerms, force: NDArray[np.complex128]) -> NDArray[np.complex128]:
+def _causing_force(measured: MeasuredTerms, force: NDArray[np.complex128]) -> NDArray[np.complex128]:
     """Return the terms of the force [N] that alone cause the motion: 0 where something is excited, and at rest."""
     caused = force.copy()
     caused[measured.lines] = 0
@@ -43,7 +44,7 @@ def _caused(measured: MeasuredTerms, force: NDArray[np.complex128]) -> NDArray[n
 
 
 def _harmonics(measured: MeasuredTerms, force: NDArray[np.complex128]) -> Harmonics:
-    caused = _caused(measured, force)
+    caused = _causing_force(measured, force)
     used = caused != 0
     is_clear = clear_terms(measured.terms, measured.scatter)[used]
     scatter = np.full(is_clear.size, measured.scatter)

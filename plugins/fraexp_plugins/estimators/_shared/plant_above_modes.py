@@ -15,7 +15,7 @@ from fraexp_plugins.estimators._shared.weak_terms import LEAST_ERROR, LikelyTerm
 
 BANDWIDTH = 0.3
 """Natural logarithm of the ratio of frequencies up to which harmonics count."""
-GRID_SPACING = 0.02
+GRID_SPACING = 0.05
 """Natural logarithm of the ratio of frequencies at which the plant is found."""
 MIN_CLEAR_HARMONICS = 8
 """Number of harmonics within the bandwidth, which stand out of the noise, from which the plant is known."""
