@@ -239,7 +239,7 @@ def main() -> int:
                     each[number] for each in found
                 )
                 short = any(abs(share - LEVEL) > slack for share in (circle, magnitude, phase))
-                is_said = honest >= LEVEL - slack and min(circle, magnitude, phase) < LEVEL - slack
+                is_said = bool(honest >= LEVEL - slack > min(circle, magnitude, phase))
                 missed += short and not is_said
                 shares = " ".join(f"{100 * share:8.1f}" for share in (circle, ellipse, magnitude, phase))
                 text = f"{machine:<6s} {name:<16s} {frequency:6.0f} {shares}     {mean_error:.1e}   {scatter:.1e}"

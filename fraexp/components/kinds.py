@@ -365,7 +365,7 @@ class Estimator(Component, ABC):
     def estimate(self, signals: Signals) -> Result:
         """Return the result that the signals give."""
 
-    def resolved(self, signals: Signals) -> Self:
+    def resolve_for(self, signals: Signals) -> Self:
         """Return the estimator with what it chooses by itself along these signals, such as a number of points."""
         return self
 

@@ -139,7 +139,7 @@ class ObserverEstimator(DelayedEstimator, ABC):
         points = choose_oversampling(segments, TOLERANCE_RATIO * self.interpolation_tolerance, self._phasors_with)
         return self._oversampled(points)
 
-    def resolved(self, signals: Signals) -> Self:
+    def resolve_for(self, signals: Signals) -> Self:
         """Return the estimator with the points per sample that it takes: its certificate is that of the same points."""
         is_sampled = signals.segments and not signals.are_stated
         return self.resolve_oversampling(signals.segments) if is_sampled else self
