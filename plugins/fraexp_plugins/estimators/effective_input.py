@@ -353,7 +353,7 @@ def _check_encoder(found: Result) -> Result:
         f"friction takes nearly all of the input at {wrong.size} of {error.size} frequencies "
         f"({frequency_text(wrong)}), and rounding and noise of the encoder hide the rest: at "
         f"{response.frequency[worst]:.4g} Hz the response may be off by {20 * np.log10(1 + error[worst]):.2g} dB, "
-        f"{turn:.2g} deg; raise the amplitude, use a finer encoder, or record several periods with noise",
+        f"{turn:.2g} deg; raise the amplitude, use a finer encoder, or record more periods with noise",
     )
 
 
