@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, get_args
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -364,6 +364,10 @@ class Estimator(Component, ABC):
     @abstractmethod
     def estimate(self, signals: Signals) -> Result:
         """Return the result that the signals give."""
+
+    def resolve_for(self, signals: Signals) -> Self:
+        """Return the estimator with what it chooses by itself along these signals, such as a number of points."""
+        return self
 
     def matched(self, machine: Mapping[str, object]) -> "Estimator | None":
         """Return the estimator that knows a simulated machine, whose response without friction must be the plant.
