@@ -154,5 +154,5 @@ def _untold(found: Fitted) -> tuple[str, ...]:
     """Return the names of friction's parameters that the records do not tell, if the model is right."""
     if found.mean_ratio > MAX_START_RATIO:
         return ()
-    std = np.sqrt(np.diag(found.fit.information(found.linear).covariances[0]))
+    std = np.sqrt(np.diag(found.covariances[0]))
     return tuple(name for name, each in zip(found.fit.free.friction, std, strict=False) if each > MAX_PARAMETER_STD)

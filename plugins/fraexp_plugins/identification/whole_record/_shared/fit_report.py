@@ -12,7 +12,6 @@ from fraexp_plugins.estimators._shared.parameter_uncertainty import parameter_un
 from fraexp_plugins.estimators._shared.realisations import Part, combine_parts, realisation_groups
 from fraexp_plugins.identification._shared.friction_curves import NORMAL_QUANTILE
 from fraexp_plugins.identification.whole_record._shared.free_parameters import SCALES
-from fraexp_plugins.identification.whole_record._shared.joint_fit import FitStep
 from fraexp_plugins.identification.whole_record._shared.scaled_friction import (
     ScaledParameter,
     scaled_friction,
@@ -42,7 +41,6 @@ class FitReport:
 
     def result(self) -> Result:
         """Return P̂ with its band, the parameters with theirs, the residuals, and the verdict."""
-        information = self.found.fit.information(self.found.linear)
         result = self._response()
         wrong = self._complaint()
         outcome = Outcome.INACCURATE if wrong and result.outcome is Outcome.OK else result.outcome
@@ -51,16 +49,16 @@ class FitReport:
             result,
             outcome=outcome,
             message=message,
-            metrics=tuple(self._metrics(information)),
+            metrics=tuple(self._metrics()),
             curves=(self._curve(),),
-            fits=tuple(self._fits(information)),
+            fits=tuple(self._fits()),
         )
 
     def _response(self) -> Result:
         """Return P̂: the mean of the records that have the same lines, weighted by what each of them tells."""
         fit, linear = self.found.fit, self.found.linear
         assert self.found.error is not None
-        bands = fit.inverse_covariances(linear)
+        bands = self.found.inverse_covariances
         place_of = {id(record.segment): place for place, record in enumerate(fit.records)}
         parts, errors = [], []
         for group in realisation_groups(self.signals):
@@ -111,10 +109,10 @@ class FitReport:
             names = " and ".join(self.held)
             yield f"the records do not tell {names}, held at the start: raise the amplitude, or leave it out of free"
 
-    def _metrics(self, information: FitStep) -> Iterator[Metric]:
+    def _metrics(self) -> Iterator[Metric]:
         """Yield friction's parameters with their intervals, and how well they repeat the records."""
         fit, state = self.found.fit, self.found.state
-        relative = NORMAL_QUANTILE * np.sqrt(np.diag(information.covariances[0]))
+        relative = NORMAL_QUANTILE * np.sqrt(np.diag(self.found.covariances[0]))
         values, units = fit.free.values(fit.start, state.shared), fit.free.units(fit.start)
         for name, value, unit, half in zip(fit.free.friction, values, units, relative, strict=False):
             yield Metric(name, float(value), unit)
@@ -128,11 +126,11 @@ class FitReport:
         columns = {"frequency": frequency, "residual": rms, RESIDUAL_RATIO: self.found.ratios}
         return Curve("residual", columns, {"frequency": "Hz", "residual": "m", RESIDUAL_RATIO: "1"})
 
-    def _fits(self, information: FitStep) -> Iterator[Fit]:
+    def _fits(self) -> Iterator[Fit]:
         """Yield plant and friction as components; a law whose parameters do not scale gives none."""
         fit, logs = self.found.fit, self.found.state.shared
         models, count = fit.free.applied_to(fit.start, logs), len(fit.free.friction)
-        covariance = information.covariances[0][: logs.size, : logs.size]
+        covariance = self.found.covariances[0][: logs.size, : logs.size]
         if fit.free.plant:
             values, units = fit.free.values(fit.start, logs)[count:], fit.free.units(fit.start)[count:]
             spread = np.outer(values, values) * covariance[count:, count:]

@@ -31,6 +31,10 @@ class Models:
         """Return the machine with another plant."""
         return replace(self, plant=plant, replay=replace(self.replay, ports=plant.ports()))
 
+    def with_steps_of(self, replay: ReplayModel) -> "Models":
+        """Return the machine with a replay of as many steps as another one."""
+        return replace(self, replay=self.replay.with_steps_of(replay))
+
     def with_friction(self, friction: FrictionModel, scales: tuple[float, float]) -> "Models":
         """Return the machine with another friction model of the same law, and factors on its force and deflection."""
         changed = replace(self.replay, frictions={self.contact: friction}, scales={self.contact: scales})

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -41,7 +42,8 @@ REPLAY_TOLERANCE_RATIO = 0.1
 """Tolerance of the replay over that of y'/u: û_e may be a small part of the input."""
 
 
-class Fitted(NamedTuple):
+@dataclass(frozen=True)
+class Fitted:
     """A fit, the state of greatest likelihood, and the records around it."""
 
     fit: RecordFit
@@ -54,9 +56,23 @@ class Fitted(NamedTuple):
     def is_exact(self) -> bool:
         """Whether the replay's steps falsify most responses by less than samples leave open."""
         assert self.error is not None
-        covariances = np.concatenate(self.fit.inverse_covariances(self.linear))
+        covariances = np.concatenate(self.inverse_covariances)
         std = np.sqrt(covariances[:, 0, 0] + covariances[:, 1, 1]) / np.abs(np.concatenate(self.linear.inverse))
         return float(np.median(np.concatenate(self.error.inverse) / std)) < 1
+
+    @cached_property
+    def covariances(self) -> tuple[NDArray[np.float64], ...]:
+        """Covariance of shared parameters and those of one record, for each, shape (p + m, p + m)."""
+        return self.fit.information(self.linear).covariances
+
+    @cached_property
+    def inverse_covariances(self) -> list[NDArray[np.float64]]:
+        """Covariance of (real, imaginary) part of 1/P̂ of each record [N²/m²], shape (lines, 2, 2)."""
+        found = []
+        for slopes, covariance in zip(self.linear.inverse_slopes, self.covariances, strict=True):
+            parts = np.stack([slopes.real, slopes.imag], axis=1)
+            found.append(parts @ covariance @ parts.transpose(0, 2, 1))
+        return found
 
     @property
     def ratios(self) -> NDArray[np.float64]:
@@ -86,7 +102,7 @@ class _Stage(NamedTuple):
     """By how much friction may then be wrong, relatively."""
 
 
-STAGES = (_Stage(_weak_friction, 0.05), _Stage(_spread, 0.01))
+STAGES = (_Stage(_weak_friction, 0.01), _Stage(_spread, 0.01))
 
 
 @dataclass(frozen=True)
@@ -133,7 +149,7 @@ class StagedFit:
         alone = _without_plant(replace(fit, free=self.free), logs, effective, steps)
         if alone.mean_ratio > whole.mean_ratio:
             return whole
-        return alone._replace(error=replay_error(*alone[:3]))
+        return replace(alone, error=replay_error(alone.fit, alone.state, alone.linear))
 
     def _starts(self) -> list[NDArray[np.float64]]:
         """Return the logarithms of the free parameters at which a fit may begin, the most plausible first."""
@@ -144,25 +160,34 @@ class StagedFit:
 
     def _first_fits(self, start: NDArray[np.float64]) -> Fitted:
         """Return the fit of some records, from a start."""
-        logs = start
+        logs, found = start, None
         for stage in STAGES:
-            found = self._stage_fit(stage, logs)
+            found = self._stage_fit(stage, logs, found)
             logs = found.state.shared[: logs.size]
             if found.mean_ratio > HOPELESS_RATIO:
                 break
+        assert found is not None
         return found
 
-    def _stage_fit(self, stage: "_Stage", logs: NDArray[np.float64]) -> Fitted:
-        """Return the fit of a stage's records with the plant of fewest modes that explains them, or without one."""
+    def _stage_fit(self, stage: "_Stage", logs: NDArray[np.float64], before: Fitted | None) -> Fitted:
+        """Return the fit of a stage's records with the plant of the one before, if it explains them as well.
+
+        Otherwise it is that with the plant of fewest modes that explains them, or without a plant.
+        """
         observer, count = self._observer(logs), len(self.signals.segments)
         observed = ObservedStart.of(observer, self.signals)
         places = stage.places(observed, count)
+        records = self._records(places)
+        if before is not None and before.mean_ratio < MAX_PLANT_RATIO and not before.fit.has_own_forces:
+            found = self._converged(replace(before.fit, records=records), before.state.shared, STAGE_GAIN)
+            if found.mean_ratio < MAX_PLANT_RATIO:
+                return found
         tried: list[Fitted] = []
         for modes in (None, *MODES) if self.modes is None and self.nominal_plant is None else (self.modes,):
             plant = self.nominal_plant or observed.plant(self.signals, observer, modes, stage.friction_error)
             if any(plant == each.fit.start.plant for each in tried):
                 continue
-            fit = self._fit(plant, self._records(places))
+            fit = self._fit(plant, records)
             tried.append(self._converged(fit, logs, STAGE_GAIN))
             if not MAX_PLANT_RATIO < tried[-1].mean_ratio < WRONG_LAW_RATIO:
                 return tried[-1]
@@ -224,11 +249,11 @@ def _without_plant(
 
 def _with_own_responses(found: Fitted, max_steps: int = MAX_STEPS) -> Fitted:
     """Return the fit in which each record has a response of its own; the others tell what all share."""
-    covariance = found.fit.information(found.linear).covariances[0]
+    covariance = found.covariances[0]
     count = found.state.shared.size
     information = np.asarray(np.linalg.inv(covariance[:count, :count]), dtype=float)
     known = Prior(found.state.shared, information) if count else None
     own = replace(found.fit, has_own_forces=True, prior=known)
-    state, linear = own.converge(found.state, LAST_GAIN, max_steps)
-    error_of_shared = replay_error(*found[:3]).shared
+    state, linear = own.converge(found.state, LAST_GAIN, max_steps, found.linear)
+    error_of_shared = replay_error(found.fit, found.state, found.linear).shared
     return Fitted(own, state, linear, replay_error(own, state, linear, error_of_shared))
