@@ -119,9 +119,11 @@ def replay(runs: Sequence[Replay]) -> list[NDArray[np.float64]]:
 
 def _alike(experiments: Sequence[Experiment]) -> list[list[int]]:
     """Return the places of experiments that can run side by side."""
-    groups: dict[int, list[int]] = {}
+    groups: dict[tuple[int, ...], list[int]] = {}
     for place, experiment in enumerate(experiments):
-        groups.setdefault(experiment.setup.steps * 2 + experiment.setup.is_vectorised, []).append(place)
+        setup = experiment.setup
+        alike = setup.steps, setup.is_vectorised, setup.input_delay, setup.output_delay
+        groups.setdefault(alike, []).append(place)
     return list(groups.values())
 
 

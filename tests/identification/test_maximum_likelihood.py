@@ -221,6 +221,39 @@ def test_other_parameters_can_be_free(record):
     assert found["viscous_coefficient"] == pytest.approx(MACHINE["friction"]["viscous_coefficient"], rel=0.01)
 
 
+@pytest.mark.parametrize("assumed", [0.0, 1.2e-3])
+def test_an_unknown_dead_time_is_found(record, registry, assumed):
+    names = ("force_scale", "displacement_scale", "input_dead_time")
+    result = estimator(scaled(1.2, 0.8), input_dead_time=assumed, free=names).estimate(record)
+    assert result.outcome is Outcome.OK, result.message
+    found, true = metrics(result), MACHINE["loop"]["input_dead_time"]
+    assert abs(found["input_dead_time"] - true) < 2 * found["input_dead_time, 95 %"] < 1e-6
+    ratio = result.response.response / plant_at(registry, result)
+    assert np.abs(decibel(ratio)).max() < 0.1
+    assert np.abs(degrees(ratio)).max() < 1
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(("noise", "periods"), [(30e-9, 1), (100e-9, 4)])
+def test_unknown_noise_is_found(recorded, noise, periods):
+    sine = {"name": "stepped_sine", "amplitude": 12.0, "frequencies": FREQUENCIES, "recorded_periods": periods}
+    names = ("force_scale", "displacement_scale", "noise")
+    result = estimator(noise=None, free=names).estimate(recorded(excitation=sine, noise=noise))
+    assert result.outcome is Outcome.OK, result.message
+    found = metrics(result)
+    assert abs(found["noise"] - noise) < 2 * found["noise, 95 %"] < 0.06 * noise
+
+
+@pytest.mark.thorough
+def test_a_small_residual_that_is_not_white_is_no_noise(recorded):
+    sine = {"name": "stepped_sine", "amplitude": 12.0, "frequencies": FREQUENCIES}
+    signals = recorded({**MACHINE["friction"], "viscous_coefficient": 20.0}, sine, noise=2e-6)
+    wrong = {"name": "dahl", "stiffness": 5e5, "coulomb_force": 17.9, "viscous_coefficient": 20.0}
+    result = estimator(wrong, noise=30e-6).estimate(signals)
+    assert result.outcome is Outcome.INACCURATE
+    assert "is no white noise; try another friction law" in result.message
+
+
 @pytest.mark.parametrize(
     ("names", "message"),
     [

@@ -76,6 +76,8 @@ class RecordFit:
     """Whether the response of each record is its own; otherwise it is the plant's."""
     prior: Prior | None = None
     """What is known of the shared parameters."""
+    expected_noise: float | None = None
+    """Noise [m] that the records show, if the likelihood assumes another one."""
 
     def converge(
         self, state: State, min_gain: float, max_steps: int = MAX_STEPS, known: LinearisedFit | None = None
@@ -165,12 +167,12 @@ class RecordFit:
 
     def _moved(self, linear: LinearisedFit, move: "_Move") -> LinearisedFit:
         """Return the records around a state near by, with the derivatives as they were."""
-        plant = self.free.applied_to(self.start, move.state.shared).plant
+        models = self.free.applied_to(self.start, move.state.shared)
         records, inverse = [], []
         for record, each, own, y in zip(self.records, linear.records, move.state.own, move.positions, strict=True):
             residual = record.residual(own, y)
             records.append(each._replace(residual=residual, std=self._std(record, residual)))
-            inverse.append(record.inverse_response(plant, own, y))
+            inverse.append(record.inverse_response(models, own, y))
         return replace(linear, records=tuple(records), inverse=tuple(inverse))
 
     def _state_along(self, state: State, step: FitStep, length: float) -> State:
@@ -236,7 +238,7 @@ class RecordFit:
                 columns = np.hstack([known.records[place].shared, columns])
                 rows = np.hstack([known.inverse_slopes[place][:, :count], rows])
             records.append(self._linear_record(record, record.residual(own, positions[place]), columns))
-            inverse.append(record.inverse_response(centre.plant, own, positions[place]))
+            inverse.append(record.inverse_response(centre, own, positions[place]))
             slopes.append(np.hstack([rows, np.zeros((len(rows), len(record.drifts)))]))
         return LinearisedFit(tuple(records), tuple(inverse), tuple(slopes))
 
@@ -283,7 +285,8 @@ class RecordFit:
         squares = np.array([float(np.sum(each.residual**2)) for each in linear.records])
         least = np.array([MIN_RELATIVE_RESIDUAL * float(np.abs(each.measured).max()) for each in self.records])
         changes = np.array([each.change for each in self.records])
-        explained = np.maximum(self.resolution**2 / 12 + self.noise**2, changes**2 / 2) + least**2
+        noise = self.noise if self.expected_noise is None else self.expected_noise
+        explained = np.maximum(self.resolution**2 / 12 + noise**2, changes**2 / 2) + least**2
         return np.asarray(np.sqrt(squares / (self.freedom * explained)))
 
     def newton_step(self, records: Sequence[LinearRecord], prior_mean: NDArray[np.float64]) -> FitStep:
@@ -314,7 +317,7 @@ class _Sides:
     ) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
         """Return the derivatives of position and 1/P̂ by the parameters, shape (n, parameters), (lines, parameters)."""
         pairs = zip(self.models, positions, strict=True)
-        inverse = [self.record.inverse_response(model.plant, own, position) for (model, own), position in pairs]
+        inverse = [self.record.inverse_response(model, own, position) for (model, own), position in pairs]
         moved = np.array(positions).reshape(-1, self.record.position.size)[:, self.record.settled_samples]
         lines = np.array(inverse, dtype=complex).reshape(-1, self.record.frequency.size)
         double = 2 * self.widths[:, None]

@@ -12,6 +12,7 @@ from fraexp.api import Plant, ReplayModel, Segment, Signals
 from fraexp_plugins.estimators._shared.parameter_uncertainty import parameter_value, with_parameter
 from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.identification.whole_record._shared.free_parameters import (
+    DEAD_TIME,
     SCALES,
     FreeParameters,
     Models,
@@ -74,6 +75,13 @@ class Fitted:
             found.append(parts @ covariance @ parts.transpose(0, 2, 1))
         return found
 
+    def with_noise(self, noise: float) -> "Fitted":
+        """Return the fit with another noise [m] in the likelihood, at its greatest; what is expected stays the same."""
+        expected = self.fit.noise if self.fit.expected_noise is None else self.fit.expected_noise
+        fit = replace(self.fit, noise=noise, expected_noise=expected)
+        state, linear = fit.converge(self.state, LAST_GAIN, known=self.linear)
+        return replace(self, fit=fit, state=state, linear=linear)
+
     @property
     def ratios(self) -> NDArray[np.float64]:
         """Residual of each record over what noise and rounding explain of it, shape (records,)."""
@@ -119,6 +127,11 @@ class StagedFit:
     free: FreeParameters
     nominal_plant: Plant | None
     modes: int | None
+
+    @property
+    def sample_time(self) -> float:
+        """Sample time of all records [s]."""
+        return self.signals.segments[0].sample_time
 
     def run(self) -> tuple[Fitted, int]:
         """Return the fit with a response for each record, and from how many starts it was tried."""
@@ -184,11 +197,14 @@ class StagedFit:
                 return found
         tried: list[Fitted] = []
         for modes in (None, *MODES) if self.modes is None and self.nominal_plant is None else (self.modes,):
-            plant = self.nominal_plant or observed.plant(self.signals, observer, modes, stage.friction_error)
+            has_dead_time = DEAD_TIME in self.free.friction
+            in_response, dead_time = observed.plant(self.signals, observer, modes, stage.friction_error, has_dead_time)
+            plant = self.nominal_plant or in_response
             if any(plant == each.fit.start.plant for each in tried):
                 continue
             fit = self._fit(plant, records)
-            tried.append(self._converged(fit, logs, STAGE_GAIN))
+            start = self.free.with_dead_time(logs, dead_time, self.sample_time)
+            tried.append(self._converged(fit, start, STAGE_GAIN))
             if not MAX_PLANT_RATIO < tried[-1].mean_ratio < WRONG_LAW_RATIO:
                 return tried[-1]
         tried.append(_without_plant(fit, logs, [observed.effective[place] for place in places]))
@@ -209,9 +225,12 @@ class StagedFit:
         force, displacement = self.free.scales(logs)
         friction = self.observer.friction
         for name, factor in zip(self.free.friction, np.exp(logs), strict=False):
-            if name not in SCALES:
+            if name not in (*SCALES, DEAD_TIME):
                 friction = with_parameter(friction, name, parameter_value(friction, name) * float(factor))
-        changed = {"friction": friction, "force_scale": force, "displacement_scale": displacement}
+        dead_time = max(self.observer.input_dead_time + self.free.dead_time(logs, self.sample_time), 0.0)
+        changed = {
+            "friction": friction, "force_scale": force, "displacement_scale": displacement, DEAD_TIME: dead_time
+        }  # fmt: skip
         return self.observer.model_copy(update=changed).resolve_oversampling(self.signals.segments)
 
     def _fit(self, plant: Plant, records: Sequence[ReplayedRecord]) -> RecordFit:
