@@ -102,17 +102,18 @@ class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=1):
         _check_segments(used)
         noise = noise_in_records(used, self.output, self.resolution) if self.noise is None else self.noise
         free = tuple(name for name in self.free if name != NOISE)
-        found, starts = self._staged_fit(used, noise, free).run()
+        found, starts = self.staged_fit(used, noise, free).run()
         held = _untold(found)
         if held:
             free = tuple(name for name in free if name not in held)
-            found, starts = self._staged_fit(used, noise, free).run()
+            found, starts = self.staged_fit(used, noise, free).run()
         if NOISE not in self.free:
             return FitReport(used, found, starts, held).result()
         level = likely_noise(found.linear.records, float(found.fit.freedom.sum()))
         return FitReport(used, found.with_noise(level.value), starts, held, level).result()
 
-    def _staged_fit(self, signals: Signals, noise: float, free: tuple[str, ...]) -> StagedFit:
+    def staged_fit(self, signals: Signals, noise: float, free: tuple[str, ...]) -> StagedFit:
+        """Return what is fitted to signals with this noise [m], if these parameters are free."""
         shared = {name: getattr(self, name) for name in DelayedEstimator.model_fields}
         observer = EffectiveInput(
             friction=self.friction,

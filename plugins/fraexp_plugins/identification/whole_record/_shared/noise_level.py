@@ -47,6 +47,8 @@ class NoiseLevel(NamedTuple):
     """Standard deviation of the noise [m]."""
     std: float
     """Standard deviation of the estimate [m]."""
+    log_likelihood: float
+    """Log-likelihood per sample."""
 
 
 def likely_noise(records: Sequence[LinearRecord], freedom: float) -> NoiseLevel:
@@ -67,4 +69,5 @@ def likely_noise(records: Sequence[LinearRecord], freedom: float) -> NoiseLevel:
     log = float(found.x)
     curvature = (loss(log + LOG_DIFFERENCE) - 2 * loss(log) + loss(log - LOG_DIFFERENCE)) / LOG_DIFFERENCE**2
     value = largest * float(np.exp(log)) * float(np.sqrt(residual.size / freedom))
-    return NoiseLevel(value, value / float(np.sqrt(curvature)) if curvature > 0 else np.inf)
+    std = value / float(np.sqrt(curvature)) if curvature > 0 else np.inf
+    return NoiseLevel(value, std, -float(found.fun) / residual.size)

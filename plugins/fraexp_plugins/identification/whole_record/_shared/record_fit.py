@@ -282,7 +282,16 @@ class RecordFit:
 
     def residual_ratios(self, linear: LinearisedFit) -> NDArray[np.float64]:
         """Return the residual of each record over what noise, rounding and its own change explain, shape (records,)."""
-        squares = np.array([float(np.sum(each.residual**2)) for each in linear.records])
+        return self._ratios([each.residual for each in linear.records])
+
+    def predicted_ratios(self, shared: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the same of records that shared parameters predict: all but their drift, shape (records,)."""
+        state, positions = self._with_drifts(State(shared, tuple(np.zeros(record.count) for record in self.records)))
+        pairs = zip(self.records, state.own, positions, strict=True)
+        return self._ratios([record.residual(own, y) for record, own, y in pairs])
+
+    def _ratios(self, residuals: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+        squares = np.array([float(np.sum(each**2)) for each in residuals])
         least = np.array([MIN_RELATIVE_RESIDUAL * float(np.abs(each.measured).max()) for each in self.records])
         changes = np.array([each.change for each in self.records])
         noise = self.noise if self.expected_noise is None else self.expected_noise

@@ -43,7 +43,9 @@ class ScaleSearch:
     The force is proportional to one scale. Along the other its phasors are interpolated between those of a grid.
     """
 
-    def __init__(self, segments: Sequence[Segment], observer: EffectiveInput, free: Sequence[str]) -> None:
+    def __init__(
+        self, segments: Sequence[Segment], observer: EffectiveInput, free: Sequence[str], force_range: float = RANGE
+    ) -> None:
         segments = _spread_segments(segments)
         self.frequency = np.concatenate([segment.frequency for segment in segments])
         self.has_force, self.has_displacement = FORCE_SCALE in free, DISPLACEMENT_SCALE in free
@@ -51,6 +53,8 @@ class ScaleSearch:
         linear = [each.mean(axis=0) for each in observer.linear_phasors(segments)]
         self.output, self.linear = np.concatenate(output), np.concatenate(linear)
         self.grid = np.linspace(-np.log(RANGE), np.log(RANGE), POINTS)
+        points = round(POINTS * np.log(force_range) / np.log(RANGE))
+        self.force_grid = np.linspace(-np.log(force_range), np.log(force_range), points)
         observed = np.linspace(self.grid[0], self.grid[-1], OBSERVED_POINTS) if self.has_displacement else np.zeros(1)
         forces = [self._forces(segments, observer, float(np.exp(log))) for log in observed]
         self.force_over_scale = CubicSpline(observed, forces) if self.has_displacement else lambda _: forces[0]
@@ -62,7 +66,7 @@ class ScaleSearch:
 
     def starts(self) -> list[NDArray[np.float64]]:
         """Return the logarithms of both scales that give the most plausible responses, the best first."""
-        forces = self.grid if self.has_force else np.zeros(1)
+        forces = self.force_grid if self.has_force else np.zeros(1)
         displacements = self.grid if self.has_displacement else np.zeros(1)
         points = _pairs(forces, displacements)
         best = points[np.argsort(self.costs(points), kind="stable")[:REFINED]]

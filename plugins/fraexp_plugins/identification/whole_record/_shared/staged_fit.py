@@ -135,12 +135,7 @@ class StagedFit:
 
     def run(self) -> tuple[Fitted, int]:
         """Return the fit with a response for each record, and from how many starts it was tried."""
-        found: list[Fitted] = []
-        for start in self._starts():
-            found.append(self._first_fits(start))
-            if found[-1].mean_ratio < MAX_START_RATIO:
-                break
-        best = min(found, key=lambda each: each.mean_ratio)
+        best, starts = self._best_start()
         every = replace(best.fit, records=self._records(range(len(self.signals.segments))))
         every = every.with_needed_drifts(State(best.state.shared, tuple(np.zeros(r.count) for r in every.records)))
         whole = self._whole(every, best)
@@ -149,7 +144,28 @@ class StagedFit:
                 break
             every = every.with_more_steps(REFINEMENT)
             whole = self._whole(every, whole)
-        return whole, len(found)
+        return whole, starts
+
+    def joint(self) -> Fitted:
+        """Return the fit in which the response of every record is that of the plant."""
+        best, _ = self._best_start()
+        steps = MAX_STEPS if best.mean_ratio < HOPELESS_RATIO else HOPELESS_STEPS
+        every = replace(best.fit, records=self._records(range(len(self.signals.segments))))
+        return self._converged(every, best.state.shared, LAST_GAIN, steps)
+
+    def predicted_ratios(self, found: Fitted, signals: Signals) -> NDArray[np.float64]:
+        """Return what a joint fit leaves of other records, over what noise and rounding explain, shape (records,)."""
+        records = [self._record(segment) for segment in signals.segments]
+        return replace(found.fit, records=records).predicted_ratios(found.state.shared)
+
+    def _best_start(self) -> tuple[Fitted, int]:
+        """Return the best fit of some records, and from how many starts it was tried."""
+        found: list[Fitted] = []
+        for start in self._starts():
+            found.append(self._first_fits(start))
+            if found[-1].mean_ratio < MAX_START_RATIO:
+                break
+        return min(found, key=lambda each: each.mean_ratio), len(found)
 
     def _whole(self, fit: RecordFit, before: Fitted) -> Fitted:
         """Return the fit of all records with a response for each, from that of some."""
