@@ -35,20 +35,20 @@ class FrictionLawComparison(DelayedEstimator, name="friction_law_comparison", ve
     is 1 where law and plant are right. The law with the least residual wins; of equals, that with the fewest free
     parameters. P̂, plant, friction and their bands are then those of `maximum_likelihood` with this law.
 
-    Without `candidates` it begins with rolling elements, Dahl, LuGre, elastoplastic and GMS, at a Coulomb force and a
-    presliding distance that the observer finds from the records: nothing but units need be known of the machine. A
-    dead time is estimated, too, if `estimate_dead_time` is set.
+    Without `candidates` it begins with rolling elements, Dahl and LuGre, at a Coulomb force and a presliding distance
+    that the observer finds from the records: nothing but units need be known of the machine. A dead time is estimated,
+    too, if `estimate_dead_time` is set.
 
     Metrics: for each law the residual of held-out records and the log-likelihood per sample of the others. `verdict` is
     1 if a law fits. If none does the outcome is not ok, and the message gives what each of them leaves.
 
     Take some 16 frequencies or more, from presliding to gross sliding, or two amplitudes (`concatenated`). Laws that
     differ only in what the records do not show, such as the Stribeck effect without slow sliding, are not told apart.
-    It takes some seconds for each law; laws with events (GMS) take a minute.
+    It takes some seconds for each law, minutes for those that are not replayed in lanes (elastoplastic, GMS).
     """
 
     candidates: tuple[FrictionModel, ...] = param(
-        "", "friction models at the start, each with its name and parameters; five laws if none is given", ()
+        "", "friction models at the start, each with its name and parameters; three laws if none is given", ()
     )
     estimate_dead_time: bool = param("", "whether the dead time is estimated, from `input_dead_time` on", False)
     nominal_plant: Plant | None = param("", "plant at the harmonics; fitted to the response if it is not given", None)

@@ -8,8 +8,6 @@ import numpy as np
 from fraexp.api import FrictionModel, Signals, phasors
 from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.friction.dahl import Dahl
-from fraexp_plugins.friction.elastoplastic import Elastoplastic
-from fraexp_plugins.friction.gms import GeneralizedMaxwellSlip
 from fraexp_plugins.friction.lugre import LuGre
 from fraexp_plugins.friction.rolling import Rolling
 from fraexp_plugins.identification.whole_record._shared.free_parameters import SCALES
@@ -23,10 +21,8 @@ ELEMENTS, MIN_KNOT_RATIO, MAX_KNOT_RATIO = 20, 0.01, 2.2
 """Elements of the curve, and its knots over the presliding distance."""
 STATIC_RATIO, STRIBECK_RATIO, VISCOUS_RATIO = 1.2, 0.1, 0.05
 """Static over Coulomb force, Stribeck over largest velocity, and viscous over Coulomb force at that velocity."""
-DAMPING_TIME_S, ATTRACTION_RATE = 5e-4, 30.0
-"""Bristle damping over stiffness [s], and rate of attraction over the Coulomb force [1/s]."""
-GMS_STIFFNESS, GMS_FRACTIONS = (1.3, 0.7, 0.35), (0.3, 0.3, 0.4)
-"""Stiffness of the elements over Coulomb force and presliding distance, and their parts of the force."""
+DAMPING_TIME_S = 5e-4
+"""Bristle damping over stiffness [s]."""
 
 
 class RoughFriction(NamedTuple):
@@ -53,21 +49,15 @@ class RoughFriction(NamedTuple):
         return VISCOUS_RATIO * self.force / self.velocity
 
     def models(self) -> list[FrictionModel]:
-        """Return a model of each law."""
-        stiffness, bristle = self.force / self.width, ("bristle_stiffness", "bristle_damping")
+        """Return a model of each law that is replayed in lanes."""
+        stiffness = self.force / self.width
         common = {"coulomb_force": self.force, "viscous_coefficient": self.viscous}
         stribeck = {"static_force": STATIC_RATIO * self.force, "stribeck_velocity": STRIBECK_RATIO * self.velocity}
-        bristles = dict(zip(bristle, (stiffness, DAMPING_TIME_S * stiffness), strict=True))
-        elements = {
-            "stiffness": [ratio * stiffness for ratio in GMS_STIFFNESS], "force_fractions": list(GMS_FRACTIONS),
-            "attraction_rate": ATTRACTION_RATE * self.force,
-        }  # fmt: skip
+        bristles = {"bristle_stiffness": stiffness, "bristle_damping": DAMPING_TIME_S * stiffness}
         return [
             self.rolling(),
             Dahl.parse({"stiffness": stiffness, **common}, "dahl"),
             LuGre.parse({**bristles, **common, **stribeck}, "lugre"),
-            Elastoplastic.parse({**bristles, **common, **stribeck}, "elastoplastic"),
-            GeneralizedMaxwellSlip.parse({**elements, **common, **stribeck}, "gms"),
         ]
 
 

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fraexp.api import ParameterError
 from fraexp_plugins.identification.whole_record._shared.free_parameters import FreeParameters, Models
 from fraexp_plugins.identification.whole_record._shared.interval_likelihood import interval_loss
 from fraexp_plugins.identification.whole_record._shared.joint_fit import FitStep, LinearRecord, Prior, fit_linear
@@ -206,15 +207,23 @@ class RecordFit:
         return record.forces if self.has_own_forces else 0
 
     def _positions(self, states: Sequence[State]) -> list[list[NDArray[np.float64]]]:
-        """Return the periodic position [m] of each record, for each state."""
-        models = [self.free.applied_to(self.start, state.shared) for state in states]
+        """Return the periodic position [m] of each record, for each state; NaN where no model has its parameters."""
+        models = [self._model_at(state.shared) for state in states]
         trials = [
             Trial(record, model.replay, own)
             for state, model in zip(states, models, strict=True)
+            if model is not None
             for record, own in zip(self.records, state.own, strict=True)
         ]
-        positions = iter(positions_of(trials))
-        return [[next(positions) for _ in self.records] for _ in states]
+        positions, missing = iter(positions_of(trials)), [np.full(r.position.size, np.nan) for r in self.records]
+        return [missing if model is None else [next(positions) for _ in self.records] for model in models]
+
+    def _model_at(self, shared: NDArray[np.float64]) -> Models | None:
+        """Return the machine with these parameters; None where its models do not allow them."""
+        try:
+            return self.free.applied_to(self.start, shared)
+        except ParameterError:
+            return None
 
     def linearise(
         self, state: State, positions: Sequence[NDArray[np.float64]], known: LinearisedFit | None = None
@@ -224,8 +233,8 @@ class RecordFit:
         `known` has the derivatives by the shared parameters, if they are not to be computed again.
         """
         steps = SHARED_DIFFERENCE * np.eye(state.shared.size) if known is None else ()
-        models = [self.free.applied_to(self.start, state.shared + sign * step) for step in steps for sign in (1, -1)]
         centre = self.free.applied_to(self.start, state.shared)
+        models = [self._model_at(state.shared + sign * step) or centre for step in steps for sign in (1, -1)]
         steps_of = centre.replay.with_coarse_steps()
         coarse = [each.with_steps_of(steps_of) for each in (centre, *models)]
         sides = [self._sides(record, coarse, own) for record, own in zip(self.records, state.own, strict=True)]
