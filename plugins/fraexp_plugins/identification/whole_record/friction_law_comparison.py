@@ -32,8 +32,9 @@ class FrictionLawComparison(DelayedEstimator, name="friction_law_comparison", ve
     Every candidate is fitted to three quarters of the records by maximum likelihood, as `maximum_likelihood` does,
     with the scales of its force and deflection and its own shape parameters free (viscous coefficient, static force,
     Stribeck velocity, damping, attraction). What it leaves of the other records, over what noise and rounding explain,
-    is 1 where law and plant are right. The law with the least residual wins; of equals, that with the fewest free
-    parameters. P̂, plant, friction and their bands are then those of `maximum_likelihood` with this law.
+    is 1 where law and plant are right (cross-validation: M. Stone, J. Royal Statistical Society B 36(2), 1974). The law
+    with the least residual wins; of equals, that with the fewest free parameters. P̂, plant, friction and their bands
+    are then those of `maximum_likelihood` with this law.
 
     Without `candidates` it begins with rolling elements, Dahl and LuGre, at a Coulomb force and a presliding distance
     that the observer finds from the records: nothing but units need be known of the machine. A dead time is estimated,

@@ -67,11 +67,13 @@ def rough_friction(signals: Signals, observer: EffectiveInput) -> RoughFriction:
     motion = max(float(np.ptp(segment.channels[observer.output])) for segment in signals.segments) / 2
     velocity = _velocity(signals, observer)
     starts = [RoughFriction(FORCE_RATIO * thrust, ratio * motion, velocity) for ratio in WIDTH_RATIOS]
-    found = [_refined(signals, observer, start) for start in starts]
+    found = [_plausible_friction(signals, observer, start) for start in starts]
     return min(found, key=lambda each: each[0])[1]
 
 
-def _refined(signals: Signals, observer: EffectiveInput, start: RoughFriction) -> tuple[float, RoughFriction]:
+def _plausible_friction(
+    signals: Signals, observer: EffectiveInput, start: RoughFriction
+) -> tuple[float, RoughFriction]:
     """Return the cost of the most plausible friction around a start, and that friction."""
     changed = observer.model_copy(update={"friction": start.rolling()})
     segments = signals.segments

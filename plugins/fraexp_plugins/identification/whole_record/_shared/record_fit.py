@@ -100,7 +100,7 @@ class RecordFit:
                 break
             state, positions = move.state, move.positions or positions
             if move.is_as_promised:
-                linear, is_exact = self._moved(linear, move), False
+                linear, is_exact = self._records_after(linear, move), False
             elif move.gain or not is_exact:
                 linear, is_exact = self.linearise(state, positions), True
         return state, linear
@@ -166,7 +166,7 @@ class RecordFit:
             moves.append(_Move(each, positions, before - loss, factor))
         return moves
 
-    def _moved(self, linear: LinearisedFit, move: "_Move") -> LinearisedFit:
+    def _records_after(self, linear: LinearisedFit, move: "_Move") -> LinearisedFit:
         """Return the records around a state near by, with the derivatives as they were."""
         models = self.free.applied_to(self.start, move.state.shared)
         records, inverse = [], []
