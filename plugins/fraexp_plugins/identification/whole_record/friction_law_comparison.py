@@ -87,13 +87,13 @@ class FrictionLawComparison(DelayedEstimator, name="friction_law_comparison", ve
         best = min((t for t in trials if t.ratio <= EQUAL_RATIO * least), key=lambda t: len(t.method.free))
         return _report(best.method.estimate(signals), trials, best)
 
-    def _shared(self) -> dict[str, object]:
+    def _common_parameters(self) -> dict[str, object]:
         names = set(type(self).model_fields) & set(MaximumLikelihood.model_fields)
         return {name: getattr(self, name) for name in names}
 
     def _method(self, model: FrictionModel) -> MaximumLikelihood:
         free = (*SCALES, *shape_parameters(model), *((DEAD_TIME,) if self.estimate_dead_time else ()))
-        return MaximumLikelihood(friction=model, free=free, **self._shared())
+        return MaximumLikelihood(friction=model, free=free, **self._common_parameters())
 
     def _starts(self, signals: Signals) -> list[FrictionModel]:
         fields = set(EffectiveInput.model_fields) & set(type(self).model_fields)
