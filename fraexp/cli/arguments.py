@@ -14,6 +14,8 @@ from fraexp.workspace.workspace_folder import DATABASE_VARIABLE
 
 COMMANDS = {
     "run": ("run", "compute the sweeps of studies that the database lacks"),
+    "measure": ("measure", "play the excitation of a study on a machine, and analyse what it records"),
+    "excite": ("excite", "write the excitation of a study to a file that a machine can play"),
     "stop": ("stop", "stop a run; finished sweeps are kept"),
     "list": ("list", "list runs, studies, or the sweeps that match a filter"),
     "show": ("show", "show a run, or one sweep with its parameters and results"),
