@@ -66,12 +66,18 @@ class SampleWriter:
     """Appends rows to a file of samples; a row that was cut off by the end of an earlier process is removed."""
 
     def __init__(self, path: Path) -> None:
+        self._path = path
         self.header, length = read_header(path)
         self._width = len(self.header.units)
         self.rows = (path.stat().st_size - length) // (8 * self._width)
         """Whole rows in the file."""
         os.truncate(path, length + 8 * self._width * self.rows)
         self._stream = path.open("ab", buffering=0)
+
+    def last_play(self) -> int:
+        """Return what the first column holds in the last row; 0 in a file without rows."""
+        header, length = read_header(self._path)
+        return int(read_samples(self._path, [0], header, length)[0, -1]) if self.rows else 0
 
     def append(self, rows: NDArray[np.float64]) -> None:
         """Append rows, shape (n, columns), and hand them to the operating system; OSError if there is no room."""

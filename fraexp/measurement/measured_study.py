@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 from fraexp.data.sample_file import read_header
-from fraexp.data.sweep import Plain
 from fraexp.errors import StudyError
 from fraexp.measurement.measured_points import PLAY_COLUMN, MeasuredPoint
 from fraexp.measurement.tasks import MeasurementTask
@@ -19,9 +18,13 @@ def record_section(samples: Path, points: Sequence[MeasuredPoint], folder: Path)
     """Return the section [record] for points in a file of samples, of a study in `folder`."""
     names = [name for name in read_header(samples)[0].units if name != PLAY_COLUMN]
     names.sort(key=lambda name: CHANNEL_ORDER.index(name) if name in CHANNEL_ORDER else len(CHANNEL_ORDER))
-    file = Path(os.path.relpath(samples.absolute(), folder.absolute())).as_posix()
     segments = [point.as_segment() for point in points]
-    return {"file": file, "channels": {name: name for name in names}, "segments": segments}
+    return {"file": relative_file(samples, folder), "channels": {name: name for name in names}, "segments": segments}
+
+
+def relative_file(file: Path, folder: Path) -> str:
+    """Return the name of a file as a study in a folder writes it."""
+    return Path(os.path.relpath(file.absolute(), folder.resolve())).as_posix()
 
 
 def record_study(tasks: Sequence[MeasurementTask], records: Sequence[Mapping[str, Any]], title: str) -> dict[str, Any]:
@@ -46,8 +49,3 @@ def without_versions(spec: Any) -> Any:
         kept = {key: value for key, value in spec.items() if value is not None and not (named and key == "version")}
         return {key: without_versions(value) for key, value in kept.items()}
     return [without_versions(one) for one in spec] if isinstance(spec, list | tuple) else spec
-
-
-def estimator_names(estimators: Sequence[Plain]) -> list[str]:
-    """Return the names of estimators."""
-    return [str(spec["name"]) for spec in estimators]

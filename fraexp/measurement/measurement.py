@@ -12,6 +12,7 @@ from fraexp.data.sample_file import SampleHeader, SampleWriter
 from fraexp.errors import ConnectionLostError, MachineError
 from fraexp.measurement.measured_points import PLAY_COLUMN, MeasuredPoint, MeasurementFiles
 from fraexp.measurement.measurement_plan import (
+    SETTLING_RESERVE,
     MeasurementPlan,
     PlannedPoint,
     check_demand,
@@ -92,7 +93,7 @@ class Measurement:
         kept = self._files.points()
         yield MeasurementBegun(plan, tuple(kept))
         self._guard = MotionGuard(plan.limits, writer.header.sample_time)
-        self._plays, self._limits = 0, plan.limits
+        self._plays, self._limits = writer.last_play(), plan.limits
         spent, total = sum(point.machine_time for point in kept), len(plan.points)
         numbers = {point.number for point in kept}
         waiting = [point for point in plan.points if point.number not in numbers]
@@ -120,7 +121,8 @@ class Measurement:
                 repeats.append(reason)
                 yield MeasurementNotice(f"{point.frequency}: played again, because {reason}")
             self._plays += 1
-            play = PointMeasurement(point, self._session, writer, self._guard, aim, self._plays)
+            reserve = SETTLING_RESERVE * 2**attempt  # of a machine that must know before how long to play
+            play = PointMeasurement(point, self._session, writer, self._guard, aim, self._plays, reserve)
             try:
                 yield from play
             except ConnectionLostError as error:

@@ -63,9 +63,9 @@ class PlannedPoint:
         settling = counts.ramp + max(counts.settling_limit, 2 * counts.window) + counts.window if counts.window else 0
         return self._request(settling + record)
 
-    def expected_request(self, record: int) -> PlayRequest:
-        """Return what to play if it settles as predicted, with a reserve."""
-        return self._request(int(np.ceil(SETTLING_RESERVE * self.settling)) + record)
+    def expected_request(self, record: int, reserve: float = SETTLING_RESERVE) -> PlayRequest:
+        """Return what to play if it settles as predicted, with a reserve: a factor on the settling time."""
+        return self._request(int(np.ceil(reserve * self.settling)) + record)
 
     def _request(self, samples: int) -> PlayRequest:
         wave = self.amplitude * self.period.waveform

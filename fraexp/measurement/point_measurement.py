@@ -77,12 +77,13 @@ class PointMeasurement:
         guard: MotionGuard,
         aim: "RecordAim",
         play: int,
+        reserve: float,
     ) -> None:
         self._point, self._session, self._writer, self._guard = point, session, writer, guard
         self._goal, self._record, self._longest, self._is_patient = aim
         self._play, self.is_hopeless = play, False
         live = session.description.is_live
-        self._request = point.request(self._longest) if live else point.expected_request(self._record)
+        self._request = point.request(self._longest) if live else point.expected_request(self._record, reserve)
         self._monitor = SettlingMonitor(point.counts)
         self._channels = [name for name in writer.header.units if name in session.description.channels]
         self._samples = np.empty((len(self._channels), self._request.samples))

@@ -14,13 +14,14 @@ from fraexp.errors import FraexpError, StudyError
 from fraexp.execution.estimation import apply_estimator
 from fraexp.execution.events import Event
 from fraexp.execution.job import tolerated_error
+from fraexp.measurement.excitation_table import ExcitationTable
 from fraexp.measurement.measured_points import MeasuredPoint, MeasurementFiles
-from fraexp.measurement.measured_study import record_section, record_study
+from fraexp.measurement.measured_study import record_section, record_study, relative_file
 from fraexp.measurement.measurement import Measurement, MeasurementEvent, PointMeasured
 from fraexp.measurement.measurement_plan import MeasurementPlan, plan_measurement
 from fraexp.measurement.point_measurement import noise_band
 from fraexp.measurement.tasks import MeasurementTask, measurement_tasks
-from fraexp.records.study_writer import study_text
+from fraexp.records.study_writer import is_same_study, study_text
 from fraexp.study.study_file import read
 from fraexp.workspace.workspace_service import WorkspaceService
 
@@ -71,6 +72,24 @@ class MeasurementService:
         finally:
             self._write_study()
         yield from self._service.run([str(self.path.resolve())])
+
+    def write_record_study(self, record: Path, table: ExcitationTable, force: bool) -> Path:
+        """Write the study that analyses the record of an excitation that was written to a file; return its path."""
+        task = self.tasks[0]
+        path = self._folder / "studies" / f"{record.stem}.toml"
+        rotary = bool(task.experiment["loop"].get("rotary"))
+        section = {
+            "file": relative_file(record, path.parent),
+            "sample_rate": 1 / table.sample_time,
+            "channels": {"u": f"u [{table.unit}]", "y": "y [rad]" if rotary else "y [m]"},
+            "segments": table.segments(),
+        }
+        data = record_study([task], [section], f"{task.title}, recorded")
+        if path.exists() and not is_same_study(path, data) and not force:
+            raise StudyError(f"{path}: a different study is in this file; choose another record, or use --force")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_study(path, data)
+        return path
 
     def _measure(self, task: MeasurementTask, fresh: bool) -> Generator[MeasurementEvent | PointEstimated, None, None]:
         files, results = self.files(task), list[Result | str]()

@@ -22,7 +22,7 @@ from fraexp_plugins.machines._shared.frames import FrameStream, Message
 
 TICK_S = 0.002
 """Longest wait for messages."""
-PACKET_TIME_S, LOCKSTEP_SAMPLES = 0.02, 500
+PACKET_TIME_S, LOCKSTEP_SAMPLES = 0.02, 50
 """Machine time of a packet in real time, and samples of one where the machine waits for whoever measures."""
 LINGER_S = 3.0
 """Time without a connection after which the process ends."""
