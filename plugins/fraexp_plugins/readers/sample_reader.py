@@ -6,7 +6,7 @@ from pathlib import Path
 from fraexp.api import RecordError, RecordReader, RecordTable, did_you_mean, read_header, read_samples
 
 
-class SampleReader(RecordReader, name="samples", version=1):
+class SampleReader(RecordReader, name="sample", version=1):
     """What a machine has recorded under `fraexp measure`: a line of JSON, then rows of float64, little endian."""
 
     suffixes = (".samples",)
