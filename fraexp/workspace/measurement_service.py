@@ -1,6 +1,7 @@
 """Measurements of a workspace: planned, played on a machine, and analysed by an ordinary study of the record."""
 
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,8 @@ from fraexp.components.kinds import Estimator
 from fraexp.components.registry import create
 from fraexp.data.atomic_file import atomic_file
 from fraexp.data.results import Result
-from fraexp.errors import FraexpError, StudyError
+from fraexp.data.rotary_axes import is_rotary, rotary_text
+from fraexp.errors import FraexpError, MachineError, StudyError
 from fraexp.execution.estimation import apply_estimator
 from fraexp.execution.events import Event
 from fraexp.execution.job import tolerated_error
@@ -49,7 +51,11 @@ class MeasurementService:
 
     def plans(self) -> list[MeasurementPlan]:
         """Return the plan of each experiment, by the limits that the study states; nothing is connected or played."""
-        return [plan_measurement(task, self._service.registry) for task in self.tasks]
+        found = []
+        for task in self.tasks:
+            with _words_of_its_axis(task):
+                found.append(plan_measurement(task, self._service.registry))
+        return found
 
     def files(self, task: MeasurementTask) -> MeasurementFiles:
         """Return the files of an experiment."""
@@ -103,8 +109,9 @@ class MeasurementService:
 
         assert task.settings is not None
         measurement = Measurement(task, task.settings, files, self._folder)
-        for event in measurement.events(self._service.registry, judge):
-            yield PointEstimated(event, tuple(results)) if isinstance(event, PointMeasured) else event
+        with _words_of_its_axis(task), closing(measurement.events(self._service.registry, judge)) as events:
+            for event in events:
+                yield PointEstimated(event, tuple(results)) if isinstance(event, PointMeasured) else event
 
     def _estimates(self, task: MeasurementTask, files: MeasurementFiles, point: MeasuredPoint) -> list[Result | str]:
         """Return what each estimator finds at one point, read from its file like any record."""
@@ -140,6 +147,15 @@ class MeasurementService:
         sections = [record_section(files.samples, files.points(), self.path.parent) for _, files in measured]
         data = record_study([task for task, _ in measured], sections, f"{self.tasks[0].title}, measured")
         write_study(self.path, data)
+
+
+@contextmanager
+def _words_of_its_axis(task: MeasurementTask) -> Iterator[None]:
+    """Have errors speak of angles and torques if the axis turns."""
+    try:
+        yield
+    except MachineError as error:
+        raise MachineError(rotary_text(str(error)) if is_rotary(task.experiment) else str(error)) from error
 
 
 def write_study(path: Path, data: dict[str, Any]) -> None:
