@@ -84,7 +84,10 @@ def kill(count: int) -> None:
             failed += subprocess.run(command, **quiet, check=False).returncode != 0
             after = rows_of(folder)
             lost += not np.array_equal(after[: len(before)], before)
-        print(f"{number + 1}: latest stop {max(late, default=0.0) * 1e3:.0f} ms after the watchdog's time", flush=True)
+        latest = max(late, default=0.0) * 1e3
+        print(
+            f"{number + 1}: at rest {latest:.0f} ms after the watchdog's time; lost {lost}, failed {failed}", flush=True
+        )
     print(f"{count} kills: {len(late)} while it played, the machine at rest at most {max(late) * 1e3:.0f} ms after the")
     print(f"watchdog's time, recorded samples lost in {lost}, resumed without completing {failed}")
 

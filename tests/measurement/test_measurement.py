@@ -149,10 +149,11 @@ def events_of(log: Path) -> list[dict[str, Any]]:
 @pytest.mark.thorough
 def test_after_kill_9_the_machine_stops_and_the_measurement_goes_on(workspace: WorkspaceService) -> None:
     log = workspace.folder / "machine.log"
-    machine = f'measurement.machine={{name="simulated", speed=20.0, log="{log}"}}'
+    machine = f'measurement.machine={{name="simulated", speed=1.0, watchdog=2.0, log="{log}"}}'
     command = [sys.executable, "-m", "fraexp", "measure", "axis", "--set", machine]
     process = subprocess.Popen(command, cwd=workspace.folder, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
-    wait_until(lambda: [event["event"] for event in events_of(log)].count("play") == 2)
+    points = workspace.folder / "measurements" / "axis.log"
+    wait_until(lambda: points.exists() and '"point"' in points.read_text() and events_of(log)[-1]["event"] == "play")
     os.kill(process.pid, signal.SIGKILL)
     process.wait(HANG_TIMEOUT_S)
     wait_until(lambda: events_of(log)[-1]["event"] == "rest")
