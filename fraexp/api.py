@@ -10,12 +10,14 @@ from fraexp.components.kinds import (
     Estimator,
     Excitation,
     FrictionModel,
+    MachineDriver,
     Motion,
     Period,
     Plant,
     RecordReader,
     Schedule,
 )
+from fraexp.components.machine_session import Chunk, MachineDescription, MachineSession, PlayRequest
 from fraexp.components.parameters import Parameters, param
 from fraexp.components.ports import Contact, Ports, StateSpace
 from fraexp.components.position_dependence import PositionDependentFriction
@@ -24,13 +26,17 @@ from fraexp.components.registry import hookimpl
 from fraexp.data.frequency_text import frequency_text
 from fraexp.data.record_table import RecordTable
 from fraexp.data.results import HARMONICS, Curve, Fit, FrequencyResponse, Metric, Outcome, Result
+from fraexp.data.sample_file import read_header, read_samples
 from fraexp.data.signals import Encoder, Segment, Settling, Signals
-from fraexp.errors import FraexpError, ParameterError, RecordError, did_you_mean
+from fraexp.errors import ConnectionLostError, FraexpError, MachineError, ParameterError, RecordError, did_you_mean
 from fraexp.kernels.choice import where
+from fraexp.simulation.live_loop import LiveLoop, live_setup
 from fraexp.simulation.replay import Replay, ReplayModel, replay
 
 __all__ = [
     "HARMONICS",
+    "Chunk",
+    "ConnectionLostError",
     "Contact",
     "Controller",
     "Curve",
@@ -41,6 +47,11 @@ __all__ = [
     "FraexpError",
     "FrequencyResponse",
     "FrictionModel",
+    "LiveLoop",
+    "MachineDescription",
+    "MachineDriver",
+    "MachineError",
+    "MachineSession",
     "Metric",
     "Motion",
     "Outcome",
@@ -48,6 +59,7 @@ __all__ = [
     "Parameters",
     "Period",
     "Plant",
+    "PlayRequest",
     "Ports",
     "PositionDependentFriction",
     "RecordError",
@@ -70,10 +82,13 @@ __all__ = [
     "hold_response",
     "hookimpl",
     "image_factor",
+    "live_setup",
     "param",
     "path_response",
     "phasor_variance",
     "phasors",
+    "read_header",
+    "read_samples",
     "record_spectrum",
     "replay",
     "response_result",

@@ -23,6 +23,8 @@ COMMANDS = {
     "report": ("report", "write an HTML report of runs"),
     "export": ("export", "export the result of a sweep to CSV, JSON, MAT, HDF5 or UNV"),
     "import": ("import_record", "analyse a measured record, or list its contents"),
+    "measure": ("measure", "play the excitation of a study on a machine, and analyse what it records"),
+    "excite": ("excite", "write the excitation of a study to a file that a machine can play"),
     "plugins": ("plugins", "list the available components, and plugins that failed to load"),
     "new": ("new", "create a plugin from a template: a file in plugins/, or a package"),
     "check": ("check", "run the conformance checks of a plugin's components"),

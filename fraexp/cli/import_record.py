@@ -30,6 +30,10 @@ def execute(arguments: Namespace) -> ExitCode:
     """Analyse a record, store the results, and print them as a run; without channels, list its contents."""
     workspace = WorkspaceService.open(arguments.workspace, arguments.db)
     if not arguments.channels:
+        study = workspace.study_of_record(arguments.study or arguments.files[0], arguments.files[0])
+        if study is not None:
+            say(f"{arguments.files[0]}: analysed as {study} says")
+            return print_outcome(follow(workspace.run([str(study.resolve())])), arguments, workspace)
         return _list_contents(arguments, workspace)
     request = ImportRequest(
         files=arguments.files,

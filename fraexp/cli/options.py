@@ -8,7 +8,7 @@ from fraexp.cli.output import say
 from fraexp.cli.parser import Parser
 from fraexp.data.figure_kinds import FIGURES
 
-KINDS = ("friction", "plant", "controller", "excitation", "estimator", "reader")
+KINDS = ("friction", "plant", "controller", "excitation", "estimator", "reader", "machine")
 """Kinds of component."""
 ID_HELP = "a run number, a study name (its newest run), or the beginning of a sweep key"
 ALL_HELP = "on a terminal, show every sweep instead of quantiles over the sweeps"
@@ -144,6 +144,40 @@ def _run(parser: Parser) -> None:
     _json(parser)
 
 
+def _measure(parser: Parser) -> None:
+    parser.add_argument(
+        "study", metavar="STUDY", help="study file (TOML) or study name, with [limits] and [measurement]"
+    )
+    parser.add_argument(
+        "--set", metavar="PATH=VALUE", dest="overrides", action="append", default=[],
+        help="override a value of the study, such as measurement.band=0.1",
+    )  # fmt: skip
+    parser.add_argument(
+        "--dry-run", action="store_true", help="show the points, their durations and the predicted motion; play nothing"
+    )
+    parser.add_argument(
+        "--fresh", action="store_true", help="measure anew: discard what an earlier measurement of the study recorded"
+    )
+    _json(parser)
+
+
+def _excite(parser: Parser) -> None:
+    parser.add_argument("study", metavar="STUDY", help="study file (TOML) or study name, with [limits]")
+    parser.add_argument(
+        "-o", "--output", metavar="FILE", type=Path, required=True,
+        help="file to write: .csv, .mat, .h5, .wav, .h (C) or .st (Structured Text)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--set", metavar="PATH=VALUE", dest="overrides", action="append", default=[],
+        help="override a value of the study, such as excitation.amplitude=20",
+    )  # fmt: skip
+    parser.add_argument(
+        "--record", metavar="FILE", type=Path,
+        help="name of the record that will come back (default: that of the output, with -record, as .csv)",
+    )  # fmt: skip
+    parser.add_argument("--force", action="store_true", help="overwrite an existing file")
+
+
 def _show(parser: Parser) -> None:
     parser.add_argument("id", metavar="ID", help=ID_HELP)
     parser.add_argument("--points", action="store_true", help="show every frequency of the response")
@@ -236,6 +270,8 @@ def _check(parser: Parser) -> None:
 
 DECLARE = {
     "run": _run,
+    "measure": _measure,
+    "excite": _excite,
     "stop": _stop,
     "list": _list,
     "show": _show,

@@ -29,6 +29,18 @@ class Step(Parameters):
     frequency: float = param("Hz", "frequency", above=0)
 
 
+class PlayedSegment(Parameters):
+    """Whole periods of a record, counted in samples: whoever has played the excitation knows them."""
+
+    start: int = param("1", "first sample of the periods, from 0", at_least=0, at_most=MAX_SAMPLES)
+    periods: int = param("1", "number of periods", at_least=1, at_most=MAX_SAMPLES)
+    samples: int = param("1", "samples per period", at_least=2, at_most=MAX_SAMPLES)
+    harmonics: tuple[int, ...] = param("1", "excited harmonics of the period")
+    rest: int | None = param("1", "sample before which the machine was at rest", None, at_least=0, at_most=MAX_SAMPLES)
+    settled: bool | None = param("", "whether it was periodic when the periods began; not stated if absent", None)
+    residual: float | None = param("1", "relative difference of the last periods compared", None, at_least=0)
+
+
 class RecordSettings(Parameters):
     """A measured record: periodic (`samples_per_period` or `period_time`), a stepped sine (`steps` or
     `frequency_column`), or neither.
@@ -90,6 +102,9 @@ class RecordSettings(Parameters):
         "1", "periods of each realisation, where several follow one another", None, at_least=1, at_most=MAX_SAMPLES
     )
     steps: tuple[Step, ...] = param("", "stretches of a stepped sine: start, stop, frequency", ())
+    segments: tuple[PlayedSegment, ...] = param(
+        "", "periods of an excitation that fraexp has played: start, periods, samples, harmonics", ()
+    )
     frequency_column: Channel | None = param(
         "", "column with the frequency of a stepped sine; 0 where there is none", None
     )
@@ -138,6 +153,16 @@ class RecordSettings(Parameters):
         return tuple(
             step if isinstance(step, Step) else Step.parse(step, f"steps.{number}")
             for number, step in enumerate(value, start=1)
+        )
+
+    @field_validator("segments", mode="before")
+    @classmethod
+    def _read_segments(cls, value: object) -> tuple[PlayedSegment, ...]:
+        if not isinstance(value, list | tuple) or not all(isinstance(one, PlayedSegment | Mapping) for one in value):
+            raise ParameterError("segments is no list of tables, such as those that fraexp measure and excite write")
+        return tuple(
+            one if isinstance(one, PlayedSegment) else PlayedSegment.parse(one, f"segments.{number}")
+            for number, one in enumerate(value, start=1)
         )
 
     @property

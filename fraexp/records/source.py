@@ -13,13 +13,21 @@ from fraexp.components.kinds import RecordReader
 from fraexp.components.registry import Registry, create
 from fraexp.data.identity import file_hash
 from fraexp.data.record_table import RecordTable
-from fraexp.data.signals import Segment, Settling, Signals
+from fraexp.data.signals import Segment, Signals
 from fraexp.data.sweep import Plain
 from fraexp.errors import RecordError, did_you_mean
 from fraexp.records.calculus import integrate_blocks
 from fraexp.records.channels import Channel
 from fraexp.records.clocks import ColumnReader
-from fraexp.records.cutting import Cut, find_steps, periodic_cut, split_realisations, step_cuts, whole_cut
+from fraexp.records.cutting import (
+    Cut,
+    find_steps,
+    periodic_cut,
+    played_cuts,
+    split_realisations,
+    step_cuts,
+    whole_cut,
+)
 from fraexp.records.excited import describe_doubts
 from fraexp.records.joined_files import JoinedFiles
 from fraexp.records.line_selection import check_step_frequencies, common_lines, select_lines
@@ -33,8 +41,6 @@ from fraexp.records.timebase import MAX_JITTER
 
 MAX_VALUE = 1e100
 """Magnitude of a sample from which a file is damaged: its square could not be computed."""
-APERIODIC_SETTLING = Settling(settled=True, time=0.0, residual=float("nan"))
-"""Settling of an aperiodic record: what preceded its first sample is unknown."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +86,7 @@ def resolve(settings: RecordSettings, base_folder: Path, registry: Registry) -> 
     _check_alike(parts)
     cuts = [cut for part in parts for cut in part.cuts]
     inputs = [blocks for part in parts for blocks in part.blocks(settings.reference)]
-    if len(cuts) > 1 and not (settings.steps or settings.frequency_column):
+    if len(cuts) > 1 and not (settings.steps or settings.frequency_column or settings.segments):
         check_levels(cuts, inputs, settings.reference, parts[0].path.name)
         cuts = cuts if settings.harmonics or settings.harmonic_step else common_lines(cuts)
     segments = [cut.as_plain() for cut in cuts]
@@ -152,8 +158,11 @@ def _load_segment(
         )
         for name, samples in values.items()
     }
-    settling = None if cut.periodic else APERIODIC_SETTLING
-    return Segment(cut.sample_time, blocks, np.array(cut.lines), settling, periodic=cut.periodic)
+    lead_in = {}
+    if cut.rest is not None:
+        plain = {name: samples for name, samples in values.items() if not channels[name].get("integrate", 0)}
+        lead_in = {name: samples[cut.rest : cut.start].copy() for name, samples in plain.items()}
+    return Segment(cut.sample_time, blocks, np.array(cut.lines), cut.settling, lead_in, cut.periodic)
 
 
 def _unchanged_file(file: str, content: str) -> Path:
@@ -278,7 +287,8 @@ def _plan_cuts(
     if name not in values:
         raise RecordError(f"{path.name}: input is '{name}', which is not a channel{did_you_mean(name, values)}")
     channel = values[name]
-    ways = [key for key in ("samples_per_period", "period_time", "steps", "frequency_column") if getattr(settings, key)]
+    keys = ("samples_per_period", "period_time", "steps", "frequency_column", "segments")
+    ways = [key for key in keys if getattr(settings, key)]
     runs = select_runs(settings, table, channel.size, path.name)
     if not settings.periodic:
         if ways:
@@ -294,6 +304,10 @@ def _plan_cuts(
         ]
     if settings.select or settings.segment_column:
         raise RecordError(f"{path.name}: {ways[0]} already defines the segments; leave out select and segment_column")
+    if settings.segments:
+        cuts = played_cuts(settings, rate, channel.size, path.name)
+        check_step_frequencies([cut for cut in cuts if len(cut.lines) == 1], channel, rate, name, path.name)
+        return cuts
     steps = list(settings.steps)
     if settings.frequency_column is not None:
         steps = find_steps(auxiliary_values("frequency", settings.frequency_column, table, "Hz", path), rate)

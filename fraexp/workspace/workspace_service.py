@@ -25,7 +25,7 @@ from fraexp.reports.stored_figures import StoredFigures
 from fraexp.store import RunSummary, Store, StoredSweep
 from fraexp.study.catalogue import StudyEntry, catalogue
 from fraexp.study.published_values import PublishedComparison
-from fraexp.study.study_file import ResolvedStudy, find_studies, load, outline, resolve
+from fraexp.study.study_file import ResolvedStudy, find_studies, load, outline, read, resolve
 from fraexp.workspace import fit_specs
 from fraexp.workspace.workspace_folder import WorkspaceFolder
 
@@ -163,6 +163,16 @@ class WorkspaceService(WorkspaceFolder):
         with atomic_file(path) as draft:
             draft.write_text(study_text(data), encoding="utf-8")
         yield from self.run([str(path.resolve())])
+
+    def study_of_record(self, name: Path, file: Path) -> Path | None:
+        """Return the study of a name that analyses a record, such as one that `fraexp excite` has written; or None."""
+        path = name if name.suffix == ".toml" else self.folder / "studies" / f"{name.stem}.toml"
+        if not path.is_file():
+            return None
+        stated = read(path).get("record", {})
+        named = stated.get("file") if isinstance(stated, dict) else None
+        is_its_own = isinstance(named, str) and (path.parent / named).resolve() == file.resolve()
+        return path if is_its_own else None
 
     def rewrite_studies(self, files: Sequence[Path] = ()) -> "Iterator[Rewritten]":
         """Replace former names in study files, all of the workspace if none is given; yield what was done to each."""
