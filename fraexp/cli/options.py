@@ -203,6 +203,18 @@ def _fit(parser: Parser) -> None:
     _json(parser)
 
 
+def _tune(parser: Parser) -> None:
+    parser.add_argument("ids", metavar="ID", nargs="+", help=ID_HELP)
+    parser.add_argument(
+        "--set", metavar="PARAMETER=VALUE", dest="overrides", action="append", default=[],
+        help="set a parameter of the tuning, such as integral_action=false or modulus_margin=0.6",
+    )  # fmt: skip
+    parser.add_argument(
+        "--estimator", metavar="NAME", default="", help="estimator that tunes the feedback (default: the only one)"
+    )
+    _json(parser)
+
+
 def _report(parser: Parser) -> None:
     parser.add_argument(
         "ids", metavar="ID", nargs="+",
@@ -244,6 +256,7 @@ DECLARE = {
     "compare": _compare,
     "plot": _plot,
     "fit": _fit,
+    "tune": _tune,
     "report": _report,
     "export": _export,
     "import": import_options.declare,
