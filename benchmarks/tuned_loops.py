@@ -1,12 +1,13 @@
 """Draw plants in the band of a measured response, and count the unstable loops with the tuned gains.
 
 Stability is judged by the eigenvalues of each sampled loop, which share nothing with the margins: the plant is
-discretised by scipy, the controller is realised by scipy, and friction is a spring and a dashpot with the describing
-function's closed form at a random amplitude.
+discretised by a matrix exponential, the controller is realised by scipy, and friction is a spring and a dashpot with
+the describing function's closed form at a random amplitude.
 """
 
 import argparse
 import tomllib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,9 +15,10 @@ from typing import Any
 import numpy as np
 from fraexp_plugins.tuning._shared.plant_band import drawn_values, plant_of
 from numpy.typing import NDArray
-from scipy.signal import cont2discrete, tf2ss
+from scipy.linalg import expm
+from scipy.signal import tf2ss
 
-from fraexp.components.kinds import Controller, Estimator, Excitation
+from fraexp.components.kinds import Controller, Estimator, Excitation, Plant
 from fraexp.components.registry import Registry, create, discover
 from fraexp.data.results import Fit, Result
 from fraexp.simulation.loop import simulate_loop
@@ -75,43 +77,49 @@ def describing_function(machine: TunedMachine, amplitude: float) -> complex:
     return complex(np.sum(stiffness / np.pi * (theta - 0.5 * np.sin(2 * theta) + 1j * np.sin(theta) ** 2)))
 
 
-def spectral_radius(
-    machine: TunedMachine, controller: Controller, plant: Any, factor: float, spring: float, damping: float
-) -> float:
-    """Return the greatest magnitude of a pole of the sampled loop, friction being a spring and a dashpot."""
-    free = plant.state_space()
-    a, b, c = free.a, factor * free.b[:, None], free.c[None, :]
-    a = a - b @ (spring * c + damping * (c @ free.a))
-    ad, bd, cd, _, _ = cont2discrete((a, b, c, np.zeros((1, 1))), machine.sample_time)
+def spectral_radii(
+    machine: TunedMachine, controller: Controller, plants: Sequence[Plant], draws: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the greatest magnitude of a pole of each sampled loop, friction being a spring and a dashpot.
+
+    `draws` has a factor on the plant's gain, a spring [N/m] and a dashpot [N s/m] for each plant, shape (plants, 3).
+    """
+    a, b = [], []
+    for plant, (factor, spring, damping) in zip(plants, draws.tolist(), strict=True):
+        free = plant.state_space()
+        column, row = factor * free.b[:, None], free.c[None, :]
+        a.append(free.a - column @ (spring * row + damping * (row @ free.a)))
+        b.append(column)
+    count, n = len(plants), len(free.b)
+    block = np.zeros((count, n + 1, n + 1))
+    block[:, :n, :n], block[:, :n, n:] = a, b
+    sampled = expm(block * machine.sample_time)
     numerator, denominator = controller.transfer_function(machine.sample_time)
     size = max(numerator.size, denominator.size)
-    ac, bc, cc, dc = tf2ss(
-        np.pad(numerator, (0, size - numerator.size)), np.pad(denominator, (0, size - denominator.size))
-    )
-    n, m = ad.shape[0], ac.shape[0]
-    loop = np.zeros((n + m + DEAD_SAMPLES, n + m + DEAD_SAMPLES))  # plant, controller, thrusts on their way
-    loop[:n, :n], loop[:n, n + m + DEAD_SAMPLES - 1 :] = ad, bd
-    loop[n : n + m, :n], loop[n : n + m, n : n + m] = -bc @ cd, ac
-    loop[n + m, :n], loop[n + m, n : n + m] = -dc @ cd, cc
-    loop[n + m + 1, n + m] = 1.0
-    return float(np.abs(np.linalg.eigvals(loop)).max())
+    ac, bc, cc, dc = tf2ss(*(np.pad(each, (0, size - each.size)) for each in (numerator, denominator)))
+    m, position = ac.shape[0], np.array([plant.state_space().c for plant in plants])[:, None, :]
+    loop = np.zeros((count, n + m + DEAD_SAMPLES, n + m + DEAD_SAMPLES))  # plant, controller, thrusts on their way
+    loop[:, :n, :n], loop[:, :n, n + m + DEAD_SAMPLES - 1 :] = sampled[:, :n, :n], sampled[:, :n, n:]
+    loop[:, n : n + m, :n], loop[:, n : n + m, n : n + m] = -bc @ position, ac
+    loop[:, n + m : n + m + 1, :n], loop[:, n + m, n : n + m] = -dc * position, cc[0]
+    loop[:, n + m + 1, n + m] = 1.0
+    return np.asarray(np.abs(np.linalg.eigvals(loop)).max(axis=1))
 
 
 def unstable_loops(machine: TunedMachine, controller: Controller, draws: int, seed: int = 0) -> tuple[int, float]:
-    """Return the number of unstable loops among plants drawn in the band, and the greatest pole of all."""
+    """Return the number of unstable loops among plants drawn in the band, and the greatest pole of all.
+
+    With an odd seed all plants lie on the surface of the band's ellipsoid.
+    """
     rng = np.random.default_rng(seed)
     fit: Fit = next(fit for fit in machine.result.fits if fit.kind == "plant")
-    count, worst = 0, 0.0
-    for values in drawn_values(fit, draws, rng, bool(seed % 2)):
-        plant, _ = plant_of(fit, values)
-        factor = 1 + machine.model_error * rng.uniform(-1, 1)
-        friction = describing_function(machine, 10 ** rng.uniform(-8, -2))
-        omega = 2 * np.pi * 10 ** rng.uniform(0, 2)
-        damping = machine.viscous + friction.imag / omega
-        radius = spectral_radius(machine, controller, plant, factor, friction.real, damping)
-        count += radius >= 1.0
-        worst = max(worst, radius)
-    return count, worst
+    plants = [plant_of(fit, values)[0] for values in drawn_values(fit, draws, rng, bool(seed % 2))]
+    friction = np.array([describing_function(machine, 10**exponent) for exponent in rng.uniform(-8, -2, draws)])
+    omega = 2 * np.pi * 10 ** rng.uniform(0, 2, draws)
+    factor = 1 + machine.model_error * rng.uniform(-1, 1, draws)
+    drawn = np.column_stack([factor, friction.real, machine.viscous + friction.imag / omega])
+    radii = spectral_radii(machine, controller, plants, drawn)
+    return int(np.sum(radii >= 1.0)), float(radii.max())
 
 
 def main() -> None:

@@ -12,7 +12,7 @@ from fraexp.figures.export import export
 from fraexp.reports.published_comparisons import compare_sweep, comparison_document
 from fraexp.store import StoredSweep
 from fraexp.views.words import short_key
-from fraexp.workspace.controller_export import CODE_WRITERS, export_controller
+from fraexp.workspace.controller_export import CONTROLLER_SUFFIXES, export_controller
 from fraexp.workspace.workspace_service import WorkspaceService
 
 
@@ -27,7 +27,7 @@ def execute(arguments: Namespace) -> ExitCode:
         if sweeps[0].outcome is Outcome.DAMAGED:
             raise StoreError(f"sweep {short_key(sweeps[0].key)}: {sweeps[0].message}; {Outcome.DAMAGED.value}")
         result = store.result(sweeps[0].key)
-        if arguments.output.suffix.lower() in CODE_WRITERS:
+        if arguments.output.suffix.lower() in CONTROLLER_SUFFIXES:
             return _export_code(sweeps[0], result, arguments)
         published = compare_sweep(store, sweeps[0], result, workspace_folder(arguments).folder)
     header = {

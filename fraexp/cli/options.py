@@ -229,7 +229,8 @@ def _export(parser: Parser) -> None:
     parser.add_argument("id", metavar="ID", help=ID_HELP)
     parser.add_argument(
         "-o", "--output", metavar="FILE", type=Path, required=True,
-        help="file to write: .csv, .json, .mat, .h5 or .unv; .c, .h (C99) or .st (Structured Text) for a controller",
+        help="file to write: .csv, .json, .mat, .h5 or .unv; .c, .h (C99) or .st (Structured Text) for a "
+        "controller; .mjcf or .urdf for friction in a simulator",
     )  # fmt: skip
     parser.add_argument("--single", action="store_true", help="code in single precision instead of double")
     parser.add_argument("--force", action="store_true", help="overwrite an existing file")

@@ -97,7 +97,7 @@ class ControllerParts:
         return Block(
             "smith_delay",
             "Dead time of the loop, by which a reference is delayed before it is compared with the measured position",
-            blocks.delayed,
+            blocks.delay_value,
             {"line": whole + 1},
             (BlockInput("value", "1", "value of this sample"),),
             {"older_share": max(delay - whole, 0.0)},

@@ -17,10 +17,15 @@ from fraexp.figures.export import write_file
 from fraexp.simulation.controller_blocks import ControllerParts
 from fraexp.simulation.discretisation import SignalPath
 from fraexp.simulation.experiments import Compensation
+from fraexp.simulation.simulator_attributes import mjcf_text, urdf_text
 from fraexp.store import StoredSweep
 
 CODE_WRITERS = {".c": c_text, ".h": c_text, ".st": st_text}
 """What writes code, by suffix."""
+ATTRIBUTE_WRITERS = {".mjcf": mjcf_text, ".urdf": urdf_text}
+"""What writes friction as attributes of a simulator, by suffix."""
+CONTROLLER_SUFFIXES = (*CODE_WRITERS, *ATTRIBUTE_WRITERS)
+STATES_NOTE = "All states are 0 before the first call. Call each block once per sample, with the inputs of that sample."
 UNTRUSTED = (Outcome.INACCURATE, Outcome.NOT_SETTLED)
 """Outcomes of results whose message is part of what is written."""
 
@@ -33,25 +38,26 @@ def export_controller(
     FraexpError if the sweep has neither friction nor feedback, or the file cannot be written; PluginError names the
     line of a law that cannot be translated.
     """
-    blocks = controller_parts(sweep, result, registry).blocks()
-    if not blocks:
-        raise FraexpError(
-            f"{path.name}: sweep {sweep.key[4:12]} has no friction model and no feedback; expected a simulated "
-            "machine, or a result that identified friction"
-        )
+    parts = controller_parts(sweep, result, registry)
     name = re.sub(r"\W+", "_", path.stem, flags=re.ASCII).strip("_").lower() or "axis"
     name = name if name[0].isalpha() else f"axis_{name}"
-    text = CODE_WRITERS[path.suffix.lower()](blocks, name, _notes(sweep, result, name), is_single)
+    notes = _notes(sweep, result)
+    if (suffix := path.suffix.lower()) in CODE_WRITERS and (blocks := parts.blocks()):
+        text = CODE_WRITERS[suffix](blocks, name, [*notes, STATES_NOTE], is_single)
+    elif suffix in ATTRIBUTE_WRITERS and parts.friction is not None:
+        text = ATTRIBUTE_WRITERS[suffix](parts.friction, name, notes, is_rotary(sweep.experiment))
+    else:
+        missing = "no friction model" + (" and no feedback" if suffix in CODE_WRITERS else "")
+        raise FraexpError(
+            f"{path.name}: sweep {sweep.key[4:12]} has {missing}; expected a simulated machine, or a result that "
+            "identified friction"
+        )
     write_file(path, lambda draft: draft.write_text(text, encoding="utf-8"), force=force)
 
 
-def _notes(sweep: StoredSweep, result: Result, name: str) -> list[str]:
+def _notes(sweep: StoredSweep, result: Result) -> list[str]:
     doubt = [f"Caution: {result.message}"] if result.message and result.outcome in UNTRUSTED else []
-    return [
-        f"Controller of sweep {sweep.key}, written by fraexp export. SI units.",
-        f"Feedback and friction are those of the sweep; states of all blocks are 0 before the first call ({name}).",
-        *doubt,
-    ]
+    return [f"Sweep {sweep.key}, written by fraexp export. SI units.", *doubt]
 
 
 def controller_parts(sweep: StoredSweep, result: Result, registry: Registry) -> ControllerParts:

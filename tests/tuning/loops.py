@@ -33,7 +33,7 @@ def family(dead_time: float, points: int = 1500) -> tuple[LoopFamily, FrictionGa
     path = path_response(omega, dead_time, ()) * hold_response(omega, SAMPLE_TIME_S)
     path = path * image_factor(omega, SAMPLE_TIME_S, dead_time, (), 2)
     friction = FrictionGain.from_model(GUIDE, np.geomspace(1e-8, 1e-2, 120), frequency[0], frequency[-1])
-    return LoopFamily(band, friction.at(frequency), path, SAMPLE_TIME_S), friction
+    return LoopFamily(band, friction.gain_at(frequency), path, SAMPLE_TIME_S), friction
 
 
 def simulate(controller: Pid, late_samples: int, start: float, time: float) -> np.ndarray:

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.tuned_loops import TunedMachine, spectral_radius, tune, unstable_loops
+from benchmarks.tuned_loops import TunedMachine, spectral_radii, tune, unstable_loops
 from fraexp.cli.main import main
-from fraexp.components.kinds import Controller
+from fraexp.components.kinds import Controller, Plant
 from fraexp.components.registry import Registry, create
 from fraexp.errors import ParameterError, RecordError
 from fraexp.workspace.controller_export import controller_parts
@@ -49,10 +49,10 @@ def test_eigenvalues_notice_more_gain_than_the_margin_allows(tuned: TunedMachine
     count, _ = unstable_loops(tuned, fast, 50)
     assert count > 25
     fit = next(fit for fit in tuned.result.fits if fit.kind == "plant")
-    plant = registry.create("plant", fit.component)
+    plant = create(registry, Plant, fit.component)
     rise = 0.99 * metric(tuned, "gain margin")
     within = create(registry, Controller, {**values, "proportional": rise * values["proportional"]})
-    assert spectral_radius(tuned, within, plant, 1.0, 0.0, 4.69) < 1.0
+    assert spectral_radii(tuned, within, [plant], np.array([[1.0, 0.0, 4.69]]))[0] < 1.0
 
 
 def test_what_no_controller_can_keep_is_refused(registry: Registry) -> None:

@@ -82,7 +82,7 @@ def feedback(filtered: Numbers, error: float, controller: TransferFunction) -> f
     return float(control)
 
 
-def delayed(line: Numbers, value: float, older_share: float) -> float:
+def delay_value(line: Numbers, value: float, older_share: float) -> float:
     """Value of `line.size` samples ago, for a share of the one after it."""
     older = line[0]
     for i in range(1, line.size):
@@ -91,7 +91,7 @@ def delayed(line: Numbers, value: float, older_share: float) -> float:
     return float(older_share * older + (1.0 - older_share) * line[0])
 
 
-def lagged(lags: Numbers, value: float, gains: Numbers) -> float:
+def filter_by_lags(lags: Numbers, value: float, gains: Numbers) -> float:
     """Value behind first-order lags, exact for a value that is held over each sample."""
     result = value
     for i in range(gains.size):
@@ -128,10 +128,10 @@ def effective_input(
     """
     older_share, input_gains, output_gains, sample_time = path
     law, arguments, viscous = friction
-    thrust = lagged(input_lags, delayed(line, control, older_share), input_gains)
+    thrust = filter_by_lags(input_lags, delay_value(line, control, older_share), input_gains)
     moved = movement(past, position)
     force = friction_force(z, z_next, moved, sample_time, (law, arguments, 0.0))
-    return lagged(output_lags, thrust - force, output_gains) - viscous * (moved / sample_time)
+    return filter_by_lags(output_lags, thrust - force, output_gains) - viscous * (moved / sample_time)
 
 
 def compensated_feedback(

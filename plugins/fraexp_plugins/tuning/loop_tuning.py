@@ -28,7 +28,7 @@ from fraexp_plugins.controllers.notched_pid import NotchedPid
 from fraexp_plugins.identification.plant.modal_fit import ModalFit
 from fraexp_plugins.positioning._shared.design_model import DesignModel
 from fraexp_plugins.tuning._shared.friction_gain import FrictionGain
-from fraexp_plugins.tuning._shared.gain_search import GainSearch, Requirements
+from fraexp_plugins.tuning._shared.gain_search import GainSearch, RequiredMargins
 from fraexp_plugins.tuning._shared.limit_cycles import LimitCycle, limit_cycles
 from fraexp_plugins.tuning._shared.loop_margins import LoopFamily, Margins
 from fraexp_plugins.tuning._shared.plant_band import plant_band, plant_of
@@ -209,11 +209,11 @@ class _Loop:
             tuning.input_time_constants,
             tuning.output_time_constants,
         )
-        return cls(LoopFamily(band, friction.at(frequency), path, tuning.sample_time), friction, model, modes)
+        return cls(LoopFamily(band, friction.gain_at(frequency), path, tuning.sample_time), friction, model, modes)
 
     def search(self, tuning: LoopTuning) -> GainSearch:
         """Return the search for the stiffest controller."""
-        wanted = Requirements(tuning.modulus_margin, tuning.gain_margin, tuning.phase_margin)
+        wanted = RequiredMargins(tuning.modulus_margin, tuning.gain_margin, tuning.phase_margin)
         gain = rigid_gain(self.family.band.nominal, self.family.band.frequency)
         return GainSearch(self.family, self.model, gain, wanted, self.modes, tuning.integral_action)
 

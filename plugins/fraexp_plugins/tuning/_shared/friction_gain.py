@@ -44,7 +44,7 @@ class FrictionGain:
         table = 2 / POINTS * (forces @ np.exp(-1j * angle)) / amplitudes
         return cls(amplitudes, frequencies, table, friction.viscous)
 
-    def at(self, frequency: NDArray[np.float64]) -> NDArray[np.complex128]:
+    def gain_at(self, frequency: NDArray[np.float64]) -> NDArray[np.complex128]:
         """Return N + jω Dv [N/m] at frequencies [Hz], shape (n, a)."""
         place = np.interp(np.log(frequency), np.log(self.frequencies), np.arange(self.frequencies.size))
         below = np.minimum(place.astype(int), self.frequencies.size - 2)
@@ -54,6 +54,6 @@ class FrictionGain:
 
     def between(self, frequency: float, log_amplitude: float) -> complex:
         """Return N + jω Dv [N/m] at a frequency [Hz] and the logarithm of an amplitude."""
-        row = self.at(np.array([frequency]))[0]
+        row = self.gain_at(np.array([frequency]))[0]
         logs = np.log(self.amplitudes)
         return complex(np.interp(log_amplitude, logs, row.real) + 1j * np.interp(log_amplitude, logs, row.imag))

@@ -43,7 +43,7 @@ class Form(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Requirements:
+class RequiredMargins:
     """Margins that all loops must keep."""
 
     modulus: float
@@ -65,7 +65,7 @@ class GainSearch:
     model: DesignModel
     """The nominal plant with viscous friction and delays."""
     rigid_body_gain: float
-    requirements: Requirements
+    requirements: RequiredMargins
     modes: tuple[float, ...]
     """Natural frequencies at which there may be notches [Hz]."""
     has_integral: bool
@@ -80,7 +80,7 @@ class GainSearch:
             if crossover is not None:
                 found.append((form, crossover))
                 merit = self._merit(self.controller(form, crossover))
-        verified = (self._verified(*each) for each in reversed(found))
+        verified = (self._verify(*each) for each in reversed(found))
         return next((controller for controller in verified if controller is not None), None)
 
     def controller(self, form: Form, crossover: float) -> NotchedPid:
@@ -124,11 +124,11 @@ class GainSearch:
             if self._merit(self.controller(form, crossover)) <= merit:
                 return None
             if self._is_good(form, crossover, family):
-                return self._refined(form, family, crossover, failed)
+                return self._bisect(form, family, crossover, failed)
             failed = crossover
         return None
 
-    def _refined(self, form: Form, family: LoopFamily, good: float, failed: float) -> float:
+    def _bisect(self, form: Form, family: LoopFamily, good: float, failed: float) -> float:
         for _ in range(REFINEMENTS):
             middle = float(np.sqrt(good * failed))
             good, failed = (middle, failed) if self._is_good(form, middle, family) else (good, middle)
@@ -138,7 +138,7 @@ class GainSearch:
         controller = self.controller(form, crossover)
         return self.requirements.hold(family, controller) and closed_loop_radius(self.model, controller) < 1.0
 
-    def _verified(self, form: Form, crossover: float) -> NotchedPid | None:
+    def _verify(self, form: Form, crossover: float) -> NotchedPid | None:
         """Return the controller, slower if frequencies and amplitudes between those of the search need it."""
         for _ in range(MAX_REDUCTIONS):
             if self._is_good(form, crossover, self.family):

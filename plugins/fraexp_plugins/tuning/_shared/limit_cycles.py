@@ -41,7 +41,7 @@ def limit_cycles(family: LoopFamily, friction: FrictionGain, control: NDArray[np
     relative = np.abs(total) / size
     found: list[LimitCycle] = []
     for row, column in _minima(relative):
-        cycle = _solved(family.band.frequency, linear, friction, row, column)
+        cycle = _solve(family.band.frequency, linear, friction, row, column)
         if cycle and not any(_is_same(cycle, other) for other in found):
             found.append(cycle)
     return sorted(found, key=lambda cycle: cycle.frequency)
@@ -61,7 +61,7 @@ def _minima(values: NDArray[np.float64]) -> Iterator[tuple[int, int]]:
         yield int(row) + 1, int(column) + 1
 
 
-def _solved(
+def _solve(
     frequency: NDArray[np.float64], linear: NDArray[np.complex128], friction: FrictionGain, row: int, column: int
 ) -> LimitCycle | None:
     """Return the limit cycle near a place of the grid, or None if there is none."""

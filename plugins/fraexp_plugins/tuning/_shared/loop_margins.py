@@ -47,7 +47,7 @@ class LoopFamily:
         """Return the family at every so many frequencies and amplitudes, for a first search."""
         rows = slice(None, None, frequencies)
         return LoopFamily(
-            self.band.at(rows),
+            self.band.rows(rows),
             self.friction[rows, ::amplitudes],
             self.path[rows],
             self.sample_time,

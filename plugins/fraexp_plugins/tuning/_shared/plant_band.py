@@ -35,7 +35,7 @@ class PlantBand:
     is_outside: NDArray[np.bool_]
     """Whether 1/P lies outside of the disc, shape (n,)."""
 
-    def at(self, rows: slice) -> "PlantBand":
+    def rows(self, rows: slice) -> "PlantBand":
         """Return the band at some of its frequencies."""
         return replace(self, **{name: value[rows] for name, value in vars(self).items()})
 
