@@ -34,7 +34,7 @@ def test_tuned_gains_keep_the_margins_and_are_stiffer(tuned: TunedMachine) -> No
     assert tuned.controller.model_dump()["proportional"] > 3 * tuned.given.model_dump()["proportional"]
     assert metric(tuned, "mass feedforward") == pytest.approx(1 / 0.132, rel=0.02)
     names = [curve.name for curve in tuned.result.curves]
-    assert names[:4] == ["given loop", "given loop by amplitude", "tuned loop", "tuned loop by amplitude"]
+    assert names[:4] == ["given loop", "given loop", "tuned loop", "tuned loop"]
 
 
 @pytest.mark.parametrize(("draws", "seed"), [(100, 0), (100, 1), (4000, 2)])

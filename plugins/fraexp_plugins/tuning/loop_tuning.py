@@ -113,12 +113,12 @@ class LoopTuning(Estimator, name="loop_tuning", version=1):
         tuned = loop.search(self).best()
         if tuned is None:
             raise RecordError(self._refusal(loop))
-        before = self._curves(loop, self.controller, "given") if self.controller else ()
+        before = self._curves(loop, self.controller, "given loop") if self.controller else ()
         return replace(
             found,
             message="; ".join(filter(None, (found.message, *self._remarks(loop, tuned)))),
             metrics=(*self._metrics(loop, tuned, fit), *found.metrics),
-            curves=(*before, *self._curves(loop, tuned, "tuned"), *found.curves),
+            curves=(*before, *self._curves(loop, tuned, "tuned loop"), *found.curves),
             fits=(*found.fits, _controller_fit(tuned)),
         )
 
@@ -165,17 +165,13 @@ class LoopTuning(Estimator, name="loop_tuning", version=1):
         yield Metric("viscous feedforward", loop.friction.viscous, "N s/m")
 
     def _curves(self, loop: "_Loop", controller: Controller, name: str) -> tuple[Curve, ...]:
-        control = loop.family.control(controller)
-        sensitivity = loop.family.sensitivity(control)
-        over_frequency = {
-            "frequency": loop.family.band.frequency,
-            "largest sensitivity": _finite(sensitivity.max(axis=1)),
-            "loop gain": np.abs(control * loop.family.band.nominal),
-        }
-        over_amplitude = {"amplitude": loop.friction.amplitudes, "modulus margin": 1 / sensitivity.max(axis=0)}
+        sensitivity = loop.family.sensitivity(loop.family.control(controller))
+        frequency, decade = loop.family.band.frequency, "log10 of amplitude in m"
+        over_frequency = {"frequency": frequency, "largest sensitivity": _finite(sensitivity.max(axis=1))}
+        over_amplitude = {decade: np.log10(loop.friction.amplitudes), "modulus margin": 1 / sensitivity.max(axis=0)}
         return (
-            Curve(f"{name} loop", over_frequency, {"frequency": "Hz", "largest sensitivity": "1", "loop gain": "1"}),
-            Curve(f"{name} loop by amplitude", over_amplitude, {"amplitude": "m", "modulus margin": "1"}),
+            Curve(name, over_frequency, {"frequency": "Hz", "largest sensitivity": "1"}),
+            Curve(name, over_amplitude, {decade: "1", "modulus margin": "1"}),
         )
 
 
