@@ -23,7 +23,6 @@ def test_a_stable_limit_cycle_is_reached_from_below_and_from_above(late_samples:
     for factor in (0.5, 2.0):
         position = simulate(lead(proportional), late_samples, factor * cycle.amplitude, 2.0)
         amplitude, frequency = amplitude_and_frequency(position[-1600:])
-        print(late_samples, proportional, factor, cycle, amplitude, frequency)
         assert amplitude == pytest.approx(cycle.amplitude, rel=0.05)
         assert frequency == pytest.approx(cycle.frequency, rel=0.01)
 

@@ -60,7 +60,6 @@ def test_exported_c_runs_the_move_of_fig_8_on_a_machine_that_is_written_apart(
     position = np.array([float(line) for line in done.stdout.split()])
     (curve,) = [curve for curve in result.curves if "position" in curve.columns]
     overshoot = next(metric.value for metric in result.metrics if metric.name == "overshoot")
-    print(case, "overshoot", (position.max() - 1.5e-3) * 1e6, overshoot * 1e6, "um")
     assert abs((position.max() - 1.5e-3) - overshoot) <= 0.1e-6 + 1e-12
     assert np.abs(position - curve.columns["position"][: position.size]).max() < 1e-6
 

@@ -3,6 +3,7 @@
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from fraexp.components.local_file import load_file
@@ -47,8 +48,7 @@ REFUSED = {
 def test_a_line_that_cannot_be_translated_is_named(tmp_path: Path, line: str, message: str) -> None:
     file = tmp_path / "refused_law.py"
     file.write_text(f"import math\n\ndef again(z, x, table):\n    {line}\n    return x\n", encoding="utf-8")
-    function = load_file(file).again
-    numbers = load_file(file).math and __import__("numpy").ones(2)
+    function, numbers = load_file(file).again, np.ones(2)
     with pytest.raises(PluginError, match=message) as caught:
         translate("again", function, {"x": REAL_INPUT, "table": numbers}, {"z": 3})
     assert re.match(r"again \(refused_law.py, line [3-6]\) \w+", str(caught.value))

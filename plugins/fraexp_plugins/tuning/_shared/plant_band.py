@@ -1,6 +1,5 @@
 """All plants that a fit and its response allow: for each frequency, a disc of the plant's inverse."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -54,9 +53,7 @@ def plant_of(fit: Fit, values: NDArray[np.float64]) -> tuple[Modal, float]:
             component[head][int(index)] = value
         else:
             component[head] = value
-    floor: Mapping[str, float] = {"damping_ratios": 0.0}
-    for key, least in floor.items():
-        component[key] = [max(value, least) for value in component.get(key, [])]
+    component["damping_ratios"] = [max(ratio, 0.0) for ratio in component.get("damping_ratios", [])]
     return Modal(**component), late
 
 
