@@ -5,6 +5,7 @@ from fraexp.analysis.delays import hold_response, image_factor, path_response
 from fraexp.analysis.fourier import fourier_sums, phasors, record_spectrum
 from fraexp.analysis.quantisation import phasor_variance, rounding_symmetry
 from fraexp.analysis.response import response_result
+from fraexp.components.feedforward import Feedforward
 from fraexp.components.kinds import (
     Controller,
     Estimator,
@@ -43,6 +44,7 @@ __all__ = [
     "Encoder",
     "Estimator",
     "Excitation",
+    "Feedforward",
     "Fit",
     "FraexpError",
     "FrequencyResponse",

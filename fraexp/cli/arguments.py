@@ -20,8 +20,12 @@ COMMANDS = {
     "compare": ("compare", "compare sweeps: parameters, metrics and frequency responses"),
     "plot": ("plot", "plot a run or sweeps to a figure file"),
     "fit": ("fit", "fit a plant model to stored frequency responses"),
+    "tune": ("tune", "tune the feedback for stored frequency responses, with margins for all plants of their band"),
     "report": ("report", "write an HTML report of runs"),
-    "export": ("export", "export the result of a sweep to CSV, JSON, MAT, HDF5 or UNV"),
+    "export": (
+        "export",
+        "export the result of a sweep to CSV, JSON, MAT, HDF5 or UNV, or a controller to C or ST",
+    ),
     "import": ("import_record", "analyse a measured record, or list its contents"),
     "measure": ("measure", "play the excitation of a study on a machine, and analyse what it records"),
     "excite": ("excite", "write the excitation of a study to a file that a machine can play"),

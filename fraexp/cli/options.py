@@ -237,6 +237,18 @@ def _fit(parser: Parser) -> None:
     _json(parser)
 
 
+def _tune(parser: Parser) -> None:
+    parser.add_argument("ids", metavar="ID", nargs="+", help=ID_HELP)
+    parser.add_argument(
+        "--set", metavar="PARAMETER=VALUE", dest="overrides", action="append", default=[],
+        help="set a parameter of the tuning, such as integral_action=false or modulus_margin=0.6",
+    )  # fmt: skip
+    parser.add_argument(
+        "--estimator", metavar="NAME", default="", help="estimator that tunes the feedback (default: the only one)"
+    )
+    _json(parser)
+
+
 def _report(parser: Parser) -> None:
     parser.add_argument(
         "ids", metavar="ID", nargs="+",
@@ -250,8 +262,11 @@ def _report(parser: Parser) -> None:
 def _export(parser: Parser) -> None:
     parser.add_argument("id", metavar="ID", help=ID_HELP)
     parser.add_argument(
-        "-o", "--output", metavar="FILE", type=Path, required=True, help="file to write: .csv, .json, .mat, .h5 or .unv"
-    )
+        "-o", "--output", metavar="FILE", type=Path, required=True,
+        help="file to write: .csv, .json, .mat, .h5 or .unv; .c, .h (C99) or .st (Structured Text) for a "
+        "controller; .mjcf or .urdf for friction in a simulator",
+    )  # fmt: skip
+    parser.add_argument("--single", action="store_true", help="code in single precision instead of double")
     parser.add_argument("--force", action="store_true", help="overwrite an existing file")
 
 
@@ -278,6 +293,7 @@ DECLARE = {
     "compare": _compare,
     "plot": _plot,
     "fit": _fit,
+    "tune": _tune,
     "report": _report,
     "export": _export,
     "import": import_options.declare,

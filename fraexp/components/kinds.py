@@ -24,6 +24,7 @@ from fraexp.data.signals import Segment, Signals
 from fraexp.errors import PluginError, did_you_mean
 
 if TYPE_CHECKING:  # numba: imported only when a law is run
+    from fraexp.components.feedforward import Feedforward
     from fraexp.kernels.law_arguments import LawArgument
 
 
@@ -315,6 +316,10 @@ class Excitation(Component, ABC):
     def remark(self, segments: Sequence[Segment]) -> str:
         """Return a remark on the record, such as a target that was missed; empty for none."""
         return ""
+
+    def feedforward(self, sample_time: float) -> "Feedforward | None":
+        """Return the feedforward of a motion from target to target, or None for an excitation that is none."""
+        return None
 
     @property
     @abstractmethod

@@ -115,18 +115,24 @@ class WorkspaceService(WorkspaceFolder):
                 yield (yield from self._draw_ended(event, study, store, retry)) if isinstance(event, Ended) else event
 
     def fit(
-        self, sweeps: Sequence[StoredSweep], name: str, settings: Sequence[str] = (), using: str = ""
+        self,
+        sweeps: Sequence[StoredSweep],
+        name: str,
+        settings: Sequence[str] = (),
+        using: str = "",
+        kind: str = Plant.kind,
     ) -> Generator[Event, None, None]:
-        """Fit a model to the responses of stored sweeps, as sweeps of their own, and draw them.
+        """Fit a component of a kind to the responses of stored sweeps, as sweeps of their own, and draw them.
 
         `settings` are texts such as ``modes=2`` for the estimator that fits: the one called `using`, or the one that
         there is.
         """
-        fitting = fit_specs.fit_estimator(self.registry, using)
+        fitting = fit_specs.fit_estimator(self.registry, using, kind)
         wrapped = fit_specs.as_fit_sweeps(sweeps, fitting, settings, self.registry, self.record_files)
-        study = ResolvedStudy(name, Path(name), f"Fit of {name.removesuffix('-fit')}", "", wrapped)
+        word = "fit" if kind == Plant.kind else "tune"
+        study = ResolvedStudy(name, Path(name), f"{word.capitalize()} of {name.removesuffix(f'-{word}')}", "", wrapped)
         with self.open_store("create") as store:
-            yield from self._run_one(study, store, shlex.join(["fraexp", "fit", *(s.key[4:12] for s in sweeps)]))
+            yield from self._run_one(study, store, shlex.join(["fraexp", word, *(s.key[4:12] for s in sweeps)]))
 
     def record_files(self, sweep: StoredSweep) -> Mapping[str, str]:
         """Return the files of a sweep's record, which the study of one of its runs names."""
