@@ -213,7 +213,9 @@ def _report(parser: Parser) -> None:
         "ids", metavar="ID", nargs="+",
         help="a run number, a study name (its newest run), or a folder of studies (the newest run of each)",
     )  # fmt: skip
-    parser.add_argument("-o", "--output", metavar="FILE", type=Path, required=True, help="report to write: .html")
+    parser.add_argument(
+        "-o", "--output", metavar="FILE", type=Path, required=True, help="report to write: .html or .pdf"
+    )
     parser.add_argument("--title", default="", help="title of the report")
     parser.add_argument("--force", action="store_true", help="overwrite a file that is not a fraexp report")
 

@@ -9,6 +9,7 @@ from fraexp.cli.sweep_lookup import choose_sweeps, find_run_number
 from fraexp.errors import FraexpError
 from fraexp.figures.elements.stamp import check_folder, check_suffix
 from fraexp.figures.elements.view import View
+from fraexp.reports.figure_titles import run_title
 from fraexp.store import Store
 from fraexp.views.comparison import with_common_labels
 from fraexp.views.words import plural
@@ -43,5 +44,6 @@ def execute(arguments: Namespace) -> ExitCode:
 
 def _study_title(store: Store, identifiers: Sequence[str]) -> str:
     numbers = [find_run_number(store, identifier) for identifier in identifiers]
-    studies = {store.run(number).study if number is not None else "" for number in numbers}
-    return studies.pop() if len(studies) == 1 else ""
+    runs = [store.run(number) for number in numbers if number is not None]
+    titles = {run_title(run.study, "", run.command) for run in runs} if len(runs) == len(numbers) else set()
+    return titles.pop() if len(titles) == 1 else ""
