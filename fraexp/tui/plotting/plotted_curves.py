@@ -58,6 +58,8 @@ class PlotPanel:
     """Values of y at which a horizontal line is drawn."""
     span: tuple[float, float] | None = None
     """Visible range of y; None for all."""
+    resonant: bool = False
+    """Whether y is a magnitude [dB] whose maxima are resonances."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +100,7 @@ def bode_picture(shown: Sequence[ShownResult], reference: Reference | None) -> P
         ) + tuple(lines)
 
     return Picture("bode", info.title, (
-        PlotPanel(f"Magnitude [dB re 1 {info.unit}]", "dB", "Hz", traces("magnitude"), spectral=True),
+        PlotPanel(f"Magnitude [dB re 1 {info.unit}]", "dB", "Hz", traces("magnitude"), spectral=True, resonant=True),
         PlotPanel("Phase [deg]", "deg", "Hz", traces("phase"), spectral=True, angle=True),
     ))  # fmt: skip
 

@@ -27,9 +27,9 @@ from fraexp.tui.plotting.compared_sweeps import (
     plot_command,
     read_marked_sweeps,
 )
+from fraexp.tui.plotting.curve_styles import curve_digit
 from fraexp.tui.plotting.figure_export import draw_figure, file_fault
 from fraexp.tui.plotting.plot_stack import PlotStack
-from fraexp.tui.plotting.plot_widget import curve_digit
 from fraexp.tui.plotting.plotted_curves import CURVE_KINDS, REFERENCE, Picture
 from fraexp.tui.screens.plot_page import MIN_HIGH_ROWS, PlotPage
 from fraexp.tui.widgets.readout import shorten_name

@@ -24,6 +24,8 @@ BAR_WIDTH = 8
 class RunTable(PagedTable):
     """The runs that match the filter, newest first."""
 
+    TITLE = "Runs"
+
     def __init__(self) -> None:
         super().__init__()
         self.runs: list[RunSummary] = []

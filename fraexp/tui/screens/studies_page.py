@@ -36,6 +36,8 @@ There is none here yet. Enter opens 'quick', Enter again launches it."""
 class StudyTable(PagedTable):
     """The studies that match the filter."""
 
+    TITLE = "Studies"
+
     def __init__(self) -> None:
         super().__init__()
         self.entries: Sequence[StudyEntry] = ()
@@ -106,7 +108,7 @@ Enter opens a study, to change its values and to launch it."""
         yield FilterLine("part of a name or title")
         with Container(id="split"):
             yield StudyTable()
-            with VerticalScroll(id="about", can_focus=False):
+            with VerticalScroll(id="about", classes="panel", can_focus=False):
                 yield Static(id="preview")
 
     def on_mount(self) -> None:
