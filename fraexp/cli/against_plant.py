@@ -9,7 +9,7 @@ import numpy as np
 from fraexp.cli.documents import json_value
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.output import print_json, print_table, say
-from fraexp.cli.summary import QUANTILE_COLUMNS, Quantity, needs_summary, quantile_rows
+from fraexp.cli.summary import Quantity, is_sample, needs_summary, print_quantiles, quantile_rows
 from fraexp.cli.sweep_lookup import choose_sweeps
 from fraexp.figures.kinds.plant_errors import (
     FREQUENCY_FACTOR,
@@ -41,7 +41,7 @@ def execute(arguments: Namespace) -> ExitCode:
         print_json(_document(info, {sweep.key: sweep.labels for sweep in sweeps}))
     else:
         if needs_summary(len(info.curves)) and not arguments.all:
-            _print_summary(info)
+            _print_summary(info, is_sample([sweep.labels for sweep in sweeps]))
         else:
             print_errors(info)
         outside = [f"{spot:g}" for spot in arguments.frequencies or () if spot not in info.spots]
@@ -85,16 +85,18 @@ def error_tables(info: ErrorsInfo) -> tuple[TextTable, TextTable]:
     )
 
 
-def _print_summary(info: ErrorsInfo) -> None:
-    """Print quantiles of the errors over many responses."""
+def _print_summary(info: ErrorsInfo, sampled: bool) -> None:
+    """Print the range of the errors over many responses, and quantiles if they are random draws."""
     rows = []
     for part, unit, decimals in (("magnitude", "dB", 3), ("phase", "deg", 2)):
         for spot in info.spots:
             pairs = [(getattr(curve, part), curve.index_near(spot)) for curve in info.curves]
             values = np.array([np.nan if at is None else column[at] for column, at in pairs], dtype=float)
-            rows += quantile_rows([Quantity(f"error at {spot:g} Hz [{unit}]", values, decimals)], [""] * len(values))
+            rows += quantile_rows(
+                [Quantity(f"error at {spot:g} Hz [{unit}]", values, decimals)], [""] * len(values), sampled
+            )
     share = Quantity(COVERAGE_COLUMN, 100 * np.array([curve.coverage for curve in info.curves]), 0)
-    print_table(QUANTILE_COLUMNS, rows + quantile_rows([share], [""] * len(info.curves)), "against P(jω)")
+    print_quantiles(rows + quantile_rows([share], [""] * len(info.curves), sampled), "against P(jω)")
     say("--all shows each sweep")
 
 

@@ -10,7 +10,7 @@ from fraexp.cli import against_plant
 from fraexp.cli.documents import json_value
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.output import print_fields, print_json, print_table, say
-from fraexp.cli.summary import QUANTILE_COLUMNS, Quantity, needs_summary, parameter_rows, quantile_rows
+from fraexp.cli.summary import Quantity, is_sample, needs_summary, parameter_rows, print_quantiles, quantile_rows
 from fraexp.cli.sweep_lookup import choose_sweeps, find_run_number, workspace_folder
 from fraexp.components.registry import Registry
 from fraexp.data.frequency_text import frequency_text
@@ -92,10 +92,11 @@ def _print_summary(
     differences: list[tuple[StoredSweep, Difference | None]],
 ) -> None:
     """Print quantiles over the sweeps: of differing values, and of the responses' differences from the first one."""
-    counted, rows = parameter_rows(values)
+    sampled = is_sample([sweep.labels for sweep in sweeps])
+    counted, rows = parameter_rows(values, sampled)
     print_fields([("sweeps", str(len(sweeps))), *counted])
     print()
-    print_table(QUANTILE_COLUMNS, rows, "differences")
+    print_quantiles(rows, "differences")
     print()
     found = [difference for _, difference in differences if difference is not None]
     measures = {
@@ -103,9 +104,8 @@ def _print_summary(
         "max [deg]": [abs(of.phase_max) for of in found], "rms [deg]": [of.phase_rms for of in found],
     }  # fmt: skip
     quantities = [Quantity(title, np.array(column, dtype=float)) for title, column in measures.items()]
-    print_table(
-        QUANTILE_COLUMNS, quantile_rows(quantities, [""] * len(found)), f"responses against {short_key(sweeps[0].key)}"
-    )
+    rows = quantile_rows(quantities, [""] * len(found), sampled)
+    print_quantiles(rows, f"responses against {short_key(sweeps[0].key)}")
     say("--all shows each sweep")
 
 

@@ -189,6 +189,11 @@ def _plot(parser: Parser) -> None:
         "--frequency-range", metavar="LOW:HIGH", default="", help="frequency range [Hz] to show, such as 4.5:45"
     )
     parser.add_argument("--wrap-phase", action="store_true", help="wrap the phase of a Bode plot to ±180 degrees")
+    parser.add_argument(
+        "--group-by", metavar="LABEL", nargs="*", default=None,
+        help="labels that separate the colours, such as estimator; curves that differ in others share one "
+        "(default: all labels; without a label, one group)",
+    )  # fmt: skip
 
 
 def _fit(parser: Parser) -> None:

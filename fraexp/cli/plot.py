@@ -26,7 +26,9 @@ def execute(arguments: Namespace) -> ExitCode:
         if all(find_run_number(store, identifier) is None for identifier in arguments.ids):
             sweeps = with_common_labels(store, sweeps)
         title = arguments.title or _study_title(store, arguments.ids)
-        drawn = workspace.figures.draw(store, sweeps, arguments.output, title, arguments.kind, say, view)
+        drawn = workspace.figures.draw(
+            store, sweeps, arguments.output, title, arguments.kind, say, view, arguments.group_by
+        )
     if not drawn:
         raise FraexpError(f"plot: nothing to plot in {plural(len(sweeps), 'sweep')}; fraexp show lists their outcomes")
     without = [sweep for sweep in sweeps if sweep.outcome is None]

@@ -169,11 +169,11 @@ def draw_grid(*panels: Axes) -> None:
 
 def add_legend_below(figure: Figure, *panels: Axes) -> None:
     """Put the legend of the panels' curves below all panels, where it covers nothing."""
-    handles, labels = [], []
+    found: dict[str, Any] = {}  # a name that several panels have stands once
     for axes in panels:
-        of_axes = axes.get_legend_handles_labels()
-        handles += of_axes[0]
-        labels += of_axes[1]
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+            found.setdefault(label, handle)
+    handles, labels = list(found.values()), list(found)
     if not any(labels):
         return
     fitting = max(1, min(len(labels), 80 // (max(len(label) for label in labels) + 8)))

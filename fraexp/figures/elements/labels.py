@@ -27,7 +27,7 @@ def curve_names(labels: Sequence[Plain], fallback: Sequence[str], units: Mapping
     `units` are the units of labels, by path: a number needs no title if no other one has its unit. The name of a random
     draw contains its number, not the drawn values.
     """
-    labels = [{**_nominal_labels(of), **({DRAW: of[DRAW]} if DRAW in of else {})} for of in labels]
+    labels = [{**nominal_labels(of), **({DRAW: of[DRAW]} if DRAW in of else {})} for of in labels]
     columns = label_columns(labels)
     texts = {path: label_texts([of.get(path) for of in labels]) for path in columns}
     varying = [path for path in columns if len(set(texts[path])) > 1] or list(columns)
@@ -46,20 +46,6 @@ def curve_names(labels: Sequence[Plain], fallback: Sequence[str], units: Mapping
     ]
 
 
-def group_names(labels: Sequence[Plain], units: Mapping[str, str] | None = None) -> list[str]:
-    """Return the name of each sweep's group: its value of the label with the fewest values, 2 to `MAX_GROUPS`.
-
-    The names are empty if there is no such label: the sweeps are one group. Random draws make no groups.
-    """
-    labels = [_nominal_labels(of) for of in labels]
-    counts = {path: len(set(label_texts([of.get(path) for of in labels]))) for path in label_columns(labels)}
-    usable = [path for path, count in counts.items() if 1 < count <= MAX_GROUPS]
-    if not usable:
-        return [""] * len(labels)
-    chosen = min(usable, key=lambda path: counts[path])
-    return curve_names([{chosen: of[chosen]} if chosen in of else {} for of in labels], [""] * len(labels), units)
-
-
 class RandomDraw(NamedTuple):
     """Description of a sweep with randomly drawn values."""
 
@@ -73,8 +59,8 @@ class RandomDraw(NamedTuple):
 
 def describe_draws(labels: Sequence[Plain], units: Mapping[str, str]) -> list[RandomDraw | None]:
     """Return the description of each randomly drawn sweep, and None for the others."""
-    families = curve_names([_nominal_labels(of) for of in labels], [""] * len(labels), units)
-    drawn = [{path: of[path] for path in list(of)[len(_nominal_labels(of)) + 1 :]} for of in labels]
+    families = curve_names([nominal_labels(of) for of in labels], [""] * len(labels), units)
+    drawn = [{path: of[path] for path in list(of)[len(nominal_labels(of)) + 1 :]} for of in labels]
     titles = label_columns(drawn)
     texts = [
         ", ".join(
@@ -89,7 +75,7 @@ def describe_draws(labels: Sequence[Plain], units: Mapping[str, str]) -> list[Ra
     ]
 
 
-def _nominal_labels(labels: Plain) -> dict[str, object]:
+def nominal_labels(labels: Plain) -> dict[str, object]:
     """Return the nominal labels of a sweep: those before its draw."""
     paths = list(labels)
     return {path: labels[path] for path in paths[: paths.index(DRAW) if DRAW in labels else None]}

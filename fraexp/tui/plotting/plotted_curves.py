@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from fraexp.data.results import Curve
 from fraexp.errors import FraexpError
+from fraexp.figures.elements.grouping import CurvePlace
 from fraexp.figures.elements.shown import ShownResult
 
 REFERENCE = -1
@@ -218,7 +219,7 @@ def _hysteresis_picture(found: Sequence[tuple[str, Curve]]) -> Picture:
 def _positioning_picture(found: Sequence[tuple[str, Curve]]) -> Picture:
     from fraexp.figures.kinds.positioning_moves import positioning_info
 
-    info = positioning_info([(label, curve, "") for label, curve in found])
+    info = positioning_info([(label, curve, CurvePlace(point=label)) for label, curve in found])
     marks = tuple(sign * band for band in info.bands for sign in (-1, 1))
     span = (-info.height, info.height)
     panels = [PlotPanel(f"Position less target [{info.unit}]", info.unit, "ms", tuple(
@@ -235,7 +236,7 @@ def _positioning_picture(found: Sequence[tuple[str, Curve]]) -> Picture:
 def _other_picture(found: Sequence[tuple[str, Curve]]) -> Picture:
     from fraexp.figures.kinds.other_curves import curves_info
 
-    info = curves_info(found, groups=[label for label, _ in found])
+    info = curves_info(found)
     panels = []
     for axis, family in enumerate(info.families):
         spectral = family.frequency is not None
@@ -244,7 +245,7 @@ def _other_picture(found: Sequence[tuple[str, Curve]]) -> Picture:
             scale: Callable[[NDArray[np.float64]], NDArray[np.float64]] = _logarithm if panel.log_unit else np.asarray
             lines = []
             for trace in panel.traces:
-                of = int(trace.group.partition(",")[0])
+                of = int(trace.place.group.partition(",")[0])
                 band = None if trace.limits is None else scale(trace.limits)
                 lines.append(_line_trace(of, trace.x, scale(trace.y), band=band, spectral=spectral))
                 if trace.model is not None:
