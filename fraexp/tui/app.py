@@ -259,6 +259,8 @@ class FraexpApp(App[None]):
         self._ascii.enabled = not self._ascii.enabled
         self.refresh_css(animate=False)
         self.screen.refresh_bindings()
+        for node in self.screen.walk_children():
+            node.refresh()  # lines that are kept were made with the previous characters
         self.screen.refresh(layout=True)
 
     def _fatal_error(self) -> None:

@@ -121,10 +121,13 @@ class CellCanvas:
                     self._texts[self.inner[0] + column, self.inner[1] + row] = sign, colour
 
     def note(self, x: float, y: float, text: str, colour: str) -> None:
-        """Write a text whose first character is above a point within the window."""
+        """Write a text whose first character is above a point within the window; without room, only that one."""
         column, row = self.cell(x, y)
         if 0 <= column < self.cells[0] and 0 <= row < self.cells[1]:
-            self.write(self.inner[0] + column, self.inner[1] + max(row - 1, 0), text, colour)
+            left, above = self.inner[0] + column, self.inner[1] + max(row - 1, 0)
+            room = [(left + offset, above) for offset in range(-1, len(text) + 1)]
+            free = not any(place in self._texts for place in room)
+            self.write(left, above, text if free else text[:1], colour)
 
     def upright(self, x: float, colour: str) -> None:
         """Draw a vertical line through all cells without a curve."""

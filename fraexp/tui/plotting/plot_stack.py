@@ -62,15 +62,15 @@ class PlotStack(Vertical):
     def _handle_resize(self) -> None:
         self.draw()
 
-    def display_picture(self, picture: Picture | None) -> None:
-        """Show another picture; the zoom is kept where the axis is the same."""
+    def display_picture(self, picture: Picture | None, cursor: bool = True) -> None:
+        """Show another picture, with a cursor if wanted; the zoom is kept where the axis is the same."""
         before, self.picture = self.picture, picture
         same = before and picture and before.panels[0].abscissa == picture.panels[0].abscissa
         if not (same and before and picture and before.upright == picture.upright):
             self._x, self.view_range.cursor = {}, None
         if not (same and before and picture and before.kind == picture.kind):
             self._y, self.first = {}, 0
-        if self.view_range.cursor is None:
+        if self.view_range.cursor is None and cursor:
             self._place_cursor()
         self.draw()
 

@@ -75,6 +75,9 @@ class PagedTable(DataTable[Text]):
             super().__init__()
             self.total, self.error = total, error
 
+    class Touched(Message):
+        """The user has moved the cursor."""
+
     def __init__(self) -> None:
         super().__init__(cursor_type="row", zebra_stripes=True, classes="panel")
         self.border_title = self.TITLE
@@ -117,7 +120,17 @@ class PagedTable(DataTable[Text]):
     def _place(self) -> int:
         return self._at if self._turning else self._first + self.cursor_row
 
+    def go_to(self, place: int) -> None:
+        """Move the cursor to an offset."""
+        if place != self._place():
+            self._move(place)
+
     def _go(self, place: int, first: int | None = None) -> None:
+        """Move the cursor to an offset, as the user wishes."""
+        self.post_message(self.Touched())
+        self._move(place, first)
+
+    def _move(self, place: int, first: int | None = None) -> None:
         """Move the cursor to an offset, and turn the page if necessary."""
         place = min(max(place, 0), max(self.total - 1, 0))
         rows = self.page_rows
