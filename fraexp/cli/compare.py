@@ -12,6 +12,7 @@ from fraexp.cli.exits import ExitCode
 from fraexp.cli.output import print_fields, print_json, print_table, say
 from fraexp.cli.summary import Quantity, is_sample, needs_summary, parameter_rows, print_quantiles, quantile_rows
 from fraexp.cli.sweep_lookup import choose_sweeps, find_run_number, workspace_folder
+from fraexp.cli.terminal_figure import print_figure
 from fraexp.components.registry import Registry
 from fraexp.data.frequency_text import frequency_text
 from fraexp.errors import FraexpError
@@ -30,6 +31,7 @@ from fraexp.views.comparison import (
     with_common_labels,
 )
 from fraexp.views.words import fixed_text, number_text, short_key
+from fraexp.workspace.workspace_service import WorkspaceService
 
 
 def execute(arguments: Namespace) -> ExitCode:
@@ -69,6 +71,11 @@ def execute(arguments: Namespace) -> ExitCode:
         _print(sweeps, shown, differences, workspace.registry)
         if folded:
             say(f"left out: {', '.join(folded)}; --all shows them")
+    if arguments.terminal and not arguments.json:
+        service = WorkspaceService.open(arguments.workspace, arguments.db)
+        with service.open_store() as store:
+            print()
+            print_figure(service, store, sweeps, "difference" if differences[0][1] else "")
     return ExitCode.OK
 
 

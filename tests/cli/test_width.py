@@ -21,7 +21,8 @@ COMMANDS = (
     ["list"], ["list", "--sweeps"], ["list", "state:unusable"], ["list", "--studies"], ["show", "1"], ["show", "2"],
     ["show", "KEY"], ["show", "KEY", "--points"], ["compare", "1"], ["compare", "2"], ["compare", "2", "--all"],
     ["compare", "1", "--against", "plant"], ["plugins"], ["show", "nothing-of-that-name"],
-    ["list", "--sort", "stretched"], ["tag", "1", "a tag that is wrong"],
+    ["plot", "1", "--terminal"], ["compare", "2", "--terminal"], ["list", "--sort", "stretched"],
+    ["tag", "1", "a tag that is wrong"],
 )  # fmt: skip
 
 QUICK = (["list"], ["show", "1"], ["show", "KEY"], ["compare", "2"])
