@@ -16,8 +16,12 @@ MAX_GROUPS = 6
 """Maximum number of groups of sweeps: the number of colours that can be distinguished."""
 
 
-NAME_JOINT = re.compile(r"(?<=[^\W_])_(?=[^\W\d_]{2})")
+NAME_JOINT = re.compile(r"(?<=[^\W_])_(?=[^\W_]{2})")
 """An underscore between the words of a name; a symbol such as F_m keeps its own."""
+FILE_NAME = re.compile(r"\.[^\W\d]\w*$")
+"""How the name of a file ends, which keeps its underscores."""
+MICRO = re.compile(r"(?<=\d) ?u(?=(?:m|rad|s|N)\b)")
+"""The prefix micro of a unit as it is typed."""
 SYMBOLS = {
     "force_scale": "friction ΣF_m ×",
     "displacement_scale": "presliding Y_m ×",
@@ -31,7 +35,8 @@ SYMBOLS = {
 
 def drawable(text: str) -> str:
     """Return a text for a legend: in one line, names as words, and without a leading ``_``, which would hide it."""
-    shown = " ".join(word if "." in word else NAME_JOINT.sub(" ", word) for word in printable(text).split(" "))
+    shown = " ".join(word if FILE_NAME.search(word) else NAME_JOINT.sub(" ", word) for word in printable(text).split(" "))
+    shown = MICRO.sub(" µ", shown)
     return f" {shown}" if shown.startswith("_") else shown
 
 
