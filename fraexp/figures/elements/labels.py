@@ -35,7 +35,9 @@ SYMBOLS = {
 
 def drawable(text: str) -> str:
     """Return a text for a legend: in one line, names as words, and without a leading ``_``, which would hide it."""
-    shown = " ".join(word if FILE_NAME.search(word) else NAME_JOINT.sub(" ", word) for word in printable(text).split(" "))
+    shown = " ".join(
+        word if FILE_NAME.search(word) else NAME_JOINT.sub(" ", word) for word in printable(text).split(" ")
+    )
     shown = MICRO.sub(" µ", shown)
     return f" {shown}" if shown.startswith("_") else shown
 
