@@ -65,7 +65,7 @@ def input_table(sweeps: Sequence[StoredSweep], registry: Registry) -> ReportTabl
 
     rows = []
     for kind in KINDS:
-        shared = _shared(kind, [sweep.experiment for sweep in sweeps])
+        shared = _shared_inputs(kind, [sweep.experiment for sweep in sweeps])
         for path, value in shared.items():
             try:
                 unit = unit_at(sweeps[0].experiment, path, registry)
@@ -75,7 +75,7 @@ def input_table(sweeps: Sequence[StoredSweep], registry: Registry) -> ReportTabl
     return ReportTable(["input", "value", "unit"], rows) if rows else None
 
 
-def _shared(kind: str, experiments: Sequence[Mapping[str, object]]) -> dict[str, object]:
+def _shared_inputs(kind: str, experiments: Sequence[Mapping[str, object]]) -> dict[str, object]:
     every = [dict(_leaves(of.get(kind), kind)) for of in experiments]
     first = every[0] if every else {}
     return {
