@@ -9,8 +9,9 @@ import numpy as np
 from fraexp.cli.documents import json_value
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.output import print_json, print_table, say
-from fraexp.cli.summary import QUANTILE_COLUMNS, Quantity, needs_summary, quantile_rows
+from fraexp.cli.summary import Quantity, is_sample, needs_summary, print_quantiles, quantile_rows
 from fraexp.cli.sweep_lookup import choose_sweeps
+from fraexp.cli.terminal_figure import print_figure
 from fraexp.figures.kinds.plant_errors import (
     FREQUENCY_FACTOR,
     TABLE_FREQUENCIES_HZ,
@@ -41,7 +42,7 @@ def execute(arguments: Namespace) -> ExitCode:
         print_json(_document(info, {sweep.key: sweep.labels for sweep in sweeps}))
     else:
         if needs_summary(len(info.curves)) and not arguments.all:
-            _print_summary(info)
+            _print_summary(info, is_sample([sweep.labels for sweep in sweeps]))
         else:
             print_errors(info)
         outside = [f"{spot:g}" for spot in arguments.frequencies or () if spot not in info.spots]
@@ -50,6 +51,10 @@ def execute(arguments: Namespace) -> ExitCode:
         left_out = len(sweeps) - len(info.curves)
         if left_out:
             say(f"{plural(left_out, 'sweep')} without a response of a simulated plant left out")
+        if arguments.terminal:
+            with workspace.open_store() as store:
+                print()
+                print_figure(workspace, store, sweeps, "errors")
     return ExitCode.OK
 
 
@@ -85,16 +90,18 @@ def error_tables(info: ErrorsInfo) -> tuple[TextTable, TextTable]:
     )
 
 
-def _print_summary(info: ErrorsInfo) -> None:
-    """Print quantiles of the errors over many responses."""
+def _print_summary(info: ErrorsInfo, sampled: bool) -> None:
+    """Print the range of the errors over many responses, and quantiles if they are random draws."""
     rows = []
     for part, unit, decimals in (("magnitude", "dB", 3), ("phase", "deg", 2)):
         for spot in info.spots:
             pairs = [(getattr(curve, part), curve.index_near(spot)) for curve in info.curves]
             values = np.array([np.nan if at is None else column[at] for column, at in pairs], dtype=float)
-            rows += quantile_rows([Quantity(f"error at {spot:g} Hz [{unit}]", values, decimals)], [""] * len(values))
+            rows += quantile_rows(
+                [Quantity(f"error at {spot:g} Hz [{unit}]", values, decimals)], [""] * len(values), sampled
+            )
     share = Quantity(COVERAGE_COLUMN, 100 * np.array([curve.coverage for curve in info.curves]), 0)
-    print_table(QUANTILE_COLUMNS, rows + quantile_rows([share], [""] * len(info.curves)), "against P(jω)")
+    print_quantiles(rows + quantile_rows([share], [""] * len(info.curves), sampled), "against P(jω)")
     say("--all shows each sweep")
 
 

@@ -28,6 +28,10 @@ def _json(parser: Parser) -> None:
     parser.add_argument("--json", action="store_true", help="print one JSON document")
 
 
+def _terminal(parser: Parser) -> None:
+    parser.add_argument("--terminal", action="store_true", help="draw a figure into the terminal")
+
+
 def _list(parser: Parser) -> None:
     parser.add_argument(
         "filter", metavar="FILTER", nargs="*",
@@ -182,6 +186,7 @@ def _show(parser: Parser) -> None:
     parser.add_argument("id", metavar="ID", help=ID_HELP)
     parser.add_argument("--points", action="store_true", help="show every frequency of the response")
     parser.add_argument("--all", action="store_true", help=ALL_HELP)
+    _terminal(parser)
     _json(parser)
 
 
@@ -196,6 +201,7 @@ def _compare(parser: Parser) -> None:
         help="frequencies [Hz] at which errors against the plant are shown, such as 5,39,80",
     )  # fmt: skip
     parser.add_argument("--all", action="store_true", help=ALL_HELP)
+    _terminal(parser)
     _json(parser)
 
 
@@ -212,8 +218,9 @@ def _frequencies(text: str) -> tuple[float, ...]:
 def _plot(parser: Parser) -> None:
     parser.add_argument("ids", metavar="ID", nargs="+", help=ID_HELP)
     parser.add_argument(
-        "-o", "--output", metavar="FILE", type=Path, required=True, help="figure to write: .png, .svg or .pdf"
+        "-o", "--output", metavar="FILE", type=Path, default=None, help="figure to write: .png, .svg or .pdf"
     )
+    _terminal(parser)
     parser.add_argument("--title", default="", help="title of the figure")
     parser.add_argument(
         "--kind", metavar="KIND", choices=FIGURES, default="",
@@ -223,6 +230,11 @@ def _plot(parser: Parser) -> None:
         "--frequency-range", metavar="LOW:HIGH", default="", help="frequency range [Hz] to show, such as 4.5:45"
     )
     parser.add_argument("--wrap-phase", action="store_true", help="wrap the phase of a Bode plot to ±180 degrees")
+    parser.add_argument(
+        "--group-by", metavar="LABEL", nargs="*", default=None,
+        help="labels that separate the colours, such as estimator; curves that differ in others share one "
+        "(default: all labels; without a label, one group)",
+    )  # fmt: skip
 
 
 def _fit(parser: Parser) -> None:
@@ -254,7 +266,9 @@ def _report(parser: Parser) -> None:
         "ids", metavar="ID", nargs="+",
         help="a run number, a study name (its newest run), or a folder of studies (the newest run of each)",
     )  # fmt: skip
-    parser.add_argument("-o", "--output", metavar="FILE", type=Path, required=True, help="report to write: .html")
+    parser.add_argument(
+        "-o", "--output", metavar="FILE", type=Path, required=True, help="report to write: .html or .pdf"
+    )
     parser.add_argument("--title", default="", help="title of the report")
     parser.add_argument("--force", action="store_true", help="overwrite a file that is not a fraexp report")
 

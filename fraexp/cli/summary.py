@@ -8,12 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.cli.output import print_fields, print_table, say
+from fraexp.cli.output import print_fields, print_line, print_table, say
 from fraexp.components.registry import Registry
 from fraexp.data.results import Metric, Outcome, Result
-from fraexp.data.sweep import DRAW
+from fraexp.data.sweep import DRAW, Plain
+from fraexp.data.units import with_powers
+from fraexp.figures.elements.grouping import group_sweeps, point_indices
 from fraexp.figures.elements.label_units import label_units
-from fraexp.figures.elements.labels import MAX_GROUPS, group_names, label_columns, label_texts
+from fraexp.figures.elements.labels import MAX_GROUPS, label_columns, label_texts
 from fraexp.store import StoredSweep
 from fraexp.views.fields import outcome_text
 from fraexp.views.text_tables import magnitude_near, reference_frequencies, sweep_table
@@ -62,12 +64,13 @@ def print_summary(sweeps: Sequence[StoredSweep], results: Mapping[str, Result], 
     ]
     print_fields([("sweeps", str(len(sweeps))), ("outcomes", counts_of_texts(outcomes)), *counted])
     print()
-    groups = group_names([sweep.labels for sweep in sweeps], units)
+    groups, sampled = _row_groups([sweep.labels for sweep in sweeps], units)
     labels = [Quantity(titles[path], np.array(values[path], dtype=float)) for path in varied]
     found = [results.get(sweep.key) for sweep in sweeps]
     metrics = _metrics(found)
-    rows = quantile_rows(labels, [""] * len(sweeps)) + quantile_rows([*_magnitudes(found), *metrics], groups)
-    print_table(QUANTILE_COLUMNS, rows)
+    rows = quantile_rows(labels, [""] * len(sweeps), False)
+    rows += quantile_rows([*_magnitudes(found), *metrics], groups, sampled)
+    print_quantiles(rows)
     worst = worst_rows(metrics, groups, sweeps)
     if worst:
         print()
@@ -75,11 +78,38 @@ def print_summary(sweeps: Sequence[StoredSweep], results: Mapping[str, Result], 
         say("fraexp show KEY shows the drawn parameters of a sweep")
     odd = [sweep for sweep in sweeps if sweep.outcome != Outcome.OK]
     if odd:
-        print(
-            f"\n{plural(len(odd), 'sweep')} not ok"
-            + (f", the first {MAX_EXAMPLES}:" if len(odd) > MAX_EXAMPLES else ":")
-        )
+        print()
+        first = f", the first {MAX_EXAMPLES}" if len(odd) > MAX_EXAMPLES else ""
+        print_line(f"{plural(len(odd), 'sweep')} not ok{first}:")
         print_table(*sweep_table(odd[:MAX_EXAMPLES], results, registry))
+
+
+def _row_groups(labels: Sequence[Plain], units: Mapping[str, str]) -> tuple[list[str], bool]:
+    """Return the group of each sweep, and whether the sweeps of a group are random draws, which have quantiles.
+
+    Without draws a group is a value of the label with the fewest values, 2 to `MAX_GROUPS`.
+    """
+    places = group_sweeps(labels, units)
+    if len(point_indices(places)) < len(places):
+        return [place.point for place in places], True
+    texts = {path: label_texts([of.get(path) for of in labels]) for path in label_columns(labels)}
+    counts = {path: len(set(column)) for path, column in texts.items() if 1 < len(set(column)) <= MAX_GROUPS}
+    if not counts:
+        return [""] * len(labels), False
+    return [
+        place.group for place in group_sweeps(labels, units, by=[min(counts, key=lambda path: counts[path])])
+    ], False
+
+
+def print_quantiles(rows: Sequence[Sequence[str]], title: str = "") -> None:
+    """Print rows under `QUANTILE_COLUMNS`, without columns that are empty."""
+    used = [index for index in range(len(QUANTILE_COLUMNS)) if not rows or any(row[index] for row in rows)]
+    print_table([QUANTILE_COLUMNS[index] for index in used], [[row[index] for index in used] for row in rows], title)
+
+
+def is_sample(labels: Sequence[Plain]) -> bool:
+    """Return whether sweeps differ in random draws only."""
+    return len(point_indices(group_sweeps(labels))) == 1
 
 
 def is_continuous(values: Sequence[object]) -> bool:
@@ -96,15 +126,19 @@ def counts_of_texts(texts: Sequence[str]) -> str:
     return ", ".join(f"{count} {text}" if len(found) > 1 else text for text, count in found.items())
 
 
-def quantile_rows(quantities: Sequence[Quantity], groups: Sequence[str]) -> list[list[str]]:
-    """Return a row under `TITLES` for each quantity and group that has values; sweeps are counted if some have none."""
+def quantile_rows(quantities: Sequence[Quantity], groups: Sequence[str], sampled: bool) -> list[list[str]]:
+    """Return a row under `QUANTILE_COLUMNS` for each quantity and group that has values, counted if some have none.
+
+    Only a group that is `sampled` at random has quantiles: those of a grid are those of whoever chose it.
+    """
     members = {name: np.array([group == name for group in groups]) for name in dict.fromkeys(groups)}
     rows = []
     for quantity in quantities:
         for name, chosen in members.items():
             known = quantity.values[chosen & np.isfinite(quantity.values)]
             if len(known):
-                texts = [quantity.text(float(level)) for level in np.quantile(known, QUANTILE_LEVELS)]
+                levels = zip(QUANTILE_LEVELS, np.quantile(known, QUANTILE_LEVELS), strict=True)
+                texts = [quantity.text(float(of)) if sampled or share in (0, 1) else "" for share, of in levels]
                 rows.append([quantity.title, name, *texts, "" if len(known) == chosen.sum() else str(len(known))])
     return rows
 
@@ -126,7 +160,9 @@ def worst_rows(metrics: Sequence[Quantity], groups: Sequence[str], sweeps: Seque
     return rows
 
 
-def parameter_rows(parameters: Mapping[str, Sequence[object]]) -> tuple[list[tuple[str, str]], list[list[str]]]:
+def parameter_rows(
+    parameters: Mapping[str, Sequence[object]], sampled: bool
+) -> tuple[list[tuple[str, str]], list[list[str]]]:
     """Return counts of those parameters, by path, that have few values or no numbers, and quantiles of the others."""
     varied = [Quantity(path, np.array(row, dtype=float)) for path, row in parameters.items() if is_continuous(row)]
     counted = [
@@ -134,7 +170,7 @@ def parameter_rows(parameters: Mapping[str, Sequence[object]]) -> tuple[list[tup
         for path, row in parameters.items()
         if not is_continuous(row)
     ]  # fmt: skip
-    return counted, quantile_rows(varied, [""] * max((len(row) for row in parameters.values()), default=0))
+    return counted, quantile_rows(varied, [""] * max((len(row) for row in parameters.values()), default=0), sampled)
 
 
 def _magnitudes(results: Sequence[Result | None]) -> list[Quantity]:
@@ -163,4 +199,4 @@ def _value(metric: Metric | None) -> float:
 
 
 def _with_unit(title: str, unit: str) -> str:
-    return f"{title} [{unit}]" if unit not in ("", "1") else title
+    return f"{title} [{with_powers(unit)}]" if unit not in ("", "1") else title

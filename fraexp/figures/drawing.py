@@ -11,12 +11,14 @@ from fraexp.data.atomic_file import atomic_file
 from fraexp.data.results import Curve
 from fraexp.errors import FraexpError
 from fraexp.figures.elements.canvas import figure_style
-from fraexp.figures.elements.shown import ShownResult
+from fraexp.figures.elements.grouping import CurvePlace, facet_indices
+from fraexp.figures.elements.shown import ShownResult, curve_places
 from fraexp.figures.elements.stamp import check_suffix, stamp_digest
 from fraexp.figures.elements.view import FULL_VIEW, View, break_wrapped_lines, zoom_to_band
 from fraexp.figures.kinds.against_first import difference_info, draw_difference
-from fraexp.figures.kinds.amplitude_map import amplitude_map_info, draw_amplitude_map
-from fraexp.figures.kinds.bode import Reference, bode_info, draw_bode
+from fraexp.figures.kinds.amplitude_map import amplitude_map_info, draw_amplitude_map, response_map_info
+from fraexp.figures.kinds.bode import Reference, bode_info
+from fraexp.figures.kinds.bode_panels import draw_bode_facets
 from fraexp.figures.kinds.coherence import coherence_info, draw_coherence
 from fraexp.figures.kinds.distribution import distribution_info, draw_distribution
 from fraexp.figures.kinds.hysteresis_loops import draw_hysteresis, hysteresis_info, is_hysteresis
@@ -29,7 +31,9 @@ from fraexp.figures.kinds.positioning_moves import draw_positioning, is_position
 CURVE_KINDS = ("hysteresis", "positioning", "curves")
 """Kinds of figures that show the curves of results."""
 DRAWING_FUNCTIONS: dict[str, Callable[[Sequence[ShownResult], str], Figure]] = {
-    "errors": lambda shown, title: draw_errors(errors_info(shown, title)),
+    "errors": lambda shown, title: draw_errors(
+        errors_info(shown, title), {of.key: of.place for of in shown if of.place is not None}
+    ),
     "difference": lambda shown, title: draw_difference(difference_info(shown, title)),
     "coherence": lambda shown, title: draw_coherence(coherence_info(shown, title)),
     "amplitude_map": lambda shown, title: draw_amplitude_map(amplitude_map_info(shown, title)),
@@ -72,13 +76,23 @@ def _draw_kind(
         return draw_nyquist(nyquist_info(shown, reference, title))
     if chosen != "bode":
         raise NotImplementedError(f"figure kind '{chosen}' is listed in FIGURES, but has no drawing function")
-    responses = [(of, of.response) for of in shown if of.response is not None]
-    curves = [(of.label, response) for of, response in responses]
-    groups, fitted = [of.group for of, _ in responses], [of.fitted for of, _ in responses]
-    return draw_bode(bode_info(curves, reference, title, groups, fitted, view.wrapped))
+    return _draw_bode([of for of in shown if of.response is not None], reference, title, view.wrapped)
 
 
-def _draw_curve_kind(found: Sequence[tuple[str, Curve, str]], title: str, kind: str) -> Figure:
+def _draw_bode(shown: Sequence[ShownResult], reference: Reference | None, title: str, wrapped: bool) -> Figure:
+    """Draw responses as a Bode plot, or as a map if there are too many groups for lines."""
+    if any(of.place and of.place.is_mapped for of in shown):
+        return draw_amplitude_map(response_map_info(shown, title))
+    places, infos = curve_places(shown), {}
+    for name, indices in (facet_indices(places) or {"": []}).items():
+        members = [shown[index] for index in indices]
+        curves = [(of.name, of.response) for of in members if of.response is not None]
+        of_facet = [places[index] for index in indices]
+        infos[name] = bode_info(curves, reference, title, of_facet, [of.fitted for of in members], wrapped)
+    return draw_bode_facets(infos)
+
+
+def _draw_curve_kind(found: Sequence[tuple[str, Curve, CurvePlace]], title: str, kind: str) -> Figure:
     match kind:
         case "hysteresis":
             loops = [(label, curve) for label, curve, _ in found if is_hysteresis(curve)]
@@ -100,8 +114,9 @@ def _default_kind(shown: Sequence[ShownResult]) -> str:
     return "positioning" if any(is_positioning(curve) for _, curve, _ in found) else "curves"
 
 
-def _labelled_curves(shown: Sequence[ShownResult]) -> list[tuple[str, Curve, str]]:
-    return [(of.label, curve, of.group) for of in shown for curve in of.result.curves]
+def _labelled_curves(shown: Sequence[ShownResult]) -> list[tuple[str, Curve, CurvePlace]]:
+    pairs = zip(shown, curve_places(shown), strict=True)
+    return [(of.name, curve, place) for of, place in pairs for curve in of.result.curves]
 
 
 def save_figure(figure: Figure, path: Path, keys: Sequence[str]) -> None:

@@ -157,12 +157,20 @@ class Results(Sequence[SweepResult]):
             tables.append(table)
         return pandas.concat(tables, ignore_index=True) if tables else pandas.DataFrame()
 
-    def plot(self, kind: str = "", frequency_range: tuple[float, float] | None = None) -> "Figure":
-        """Return a matplotlib figure of all results; `kind` and `frequency_range` [Hz] as for a single one."""
+    def plot(
+        self,
+        kind: str = "",
+        frequency_range: tuple[float, float] | None = None,
+        group_by: Sequence[str] | None = None,
+    ) -> "Figure":
+        """Return a matplotlib figure of all results; `kind` and `frequency_range` [Hz] as for a single one.
+
+        `group_by` are the labels that separate the colours, such as ``["estimator"]``; by default all do.
+        """
         sweeps = [of.sweep for of in self if of.is_usable]
         check_kind(kind, "plot: kind")
         view = frequency_view(frequency_range)
-        return self._service.figures.figure(sweeps, self._found, self.title, kind, view)
+        return self._service.figures.figure(sweeps, self._found, self.title, kind, view, group_by)
 
     def _table(self) -> TextTable:
         return sweep_table(self._sweeps[:MAX_SHOWN_SWEEPS], self._found, self._service.registry)

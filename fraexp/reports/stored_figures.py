@@ -12,9 +12,9 @@ from fraexp.components.registry import Registry
 from fraexp.data.figure_kinds import AGAINST_PLANT, OF_METRICS
 from fraexp.data.results import Result
 from fraexp.errors import FraexpError, PluginError, StoreError
-from fraexp.figures.elements.bundles import MAX_SINGLE_CURVES
+from fraexp.figures.elements.grouping import group_sweeps
 from fraexp.figures.elements.label_units import label_units
-from fraexp.figures.elements.labels import curve_names, describe_draws, group_names
+from fraexp.figures.elements.labels import curve_names, describe_draws
 from fraexp.figures.elements.scales import PLANT_UNITS
 from fraexp.figures.elements.shown import ShownResult
 from fraexp.figures.elements.stamp import is_current, stamp_digest
@@ -47,12 +47,14 @@ class StoredFigures:
         kind: str = "",
         warn: Callable[[str], object] = lambda _: None,
         view: View = FULL_VIEW,
+        by: Sequence[str] | None = None,
     ) -> dict[Path, bool]:
         """Draw sweeps into a file for each unit of their responses: the first is `path`, then ``<name>-2`` and so on.
 
-        `kind` is the kind of the figure, by default the one that fits the results. `warn` is called with a warning if
-        the response of the plant is left out because its plugin is missing. Returns for each file whether it was drawn
-        now; otherwise it was up to date. No file is drawn if the sweeps have nothing to draw.
+        `kind` is the kind of the figure, by default the one that fits the results; `by` are the labels that separate
+        groups, see `group_sweeps`. `warn` is called with a warning if the response of the plant is left out because
+        its plugin is missing. Returns for each file whether it was drawn now; otherwise it was up to date. No file is
+        drawn if the sweeps have nothing to draw.
         """
         results = store.results(sweep.key for sweep in sweeps)
         sweeps = leave_out_damaged(sweeps, results, warn)
@@ -68,7 +70,7 @@ class StoredFigures:
         for group in groups.values():
             target = path.with_stem(f"{path.stem}-{len(drawn) + 1}") if drawn else path
             try:
-                drawn[target] = self._draw_group(group, results, target, title, kind, warn, view)
+                drawn[target] = self._draw_group(group, results, target, title, kind, warn, view, by)
             except FraexpError as error:  # a kind may not fit the results of other sweeps of the study
                 unfit.append(error)
         if unfit and not (drawn and kind):
@@ -84,9 +86,10 @@ class StoredFigures:
         kind: str,
         warn: Callable[[str], object],
         view: View,
+        by: Sequence[str] | None,
     ) -> bool:
         stamp = [f"{sweep.key} {sweep.created} {sorted(sweep.labels.items())}" for sweep in sweeps] + [title]
-        stamp += group_names([sweep.labels for sweep in sweeps]) if len(sweeps) > MAX_SINGLE_CURVES else []
+        stamp += [f"by {path}" for path in by] if by is not None else []
         stamp += [f"as {kind}"] if kind else []
         stamp += view.options()
         if is_current(path, stamp_digest(stamp)):
@@ -98,7 +101,7 @@ class StoredFigures:
             reference, stamp = None, [*stamp, "without the plant"]
         from fraexp.figures.drawing import draw_figure, save_figure  # matplotlib: only when something is drawn
 
-        shown = self.shown_results(sweeps, results, kind in AGAINST_PLANT)
+        shown = self.shown_results(sweeps, results, kind in AGAINST_PLANT, by)
         save_figure(draw_figure(shown, reference, title, kind, view), path, stamp)
         return True
 
@@ -109,26 +112,40 @@ class StoredFigures:
         title: str = "",
         kind: str = "",
         view: View = FULL_VIEW,
+        by: Sequence[str] | None = None,
     ) -> "Figure":
-        """Return a figure of results, by sweep key, without a file; see `draw` for `kind`."""
+        """Return a figure of results, by sweep key, without a file; see `draw` for `kind` and `by`."""
         from fraexp.figures.drawing import draw_figure
 
         try:
             reference = self.reference(sweeps, results)
         except PluginError:  # of a plant whose plugin is missing
             reference = None
-        return draw_figure(self.shown_results(sweeps, results, kind in AGAINST_PLANT), reference, title, kind, view)
+        shown = self.shown_results(sweeps, results, kind in AGAINST_PLANT, by)
+        return draw_figure(shown, reference, title, kind, view)
 
     def shown_results(
-        self, sweeps: Sequence[StoredSweep], results: Mapping[str, Result], fully: bool = True
+        self,
+        sweeps: Sequence[StoredSweep],
+        results: Mapping[str, Result],
+        fully: bool = True,
+        by: Sequence[str] | None = None,
     ) -> list[ShownResult]:
-        """Return the results of sweeps with their names; if `fully`, also with P(jω) and the amplitude if known."""
+        """Return the results of sweeps with names and places; if `fully`, also with P(jω) and the amplitude if known.
+
+        `by` are the labels that separate groups, see `group_sweeps`.
+        """
         units = label_units(((s.labels, {**s.experiment, "estimator": s.estimator}) for s in sweeps), self.registry)
         labels, keys = [sweep.labels for sweep in sweeps], [sweep.key[4:12] for sweep in sweeps]
-        names, groups = curve_names(labels, keys, units), group_names(labels, units)
+        spare = (
+            keys
+            if len(sweeps) > 1
+            else [str(sweep.estimator.get("name", key)) for sweep, key in zip(sweeps, keys, strict=True)]
+        )
+        names, places = curve_names(labels, spare, units), group_sweeps(labels, units, by, keys)
         found = [
-            (sweep, ShownResult(name, results[sweep.key], group, key=sweep.key, drawn=drawn))
-            for sweep, name, group, drawn in zip(sweeps, names, groups, describe_draws(labels, units), strict=True)
+            (sweep, ShownResult(name, results[sweep.key], place, key=sweep.key, drawn=drawn))
+            for sweep, name, place, drawn in zip(sweeps, names, places, describe_draws(labels, units), strict=True)
             if sweep.key in results
         ]
         if not fully:

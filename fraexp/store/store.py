@@ -296,6 +296,11 @@ class Store:
         with self._reading() as connection:
             return reading.find_sweep(connection, prefix)
 
+    def find_all(self, keys: Iterable[str]) -> dict[str, StoredSweep]:
+        """Return the sweeps with these whole keys, as in their latest runs, in the order of the keys."""
+        with self._reading() as connection:
+            return reading.find_sweeps(connection, keys)
+
     def log(self, key: str) -> str:
         """Return the log of a sweep's latest attempt; empty if it did not fail."""
         with self._reading() as connection:

@@ -27,6 +27,7 @@ from fraexp.tui.services.gc_policy import GarbageCollector
 from fraexp.tui.services.plugin_watch import PluginsChanged, PluginWatch, reload_plugins
 from fraexp.tui.services.selection import Selection
 from fraexp.tui.services.terminal_watch import end_with_terminal
+from fraexp.tui.services.themes import DARK, DEFAULT_THEME, LIGHT
 
 if TYPE_CHECKING:
     from fraexp.tui.services.database_access import Backend
@@ -120,6 +121,9 @@ class FraexpApp(App[None]):
 
     def _choose(self) -> None:
         """Apply the theme and the keys of the user."""
+        for theme in (DARK, LIGHT):
+            self.register_theme(theme)
+        self.theme = DEFAULT_THEME
         if self.settings.theme:
             if self.settings.theme not in self.available_themes:
                 known = did_you_mean(self.settings.theme, self.available_themes)
@@ -255,6 +259,8 @@ class FraexpApp(App[None]):
         self._ascii.enabled = not self._ascii.enabled
         self.refresh_css(animate=False)
         self.screen.refresh_bindings()
+        for node in self.screen.walk_children():
+            node.refresh()  # lines that are kept were made with the previous characters
         self.screen.refresh(layout=True)
 
     def _fatal_error(self) -> None:

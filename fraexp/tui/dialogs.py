@@ -1,6 +1,6 @@
 """Dialogs over a screen: a confirmation, and a line of text."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import ClassVar
 
 from rich.text import Text
@@ -10,7 +10,8 @@ from textual.binding import Binding, BindingType
 from textual.containers import Vertical
 from textual.screen import ModalScreen
 from textual.suggester import SuggestFromList
-from textual.widgets import Input, Static
+from textual.widgets import Input, SelectionList, Static
+from textual.widgets.selection_list import Selection
 
 from fraexp.data.terminal_text import printable
 from fraexp.tui.page import shorten
@@ -81,6 +82,45 @@ class InputDialog(ModalScreen[str | None]):
     def _submit(self, event: Input.Submitted) -> None:
         if not self._check(event.value):
             self.dismiss(event.value)
+
+    def action_leave(self) -> None:
+        """Close without an answer."""
+        self.dismiss(None)
+
+
+class GroupingDialog(ModalScreen[list[str] | None]):
+    """The labels that make groups: without one of them, its values share a colour; None after Esc."""
+
+    DEFAULT_CSS = (
+        "GroupingDialog { align: center middle; } GroupingDialog > Vertical {"
+        + BOX_CSS
+        + "} GroupingDialog SelectionList { height: auto; max-height: 12; }"
+    )
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape", "leave", "cancel", id="group.leave"),
+        Binding("enter", "answer", "show", id="group.answer", priority=True),
+    ]
+
+    def __init__(self, labels: Mapping[str, str], chosen: Sequence[str] | None) -> None:
+        """Offer labels by path, with the texts to show; `chosen` are those at first, by default all."""
+        super().__init__()
+        self._labels, self._chosen = labels, chosen
+
+    def compose(self) -> ComposeResult:
+        """Show the labels with their checkmarks."""
+        with Vertical():
+            yield Static(Text("One group for each value of:", style="bold"))
+            yield SelectionList[str](
+                *(
+                    Selection(Text(printable(text)), path, self._chosen is None or path in self._chosen)
+                    for path, text in self._labels.items()
+                )
+            )
+            yield Static(Text("\nSpace split or merge    Enter show    Esc cancel"))
+
+    def action_answer(self) -> None:
+        """Return the chosen labels."""
+        self.dismiss(list(self.query_one(SelectionList).selected))
 
     def action_leave(self) -> None:
         """Close without an answer."""

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, ClassVar, TypeVar
 from rich.text import Text
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
+from textual.content import Content
 from textual.message import Message
 from textual.reactive import reactive
 from textual.screen import Screen
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
 Answer = TypeVar("Answer")
 
 PLACES = {"studies": "Studies", "runs": "Runs", "sweeps": "Sweeps", "compare": "Compare", "plugins": "Plugins"}
+PLACE_KEYS = {"sweeps": "w"}
+"""Places whose key is not their first letter."""
 """The places that a key leads to from anywhere, by mode: the first letter of the name, but w for sweeps."""
 
 
@@ -61,14 +64,20 @@ class PageHeader(Static):
 
     def show(self, place: str, title: str, marked: int, command: str) -> None:
         """Show place, title, marks and command."""
-        first = Text("fraexp ", style="bold")
+        parts: list[tuple[str, str]] = [("fraexp ", "bold $primary")]
         for mode, name in PLACES.items():
-            first.append(f" {name} ", style="reverse bold" if mode == place else "")
-        if title:
-            first.append(f"  {printable(title)}", style="italic")
-        if marked:
-            first.append(f"  {marked} marked", style="bold")
-        self.update(Text("\n").join([first, Text(f"$ {printable(command)}", style="dim")]), layout=False)
+            parts += _place_parts(name, PLACE_KEYS.get(mode, name[0].lower()), mode == place)
+        parts += [(f"  {printable(title)}", "bold")] if title else []
+        parts += [(f"  {marked:,} marked", "bold $accent")] if marked else []
+        parts += [("\n$ ", "$accent"), (printable(command), "$text-muted")]
+        self.update(Content.assemble(*parts), layout=False)
+
+
+def _place_parts(name: str, key: str, current: bool) -> list[tuple[str, str]]:
+    """Return the parts of a place's name, its key underlined."""
+    style = "bold $block-cursor-foreground on $block-cursor-background" if current else "$text-muted"
+    at = name.lower().index(key)
+    return [(f" {name[:at]}", style), (name[at], f"underline {style}"), (f"{name[at + 1 :]} ", style)]
 
 
 class Notice(Static):
@@ -185,12 +194,14 @@ class Page(Screen[None]):
                 raise asyncio.CancelledError  # there is nothing to show it in
 
     def show_error(self, text: str) -> None:
-        """Show an error in place of the content."""
+        """Show an error in place of the content; notifications then appear at the bottom, not over it."""
         self.query_one(Notice).show(text, error=True)
+        self.add_class("-failed")
 
     def show_notice(self, text: str = "") -> None:
         """Show a text in place of the content; an empty one hides the notice."""
         self.query_one(Notice).show(text)
+        self.remove_class("-failed")
 
     def show_header(self) -> None:
         """Show place, title, marks and command."""

@@ -57,6 +57,7 @@ def arguments(folder: Path, **options: bool) -> Namespace:
         "workspace": folder,
         "json": False,
         "points": False,
+        "terminal": False,
         "all": False,
         "against": "first",
         "frequencies": None,
@@ -70,13 +71,13 @@ def row(text: str, *beginning: str) -> list[str]:
 
 
 @pytest.mark.usefixtures("terminal")
-def test_a_terminal_gets_quantiles_by_group(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_terminal_gets_the_range_of_a_grid_by_group(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     show(arguments(folder))
     printed = capsys.readouterr()
     assert "outcomes   59 ok, 1 diverged\nestimator  30 h1, 30 h2\n" in printed.out
-    assert row(printed.out, "gain", "1") == ["2", "15.5", "29", "30"], "the label, of all sweeps"
-    assert row(printed.out, "gain [m/N] h1") == ["1", "2.45", "15.5", "28.55", "30"]
-    assert row(printed.out, "gain [m/N] h2") == ["10", "24", "150", "276", "290", "29"], "without the diverged one"
+    assert row(printed.out, "gain", "1") == ["30"], "the label, of all sweeps"
+    assert row(printed.out, "gain [m/N] h1") == ["1", "30"], "a grid is no sample"
+    assert row(printed.out, "gain [m/N] h2") == ["10", "290", "29"], "without the diverged one"
     assert "1 sweep not ok:" in printed.out
     assert len(printed.out.splitlines()) < 40
     assert printed.err.startswith("--all shows each sweep\n1 diverged")
@@ -114,11 +115,11 @@ def test_a_run_elsewhere_ends_with_rows(folder: Path, capsys: pytest.CaptureFixt
 
 
 @pytest.mark.usefixtures("terminal")
-def test_a_comparison_has_quantiles_of_what_differs(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_comparison_has_the_range_of_what_differs(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     compare(arguments(folder))
     printed = capsys.readouterr()
     assert "estimator.name  30 h1, 30 h2" in printed.out
-    assert row(printed.out, "gain", "1") == ["2", "15.5", "29", "30"]
+    assert row(printed.out, "gain", "1") == ["30"]
     assert row(printed.out, "max [dB]")[-1] == "49.25", "20 lg 290"
     assert "--all shows each sweep" in printed.err
     compare(arguments(folder, all=True))
@@ -132,14 +133,14 @@ def test_few_values_and_texts_are_counted_and_numbers_are_measured() -> None:
     assert counts_of_texts(["a", "b", "a", ""]) == "2 a, 1 b, 1 (none)"
     assert counts_of_texts(["ok", "ok"]) == "ok"
     assert counts_of_texts([str(index) for index in range(30)]) == "30 values"
-    counted, rows = parameter_rows({"a": list(range(11)), "b": [True] * 5 + [False] * 6, "c": [None, *range(10)]})
+    counted, rows = parameter_rows({"a": list(range(11)), "b": [True] * 5 + [False] * 6, "c": [None, *range(10)]}, True)
     assert counted == [("b", "5 true, 6 false"), ("c", "11 values")]
     assert rows == [["a", "", "0", "0.5", "5", "9.5", "10", ""]]
 
 
 def test_unknown_numbers_are_in_no_quantile() -> None:
     quantity = Quantity("x", np.array([1.0, np.nan, 3.0, np.nan]), decimals=1)
-    assert quantile_rows([quantity], ["a", "a", "a", "b"]) == [["x", "a", "1.0", "1.1", "2.0", "2.9", "3.0", "2"]]
+    assert quantile_rows([quantity], ["a", "a", "a", "b"], True) == [["x", "a", "1.0", "1.1", "2.0", "2.9", "3.0", "2"]]
 
 
 def test_many_failures_are_told_by_the_first_ones(capsys: pytest.CaptureFixture[str]) -> None:

@@ -10,7 +10,8 @@ from fraexp.errors import FraexpError
 from fraexp.figures.drawing import draw_figure
 from fraexp.figures.elements.frequency_lines import MODEL_LINE_WIDTH, isolated_points
 from fraexp.figures.elements.shown import ShownResult
-from fraexp.figures.kinds.bode import bode_info, draw_bode
+from fraexp.figures.kinds.bode import bode_info
+from fraexp.figures.kinds.bode_panels import draw_bode
 from tests.figures.conftest import ResponseMaker
 
 

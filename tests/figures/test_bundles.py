@@ -7,10 +7,12 @@ import pytest
 
 from fraexp.data.results import Curve, FrequencyResponse
 from fraexp.figures.elements.branches import continuous_phases
-from fraexp.figures.elements.bundles import MAX_SINGLE_CURVES, MIN_QUANTILE_CURVES, Bundle, group_indices, stack_padded
-from fraexp.figures.elements.labels import group_names, label_texts
+from fraexp.figures.elements.bundles import MIN_QUANTILE_CURVES, Bundle, stack_padded
+from fraexp.figures.elements.grouping import CurvePlace
+from fraexp.figures.elements.labels import label_texts
 from fraexp.figures.elements.scales import continuous_phase
-from fraexp.figures.kinds.bode import BodeInfo, bode_info, draw_bode
+from fraexp.figures.kinds.bode import BodeInfo, bode_info
+from fraexp.figures.kinds.bode_panels import draw_bode
 from fraexp.figures.kinds.other_curves import curves_info, draw_curves
 from tests.figures.conftest import ResponseMaker
 
@@ -22,15 +24,19 @@ def many(make_response: ResponseMaker, count: int) -> list[tuple[str, FrequencyR
     return [(f"gain {gain}", make_response(FREQUENCY, -1e-3 * gain / FREQUENCY)) for gain in gains]
 
 
+def draws(*groups: str) -> list[CurvePlace]:
+    return [CurvePlace(group=name, point=name, sample="draw") for name in groups]
+
+
 def legend(info: BodeInfo) -> list[str]:
     return [text.get_text() for text in draw_bode(info).legends[0].get_texts()]
 
 
 def test_many_curves_are_one_bundle_with_median_and_band(make_response: ResponseMaker) -> None:
     plant = ("P(s)", FREQUENCY, -1e-3 / FREQUENCY)
-    info = bode_info(many(make_response, 101), plant)
-    assert legend(info) == ["101 sweeps", "median", "5…95 %", "P(s)"]
-    (group,) = info.groups
+    info = bode_info(many(make_response, 101), plant, places=draws(*[""] * 101))
+    assert legend(info) == ["101 draws", "median", "5…95 %", "P(s)"]
+    (group,) = info.samples
     np.testing.assert_allclose(group.phase, -180)
     quantiles = group.bundle(group.magnitude).quantiles
     assert quantiles is not None
@@ -43,17 +49,18 @@ def test_many_curves_are_one_bundle_with_median_and_band(make_response: Response
 
 def test_groups_keep_apart_and_a_small_one_has_no_quantiles(make_response: ResponseMaker) -> None:
     curves = many(make_response, 30)
-    assert legend(bode_info(curves, groups=["H1"] * 25 + ["H2"] * 5)) == [
-        "H1, 25 sweeps", "H2, 5 sweeps", "median", "5…95 %",
+    assert legend(bode_info(curves, places=draws(*["H1"] * 25, *["H2"] * 5))) == [
+        "H1, 25 draws", "H2, 5 draws", "median", "5…95 %",
     ]  # fmt: skip
-    assert legend(bode_info(curves, groups=[str(index // MIN_QUANTILE_CURVES) for index in range(30)]))[:3] == [
-        "0, 10 sweeps", "1, 10 sweeps", "2, 10 sweeps",
-    ]  # fmt: skip
-    assert legend(bode_info(curves, groups=[str(index) for index in range(30)]))[0] == "30 sweeps"
+    names = [str(index // MIN_QUANTILE_CURVES) for index in range(30)]
+    assert legend(bode_info(curves, places=draws(*names)))[:3] == ["0, 10 draws", "1, 10 draws", "2, 10 draws"]
 
 
-def test_up_to_the_limit_each_curve_has_its_name(make_response: ResponseMaker) -> None:
-    assert len(legend(bode_info(many(make_response, MAX_SINGLE_CURVES)))) == MAX_SINGLE_CURVES
+def test_a_grid_is_no_sample_however_many_points_it_has(make_response: ResponseMaker) -> None:
+    assert len(legend(bode_info(many(make_response, 30)))) == 30
+    places = [CurvePlace(group="all", point=str(index)) for index in range(30)]
+    info = bode_info([("all", of) for _, of in many(make_response, 30)], places=places)
+    assert (legend(info), info.samples) == (["all"], ())
 
 
 def test_unsettled_points_are_hollow_and_in_no_quantile(make_response: ResponseMaker) -> None:
@@ -61,8 +68,8 @@ def test_unsettled_points_are_hollow_and_in_no_quantile(make_response: ResponseM
     settled[[3, 7]] = False
     wild = np.where(settled, -1e-3 / FREQUENCY, 1e3)
     curves = [("bad", make_response(FREQUENCY, wild, settled=settled)), *many(make_response, 30)]
-    info = bode_info(curves)
-    group = info.groups[0]
+    info = bode_info(curves, places=draws(*[""] * 31))
+    group = info.samples[0]
     bundle = group.bundle(group.magnitude)
     assert np.isnan(bundle.y[0, [3, 7]]).all()
     assert bundle.quantiles is not None
@@ -84,12 +91,17 @@ def test_other_frequencies_are_lines_without_a_band(make_response: ResponseMaker
     curves = many(make_response, 30)
     curves[4] = ("shorter", make_response(FREQUENCY[:9], -1e-3 / FREQUENCY[:9]))
     curves[5] = ("empty", make_response([], []))
-    assert legend(bode_info(curves)) == ["29 sweeps"]
+    assert legend(bode_info(curves, places=draws(*[""] * 30))) == ["29 draws"]
 
 
 def test_nothing_settled_can_be_drawn(make_response: ResponseMaker) -> None:
     never = make_response([1.0, 2.0], [1e-3, 1e-3], settled=[False, False])
-    assert legend(bode_info([("a", never)] * 30)) == ["30 sweeps", "median", "5…95 %", "not settled"]
+    assert legend(bode_info([("a", never)] * 30, places=draws(*[""] * 30))) == [
+        "30 draws",
+        "median",
+        "5…95 %",
+        "not settled",
+    ]
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -109,9 +121,9 @@ def test_phases_lie_on_the_branches_of_single_curves(seed: int) -> None:
 def test_other_curves_are_bundled_too() -> None:
     time_ = np.linspace(0, 1, 50)
     curves = [("", Curve("step", {"time": time_, "x": k * time_}, {"time": "s", "x": "m"})) for k in range(40)]
-    figure = draw_curves(curves_info(curves, groups=["a", "b"] * 20))
+    figure = draw_curves(curves_info(curves, places=draws(*["a", "b"] * 20)))
     texts = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert texts == ["a, 20 sweeps", "b, 20 sweeps", "median", "5…95 %"]
+    assert texts == ["a, 20 draws", "b, 20 draws", "median", "5…95 %"]
     assert figure.axes[0].get_ylim()[1] > 39
 
 
@@ -119,28 +131,12 @@ def test_rows_are_filled_up() -> None:
     np.testing.assert_array_equal(stack_padded([np.array([1.0]), np.array([1.0, 2.0])]), [[1, np.nan], [1, 2]])
     flags = stack_padded([np.array([True]), np.array([True, True])], missing=False)
     assert flags.dtype == bool
-    assert group_indices(["a", "b", "a"]) == {"a": [0, 2], "b": [1]}
-
-
-def test_groups_are_those_of_the_label_with_the_fewest_values() -> None:
-    labels = [
-        {"estimator.name": name, "friction.coulomb": force, "loop.amplitude": amplitude, "loop.noise": 0.0}
-        for name in ("conventional", "proposed")
-        for force in np.linspace(15, 20, 10).tolist()
-        for amplitude in (1.0, 2.0, 3.0)
-    ]
-    assert group_names(labels) == ["conventional"] * 30 + ["proposed"] * 30
-    for of in labels:
-        del of["estimator.name"]
-    assert group_names(labels, {"loop.amplitude": "N"})[:3] == ["1 N", "2 N", "3 N"]
-    assert set(group_names([{"a": index} for index in range(9)])) == {""}
-    assert group_names([]) == []
 
 
 def test_ten_thousand_sweeps_are_drawn_within_seconds(make_response: ResponseMaker) -> None:
     curves = many(make_response, 10_000)
     began = time.process_time()
-    draw_bode(bode_info(curves, ("P(s)", FREQUENCY, -1e-3 / FREQUENCY)))
+    draw_bode(bode_info(curves, ("P(s)", FREQUENCY, -1e-3 / FREQUENCY), places=draws(*[""] * 10_000)))
     components = [{"name": "dahl", "stiffness": float(index)} for index in range(10_000)]
     assert label_texts(components)[7] == "dahl (stiffness 7)"
     assert time.process_time() - began < 10, "about 1 s; minutes if a step grows with the square of the number"

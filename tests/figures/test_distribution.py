@@ -8,7 +8,8 @@ import pytest
 from fraexp.data.results import Metric, Outcome, Result
 from fraexp.errors import FraexpError
 from fraexp.figures.drawing import draw_figure
-from fraexp.figures.elements.labels import RandomDraw, curve_names, describe_draws, group_names
+from fraexp.figures.elements.grouping import group_sweeps
+from fraexp.figures.elements.labels import RandomDraw, curve_names, describe_draws
 from fraexp.figures.elements.shown import ShownResult
 from fraexp.figures.kinds.distribution import MAX_METRICS, distribution_info
 
@@ -129,7 +130,7 @@ UNITS = {"plant.gain": "m/(N s**2)", "plant.frequencies.0": "Hz"}
 
 def test_a_draw_is_named_by_its_number_and_grouped_by_what_it_was_drawn_around():
     assert curve_names(LABELS, [""] * 6, UNITS)[:2] == ["a, draw 1", "a, draw 2"]
-    assert group_names(LABELS, UNITS) == ["a", "a", "a", "b", "b", "b"]
+    assert [place.point for place in group_sweeps(LABELS, UNITS)] == ["a", "a", "a", "b", "b", "b"]
     found = describe_draws(LABELS, UNITS)
     assert found[3] == RandomDraw(1, "b", "gain 0.14 m/(N s²), frequencies.0 39 Hz")
     assert describe_draws([{"case": "a"}], {}) == [None]

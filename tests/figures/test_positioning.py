@@ -6,6 +6,7 @@ import pytest
 from fraexp.data.results import Curve, Outcome, Result
 from fraexp.errors import FraexpError
 from fraexp.figures.drawing import draw_figure
+from fraexp.figures.elements.grouping import CurvePlace
 from fraexp.figures.elements.shown import ShownResult
 from fraexp.figures.kinds.positioning_moves import MIN_HEIGHT_RATIO, is_positioning, positioning_info
 
@@ -27,7 +28,11 @@ def motion(overshoot=0.0, thrust=True, wait=0):
 
 def shown(*curves, groups=None):
     return [
-        ShownResult(f"case {n}", Result(Outcome.OK, curves=(curve,)), groups[n] if groups else "")
+        ShownResult(
+            f"case {n}",
+            Result(Outcome.OK, curves=(curve,)),
+            CurvePlace(group=groups[n], point=groups[n], sample="draw") if groups else None,
+        )
         for n, curve in enumerate(curves)
     ]
 
@@ -44,7 +49,7 @@ def test_it_is_drawn_by_itself_where_there_are_such_curves():
 
 
 def test_deviation_and_time_count_from_the_move_on():
-    (move,) = positioning_info([("a", motion(20e-6, wait=30), "")]).moves
+    (move,) = positioning_info([("a", motion(20e-6, wait=30), CurvePlace())]).moves
     assert move.time[30] == pytest.approx(0)
     assert move.deviation[30] == pytest.approx(-1000)
     assert move.deviation[71] == pytest.approx(20)
@@ -67,7 +72,7 @@ def test_many_draws_are_bundles_by_their_case():
     curves = [motion(1e-6 * n) for n in range(40)]
     figure = draw_figure(shown(*curves, groups=["nominal"] * 20 + ["wrong"] * 20))
     texts = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert texts == ["nominal, 20 sweeps", "wrong, 20 sweeps", "median", "5…95 %", "±4 µm"]
+    assert texts == ["nominal, 20 draws", "wrong, 20 draws", "median", "5…95 %", "±4 µm"]
 
 
 def test_other_curves_are_none():

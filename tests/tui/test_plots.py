@@ -12,21 +12,16 @@ from hypothesis import strategies as st
 from rich.cells import cell_len
 from textual.app import App, ComposeResult
 from textual.color import Color
+from textual.events import MouseScrollUp
 from textual.pilot import Pilot
 
 from fraexp.data.results import FrequencyResponse, Outcome, Result
 from fraexp.figures.elements.shown import ShownResult
-from fraexp.tui.plotting.braille import BLANK_CODE, DOTS_ACROSS, DOTS_DOWN, dash_dots, dot_characters, line_dots
+from fraexp.tui.plotting.braille import BLANK_CODE, DOTS_ACROSS, DOTS_DOWN, dash_dots, dot_bits, line_dots
+from fraexp.tui.plotting.curve_styles import ON_DARK, ON_LIGHT, CurveStyles
+from fraexp.tui.plotting.panel_drawing import ISOLATED_SIGN, RESONANCE_SIGN, UNSETTLED_SIGN, settled_line
 from fraexp.tui.plotting.plot_stack import BodeView
-from fraexp.tui.plotting.plot_widget import (
-    ISOLATED_SIGN,
-    ON_DARK,
-    ON_LIGHT,
-    UNSETTLED_SIGN,
-    CurveStyles,
-    Plot,
-    settled_line,
-)
+from fraexp.tui.plotting.plot_widget import LEFT_CELLS, TOP_CELLS, Plot
 from fraexp.tui.plotting.plotted_curves import PlotTrace, bode_picture
 from fraexp.tui.plotting.ticks import TickFormatter, tick_text
 from fraexp.tui.widgets.readout import readout, shorten_name
@@ -75,8 +70,33 @@ def drawn_rows(plot: Plot) -> list[str]:
     """Return what is within the axes, row by row."""
     columns, rows = plot.cells
     lines = screen_text(plot.app).splitlines()
-    left, top = plot.region.x + 8 + 1, plot.region.y + 1
+    left, top = plot.region.x + LEFT_CELLS, plot.region.y + TOP_CELLS
     return [text[left : left + columns] for text in lines[top : top + rows]]
+
+
+def labelled(formatter: TickFormatter, low: float, high: float) -> tuple[list[float], list[str]]:
+    """Return the ticks of an axis and their labels."""
+    ticks = formatter.ticks(low, high)
+    return [at for at, _ in ticks], [label for _, label in ticks]
+
+
+def coloured(plot: Plot, row: int) -> list[tuple[str, str]]:
+    """Return the characters of a row within the axes, each with its colour."""
+    strip = plot.render_line(TOP_CELLS + row)
+    cells = [
+        (character, segment.style.color.name if segment.style and segment.style.color else "")
+        for segment in strip
+        for character in segment.text
+    ]
+    return cells[LEFT_CELLS : LEFT_CELLS + plot.cells[0]]
+
+
+def curve_dots(plot: Plot, grid: str = CurveStyles().grid) -> list[list[int]]:
+    """Return the columns that have dots of curves, row by row."""
+    return [
+        [column for column, (text, colour) in enumerate(coloured(plot, row)) if is_dots(text) and colour != grid]
+        for row in range(plot.cells[1])
+    ]
 
 
 def is_dots(character: str) -> bool:
@@ -131,7 +151,7 @@ def test_of_many_points_the_extremes_survive() -> None:
 def test_dots_become_characters() -> None:
     dots = np.zeros((4, 4), dtype=bool)
     dots[0, 0] = dots[3, 1] = dots[:, 2] = True
-    assert dot_characters(dots) == [(0, 0, "⢁"), (1, 0, "⡇")]
+    assert [chr(BLANK_CODE + int(bits)) for bits in dot_bits(dots)[0]] == ["⢁", "⡇"]
     assert dash_dots(np.ones((1, 6), dtype=bool), 1, 3).tolist() == [[True, False, False] * 2]
 
 
@@ -147,7 +167,7 @@ def test_dots_become_characters() -> None:
     ],
 )  # fmt: skip
 def test_frequencies_are_named_as_far_as_there_is_room(span: tuple[float, float], room: int, labels: list[str]) -> None:
-    ticks, found = TickFormatter(room, logarithmic=True).get_ticks_and_labels(*span)
+    ticks, found = labelled(TickFormatter(room, logarithmic=True), *span)
     assert found == labels
     assert ticks == sorted(ticks)
 
@@ -155,7 +175,7 @@ def test_frequencies_are_named_as_far_as_there_is_room(span: tuple[float, float]
 @given(st.floats(-9, 9), st.floats(1e-4, 15), st.integers(8, 200), st.booleans())
 @settings(max_examples=portion(200))
 def test_labels_never_touch(low: float, width: float, room: int, logarithmic: bool) -> None:
-    ticks, labels = TickFormatter(room, logarithmic=logarithmic).get_ticks_and_labels(low, low + width)
+    ticks, labels = labelled(TickFormatter(room, logarithmic=logarithmic), low, low + width)
     assert all(low - 1e-9 <= tick <= low + width + 1e-9 for tick in ticks)
     places = [(tick - low) / width * room for tick in ticks]
     for (before, after), label in zip(pairwise(places), labels[1:], strict=True):
@@ -163,8 +183,8 @@ def test_labels_never_touch(low: float, width: float, room: int, logarithmic: bo
 
 
 def test_phases_are_named_in_fractions_of_a_turn() -> None:
-    assert TickFormatter(5, upright=True, angle=True).get_ticks_and_labels(-185, 5)[1] == ["-180", "-90", "0"]
-    _, labels = TickFormatter(9, upright=True, angle=True).get_ticks_and_labels(-185, 5)
+    assert labelled(TickFormatter(5, upright=True, angle=True), -185, 5)[1] == ["-180", "-90", "0"]
+    _, labels = labelled(TickFormatter(9, upright=True, angle=True), -185, 5)
     assert labels == ["-180", "-135", "-90", "-45", "0"]
     assert tick_text(2500) == "2.5k"
 
@@ -173,22 +193,20 @@ def test_phases_are_named_in_fractions_of_a_turn() -> None:
 def test_the_resonance_is_drawn_where_the_data_have_it(size: tuple[int, int]) -> None:
     async def steps(view: BodeView, pilot: Pilot[None]) -> None:
         magnitude, phase = plots_of(view)
-        rows = drawn_rows(magnitude)
-        dots = [[column for column, text in enumerate(row) if is_dots(text)] for row in rows]
-        highest = next(found for found in dots if found)
+        highest = next(found for found in curve_dots(magnitude) if found)
         low, high = np.log10([GRID[0], GRID[-1]])
         margin = 0.01 * (high - low)
         expected = (np.log10(RESONANCE) - low + margin) / (high - low + 2 * margin) * magnitude.cells[0]
         assert abs(np.mean(highest) - expected) <= 1
-        assert magnitude.column(np.log10(RESONANCE)) - 1 == pytest.approx(expected, abs=1)
+        assert magnitude.column(np.log10(RESONANCE)) == pytest.approx(expected, abs=1)
+        assert f"{RESONANCE_SIGN}{RESONANCE:.3g}" in "".join(drawn_rows(magnitude))
         text = screen_text(pilot.app)
         assert "Magnitude [dB re 1 mm/N]" in text
         assert "Phase [deg]" in text
         lines = text.splitlines()
-        left = [row for row in drawn_rows(phase) if any(map(is_dots, row[:4]))]
-        assert left  # the phase begins at the left edge
+        assert min(column for row in curve_dots(phase) for column in row) < 4  # the phase begins at the left edge
         names = next(row for row in lines if row.strip().startswith("Hz"))
-        place = names.index("100") + 1 - magnitude.region.x - 9
+        place = names.index("100") + 1 - magnitude.region.x - LEFT_CELLS
         assert abs(place - (np.log10(100) - low + margin) / (high - low + 2 * margin) * magnitude.cells[0]) <= 1
 
     shown([("a", resonant(GRID))], steps, size)
@@ -203,10 +221,10 @@ def test_points_that_had_not_settled_are_hollow_and_not_joined() -> None:
         view.draw()
         await settle(pilot)
         plot = plots_of(view)[0]
-        left, right = plot.column(np.log10(4.0)) - 1, plot.column(np.log10(15.0)) - 1
+        left, right = plot.column(np.log10(4.0)), plot.column(np.log10(15.0))
         text = "".join(row[left + 2 : right - 1] for row in drawn_rows(plot))
         assert UNSETTLED_SIGN in text
-        assert not any(is_dots(character) for character in text)
+        assert not [column for row in curve_dots(plot) for column in row if left + 2 <= column < right - 1]
         assert ISOLATED_SIGN in "".join(drawn_rows(plot))  # 200 Hz stands between gaps
 
     response = gap(resonant(few), 3.9, 15.1)
@@ -215,37 +233,54 @@ def test_points_that_had_not_settled_are_hollow_and_not_joined() -> None:
     shown([("a", SimpleNamespace(**{**vars(response), "settled": settled}))], steps)  # type: ignore[list-item]
 
 
-def test_limits_are_drawn_around_a_line_until_they_are_taken_away() -> None:
+def test_limits_are_shaded_around_a_line_until_they_are_taken_away() -> None:
     async def steps(view: BodeView, pilot: Pilot[None]) -> None:
-        async def count() -> int:
-            view.draw()
-            await settle(pilot)
-            return sum(is_dots(character) for plot in plots_of(view) for row in drawn_rows(plot) for character in row)
+        def grounds() -> set[str]:
+            styles = [of.style for plot in plots_of(view) for row in range(plot.cells[1])
+                      for of in plot.render_line(TOP_CELLS + row)]  # fmt: skip
+            return {style.bgcolor.name for style in styles if style and style.bgcolor}
 
         view.zoom(y=8)
-        with_band = await count()
+        await settle(pilot)
+        assert len(grounds()) > 2  # whole and partly covered cells
         view.view_range.bands = False
-        assert await count() < with_band
+        view.draw()
+        await settle(pilot)
+        assert len(grounds()) == 1
 
     shown([("a", resonant(np.geomspace(1, 30, 50)))], steps)
 
 
-def test_the_focused_curve_covers_the_others() -> None:
+def test_curves_that_coincide_are_both_visible() -> None:
     pair = [("first", resonant(GRID)), ("second", resonant(GRID))]
 
     async def steps(view: BodeView, pilot: Pilot[None]) -> None:
-        from textual_hires_canvas import Canvas
-
-        for focus in (0, 1):
-            view.view_range.focus = focus
-            view.draw()
-            await settle(pilot)
-            canvas = plots_of(view)[0].query_one("#plot", Canvas)
-            styles = {style for row in canvas._styles for style in row}
-            assert view.curve_styles.style(focus) in styles
-            assert view.curve_styles.style(1 - focus) not in styles
+        plot = plots_of(view)[0]
+        colours = [colour for row in range(plot.cells[1]) for text, colour in coloured(plot, row) if is_dots(text)]
+        for of in (0, 1):
+            assert colours.count(view.curve_styles.style(of).lower()) > plot.cells[0] // 4
 
     shown(pair, steps)
+
+
+def test_grid_lines_are_exact_to_the_dot() -> None:
+    async def steps(view: BodeView, pilot: Pilot[None]) -> None:
+        plot = plots_of(view)[0]
+        plot.show(plot.panel, (0.0, 2.0, 13.0, 27.0), view.view_range, view.curve_styles, True, True)
+        columns, rows = plot.cells
+        grid = {
+            (4 * row + dot // 2, 2 * column + dot % 2)
+            for row in range(rows)
+            for column, (text, colour) in enumerate(coloured(plot, row))
+            if is_dots(text) and colour == view.curve_styles.grid
+            for dot, bit in enumerate((0x01, 0x08, 0x02, 0x10, 0x04, 0x20, 0x40, 0x80))
+            if (ord(text) - BLANK_CODE) & bit
+        }
+        horizontal = {row for row in range(4 * rows) if sum(at == row for at, _ in grid) >= columns // 3}
+        ticks = TickFormatter(rows, upright=True).ticks(13.0, 27.0)
+        assert horizontal == {min(int((27 - at) / 14 * 4 * rows), 4 * rows - 1) for at, _ in ticks}
+
+    shown([("a", resonant(GRID))], steps)
 
 
 def test_lines_are_made_anew_when_they_are_seen_otherwise(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -255,14 +290,14 @@ def test_lines_are_made_anew_when_they_are_seen_otherwise(monkeypatch: pytest.Mo
         made.append(args)
         return line_dots(*args)
 
-    monkeypatch.setattr("fraexp.tui.plotting.plot_widget.line_dots", counted)
+    monkeypatch.setattr("fraexp.tui.plotting.cell_canvas.line_dots", counted)
 
     async def steps(view: BodeView, pilot: Pilot[None]) -> None:
         async def lines_of(change: Callable[[], object]) -> int:
             made.clear()
             change()
             await settle(pilot)
-            return len(made)
+            return sum(len(of[0]) > 2 for of in made)  # grid lines have two points
 
         assert await lines_of(lambda: view.step(1)) == 0
         before = drawn_rows(plots_of(view)[0])
@@ -275,9 +310,9 @@ def test_lines_are_made_anew_when_they_are_seen_otherwise(monkeypatch: pytest.Mo
 
 
 def test_labels_of_a_wide_span_are_found_soon() -> None:
-    ticks, labels = TickFormatter(13, upright=True).get_ticks_and_labels(-6.3, 6.3)
+    ticks, labels = labelled(TickFormatter(13, upright=True), -6.3, 6.3)
     assert labels == ["-6", "-4", "-2", "0", "2", "4", "6"]
-    assert TickFormatter(3, upright=True).get_ticks_and_labels(0.0, 1000.0)[1] == ["0", "500", "1k"]
+    assert labelled(TickFormatter(3, upright=True), 0.0, 1000.0)[1] == ["0", "500", "1k"]
     assert ticks == [-6.0, -4.0, -2.0, 0.0, 2.0, 4.0, 6.0]
 
 
@@ -302,7 +337,7 @@ def test_zoom_keeps_both_panels_together_and_home_shows_all() -> None:
         assert upper[:2] == lower[:2] == view.window(0)[:2]
         assert upper[1] - upper[0] == pytest.approx((home[0][1] - home[0][0]) / 2)
         assert upper[2:] == home[0][2:]
-        plots_of(view)[0].action_zoom_x_in()  # as the mouse wheel does
+        await pilot._post_mouse_events([MouseScrollUp], plots_of(view)[0], (40, 5))
         await settle(pilot)
         upper, lower = (plot.window for plot in plots_of(view))
         assert upper[:2] == lower[:2]

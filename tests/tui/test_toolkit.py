@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 from textual.app import App
-from textual_plot import PlotWidget
 from textual_serve.app_service import AppService
 from textual_serve.server import Server
 
@@ -16,10 +15,6 @@ import fraexp.tui
 PRIVATE = {
     "app.py": (App, {"_exception", "_fatal_error"}),
     "services/browser_server.py": (Server, {"_make_app", "_process_messages"}),
-    "plotting/plot_widget.py": (
-        PlotWidget,
-        {"_needs_canvas_resize", "_render_plot", "_rerender", "_scale_rectangle"},
-    ),
 }
 """Modules, the class that they build on, and its members; each stands in a comment there, with the reason."""
 FOLDER = Path(fraexp.tui.__file__).parent

@@ -13,7 +13,8 @@ from fraexp.components.registry import discover
 from fraexp.errors import FraexpError
 from fraexp.store import Store
 from fraexp.tui.app import FraexpApp
-from fraexp.tui.plotting.panels import SmallAxes
+from fraexp.tui.plotting.panels import SmallPlot
+from fraexp.tui.plotting.ticks import TickFormatter
 from fraexp.tui.screens.trial_page import TrialInput, TrialPage
 from fraexp.views.entries import apply_texts, example_spec, parameter_entries, without_defaults
 from fraexp.views.law_trial import STEPS_PER_PERIOD, TRIAL_STUDY, LawTrial, SineMotion, trial_overrides
@@ -264,11 +265,10 @@ def test_keys_do_not_wait_for_a_slow_law(workspace, monkeypatch):
 def test_every_tick_has_a_row_of_its_own_and_zero_is_among_them(workspace, height):
     async def steps(app, pilot):
         await opened(pilot, "dahl")
-        panel = app.screen.query_one("#loop").query_one(SmallAxes)
+        plot = app.screen.query_one("#loop", SmallPlot)
         await pilot.pause()
-        low, high = panel._y_min, panel._y_max
-        ticks = [tick for tick in panel._y_formatter.get_ticks(low, high) if low <= tick <= high]
-        rows = [panel.get_pixel_from_coordinate(0.0, tick)[1] for tick in ticks]
+        ticks = [at for at, _ in TickFormatter(plot.cells[1], upright=True).ticks(*plot.window[2:])]
+        rows = [plot._canvas().cell(plot.window[0], tick)[1] for tick in ticks]
         assert len(set(rows)) == len(rows)
         assert 0.0 in ticks
 

@@ -1,20 +1,21 @@
-"""Many curves in one panel: thin lines in the colour of their group, with its median and the band of 5…95 %."""
+"""Random draws at one point of the grid: thin lines in one colour, with their median and the band of 5…95 %."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import cycle
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.figures.elements.labels import MAX_GROUPS, drawable
+from fraexp.figures.elements.labels import drawable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 MAX_SINGLE_CURVES = 20
-"""Number of curves in a panel above which they are drawn as bundles."""
+"""Maximum number of curves, each with its own name, that a figure distinguishes."""
 MIN_QUANTILE_CURVES = 10
 """Number of curves in a bundle from which its quantiles are drawn."""
 QUANTILE_LEVELS = (0.05, 0.5, 0.95)
@@ -33,13 +34,21 @@ Colour = tuple[float, ...]
 
 @dataclass(frozen=True)
 class Bundle:
-    """Curves of a group as they are drawn, each a row, all of shape (m, n)."""
+    """Curves of one point of the grid as they are drawn, each a row, all of shape (m, n)."""
 
     label: str
-    """Name of the group; empty if there is one bundle."""
+    """Name of its group; empty if there is one."""
     x: NDArray[np.float64]
     y: NDArray[np.float64]
     """NaN leaves a gap in the line."""
+    sample: str = "sweep"
+    """What its curves are, such as a draw."""
+
+    @property
+    def title(self) -> str:
+        """Its name and how many curves it has."""
+        count = len(self.x)
+        return f"{self.label}, {count} {self.sample}{'' if count == 1 else 's'}".removeprefix(", ")
 
     @property
     def quantiles(self) -> NDArray[np.float64] | None:
@@ -54,16 +63,6 @@ class Bundle:
         return found
 
 
-def group_indices(groups: Sequence[str]) -> dict[str, list[int]]:
-    """Return the indices of the curves in each group by its name; one group without a name if there are too many."""
-    if len(set(groups)) > MAX_GROUPS:
-        return {"": list(range(len(groups)))}
-    found: dict[str, list[int]] = {}
-    for index, name in enumerate(groups):
-        found.setdefault(name, []).append(index)
-    return found
-
-
 def stack_padded(rows: Sequence[NDArray[Scalar]], missing: float = np.nan) -> NDArray[Scalar]:
     """Return arrays of shape (n,) as the rows of one array; shorter ones are padded with `missing`."""
     lengths = [len(row) for row in rows]
@@ -75,17 +74,25 @@ def stack_padded(rows: Sequence[NDArray[Scalar]], missing: float = np.nan) -> ND
     return filled
 
 
-def draw_bundles(axes: "Axes", bundles: Sequence[Bundle], has_legend: bool) -> None:
-    """Draw bundles, each in its colour; with `has_legend` they have legend entries."""
+def draw_bundles(
+    axes: "Axes", bundles: Sequence[Bundle], has_legend: bool, colours: Mapping[str, str] | None = None
+) -> None:
+    """Draw bundles, each in the colour of its name; with `has_legend` they have legend entries.
+
+    The lines under a band are drawn only if it is alone: those of several would tangle.
+    """
     from fraexp.figures.elements.canvas import OKABE_ITO
 
+    names = dict.fromkeys(bundle.label for bundle in bundles)
+    chosen = [(colours or dict(zip(names, cycle(OKABE_ITO), strict=False)))[bundle.label] for bundle in bundles]
     quantiles = [bundle.quantiles for bundle in bundles]
-    for bundle, levels, colour in zip(bundles, quantiles, OKABE_ITO, strict=False):
-        _draw_lines(axes, bundle, mix_grey(colour, 1.0, 0.0 if levels is None else TINT_SHARE))
+    for bundle, levels, colour in zip(bundles, quantiles, chosen, strict=True):
+        if levels is None or len(bundles) == 1:
+            _draw_lines(axes, bundle, mix_grey(colour, 1.0, 0.0 if levels is None else TINT_SHARE))
         if levels is not None:
             _draw_quantiles(axes, bundle.x[0], levels, colour)
     if has_legend:
-        _add_legend_entries(axes, bundles, OKABE_ITO, any(levels is not None for levels in quantiles))
+        _add_legend_entries(axes, bundles, chosen, any(levels is not None for levels in quantiles))
 
 
 def _draw_lines(axes: "Axes", bundle: Bundle, colour: Colour) -> None:
@@ -124,10 +131,9 @@ def mix_grey(colour: str, grey: float, share: float) -> Colour:
 def _add_legend_entries(axes: "Axes", bundles: Sequence[Bundle], colours: Sequence[str], quantiles: bool) -> None:
     """Add legend entries with artists of their own: the lines themselves are too faint for a legend."""
     alone = len(bundles) == 1
-    for bundle, colour in zip(bundles, colours, strict=False):
-        label = f"{bundle.label}, {len(bundle.x)} sweeps".removeprefix(", ")
+    for title, colour in dict(zip([bundle.title for bundle in bundles], colours, strict=True)).items():
         width, shown = (0.8, mix_grey(colour, 1.0, TINT_SHARE)) if alone else (1.8, mix_grey(colour, 0.0, SHADE_SHARE))
-        axes.plot([], [], color=shown, linewidth=width, label=drawable(label))
+        axes.plot([], [], color=shown, linewidth=width, label=drawable(title))
     if quantiles:
         shared = colours[0] if alone else GREY
         axes.plot([], [], color=mix_grey(shared, 0.0, SHADE_SHARE), linewidth=1.8, label="median")

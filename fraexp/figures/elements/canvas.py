@@ -156,6 +156,14 @@ def set_error_axis(axes: Axes, fine: float) -> None:
     axes.yaxis.set_minor_formatter(NullFormatter())
 
 
+def error_axis_title(axes: Axes, name: str, unit: str) -> str:
+    """Return the title of an axis of errors, which declares its scale if that is not linear all over."""
+    if axes.get_yscale() != "symlog":
+        return f"{name} [{unit}]"
+    linear = getattr(axes.yaxis.get_transform(), "linthresh", 0.0)
+    return f"{name} [{unit}]\n(logarithmic beyond ±{linear:g} {unit})"
+
+
 def draw_grid(*panels: Axes) -> None:
     """Draw a faint grid under the data, with minor lines between the ticks."""
     for axes in panels:
@@ -169,11 +177,11 @@ def draw_grid(*panels: Axes) -> None:
 
 def add_legend_below(figure: Figure, *panels: Axes) -> None:
     """Put the legend of the panels' curves below all panels, where it covers nothing."""
-    handles, labels = [], []
+    found: dict[str, Any] = {}  # a name that several panels have stands once
     for axes in panels:
-        of_axes = axes.get_legend_handles_labels()
-        handles += of_axes[0]
-        labels += of_axes[1]
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+            found.setdefault(label, handle)
+    handles, labels = list(found.values()), list(found)
     if not any(labels):
         return
     fitting = max(1, min(len(labels), 80 // (max(len(label) for label in labels) + 8)))

@@ -1,5 +1,6 @@
 """Names of curves and columns, made from the grid's values at each sweep."""
 
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -15,9 +16,29 @@ MAX_GROUPS = 6
 """Maximum number of groups of sweeps: the number of colours that can be distinguished."""
 
 
+NAME_JOINT = re.compile(r"(?<=[^\W_])_(?=[^\W_]{2})")
+"""An underscore between the words of a name; a symbol such as F_m keeps its own."""
+FILE_NAME = re.compile(r"\.[^\W\d]\w*$")
+"""How the name of a file ends, which keeps its underscores."""
+MICRO = re.compile(r"(?<=\d) ?u(?=(?:m|rad|s|N)\b)")
+"""The prefix micro of a unit as it is typed."""
+SYMBOLS = {
+    "force_scale": "friction ΣF_m ×",
+    "displacement_scale": "presliding Y_m ×",
+    "coulomb_force": "Coulomb force F_c",
+    "characteristic_displacement": "presliding width x_0",
+    "rigid_body_gain": "rigid-body gain k_0",
+    "gain": "gain α =",
+}
+"""What legends call parameters, by the last part of their path: their meaning, and their symbol in the literature."""
+
+
 def drawable(text: str) -> str:
-    """Return a text for a legend: in one line, and without a leading ``_``, which would hide it."""
-    shown = printable(text)
+    """Return a text for a legend: in one line, names as words, and without a leading ``_``, which would hide it."""
+    shown = " ".join(
+        word if FILE_NAME.search(word) else NAME_JOINT.sub(" ", word) for word in printable(text).split(" ")
+    )
+    shown = MICRO.sub(" µ", shown)
     return f" {shown}" if shown.startswith("_") else shown
 
 
@@ -27,7 +48,7 @@ def curve_names(labels: Sequence[Plain], fallback: Sequence[str], units: Mapping
     `units` are the units of labels, by path: a number needs no title if no other one has its unit. The name of a random
     draw contains its number, not the drawn values.
     """
-    labels = [{**_nominal_labels(of), **({DRAW: of[DRAW]} if DRAW in of else {})} for of in labels]
+    labels = [{**nominal_labels(of), **({DRAW: of[DRAW]} if DRAW in of else {})} for of in labels]
     columns = label_columns(labels)
     texts = {path: label_texts([of.get(path) for of in labels]) for path in columns}
     varying = [path for path in columns if len(set(texts[path])) > 1] or list(columns)
@@ -37,27 +58,14 @@ def curve_names(labels: Sequence[Plain], fallback: Sequence[str], units: Mapping
         parts = []
         for path in (path for path in varying if path in of):
             unit = (units or {}).get(path, "")
-            parts.append(_label_part(columns[path], of[path], texts[path][index], unit, counts[unit] == 1))
+            title = SYMBOLS.get(columns[path], columns[path])
+            parts.append(_label_part(title, of[path], texts[path][index], unit, counts[unit] == 1))
         names.append(", ".join(parts) or spare)
     repeated = {name for name, count in Counter(names).items() if count > 1}
     return [
         f"{name} ({spare})" if name in repeated and spare and name != spare else name
         for name, spare in zip(names, fallback, strict=True)
     ]
-
-
-def group_names(labels: Sequence[Plain], units: Mapping[str, str] | None = None) -> list[str]:
-    """Return the name of each sweep's group: its value of the label with the fewest values, 2 to `MAX_GROUPS`.
-
-    The names are empty if there is no such label: the sweeps are one group. Random draws make no groups.
-    """
-    labels = [_nominal_labels(of) for of in labels]
-    counts = {path: len(set(label_texts([of.get(path) for of in labels]))) for path in label_columns(labels)}
-    usable = [path for path, count in counts.items() if 1 < count <= MAX_GROUPS]
-    if not usable:
-        return [""] * len(labels)
-    chosen = min(usable, key=lambda path: counts[path])
-    return curve_names([{chosen: of[chosen]} if chosen in of else {} for of in labels], [""] * len(labels), units)
 
 
 class RandomDraw(NamedTuple):
@@ -73,8 +81,8 @@ class RandomDraw(NamedTuple):
 
 def describe_draws(labels: Sequence[Plain], units: Mapping[str, str]) -> list[RandomDraw | None]:
     """Return the description of each randomly drawn sweep, and None for the others."""
-    families = curve_names([_nominal_labels(of) for of in labels], [""] * len(labels), units)
-    drawn = [{path: of[path] for path in list(of)[len(_nominal_labels(of)) + 1 :]} for of in labels]
+    families = curve_names([nominal_labels(of) for of in labels], [""] * len(labels), units)
+    drawn = [{path: of[path] for path in list(of)[len(nominal_labels(of)) + 1 :]} for of in labels]
     titles = label_columns(drawn)
     texts = [
         ", ".join(
@@ -89,7 +97,7 @@ def describe_draws(labels: Sequence[Plain], units: Mapping[str, str]) -> list[Ra
     ]
 
 
-def _nominal_labels(labels: Plain) -> dict[str, object]:
+def nominal_labels(labels: Plain) -> dict[str, object]:
     """Return the nominal labels of a sweep: those before its draw."""
     paths = list(labels)
     return {path: labels[path] for path in paths[: paths.index(DRAW) if DRAW in labels else None]}

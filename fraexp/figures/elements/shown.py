@@ -1,11 +1,13 @@
 """Results with the names and references that figures show."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.data.results import Curve, FrequencyResponse, Result
+from fraexp.figures.elements.grouping import CurvePlace
 from fraexp.figures.elements.labels import RandomDraw
 
 FITTED_CURVE = "plant fit"
@@ -18,8 +20,8 @@ class ShownResult:
 
     label: str
     result: Result
-    group: str = ""
-    """Name of its group, which distinguishes it if there are many."""
+    place: CurvePlace | None = None
+    """Where its curve belongs; None for a colour of its own."""
     truth: NDArray[np.complex128] | None = None
     """P(jω) at the frequencies and in the unit of its response, shape (n,); None if it is unknown."""
     amplitude: float = np.nan
@@ -33,6 +35,11 @@ class ShownResult:
     """Its random draw; None if nothing was drawn."""
 
     @property
+    def name(self) -> str:
+        """Name of its curve in a legend: that of its group if it shares one."""
+        return self.place.group if self.place and self.place.group else self.label
+
+    @property
     def response(self) -> FrequencyResponse | None:
         """Its response if it has at least one point, otherwise None."""
         found = self.result.response
@@ -44,3 +51,8 @@ class ShownResult:
         unit = self.response.unit if self.response else None
         fits = (of for of in self.result.curves if of.name == FITTED_CURVE and of.units.get("magnitude") == unit)
         return next(fits, None)
+
+
+def curve_places(shown: Sequence[ShownResult]) -> list[CurvePlace]:
+    """Return the places of results; those without one are points of the grid of their own."""
+    return [of.place or CurvePlace(group=of.label, point=f"{of.label} {index}") for index, of in enumerate(shown)]

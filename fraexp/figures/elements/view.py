@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
 FREQUENCY_KINDS = ("bode", "difference", "coherence", "errors", "levels")
 """Kinds of figures over frequency, whose range can be chosen."""
+PHASE_LABEL = "phase"
+"""Label of the axes that show a phase, also where they have no title."""
 VERTICAL_MARGIN = 0.05
 """Margin above and below the curves, relative to their span."""
 
@@ -72,7 +74,7 @@ def break_wrapped_lines(figure: "Figure") -> None:
 
 
 def _is_phase_axis(axes: "Axes") -> bool:
-    return axes.get_ylabel().startswith("Phase")
+    return axes.get_label() == PHASE_LABEL or axes.get_ylabel().startswith("Phase")
 
 
 def zoom_to_band(figure: "Figure", band: tuple[float, float]) -> None:

@@ -1,6 +1,6 @@
-"""A frequency response over frequency and amplitude as a colour map; a linear plant is uniform over amplitude."""
+"""A frequency response in colours over frequency and amplitude, or another label; a linear plant is uniform."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -22,6 +22,10 @@ if TYPE_CHECKING:
 Masked = np.ma.MaskedArray[tuple[int, ...], np.dtype[np.float64]]
 MAX_MAPS = 4
 """Maximum number of maps side by side."""
+MAX_ROW_NAMES = 40
+"""Maximum number of rows with names that can be read."""
+NAME_INCH = 0.2
+"""Height of a row with a name."""
 HATCH_STYLE: LineStyle = {"facecolor": "0.93", "edgecolor": "0.55", "hatch": "////", "linewidth": 0}
 """Style of unsettled cells."""
 STEPS_DB = (0.1, 1.0, 3.0, 6.0, 10.0, 20.0, 40.0, 80.0)
@@ -39,7 +43,7 @@ class AmplitudeMap:
     frequency: NDArray[np.float64]
     """Frequency [Hz], ascending, shape (n,)."""
     amplitude: NDArray[np.float64]
-    """Amplitude of the excitation, ascending, shape (m,)."""
+    """Amplitude of the excitation or another quantity, or number of the row; ascending, shape (m,)."""
     magnitude: NDArray[np.float64]
     """Magnitude [dB], shape (m, n); NaN where it is missing."""
     phase: NDArray[np.float64]
@@ -57,8 +61,15 @@ class AmplitudeMapInfo:
     """Whether magnitude and phase are those of Ĝ/P; otherwise they are those of Ĝ."""
     unit: str
     """Unit that is 0 dB where they are not relative, such as ``mm/N``."""
-    amplitude_unit: str
+    row_title: str
+    """What the rows are, with its unit."""
+    row_names: tuple[str, ...]
+    """Names of rows that are no quantity, by number; empty if they are one."""
     title: str
+
+
+Series = dict[str, dict[float, list[ShownResult]]]
+"""The results by name of the map and value of the row; several results of a row are random draws."""
 
 
 def amplitude_map_info(shown: Sequence[ShownResult], title: str = "") -> AmplitudeMapInfo:
@@ -67,39 +78,74 @@ def amplitude_map_info(shown: Sequence[ShownResult], title: str = "") -> Amplitu
     FraexpError if there are not several amplitudes, or too many series.
     """
     usable = [of for of in shown if of.response is not None and np.isfinite(of.amplitude)]
-    series: dict[str, dict[float, ShownResult]] = {}
+    series: Series = {}
     for of in usable:
-        series.setdefault(of.series, {})[of.amplitude] = of
+        series.setdefault(of.series, {})[of.amplitude] = [of]
     if not series or min(map(len, series.values())) < 2:
         raise FraexpError(
             'amplitude map: found fewer than two amplitudes of one kind; vary "excitation.amplitude" in [grid]'
         )
-    units = {(of.response.unit, of.amplitude_unit) for of in usable if of.response}
+    units = {of.amplitude_unit for of in usable}
     if len(units) > 1:
-        raise FraexpError(
-            "amplitude map: found responses or amplitudes in several units; choose sweeps that share them"
-        )
+        raise FraexpError("amplitude map: found amplitudes in several units; choose sweeps that share them")
+    row_title = f"Excitation amplitude [{units.pop()}]"
+    return _map_info(series, row_title, (), title or "Response over frequency and amplitude", is_wanted=True)
+
+
+def response_map_info(shown: Sequence[ShownResult], title: str = "", is_relative: bool = False) -> AmplitudeMapInfo:
+    """Return maps of responses with a row for each group (see `CurvePlace.row`), the median of its random draws."""
+    series: Series = {}
+    names: dict[float, str] = {}
+    for of in shown:
+        if of.response is not None and of.place is not None:
+            series.setdefault(of.place.facet, {}).setdefault(of.place.row, []).append(of)
+            names[of.place.row] = of.name
+    axis = next((of.place.axis for of in shown if of.place), "")
+    numbered = () if axis else tuple(names.get(float(row), "") for row in range(int(max(names, default=0)) + 1))
+    return _map_info(series, axis, numbered, title or "Response of each group over frequency", is_relative)
+
+
+def _map_info(
+    series: Series, row_title: str, row_names: tuple[str, ...], title: str, is_wanted: bool
+) -> AmplitudeMapInfo:
+    """Return the maps; they are relative to P(jω) if that is wanted, and known for all."""
+    every = [of for rows in series.values() for row in rows.values() for of in row]
+    units = {of.response.unit for of in every if of.response}
+    if len(units) != 1:
+        raise FraexpError("amplitude map: found responses in several units; choose sweeps that share one")
     if len(series) > MAX_MAPS:
         raise FraexpError(
             f"amplitude map: found {len(series)} series; no more than {MAX_MAPS} maps fit; choose fewer sweeps"
         )
-    is_relative = all(of.truth is not None for of in usable)
-    (unit, amplitude_unit) = units.pop()
-    maps = tuple(_amplitude_map(name, [of[key] for key in sorted(of)], is_relative) for name, of in series.items())
-    return AmplitudeMapInfo(
-        maps, is_relative, readable_unit(unit)[1], amplitude_unit, title or "Response over frequency and amplitude"
-    )
+    is_relative = is_wanted and all(of.truth is not None for of in every)
+    maps = tuple(_amplitude_map(name, rows, is_relative) for name, rows in series.items())
+    return AmplitudeMapInfo(maps, is_relative, readable_unit(units.pop())[1], row_title, row_names, title)
 
 
-def _amplitude_map(label: str, shown: Sequence[ShownResult], is_relative: bool) -> AmplitudeMap:
-    frequency = np.sort(next(of.response.frequency for of in shown if of.response))
-    rows = [_interpolated_row(of, frequency, is_relative) for of in shown]
-    values, settled = np.stack([row[0] for row in rows]), np.stack([row[1] for row in rows])
-    unit = next(of.response.unit for of in shown if of.response)
-    factor = 1.0 if is_relative else readable_unit(unit)[0]
-    phase = np.stack([_phase(row, inside, is_relative) for row, inside in zip(values, settled, strict=True)])
-    amplitude = np.array([of.amplitude for of in shown])
-    return AmplitudeMap(label, frequency, amplitude, decibel(factor * values), phase, settled)
+def _amplitude_map(label: str, rows: Mapping[float, Sequence[ShownResult]], is_relative: bool) -> AmplitudeMap:
+    amplitude = np.sort(np.array(list(rows)))
+    frequency = max((of.response.frequency for row in rows.values() for of in row if of.response), key=len)
+    frequency = np.sort(frequency)
+    levels = [_map_row(rows[value], frequency, is_relative) for value in amplitude]
+    magnitude, phase, settled = (np.stack(part) for part in zip(*levels, strict=True))
+    return AmplitudeMap(label, frequency, amplitude, magnitude, phase, settled)
+
+
+def _map_row(
+    row: Sequence[ShownResult], frequency: NDArray[np.float64], is_relative: bool
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    """Return magnitude [dB], phase [deg] and whether they had settled: the medians of the random draws."""
+    parts = [_interpolated_row(of, frequency, is_relative) for of in row]
+    factor = 1.0 if is_relative else readable_unit(next(of.response.unit for of in row if of.response))[0]
+    levels = np.stack([np.where(settled, decibel(factor * values), np.nan) for values, settled in parts])
+    phases = np.stack([np.where(settled, _phase(values, settled, is_relative), np.nan) for values, settled in parts])
+    known = 2 * np.isfinite(levels).sum(axis=0) > len(row)
+    middle = np.full((2, len(frequency)), np.nan)
+    middle[0, known], middle[1, known] = (np.nanmedian(part[:, known], axis=0) for part in (levels, phases))
+    if len(row) == 1:
+        values, settled = parts[0]
+        return decibel(factor * values), _phase(values, settled, is_relative), settled
+    return middle[0], middle[1], known
 
 
 def _phase(values: NDArray[np.complex128], settled: NDArray[np.bool_], is_relative: bool) -> NDArray[np.float64]:
@@ -133,7 +179,9 @@ def draw_amplitude_map(info: AmplitudeMapInfo) -> "Figure":
 
     count = len(info.maps)
     with canvas.figure_style():
-        figure = canvas.new_figure(width=2.2 + (6.6 if count == 1 else 4.6 * count), height=7.4)
+        names = max(map(len, info.row_names), default=0)
+        height = max(7.4, 2.0 + 2 * NAME_INCH * min(len(info.row_names), MAX_ROW_NAMES))
+        figure = canvas.new_figure(2.2 + (6.6 if count == 1 else 4.6 * count) + 0.07 * names, height)
         panels = figure.subplots(2, count, squeeze=False, sharex=True, sharey=True)
         _draw_row(figure, panels[0], info, "magnitude")
         _draw_row(figure, panels[1], info, "phase")
@@ -144,8 +192,8 @@ def draw_amplitude_map(info: AmplitudeMapInfo) -> "Figure":
         if count > 1:
             figure.suptitle(canvas.wrapped_title(figure, info.title))
         for axes in panels[:, 0]:
-            axes.set_ylabel(f"Excitation amplitude [{info.amplitude_unit}]")
-            canvas.set_decade_ticks(axes)
+            axes.set_ylabel(info.row_title)
+            _name_rows(axes, info.row_names) if info.row_names else canvas.set_decade_ticks(axes)
         _add_hatch_legend(figure, info.maps)
     return figure
 
@@ -157,8 +205,9 @@ def _draw_row(figure: "Figure", panels: Sequence["Axes"], info: AmplitudeMapInfo
     drawn = None
     for axes, of in zip(panels, info.maps, strict=True):
         known = np.ma.masked_invalid(np.where(of.settled, getattr(of, part), np.nan))
-        drawn = _draw_map(axes, of, known, levels, colours)
-        _draw_contours(axes, of, known, lines)  # fewer lines than colours: more would tangle
+        drawn = _draw_map(axes, of, known, (levels, colours), bool(info.row_names))
+        if not info.row_names:
+            _draw_contours(axes, of, known, lines)  # fewer lines than colours: more would tangle
     assert drawn is not None
     bar = figure.colorbar(drawn, ax=list(panels), pad=0.02, aspect=22, ticks=levels, extend="neither")
     bar.ax.set_yticklabels([f"{level:g}" for level in levels])
@@ -189,15 +238,27 @@ def _colour_scale(info: AmplitudeMapInfo, part: str, values: NDArray[np.float64]
     return [float(step * number) for number in range(first, max(last, first + 1) + 1)], "cividis"
 
 
-def _draw_map(axes: "Axes", of: AmplitudeMap, values: Masked, levels: list[float], colours: str) -> "QuadMesh":
+def _name_rows(axes: "Axes", names: Sequence[str]) -> None:
+    """Label rows with their names, the first at the top; of very many with some of them."""
+    step = -(-len(names) // MAX_ROW_NAMES)
+    axes.set_yticks(range(0, len(names), step), [drawable(name) for name in names[::step]], fontsize=9)
+    axes.set_ylim(len(names) - 0.5, -0.5)
+
+
+def _draw_map(
+    axes: "Axes", of: AmplitudeMap, values: Masked, scale: tuple[list[float], str], is_named: bool
+) -> "QuadMesh":
+    """Draw the cells of a map; rows with names have the same height."""
     import matplotlib
     from matplotlib.colors import BoundaryNorm
 
+    levels, colours = scale
     shades = matplotlib.colormaps[colours].resampled(256)
     norm = BoundaryNorm(levels, shades.N, clip=True)
-    x, y = _cell_edges(of.frequency), _cell_edges(of.amplitude)
+    x = _cell_edges(of.frequency)
+    y = np.append(of.amplitude - 0.5, of.amplitude[-1] + 0.5) if is_named else _cell_edges(of.amplitude)
     drawn = axes.pcolormesh(x, y, values, cmap=shades, norm=norm, rasterized=True)
-    axes.set_yscale("log")
+    axes.set_yscale("linear" if is_named else "log")
     axes.set_xscale("log")
     axes.set_ylim(y[0], y[-1])
     _hatch_cells(axes, x, y, ~of.settled)

@@ -73,7 +73,7 @@ def distribution_info(shown: Sequence[ShownResult], title: str = "") -> Distribu
     """Return the distributions of the first `MAX_METRICS` metrics that vary between draws."""
     families: dict[str, list[ShownResult]] = {}
     for of in shown:
-        families.setdefault(of.drawn.family if of.drawn else of.group, []).append(of)
+        families.setdefault(of.drawn.family if of.drawn else of.place.point if of.place else "", []).append(of)
     if len(families) > MAX_GROUPS:
         raise FraexpError(
             f"distribution: found {len(families)} cases; no more than {MAX_GROUPS} can be distinguished; choose fewer"

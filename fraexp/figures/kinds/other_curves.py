@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from fraexp.data.results import Curve
 from fraexp.errors import FraexpError
-from fraexp.figures.elements.bundles import MAX_SINGLE_CURVES, Bundle, draw_bundles, group_indices, stack_padded
+from fraexp.figures.elements.bundles import Bundle, draw_bundles, stack_padded
 from fraexp.figures.elements.frequency_lines import (
     LIMIT_COLUMNS,
     add_band_legend,
@@ -24,6 +24,7 @@ from fraexp.figures.elements.frequency_lines import (
     draw_line,
     draw_points_and_model,
 )
+from fraexp.figures.elements.grouping import CurvePlace, point_indices
 from fraexp.figures.elements.labels import drawable
 from fraexp.figures.elements.line_style import LineStyle
 from fraexp.figures.elements.scales import displacement_unit, readable_unit
@@ -35,9 +36,11 @@ if TYPE_CHECKING:
 MODEL_COLUMN = "model"
 LOG_AXIS_RATIO = 10.0
 """Ratio of largest to smallest value over frequency above which an axis is logarithmic."""
+MIN_BRANCH_GAP = 5.0
+"""Gap between positive and negative values, relative to the span of either, from which each gets its own panel."""
 ANGLE_UNITS = ("deg", "rad")
-LabelledCurve = tuple[str, Curve, str]
-"""Label, curve and group."""
+LabelledCurve = tuple[str, Curve, CurvePlace]
+"""Label, curve and place."""
 
 
 class ShownUnit(NamedTuple):
@@ -55,8 +58,8 @@ class CurveTrace:
     """A column of a curve as it is drawn."""
 
     name: str
-    group: str
-    """Name of its group if there are many traces; empty if there is one group."""
+    place: CurvePlace
+    """Where it belongs; traces with the same point are a sample."""
     x: NDArray[np.float64]
     """Shape (n,)."""
     y: NDArray[np.float64]
@@ -100,20 +103,20 @@ class CurvesInfo:
     title: str
 
 
-def curves_info(curves: Sequence[tuple[str, Curve]], title: str = "", groups: Sequence[str] = ()) -> CurvesInfo:
+def curves_info(curves: Sequence[tuple[str, Curve]], title: str = "", places: Sequence[CurvePlace] = ()) -> CurvesInfo:
     """Return the families of labelled curves, by their names and columns; FraexpError if there is no curve.
 
-    More than `MAX_SINGLE_CURVES` curves of a family are distinguished only by the names of their `groups`; without
-    names they are one group.
+    Curves of a family with the same point in their `places` are a sample; without places each has its own.
     """
+    alone = [CurvePlace(group=label, point=str(index)) for index, (label, _) in enumerate(curves)]
     found: list[list[LabelledCurve]] = []
-    for (label, curve), group in zip(curves, groups or [""] * len(curves), strict=True):
+    for (label, curve), place in zip(curves, places or alone, strict=True):
         if len(curve.columns) < 2:  # a single column has no abscissa
             continue
         family = next((of for of in found if _share_panels(of[0][1], curve)), None)
         if family is None:
             found.append(family := [])
-        family.append((label, curve, group))
+        family.append((label, curve, place))
     if not found:
         raise FraexpError("curves figure: there is no curve to draw; choose sweeps that have one")
     has_labels = len({label for label, _ in curves}) > 1
@@ -133,15 +136,22 @@ def _curve_family(alike: Sequence[LabelledCurve], has_labels: bool) -> CurveFami
     names = list(dict.fromkeys(curve.name for _, curve, _ in alike))
     if len(names) > 1:
         alike = [
-            (_full_name(label, curve, has_labels), curve, _full_name(group, curve, bool(group)))
-            for label, curve, group in alike
+            (
+                _full_name(label, curve, has_labels),
+                curve,
+                place._replace(
+                    group=_full_name(place.group, curve, bool(place.group)), point=f"{place.point}, {curve.name}"
+                ),
+            )
+            for label, curve, place in alike
         ]
     abscissa, *others = dict.fromkeys(name for _, curve, _ in alike for name in curve.columns)
     ordinates = others[:1] + [name for name in others[1:] if name not in (MODEL_COLUMN, *LIMIT_COLUMNS)]
     x = np.concatenate([curve.columns[abscissa] for _, curve, _ in alike])
     units = _shown_units(alike, (abscissa,)) | _shown_units(alike, ordinates)
     spectral = units[abscissa].name == "Hz" and x.size > 0 and bool((x > 0).all())
-    panels = [_curve_panel(alike, abscissa, name, units, name == others[0]) for name in ordinates]
+    whole = [_curve_panel(alike, abscissa, name, units, name == others[0]) for name in ordinates]
+    panels = [part for panel in whole for part in _split_branches(panel)]
     return CurveFamily(
         _capitalised(names[0]) if len(names) == 1 else "",
         _axis_title(abscissa, units),
@@ -167,10 +177,29 @@ def _shown_units(alike: Sequence[LabelledCurve], columns: Sequence[str]) -> dict
 def _curve_panel(
     alike: Sequence[LabelledCurve], abscissa: str, ordinate: str, units: Mapping[str, ShownUnit], first: bool
 ) -> CurvePanel:
-    having = [(label, curve, group) for label, curve, group in alike if ordinate in curve.columns]
+    having = [(label, curve, place) for label, curve, place in alike if ordinate in curve.columns]
     shown = {name: units[name] for name in (abscissa, ordinate)}
-    traces = tuple(_curve_trace(label, curve, group, shown, first) for label, curve, group in having)
+    traces = tuple(_curve_trace(label, curve, place, shown, first) for label, curve, place in having)
     return CurvePanel(_axis_title(ordinate, units), units[ordinate].stored, "", traces)
+
+
+def _split_branches(panel: CurvePanel) -> list[CurvePanel]:
+    """Return a panel as two, for positive and negative values, if the gap between these hides how each one rises."""
+    known = np.concatenate([trace.y[np.isfinite(trace.y)] for trace in panel.traces])
+    above, below = known[known > 0], known[known < 0]
+    if not above.size or not below.size or above.size + below.size < known.size:
+        return [panel]
+    if above.min() - below.max() < MIN_BRANCH_GAP * max(np.ptp(above), np.ptp(below)):
+        return [panel]
+    return [replace(panel, traces=tuple(_branch(trace, sign) for trace in panel.traces)) for sign in (1.0, -1.0)]
+
+
+def _branch(trace: CurveTrace, sign: float) -> CurveTrace:
+    """Return the part of a trace whose values have a sign."""
+    inside = sign * trace.y > 0
+    model = None if trace.model is None else np.where(inside, trace.model, np.nan)
+    limits = None if trace.limits is None else np.where(inside, trace.limits, np.nan)
+    return replace(trace, y=np.where(inside, trace.y, np.nan), model=model, limits=limits)
 
 
 def _with_log_axes(panels: Sequence[CurvePanel]) -> list[CurvePanel]:
@@ -192,13 +221,15 @@ def _positive_values(panel: CurvePanel) -> NDArray[np.float64]:
     return known if sizes else np.empty(0)
 
 
-def _curve_trace(label: str, curve: Curve, group: str, shown: Mapping[str, ShownUnit], first: bool) -> CurveTrace:
+def _curve_trace(
+    label: str, curve: Curve, place: CurvePlace, shown: Mapping[str, ShownUnit], first: bool
+) -> CurveTrace:
     """Return a column over the abscissa, which is first in `shown`; the first ordinate has model and limits."""
     x, y = (unit.factor * curve.columns[name] for name, unit in shown.items())
     factor, model, limits = list(shown.values())[1].factor, curve.columns.get(MODEL_COLUMN), curve_limits(curve)
     return CurveTrace(
         label,
-        group,
+        place,
         x,
         y,
         factor * model if first and model is not None else None,
@@ -236,17 +267,21 @@ def draw_curves(info: CurvesInfo) -> "Figure":
     return figure
 
 
-def _select_traces(info: CurvesInfo, many: bool) -> list[CurveTrace]:
-    """Return the traces of the panels with many, or with few curves."""
-    panels = [panel for family in info.families for panel in family.panels]
-    return [trace for panel in panels if (len(panel.traces) > MAX_SINGLE_CURVES) == many for trace in panel.traces]
+def _split_traces(panel: CurvePanel) -> tuple[list[CurveTrace], list[list[CurveTrace]]]:
+    """Return the traces of a panel that are alone at their point, and the samples of the others."""
+    points = [[panel.traces[index] for index in of] for of in point_indices([of.place for of in panel.traces]).values()]
+    return [of[0] for of in points if len(of) == 1], [of for of in points if len(of) > 1]
+
+
+def _single_traces(info: CurvesInfo) -> list[CurveTrace]:
+    return [trace for family in info.families for panel in family.panels for trace in _split_traces(panel)[0]]
 
 
 def _trace_styles(info: CurvesInfo) -> dict[str, LineStyle]:
     """Return the style of each name, which is the same in all panels."""
     from fraexp.figures.elements import canvas
 
-    names = list(dict.fromkeys(trace.name for trace in _select_traces(info, many=False)))
+    names = list(dict.fromkeys(trace.name for trace in _single_traces(info)))
     ordered = all(family.name for family in info.families)  # sweeps of a grid, not curves with different names
     of = canvas.line_styles if ordered or len(names) <= len(canvas.OKABE_ITO) else canvas.named_styles
     return dict(zip(names, of(len(names)), strict=True))
@@ -265,10 +300,9 @@ def _draw_family(axes: Sequence["Axes"], family: CurveFamily, styles: dict[str, 
         elif panel.log_unit:
             of.set_yscale("log")
             shared[panel.log_unit] = of
-        if len(panel.traces) > MAX_SINGLE_CURVES:
-            draw_bundles(of, _bundles(panel), has_legend=index == 0)
-        else:
-            _draw_traces(of, panel, styles)
+        singles, samples = _split_traces(panel)
+        draw_bundles(of, [_bundle(sample) for sample in samples], has_legend=index == 0)
+        _draw_traces(of, singles, styles)
         of.set_ylabel(drawable(panel.ordinate))
     for of in shared.values():
         canvas.set_decade_ticks(of)
@@ -277,20 +311,20 @@ def _draw_family(axes: Sequence["Axes"], family: CurveFamily, styles: dict[str, 
     axes[-1].set_xlabel(drawable(family.abscissa))
 
 
-def _draw_traces(axes: "Axes", panel: CurvePanel, styles: dict[str, LineStyle]) -> None:
-    for trace in panel.traces:
+def _draw_traces(axes: "Axes", traces: Sequence[CurveTrace], styles: dict[str, LineStyle]) -> None:
+    for trace in traces:
         known, style = np.isfinite(trace.y), styles[trace.name]
         if trace.model is None:
             draw_line(axes, trace.x, trace.y, known, "", style)
         else:
             draw_points_and_model(axes, (trace.x, trace.y), known, (trace.x, trace.model), style)
-    bands = [(of.x, of.limits, styles[of.name]["color"]) for of in panel.traces if of.limits is not None]
+    bands = [(of.x, of.limits, styles[of.name]["color"]) for of in traces if of.limits is not None]
     draw_bands(axes, bands)
 
 
 def _add_legend_entries(axes: "Axes", info: CurvesInfo, styles: dict[str, LineStyle]) -> None:
     """Add the legend entries of single traces, each name once for all panels."""
-    traces = _select_traces(info, many=False)
+    traces = _single_traces(info)
     lines = {trace.name for trace in traces if trace.model is None}
     for name, style in styles.items():
         if name in lines:
@@ -303,8 +337,6 @@ def _add_legend_entries(axes: "Axes", info: CurvesInfo, styles: dict[str, LineSt
         add_band_legend(axes)
 
 
-def _bundles(panel: CurvePanel) -> list[Bundle]:
-    return [
-        Bundle(name, *(stack_padded([getattr(panel.traces[index], part) for index in indices]) for part in ("x", "y")))
-        for name, indices in group_indices([trace.group for trace in panel.traces]).items()
-    ]
+def _bundle(sample: Sequence[CurveTrace]) -> Bundle:
+    x, y = stack_padded([trace.x for trace in sample]), stack_padded([trace.y for trace in sample])
+    return Bundle(sample[0].place.group, x, y, sample[0].place.sample)

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from fraexp.data.results import Curve
 from fraexp.errors import FraexpError
-from fraexp.figures.elements.bundles import MAX_SINGLE_CURVES, Bundle, draw_bundles, group_indices, stack_padded
+from fraexp.figures.elements.bundles import Bundle, draw_bundles, stack_padded
+from fraexp.figures.elements.grouping import CurvePlace, point_indices
 from fraexp.figures.elements.labels import drawable
 from fraexp.figures.elements.scales import DISPLACEMENT_UNITS
 
@@ -32,8 +33,8 @@ class MoveCurve:
     """A positioning move as it is drawn."""
 
     label: str
-    group: str
-    """Name of its group, which distinguishes it if there are many."""
+    place: CurvePlace
+    """Where it belongs; moves with the same point are a sample."""
     time: NDArray[np.float64]
     """Time since the reference began to move [ms], shape (n,)."""
     deviation: NDArray[np.float64]
@@ -67,34 +68,34 @@ def is_positioning(curve: Curve) -> bool:
     )
 
 
-def positioning_info(curves: Sequence[tuple[str, Curve, str]], title: str = "") -> PositioningInfo:
-    """Return the moves in labelled curves with their groups; FraexpError if there is none."""
-    found = [(label, curve, group) for label, curve, group in curves if is_positioning(curve)]
+def positioning_info(curves: Sequence[tuple[str, Curve, CurvePlace]], title: str = "") -> PositioningInfo:
+    """Return the moves in labelled curves with their places; FraexpError if there is none."""
+    found = [(label, curve, place) for label, curve, place in curves if is_positioning(curve)]
     if not found:
         raise FraexpError("positioning figure: there is no positioning motion; use estimator 'positioning_metrics'")
     length = found[0][1].units["position"]
     if any(curve.units["position"] != length for _, curve, _ in found):
         raise FraexpError("positioning figure: found positions in several units; choose sweeps that share one")
     factor, unit = (1e6, f"µ{length}") if length in DISPLACEMENT_UNITS else (1.0, length)
-    moves = tuple(_move_curve(label, curve, group, factor) for label, curve, group in found)
+    moves = tuple(_move_curve(label, curve, place, factor) for label, curve, place in found)
     bands = tuple(sorted({factor * float(band) for _, curve, _ in found for band in np.unique(curve.columns["band"])}))
     height = max(AXIS_MARGIN * max(move.residual for move in moves), MIN_HEIGHT_RATIO * bands[-1])
     thrust_unit = next((of.units["thrust"] for _, of, _ in found if "thrust" in of.units), "")
     return PositioningInfo(moves, bands, height, unit, thrust_unit, title or "Position relative to its target")
 
 
-def _move_curve(label: str, curve: Curve, group: str, factor: float) -> MoveCurve:
+def _move_curve(label: str, curve: Curve, place: CurvePlace, factor: float) -> MoveCurve:
     time, position, reference, target = (curve.columns[name] for name in ("time", "position", "reference", "target"))
     moving = np.flatnonzero(np.abs(np.diff(reference)) > REST_TOLERANCE * np.ptp(reference))
     begin = time[moving[0]] if moving.size else time[0]
     deviation = factor * (position - target)
     resting = np.abs(reference - target) <= REST_TOLERANCE * np.ptp(reference)
     residual = float(np.abs(deviation[resting]).max()) if resting.any() else 0.0
-    return MoveCurve(label, group, 1e3 * (time - begin), deviation, curve.columns.get("thrust"), residual)
+    return MoveCurve(label, place, 1e3 * (time - begin), deviation, curve.columns.get("thrust"), residual)
 
 
 def draw_positioning(info: PositioningInfo) -> "Figure":
-    """Draw the deviation from the target above the thrust; many moves are drawn as bundles."""
+    """Draw the deviation from the target above the thrust; random draws are drawn as bundles."""
     from fraexp.figures.elements import canvas  # matplotlib: imported only when something is drawn
 
     with canvas.figure_style():
@@ -110,7 +111,7 @@ def draw_positioning(info: PositioningInfo) -> "Figure":
         if info.height > MAX_LINEAR_RATIO * info.bands[-1]:
             canvas.set_error_axis(upper, 10.0 ** np.ceil(np.log10(info.bands[-1])))
         upper.set_ylim(-info.height, info.height)
-        upper.set_ylabel(f"Position − target [{info.unit}]")
+        upper.set_ylabel(canvas.error_axis_title(upper, "Position − target", info.unit))
         upper.set_title(canvas.wrapped_title(figure, info.title))
         times = [move.time for move in info.moves]
         upper.set_xlim(min(time[0] for time in times), max(time[-1] for time in times))
@@ -128,16 +129,24 @@ def _draw_part(
 
     found = [(move, part(move)) for move in moves]
     values = [np.full(move.time.size, np.nan) if value is None else value for move, value in found]
-    if len(moves) > MAX_SINGLE_CURVES:
-        groups = group_indices([move.group for move in moves])
-        bundles = [
-            Bundle(name, stack_padded([moves[i].time for i in chosen]), stack_padded([values[i] for i in chosen]))
-            for name, chosen in groups.items()
-        ]
-        draw_bundles(axes, bundles, named)
-        return
-    for move, y, style in zip(moves, values, canvas.line_styles(len(moves)), strict=True):
-        axes.plot(move.time, y, label=drawable(move.label) if named else None, **style)
+    points = list(point_indices([move.place for move in moves]).values())
+    names = dict.fromkeys(moves[of[0]].place.group or moves[of[0]].label for of in points)
+    styles = dict(zip(names, canvas.line_styles(len(names)), strict=True))
+    samples = [
+        Bundle(
+            moves[of[0]].place.group,
+            stack_padded([moves[index].time for index in of]),
+            stack_padded([values[index] for index in of]),
+            moves[of[0]].place.sample,
+        )
+        for of in points
+        if len(of) > 1
+    ]
+    draw_bundles(axes, samples, named, {name: str(style["color"]) for name, style in styles.items()})
+    for index in (of[0] for of in points if len(of) == 1):
+        move = moves[index]
+        style = styles[move.place.group or move.label]
+        axes.plot(move.time, values[index], label=drawable(move.label) if named else None, **style)
 
 
 def _draw_bands(axes: "Axes", info: PositioningInfo) -> None:

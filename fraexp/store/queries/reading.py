@@ -200,6 +200,22 @@ def find_sweep(connection: Connection, prefix: str) -> StoredSweep:
     return found[0][1] if len(found) == 1 else damaged_sweep(keys[0])
 
 
+def find_sweeps(connection: Connection, keys: Iterable[str]) -> dict[str, StoredSweep]:
+    """Return the sweeps with these keys, as in their latest runs, in the order of the keys."""
+    wanted = list(dict.fromkeys(keys))
+    latest = _listing_query(run_sweep.c.standing == STANDING_LATEST)
+    found = read_tolerantly(
+        lambda chunk: {of.key: of for _, of in _stored_sweeps(connection, latest.where(sweep.c.key.in_(chunk)))}, wanted
+    )
+    lost = [key for key in wanted if key not in found]
+    known = {
+        key
+        for chunk in key_chunks(lost)
+        for key in connection.scalars(select(sweep.c.key).where(sweep.c.key.in_(chunk)))
+    }
+    return {key: found.get(key) or damaged_sweep(key) for key in wanted if key in found or key in known}
+
+
 def read_log(connection: Connection, key: str) -> str:
     """Return the log of a sweep's latest attempt; empty if it did not fail."""
     columns = (run_sweep.c.log, run_sweep.c.log_digest)

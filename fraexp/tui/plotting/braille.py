@@ -21,16 +21,29 @@ def line_dots(
     `cells` are columns and rows. NaN leaves a gap. All extremes are drawn, however many points there are.
     """
     width, height = DOTS_ACROSS * cells[0], DOTS_DOWN * cells[1]
-    left, right, bottom, top = window
     drawn = np.zeros((height, width), dtype=bool)
+    drawn[line_points(x, y, window, (width, height))] = True
+    return drawn
+
+
+def line_points(
+    x: NDArray[np.float64], y: NDArray[np.float64], window: Window, size: tuple[int, int]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return rows and columns, each of shape (k,), that a line through points of shape (n,) meets on a grid.
+
+    `size` is its width and height.
+    """
+    width, height = size
+    left, right, bottom, top = window
+    nothing = np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
     if x.size < 2:
-        return drawn
+        return nothing
     with np.errstate(over="ignore"):
         across, down = _reduce_points((x - left) / (right - left) * width, (top - y) / (top - bottom) * height)
     known = np.isfinite(across) & np.isfinite(down)
     joined = np.flatnonzero(known[:-1] & known[1:])
     if not joined.size:
-        return drawn
+        return nothing
     start = np.stack([across[joined], down[joined]])
     step = np.stack([across[joined + 1], down[joined + 1]]) - start
     first, last = _clip_segments(start, step, np.array([width, height], dtype=float))
@@ -41,8 +54,7 @@ def line_dots(
     along = np.repeat(first, count) + place * np.repeat((last - first) / np.maximum(count - 1, 1), count)
     found = np.repeat(start, count, axis=1) + along * np.repeat(step, count, axis=1)
     column, row = np.floor(found + EDGE_TOLERANCE).astype(int)
-    drawn[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)] = True
-    return drawn
+    return np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)
 
 
 def _reduce_points(
@@ -81,13 +93,11 @@ def _clip_segments(
     return first, last
 
 
-def dot_characters(dots: NDArray[np.bool_]) -> list[tuple[int, int, str]]:
-    """Return column, row and character of each cell that has dots."""
+def dot_bits(dots: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """Return the code of each cell's character less `BLANK_CODE`, shape (rows, columns)."""
     rows, columns = dots.shape[0] // DOTS_DOWN, dots.shape[1] // DOTS_ACROSS
-    codes = (dots.reshape(rows, DOTS_DOWN, columns, DOTS_ACROSS) * DOT_BITS[None, :, None, :]).sum(axis=(1, 3))
-    row, column = np.nonzero(codes)
-    texts = map(chr, (BLANK_CODE + codes[row, column].astype(int)).tolist())
-    return list(zip(column.tolist(), row.tolist(), texts, strict=True))
+    cells = dots.reshape(rows, DOTS_DOWN, columns, DOTS_ACROSS) * DOT_BITS[None, :, None, :]
+    return np.asarray(cells.sum(axis=(1, 3)), dtype=np.uint8)
 
 
 def dash_dots(dots: NDArray[np.bool_], on: int, of: int) -> NDArray[np.bool_]:

@@ -1,13 +1,14 @@
 """The marked sweeps with their results, and the pictures and commands that compare them."""
 
 import shlex
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from fraexp.data.results import Result
 from fraexp.errors import FraexpError
-from fraexp.figures.elements.bundles import MAX_SINGLE_CURVES
+from fraexp.figures.elements.bundles import MAX_SINGLE_CURVES, MIN_QUANTILE_CURVES
+from fraexp.figures.elements.grouping import CurvePlace
 from fraexp.figures.elements.scales import readable_unit
 from fraexp.figures.elements.shown import ShownResult
 from fraexp.figures.elements.view import View
@@ -30,6 +31,16 @@ RESPONSE_VIEWS = ("bode", "difference", "nyquist", "coherence")
 """Views of frequency responses, which must share a unit."""
 
 
+MAX_COMPARED_SWEEPS = 20_000
+"""Maximum number of sweeps that are compared."""
+MAX_CURVES = 35
+"""Maximum number of curves: each has a digit or a letter."""
+MAX_DRAWN_LINES = 12
+"""Maximum number of lines that stand for the sweeps of one point where a view has no bands."""
+FACET_MARK = "\0"
+"""Separates a unit or a kind of curves from the name of a facet."""
+
+
 @dataclass(frozen=True)
 class MarkedSweeps:
     """The marked sweeps in the database."""
@@ -44,116 +55,255 @@ class MarkedSweeps:
 
 
 @dataclass(frozen=True)
+class ComparedCurve:
+    """One name and colour of a view: a sweep, or a group whose points are sweeps or random draws."""
+
+    label: str
+    points: tuple[tuple[int, ...], ...]
+    """Indices of the sweeps at each point of the grid; several of a point are random draws or realisations."""
+    facet: str = ""
+    """Name of the view that shows it, if one view cannot show all; empty if it can."""
+
+    @property
+    def members(self) -> list[int]:
+        """Indices of all of its sweeps."""
+        return [index for point in self.points for index in point]
+
+    @property
+    def some_members(self) -> list[int]:
+        """Indices of sweeps that stand for all where each is a line of its own."""
+        return [index for point in self.points for index in point[:MAX_DRAWN_LINES]]
+
+
+@dataclass(frozen=True)
 class ComparedSweeps:
-    """Sweeps side by side."""
+    """Sweeps side by side, as curves that are numbered from 0: the places of curves."""
 
     sweeps: tuple[StoredSweep, ...]
     shown: tuple[ShownResult, ...]
     """Their results with names, in the same order."""
+    curves: tuple[ComparedCurve, ...]
     references: dict[str, Reference]
     """P(jω) by the unit of the responses, where all of them are of one plant."""
     rows: list[list[str]]
-    """The differences: a name, and a text for each sweep."""
+    """The differences: a name, and a text for the first sweep of each curve."""
     left_out: tuple[str, ...]
 
     @property
     def units(self) -> list[str]:
         """Units of the responses; each is a group."""
-        found = (self.unit_of(index) for index in range(len(self.shown)))
+        found = (self.unit_of(place) for place in range(len(self.curves)))
         return list(dict.fromkeys(unit for unit in found if unit))
 
+    @property
+    def default_view(self) -> str:
+        """The view that is shown first."""
+        return "bode" if self.units else "curves"
+
     def groups(self, view: str) -> list[str]:
-        """Return the groups of a view, which shows one at a time: units of responses, or kinds of curves."""
-        if view in RESPONSE_VIEWS:
-            return self.units
-        return [kind for kind in plotted_curves.CURVE_KINDS if self.places(view, kind)]
+        """Return the groups of a view, which shows one at a time.
+
+        They are units of responses, or kinds of curves, each once for every facet.
+        """
+        facets = list(dict.fromkeys(curve.facet for curve in self.curves))
+        heads = self.units if view in RESPONSE_VIEWS else list(plotted_curves.CURVE_KINDS)
+        found = [_group_name(head, facet) for head in heads for facet in facets]
+        return [group for group in found if self.places(view, group)]
 
     def unit_of(self, place: int) -> str:
-        """Return the unit of a sweep's response; empty without a response."""
-        response = self.shown[place].response
-        return response.unit if response is not None else ""
+        """Return the unit of a curve's response; empty without a response."""
+        responses = (self.shown[index].response for index in self.curves[place].members)
+        return next((of.unit for of in responses if of is not None), "")
 
     def places(self, view: str, group: str) -> list[int]:
-        """Return the places of the sweeps that a view shows in a group."""
-        every = range(len(self.shown))
+        """Return the places of the curves that a view shows in a group."""
+        head, facet = split_group(group)
+        every = [place for place, curve in enumerate(self.curves) if curve.facet == facet]
         if view in RESPONSE_VIEWS:
-            return [place for place in every if self.unit_of(place) == group]
-        return [place for place in every if group in plotted_curves.curve_kinds(self.shown[place])]
+            return [place for place in every if self.unit_of(place) == head]
+        return [place for place in every if head in self._kinds(place)]
+
+    def _kinds(self, place: int) -> set[str]:
+        members = self.curves[place].some_members
+        return {kind for index in members for kind in plotted_curves.curve_kinds(self.shown[index])}
+
+    def members(self, place: int) -> list[StoredSweep]:
+        """Return the sweeps of a curve."""
+        return [self.sweeps[index] for index in self.curves[place].members]
 
     def picture(self, view: str, group: str, first: int) -> Picture:
-        """Return the picture of a group in a view; differences are relative to the sweep at place `first`, or to P."""
-        wanted = set(self.places(view, group))
-        shown = [of if place in wanted else _without_curves(of) for place, of in enumerate(self.shown)]
+        """Return the picture of a group in a view; differences are relative to the curve at place `first`, or to P."""
+        head, wanted = split_group(group)[0], self.places(view, group)
         if view in RESPONSE_VIEWS and not wanted:
             raise FraexpError("these sweeps have no frequency response; press v for their curves")
+        curve_of = {index: place for place in wanted for index in self.curves[place].members}
+        drawn = list(curve_of)
+        if view != "bode":
+            drawn = [index for place in wanted for index in self.curves[place].some_members]
+        shown, reference = [self.shown[index] for index in drawn], self.references.get(head)
         match view:
             case "bode":
-                return plotted_curves.bode_picture(shown, self.references.get(group))
+                picture = plotted_curves.bode_picture(shown, reference, self._point_of)
             case "difference":
-                return plotted_curves.difference_picture(shown, first)
+                picture = plotted_curves.difference_picture(shown, self._position(drawn, first))
             case "nyquist":
-                return plotted_curves.nyquist_picture(shown, self.references.get(group))
+                picture = plotted_curves.nyquist_picture(shown, reference)
             case "coherence":
-                return plotted_curves.coherence_picture(shown)
-        return plotted_curves.curves_picture(shown, group)
+                picture = plotted_curves.coherence_picture(shown)
+            case _:
+                picture = plotted_curves.curves_picture(shown, head)
+        return plotted_curves.with_curves(picture, {at: curve_of[index] for at, index in enumerate(drawn)})
+
+    def _point_of(self, shown: ShownResult) -> CurvePlace:
+        """Return where a result belongs if its point has several, else a place of its own."""
+        if shown.place is None:
+            return CurvePlace(point=shown.key)
+        return shown.place._replace(facet="")
+
+    def _position(self, drawn: Sequence[int], first: int) -> int:
+        if first == REFERENCE:
+            return REFERENCE
+        return next((at for at, index in enumerate(drawn) if index in self.curves[first].members), 0)
 
     def labels(self, view: str, group: str) -> dict[int, str]:
         """Return the names of the curves in a view, by place."""
-        named = {place: self.shown[place].label for place in self.places(view, group)}
-        known = view in ("bode", "difference", "nyquist") and group in self.references
-        return named | ({REFERENCE: self.references[group][0]} if known else {})
+        named = {place: self.curves[place].label for place in self.places(view, group)}
+        head = split_group(group)[0]
+        known = view in ("bode", "difference", "nyquist") and head in self.references
+        return named | ({REFERENCE: self.references[head][0]} if known else {})
 
     def notes(self, view: str, group: str) -> list[str]:
         """Return notes on what a view does not show, and the key that does."""
         others = {of: len(self.places(view, of)) for of in self.groups(view) if of != group}
         if view in RESPONSE_VIEWS:
-            notes = [
-                f"{plural(count, 'response')} in {readable_unit(of)[1]} in another view: g"
-                for of, count in others.items()
-            ]
-            without = sum(not self.unit_of(place) for place in range(len(self.shown)))
+            notes = [_other_text(of, count) for of, count in others.items()]
+            without = sum(not self.unit_of(place) for place in range(len(self.curves)))
             notes += [f"{plural(without, 'sweep')} without a response: v shows curves"] if without else []
         else:
-            more = [f"{plotted_curves.CURVE_KINDS[of]} of {plural(count, 'sweep')}" for of, count in others.items()]
+            more = [_other_curves(of, count) for of, count in others.items()]
             notes = [f"{', '.join(more)}: g"] if more else []
             without = sum(not of.result.curves for of in self.shown)
             notes += [f"{plural(without, 'sweep')} without a curve"] if without else []
-        return [*notes, *self.left_out]
+        return [*notes, *self._sample_notes(view, group), *self.left_out]
+
+    def _sample_notes(self, view: str, group: str) -> list[str]:
+        """Return how random draws are drawn."""
+        counts = [len(point) for place in self.places(view, group) for point in self.curves[place].points]
+        most = max(counts, default=1)
+        if most > 1 and view == "bode":
+            quantiles = "median and 5…95 %" if most >= MIN_QUANTILE_CURVES else "lines"
+            return [f"{quantiles} of {_count_range(counts)} sweeps each: Enter opens them"]
+        return [f"{MAX_DRAWN_LINES} of {most} sweeps of a curve"] if most > MAX_DRAWN_LINES else []
 
 
-def read_marked_sweeps(store: Store, marked: Iterable[str]) -> MarkedSweeps:
-    """Read the marked sweeps and their results."""
-    found, gone = [], []
-    for key in marked:
-        try:
-            found.append(store.find(key))
-        except FraexpError:  # deleted since
-            gone.append(key)
+def _group_name(head: str, facet: str) -> str:
+    return f"{head}{FACET_MARK}{facet}" if facet else head
+
+
+def split_group(group: str) -> tuple[str, str]:
+    """Return the unit or the kind of curves of a group, and its facet."""
+    head, _, facet = group.partition(FACET_MARK)
+    return head, facet
+
+
+def _other_text(group: str, count: int) -> str:
+    unit, facet = split_group(group)
+    if facet:
+        return f"{facet} in another view: g"
+    return f"{plural(count, 'response')} in {readable_unit(unit)[1]} in another view: g"
+
+
+def _other_curves(group: str, count: int) -> str:
+    kind, facet = split_group(group)
+    return f"{plotted_curves.CURVE_KINDS[kind]} of {facet or plural(count, 'sweep')}"
+
+
+def _count_range(counts: Sequence[int]) -> str:
+    return str(max(counts)) if min(counts) == max(counts) else f"{min(counts)} to {max(counts)}"
+
+
+def read_marked_sweeps(store: Store, marked: Iterable[str], most: int = MAX_COMPARED_SWEEPS) -> MarkedSweeps:
+    """Read the marked sweeps and their results; of more than `most`, that many evenly distributed ones."""
+    keys = list(marked)
+    some = keys[:: -(-len(keys) // most)] if len(keys) > most else keys
+    found = store.find_all(some)
+    gone = [key for key in some if key not in found]
     notes = [f"{plural(len(gone), 'marked sweep')} no longer in the database"] if gone else []
-    with_result = [sweep for sweep in found if sweep.outcome is not None]
+    with_result = [sweep for sweep in found.values() if sweep.outcome is not None]
     if len(found) > len(with_result):
         notes.append(f"{plural(len(found) - len(with_result), 'sweep')} without a result")
-    if len(with_result) > MAX_SINGLE_CURVES:
-        notes.append(f"{len(with_result) - MAX_SINGLE_CURVES} more than {MAX_SINGLE_CURVES}, the maximum")
-    sweeps = with_common_labels(store, with_result[:MAX_SINGLE_CURVES])
+    if len(some) < len(keys):
+        notes.append(f"{len(some):,} of {len(keys):,} sweeps so far")
+    sweeps = with_common_labels(store, with_result)
     results = store.results(sweep.key for sweep in sweeps)
     sweeps = leave_out_damaged(sweeps, results, notes.append)
     return MarkedSweeps(tuple(sweep for sweep in sweeps if sweep.key in results), results, tuple(notes), tuple(gone))
 
 
-def compare_sweeps(workspace: WorkspaceService, gathered: MarkedSweeps) -> ComparedSweeps:
-    """Return sweeps for comparison: named, with their differences, and the response of the plant where it is known."""
-    sweeps, results = gathered.sweeps, gathered.results
-    named = tuple(workspace.figures.shown_results(sweeps, results))
-    references: dict[str, Reference] = {}
-    for unit in dict.fromkeys(of.response.unit for of in named if of.response is not None):
-        group = [s for s, of in zip(sweeps, named, strict=True) if of.response is not None and of.response.unit == unit]
+def compare_sweeps(
+    workspace: WorkspaceService, gathered: MarkedSweeps, by: Sequence[str] | None = None, apart: bool = False
+) -> ComparedSweeps:
+    """Return sweeps for comparison: named, grouped, with their differences, and the response of the plant if known.
+
+    `by` are the labels that separate groups, see `group_sweeps`; with `apart` each sweep is a curve of its own.
+    """
+    sweeps, results, left_out = gathered.sweeps, gathered.results, gathered.left_out
+    if apart and len(sweeps) > MAX_SINGLE_CURVES:
+        left_out = (*left_out, f"{MAX_SINGLE_CURVES} of {len(sweeps)} sweeps")
+        sweeps = sweeps[:MAX_SINGLE_CURVES]
+    few = len(sweeps) <= MAX_SINGLE_CURVES
+    named = tuple(workspace.figures.shown_results(sweeps, results, few, by))
+    if apart:
+        named = tuple(replace(of, place=None) for of in named)
+    curves = _curves(named)
+    if len(curves) > MAX_CURVES:
+        left_out = (*left_out, f"{MAX_CURVES} of {len(curves)} groups: G merges some")
+        curves = curves[:MAX_CURVES]
+    leads = [sweeps[curve.members[0]] for curve in curves]
+    references = _references(workspace, sweeps if few else leads, results)
+    return ComparedSweeps(tuple(sweeps), named, curves, references, difference_rows(leads, results), left_out)
+
+
+def _references(
+    workspace: WorkspaceService, sweeps: Sequence[StoredSweep], results: Mapping[str, Result]
+) -> dict[str, Reference]:
+    by_unit: dict[str, list[StoredSweep]] = {}
+    for sweep in sweeps:
+        response = results[sweep.key].response
+        if response is not None and len(response.frequency):
+            by_unit.setdefault(response.unit, []).append(sweep)
+    found: dict[str, Reference] = {}
+    for unit, group in by_unit.items():
         try:
-            found = workspace.figures.reference(group, results)
+            reference = workspace.figures.reference(group, results)
         except FraexpError:  # a missing plugin: stored results are shown without the plant
-            found = None
-        references |= {unit: found} if found is not None else {}
-    return ComparedSweeps(sweeps, named, references, difference_rows(sweeps, results), gathered.left_out)
+            reference = None
+        found |= {unit: reference} if reference is not None else {}
+    return found
+
+
+def _curves(shown: Sequence[ShownResult]) -> tuple[ComparedCurve, ...]:
+    """Return the curves of results by facet and group; where too many groups would be facets, all are in one view."""
+    points: dict[tuple[str, str], dict[str, list[int]]] = {}
+    for index, of in enumerate(shown):
+        place = of.place or CurvePlace(group=of.label, point=f"{of.label} {index}")
+        facet = "" if place.is_mapped else place.facet
+        group = place.group or (place.point if place.sample == "sweep" else "")
+        unit = of.response.unit if of.response else ""
+        points.setdefault((facet, f"{group}{FACET_MARK}{unit}"), {}).setdefault(place.point, []).append(index)
+    return tuple(
+        ComparedCurve(_curve_label(shown, list(of.values())), tuple(map(tuple, of.values())), facet)
+        for (facet, _), of in points.items()
+    )
+
+
+def _curve_label(shown: Sequence[ShownResult], points: Sequence[Sequence[int]]) -> str:
+    first = shown[points[0][0]]
+    count = sum(map(len, points))
+    if count == 1 or first.place is None:
+        return first.label
+    noun = first.place.sample if len(points) == 1 else "sweep"
+    return f"{first.place.group}, {plural(count, noun)}".removeprefix(", ")
 
 
 def compare_command(workspace: WorkspaceService, keys: Sequence[str]) -> str:
@@ -161,14 +311,22 @@ def compare_command(workspace: WorkspaceService, keys: Sequence[str]) -> str:
     return shlex.join(["fraexp", "compare", *map(short_key, keys), *_location_options(workspace)])
 
 
-def plot_command(workspace: WorkspaceService, keys: Sequence[str], kind: str, file: str, view: View) -> str:
+def plot_command(
+    workspace: WorkspaceService,
+    keys: Sequence[str],
+    kind: str,
+    file: str,
+    view: View,
+    by: Sequence[str] | None = None,
+) -> str:
     """Return the command line that draws a figure of sweeps."""
-    return shlex.join(["fraexp", *plot_arguments(keys, kind, file, view), *_location_options(workspace)])
+    return shlex.join(["fraexp", *plot_arguments(keys, kind, file, view, by), *_location_options(workspace)])
 
 
-def plot_arguments(keys: Sequence[str], kind: str, file: str, view: View) -> list[str]:
-    """Return the arguments that draw a figure of sweeps, or the visible part of it."""
-    return ["plot", *map(short_key, keys), "--kind", kind, *view.options(), "-o", file]
+def plot_arguments(keys: Sequence[str], kind: str, file: str, view: View, by: Sequence[str] | None = None) -> list[str]:
+    """Return the arguments that draw a figure of sweeps, or the visible part of it; `by` makes its groups."""
+    grouping = [] if by is None else ["--group-by", *by]
+    return ["plot", *map(short_key, keys), "--kind", kind, *view.options(), *grouping, "-o", file]
 
 
 def _location_options(workspace: WorkspaceService) -> list[str]:
@@ -177,8 +335,3 @@ def _location_options(workspace: WorkspaceService) -> list[str]:
     usual = workspace.database == str(workspace.folder / "results.db")
     folder = [] if here else [f"--workspace={workspace.folder}"]
     return folder + ([] if usual else [f"--db={url_without_password(workspace.database)}"])
-
-
-def _without_curves(shown: ShownResult) -> ShownResult:
-    """Return a result without a response and curves."""
-    return replace(shown, result=replace(shown.result, response=None, curves=()))

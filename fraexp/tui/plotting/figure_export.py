@@ -30,10 +30,10 @@ def file_fault(text: str) -> str:
 
 
 async def draw_figure(
-    workspace: WorkspaceService, keys: Sequence[str], kind: str, file: Path, view: View
+    workspace: WorkspaceService, keys: Sequence[str], kind: str, file: Path, view: View, by: Sequence[str] | None = None
 ) -> tuple[bool, str]:
     """Draw the visible part of sweeps into a file; return whether it succeeded, and the path or the error."""
-    arguments = [*plot_arguments(keys, kind, str(file), view), *workspace.location_options()]
+    arguments = [*plot_arguments(keys, kind, str(file), view, by), *workspace.location_options()]
     process = await asyncio.create_subprocess_exec(
         sys.executable, "-m", "fraexp", *arguments,
         stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,

@@ -9,22 +9,14 @@ from textual.app import ComposeResult
 from textual.containers import Vertical
 from textual.events import Resize
 from textual.message import Message
-from textual_plot import PlotWidget
 
 from fraexp.data.results import FrequencyResponse, Outcome, Result
 from fraexp.figures.elements.shown import ShownResult
 from fraexp.figures.elements.view import FREQUENCY_KINDS, View
 from fraexp.tui.plotting.braille import DOTS_ACROSS, DOTS_DOWN, Window
-from fraexp.tui.plotting.plot_widget import (
-    LEFT_CELLS,
-    RIGHT_CELLS,
-    CurveStyles,
-    Plot,
-    ViewRange,
-    finite_span,
-    nearest_point,
-    settled_line,
-)
+from fraexp.tui.plotting.curve_styles import CurveStyles
+from fraexp.tui.plotting.panel_drawing import ViewRange, finite_span, nearest_point, settled_line
+from fraexp.tui.plotting.plot_widget import LEFT_CELLS, RIGHT_CELLS, TOP_CELLS, Plot
 from fraexp.tui.plotting.plotted_curves import Picture, PlotPanel, PlotTrace, Reference, bode_picture
 
 MAX_PANELS = 4
@@ -70,15 +62,15 @@ class PlotStack(Vertical):
     def _handle_resize(self) -> None:
         self.draw()
 
-    def display_picture(self, picture: Picture | None) -> None:
-        """Show another picture; the zoom is kept where the axis is the same."""
+    def display_picture(self, picture: Picture | None, cursor: bool = True) -> None:
+        """Show another picture, with a cursor if wanted; the zoom is kept where the axis is the same."""
         before, self.picture = self.picture, picture
         same = before and picture and before.panels[0].abscissa == picture.panels[0].abscissa
         if not (same and before and picture and before.upright == picture.upright):
             self._x, self.view_range.cursor = {}, None
         if not (same and before and picture and before.kind == picture.kind):
             self._y, self.first = {}, 0
-        if self.view_range.cursor is None:
+        if self.view_range.cursor is None and cursor:
             self._place_cursor()
         self.draw()
 
@@ -86,7 +78,8 @@ class PlotStack(Vertical):
     def curve_styles(self) -> CurveStyles:
         """The styles that distinguish curves on this terminal."""
         plain = bool(getattr(self.app, "plain", False))
-        return CurveStyles(self.app.current_theme.dark, self.app.no_color or plain)
+        theme = self.app.current_theme
+        return CurveStyles.of_theme(theme.dark, self.app.no_color or plain, self.app.theme_variables)
 
     def panels(self) -> list[tuple[int, PlotPanel]]:
         """Return the panels that fit, with their indices."""
@@ -148,34 +141,30 @@ class PlotStack(Vertical):
 
     def _equal_scales(self, x: Span, y: Span) -> tuple[Span, Span]:
         """Return wider spans with equal scales in both directions."""
-        columns, rows = self.size.width - LEFT_CELLS - RIGHT_CELLS - 2, self.size.height - 3
+        columns, rows = self.size.width - LEFT_CELLS - RIGHT_CELLS, self.size.height - TOP_CELLS - 1
         if columns < 1 or rows < 1:
             return x, y
         across, down = (x[1] - x[0]) / (DOTS_ACROSS * columns), (y[1] - y[0]) / (DOTS_DOWN * rows)
         return _widen(x, (max(down / across, 1) - 1) / 2), _widen(y, (max(across / down, 1) - 1) / 2)
 
     def zoom(self, x: float = 1.0, y: float = 1.0) -> None:
-        """Zoom in by factors: x around the cursor, y around the middle."""
-        zoomed = set()
-        for index, panel in self.panels():
-            left, right, bottom, top = self.window(index)
-            if x != 1 and panel.axis not in zoomed:
-                zoomed.add(panel.axis)
-                around = self._cursor_x(panel)
-                middle = around if around is not None and left < around < right else (left + right) / 2
+        """Zoom in by factors around the cursor; y around the middle where the cursor is a vertical line."""
+        windows = [(index, panel, self.window(index)) for index, panel in self.panels()]
+        for index, panel, (left, right, bottom, top) in windows:
+            around_x, around_y = self._cursor_point(panel)
+            if x != 1:
+                middle = around_x if around_x is not None and left < around_x < right else (left + right) / 2
                 self._x[panel.axis] = middle - (middle - left) / x, middle + (right - middle) / x
             if y != 1:
-                middle = (bottom + top) / 2
+                middle = around_y if around_y is not None and bottom < around_y < top else (bottom + top) / 2
                 self._y[index] = middle - (middle - bottom) / y, middle + (top - middle) / y
         self.draw()
 
     def pan(self, x: float = 0.0, y: float = 0.0) -> None:
         """Move the visible range by fractions of it."""
-        moved = set()
-        for index, panel in self.panels():
-            left, right, bottom, top = self.window(index)
-            if x and panel.axis not in moved:
-                moved.add(panel.axis)
+        windows = [(index, panel, self.window(index)) for index, panel in self.panels()]
+        for index, panel, (left, right, bottom, top) in windows:
+            if x:
                 self._x[panel.axis] = left + x * (right - left), right + x * (right - left)
             if y:
                 self._y[index] = bottom + y * (top - bottom), top + y * (top - bottom)
@@ -194,24 +183,39 @@ class PlotStack(Vertical):
         self._x, self._y = {}, {}
         self.draw()
 
-    @on(PlotWidget.ScaleChanged)
-    def _follow_zoom(self, event: PlotWidget.ScaleChanged) -> None:
+    @on(Plot.Reached)
+    def _follow_mouse(self, event: Plot.Reached) -> None:
         """Follow the mouse: plots with a shared axis move together."""
         event.stop()
         for (index, panel), plot in zip(self.panels(), self.query(Plot), strict=False):
             if plot is event.plot:
-                before = self.window(index)
-                if (event.x_min, event.x_max) != before[:2]:
-                    self._x[panel.axis] = event.x_min, event.x_max
-                if (event.y_min, event.y_max) != before[2:]:
-                    self._y[index] = event.y_min, event.y_max
+                self._reach(index, panel, event.window)
         self.draw()
+        self.post_message(self.Moved())
+
+    def _reach(self, index: int, panel: PlotPanel, window: Window) -> None:
+        """Show another window of a panel; the range of an axis that has not changed stays open to other curves."""
+        before = self.window(index)
+        if window[:2] != before[:2]:
+            self._x[panel.axis] = window[:2]
+        if window[2:] != before[2:]:
+            self._y[index] = window[2:]
 
     @on(Plot.Pointed)
     def _handle_click(self, event: Plot.Pointed) -> None:
         panel = event.plot.panel
         if panel and self.picture and self.picture.upright:
             self.place(10**event.x if panel.spectral else event.x)
+        elif panel:
+            self._point_at(panel, event.x, event.y)
+
+    def _point_at(self, panel: PlotPanel, x: float, y: float) -> None:
+        """Put the cursor on the point of the focused curve that is nearest on the screen."""
+        trace = next((of for of in self._visible_traces(panel) if of.curve == self.view_range.focus), None)
+        if trace is not None and np.isfinite(trace.y).any():
+            left, right, bottom, top = self.window(self.picture.panels.index(panel) if self.picture else 0)
+            away = np.hypot((trace.x - x) / (right - left), (trace.y - y) / (top - bottom))
+            self.place(float(trace.at[np.nanargmin(away)]))
 
     def place(self, cursor: float) -> None:
         """Put the cursor on the point of the focused curve nearest to a value."""
@@ -231,7 +235,7 @@ class PlotStack(Vertical):
         axis = np.log10(at) if self.picture.upright and self.picture.panels[0].spectral else at
         here = np.log10(self.view_range.cursor) if axis is not at else self.view_range.cursor
         left, right = self.window(0)[:2] if self.picture.upright else (axis[0], axis[-1])
-        cell = (right - left) / max(self.size.width - LEFT_CELLS - RIGHT_CELLS - 2, 1)
+        cell = (right - left) / max(self.size.width - LEFT_CELLS - RIGHT_CELLS, 1)
         away = (axis - here) * np.sign(towards)
         ahead, far = np.flatnonzero(away > 0), np.flatnonzero(away >= abs(towards) * cell)
         if far.size:
@@ -251,11 +255,16 @@ class PlotStack(Vertical):
         having = [trace for trace in traces if np.isfinite(trace.y).any() and not trace.model]
         return next((trace for trace in having if trace.curve == self.view_range.focus), having[0] if having else None)
 
-    def _cursor_x(self, panel: PlotPanel) -> float | None:
+    def _cursor_point(self, panel: PlotPanel) -> tuple[float | None, float | None]:
+        """Return x and y of the cursor in a panel; None where it has none."""
         cursor = self.view_range.cursor
-        if cursor is None or self.picture is None or not self.picture.upright or (panel.spectral and cursor <= 0):
-            return None
-        return float(np.log10(cursor)) if panel.spectral else cursor
+        if cursor is None or self.picture is None or (panel.spectral and cursor <= 0):
+            return None, None
+        if self.picture.upright:
+            return (float(np.log10(cursor)) if panel.spectral else cursor), None
+        trace = next((of for of in panel.traces if of.curve == self.view_range.focus), None)
+        nearest = nearest_point(trace, cursor) if trace else None
+        return (None, None) if trace is None or nearest is None else (float(trace.x[nearest]), float(trace.y[nearest]))
 
 
 class BodeView(PlotStack):

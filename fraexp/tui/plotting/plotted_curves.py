@@ -1,13 +1,15 @@
 """Pictures of results: the panels and traces of a plot, with the numbers of the figures of the same kind."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.data.results import Curve
 from fraexp.errors import FraexpError
+from fraexp.figures.elements.bundles import Bundle
+from fraexp.figures.elements.grouping import CurvePlace, point_indices
 from fraexp.figures.elements.shown import ShownResult
 
 REFERENCE = -1
@@ -58,6 +60,8 @@ class PlotPanel:
     """Values of y at which a horizontal line is drawn."""
     span: tuple[float, float] | None = None
     """Visible range of y; None for all."""
+    resonant: bool = False
+    """Whether y is a magnitude [dB] whose maxima are resonances."""
 
 
 @dataclass(frozen=True)
@@ -78,29 +82,61 @@ class Picture:
     """What was left out, and why."""
 
 
-def bode_picture(shown: Sequence[ShownResult], reference: Reference | None) -> Picture:
-    """Return magnitude and phase of responses over frequency, with that of the plant where it is known."""
+def bode_picture(
+    shown: Sequence[ShownResult],
+    reference: Reference | None,
+    place_of: Callable[[ShownResult], CurvePlace] | None = None,
+) -> Picture:
+    """Return magnitude and phase of responses over frequency, with that of the plant where it is known.
+
+    Results that `place_of` gives the same point are one curve, the first of them: their median, in a band of 5…95 %.
+    """
     from fraexp.figures.kinds.bode import BodeCurve, bode_info  # which needs scipy
 
     of, found = _responses(shown)
     curves = [(one.label, one.response) for one in found if one.response is not None]
-    info = bode_info(curves, reference, fitted=[one.fitted for one in found])
+    places = [place_of(one) for one in found] if place_of else []
+    info = bode_info(curves, reference, places=places, fitted=[one.fitted for one in found])
+    points = list(point_indices(places).values()) if places else [[index] for index in range(len(found))]
+    singles, samples = [of[at[0]] for at in points if len(at) == 1], [at for at in points if len(at) > 1]
 
     def traces(part: str) -> tuple[PlotTrace, ...]:
-        drawn: list[tuple[int, BodeCurve]] = list(zip(of, info.curves, strict=True))
+        drawn: list[tuple[int, BodeCurve]] = list(zip(singles, info.curves, strict=True))
         drawn += [(REFERENCE, info.reference)] if info.reference else []
         models = [(index, curve.model) for index, curve in drawn if curve.model is not None]
         lines = [_line_trace(index, curve.frequency, getattr(curve, part), model=True) for index, curve in models
                  if getattr(curve, part) is not None]  # fmt: skip
+        bundles = [
+            (of[at[0]], sample.bundle(getattr(sample, part))) for at, sample in zip(samples, info.samples, strict=True)
+        ]
+        lines += [trace for index, bundle in bundles for trace in _bundle_traces(index, bundle)]
         return tuple(
             _line_trace(index, curve.frequency, getattr(curve, part), curve.settled, getattr(curve, f"{part}_band"))
             for index, curve in drawn
         ) + tuple(lines)
 
     return Picture("bode", info.title, (
-        PlotPanel(f"Magnitude [dB re 1 {info.unit}]", "dB", "Hz", traces("magnitude"), spectral=True),
+        PlotPanel(f"Magnitude [dB re 1 {info.unit}]", "dB", "Hz", traces("magnitude"), spectral=True, resonant=True),
         PlotPanel("Phase [deg]", "deg", "Hz", traces("phase"), spectral=True, angle=True),
     ))  # fmt: skip
+
+
+def _bundle_traces(of: int, bundle: Bundle) -> list[PlotTrace]:
+    """Return the median of a bundle with its band, or its lines if they are too few for quantiles."""
+    levels = bundle.quantiles
+    if levels is None:
+        rows = zip(bundle.x, bundle.y, strict=True)
+        return [_line_trace(of, x[np.isfinite(x)], y[np.isfinite(x)]) for x, y in rows]
+    return [_line_trace(of, bundle.x[0], levels[1], band=levels[[0, 2]])]
+
+
+def with_curves(picture: Picture, curve_of: Mapping[int, int]) -> Picture:
+    """Return a picture whose traces belong to other curves: by the number of the present one."""
+    panels = tuple(
+        replace(panel, traces=tuple(replace(of, curve=curve_of.get(of.curve, of.curve)) for of in panel.traces))
+        for panel in picture.panels
+    )
+    return replace(picture, panels=panels)
 
 
 def difference_picture(shown: Sequence[ShownResult], first: int) -> Picture:
@@ -216,7 +252,7 @@ def _hysteresis_picture(found: Sequence[tuple[str, Curve]]) -> Picture:
 def _positioning_picture(found: Sequence[tuple[str, Curve]]) -> Picture:
     from fraexp.figures.kinds.positioning_moves import positioning_info
 
-    info = positioning_info([(label, curve, "") for label, curve in found])
+    info = positioning_info([(label, curve, CurvePlace(point=label)) for label, curve in found])
     marks = tuple(sign * band for band in info.bands for sign in (-1, 1))
     span = (-info.height, info.height)
     panels = [PlotPanel(f"Position less target [{info.unit}]", info.unit, "ms", tuple(
@@ -233,7 +269,7 @@ def _positioning_picture(found: Sequence[tuple[str, Curve]]) -> Picture:
 def _other_picture(found: Sequence[tuple[str, Curve]]) -> Picture:
     from fraexp.figures.kinds.other_curves import curves_info
 
-    info = curves_info(found, groups=[label for label, _ in found])
+    info = curves_info(found)
     panels = []
     for axis, family in enumerate(info.families):
         spectral = family.frequency is not None
@@ -242,7 +278,7 @@ def _other_picture(found: Sequence[tuple[str, Curve]]) -> Picture:
             scale: Callable[[NDArray[np.float64]], NDArray[np.float64]] = _logarithm if panel.log_unit else np.asarray
             lines = []
             for trace in panel.traces:
-                of = int(trace.group.partition(",")[0])
+                of = int(trace.place.group.partition(",")[0])
                 band = None if trace.limits is None else scale(trace.limits)
                 lines.append(_line_trace(of, trace.x, scale(trace.y), band=band, spectral=spectral))
                 if trace.model is not None:

@@ -4,8 +4,6 @@ from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from math import ceil, floor, log10
 
-from textual_plot.axis_formatter import AxisFormatter
-
 MANTISSAS = ((1, 2, 3, 4, 5, 6, 7, 8, 9), (1, 2, 3, 5, 7), (1, 2, 5), (1,))
 """Mantissas of the ticks within a decade, finest first."""
 ANGLE_STEPS_DEG = (0.1, 0.2, 0.5, 1, 2, 5, 15, 30, 45, 90, 180, 360, 720, 1440, 3600)
@@ -20,24 +18,23 @@ def tick_text(value: float) -> str:
     return f"{value:.6g}"
 
 
-class TickFormatter(AxisFormatter):
+class TickFormatter:
     """Ticks of an axis that is `room` cells long; horizontal labels must not touch."""
 
     def __init__(self, room: int, upright: bool = False, logarithmic: bool = False, angle: bool = False) -> None:
         """Make ticks; `logarithmic` axes have log10 of their quantity, an `angle` is in degrees."""
         self.room, self.upright, self.logarithmic, self.angle = max(room, 1), upright, logarithmic, angle
 
-    def get_ticks(self, min_: float, max_: float, max_ticks: int = 8) -> list[float]:
-        """Return the finest ticks that fit."""
+    def ticks(self, low: float, high: float) -> list[tuple[float, str]]:
+        """Return the finest ticks that fit, each with its label."""
         found: list[float] = []
-        for ticks in self._candidates(min_, max_):
-            if len(ticks) > len(found) and self._has_room(ticks, min_, max_):
+        for ticks in self._candidates(low, high):
+            if len(ticks) > len(found) and self._has_room(ticks, low, high):
                 found = ticks
-        return found
+        return [(tick, self._label(tick)) for tick in found]
 
-    def get_labels_for_ticks(self, ticks: Sequence[float]) -> list[str]:
-        """Return labels in plain numbers."""
-        return [tick_text(self._value(tick)) for tick in ticks]
+    def _label(self, tick: float) -> str:
+        return tick_text(self._value(tick))
 
     def _value(self, tick: float) -> float:
         """Return the value at a tick, free of rounding."""
@@ -63,7 +60,7 @@ class TickFormatter(AxisFormatter):
         gaps = [(after - before) / cell for before, after in pairwise(ticks)]
         if self.upright:
             return all(gap >= min(2, self.room / 4) for gap in gaps)
-        widths = [len(label) for label in self.get_labels_for_ticks(ticks)]
+        widths = [len(self._label(tick)) for tick in ticks]
         return all(gap >= width + 2 for gap, width in zip(gaps, widths[1:], strict=True))
 
 

@@ -15,9 +15,13 @@ from textual.widgets import DataTable, Static
 
 from fraexp.data.terminal_text import printable
 from fraexp.errors import FraexpError
+from fraexp.figures.elements.grouping import grid_labels
+from fraexp.figures.elements.labels import label_columns
 from fraexp.figures.elements.view import View
-from fraexp.tui.dialogs import ConfirmDialog, InputDialog
+from fraexp.tui.dialogs import ConfirmDialog, GroupingDialog, InputDialog
+from fraexp.tui.page import LOAD_GROUP
 from fraexp.tui.plotting.compared_sweeps import (
+    MAX_COMPARED_SWEEPS,
     RESPONSE_VIEWS,
     VIEW_NAMES,
     ComparedSweeps,
@@ -26,10 +30,11 @@ from fraexp.tui.plotting.compared_sweeps import (
     compare_sweeps,
     plot_command,
     read_marked_sweeps,
+    split_group,
 )
+from fraexp.tui.plotting.curve_styles import curve_digit
 from fraexp.tui.plotting.figure_export import draw_figure, file_fault
 from fraexp.tui.plotting.plot_stack import PlotStack
-from fraexp.tui.plotting.plot_widget import curve_digit
 from fraexp.tui.plotting.plotted_curves import CURVE_KINDS, REFERENCE, Picture
 from fraexp.tui.screens.plot_page import MIN_HIGH_ROWS, PlotPage
 from fraexp.tui.widgets.readout import shorten_name
@@ -42,6 +47,8 @@ Marks stay until you remove them; c returns to this screen."""
 
 TABLE_FRACTION = 0.4
 """Fraction of the screen width for the table beside the plots."""
+FIRST_SWEEPS = 400
+"""Number of sweeps from which the first picture is made, so that it appears at once."""
 MIN_NAME_WIDTH = 16
 """Minimum width of a name in the table; it gets a third of the table."""
 
@@ -52,10 +59,13 @@ class ComparePage(PlotPage):
     PLACE: ClassVar[str] = "compare"
     HELP: ClassVar[str] = """
 The marked sweeps in one plot: Bode, difference, Nyquist, coherence and distortion, or other curves.
-The digit of a curve hides or shows it; beyond nine, focus it and press the full stop. The focused curve (>) is drawn
-on top, and the cursor follows it. Other curves are shown one kind at a time.
-Dots around a line are its 95 % limits; hollow points had not reached steady state, and are not joined.
-The table lists differences only. An exported figure shows the visible curves and frequencies.
+The digit of a curve hides or shows it; beyond nine, focus it and press the full stop. The cursor follows the focused
+curve (>). Where curves overlap, their colours alternate. Other curves are shown one kind at a time.
+Random draws at one point of the grid are one curve: their median in a band of 5 to 95 %. Enter opens them, Esc returns.
+G chooses the labels that make groups; g shows the next part of what does not fit into one view.
+The shade around other curves is their 95 % limits; hollow points had not reached steady state, and are not joined.
+The wheel zooms around the pointer, with Shift in y; dragging moves the curves. The table lists differences only.
+An exported figure shows the visible curves and frequencies.
 """
     AUTO_FOCUS: ClassVar[str | None] = ""
     HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (160, "-wide")]  # noqa: RUF012 - as Textual declares it
@@ -87,7 +97,8 @@ The table lists differences only. An exported figure shows the visible curves an
         Binding("e", "export", "export", id="compare.export", tooltip="export the plot as PNG, SVG or PDF"),
         Binding("space", "unmark", show=False, id="compare.unmark", tooltip="unmark the focused sweep"),
         Binding("enter", "open", show=False, id="compare.open", tooltip="open the focused sweep"),
-        Binding("g", "group", show=False, id="compare.group", tooltip="responses in the next unit, or the next curves"),
+        Binding("g", "group", show=False, id="compare.group", tooltip="next unit, facet, or kind of curves"),
+        Binding("G", "group_by", "group", id="compare.group-by", tooltip="choose the labels that make groups"),
     ]  # fmt: skip
 
     def __init__(self) -> None:
@@ -96,6 +107,10 @@ The table lists differences only. An exported figure shows the visible curves an
         self.view, self.unit, self.kind = "", "", ""
         self.first = 0
         """Place of the reference sweep of differences."""
+        self._by: list[str] | None = None
+        """Labels that make groups; None: all."""
+        self._opened: list[str] = []
+        """Keys of the sweeps of one curve, if they are shown alone."""
         self._gathered: MarkedSweeps | None = None
         self._pictures: dict[tuple[str, str, int], Picture] = {}
         self._turn = asyncio.Lock()
@@ -119,15 +134,21 @@ The table lists differences only. An exported figure shows the visible curves an
 
     async def load(self) -> None:
         """Read the marked sweeps; draw only if they have changed."""
-        marked = list(self.app.marks)
+        marked = self._opened or list(self.app.marks)
         if not marked:
             self._show_empty()
             return
         if self.compared is None:
             self.show_notice("loading the marked sweeps …")
-            self.command = compare_command(self.app.backend.workspace, marked)
+            self.command = compare_command(self.app.backend.workspace, marked[:FIRST_SWEEPS])
+            if len(marked) > FIRST_SWEEPS:
+                await self._load_some(marked, FIRST_SWEEPS)
+        await self._load_some(marked, MAX_COMPARED_SWEEPS)
+
+    async def _load_some(self, marked: list[str], most: int) -> None:
+        """Show the sweeps, or evenly distributed ones of them."""
         gathered = await self.fetch(
-            self.app.backend.read(lambda store: read_marked_sweeps(store, marked)), self._show_failure
+            self.app.backend.read(lambda store: read_marked_sweeps(store, marked, most)), self._show_failure
         )
         if gathered is None:
             return
@@ -138,8 +159,12 @@ The table lists differences only. An exported figure shows the visible curves an
         if _is_same(self._gathered, gathered):
             self.show_header()
             return
+        await self._compare(gathered)
+
+    async def _compare(self, gathered: MarkedSweeps) -> None:
+        by, apart = self._by, bool(self._opened)
         found = await self.fetch(
-            self.app.backend.work(lambda workspace: compare_sweeps(workspace, gathered)), self._show_failure
+            self.app.backend.work(lambda workspace: compare_sweeps(workspace, gathered, by, apart)), self._show_failure
         )
         if found is not None:
             await self._set_sweeps(found, gathered)
@@ -159,19 +184,17 @@ The table lists differences only. An exported figure shows the visible curves an
 
     async def _set_sweeps(self, found: ComparedSweeps, gathered: MarkedSweeps) -> None:
         """Show other sweeps; hidden curves, focus and reference are kept where they still exist."""
-        before = self.compared.sweeps if self.compared else ()
-        kept = {sweep.key: place for place, sweep in enumerate(found.sweeps)}
-        old = {place: kept[sweep.key] for place, sweep in enumerate(before) if sweep.key in kept} | {
-            REFERENCE: REFERENCE
-        }
+        before = _curve_names(self.compared) if self.compared else []
+        kept = {name: place for place, name in enumerate(_curve_names(found))}
+        old = {place: kept[name] for place, name in enumerate(before) if name in kept} | {REFERENCE: REFERENCE}
         view_range = self.stack.view_range
         view_range.hidden = {old[place] for place in view_range.hidden if place in old}
         view_range.focus, self.first = old.get(view_range.focus, 0), old.get(self.first, 0)
         self.compared, self._pictures = found, {}
         self.query_one("#both").display = True  # it is laid out while the picture is made
         self._fill_table()
-        if not await self._show() and self.view not in ("", _default_view(found)):
-            await self._show(_default_view(found))
+        if not await self._show() and self.view not in ("", found.default_view):
+            await self._show(found.default_view)
         self._gathered = gathered  # not earlier: other sweeps may come before these are shown
 
     async def _show(self, view: str = "", group: str = "") -> bool:
@@ -197,7 +220,7 @@ The table lists differences only. An exported figure shows the visible curves an
 
     def _view_key(self, found: ComparedSweeps, view: str, group: str) -> tuple[str, str, int]:
         """Return the view, group and reference to show."""
-        view = view or (self.view if self.view and found.groups(self.view) else _default_view(found))
+        view = view or (self.view if self.view and found.groups(self.view) else found.default_view)
         group = group if group in found.groups(view) else self._group(found, view)
         first = self.first
         if view == "difference" and first != REFERENCE and found.unit_of(first) != group:
@@ -239,14 +262,16 @@ The table lists differences only. An exported figure shows the visible curves an
         self.heading = (
             VIEW_NAMES[self.view]
             if self.view in RESPONSE_VIEWS
-            else f"{VIEW_NAMES[self.view]}: {CURVE_KINDS[self.kind]}"
+            else f"{VIEW_NAMES[self.view]}: {CURVE_KINDS[split_group(self.kind)[0]]}"
         )
-        keys = self._keys() or [found.sweeps[place].key for place in found.places(self.view, self.group)]
+        facet = split_group(self.group)[1]
+        self.heading += f", {facet}" if facet else ""
+        keys = self._keys() or _keys_of(found, found.places(self.view, self.group))
         workspace = self.app.backend.workspace
         self.command = (
             compare_command(workspace, keys)
             if self.has_class("-table") and len(keys) > 1
-            else plot_command(workspace, keys, picture.kind, self._file(), self.stack.view())
+            else plot_command(workspace, keys, picture.kind, self._file(), self.stack.view(), self._by)
         )
         notes = [f"against {self._reference()}"] if self.view == "difference" else []
         notes += [*self.hints(self.labels()), *found.notes(self.view, self.group), picture.note]
@@ -258,7 +283,7 @@ The table lists differences only. An exported figure shows the visible curves an
 
     def _reference(self) -> str:
         assert self.compared is not None
-        return "P(jω)" if self.first == REFERENCE else self.compared.shown[self.first].label
+        return "P(jω)" if self.first == REFERENCE else self.compared.curves[self.first].label
 
     def _keys(self) -> list[str]:
         """Return the keys of the visible sweeps; the reference of differences comes first."""
@@ -267,7 +292,7 @@ The table lists differences only. An exported figure shows the visible curves an
         seen = [place for place in self.compared.places(self.view, self.group) if place not in hidden]
         if self.view == "difference" and self.first != REFERENCE:
             seen = [self.first, *(place for place in seen if place != self.first)]
-        return [self.compared.sweeps[place].key for place in seen]
+        return _keys_of(self.compared, seen)
 
     def _file(self) -> str:
         picture = self.stack.picture
@@ -280,14 +305,14 @@ The table lists differences only. An exported figure shows the visible curves an
         beside = self.has_class("-wide")
         longest = max(MIN_NAME_WIDTH, int((TABLE_FRACTION if beside else 1) * self.size.width) // 3)
         table.add_column("difference")
-        for place, shown in enumerate(self.compared.shown):  # beside the plots, the readout shows the names
+        for place, shown in enumerate(self.compared.curves):  # beside the plots, the readout shows the names
             table.add_column(Text(curve_digit(place) if beside else f"{curve_digit(place)} {printable(shown.label)}"))
         for name, *values in self.compared.rows:
             table.add_row(
                 Text(shorten_name(printable(name), longest).rstrip()), *(Text(printable(text)) for text in values)
             )
         if not self.compared.rows:
-            table.add_row(Text("none" if len(self.compared.sweeps) > 1 else "only one sweep; mark another"))
+            table.add_row(Text("none" if len(self.compared.curves) > 1 else "only one curve; mark other sweeps"))
 
     @on(Resize)
     def _refill_table(self) -> None:
@@ -311,9 +336,12 @@ The table lists differences only. An exported figure shows the visible curves an
         self.call_after_refresh(self.show_view)
 
     def action_back(self) -> None:
-        """Close the table, then the screen."""
+        """Close the table, then the sweeps of one curve, then the screen."""
         if self.has_class("-table") and not self.has_class("-wide"):
             self.action_table()
+        elif self._opened:
+            self._opened = []
+            self._reload_all()
         else:
             super().action_back()
 
@@ -333,23 +361,55 @@ The table lists differences only. An exported figure shows the visible curves an
                 break
 
     def action_unmark(self) -> None:
-        """Remove the mark of the focused sweep."""
-        if self.compared and 0 <= self.stack.view_range.focus < len(self.compared.sweeps):
-            self.app.marks.remove([self.compared.sweeps[self.stack.view_range.focus].key])
-            self.reload()
+        """Remove the marks of the focused curve's sweeps."""
+        self.app.marks.remove(self._focused_keys())
+        self.reload()
+
+    def _focused_keys(self) -> list[str]:
+        focus = self.stack.view_range.focus
+        known = self.compared is not None and 0 <= focus < len(self.compared.curves)
+        return _keys_of(self.compared, [focus]) if known and self.compared else []
 
     def action_open(self) -> None:
-        """Open the focused sweep."""
+        """Open the focused sweep, or the sweeps of the focused curve."""
         from fraexp.tui.screens.sweep_page import SweepPage
 
-        if self.compared and 0 <= self.stack.view_range.focus < len(self.compared.sweeps):
-            self.app.push_screen(SweepPage(self.compared.sweeps[self.stack.view_range.focus].key))
+        keys = self._focused_keys()
+        if len(keys) == 1:
+            self.app.push_screen(SweepPage(keys[0]))
+        elif keys:
+            self._opened = keys
+            self._reload_all()
+
+    def _reload_all(self) -> None:
+        self._gathered = None
+        self.stack.view_range.hidden, self.stack.view_range.focus, self.first = set(), 0, 0
+        self.reload()
+
+    async def action_group_by(self) -> None:
+        """Ask for the labels that make groups."""
+        if self.compared is None or self._opened:
+            return
+        labels = label_columns([grid_labels(sweep.labels) for sweep in self.compared.sweeps])
+        values = {path: len({repr(sweep.labels.get(path)) for sweep in self.compared.sweeps}) for path in labels}
+        offered = {
+            path: f"{title}  ({plural(values[path], 'value')})" for path, title in labels.items() if values[path] > 1
+        }
+        if not offered:
+            self.app.notify("these sweeps have one group: they share all labels of the grid")
+            return
+        self.app.push_screen(GroupingDialog(offered, self._by), self._group_by)
+
+    def _group_by(self, by: list[str] | None) -> None:
+        if by is not None and self._gathered is not None:
+            self._by = by
+            self.run_worker(self._compare(self._gathered), group=LOAD_GROUP)
 
     async def action_export(self) -> None:
         """Export the visible curves as a figure by ``fraexp plot``."""
         if self.compared is None or self.stack.picture is None:
             return
-        kind, keys, view = self.stack.picture.kind, self._keys(), self.stack.view()
+        kind, keys, view, by = self.stack.picture.kind, self._keys(), self.stack.view(), self._by
         if not keys:
             self.app.notify("all curves are hidden; press 0 to show them", severity="warning")
             return
@@ -360,26 +420,36 @@ The table lists differences only. An exported figure shows the visible curves an
             if file and file.exists():
                 self.app.push_screen(
                     ConfirmDialog(f"{file} already exists. Overwrite it?"),
-                    lambda yes: self._start_export(keys, kind, file, yes, view),
+                    lambda yes: self._start_export(keys, kind, file, yes, view, by),
                 )
             elif file:
-                self._start_export(keys, kind, file, True, view)
+                self._start_export(keys, kind, file, True, view, by)
 
         self.app.push_screen(InputDialog(question, self._file(), file_fault), export_to)
 
-    def _start_export(self, keys: Sequence[str], kind: str, file: Path, wanted: bool | None, view: View) -> None:
+    def _start_export(
+        self, keys: Sequence[str], kind: str, file: Path, wanted: bool | None, view: View, by: Sequence[str] | None
+    ) -> None:
         if wanted:
             self.app.notify(f"drawing {printable(str(file))} …", timeout=3, markup=False)
-            self.run_worker(self._export_figure(keys, kind, file, view), group="export")
+            self.run_worker(self._export_figure(keys, kind, file, view, by), group="export")
 
-    async def _export_figure(self, keys: Sequence[str], kind: str, file: Path, view: View) -> None:
-        ended, text = await draw_figure(self.app.backend.workspace, keys, kind, file, view)
+    async def _export_figure(
+        self, keys: Sequence[str], kind: str, file: Path, view: View, by: Sequence[str] | None
+    ) -> None:
+        ended, text = await draw_figure(self.app.backend.workspace, keys, kind, file, view, by)
         self.app.notify(printable(text), title="exported" if ended else "not exported",
                         severity="information" if ended else "error", markup=False)  # fmt: skip
 
 
-def _default_view(found: ComparedSweeps) -> str:
-    return "bode" if found.units else "curves"
+def _keys_of(found: ComparedSweeps, places: Sequence[int]) -> list[str]:
+    """Return the keys of the sweeps of curves."""
+    return [sweep.key for place in places for sweep in found.members(place)]
+
+
+def _curve_names(found: ComparedSweeps) -> list[str]:
+    """Return what identifies each curve: the key of its sweep, or the name of its group."""
+    return [curve.label if len(curve.members) > 1 else found.sweeps[curve.members[0]].key for curve in found.curves]
 
 
 def _is_same(before: MarkedSweeps | None, now: MarkedSweeps) -> bool:

@@ -10,8 +10,8 @@ from textual.events import Click, Resize
 from textual.widgets import Static
 
 from fraexp.tui.page import Page
+from fraexp.tui.plotting.curve_styles import curve_digit
 from fraexp.tui.plotting.plot_stack import PlotStack
-from fraexp.tui.plotting.plot_widget import curve_digit
 from fraexp.tui.plotting.plotted_curves import REFERENCE
 from fraexp.tui.widgets.readout import readout
 from fraexp.views.words import plural

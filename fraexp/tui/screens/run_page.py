@@ -8,22 +8,25 @@ from rich.text import Text
 from textual import on
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
-from textual.containers import Container
+from textual.containers import Container, Horizontal
 from textual.widgets import Static
 from textual.worker import Worker
 
+from fraexp.data.results import Outcome
 from fraexp.data.terminal_text import printable
 from fraexp.errors import FraexpError
 from fraexp.execution import background
 from fraexp.execution.background import BackgroundRun
-from fraexp.store import RunSummary, Store
+from fraexp.store import ListedSweep, RunSummary, Store
 from fraexp.study.study_file import find_studies
 from fraexp.tui.dialogs import ConfirmDialog, InputDialog
 from fraexp.tui.page import Page, shorten
+from fraexp.tui.services.themes import state_sign
 from fraexp.tui.widgets.log_tail import LogTail
+from fraexp.tui.widgets.preview_plot import PreviewPlot
 from fraexp.tui.widgets.sweep_table import SweepTable
 from fraexp.views.fields import elapsed_text, run_duration_text, run_state_text
-from fraexp.views.listing import time_text
+from fraexp.views.listing import state_text, time_text
 from fraexp.views.pace import Speed
 from fraexp.views.run_progress import counts_text, done_count, progress_text
 from fraexp.views.words import short_key
@@ -34,8 +37,6 @@ if TYPE_CHECKING:
 
 LOG_POLL_INTERVAL_S = 0.5
 """Seconds between two polls of the log."""
-MAX_COMPARED = 12
-"""Maximum number of sweeps that are marked for comparison."""
 MAX_SHOWN_FAILURES = 2
 """Maximum number of failures shown above the table, which has all."""
 COMPILING_HINT = "No sweep has finished yet. A friction law is compiled at its first use, which takes some seconds."
@@ -50,17 +51,26 @@ A run: its progress, its sweeps, and the end of its log. It is a separate proces
 screen or quit.
 x stops it, and finished sweeps are kept. x again kills its processes at once, after confirmation.
 R runs the study again: stored sweeps are reused, missing ones are computed.
+v shows its curves as they come; f follows the sweep that is being computed, until you move the cursor.
 Enter opens a sweep, Space marks it; c compares the marked sweeps, or all of the run if none is marked."""
     DEFAULT_CSS = """
     RunPage #state { height: auto; padding: 0 1; }
-    RunPage #sweeps { height: 2fr; }
-    RunPage LogTail { height: 1fr; min-height: 4; }
+    RunPage #main { height: 2fr; }
+    RunPage #sweeps { width: 1fr; }
+    RunPage LogTail { height: 1fr; min-height: 2; max-height: 8; }
+    RunPage.-low LogTail { max-height: 4; }
     RunPage #sweeps.-none { display: none; }
+    RunPage.-wide PreviewPlot { display: block; width: 1fr; }
+    RunPage.-narrow.-curves PreviewPlot { display: block; width: 1fr; }
+    RunPage.-narrow.-curves #sweeps { display: none; }
+    RunPage.-wide.-curves PreviewPlot { display: none; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("x", "stop", "stop", id="run.stop", tooltip="stop the run; again: kill it"),
         Binding("R", "again", "run again", id="run.again", tooltip="run the study again; stored sweeps are reused"),
         Binding("c", "compare", "compare", id="run.compare", tooltip="compare the marked sweeps, or all of this run"),
+        Binding("v", "curves", "curves", id="run.curves", tooltip="show or hide its curves"),
+        Binding("f", "follow", "follow", id="run.follow", tooltip="follow the sweep that is being computed, or stop"),
         Binding("slash", "filter", "filter", show=False, id="run.filter", tooltip="filter its sweeps"),
     ]
 
@@ -72,11 +82,17 @@ Enter opens a sweep, Space marks it; c compares the marked sweeps, or all of the
         self.live = True
         self._speed = Speed()
         self._stopping = False
+        self._follows = True
+        """Whether the cursor follows the sweep that is being computed."""
+        self._positions: dict[str, int] = {}
+        """Places of the sweeps in the run, by key; read when the cursor follows them."""
 
     def body(self) -> ComposeResult:
         """Put the state above the sweeps and the log."""
         yield Static("starting ..." if self.started else "loading ...", id="state")
-        yield Container(id="sweeps", classes="-none")
+        with Horizontal(id="main"):
+            yield Container(id="sweeps", classes="-none")
+            yield PreviewPlot("Curves")
         yield LogTail()
 
     def on_mount(self) -> None:
@@ -106,6 +122,7 @@ Enter opens a sweep, Space marks it; c compares the marked sweeps, or all of the
         self.live = found.state == "running"
         await self._show_sweeps(found)
         await self._show(found)
+        await self._show_curves(found)
 
     async def _read_run(self, number: int) -> RunSummary | None:
         return await self.fetch(self.app.backend.read(lambda store: store.run(number)))
@@ -143,6 +160,24 @@ Enter opens a sweep, Space marks it; c compares the marked sweeps, or all of the
             table.running = running
         else:
             table.reload()
+        if self._follows and running and not table.filter and not table.order:
+            await self._go_to(table, next(iter(running)))
+
+    async def _go_to(self, table: SweepTable, key: str) -> None:
+        """Move the cursor to a sweep."""
+        number = self.number
+        if not self._positions:
+            keys = await self.fetch(self.app.backend.read(lambda store: store.keys("", number)))
+            self._positions = {key: place for place, key in enumerate(keys or ())}
+        if key in self._positions:
+            table.go_to(self._positions[key])
+
+    async def _show_curves(self, run: RunSummary) -> None:
+        """Show the curves that have come, at intervals that cost the run little, and all of them at its end."""
+        plot, number = self.query_one(PreviewPlot), run.number
+        if plot.display and not (self.live and plot.is_resting):
+            asked = self.app.backend.read(lambda store: store.keys("-state=pending -state=failed", number))
+            plot.preview(await self.fetch(asked) or [])
 
     async def _show(self, run: RunSummary) -> None:
         """Show the progress and the last failures."""
@@ -152,7 +187,8 @@ Enter opens a sweep, Space marks it; c compares the marked sweeps, or all of the
             rate = None if _is_preparing(run) else self._speed.rate
         wide = max(10, min(40, self.size.width - 66))
         state = "stopping" if self._stopping and run.state == "running" else run_state_text(run)
-        text = Text(f"{state}", style="bold")
+        sign, colour = state_sign(state)
+        text = Text(f"{sign} {state}", style=f"bold {self.app.theme_variables[colour]}")
         time = f", took {run_duration_text(run)}" if run.ended else ""
         since = f"  since {time_text(run.started)}, {elapsed_text(run)}"
         text.append(f"  {time_text(run.started)}{time}" if run.ended else since, "not bold")
@@ -161,7 +197,9 @@ Enter opens a sweep, Space marks it; c compares the marked sweeps, or all of the
         if _is_preparing(run):
             text.append(f"\n{COMPILING_HINT}", "not bold")
         for line in await self._failures(run):
-            text.append(f"\n{printable(line)}", "not bold")
+            text.append(f"\n{printable(line)}", f"not bold {self.app.theme_variables['error']}")
+        if run.ended and run.computed + run.reused:
+            text.append("\nc shows its figure", f"not bold {self.app.theme_variables['text-muted']}")
         if run.state == "interrupted":
             text.append(f"\n{self._interruption_text(run)}", "not bold")
         self.query_one("#state", Static).update(text)
@@ -173,13 +211,16 @@ Enter opens a sweep, Space marks it; c compares the marked sweeps, or all of the
         return "Its process ended before all sweeps were finished. R continues the run."
 
     async def _failures(self, run: RunSummary) -> list[str]:
-        if not run.failed:
-            return []
+        """Return the latest failures with their messages and remedies, and how many more there are."""
         asked = self.app.backend.read(
-            lambda store: store.page("state=failed", "-position", 0, MAX_SHOWN_FAILURES, run.number)
+            lambda store: store.page("state:unusable", "-position", 0, MAX_SHOWN_FAILURES, run.number)
         )
         page = await self.fetch(asked)
-        return [shorten(f"! {short_key(row.key)} failed: {row.message}") for row in page.rows] if page else []
+        if page is None or not page.rows:
+            return []
+        lines = [line for row in page.rows for line in _failure_lines(row)]
+        more = page.total - len(page.rows)
+        return [*lines, f"  {more} more: / state:unusable"] if more > 0 else lines
 
     def _show_log(self) -> None:
         tail = self.query_one(LogTail)
@@ -262,10 +303,24 @@ Enter opens a sweep, Space marks it; c compares the marked sweeps, or all of the
             self.app.notify("no sweep of this run has a result to compare", markup=False)
             return
         if not any(key in marks for key in keys):
-            marks.add(keys[:MAX_COMPARED])
-            if len(keys) > MAX_COMPARED:
-                self.app.notify(f"marked the first {MAX_COMPARED} of {len(keys)} sweeps", markup=False)
+            marks.clear()
+            marks.add(keys)
         self.app.action_place("compare")
+
+    def action_curves(self) -> None:
+        """Show or hide the curves; in a narrow terminal in place of the sweeps."""
+        self.toggle_class("-curves")
+        self.reload()
+
+    def action_follow(self) -> None:
+        """Follow the sweep that is being computed, or stop following."""
+        self._follows = not self._follows
+        self.app.notify("following the sweep in progress" if self._follows else "not following", timeout=2)
+        self.reload()
+
+    @on(SweepTable.Touched)
+    def _stop_following(self) -> None:
+        self._follows = False
 
     def action_filter(self) -> None:
         """Filter the sweeps."""
@@ -288,6 +343,14 @@ def show_run(app: "FraexpApp", run: int | BackgroundRun) -> Worker[None]:
         await app.push_screen(RunPage(run))
 
     return app.run_worker(go(), group="place")
+
+
+def _failure_lines(row: ListedSweep) -> list[str]:
+    """Return what failed and why, and the remedy."""
+    what = state_text(row)
+    remedy = row.outcome.value if row.outcome else Outcome.ERROR.value
+    lines = [shorten(f"✗ {short_key(row.key)} {what}: {row.message}".removesuffix(": "))]
+    return [*lines, shorten(f"  → {remedy}")] if remedy else lines
 
 
 def _is_preparing(run: RunSummary) -> bool:

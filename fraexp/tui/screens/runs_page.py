@@ -5,6 +5,7 @@ from typing import ClassVar
 from textual import on
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
+from textual.containers import Horizontal
 from textual.widgets import DataTable, Input
 
 from fraexp.store import RunSummary
@@ -12,6 +13,7 @@ from fraexp.tui.dialogs import ConfirmDialog
 from fraexp.tui.page import Page
 from fraexp.tui.screens.run_page import RunPage
 from fraexp.tui.widgets.filter_line import FilterLine
+from fraexp.tui.widgets.preview_plot import SidePreview, selected_run
 from fraexp.tui.widgets.sweep_table import PagedTable, TableRows
 from fraexp.views.fields import MIN_SILENCE_S, run_duration_text, run_state_text
 from fraexp.views.listing import Column, time_text
@@ -23,6 +25,8 @@ BAR_WIDTH = 8
 
 class RunTable(PagedTable):
     """The runs that match the filter, newest first."""
+
+    TITLE = "Runs"
 
     def __init__(self) -> None:
         super().__init__()
@@ -68,6 +72,8 @@ Enter opens a run: its sweeps, its log, and the keys that stop it or start it ag
         Binding("D", "delete", "delete", id="runs.delete", tooltip="delete the run, and sweeps that no other run has"),
     ]
     AUTO_FOCUS = "RunTable"
+    HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (150, "-wide")]  # noqa: RUF012 - as Textual declares it
+    DEFAULT_CSS = "RunsPage RunTable { width: 3fr; }"
     live = True  # a run may die without changing the database
 
     def __init__(self) -> None:
@@ -77,7 +83,9 @@ Enter opens a run: its sweeps, its log, and the keys that stop it or start it ag
     def body(self) -> ComposeResult:
         """Show the list."""
         yield FilterLine("part of study, state or command")
-        yield RunTable()
+        with Horizontal():
+            yield RunTable()
+            yield SidePreview()
 
     def on_mount(self) -> None:
         """Show the list."""
@@ -110,6 +118,14 @@ Enter opens a run: its sweeps, its log, and the keys that stop it or start it ag
         """The run under the cursor."""
         key = self.query_one(RunTable).key
         return next((run for run in self.runs if str(run.number) == key), None)
+
+    @on(PagedTable.Shown)
+    @on(DataTable.RowHighlighted)
+    def _preview(self) -> None:
+        run = self.run
+        if run is not None:
+            number = run.number
+            self.query_one(SidePreview).select(lambda store: selected_run(store, number))
 
     @on(DataTable.RowSelected)
     def _open_run(self) -> None:

@@ -1,6 +1,7 @@
 """The list of studies, with the question and the state of each."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
@@ -8,7 +9,7 @@ from rich.text import Text
 from textual import on
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
-from textual.containers import Container, VerticalScroll
+from textual.containers import Container, Vertical, VerticalScroll
 from textual.timer import Timer
 from textual.widgets import DataTable, Input, Static
 
@@ -19,6 +20,7 @@ from fraexp.study.catalogue import FIRST_STUDY, StudyEntry
 from fraexp.tui.page import Page
 from fraexp.tui.services.study_survey import SurveyProcess
 from fraexp.tui.widgets.filter_line import FilterLine
+from fraexp.tui.widgets.preview_plot import PreviewPlot
 from fraexp.tui.widgets.sweep_table import PagedTable, TableRows
 from fraexp.views.listing import Column
 from fraexp.views.study import StudySurvey, newest_runs, study_fields, study_row
@@ -35,6 +37,8 @@ There is none here yet. Enter opens 'quick', Enter again launches it."""
 
 class StudyTable(PagedTable):
     """The studies that match the filter."""
+
+    TITLE = "Studies"
 
     def __init__(self) -> None:
         super().__init__()
@@ -78,11 +82,13 @@ Enter opens a study, to change its values and to launch it."""
     StudiesPage #split { layout: vertical; height: 1fr; }
     StudiesPage.-wide #split { layout: horizontal; }
     StudiesPage StudyTable { height: 1fr; }
-    StudiesPage #about { height: 9; padding: 0 1; }
-    StudiesPage.-high #about { height: 14; }
-    StudiesPage.-low.-first #about { display: none; }
-    StudiesPage.-wide StudyTable { width: 3fr; }
-    StudiesPage.-wide #about { width: 2fr; height: 1fr; }
+    StudiesPage #side { height: 9; }
+    StudiesPage #about { height: 1fr; padding: 0 1; }
+    StudiesPage.-high #side { height: 14; }
+    StudiesPage.-low.-first #side { display: none; }
+    StudiesPage.-wide.-high PreviewPlot.-drawn { display: block; }
+    StudiesPage.-wide StudyTable { width: 2fr; }
+    StudiesPage.-wide #side { width: 1fr; height: 1fr; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("slash", "filter", "filter", id="studies.filter", tooltip="filter by name or title"),
@@ -106,8 +112,10 @@ Enter opens a study, to change its values and to launch it."""
         yield FilterLine("part of a name or title")
         with Container(id="split"):
             yield StudyTable()
-            with VerticalScroll(id="about", can_focus=False):
-                yield Static(id="preview")
+            with Vertical(id="side"):
+                with VerticalScroll(id="about", classes="panel", can_focus=False):
+                    yield Static(id="preview")
+                yield PreviewPlot("Last run")
 
     def on_mount(self) -> None:
         """Show the command."""
@@ -207,6 +215,21 @@ Enter opens a study, to change its values and to launch it."""
                 about.append(f"\n{printable(name)}  ", style="bold")
                 about.append(printable(value), style="not bold")
         self.query_one("#preview", Static).update(about)
+        self._preview_run(self.last.get(entry.name))
+
+    def _preview_run(self, run: RunSummary | None) -> None:
+        """Show the curves of a study's last run."""
+        plot = self.query_one(PreviewPlot)
+        plot.set_class(run is not None and self.has_class("-wide") and self.has_class("-high"), "-drawn")
+        if run is not None and plot.has_class("-drawn"):
+            reading: Callable[[], object] = partial(self._read_run, run.number)
+            self.run_worker(reading, group="preview", exclusive=True)
+
+    async def _read_run(self, number: int) -> None:
+        keys = await self.fetch(
+            self.app.backend.read(lambda store: store.keys("-state=pending -state=failed", number)), lambda _: None
+        )
+        self.query_one(PreviewPlot).preview(keys or [])
 
     @on(DataTable.RowSelected)
     def _open_study(self) -> None:

@@ -7,12 +7,14 @@ from rich.text import Text
 from textual import on
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
+from textual.containers import Horizontal
 from textual.timer import Timer
-from textual.widgets import Input, Static
+from textual.widgets import DataTable, Input, Static
 
 from fraexp.data.terminal_text import printable
 from fraexp.store import masked_url
 from fraexp.tui.widgets.filter_input import FILTER_EXAMPLE, SweepFilter
+from fraexp.tui.widgets.preview_plot import SidePreview, selected_sweep
 from fraexp.tui.widgets.sweep_table import PagedTable, SweepTable
 from fraexp.tui.widgets.tagging import TaggingPage
 
@@ -38,8 +40,10 @@ is searched in all fields. Tab completes names.
         Binding("slash", "filter", "filter", id="filter", tooltip="edit the filter"),
     ]
     AUTO_FOCUS: ClassVar[str | None] = "SweepTable"
+    HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (150, "-wide")]  # noqa: RUF012 - as Textual declares it
     DEFAULT_CSS = """
     SweepsPage SweepFilter { height: 1; padding: 0 1; }
+    SweepsPage SweepTable { width: 3fr; }
     SweepsPage .wrong { height: auto; padding: 0 1; color: $text-error; display: none; }
     SweepsPage .wrong.-shown { display: block; }
     """
@@ -50,7 +54,9 @@ is searched in all fields. Tab completes names.
         """Show the filter above the matching sweeps."""
         yield SweepFilter()
         yield Static(classes="wrong")
-        yield SweepTable(shows_errors=False)
+        with Horizontal(id="split"):
+            yield SweepTable(shows_errors=False)
+            yield SidePreview()
 
     @property
     def table(self) -> SweepTable:
@@ -85,6 +91,13 @@ is searched in all fields. Tab completes names.
             f"There is no database yet: {masked_url(self.app.backend.workspace.database)}\n\n"
             "The first run creates it. Press s for the studies; 'quick' takes seconds."
         )
+
+    @on(PagedTable.Shown)
+    @on(DataTable.RowHighlighted)
+    def _preview(self) -> None:
+        key = self.table.key
+        if key:
+            self.query_one(SidePreview).select(lambda store: selected_sweep(store, key))
 
     @on(PagedTable.Shown)
     def _handle_page(self, event: PagedTable.Shown) -> None:

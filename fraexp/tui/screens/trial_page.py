@@ -260,7 +260,7 @@ The law is evaluated in plain Python; the command at the top computes the same l
             field.blame(field is worst)
 
     def _show_loop(self, trial: LawTrial, loop: ForceLoop) -> None:
-        factor, unit = (1e3, "mm") if trial.sine.amplitude >= 1e-3 else (1e6, "um")
+        factor, unit = (1e3, "mm") if trial.sine.amplitude >= 1e-3 else (1e6, "µm")
         panel = self.query_one("#loop", SmallPlot)
         panel.draw(
             [(factor * np.append(loop.displacement, loop.displacement[0]), np.append(loop.force, loop.force[0]))],

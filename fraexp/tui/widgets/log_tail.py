@@ -16,7 +16,8 @@ class LogTail(Log):
     """The last lines of a file that another process writes, free of terminal control sequences."""
 
     DEFAULT_CSS = """
-    LogTail { height: 1fr; border-top: solid $panel-lighten-2; padding: 0 1; scrollbar-size-horizontal: 0; }
+    LogTail { height: 1fr; border-top: solid $border-blurred; border-title-color: $text-muted; padding: 0 1; }
+    LogTail { background: $background; scrollbar-size-horizontal: 0; }
     """
 
     def __init__(self) -> None:

@@ -8,9 +8,12 @@ from rich.cells import cell_len, set_cell_size
 from rich.text import Text
 
 from fraexp.data.terminal_text import printable
-from fraexp.tui.plotting.plot_widget import CurveStyles, ViewRange, curve_digit, nearest_point, wrap_degrees
+from fraexp.tui.plotting.curve_styles import DASHES, CurveStyles, curve_digit
+from fraexp.tui.plotting.panel_drawing import ViewRange, nearest_point, wrap_degrees
 from fraexp.tui.plotting.plotted_curves import REFERENCE, Picture, PlotPanel, PlotTrace
 
+SAMPLES = {DASHES[0]: "━━━", DASHES[1]: "━╸━", DASHES[2]: "╍╍╍"}
+"""Samples of the dashes of curves."""
 DECIMALS = {"dB": 2, "deg": 1}
 VALUE_ROUNDING = 1e-12
 """Values below this fraction of the greatest one are rounding."""
@@ -52,7 +55,7 @@ def _line(
 ) -> Text:
     hidden, focused = of in view_range.hidden, of == view_range.focus
     sign = " " if of == REFERENCE else curve_digit(of)
-    sample = "off" if hidden else "┄┄┄" if of == REFERENCE else "━━━"
+    sample = "off" if hidden else "┄┄┄" if of == REFERENCE else SAMPLES[curve_styles.dash(of)]
     line = Text(f"{'>' if focused else ' '}{sign} ", style="bold" if focused else "dim" if hidden else "")
     line.append(sample, style=curve_styles.style(of))
     name = printable(label)

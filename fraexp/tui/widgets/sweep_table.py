@@ -18,6 +18,7 @@ from fraexp.data.terminal_text import printable
 from fraexp.errors import FraexpError
 from fraexp.tui.dialogs import ConfirmDialog, InputDialog
 from fraexp.tui.page import TABLE_GROUP, Page
+from fraexp.tui.services.themes import state_cell, state_text
 from fraexp.views.listing import COLUMN_GAP, Column, fit_columns, listing_columns
 
 if TYPE_CHECKING:
@@ -29,6 +30,8 @@ MAX_SUGGESTIONS = 4
 """Maximum number of names suggested for an unknown one."""
 MAX_UNCONFIRMED_MARKS = 50
 """Maximum number of sweeps marked without confirmation."""
+STATE_TITLES = ("state", "outcome", "last run")
+"""Titles of columns with states, which get signs and colours."""
 WHEEL_ROWS = 3
 """Rows by which the mouse wheel moves the cursor."""
 
@@ -49,9 +52,8 @@ class PagedTable(DataTable[Text]):
     DEFAULT_CSS = """
     PagedTable {
         height: 1fr; overflow: hidden hidden; scrollbar-size: 0 0;
-        border-bottom: solid $panel-lighten-2; border-subtitle-align: left; border-subtitle-color: $text-muted;
+        border-bottom: solid $border-blurred; border-subtitle-align: left;
     }
-    PagedTable.-error { border-subtitle-color: $text-error; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("enter", "select_cursor", "open", id="table.open", tooltip="open the selected row"),
@@ -62,6 +64,8 @@ class PagedTable(DataTable[Text]):
         Binding("g,home,ctrl+home", "scroll_top", "first", show=False, id="table.first", tooltip="first row"),
         Binding("G,end,ctrl+end", "scroll_bottom", "last", show=False, id="table.last", tooltip="last row"),
     ]
+    TITLE: ClassVar[str] = ""
+    """Title of the panel."""
     app: "FraexpApp"
 
     class Shown(Message):
@@ -71,8 +75,12 @@ class PagedTable(DataTable[Text]):
             super().__init__()
             self.total, self.error = total, error
 
+    class Touched(Message):
+        """The user has moved the cursor."""
+
     def __init__(self) -> None:
-        super().__init__(cursor_type="row", zebra_stripes=True)
+        super().__init__(cursor_type="row", zebra_stripes=True, classes="panel")
+        self.border_title = self.TITLE
         self.total = 0
         """Total number of rows."""
         self.keys: tuple[str, ...] = ()
@@ -112,7 +120,17 @@ class PagedTable(DataTable[Text]):
     def _place(self) -> int:
         return self._at if self._turning else self._first + self.cursor_row
 
+    def go_to(self, place: int) -> None:
+        """Move the cursor to an offset."""
+        if place != self._place():
+            self._move(place)
+
     def _go(self, place: int, first: int | None = None) -> None:
+        """Move the cursor to an offset, as the user wishes."""
+        self.post_message(self.Touched())
+        self._move(place, first)
+
+    def _move(self, place: int, first: int | None = None) -> None:
         """Move the cursor to an offset, and turn the page if necessary."""
         place = min(max(place, 0), max(self.total - 1, 0))
         rows = self.page_rows
@@ -157,7 +175,7 @@ class PagedTable(DataTable[Text]):
 
     def _show(self, rows: TableRows, row: int) -> None:
         self.total, self.keys = rows.total, rows.keys
-        columns = fit_columns(rows.columns, self.size.width - 1 - COLUMN_GAP)
+        columns = fit_columns([_with_signs(of) for of in rows.columns], self.size.width - 1 - COLUMN_GAP)
         marked = [self.is_marked(key) for key in rows.keys]
         wanted = (rows.keys, columns, marked)
         if wanted != self._drawn:
@@ -175,10 +193,19 @@ class PagedTable(DataTable[Text]):
             title = Text(column.title, justify=_justify(column))
             self.add_column(title, width=width, key=f"{index}.{column.order}")
         for index, key in enumerate(keys):
-            cells = [
-                Text(of.cells[index], justify=_justify(of), no_wrap=True, overflow="ellipsis") for of, _ in columns
-            ]
-            self.add_row(Text(MARK_SIGN if marked[index] else " "), *cells, key=key)
+            self.add_row(self._mark_cell(marked[index]), *(self._cell(of, index) for of, _ in columns), key=key)
+
+    def _cell(self, column: Column, index: int) -> Text:
+        text = column.cells[index]
+        if column.title.startswith(STATE_TITLES):
+            cell = state_text(text, text.partition(" ")[2], self.app.theme_variables)
+        else:
+            cell = Text(text, justify=_justify(column))
+        cell.no_wrap, cell.overflow = True, "ellipsis"
+        return cell
+
+    def _mark_cell(self, marked: bool) -> Text:
+        return Text(MARK_SIGN, style=f"bold {self.app.theme_variables['accent']}") if marked else Text(" ")
 
     def is_marked(self, key: str) -> bool:
         """Return whether a row is marked."""
@@ -239,12 +266,21 @@ class PagedTable(DataTable[Text]):
         self._go(self._place() - WHEEL_ROWS)
 
 
+def _with_signs(column: Column) -> Column:
+    """Return a column whose states have their sign before them."""
+    if not column.title.startswith(STATE_TITLES):
+        return column
+    return replace(column, cells=tuple(state_cell(text) for text in column.cells))
+
+
 def _justify(column: Column) -> Literal["left", "right"]:
     return "right" if column.right_aligned else "left"
 
 
 class SweepTable(PagedTable):
     """The sweeps of the database or of a run that match the filter."""
+
+    TITLE = "Sweeps"
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("space", "mark", "mark", id="table.mark", tooltip="mark or unmark the sweep"),
@@ -358,9 +394,9 @@ class SweepTable(PagedTable):
     def redraw_marks(self) -> None:
         """Update the marks of the visible rows."""
         for row, key in enumerate(self.keys):
-            mark = MARK_SIGN if self.is_marked(key) else " "
-            if self.get_cell_at(Coordinate(row, 0)).plain != mark:
-                self.update_cell_at(Coordinate(row, 0), Text(mark))
+            mark = self._mark_cell(self.is_marked(key))
+            if self.get_cell_at(Coordinate(row, 0)).plain != mark.plain:
+                self.update_cell_at(Coordinate(row, 0), mark)
         self._drawn = None
         if isinstance(self.screen, Page):
             self.screen.show_header()

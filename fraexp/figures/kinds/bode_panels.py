@@ -1,0 +1,146 @@
+"""The drawing of a Bode plot: magnitude above phase, once, or for each facet of a grid."""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fraexp.figures.elements.bundles import draw_bundles
+from fraexp.figures.elements.frequency_lines import (
+    add_fitted_legend,
+    add_model_legend,
+    draw_bands,
+    draw_line,
+    draw_points_and_model,
+)
+from fraexp.figures.elements.labels import drawable
+from fraexp.figures.elements.line_style import LineStyle
+from fraexp.figures.elements.view import PHASE_LABEL
+from fraexp.figures.kinds.bode import BodeInfo, BodeSample
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+UNSETTLED_STYLE: LineStyle = {
+    "color": "0.3", "fillstyle": "none", "markersize": 2.5, "mew": 0.4, "zorder": 1.9, "rasterized": True,
+}  # fmt: skip
+"""Style of the points of a sample that had not settled."""
+MAX_COLUMNS = 3
+"""Maximum number of facets side by side."""
+
+
+def draw_bode(info: BodeInfo) -> "Figure":
+    """Draw a Bode plot; unsettled points are hollow and not joined, the reference is dashed and dark.
+
+    A response to which a plant was fitted is points, the plant a thin line. Samples are drawn as bundles.
+    """
+    return draw_bode_facets({"": info})
+
+
+def draw_bode_facets(facets: Mapping[str, BodeInfo]) -> "Figure":
+    """Draw a Bode plot for each facet, by its name; all share their axes, and the colours of their curves."""
+    from fraexp.figures.elements import canvas  # matplotlib: imported only when something is drawn
+
+    infos = list(facets.values())
+    count = len(infos)
+    columns = 2 if count == 4 else min(count, MAX_COLUMNS)
+    rows = -(-count // columns)
+    with canvas.figure_style():
+        width, height = (9.0, 6.2) if count == 1 else (1.4 + 3.7 * columns, 1.4 + 4.6 * rows)
+        figure = canvas.new_figure(width, height)
+        axes = figure.subplots(2 * rows, columns, squeeze=False, sharex=True, height_ratios=(1.25, 1) * rows)
+        pairs = [
+            (axes[2 * (n // columns), n % columns], axes[2 * (n // columns) + 1, n % columns]) for n in range(count)
+        ]
+        styles = _curve_styles(infos)
+        for upper, lower in pairs[1:]:
+            upper.sharey(pairs[0][0])
+            lower.sharey(pairs[0][1])
+        for (name, info), (upper, lower) in zip(facets.items(), pairs, strict=True):
+            _draw_part(upper, info, "magnitude", styles)
+            _draw_part(lower, info, "phase", styles)
+            upper.set_title(drawable(name), fontsize=11, loc="left")
+        _finish_axes(axes, pairs, infos)
+        title = canvas.wrapped_title(figure, infos[0].title)
+        pairs[0][0].set_title(title) if count == 1 else figure.suptitle(title, fontsize=12.5)
+        canvas.add_legend_below(figure, *(upper for upper, _ in pairs))
+    return figure
+
+
+def _finish_axes(
+    axes: "np.ndarray[tuple[int, int], np.dtype[np.object_]]",
+    pairs: Sequence[tuple["Axes", "Axes"]],
+    infos: Sequence[BodeInfo],
+) -> None:
+    """Label the outer panels, and remove those that are left over."""
+    from fraexp.figures.elements import canvas
+
+    columns, count = axes.shape[1], len(pairs)
+    for spare in range(count, axes.size // 2):
+        for row in (0, 1):
+            axes[2 * (spare // columns) + row, spare % columns].remove()
+    for index, (upper, lower) in enumerate(pairs):
+        upper.tick_params(labelbottom=False)
+        lower.set_label(PHASE_LABEL)
+        is_first, is_last = index % columns == 0, index + columns >= count
+        lower.tick_params(labelbottom=is_last)
+        for of, text in ((upper, f"Magnitude [dB re 1 {infos[0].unit}]"), (lower, "Phase [deg]")):
+            of.tick_params(labelleft=is_first)
+            of.set_ylabel(text if is_first else "")
+        lower.set_xlabel("Frequency [Hz]" if is_last else "")
+    canvas.set_frequency_axis(pairs[0][1], _frequency_span(infos))
+    canvas.set_phase_ticks(pairs[0][1])
+    canvas.draw_grid(*(of for pair in pairs for of in pair))
+    pairs[0][0].figure.align_ylabels([of for pair in pairs for of in pair])
+
+
+def _curve_styles(infos: Sequence[BodeInfo]) -> dict[str, LineStyle]:
+    """Return the style of each name of a curve, which all facets share."""
+    from fraexp.figures.elements import canvas
+
+    labels = [[of.label for of in info.curves] + [of.label for of in info.samples] for info in infos]
+    names = list(dict.fromkeys(label for of in labels for label in of))
+    return dict(zip(names, canvas.line_styles(len(names)), strict=True))
+
+
+def _draw_part(axes: "Axes", info: BodeInfo, part: str, styles: Mapping[str, LineStyle]) -> None:
+    """Draw one part, ``magnitude`` or ``phase``, of all curves and samples."""
+    from fraexp.figures.elements import canvas
+
+    if info.samples:
+        colours = {name: str(style["color"]) for name, style in styles.items()}
+        bundles = [of.bundle(getattr(of, part)) for of in info.samples]
+        draw_bundles(axes, bundles, part == "magnitude", colours)
+        _draw_unsettled(axes, info.samples, part)
+    bands = []
+    for curve in info.curves:
+        values, model, style = getattr(curve, part), curve.model, styles[curve.label]
+        if model is None:
+            draw_line(axes, curve.frequency, values, curve.settled, curve.label, style)
+        else:
+            draw_points_and_model(
+                axes, (curve.frequency, values), curve.settled, (model.frequency, getattr(model, part)), style
+            )
+            add_fitted_legend(axes, curve.label if model.has_phase else f"{curve.label} (fit of the magnitude)", style)
+        bands.append((curve.frequency, curve.with_gaps(getattr(curve, f"{part}_band")), str(style["color"])))
+    if any(curve.model for curve in info.curves):
+        add_model_legend(axes, "fitted plant")
+    if info.reference is not None:
+        of = info.reference
+        draw_line(axes, of.frequency, getattr(of, part), of.settled, of.label, canvas.REFERENCE_STYLE)
+    draw_bands(axes, bands)
+
+
+def _draw_unsettled(axes: "Axes", samples: Sequence[BodeSample], part: str) -> None:
+    frequency = np.concatenate([of.frequency[~of.settled] for of in samples])
+    if np.isfinite(frequency).any():
+        points = np.concatenate([getattr(of, part)[~of.settled] for of in samples])
+        axes.plot(frequency, points, "o", alpha=0.3, **UNSETTLED_STYLE)
+        axes.plot([], [], "o", label="not settled", **UNSETTLED_STYLE)
+
+
+def _frequency_span(infos: Sequence[BodeInfo]) -> tuple[float, float]:
+    curves = [of.frequency for info in infos for of in info.curves]
+    everything = np.concatenate([*curves, *(of.frequency.ravel() for info in infos for of in info.samples)])
+    return float(np.nanmin(everything)), float(np.nanmax(everything))

@@ -1,0 +1,254 @@
+"""A plot drawn with characters: two dots across and four down in each cell, one colour in each."""
+
+from collections.abc import Callable, Hashable, Iterable
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.segment import Segment
+from rich.style import Style
+from textual.color import Color
+from textual.strip import Strip
+
+from fraexp.tui.plotting.braille import BLANK_CODE, DOTS_ACROSS, DOTS_DOWN, Window, dash_dots, dot_bits, line_dots
+
+Points = tuple[NDArray[np.float64], NDArray[np.float64]]
+"""x and y, each of shape (n,)."""
+Limits = tuple[NDArray[np.float64], NDArray[np.float64] | None]
+"""x of shape (n,), and lower and upper limits of y, shape (2, n)."""
+BAND_OPACITY = 0.3
+"""Opacity of a confidence band over the background."""
+GRID_DASH = 2
+"""Every how many dots a grid line has one."""
+Cache = dict[tuple[Hashable, ...], NDArray[np.uint8]]
+"""Codes of lines that were drawn before, valid for one window and size."""
+
+
+@dataclass
+class CellCanvas:
+    """The area within the axes of a plot, and the labels around it.
+
+    Where curves overlap, their colours alternate from cell to cell, so that each of them stays visible.
+    """
+
+    size: tuple[int, int]
+    """Columns and rows of the whole plot."""
+    inner: tuple[int, int, int, int]
+    """Column, row, columns and rows of the area within the axes."""
+    window: Window
+    background: str
+    cache: Cache = field(default_factory=dict)
+    shades_bands: bool = True
+    """Whether bands are shaded; without colours their edges are drawn."""
+
+    def __post_init__(self) -> None:
+        columns, rows = self.inner[2:]
+        self._curves: list[tuple[NDArray[np.uint8], str]] = []
+        self._grid = np.zeros((rows, columns), dtype=np.uint8)
+        self._grid_colour = ""
+        self._shade = np.zeros((rows, columns, 3))
+        self._opacity = np.zeros((rows, columns))
+        self._texts: dict[tuple[int, int], tuple[str, str]] = {}
+        """Character and style by column and row; later ones replace earlier ones."""
+
+    @property
+    def cells(self) -> tuple[int, int]:
+        """Columns and rows within the axes."""
+        return self.inner[2:]
+
+    def cell(self, x: float, y: float) -> tuple[int, int]:
+        """Return column and row of a point within the axes; outside of the window they are out of range."""
+        left, right, bottom, top = self.window
+        columns, rows = self.cells
+        column, row = (x - left) / (right - left) * columns, (top - y) / (top - bottom) * rows
+        return int(np.floor(column - 1e-9 * (x == right))), int(np.floor(row - 1e-9 * (y == bottom)))
+
+    def grid(self, x: Iterable[float], y: Iterable[float], colour: str) -> None:
+        """Draw dotted grid lines, exact to the dot."""
+        left, right, bottom, top = self.window
+        dots = np.zeros((DOTS_DOWN * self.cells[1], DOTS_ACROSS * self.cells[0]), dtype=bool)
+        for at in x:
+            upright = line_dots(np.full(2, at), np.array([bottom, top]), self.window, self.cells)
+            dots |= dash_dots(upright.T, 1, GRID_DASH).T
+        for at in y:
+            dots |= dash_dots(
+                line_dots(np.array([left, right]), np.full(2, at), self.window, self.cells), 1, 2 * GRID_DASH
+            )
+        self._grid, self._grid_colour = dot_bits(dots), colour
+
+    def line(self, key: Hashable, points: Callable[[], Points], colour: str, dash: tuple[int, int] = (1, 1)) -> None:
+        """Draw a line, of which `dash` gives the dots drawn and the dots of a period; `points` are asked for once."""
+        self._curves.append((self._cached((key, dash), lambda: self._dashed(points(), dash)), colour))
+
+    def _cached(self, key: tuple[Hashable, ...], make: Callable[[], NDArray[np.uint8]]) -> NDArray[np.uint8]:
+        if key not in self.cache:
+            self.cache[key] = make()
+        return self.cache[key]
+
+    def _dashed(self, points: Points, dash: tuple[int, int]) -> NDArray[np.uint8]:
+        return dot_bits(dash_dots(line_dots(*points, self.window, self.cells), *dash))
+
+    def band(self, key: Hashable, limits: Callable[[], Limits], colour: str) -> None:
+        """Shade the area between lower and upper limits, or draw its edges."""
+        if self.shades_bands:
+            covered = self._cached((key, "band"), lambda: self._coverage(*limits()))
+            opacity = BAND_OPACITY * covered / (DOTS_ACROSS * DOTS_DOWN)
+            self._shade += opacity[:, :, None] * np.array(Color.parse(colour).rgb)
+            self._opacity += opacity
+            return
+        x, edges = limits()
+        for index, edge in enumerate(edges if edges is not None else ()):
+            low, high = self.window[2] - 1e3, self.window[3] + 1e3
+            inside = np.where(np.isnan(edge), np.nan, np.clip(edge, low, high))
+            self.line((key, index), lambda of=inside: (x, of), colour, (1, 3))  # type: ignore[misc]
+
+    def _coverage(self, x: NDArray[np.float64], limits: NDArray[np.float64] | None) -> NDArray[np.uint8]:
+        """Return the number of dots of each cell that lie between the limits."""
+        columns, rows = self.cells
+        if limits is None:
+            return np.zeros((rows, columns), dtype=np.uint8)
+        covered = band_mask(x, limits, self.window, (DOTS_ACROSS * columns, DOTS_DOWN * rows))
+        return np.asarray(covered.reshape(rows, DOTS_DOWN, columns, DOTS_ACROSS).sum(axis=(1, 3)), dtype=np.uint8)
+
+    def signs(self, x: NDArray[np.float64], y: NDArray[np.float64], sign: str, colour: str) -> None:
+        """Draw a sign at each point within the window."""
+        columns, rows = self.cells
+        for at, value in zip(x.tolist(), y.tolist(), strict=True):
+            if np.isfinite(at) and np.isfinite(value):
+                column, row = self.cell(at, value)
+                if 0 <= column < columns and 0 <= row < rows:
+                    self._texts[self.inner[0] + column, self.inner[1] + row] = sign, colour
+
+    def note(self, x: float, y: float, text: str, colour: str) -> None:
+        """Write a text whose first character is above a point within the window; without room, only that one."""
+        column, row = self.cell(x, y)
+        if 0 <= column < self.cells[0] and 0 <= row < self.cells[1]:
+            left, above = self.inner[0] + column, self.inner[1] + max(row - 1, 0)
+            room = [(left + offset, above) for offset in range(-1, len(text) + 1)]
+            free = not any(place in self._texts for place in room)
+            self.write(left, above, text if free else text[:1], colour)
+
+    def upright(self, x: float, colour: str) -> None:
+        """Draw a vertical line through all cells without a curve."""
+        column = self.cell(x, self.window[2])[0]
+        if 0 <= column < self.cells[0]:
+            for row in range(self.cells[1]):
+                self._texts.setdefault((self.inner[0] + column, self.inner[1] + row), ("│", colour))
+
+    def write(self, column: int, row: int, text: str, style: str) -> None:
+        """Write a text at a place of the whole plot."""
+        for offset, character in enumerate(text):
+            if 0 <= column + offset < self.size[0] and 0 <= row < self.size[1]:
+                self._texts[column + offset, row] = character, style
+
+    def strips(self) -> list[Strip]:
+        """Return the rows of the whole plot."""
+        columns, rows = self.size
+        codes, styles = np.full((rows, columns), ord(" ")), np.zeros((rows, columns), dtype=np.int64)
+        names = [""]
+        left, top, width, height = self.inner
+        inside = slice(top, top + height), slice(left, left + width)
+        codes[inside], styles[inside] = self._merge(names)
+        for (column, row), (character, style) in self._texts.items():
+            if character == "│" and BLANK_CODE < codes[row, column] < BLANK_CODE + 256 and styles[row, column] > 1:
+                continue  # the cursor does not cover curves
+            codes[row, column], styles[row, column] = ord(character), _index_of(names, style)
+        grounds = self._grounds()
+        return [self._strip(row, codes[row], styles[row], names, grounds) for row in range(rows)]
+
+    def _merge(self, names: list[str]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return the codes of all cells within the axes, and the indices of their styles, which are added to `names`.
+
+        Index 1 is the grid.
+        """
+        names.append(self._grid_colour)
+        codes = np.where(self._grid > 0, BLANK_CODE + self._grid.astype(np.int64), ord(" "))
+        styles = np.ones(codes.shape, dtype=np.int64)
+        if not self._curves:
+            return codes, styles
+        bits = np.stack([of for of, _ in self._curves])
+        style_of = np.array([_index_of(names, colour) for _, colour in self._curves])
+        order = np.cumsum(bits > 0, axis=0)
+        count = order[-1]
+        turn = (np.arange(bits.shape[2])[None, :] % np.maximum(count, 1)) + 1
+        chosen = np.argmax((order == turn) & (bits > 0), axis=0)
+        codes = np.where(count > 0, BLANK_CODE + np.bitwise_or.reduce(bits, axis=0).astype(np.int64), codes)
+        return codes, np.where(count > 0, style_of[chosen], styles)
+
+    def _grounds(self) -> NDArray[np.int64]:
+        """Return the background of each cell within the axes as a number; -1 where nothing is shaded."""
+        opacity = np.minimum(self._opacity, 2 * BAND_OPACITY)
+        share = np.divide(opacity, self._opacity, out=np.zeros_like(opacity), where=self._opacity > 0)[:, :, None]
+        ground = (1 - opacity)[:, :, None] * np.array(Color.parse(self.background).rgb) + share * self._shade
+        parts = np.clip(np.rint(ground), 0, 255).astype(np.int64)
+        return np.where(self._opacity > 0.02, (parts << np.array([16, 8, 0])).sum(axis=2), -1)
+
+    def _strip(
+        self,
+        row: int,
+        codes: NDArray[np.int64],
+        styles: NDArray[np.int64],
+        names: list[str],
+        grounds: NDArray[np.int64],
+    ) -> Strip:
+        shade = np.full(codes.shape, -1)
+        left, top, width, height = self.inner
+        if top <= row < top + height:
+            shade[left : left + width] = grounds[row - top]
+        text = "".join(map(chr, codes.tolist()))
+        changes = np.flatnonzero((np.diff(styles) != 0) | (np.diff(shade) != 0)) + 1
+        ends = [0, *changes.tolist(), len(text)]
+        base = Style(bgcolor=self.background)
+        segments = [
+            Segment(text[a:b], base + _style(names[styles[a]], int(shade[a]))) for a, b in pairwise(ends) if b > a
+        ]
+        return Strip(segments, len(text))
+
+
+def band_mask(
+    x: NDArray[np.float64], limits: NDArray[np.float64], window: Window, size: tuple[int, int]
+) -> NDArray[np.bool_]:
+    """Return which points of a grid lie between limits, shape (height, width); NaN leaves a gap.
+
+    `x` ascends, or the band cannot be drawn.
+    """
+    width, height = size
+    known = np.isfinite(x)
+    left, right, bottom, top = window
+    column = left + (np.arange(width) + 0.5) / width * (right - left)
+    row = top - (np.arange(height) + 0.5) / height * (top - bottom)
+    if known.sum() < 2 or (np.diff(x[known]) < 0).any():
+        return np.zeros((height, width), dtype=bool)
+    low, high = (
+        _interpolate(column, x[known], edge[known], end) for edge, end in zip(limits, (-1e9, 1e9), strict=True)
+    )
+    return np.asarray((row[:, None] >= low[None, :]) & (row[:, None] <= high[None, :]))
+
+
+def _interpolate(
+    at: NDArray[np.float64], x: NDArray[np.float64], y: NDArray[np.float64], infinite: float
+) -> NDArray[np.float64]:
+    """Return values between points, NaN outside of them and beside NaN; an infinite limit is far away."""
+    filled = np.where(np.isinf(y), infinite, y)
+    unknown = np.isnan(filled)
+    found = np.interp(at, x, np.where(unknown, 0.0, filled), left=np.nan, right=np.nan)
+    return np.where(np.interp(at, x, unknown.astype(float), left=1.0, right=1.0) > 0, np.nan, found)
+
+
+def _index_of(names: list[str], name: str) -> int:
+    if name not in names:
+        names.append(name)
+    return names.index(name)
+
+
+_STYLES: dict[tuple[str, int], Style] = {}
+
+
+def _style(name: str, ground: int) -> Style:
+    """Return a style by its text and the number of its background; -1 is none."""
+    if (name, ground) not in _STYLES:
+        _STYLES[name, ground] = Style.parse(name or "none") + (
+            Style(bgcolor=f"#{ground:06x}") if ground >= 0 else Style()
+        )
+    return _STYLES[name, ground]

@@ -1,0 +1,56 @@
+"""Colours, dashes and digits that distinguish curves, on dark and light terminals."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from fraexp.tui.plotting.plotted_curves import REFERENCE
+
+ON_DARK = ("#56B4E9", "#E69F00", "#CC79A7", "#00B98B", "#F0E442", "#FF7F45")
+"""The palette of Okabe and Ito (2008), light enough for a dark background."""
+ON_LIGHT = ("#0063A0", "#B04400", "#8E3B6F", "#00694B", "#6B5A00", "#333333")
+"""The same hues, dark enough for a light background."""
+NEUTRAL_COLOURS = {True: "#D0D0D0", False: "#303030"}
+"""Colours of references and cursor, by whether the background is dark."""
+AXIS_COLOURS, GRID_COLOURS = {True: "#7d8b9e", False: "#66727f"}, {True: "#2e3a4a", False: "#d5dbe2"}
+"""Colours of axes and grid, by whether the background is dark, for themes without such colours."""
+DASHES = ((1, 1), (5, 7), (2, 4))
+"""Dots drawn, and dots of a period: one pair after the other when the colours repeat."""
+
+
+@dataclass(frozen=True)
+class CurveStyles:
+    """Colours and digits that distinguish curves."""
+
+    dark: bool = True
+    digits: bool = False
+    """Whether curves carry digits, as colours do not distinguish them."""
+    axis: str = AXIS_COLOURS[True]
+    grid: str = GRID_COLOURS[True]
+
+    @classmethod
+    def of_theme(cls, dark: bool, digits: bool, colours: Mapping[str, str]) -> "CurveStyles":
+        """Return the styles of a theme; `colours` are its variables."""
+        axis, grid = (colours.get(name, default[dark]) for name, default in
+                      (("axis", AXIS_COLOURS), ("grid", GRID_COLOURS)))  # fmt: skip
+        return cls(dark, digits, axis, grid)
+
+    @property
+    def neutral(self) -> str:
+        """Colour of references and cursor."""
+        return NEUTRAL_COLOURS[self.dark]
+
+    def style(self, of: int) -> str:
+        """Return the style of a curve."""
+        colours = ON_DARK if self.dark else ON_LIGHT
+        return self.neutral if of == REFERENCE else colours[of % len(colours)]
+
+    def dash(self, of: int, model: bool = False) -> tuple[int, int]:
+        """Return the dash of a curve."""
+        if of == REFERENCE:
+            return 3, 6
+        return (1, 2) if model else DASHES[of // len(ON_DARK) % len(DASHES)]
+
+
+def curve_digit(of: int) -> str:
+    """Return the character of a curve: 1 to 9, then letters."""
+    return "123456789abcdefghijklmnopqrstuvwxyz"[of % 35]

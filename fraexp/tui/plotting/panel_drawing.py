@@ -1,0 +1,208 @@
+"""What is drawn of a panel: grid, bands, curves, points, resonances and cursor, on a canvas of any resolution."""
+
+from collections.abc import Callable, Hashable, Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fraexp.tui.plotting.braille import Window
+from fraexp.tui.plotting.curve_styles import CurveStyles, curve_digit
+from fraexp.tui.plotting.plotted_curves import REFERENCE, PlotPanel, PlotTrace
+
+UNSETTLED_SIGN, ISOLATED_SIGN, CURSOR_SIGN, RESONANCE_SIGN = "○", "•", "◉", "▼"
+"""Signs of an unsettled point, of an isolated point, of the cursor on a curve, and of a resonance."""
+DIGITS_PER_CURVE = 3
+"""Number of digits along a curve where colours do not distinguish curves."""
+MAX_POINTS = 2000
+"""Maximum number of points drawn one by one; more than the columns of a terminal."""
+RESONANCE_PROMINENCE_DB = 3.0
+"""Height above both sides from which a maximum of the magnitude is marked as a resonance [dB]."""
+MAX_RESONANCES = 6
+Phase = TypeVar("Phase", float, NDArray[np.float64])
+Points = tuple[NDArray[np.float64], NDArray[np.float64]]
+Limits = tuple[NDArray[np.float64], NDArray[np.float64] | None]
+
+
+class PlotCanvas(Protocol):
+    """An area on which a panel is drawn in the coordinates of its window."""
+
+    window: Window
+
+    def grid(self, x: Iterable[float], y: Iterable[float], colour: str) -> None:
+        """Draw grid lines."""
+
+    def band(self, key: Hashable, limits: Callable[[], Limits], colour: str) -> None:
+        """Shade the area between limits."""
+
+    def line(self, key: Hashable, points: Callable[[], Points], colour: str, dash: tuple[int, int] = (1, 1)) -> None:
+        """Draw a line."""
+
+    def signs(self, x: NDArray[np.float64], y: NDArray[np.float64], sign: str, colour: str) -> None:
+        """Draw a sign at points."""
+
+    def note(self, x: float, y: float, text: str, colour: str) -> None:
+        """Write a text above a point."""
+
+    def upright(self, x: float, colour: str) -> None:
+        """Draw a vertical line."""
+
+
+@dataclass
+class ViewRange:
+    """The visible part of a picture: hidden curves, focus, cursor, bands, resonances and phase wrapping."""
+
+    hidden: set[int] = field(default_factory=set)
+    focus: int = 0
+    cursor: float | None = None
+    bands: bool = True
+    resonances: bool = True
+    wrapped: bool = False
+
+    def order(self, traces: Iterable[PlotTrace]) -> list[PlotTrace]:
+        """Return the visible traces; the focused one comes last, as its signs cover the others'."""
+        seen = [trace for trace in traces if trace.curve not in self.hidden]
+        return sorted(seen, key=lambda trace: (trace.curve == self.focus, trace.curve != REFERENCE))
+
+
+class SettledLine(NamedTuple):
+    """The line through the settled points of a trace; arrays of shape (n,)."""
+
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+    """NaN at unsettled points."""
+    band: NDArray[np.float64] | None
+    """Lower and upper 95 % limit of y, shape (2, n); None if unknown."""
+
+
+@dataclass(frozen=True)
+class PanelDrawing:
+    """A panel with all that decides how it looks."""
+
+    panel: PlotPanel
+    view_range: ViewRange
+    styles: CurveStyles
+    upright: bool
+    """Whether the cursor is a vertical line; else it is a point on each curve."""
+
+    @property
+    def wrapped(self) -> bool:
+        """Whether the panel shows a wrapped phase."""
+        return self.panel.angle and self.view_range.wrapped
+
+    def draw(self, canvas: PlotCanvas, ticks: tuple[Sequence[float], Sequence[float]]) -> None:
+        """Draw everything within the axes, with grid lines at `ticks` of x and y."""
+        traces = self.view_range.order(self.panel.traces)
+        if not self.styles.digits:
+            canvas.grid(*ticks, self.styles.grid)
+        across = np.array(canvas.window[:2])
+        for mark in self.panel.marks:
+            canvas.line(("mark", mark), lambda y=mark: (across, np.full(2, y)), self.styles.axis, (1, 2))  # type: ignore[misc]
+        for trace in traces if self.view_range.bands else ():
+            if trace.band is not None:
+                canvas.band(trace, lambda of=trace: self._limits(of), self.styles.style(trace.curve))  # type: ignore[misc]
+        for trace in traces:
+            self._draw_trace(canvas, trace)
+        self._draw_signs(canvas, traces)
+        self._draw_cursor(canvas, traces)
+
+    def _limits(self, trace: PlotTrace) -> Limits:
+        x, _, band = settled_line(trace, self.wrapped)
+        return x, band
+
+    def _draw_trace(self, canvas: PlotCanvas, trace: PlotTrace) -> None:
+        def points() -> Points:
+            x, y, _ = settled_line(trace, self.wrapped)
+            return x, y
+
+        style = self.styles.style(trace.curve)
+        canvas.line(trace, points, style, self.styles.dash(trace.curve, trace.model))
+        known = np.isfinite(trace.x) & np.isfinite(trace.y)
+        beside = np.concatenate([[False], trace.settled, [False]])
+        alone = trace.settled & ~beside[:-2] & ~beside[2:]
+        left, right = canvas.window[:2]
+        for chosen, sign in ((known & ~trace.settled, UNSETTLED_SIGN), (alone, ISOLATED_SIGN)):
+            seen = np.flatnonzero(chosen & (trace.x >= left) & (trace.x <= right))
+            seen = seen[:: max(1, seen.size // MAX_POINTS)]
+            if seen.size:
+                y = wrap_degrees(trace.y[seen]) if self.wrapped else trace.y[seen]
+                canvas.signs(trace.x[seen], y, sign, style)
+
+    def _draw_signs(self, canvas: PlotCanvas, traces: Sequence[PlotTrace]) -> None:
+        """Draw the resonances of the focused curve, and digits where colours do not distinguish curves."""
+        for trace in traces:
+            if trace.curve == self.view_range.focus and self.view_range.resonances and not trace.model:
+                for at in resonances(self.panel, trace):
+                    text = f"{RESONANCE_SIGN}{trace.at[at]:.3g}"
+                    canvas.note(trace.x[at], trace.y[at], text, f"bold {self.styles.style(trace.curve)}")
+        for place, trace in enumerate(traces):
+            if self.styles.digits and trace.curve != REFERENCE and not trace.model:
+                self._draw_digits(canvas, trace, (place + 0.5) / len(traces))
+
+    def _draw_digits(self, canvas: PlotCanvas, trace: PlotTrace, turn: float) -> None:
+        """Draw the digit of a curve at some places along it, which differ between curves."""
+        x, y, _ = settled_line(trace, self.wrapped)
+        left, right, bottom, top = canvas.window
+        seen = np.flatnonzero((x >= left) & (x <= right) & (y >= bottom) & (y <= top))
+        if seen.size:
+            wanted = left + (np.arange(DIGITS_PER_CURVE) + turn) / DIGITS_PER_CURVE * (right - left)
+            found = seen[[int(np.argmin(np.abs(x[seen] - at))) for at in wanted]]
+            canvas.signs(x[found], y[found], curve_digit(trace.curve), f"bold {self.styles.style(trace.curve)}")
+
+    def _draw_cursor(self, canvas: PlotCanvas, traces: Sequence[PlotTrace]) -> None:
+        cursor = self.view_range.cursor
+        if cursor is None or (self.upright and self.panel.spectral and cursor <= 0):
+            return
+        if self.upright:
+            canvas.upright(float(np.log10(cursor)) if self.panel.spectral else cursor, self.styles.axis)
+            return
+        for trace in traces:
+            nearest = nearest_point(trace, cursor)
+            if nearest is not None:
+                at = slice(nearest, nearest + 1)
+                canvas.signs(trace.x[at], trace.y[at], CURSOR_SIGN, f"bold {self.styles.style(trace.curve)}")
+
+
+def resonances(panel: PlotPanel, trace: PlotTrace) -> list[int]:
+    """Return the indices of the highest maxima of a magnitude [dB] over frequency that stand out."""
+    if not panel.resonant or trace.settled.sum() < 3:
+        return []
+    from scipy.signal import find_peaks
+
+    places = np.flatnonzero(trace.settled & np.isfinite(trace.y))
+    found, of = find_peaks(trace.y[places], prominence=RESONANCE_PROMINENCE_DB)
+    highest = found[np.argsort(-of["prominences"])][:MAX_RESONANCES]
+    return [int(place) for place in places[np.sort(highest)]]
+
+
+def wrap_degrees(phase: Phase) -> Phase:
+    """Return a phase [deg] within ±180."""
+    return (phase + 180) % 360 - 180
+
+
+def settled_line(trace: PlotTrace, wrapped: bool = False) -> SettledLine:
+    """Return the line through the settled points; `wrapped`, within ±180 and with gaps where the phase jumps."""
+    y = np.where(trace.settled, trace.y, np.nan)
+    band = None if trace.band is None else np.where(trace.settled, trace.band, np.nan)
+    if not wrapped:
+        return SettledLine(trace.x, y, band)
+    inside = wrap_degrees(y)
+    jumps = np.flatnonzero(np.abs(np.diff(inside)) > 180) + 1
+    band = None if band is None else np.insert(band + (inside - y), jumps, np.nan, axis=1)
+    return SettledLine(np.insert(trace.x, jumps, np.nan), np.insert(inside, jumps, np.nan), band)
+
+
+def nearest_point(trace: PlotTrace, cursor: float) -> int | None:
+    """Return the index of the finite point nearest to the cursor; None without one."""
+    known = np.flatnonzero(np.isfinite(trace.y))
+    if not known.size:
+        return None
+    return int(known[np.argmin(np.abs(trace.at[known] - cursor))])
+
+
+def finite_span(values: Sequence[NDArray[np.float64]]) -> tuple[float, float] | None:
+    """Return minimum and maximum of all finite values; None without one."""
+    known = np.concatenate([np.ravel(of) for of in values]) if values else np.zeros(0)
+    known = known[np.isfinite(known)]
+    return (float(known.min()), float(known.max())) if known.size else None
