@@ -11,6 +11,7 @@ from fraexp.cli.exits import ExitCode
 from fraexp.cli.output import print_json, print_table, say
 from fraexp.cli.summary import Quantity, is_sample, needs_summary, print_quantiles, quantile_rows
 from fraexp.cli.sweep_lookup import choose_sweeps
+from fraexp.cli.terminal_figure import print_figure
 from fraexp.figures.kinds.plant_errors import (
     FREQUENCY_FACTOR,
     TABLE_FREQUENCIES_HZ,
@@ -50,6 +51,10 @@ def execute(arguments: Namespace) -> ExitCode:
         left_out = len(sweeps) - len(info.curves)
         if left_out:
             say(f"{plural(left_out, 'sweep')} without a response of a simulated plant left out")
+        if arguments.terminal:
+            with workspace.open_store() as store:
+                print()
+                print_figure(workspace, store, sweeps, "errors")
     return ExitCode.OK
 
 

@@ -3,8 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Any
 
-from fraexp.cli.output import say
-from fraexp.data.terminal_text import printable
+from fraexp.cli.output import print_line, say
 from fraexp.views.words import plural
 
 VERDICT_WORDS = {"passed": "pass", "skipped": "skip", "expected": "expected", "not_run": "not run"}
@@ -49,21 +48,21 @@ class CheckOutput:
 
     def begin(self, started: CheckStarted) -> None:
         """Print how many checks follow."""
-        print(printable(f"{started.title}: {plural(len(started.checks), 'check')}"), flush=True)
+        print_line(f"{started.title}: {plural(len(started.checks), 'check')}")
 
     def finding(self, started: CheckStarted, found: Finding) -> None:
         """Print a finding; a reason that was printed before is replaced by the name of that check."""
         head = VERDICT_WORDS.get(found["verdict"], "FAIL")
-        print(printable(f"  {head:<{VERDICT_WIDTH}}  {found['name']:<{NAME_WIDTH}} {found['meaning']}"), flush=True)
+        print_line(f"  {head:<{VERDICT_WIDTH}}  {found['name']:<{NAME_WIDTH}} {found['meaning']}", INDENT)
         what = "passes although it is declared to fail; " if found["verdict"] == "unexpected" else ""
         same = [earlier for earlier in started.wrong if earlier["reason"] == found["reason"] and earlier is not found]
         if is_wrong(found) and same:
-            print(printable(f"{INDENT}{what}for the same reason as {same[0]['name']}"), flush=True)
+            print_line(f"{INDENT}{what}for the same reason as {same[0]['name']}", INDENT)
             return
         if found["reason"] and found["verdict"] != "not_run":
-            print(printable(f"{INDENT}{what}{found['reason']}"), flush=True)
+            print_line(f"{INDENT}{what}{found['reason']}", INDENT)
         if found["example"] and is_wrong(found):
-            print(printable(f"{INDENT}with {found['example']}"), flush=True)
+            print_line(f"{INDENT}with {found['example']}", INDENT)
 
     def end(self, started: CheckStarted) -> None:
         """Print a summary in one line."""
@@ -90,7 +89,7 @@ class QuickOutput(CheckOutput):
     def begin(self, started: CheckStarted) -> None:
         """Print how many checks follow."""
         of = f" of {len(started.checks) + len(started.left_out)}" if started.left_out else ""
-        print(printable(f"{started.title}: {len(started.checks)}{of} checks (quick)"), flush=True)
+        print_line(f"{started.title}: {len(started.checks)}{of} checks (quick)")
 
     def finding(self, started: CheckStarted, found: Finding) -> None:
         """Print a failure."""
@@ -106,7 +105,7 @@ class QuickOutput(CheckOutput):
 
     def _names(self, head: str, names: list[str]) -> None:
         if names:
-            print(printable(f"  {head:<{VERDICT_WIDTH}}  {', '.join(names)}"), flush=True)
+            print_line(f"  {head:<{VERDICT_WIDTH}}  {', '.join(names)}", INDENT)
 
     def _sound_text(self, started: CheckStarted) -> str:
         more = f"fraexp check {started.component['name']} tests more examples"

@@ -12,6 +12,7 @@ from fraexp.cli.exits import ExitCode
 from fraexp.cli.output import print_fields, print_json, print_table, say
 from fraexp.cli.summary import Quantity, is_sample, needs_summary, parameter_rows, print_quantiles, quantile_rows
 from fraexp.cli.sweep_lookup import choose_sweeps, find_run_number, workspace_folder
+from fraexp.cli.terminal_figure import print_figure
 from fraexp.components.registry import Registry
 from fraexp.data.frequency_text import frequency_text
 from fraexp.errors import FraexpError
@@ -24,11 +25,13 @@ from fraexp.views.comparison import (
     differences_from_first,
     differing_values,
     fit_texts,
+    fold_incomparable,
     metric_values,
     parameter_values,
     with_common_labels,
 )
 from fraexp.views.words import fixed_text, number_text, short_key
+from fraexp.workspace.workspace_service import WorkspaceService
 
 
 def execute(arguments: Namespace) -> ExitCode:
@@ -63,7 +66,16 @@ def execute(arguments: Namespace) -> ExitCode:
     elif needs_summary(len(sweeps)) and not arguments.all:
         _print_summary(sweeps, parameters | metrics, differences)
     else:
-        _print(sweeps, difference_rows(sweeps, results), differences, workspace.registry)
+        rows = difference_rows(sweeps, results)
+        shown, folded = (rows, []) if arguments.all else fold_incomparable(rows)
+        _print(sweeps, shown, differences, workspace.registry)
+        if folded:
+            say(f"left out: {', '.join(folded)}; --all shows them")
+    if arguments.terminal and not arguments.json:
+        service = WorkspaceService.open(arguments.workspace, arguments.db)
+        with service.open_store() as store:
+            print()
+            print_figure(service, store, sweeps, "difference" if differences[0][1] else "")
     return ExitCode.OK
 
 
@@ -111,7 +123,7 @@ def _print_summary(
 
 def _print(
     sweeps: Sequence[StoredSweep],
-    rows: list[list[str]],
+    rows: Sequence[Sequence[str]],
     differences: list[tuple[StoredSweep, Difference | None]],
     registry: Registry,
 ) -> None:
@@ -125,14 +137,18 @@ def _print(
     title = f"responses against {keys[0]}" + (f" ({names[keys[0]]})" if names[keys[0]] else "")
     columns = ["sweep", "name", "max [dB]", "at [Hz]", "rms [dB]", "max [deg]", "at [Hz]", "rms [deg]", "points"]
     cells = [
-        [short_key(sweep.key), names[short_key(sweep.key)], *_difference_cells(found)] for sweep, found in differences
+        [short_key(sweep.key), names[short_key(sweep.key)], *_difference_cells(found)]
+        for sweep, found in differences
+        if found is not None
     ]
-    print_table([*columns, "note"], cells, title)
+    if cells:
+        print_table([*columns, "frequencies"], cells, title)
+    apart = [short_key(sweep.key) for sweep, found in differences if found is None]
+    if apart and cells:
+        say(f"not compared with {keys[0]}, without common frequencies or in other units: {', '.join(apart)}")
 
 
-def _difference_cells(found: Difference | None) -> list[str]:
-    if found is None:
-        return [*[""] * 7, "no common frequencies, or responses in different units"]
+def _difference_cells(found: Difference) -> list[str]:
     span = frequency_text([found.low, found.high])
     return [
         fixed_text(found.magnitude_max, 4),

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from fraexp.cli.documents import json_value, run_document, sweep_document
 from fraexp.cli.exits import ExitCode
-from fraexp.cli.output import print_json, print_path, print_table, say
+from fraexp.cli.output import print_json, print_line, print_path, print_table, say
 from fraexp.cli.progress import Meter
 from fraexp.cli.summary import needs_summary, print_summary
 from fraexp.cli.sweep_lookup import location_options
@@ -18,7 +18,7 @@ from fraexp.data.terminal_text import printable
 from fraexp.execution.background import announce_begin
 from fraexp.execution.events import Begun, Ended, Event, Finished, Noticed, Planned, Preparing, Progress
 from fraexp.store import RunSummary, StoredSweep, mark_damaged
-from fraexp.views.fields import remedies
+from fraexp.views.fields import remedies, run_state_text
 from fraexp.views.pace import expected_time_text
 from fraexp.views.plan import why_document, why_lines
 from fraexp.views.text_tables import sweep_table
@@ -140,11 +140,11 @@ def print_outcome(followed: RunEvents, arguments: Namespace, workspace: Workspac
             if number > 0:
                 print()
             if len(runs) > 1:
-                print(printable(_heading(finished.run.study, titles)))
+                print_line(_heading(finished.run.study, titles))
             _print(finished, workspace, location_options(arguments))
     if followed.interrupted:
         kept = plural(_computed_count(followed, workspace), "sweep")
-        say(f"interrupted: {kept} computed and kept; the same command continues")
+        say(f"stopped by you: {kept} computed and kept; the same command continues")
         return ExitCode.INTERRUPTED
     failed = any(_is_unusable(sweep) for finished in runs for sweep in finished.sweeps)
     return ExitCode.INCOMPLETE if failed else ExitCode.OK
@@ -215,7 +215,8 @@ def _print(finished: FinishedRun, workspace: WorkspaceService, here: str) -> Non
             say(f"{plural(len(sweeps) - MAX_TABLE_SWEEPS, 'more sweep')}; see fraexp show {run.number}{here}")
     for remedy in remedies(sweeps):
         say(remedy)
-    print(f"\nrun {run.number} {run.state}: {_counts_text(run, sweeps)}")
+    print()
+    print_line(f"run {run.number} {run_state_text(run)}: {_counts_text(run, sweeps)}")
     for path in ended.figures:
         print_path(path, "figure ")
     say(_next_steps(run, sweeps, results, here))

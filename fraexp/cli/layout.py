@@ -15,7 +15,7 @@ def column_blocks(
 ) -> list[dict[int, int]]:
     """Return the columns of each block with their widths [characters]; the first column leads every block.
 
-    `solid` columns hold numbers: their cells are never folded, so they may be wider than what is `available`.
+    `solid` columns hold numbers: their cells are folded only if one and the first column are wider than `available`.
     """
     floors = [_min_width(*column, available) for column in _columns(titles, cells, solid)]
     wishes = [
@@ -57,6 +57,8 @@ def _fit_widths(floors: dict[int, int], wishes: dict[int, int], available: int) 
         if widths[loosest] == floors[loosest]:
             break
         widths[loosest] -= 1
+    while _total_width(list(widths.values())) > available and max(widths.values()) > 1:
+        widths[max(widths, key=lambda index: widths[index])] -= 1
     return widths
 
 

@@ -9,10 +9,11 @@ from fraexp.cli.documents import json_value, run_document
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.output import print_json, print_table, say
 from fraexp.cli.sweep_lookup import workspace_folder
-from fraexp.errors import FraexpError, did_you_mean
-from fraexp.store import RunSummary
+from fraexp.errors import FraexpError
+from fraexp.store import RunSummary, Store, parse_filter
 from fraexp.views.fields import run_duration_text, run_state_text
 from fraexp.views.listing import listing_columns
+from fraexp.views.sort_fields import complete_field
 from fraexp.views.words import plural, timestamp_text
 
 COLUMNS = ["run", "study", "state", "sweeps", "computed", "reused", "failed", "started", "took"]
@@ -58,12 +59,10 @@ def _list_runs(arguments: Namespace) -> None:
 
 def _sort_runs(runs: list[RunSummary], order: str) -> list[RunSummary]:
     """Return runs sorted by one of SORT_KEYS, with a leading - in descending order; FraexpError for another name."""
-    name = order.removeprefix("-")
     if not order:
         return runs
-    if name not in SORT_KEYS:
-        raise FraexpError(f"list: --sort: runs have no '{name}'{did_you_mean(name, SORT_KEYS)}")
-    return sorted(runs, key=SORT_KEYS[name], reverse=order != name)
+    field = complete_field(order, SORT_KEYS, {})
+    return sorted(runs, key=SORT_KEYS[field.removeprefix("-")], reverse=field.startswith("-"))
 
 
 def _run_row(run: RunSummary) -> list[str]:
@@ -82,7 +81,8 @@ def _list_sweeps(arguments: Namespace) -> None:
     """Print the sweeps that match a filter."""
     wanted = " ".join(arguments.filter)
     with workspace_folder(arguments).open_store() as store:
-        page = store.page(wanted, arguments.sort or "-created", arguments.offset, arguments.limit)
+        order = complete_field(arguments.sort, store.fields()) if arguments.sort else "-created"
+        page = store.page(wanted, order, arguments.offset, arguments.limit, _asked_run(store, wanted))
     if arguments.json:
         print_json(
             {"total": page.total, "offset": arguments.offset, "sweeps": [json_value(asdict(of)) for of in page.rows]}
@@ -99,6 +99,13 @@ def _list_sweeps(arguments: Namespace) -> None:
     left_out = page.total - arguments.offset - len(rows)
     if rows and left_out > 0:
         say(f"{plural(left_out, 'more sweep')} of {page.total}; use --limit and --offset to see them")
+
+
+def _asked_run(store: Store, wanted: str) -> int | None:
+    """Return the run that a filter asks for, whose labels its sweeps then have; None without one."""
+    asked = [of.value for of in parse_filter(wanted) if of.field == "run" and of.operator == "="]
+    known = {str(run.number): run.number for run in store.runs()} if asked else {}
+    return known.get(asked[0]) if len(asked) == 1 else None
 
 
 def _list_studies(arguments: Namespace) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 
 from fraexp.cli.documents import json_value
 from fraexp.cli.exits import ExitCode
-from fraexp.cli.output import print_json, say
+from fraexp.cli.output import print_json, print_line, say
 from fraexp.cli.sweep_lookup import opened_for_writing, workspace_folder
 from fraexp.errors import StoreError
 from fraexp.store import Conflict, MergeSummary, masked_url
@@ -73,10 +73,10 @@ def _print(merged: MergeSummary, name: str) -> None:
         say(f"{len(findings) - MAX_SHOWN_CONFLICTS} more; --json lists all")
     added = ", ".join(_added_counts(merged)) or "nothing new"
     there = f"{plural(merged.same, 'result')} and {plural(merged.known_runs, 'run')} already there"
-    print(f"{name}: {added}; {there}")
+    print_line(f"{name}: {added}; {there}")
     sweeps = _accounts(merged.read, "sweep", merged.added, merged.there, len(merged.conflicts), len(merged.damaged))
     conflicts, damaged = len(merged.run_conflicts), len(merged.damaged_runs)
-    print(sweeps + "; " + _accounts(merged.read_runs, "run", merged.runs, merged.known_runs, conflicts, damaged))
+    print_line(sweeps + "; " + _accounts(merged.read_runs, "run", merged.runs, merged.known_runs, conflicts, damaged))
     if merged.conflicts or merged.run_conflicts:
         count = len(merged.conflicts) + len(merged.run_conflicts)
         say(f"{plural(count, 'conflict')}: the sweeps and runs of {name} were kept")

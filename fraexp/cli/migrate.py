@@ -3,7 +3,7 @@
 from argparse import Namespace
 
 from fraexp.cli.exits import ExitCode
-from fraexp.cli.output import print_json, say
+from fraexp.cli.output import print_json, print_line, say
 from fraexp.cli.sweep_lookup import workspace_folder
 from fraexp.store import masked_url
 from fraexp.views.words import plural
@@ -30,7 +30,7 @@ def execute(arguments: Namespace) -> ExitCode:
         )
         return ExitCode.OK
     what = f"schema {done.now}" if done.before == done.now else f"schema {done.before} -> {done.now}"
-    print(f"{masked_url(url)}: {what}, {done.size_before / 2**20:.1f} -> {done.size / 2**20:.1f} MiB")
+    print_line(f"{masked_url(url)}: {what}, {done.size_before / 2**20:.1f} -> {done.size / 2**20:.1f} MiB")
     if done.copy:
         say(done.copy)
     if done.before < DIGESTS_SINCE <= done.now:
@@ -47,12 +47,12 @@ def _rewrite_studies(arguments: Namespace) -> ExitCode:
         print_json([{"file": str(one.file), "renamed": one.renamed, "error": one.error} for one in done])
     for one in done if not arguments.json else ():
         if one.renamed:
-            print(f"{one.file}: {', '.join(f'{old} -> {new}' for old, new in one.renamed.items())}")
+            print_line(f"{one.file}: {', '.join(f'{old} -> {new}' for old, new in one.renamed.items())}")
         if one.error:
             say(f"fraexp: {one.error}")
     changed, failed = sum(bool(one.renamed) for one in done), sum(bool(one.error) for one in done)
     if not arguments.json:
-        print(
+        print_line(
             f"{plural(changed, 'study file')} rewritten, {len(done) - changed - failed} up to date, {failed} unusable"
         )
     return ExitCode.USAGE if failed else ExitCode.OK

@@ -15,7 +15,7 @@ from string import Template
 
 from fraexp import api
 from fraexp.cli.exits import ExitCode
-from fraexp.cli.output import print_path
+from fraexp.cli.output import print_line, print_path
 from fraexp.cli.sweep_lookup import workspace_folder
 from fraexp.components.registry import Registry
 from fraexp.errors import PluginError
@@ -137,4 +137,4 @@ def _print_steps(steps: list[str]) -> None:
     width = max(map(len, steps))
     for step in steps:
         comment = next(text for begin, text in STEP_COMMENTS.items() if step.startswith(begin))
-        print(f"  {step:<{width}}  # {comment}")
+        print_line(f"  {step:<{width}}  # {comment}", "    ")

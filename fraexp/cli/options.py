@@ -28,6 +28,10 @@ def _json(parser: Parser) -> None:
     parser.add_argument("--json", action="store_true", help="print one JSON document")
 
 
+def _terminal(parser: Parser) -> None:
+    parser.add_argument("--terminal", action="store_true", help="draw a figure into the terminal")
+
+
 def _list(parser: Parser) -> None:
     parser.add_argument(
         "filter", metavar="FILTER", nargs="*",
@@ -148,6 +152,7 @@ def _show(parser: Parser) -> None:
     parser.add_argument("id", metavar="ID", help=ID_HELP)
     parser.add_argument("--points", action="store_true", help="show every frequency of the response")
     parser.add_argument("--all", action="store_true", help=ALL_HELP)
+    _terminal(parser)
     _json(parser)
 
 
@@ -162,6 +167,7 @@ def _compare(parser: Parser) -> None:
         help="frequencies [Hz] at which errors against the plant are shown, such as 5,39,80",
     )  # fmt: skip
     parser.add_argument("--all", action="store_true", help=ALL_HELP)
+    _terminal(parser)
     _json(parser)
 
 
@@ -178,8 +184,9 @@ def _frequencies(text: str) -> tuple[float, ...]:
 def _plot(parser: Parser) -> None:
     parser.add_argument("ids", metavar="ID", nargs="+", help=ID_HELP)
     parser.add_argument(
-        "-o", "--output", metavar="FILE", type=Path, required=True, help="figure to write: .png, .svg or .pdf"
+        "-o", "--output", metavar="FILE", type=Path, default=None, help="figure to write: .png, .svg or .pdf"
     )
+    _terminal(parser)
     parser.add_argument("--title", default="", help="title of the figure")
     parser.add_argument(
         "--kind", metavar="KIND", choices=FIGURES, default="",
@@ -213,7 +220,9 @@ def _report(parser: Parser) -> None:
         "ids", metavar="ID", nargs="+",
         help="a run number, a study name (its newest run), or a folder of studies (the newest run of each)",
     )  # fmt: skip
-    parser.add_argument("-o", "--output", metavar="FILE", type=Path, required=True, help="report to write: .html")
+    parser.add_argument(
+        "-o", "--output", metavar="FILE", type=Path, required=True, help="report to write: .html or .pdf"
+    )
     parser.add_argument("--title", default="", help="title of the report")
     parser.add_argument("--force", action="store_true", help="overwrite a file that is not a fraexp report")
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Literal
 
 from fraexp.cli.layout import COLUMN_GAP, column_blocks
+from fraexp.cli.terminal_lines import fit_lines, terminal_width
 from fraexp.data.terminal_text import printable
 
 MAX_LINE_LENGTH = 1000
@@ -24,12 +25,17 @@ NUMBER_PATTERN = re.compile(r"[+±-]?[\d.]+(e[+-]?\d+)?(/\d+)?( (?!to )[^,]*)?$"
 
 
 def say(text: str) -> None:
-    """Print one line on stderr, cut in the middle if it is too long, as quoted values may have any length.
+    """Print a message on stderr: one line, wrapped on a terminal, cut in the middle if it is far too long.
 
     A line that cannot be written is dropped: a run is worth more than its messages.
     """
     with suppress(OSError):
-        print(shorten(printable(shorten(text))), file=sys.stderr, flush=True)
+        print(fit_lines(shorten(printable(shorten(text))), sys.stderr), file=sys.stderr, flush=True)
+
+
+def print_line(text: str, indent: str = "") -> None:
+    """Print one line on stdout; on a terminal it is wrapped, and goes on after `indent`."""
+    print(fit_lines(printable(text), sys.stdout, indent), flush=True)
 
 
 def shorten(text: str, longest: int = MAX_LINE_LENGTH) -> str:
@@ -97,10 +103,13 @@ def print_path(path: Path, what: str = "") -> None:
 
 def print_fields(pairs: Sequence[tuple[str, str]], indent: int = 0) -> None:
     """Print names and values, aligned; a pair without a value is left out."""
-    width = max((len(name) for name, _ in pairs), default=0)
-    for name, value in pairs:
+    names = [printable(name) for name, _ in pairs]
+    available = terminal_width(sys.stdout)
+    limit = max(available // 2 - indent, 1) if available else None  # a longer name has its value below it
+    width = max((len(name) for name in names if limit is None or len(name) <= limit), default=0)
+    for name, (_, value) in zip(names, pairs, strict=True):
         if value:
-            print(f"{' ' * indent}{printable(name):<{width}}  {printable(value)}")
+            print_line(f"{' ' * indent}{name:<{width}}  {printable(value)}", " " * (indent + width + 2))
 
 
 def print_table(columns: Sequence[str], rows: Sequence[Sequence[str]], title: str = "") -> None:
@@ -142,9 +151,8 @@ def _draw(titles: list[str], cells: list[list[str]], right: list[bool], title: s
             table.add_column(Text(titles[index]), width=width, justify=justify, overflow="fold")
         for row in cells:
             table.add_row(*(Text(row[index]) for index in widths))
-        console.width = max(
-            available, sum(widths.values()) + COLUMN_GAP * (len(widths) - 1)
-        )  # a wide number wraps, uncut
-        if count or title:
-            console.print(Text("" if count else title), soft_wrap=True)
+        if count:
+            console.print()
+        elif title:
+            console.print(Text(title))
         console.print(table)

@@ -6,9 +6,11 @@ from collections.abc import Sequence
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.output import print_path, say
 from fraexp.cli.sweep_lookup import choose_sweeps, find_run_number
+from fraexp.cli.terminal_figure import print_figure
 from fraexp.errors import FraexpError
 from fraexp.figures.elements.stamp import check_folder, check_suffix
 from fraexp.figures.elements.view import View
+from fraexp.reports.figure_titles import run_title
 from fraexp.store import Store
 from fraexp.views.comparison import with_common_labels
 from fraexp.views.words import plural
@@ -16,15 +18,22 @@ from fraexp.workspace.workspace_service import WorkspaceService
 
 
 def execute(arguments: Namespace) -> ExitCode:
-    """Draw sweeps, unless the file is up to date, and print its path."""
-    check_suffix(arguments.output)
-    check_folder(arguments.output)
+    """Draw sweeps into the terminal, or into a file unless it is up to date, and print its path."""
+    if arguments.output is None and not arguments.terminal:
+        raise FraexpError("plot: give --output FILE, or --terminal to draw here")
+    if arguments.output is not None:
+        check_suffix(arguments.output)
+        check_folder(arguments.output)
     view = View.parse(arguments.frequency_range, arguments.wrap_phase)
     workspace = WorkspaceService.open(arguments.workspace, arguments.db)
     with workspace.open_store() as store:
         sweeps = choose_sweeps(store, arguments.ids)
         if all(find_run_number(store, identifier) is None for identifier in arguments.ids):
             sweeps = with_common_labels(store, sweeps)
+        if arguments.terminal:
+            print_figure(workspace, store, sweeps, arguments.kind, arguments.group_by)
+        if arguments.output is None:
+            return ExitCode.OK
         title = arguments.title or _study_title(store, arguments.ids)
         drawn = workspace.figures.draw(
             store, sweeps, arguments.output, title, arguments.kind, say, view, arguments.group_by
@@ -43,5 +52,6 @@ def execute(arguments: Namespace) -> ExitCode:
 
 def _study_title(store: Store, identifiers: Sequence[str]) -> str:
     numbers = [find_run_number(store, identifier) for identifier in identifiers]
-    studies = {store.run(number).study if number is not None else "" for number in numbers}
-    return studies.pop() if len(studies) == 1 else ""
+    runs = [store.run(number) for number in numbers if number is not None]
+    titles = {run_title(run.study, "", run.command) for run in runs} if len(runs) == len(numbers) else set()
+    return titles.pop() if len(titles) == 1 else ""

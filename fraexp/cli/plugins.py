@@ -4,9 +4,9 @@ from argparse import Namespace
 from typing import Any
 
 from fraexp.cli.exits import ExitCode
-from fraexp.cli.output import print_fields, print_json, print_table, say
+from fraexp.cli.output import print_fields, print_json, print_line, print_table, say
 from fraexp.cli.sweep_lookup import workspace_folder
-from fraexp.data.terminal_text import printable
+from fraexp.data.units import with_powers
 from fraexp.views.components import component_document, parameter_row
 from fraexp.views.words import plural
 
@@ -32,9 +32,9 @@ def execute(arguments: Namespace) -> ExitCode:
 
 def _print(document: dict[str, Any]) -> None:
     origin = document["file"] if document["distribution"] == "workspace" else document["distribution"]
-    print(printable(f"{document['kind']} {document['name']}  version {document['version']}, {origin}"))
-    print(printable(f"  {document['meaning']}"))
-    rows = [parameter_row(parameter) for parameter in document["parameters"]]
+    print_line(f"{document['kind']} {document['name']}  version {document['version']}, {origin}")
+    print_line(f"  {document['meaning']}", "  ")
+    rows = [[name, with_powers(unit), *rest] for name, unit, *rest in map(parameter_row, document["parameters"])]
     if rows:
         print_table(COLUMNS, rows)
     print()

@@ -5,13 +5,13 @@ from collections.abc import Sequence
 
 from fraexp.cli.documents import run_document, sweep_document
 from fraexp.cli.exits import ExitCode
-from fraexp.cli.output import print_fields, print_json, print_table, say
+from fraexp.cli.output import print_fields, print_json, print_line, print_table, say
 from fraexp.cli.summary import needs_summary, print_summary
 from fraexp.cli.sweep_lookup import find_run_number, workspace_folder
+from fraexp.cli.terminal_figure import print_figure
 from fraexp.data.results import Fit, Result
-from fraexp.data.terminal_text import printable
 from fraexp.store import RunSummary, Store, StoredSweep, mark_damaged
-from fraexp.views.fields import remedies, run_fields, sweep_fields
+from fraexp.views.fields import drawn_labels, remedies, run_fields, sweep_fields
 from fraexp.views.result_rows import FIT_COLUMNS, curve_text, fit_rows, fit_section, metric_fields
 from fraexp.views.text_tables import response_table, sweep_table
 from fraexp.views.words import flatten, plural, summarise_segments, value_text
@@ -28,6 +28,12 @@ def execute(arguments: Namespace) -> ExitCode:
             _show_sweep(store, arguments)
         else:
             _show_run(store, number_, arguments)
+        if arguments.terminal and not arguments.json:
+            print()
+            sweeps = [store.find(arguments.id)] if number_ is None else store.sweeps(number_)
+            from fraexp.workspace.workspace_service import WorkspaceService  # reading texts does without
+
+            print_figure(WorkspaceService.open(arguments.workspace, arguments.db), store, sweeps)
     return ExitCode.OK
 
 
@@ -76,7 +82,9 @@ def _show_sweep(store: Store, arguments: Namespace) -> None:
     print_fields(sweep_fields(sweep))
     print("\nparameters")
     parameters = flatten({**summarise_segments(sweep.experiment), "estimator": sweep.estimator})
-    print_fields([(path, value_text(value)) for path, value in parameters.items()], indent=2)
+    drawn = drawn_labels(sweep.labels)
+    told = [f"{value_text(value)}{drawn.get(path, '')}" for path, value in parameters.items()]
+    print_fields(list(zip(parameters, told, strict=True)), indent=2)
     print("\nprovided by")
     sources = sweep.sources.items()
     print_fields([(name, f"{of.distribution}, source {of.source_hash[:12]}") for name, of in sources], indent=2)
@@ -84,7 +92,8 @@ def _show_sweep(store: Store, arguments: Namespace) -> None:
         _show_result(result, None if arguments.points else MAX_RESPONSE_ROWS)
     if log:
         print("\nlog")
-        print("\n".join(printable(line) for line in log.splitlines()))
+        for line in log.splitlines():
+            print_line(line)
 
 
 def _show_result(result: Result, rows: int | None) -> None:
@@ -94,7 +103,8 @@ def _show_result(result: Result, rows: int | None) -> None:
         print("\nmetrics")
         print_fields(metric_fields(result), indent=2)
     if result.response is not None:
-        print(f"\nresponse {result.response.output}/{result.response.input}")
+        print()
+        print_line(f"response {result.response.output}/{result.response.input}")
         print_table(*response_table(result.response, rows))
         left_out = len(result.response.frequency) - (rows or len(result.response.frequency))
         if left_out > 0:
@@ -102,7 +112,8 @@ def _show_result(result: Result, rows: int | None) -> None:
     for fit in result.fits:
         _show_fit(fit)
     for curve in result.curves:
-        print(f"\ncurve {printable(curve_text(curve))}")
+        print()
+        print_line(f"curve {curve_text(curve)}", "  ")
 
 
 def _show_fit(fit: Fit) -> None:
@@ -111,4 +122,4 @@ def _show_fit(fit: Fit) -> None:
     print_table(FIT_COLUMNS, fit_rows(fit))
     print()
     for line in fit_section(fit):
-        print(printable(line))
+        print_line(line, "    ")

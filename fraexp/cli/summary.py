@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.cli.output import print_fields, print_table, say
+from fraexp.cli.output import print_fields, print_line, print_table, say
 from fraexp.components.registry import Registry
 from fraexp.data.results import Metric, Outcome, Result
 from fraexp.data.sweep import DRAW, Plain
+from fraexp.data.units import with_powers
 from fraexp.figures.elements.grouping import group_sweeps, point_indices
 from fraexp.figures.elements.label_units import label_units
 from fraexp.figures.elements.labels import MAX_GROUPS, label_columns, label_texts
@@ -77,10 +78,9 @@ def print_summary(sweeps: Sequence[StoredSweep], results: Mapping[str, Result], 
         say("fraexp show KEY shows the drawn parameters of a sweep")
     odd = [sweep for sweep in sweeps if sweep.outcome != Outcome.OK]
     if odd:
-        print(
-            f"\n{plural(len(odd), 'sweep')} not ok"
-            + (f", the first {MAX_EXAMPLES}:" if len(odd) > MAX_EXAMPLES else ":")
-        )
+        print()
+        first = f", the first {MAX_EXAMPLES}" if len(odd) > MAX_EXAMPLES else ""
+        print_line(f"{plural(len(odd), 'sweep')} not ok{first}:")
         print_table(*sweep_table(odd[:MAX_EXAMPLES], results, registry))
 
 
@@ -199,4 +199,4 @@ def _value(metric: Metric | None) -> float:
 
 
 def _with_unit(title: str, unit: str) -> str:
-    return f"{title} [{unit}]" if unit not in ("", "1") else title
+    return f"{title} [{with_powers(unit)}]" if unit not in ("", "1") else title

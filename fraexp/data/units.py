@@ -79,8 +79,8 @@ SPELLINGS = {"": "dimensionless", "1": "dimensionless", "Nm": "N*m", "mNm": "mN*
 
 
 def with_powers(unit: str) -> str:
-    """Return a unit with its powers as people read them: ``m/(N s²)``."""
-    return unit.replace("**2", "²").replace("**3", "³")
+    """Return a unit as people read it: ``m/(N s²)``, however its powers were written."""
+    return re.sub(r"(?:\*\*|\^)(\d)", lambda power: "⁰¹²³⁴⁵⁶⁷⁸⁹"[int(power[1])], unit)
 
 
 MAX_UNIT_LENGTH, LONGEST_NUMBER = 80, 500

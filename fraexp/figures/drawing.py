@@ -31,7 +31,9 @@ from fraexp.figures.kinds.positioning_moves import draw_positioning, is_position
 CURVE_KINDS = ("hysteresis", "positioning", "curves")
 """Kinds of figures that show the curves of results."""
 DRAWING_FUNCTIONS: dict[str, Callable[[Sequence[ShownResult], str], Figure]] = {
-    "errors": lambda shown, title: draw_errors(errors_info(shown, title)),
+    "errors": lambda shown, title: draw_errors(
+        errors_info(shown, title), {of.key: of.place for of in shown if of.place is not None}
+    ),
     "difference": lambda shown, title: draw_difference(difference_info(shown, title)),
     "coherence": lambda shown, title: draw_coherence(coherence_info(shown, title)),
     "amplitude_map": lambda shown, title: draw_amplitude_map(amplitude_map_info(shown, title)),

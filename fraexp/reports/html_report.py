@@ -1,4 +1,4 @@
-"""A report of runs as one HTML file that needs no other: figures, tables, and published numbers beside ours."""
+"""A report of runs as one page that needs no other: verdicts, figures, tables, methods; as HTML or as PDF."""
 
 import os
 import shlex
@@ -14,16 +14,26 @@ from fraexp.data.sweep import Plain
 from fraexp.data.terminal_text import printable
 from fraexp.errors import FraexpError, StudyError
 from fraexp.figures.elements.label_units import label_units
+from fraexp.reports.figure_titles import run_title
+from fraexp.reports.pdf_printer import find_browser, print_page
 from fraexp.reports.published_comparisons import compare_published, read_study, verdict
-from fraexp.reports.report_tables import Cell, ReportTable, published_table, sweep_table
+from fraexp.reports.report_tables import Cell, OriginTable, ReportTable, published_table, sweep_table
+from fraexp.reports.report_words import Method, describe_methods, input_table, verdict_text
 from fraexp.store import RunSummary, Store, StoredSweep, mark_damaged
-from fraexp.study.published_values import PublishedComparison
+from fraexp.study.published_values import ORIGINS, PublishedComparison
 from fraexp.study.study_file import ResolvedStudy, find_studies
 
 MAX_SWEEPS = 50
 """Sweeps of a run that are shown one by one."""
-SUFFIXES = (".html", ".htm")
+SUFFIXES = (".html", ".htm", ".pdf")
 TEMPLATE = "report.html.jinja"
+ORIGIN_MEANINGS = {
+    "predicted": "Not used by the simulation: agreement shows that it is right about them.",
+    "calibrated": "A parameter was chosen to match them: agreement shows that the choice was made.",
+    "input": "Given to the simulation: agreement shows that the method finds them again.",
+    "unstated": "Their studies do not say what the simulation knew of them.",
+}
+"""What an agreement shows, by origin of the published number."""
 GENERATOR = "fraexp report"
 """Generator in the head of a report, by which an earlier report is recognised."""
 HEAD_BYTES = 1000
@@ -47,6 +57,10 @@ class RunChapter:
     """The command that executes the run again."""
     notes: Sequence[str]
     """What is missing, and why."""
+    inputs: ReportTable | None
+    """What all its sweeps share of their experiment."""
+    methods: Sequence[Method]
+    """The estimators that it used."""
 
 
 def gather_chapter(
@@ -54,9 +68,9 @@ def gather_chapter(
     number: int,
     folder: Path,
     registry: Registry,
-    draw: Callable[[ResolvedStudy, Sequence[StoredSweep]], Iterable[Path]],
+    draw: Callable[[ResolvedStudy, str, Sequence[StoredSweep]], Iterable[Path]],
 ) -> RunChapter:
-    """Return the chapter about a stored run; `draw` returns the PNG files that show its sweeps."""
+    """Return the chapter about a stored run; `draw` returns the PNG files that show its sweeps under a title."""
     run, sweeps = store.run(number), store.sweeps(number)
     results = store.results(sweep.key for sweep in sweeps)
     sweeps = mark_damaged(sweeps, results)
@@ -65,10 +79,12 @@ def gather_chapter(
     units = label_units(((of.labels, parts) for of, parts in zip(sweeps, sections, strict=True)), registry)
     compared = compare_published(study.published, sweeps, results)
     try:
-        figures = list(draw(study, sweeps))
+        figures = list(draw(study, run_title(run.study, study.title, run.command), sweeps))
     except FraexpError as error:
         figures, notes = [], [*notes, f"no figure: {error}"]
-    return RunChapter(run, study, sweeps, results, units, compared, figures, _command(run, folder), notes)
+    inputs, methods = input_table(sweeps, registry), describe_methods(sweeps, registry)
+    command = _command(run, folder)
+    return RunChapter(run, study, sweeps, results, units, compared, figures, command, notes, inputs, methods)
 
 
 def _command(run: RunSummary, folder: Path) -> str:
@@ -87,7 +103,11 @@ def _command(run: RunSummary, folder: Path) -> str:
 def check_target(path: Path, force: bool = False) -> None:
     """Raise FraexpError if a report cannot be written there, or would replace a file that is not a report."""
     if path.suffix.lower() not in SUFFIXES:
-        raise FraexpError(f"{path}: a report cannot be written as '{path.suffix}'; choose a name that ends in .html")
+        raise FraexpError(
+            f"{path}: a report cannot be written as '{path.suffix}'; choose a name that ends in .html or .pdf"
+        )
+    if path.suffix.lower() == ".pdf":
+        find_browser()
     try:
         if force or not path.exists():
             return
@@ -103,6 +123,9 @@ def write_report(path: Path, title: str, chapters: Sequence[RunChapter]) -> None
     """Write a report; the file appears complete or not at all."""
     text = render_report(title, chapters)
     try:
+        if path.suffix.lower() == ".pdf":
+            print_page(text, path)
+            return
         with atomic_file(path) as draft:
             draft.write_text(text, encoding="utf-8")
     except OSError as error:
@@ -129,12 +152,26 @@ def render_report(title: str, chapters: Sequence[RunChapter]) -> str:
     return environment.get_template(TEMPLATE).render(
         generator=GENERATOR,
         title=title,
+        date=_date(runs),
         about=_about(runs),
-        summary=published_table(compared, links),
+        summary=_tables_by_origin(compared, links),
+        methods=list(dict.fromkeys(method for chapter in chapters for method in chapter.methods)),
         verdict=verdict(compared),
         chapters=[_RenderedChapter.of(anchor, chapter) for anchor, chapter in zip(anchors, chapters, strict=True)],
         packages=_packages(runs),
     )
+
+
+def _tables_by_origin(compared: Sequence[PublishedComparison], links: Sequence[Cell]) -> list[OriginTable]:
+    """Return the table of the published numbers of each origin, the most telling first."""
+    pairs = list(zip(compared, links, strict=True))
+    found = []
+    for origin in ORIGINS:
+        chosen = [(one, link) for one, link in pairs if one.published.origin == origin]
+        table = published_table([one for one, _ in chosen], [link for _, link in chosen], ("origin",))
+        if table:
+            found.append(OriginTable(origin, ORIGIN_MEANINGS.get(origin, ""), table))
+    return found
 
 
 def _one_line(value: object) -> str:
@@ -148,12 +185,17 @@ class _RenderedChapter:
 
     anchor: str
     run: RunSummary
+    title: str
+    """What is shown."""
+    verdict: str
+    """What the run has shown, in words."""
     study: ResolvedStudy
     notes: Sequence[str]
     figures: Sequence[str]
     """PNG files in base64."""
     published: ReportTable | None
     sweeps: ReportTable | None
+    inputs: ReportTable | None
     omitted: int
     """Sweeps that are not shown."""
     started: str
@@ -171,11 +213,14 @@ class _RenderedChapter:
         return cls(
             anchor,
             run,
+            run_title(run.study, chapter.study.title, run.command),
+            verdict_text(run, chapter.sweeps, chapter.compared),
             chapter.study,
             chapter.notes,
             figures=[b64encode(path.read_bytes()).decode("ascii") for path in chapter.figures],
             published=published_table(chapter.compared),
             sweeps=sweep_table(shown, chapter.results, chapter.units, stated),
+            inputs=chapter.inputs,
             omitted=len(chapter.sweeps) - len(shown),
             started=f"{run.started:%Y-%m-%d %H:%M}",
             took=f"{(run.ended - run.started).total_seconds():.2g}" if run.ended else "",
@@ -185,11 +230,15 @@ class _RenderedChapter:
 
 
 def _about(runs: Sequence[RunSummary]) -> str:
-    """Return when and with which code the runs were executed."""
-    last = max(((run.ended or run.started) for run in runs), default=None)
+    """Return with which code the runs were executed."""
     codes = dict.fromkeys(_code(run.provenance) for run in runs)
-    date = f"Results of {last:%Y-%m-%d %H:%M} UTC. " if last else ""
-    return f"{date}Made with {'; '.join(codes)}."
+    return f"Made with {'; '.join(codes)}."
+
+
+def _date(runs: Sequence[RunSummary]) -> str:
+    """Return when the last run ended."""
+    last = max(((run.ended or run.started) for run in runs), default=None)
+    return f"Results of {last:%Y-%m-%d %H:%M} UTC, computed by fraexp." if last else ""
 
 
 def _code(provenance: Plain) -> str:

@@ -55,15 +55,28 @@ class ReportTable:
     rows: Sequence[Sequence[Cell]]
 
 
-def published_table(compared: Sequence[PublishedComparison], studies: Sequence[Cell] = ()) -> ReportTable | None:
-    """Return the table of published numbers, or None if there are none.
+@dataclass(frozen=True)
+class OriginTable:
+    """The published numbers of one origin."""
+
+    origin: str
+    meaning: str
+    """What an agreement shows."""
+    table: ReportTable
+
+
+def published_table(
+    compared: Sequence[PublishedComparison], studies: Sequence[Cell] = (), omitted: Sequence[str] = ()
+) -> ReportTable | None:
+    """Return the table of published numbers without the `omitted` columns, or None if there are none.
 
     `studies` are links to the study of each, for a table that is not in its study's chapter.
     """
     if not compared:
         return None
     rows = [_published_row(one, studies[at : at + 1]) for at, one in enumerate(compared)]
-    return ReportTable(titles := _used_titles(rows), [[row[title] for title in titles] for row in rows])
+    titles = [title for title in _used_titles(rows) if title not in omitted]
+    return ReportTable(titles, [[row[title] for title in titles] for row in rows])
 
 
 def _used_titles(rows: Sequence[Mapping[str, Cell]]) -> list[str]:

@@ -137,7 +137,12 @@ class StoredFigures:
         """
         units = label_units(((s.labels, {**s.experiment, "estimator": s.estimator}) for s in sweeps), self.registry)
         labels, keys = [sweep.labels for sweep in sweeps], [sweep.key[4:12] for sweep in sweeps]
-        names, places = curve_names(labels, keys, units), group_sweeps(labels, units, by, keys)
+        spare = (
+            keys
+            if len(sweeps) > 1
+            else [str(sweep.estimator.get("name", key)) for sweep, key in zip(sweeps, keys, strict=True)]
+        )
+        names, places = curve_names(labels, spare, units), group_sweeps(labels, units, by, keys)
         found = [
             (sweep, ShownResult(name, results[sweep.key], place, key=sweep.key, drawn=drawn))
             for sweep, name, place, drawn in zip(sweeps, names, places, describe_draws(labels, units), strict=True)

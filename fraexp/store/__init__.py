@@ -2,6 +2,7 @@
 
 from fraexp.store.backends.engine import masked_url, url_without_password
 from fraexp.store.liveness import Process
+from fraexp.store.queries.filters import parse_filter
 from fraexp.store.store import Store
 from fraexp.store.stored_records import (
     MAX_RUNNING_SHOWN,
@@ -34,5 +35,6 @@ __all__ = [
     "leave_out_damaged",
     "mark_damaged",
     "masked_url",
+    "parse_filter",
     "url_without_password",
 ]

@@ -9,7 +9,7 @@ from fraexp.data.identity import key_of
 from fraexp.data.results import Result
 from fraexp.figures.kinds.difference import Difference, response_difference
 from fraexp.store import Store, StoredSweep
-from fraexp.views.words import flatten, number_text, short_key, value_text
+from fraexp.views.words import flatten, number_text, plural, short_key, value_text
 
 ABSENT = "-"
 MAX_SINGLE_QUERIES = 50
@@ -93,6 +93,26 @@ def difference_rows(sweeps: Sequence[StoredSweep], results: Mapping[str, Result]
     rows = [[path, *_texts(row)] for path, row in parameters.items()]
     rows += [[path, *(number_text(value) for value in row)] for path, row in metrics.items()]
     return rows + [[path, *(text or ABSENT for text in row)] for path, row in fits.items()]
+
+
+def fold_incomparable(rows: Sequence[Sequence[str]]) -> tuple[list[Sequence[str]], list[str]]:
+    """Return the rows without those that only some sweeps have because their components differ, and notes on these.
+
+    Parameters of two friction laws have nothing to be compared with; their names say all.
+    """
+    owners = {path.removesuffix(".name") for path, *texts in rows if path.endswith(".name")}
+    folded: dict[str, int] = {}
+    kept = []
+    for row in rows:
+        owner = max(
+            (of for of in owners if row[0].startswith(f"{of}.") and row[0] != f"{of}.name"), key=len, default=""
+        )
+        if owner and (ABSENT in row[1:] or row[0] == f"{owner}.version"):
+            folded[owner] = folded.get(owner, 0) + 1
+        else:
+            kept.append(row)
+    notes = [f"{plural(count, 'parameter')} of {owner} that not all sweeps have" for owner, count in folded.items()]
+    return kept, notes
 
 
 def _texts(row: Sequence[object]) -> list[str]:

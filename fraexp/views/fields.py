@@ -5,7 +5,8 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 
-from fraexp.figures.elements.labels import label_text
+from fraexp.data.sweep import DRAW
+from fraexp.figures.elements.labels import label_text, nominal_labels
 from fraexp.store import RunSummary, StoredSweep
 from fraexp.views.words import duration_text, short_key, timestamp_text
 
@@ -32,7 +33,12 @@ def run_fields(run: RunSummary) -> list[tuple[str, str]]:
 
 
 def run_state_text(run: RunSummary) -> str:
-    """Return the state of a run, with its silence if it has sent no heartbeat for a while."""
+    """Return the state of a run, with its silence if it has sent no heartbeat for a while.
+
+    A run that was told to end is stopped; one whose process ended without a word is lost.
+    """
+    if run.state == "interrupted":
+        return "process lost" if run.ended is None else "stopped"
     if run.silence < MIN_SILENCE_S:
         return run.state
     return f"{run.state}, silent for {duration_text(run.silence)}"
@@ -64,10 +70,13 @@ def outcome_text(sweep: StoredSweep) -> str:
 
 def sweep_fields(sweep: StoredSweep) -> list[tuple[str, str]]:
     """Return names and values of a sweep."""
+    grid = nominal_labels(sweep.labels)
+    drawn = {path: value for path, value in sweep.labels.items() if path not in grid}
     return [
         ("sweep", short_key(sweep.key)),
         ("key", sweep.key),
-        ("labels", ", ".join(f"{path} = {label_text(value)}" for path, value in sweep.labels.items())),
+        ("labels", ", ".join(f"{path} = {label_text(value)}" for path, value in grid.items())),
+        ("drawn", ", ".join(f"{path} = {label_text(value)}" for path, value in drawn.items())),
         ("state", sweep.state),
         ("outcome", outcome_text(sweep)),
         ("message", sweep.message),
@@ -77,6 +86,12 @@ def sweep_fields(sweep: StoredSweep) -> list[tuple[str, str]]:
         ("tags", ", ".join(sweep.tags)),
         ("note", sweep.note),
     ]
+
+
+def drawn_labels(labels: Mapping[str, object]) -> dict[str, str]:
+    """Return a remark for each parameter that was drawn at random, by path: it is not what the study says."""
+    drawn = list(labels)[len(nominal_labels(labels)) + 1 :]
+    return dict.fromkeys(drawn, f"  (drawn: draw {labels.get(DRAW)})")
 
 
 def toml_value(value: object) -> str:

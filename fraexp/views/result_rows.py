@@ -4,6 +4,8 @@ import numpy as np
 
 from fraexp.analysis.confidence import interval_factor
 from fraexp.data.results import Curve, Fit, Result
+from fraexp.data.units import with_powers
+from fraexp.figures.elements.scales import column_unit
 from fraexp.views.fields import toml_value
 from fraexp.views.words import number_text
 
@@ -12,14 +14,16 @@ FIT_COLUMNS = ["parameter", "value", "± 95 %", "unit"]
 
 def metric_fields(result: Result) -> list[tuple[str, str]]:
     """Return names and values of metrics."""
-    return [(metric.name, f"{number_text(metric.value)} {metric.unit}") for metric in result.metrics]
+    scales = [column_unit([metric.value], metric.unit) for metric in result.metrics]
+    pairs = zip(result.metrics, scales, strict=True)
+    return [(of.name, f"{number_text(factor * of.value)} {unit}") for of, (factor, unit) in pairs]
 
 
 def fit_rows(fit: Fit) -> list[list[str]]:
     """Return a row under `FIT_COLUMNS` for each identified parameter."""
     spread = interval_factor(np.inf) * fit.standard_deviation
     return [
-        [name, number_text(value, 6), number_text(band, 3) if np.isfinite(band) else "", unit]
+        [name, number_text(value, 6), number_text(band, 3) if np.isfinite(band) else "", with_powers(unit)]
         for name, value, band, unit in zip(fit.parameters, fit.values, spread, fit.units, strict=True)
     ]
 
@@ -33,5 +37,5 @@ def fit_section(fit: Fit) -> list[str]:
 
 def curve_text(curve: Curve) -> str:
     """Return name, columns and number of points of a curve."""
-    columns = ", ".join(f"{name} [{curve.units.get(name, '')}]" for name in curve.columns)
+    columns = ", ".join(f"{name} [{with_powers(curve.units.get(name, ''))}]" for name in curve.columns)
     return f"{curve.name}: {columns}, {len(next(iter(curve.columns.values()), ()))} points"

@@ -12,7 +12,14 @@ from fraexp.components.registry import Registry
 from fraexp.data.results import EFFORT, FrequencyResponse, Result
 from fraexp.figures.elements.label_units import label_units
 from fraexp.figures.elements.labels import label_columns, label_texts
-from fraexp.figures.elements.scales import continuous_phase, decibel, decibel_limits, degrees, readable_unit
+from fraexp.figures.elements.scales import (
+    column_unit,
+    continuous_phase,
+    decibel,
+    decibel_limits,
+    degrees,
+    readable_unit,
+)
 from fraexp.figures.export.content import channel_units
 from fraexp.store import StoredSweep
 from fraexp.views.fields import outcome_text
@@ -41,7 +48,8 @@ def sweep_table(sweeps: Sequence[StoredSweep], results: Mapping[str, Result], re
     units = label_units(
         ((sweep.labels, sweep.experiment | {"estimator": sweep.estimator}) for sweep in sweeps), registry
     )
-    titles = [f"{title} [{units[path]}]" if path in units else title for path, title in labels.items()]
+    scales = {path: column_unit([of.labels.get(path) for of in sweeps], units.get(path, "")) for path in labels}
+    titles = [f"{title} [{scales[path][1]}]" if path in units else title for path, title in labels.items()]
     found = [results[sweep.key].response for sweep in sweeps if sweep.key in results]
     responses = [response for response in found if response is not None and len(response.frequency)]
     spots, unit = reference_frequencies(responses)
@@ -50,12 +58,16 @@ def sweep_table(sweeps: Sequence[StoredSweep], results: Mapping[str, Result], re
     )  # the first ones of each come first
     telling = list(dict.fromkeys(name for row in each for name in row if name))
     metrics = telling[:MAX_METRIC_COLUMNS]
+    known = [of for result in results.values() for of in result.metrics]
+    sizes = {pair: column_unit([of.value for of in known if (of.name, of.unit) == pair], pair[1]) for pair in metrics}
     mixed = len({sweep.state for sweep in sweeps}) > 1
     columns = [
         "sweep", *titles, *(["state"] if mixed else []), "outcome", "settled", *spots,
-        *(f"{name} [{unit}]" if unit not in ("", "1") else name for name, unit in metrics), "message",
+        *(f"{name} [{sizes[name, unit][1]}]" if unit not in ("", "1") else name for name, unit in metrics), "message",
     ]  # fmt: skip
-    texts = {path: label_texts([sweep.labels.get(path) for sweep in sweeps]) for path in labels}
+    texts = {
+        path: label_texts([_scaled(sweep.labels.get(path), scales[path][0]) for sweep in sweeps]) for path in labels
+    }
     rows = []
     for index, sweep in enumerate(sweeps):
         result = results.get(sweep.key)
@@ -64,12 +76,19 @@ def sweep_table(sweeps: Sequence[StoredSweep], results: Mapping[str, Result], re
             short_key(sweep.key), *(texts[path][index] for path in labels),
             *([sweep.state] if mixed else []), outcome_text(sweep),
             *_response_cells(result.response if result else None, spots.values()),
-            *(number_text(values[metric]) if metric in values else "" for metric in metrics), sweep.message,
+            *(number_text(sizes[of][0] * values[of]) if of in values else "" for of in metrics), sweep.message,
         ])  # fmt: skip
     notes = [f"magnitudes in dB re 1 {unit}"] if spots else []
     left_out = len(telling) - len(metrics)
     notes += [f"{plural(left_out, 'more metric')} of each sweep: fraexp show KEY"] if left_out else []
     return TextTable(columns, rows, "; ".join(notes))
+
+
+def _scaled(value: object, factor: float) -> object:
+    """Return a number in another unit; a number that needs none, and anything else, stays as it is."""
+    if factor == 1 or isinstance(value, bool) or not isinstance(value, int | float):
+        return value
+    return float(f"{value * factor:.12g}")
 
 
 def _main_metrics(result: Result) -> list[tuple[str, str]]:

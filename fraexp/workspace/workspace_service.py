@@ -20,6 +20,7 @@ from fraexp.execution.estimates.learning import draw_timed
 from fraexp.execution.events import Ended, Event, Planned
 from fraexp.execution.executors import ResourceLimits, worker_count
 from fraexp.records.study_writer import ImportRequest, is_same_study, study_data, study_text
+from fraexp.reports.figure_titles import run_title
 from fraexp.reports.html_report import gather_chapter, write_report
 from fraexp.reports.stored_figures import StoredFigures
 from fraexp.store import RunSummary, Store, StoredSweep
@@ -271,7 +272,8 @@ class WorkspaceService(WorkspaceFolder):
             raise FraexpError(f"{path}: a link leads outside of the workspace; draw the figure with 'fraexp plot'")
         stored = {sweep.key: sweep for sweep in store.sweeps(run)} if run is not None else {}
         sweeps = [replace(stored[sweep.key], labels=dict(sweep.labels)) for sweep in study.sweeps]
-        return self.figures.draw(store, sweeps, path, study.title, study.figure)
+        title = run_title(study.name, study.title, store.run(run).command) if run is not None else study.title
+        return self.figures.draw(store, sweeps, path, title, study.figure)
 
     def report(self, store: Store, runs: Sequence[int], path: Path, title: str) -> list[PublishedComparison]:
         """Write an HTML report of runs, and return the published values of their studies compared with ours.
@@ -291,7 +293,7 @@ class WorkspaceService(WorkspaceFolder):
 
     def _drawing_function(
         self, store: Store, folder: Path
-    ) -> Callable[[ResolvedStudy, Sequence[StoredSweep]], Iterable[Path]]:
+    ) -> Callable[[ResolvedStudy, str, Sequence[StoredSweep]], Iterable[Path]]:
         """Return a function that draws the sweeps of a study into a folder."""
         draw = self.figures.draw
-        return lambda study, sweeps: draw(store, sweeps, folder / f"{study.name}.png", study.title, study.figure)
+        return lambda study, title, sweeps: draw(store, sweeps, folder / f"{study.name}.png", title, study.figure)

@@ -65,7 +65,7 @@ def test_ctrl_c_closes_the_events_and_tells_what_is_kept(
     assert told(follow(events()), arguments) == ExitCode.INTERRUPTED
     assert closed == [True]
     # Four are stored of the run, though one was told of.
-    assert "interrupted: 4 sweeps computed and kept; the same command continues" in capsys.readouterr().err
+    assert "stopped by you: 4 sweeps computed and kept; the same command continues" in capsys.readouterr().err
 
 
 def test_the_end_is_a_table_the_run_and_its_figure(

@@ -68,12 +68,12 @@ def test_runs_are_sorted_by_a_column_or_not_at_all(tmp_path: Path, capsys: pytes
         for study in ("b", "a", "c"):
             store.end_run(store.begin_run(study, f"{study}.toml", f"fraexp run {study}", {}, []), "complete")
     options = ["--workspace", str(tmp_path)]
-    for order, expected in (("study", "abc"), ("-study", "cba"), ("run", "bac"), ("", "cab")):
+    for order, expected in (("study", "abc"), ("-study", "cba"), ("-stu", "cba"), ("run", "bac"), ("", "cab")):
         assert main(["list", *options, f"--sort={order}"]) == ExitCode.OK
         rows = capsys.readouterr().out.splitlines()[1:]
         assert "".join(row.split()[1] for row in rows) == expected
     assert main(["list", *options, "--sort", "studdy"]) == ExitCode.USAGE
-    assert "runs have no 'studdy'; did you mean 'study'?" in capsys.readouterr().err
+    assert "there is no 'studdy' to sort by; did you mean 'study'?" in capsys.readouterr().err
     assert main(["list", *options, "--studies", "--sort", "study"]) == ExitCode.USAGE
 
 

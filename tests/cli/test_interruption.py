@@ -73,7 +73,7 @@ def test_a_run_that_is_asked_to_end_does_so_at_once(executor, number, tmp_path):
     process.send_signal(number)
     _, told = process.communicate(timeout=HANG_TIMEOUT_S)
     assert process.returncode == ExitCode.INTERRUPTED
-    assert "interrupted" in told
+    assert "stopped by you" in told
     assert "Traceback" not in told
     with Store.open(str(tmp_path / "results.db"), read_only=True) as store:
         assert store.run(1).state == "interrupted"

@@ -37,7 +37,9 @@ def test_titles_and_texts_give_way_and_numbers_do_not() -> None:
 def test_what_does_not_fit_follows_below_the_first_column() -> None:
     assert [list(block) for block in column_blocks(TITLES, CELLS, SOLID, 40)] == [[0, 1, 2], [0, 3]]
     assert [list(block) for block in column_blocks(TITLES, CELLS, SOLID, 1)] == [[0, 1], [0, 2], [0, 3]]
-    assert column_blocks(TITLES, CELLS, SOLID, 1)[1][2] == len("-49.31"), "a number is never folded"
+    widths = {index: width for block in column_blocks(TITLES, CELLS, SOLID, 20) for index, width in block.items()}
+    assert widths[2] >= len("-49.31"), "a number is folded only where it cannot fit"
+    assert all(sum(block.values()) <= 20 - 2 for block in column_blocks(TITLES, CELLS, SOLID, 20))
 
 
 def on_a_terminal(columns: int, *arguments: str) -> str:

@@ -57,6 +57,7 @@ def arguments(folder: Path, **options: bool) -> Namespace:
         "workspace": folder,
         "json": False,
         "points": False,
+        "terminal": False,
         "all": False,
         "against": "first",
         "frequencies": None,

@@ -68,7 +68,7 @@ def test_a_hang_up_that_the_parent_ignores_stays_ignored(tmp_path: Path) -> None
     process.send_signal(signal.SIGTERM)  # the only one of both that ends it
     _, told = process.communicate(timeout=HANG_TIMEOUT_S)
     assert process.returncode == ExitCode.INTERRUPTED
-    assert "interrupted" in told
+    assert "stopped by you" in told
 
 
 @pytest.mark.parametrize("unbuffered", ["", "1"])

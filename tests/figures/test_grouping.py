@@ -45,7 +45,12 @@ def test_random_draws_and_realisations_share_a_point() -> None:
 def test_many_groups_become_few_panels() -> None:
     labels = grid(compensation__gain=[0.0, 0.5, 0.9, 1.0], amplitude=[12.0, 75.0], estimator=["a", "b"])
     places = group_sweeps(labels)
-    assert list(dict.fromkeys(place.facet for place in places)) == ["gain 0", "gain 0.5", "gain 0.9", "gain 1"]
+    assert list(dict.fromkeys(place.facet for place in places)) == [
+        "gain α = 0",
+        "gain α = 0.5",
+        "gain α = 0.9",
+        "gain α = 1",
+    ]
     assert len({place.group for place in places}) == 4
 
 
@@ -89,15 +94,14 @@ def test_sweeps_with_equal_labels_are_told_apart_by_their_keys() -> None:
 values = st.lists(st.integers(1, 99), min_size=1, max_size=9, unique=True)
 
 
-@given(st.lists(values, min_size=0, max_size=4), st.integers(0, 3))
+@given(st.lists(values, min_size=0, max_size=3), st.integers(0, 2))
 def test_no_panel_is_a_tangle_and_no_sweep_is_lost(columns: list[list[int]], draws: int) -> None:
     labels = grid(draws, **{f"part{n}__label{n}": list(column) for n, column in enumerate(columns)})
     places = group_sweeps(labels)
     assert len(places) == len(labels)
     nominal = [tuple(value for path, value in of.items() if path.startswith("part")) for of in labels]
-    for one, first in zip(places, nominal, strict=True):
-        for other, second in zip(places, nominal, strict=True):
-            assert ((one.facet, one.point) == (other.facet, other.point)) == (first == second)
+    points = [(place.facet, place.point) for place in places]
+    assert len(set(zip(points, nominal, strict=True))) == len(set(points)) == len(set(nominal))
     groups: dict[str, set[str]] = {}
     for place in places:
         groups.setdefault(place.facet, set()).add(place.group)
@@ -121,7 +125,12 @@ def figure_of(make_response: ResponseMaker, labels: list[dict[str, object]]) -> 
 def test_facets_share_axes_colours_and_one_legend(make_response: ResponseMaker) -> None:
     figure = figure_of(make_response, grid(gain=[0.0, 0.5, 0.9, 1.0], amplitude=[12.0, 75.0], estimator=["a", "b"]))
     upper = [axes for axes in figure.axes if axes.get_title(loc="left")]
-    assert [axes.get_title(loc="left") for axes in upper] == ["gain 0", "gain 0.5", "gain 0.9", "gain 1"]
+    assert [axes.get_title(loc="left") for axes in upper] == [
+        "gain α = 0",
+        "gain α = 0.5",
+        "gain α = 0.9",
+        "gain α = 1",
+    ]
     assert len({axes.get_ylim() for axes in upper}) == 1
     assert len({tuple(line.get_color() for line in axes.lines) for axes in upper}) == 1
     assert len(figure.legends[0].get_texts()) == 4

@@ -1,6 +1,19 @@
 from fraexp.components.registry import Registry
 from fraexp.figures.elements.label_units import label_units
-from fraexp.figures.elements.labels import curve_names, label_columns, label_text, label_texts
+from fraexp.figures.elements.labels import curve_names, drawable, label_columns, label_text, label_texts
+
+
+def test_figures_show_names_as_words_and_symbols_as_they_are() -> None:
+    texts = {
+        "effective_input, 12 N": "effective input, 12 N",
+        "h1_h2_hv": "h1 h2 hv",
+        "proposed, ΣF_m + 10 %": "proposed, ΣF_m + 10 %",
+        "table_stepped_sine.csv": "table_stepped_sine.csv",
+        "damping_ratios.0 0.05": "damping ratios.0 0.05",
+        "5 um": "5 µm",
+        "_hidden": " _hidden",
+    }
+    assert {text: drawable(text) for text in texts} == texts
 
 
 def test_names_hold_what_varies_and_nothing_else() -> None:

@@ -87,7 +87,7 @@ def test_a_run_is_watched_stopped_and_goes_on(workspace, living):
         await shows(pilot, "0 of 4 sweeps", "1 worker")
         page = app.screen
         await pilot.press("x")
-        await shows(pilot, "interrupted", "It was stopped; finished sweeps are kept. R continues the run.")
+        await shows(pilot, "stopped", "It was stopped; finished sweeps are kept. R continues the run.")
         assert not page.live
         await pilot.press("R")
         await until(pilot, lambda: isinstance(app.screen, RunPage) and app.screen is not page)
@@ -100,7 +100,7 @@ def test_a_run_is_watched_stopped_and_goes_on(workspace, living):
             await pilot.press("x")
             await shows(pilot, "Kill its processes?")
             await pilot.press("y")
-            await shows(pilot, "interrupted")
+            await shows(pilot, "process lost")
         finally:
             background.stop(again.pid, hard=True)
             again.process.wait()
@@ -108,12 +108,12 @@ def test_a_run_is_watched_stopped_and_goes_on(workspace, living):
     pilot_of(workspace, steps)
 
 
-def test_a_run_whose_process_dies_is_shown_as_interrupted_within_seconds(workspace, living):
+def test_a_run_whose_process_dies_is_shown_as_lost_within_seconds(workspace, living):
     async def steps(app, pilot):
         show_run(app, living)
         await begun(app, pilot)
         os.killpg(living.pid, signal.SIGKILL)
-        await shows(pilot, "interrupted", "Its process ended before all sweeps were finished")
+        await shows(pilot, "process lost", "Its process ended before all sweeps were finished")
 
     pilot_of(workspace, steps)
 

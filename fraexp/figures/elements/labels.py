@@ -1,5 +1,6 @@
 """Names of curves and columns, made from the grid's values at each sweep."""
 
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -15,9 +16,29 @@ MAX_GROUPS = 6
 """Maximum number of groups of sweeps: the number of colours that can be distinguished."""
 
 
+NAME_JOINT = re.compile(r"(?<=[^\W_])_(?=[^\W_]{2})")
+"""An underscore between the words of a name; a symbol such as F_m keeps its own."""
+FILE_NAME = re.compile(r"\.[^\W\d]\w*$")
+"""How the name of a file ends, which keeps its underscores."""
+MICRO = re.compile(r"(?<=\d) ?u(?=(?:m|rad|s|N)\b)")
+"""The prefix micro of a unit as it is typed."""
+SYMBOLS = {
+    "force_scale": "friction ΣF_m ×",
+    "displacement_scale": "presliding Y_m ×",
+    "coulomb_force": "Coulomb force F_c",
+    "characteristic_displacement": "presliding width x_0",
+    "rigid_body_gain": "rigid-body gain k_0",
+    "gain": "gain α =",
+}
+"""What legends call parameters, by the last part of their path: their meaning, and their symbol in the literature."""
+
+
 def drawable(text: str) -> str:
-    """Return a text for a legend: in one line, and without a leading ``_``, which would hide it."""
-    shown = printable(text)
+    """Return a text for a legend: in one line, names as words, and without a leading ``_``, which would hide it."""
+    shown = " ".join(
+        word if FILE_NAME.search(word) else NAME_JOINT.sub(" ", word) for word in printable(text).split(" ")
+    )
+    shown = MICRO.sub(" µ", shown)
     return f" {shown}" if shown.startswith("_") else shown
 
 
@@ -37,7 +58,8 @@ def curve_names(labels: Sequence[Plain], fallback: Sequence[str], units: Mapping
         parts = []
         for path in (path for path in varying if path in of):
             unit = (units or {}).get(path, "")
-            parts.append(_label_part(columns[path], of[path], texts[path][index], unit, counts[unit] == 1))
+            title = SYMBOLS.get(columns[path], columns[path])
+            parts.append(_label_part(title, of[path], texts[path][index], unit, counts[unit] == 1))
         names.append(", ".join(parts) or spare)
     repeated = {name for name, count in Counter(names).items() if count > 1}
     return [

@@ -1,7 +1,12 @@
 """The scales of a Bode plot: decibels in a readable unit, and phases on a common branch."""
 
+from collections.abc import Iterable
+from math import isfinite
+
 import numpy as np
 from numpy.typing import NDArray
+
+from fraexp.data.units import with_powers
 
 ANCHOR_WEIGHT = 0.2
 """Weight of the distance to the anchor: it decides steps of about 180° (above 144°), and no smaller ones."""
@@ -21,6 +26,16 @@ def displacement_unit(greatest: float, unit: str = "m") -> tuple[float, str]:
 
 DISPLACEMENT_UNITS = ("m", "rad")
 """Units of displacements: of straight and of rotary axes."""
+
+
+def column_unit(values: Iterable[object], unit: str) -> tuple[float, str]:
+    """Return the factor to the unit in which a column of numbers is read, and it: displacements in mm, µm or nm."""
+    sizes = [abs(value) for value in values if isinstance(value, int | float) and isfinite(value)]
+    if unit in DISPLACEMENT_UNITS and 0 < max(sizes, default=0.0) < 1:
+        return displacement_unit(max(sizes), unit)
+    return 1.0, with_powers(unit)
+
+
 PLANT_UNITS = ("m/N", "rad/(N m)")
 """Units of a plant's response: of straight and of rotary axes."""
 FORCE_NAMES = {"N": "force", "N m": "torque"}

@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 MODEL_COLUMN = "model"
 LOG_AXIS_RATIO = 10.0
 """Ratio of largest to smallest value over frequency above which an axis is logarithmic."""
+MIN_BRANCH_GAP = 5.0
+"""Gap between positive and negative values, relative to the span of either, from which each gets its own panel."""
 ANGLE_UNITS = ("deg", "rad")
 LabelledCurve = tuple[str, Curve, CurvePlace]
 """Label, curve and place."""
@@ -148,7 +150,8 @@ def _curve_family(alike: Sequence[LabelledCurve], has_labels: bool) -> CurveFami
     x = np.concatenate([curve.columns[abscissa] for _, curve, _ in alike])
     units = _shown_units(alike, (abscissa,)) | _shown_units(alike, ordinates)
     spectral = units[abscissa].name == "Hz" and x.size > 0 and bool((x > 0).all())
-    panels = [_curve_panel(alike, abscissa, name, units, name == others[0]) for name in ordinates]
+    whole = [_curve_panel(alike, abscissa, name, units, name == others[0]) for name in ordinates]
+    panels = [part for panel in whole for part in _split_branches(panel)]
     return CurveFamily(
         _capitalised(names[0]) if len(names) == 1 else "",
         _axis_title(abscissa, units),
@@ -178,6 +181,25 @@ def _curve_panel(
     shown = {name: units[name] for name in (abscissa, ordinate)}
     traces = tuple(_curve_trace(label, curve, place, shown, first) for label, curve, place in having)
     return CurvePanel(_axis_title(ordinate, units), units[ordinate].stored, "", traces)
+
+
+def _split_branches(panel: CurvePanel) -> list[CurvePanel]:
+    """Return a panel as two, for positive and negative values, if the gap between these hides how each one rises."""
+    known = np.concatenate([trace.y[np.isfinite(trace.y)] for trace in panel.traces])
+    above, below = known[known > 0], known[known < 0]
+    if not above.size or not below.size or above.size + below.size < known.size:
+        return [panel]
+    if above.min() - below.max() < MIN_BRANCH_GAP * max(np.ptp(above), np.ptp(below)):
+        return [panel]
+    return [replace(panel, traces=tuple(_branch(trace, sign) for trace in panel.traces)) for sign in (1.0, -1.0)]
+
+
+def _branch(trace: CurveTrace, sign: float) -> CurveTrace:
+    """Return the part of a trace whose values have a sign."""
+    inside = sign * trace.y > 0
+    model = None if trace.model is None else np.where(inside, trace.model, np.nan)
+    limits = None if trace.limits is None else np.where(inside, trace.limits, np.nan)
+    return replace(trace, y=np.where(inside, trace.y, np.nan), model=model, limits=limits)
 
 
 def _with_log_axes(panels: Sequence[CurvePanel]) -> list[CurvePanel]:

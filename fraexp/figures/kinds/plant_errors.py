@@ -1,8 +1,8 @@
 """Errors of frequency responses against the plant that was simulated: lines over frequency, and a table."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,8 @@ from fraexp.data.results import EFFORT, Metric, Result
 from fraexp.errors import FraexpError
 from fraexp.figures.elements.bundles import MAX_SINGLE_CURVES
 from fraexp.figures.elements.frequency_lines import draw_bands, draw_line, with_gaps
-from fraexp.figures.elements.labels import drawable
+from fraexp.figures.elements.grouping import CurvePlace
+from fraexp.figures.elements.labels import MAX_GROUPS, drawable
 from fraexp.figures.elements.line_style import LineStyle
 from fraexp.figures.elements.scales import decibel, decibel_limits, degrees, readable_unit
 from fraexp.figures.elements.shown import ShownResult
@@ -133,8 +134,11 @@ def error_curve(label: str, result: Result, truth: NDArray[np.complex128], key: 
     )
 
 
-def draw_errors(info: ErrorsInfo) -> "Figure":
-    """Draw the errors of magnitude and phase over frequency above a table."""
+def draw_errors(info: ErrorsInfo, places: Mapping[str, CurvePlace] | None = None) -> "Figure":
+    """Draw the errors of magnitude and phase over frequency above a table.
+
+    Many curves are spread over panels side by side: facets by the `places` of their sweeps, by key, or else in order.
+    """
     from fraexp.figures.elements import canvas  # matplotlib: imported only when something is drawn
 
     if len(info.curves) > MAX_SINGLE_CURVES:
@@ -142,24 +146,56 @@ def draw_errors(info: ErrorsInfo) -> "Figure":
             f"errors: found {len(info.curves)} responses; no more than {MAX_SINGLE_CURVES} can be distinguished"
         )
     with canvas.figure_style():
-        styles = canvas.named_styles(len(info.curves))
-        table = FigureTable(*_table_cells(info))
-        figure = canvas.new_figure(width=max(9.0, table.width), height=6.4 + table.height)
-        upper, lower, below = figure.subplots(3, 1, height_ratios=(3.2, 3.2, table.height))
-        lower.sharex(upper)
-        draw_error_part(upper, info.curves, "magnitude", styles, LINEAR_RANGE_DB)
-        draw_error_part(lower, info.curves, "phase", styles, LINEAR_RANGE_DEG)
-        upper.set_title(canvas.wrapped_title(figure, info.title))
-        upper.set_ylabel("Magnitude error [dB]")
-        lower.set_ylabel("Phase error [deg]")
-        lower.set_xlabel("Frequency [Hz]")
+        facets = _facets(info.curves, places or {})
+        styles = _facet_styles(info.curves, facets, places or {})
+        table = FigureTable(*_table_cells(info, {} if places and len(facets) > 1 and "(a)" not in facets else facets))
+        width = max(9.0, table.width, 1.2 + 3.9 * len(facets))
+        figure = canvas.new_figure(width, height=6.4 + table.height)
+        parts: Any = figure.subfigures(2, 1, height_ratios=(6.4, table.height))
+        panels = parts[0].subplots(2, len(facets), squeeze=False, sharex=True, sharey="row")
+        for (name, indices), (upper, lower) in zip(facets.items(), panels.T, strict=True):
+            curves, of_facet = [info.curves[index] for index in indices], [styles[index] for index in indices]
+            draw_error_part(upper, curves, "magnitude", of_facet, LINEAR_RANGE_DB)
+            draw_error_part(lower, curves, "phase", of_facet, LINEAR_RANGE_DEG)
+            upper.set_title(drawable(name), fontsize=11, loc="left")
+            lower.set_xlabel("Frequency [Hz]")
+        parts[0].suptitle(canvas.wrapped_title(figure, info.title), fontsize=12.5)
+        panels[0, 0].set_ylabel(canvas.error_axis_title(panels[0, 0], "Magnitude error", "dB"))
+        panels[1, 0].set_ylabel(canvas.error_axis_title(panels[1, 0], "Phase error", "deg"))
         frequency = np.concatenate([curve.frequency for curve in info.curves])
-        canvas.set_frequency_axis(lower, (float(frequency.min()), float(frequency.max())))
-        upper.tick_params(labelbottom=False)
-        canvas.draw_grid(upper, lower)
-        figure.align_ylabels((upper, lower))
-        table.draw(below, styles)
+        canvas.set_frequency_axis(panels[1, 0], (float(frequency.min()), float(frequency.max())))
+        canvas.draw_grid(*panels.flat)
+        parts[0].align_ylabels(panels[:, 0])
+        table.draw(parts[1].subplots(), styles)
     return figure
+
+
+def _facets(curves: Sequence[ErrorCurve], places: Mapping[str, CurvePlace]) -> dict[str, list[int]]:
+    """Return the indices of the curves in each panel: by their places, or as few alike panels as curves need."""
+    found: dict[str, list[int]] = {}
+    known = [places.get(curve.key) for curve in curves]
+    if all(of is not None and not of.is_mapped for of in known):
+        for index, place in enumerate(known):
+            found.setdefault(place.facet if place else "", []).append(index)
+        return found
+    count = -(-len(curves) // MAX_GROUPS)
+    size = -(-len(curves) // count)
+    names = [""] if count == 1 else [f"({chr(97 + number)})" for number in range(count)]
+    return {name: list(range(len(curves)))[size * at : size * (at + 1)] for at, name in enumerate(names)}
+
+
+def _facet_styles(
+    curves: Sequence[ErrorCurve], facets: Mapping[str, Sequence[int]], places: Mapping[str, CurvePlace]
+) -> list[LineStyle]:
+    """Return the style of each curve: that of its group, or else that of its rank in its panel."""
+    from fraexp.figures.elements import canvas
+
+    if "(a)" in facets or not all(curve.key in places for curve in curves):
+        ranks = {index: rank for indices in facets.values() for rank, index in enumerate(indices)}
+        return [canvas.named_styles(len(curves))[ranks[index]] for index in range(len(curves))]
+    names = list(dict.fromkeys(places[curve.key].group for curve in curves))
+    styles = canvas.named_styles(len(names))
+    return [styles[names.index(places[curve.key].group)] for curve in curves]
 
 
 def draw_error_part(
@@ -185,21 +221,28 @@ def draw_error_part(
     )
 
 
-def _table_cells(info: ErrorsInfo) -> tuple[list[str], list[list[str]]]:
+def _table_cells(info: ErrorsInfo, panels: Mapping[str, Sequence[int]]) -> tuple[list[str], list[list[str]]]:
+    names = {index: f"{name} " for name, indices in panels.items() for index in indices if name}
     titles = [
         "dB, degrees",
         *(f"{spot:g} Hz" for spot in info.spots),
         *(name.replace(" ", "\n", 1) for name in info.effort),
     ]
     rows = []
-    for curve in info.curves:
+    for number, curve in enumerate(info.curves):
         indices = [curve.index_near(spot) for spot in info.spots]
         effort = curve.effort
         errors = [
             "-" if i is None else f"{_number_text(curve.magnitude[i])}, {_number_text(curve.phase[i])}°"
             for i in indices
         ]
-        rows.append([drawable(curve.label), *errors, *(_number_text(effort.get(name, np.nan)) for name in info.effort)])
+        rows.append(
+            [
+                drawable(f"{names.get(number, '')}{curve.label}"),
+                *errors,
+                *(_number_text(effort.get(name, np.nan)) for name in info.effort),
+            ]
+        )
     return titles, rows
 
 

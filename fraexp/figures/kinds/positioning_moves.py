@@ -111,7 +111,7 @@ def draw_positioning(info: PositioningInfo) -> "Figure":
         if info.height > MAX_LINEAR_RATIO * info.bands[-1]:
             canvas.set_error_axis(upper, 10.0 ** np.ceil(np.log10(info.bands[-1])))
         upper.set_ylim(-info.height, info.height)
-        upper.set_ylabel(f"Position − target [{info.unit}]")
+        upper.set_ylabel(canvas.error_axis_title(upper, "Position − target", info.unit))
         upper.set_title(canvas.wrapped_title(figure, info.title))
         times = [move.time for move in info.moves]
         upper.set_xlim(min(time[0] for time in times), max(time[-1] for time in times))
