@@ -12,6 +12,8 @@ from fraexp.store import Store, StoredSweep
 from fraexp.views.words import flatten, number_text, plural, short_key, value_text
 
 ABSENT = "-"
+MAX_SINGLE_QUERIES = 50
+"""Number of sweeps of a run from which all of its sweeps are read at once."""
 
 
 def with_common_labels(store: Store, sweeps: Sequence[StoredSweep]) -> list[StoredSweep]:
@@ -22,13 +24,21 @@ def with_common_labels(store: Store, sweeps: Sequence[StoredSweep]) -> list[Stor
 def with_original_labels(store: Store, sweeps: Sequence[StoredSweep]) -> list[StoredSweep]:
     """Return sweeps with the labels that they have in the runs that computed them, not in those that reused them."""
     labels: dict[str, dict[str, object]] = {}
-    for run in store.runs():
+    others = [sweep for sweep in sweeps if sweep.created and sweep.state != "computed"]
+    for run in store.runs() if others else ():
         end = run.ended or datetime.max.replace(tzinfo=UTC)
-        wanted = [sweep.key for sweep in sweeps if sweep.created and run.started <= sweep.created <= end]
-        for key in wanted:  # one by one: a run may have 100,000 others
-            found = store.page(f"key={key}", run=run.number, limit=1).rows
-            labels |= {row.key: row.labels for row in found if row.key == key and row.state == "computed"}
+        wanted = [sweep.key for sweep in others if sweep.created and run.started <= sweep.created <= end]
+        labels |= _labels_in_run(store, run.number, wanted)
     return [replace(sweep, labels=labels.get(sweep.key, sweep.labels)) for sweep in sweeps]
+
+
+def _labels_in_run(store: Store, number: int, keys: Sequence[str]) -> dict[str, dict[str, object]]:
+    """Return the labels of sweeps that a run computed, by key."""
+    if len(keys) > MAX_SINGLE_QUERIES:
+        wanted = set(keys)
+        return {of.key: of.labels for of in store.sweeps(number) if of.key in wanted and of.state == "computed"}
+    pages = [store.page(f"key={key}", run=number, limit=1).rows for key in keys]  # a run may have 100,000 others
+    return {of.key: of.labels for rows in pages for of in rows if of.key in keys and of.state == "computed"}
 
 
 def with_all_labels(sweeps: Sequence[StoredSweep]) -> list[StoredSweep]:

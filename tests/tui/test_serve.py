@@ -165,10 +165,15 @@ def test_a_browser_shows_the_studies_and_takes_keys(served: Served, tmp_path: Pa
         browser = browsers.chromium.launch(executable_path=BROWSER, args=sandbox)
         page = browser.new_page(viewport={"width": 1200, "height": 700})
         page.on("websocket", lambda socket: socket.on("framereceived", shown.take))
+        asked: list[str] = []
+        page.on("request", lambda request: asked.append(urlsplit(request.url).hostname or ""))
+        refused: list[str] = []
+        page.on("console", lambda message: refused.append(message.text) if "Content Security" in message.text else None)
         page.goto(f"http://127.0.0.1:{served.port}/?token={TOKEN}")
         assert urlsplit(page.url).query == ""  # the token is not left in the address bar
         wait = lambda: page.wait_for_timeout(100)  # noqa: E731
         assert until(lambda: "Quick look" in shown.text, wait), shown.text
+        assert page.evaluate("document.activeElement.tagName") == "TEXTAREA"  # without a click
         page.keyboard.press("r")
         assert until(lambda: "fraexp list" in shown.text, wait), shown.text
         page.keyboard.press("s")
@@ -176,4 +181,6 @@ def test_a_browser_shows_the_studies_and_takes_keys(served: Served, tmp_path: Pa
         picture = tmp_path / "page.png"
         page.screenshot(path=picture)
         browser.close()
+    assert set(asked) == {"127.0.0.1"}  # no font, and nothing else, from another host
+    assert refused == []  # nor is it asked for, and refused
     assert picture.stat().st_size > 10_000  # an empty page has fewer

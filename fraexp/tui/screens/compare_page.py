@@ -111,6 +111,8 @@ An exported figure shows the visible curves and frequencies.
         """Labels that make groups; None: all."""
         self._opened: list[str] = []
         """Keys of the sweeps of one curve, if they are shown alone."""
+        self._loaded: list[str] = []
+        """Keys of the sweeps that were read last."""
         self._gathered: MarkedSweeps | None = None
         self._pictures: dict[tuple[str, str, int], Picture] = {}
         self._turn = asyncio.Lock()
@@ -143,7 +145,11 @@ An exported figure shows the visible curves and frequencies.
             self.command = compare_command(self.app.backend.workspace, marked[:FIRST_SWEEPS])
             if len(marked) > FIRST_SWEEPS:
                 await self._load_some(marked, FIRST_SWEEPS)
+        elif len(marked) > FIRST_SWEEPS and marked == self._loaded:
+            self.show_header()  # reading thousands of sweeps again at each change would slow down a run
+            return
         await self._load_some(marked, MAX_COMPARED_SWEEPS)
+        self._loaded = marked
 
     async def _load_some(self, marked: list[str], most: int) -> None:
         """Show the sweeps, or evenly distributed ones of them."""

@@ -4,6 +4,7 @@ import asyncio
 import hmac
 import ipaddress
 import logging
+import re
 import secrets
 import shlex
 import socket
@@ -23,7 +24,19 @@ CONTENT_POLICY = (
     "default-src 'self'; script-src 'self' 'unsafe-inline'; style-src 'self' 'unsafe-inline'; "
     "img-src 'self' data:; connect-src 'self'; frame-ancestors 'none'"
 )
-"""What a page may load: nothing from other hosts, not even the fonts that the template requests."""
+"""What a page may load: nothing from other hosts."""
+FOREIGN_LINK = re.compile(r"<link[^>]*https?://[^>]*>", re.DOTALL)
+"""A link to another host, such as that of the template to a font; the page then uses a local one."""
+KEYBOARD_SCRIPT = """<script>
+  const takeKeyboard = () => {
+    const input = document.querySelector("#terminal textarea");
+    if (input) { input.focus(); } else { requestAnimationFrame(takeKeyboard); }
+  };
+  addEventListener("load", takeKeyboard);
+  addEventListener("focus", takeKeyboard);
+</script>
+</head>"""
+"""What gives the keyboard to the terminal as soon as it exists, and whenever the window has it."""
 QUIT_TIMEOUT_S = 5.0
 """Maximum seconds that a session may take to quit."""
 DENIED_TEXT = "fraexp: token required. Open the address that 'fraexp serve' has printed, including its token.\n"
@@ -93,7 +106,7 @@ class FraexpServer(Server):
 
     async def _make_app(self) -> web.Application:
         app = await super()._make_app()
-        app.middlewares.append(self._guard.check)
+        app.middlewares.extend([self._guard.check, _adapt_page])
         app.on_response_prepare.append(_add_security_headers)
         return app
 
@@ -113,6 +126,15 @@ class FraexpServer(Server):
         """Print the address."""
         print(f"fraexp is served at {self._address}", flush=True)
         print("Ctrl-C ends all sessions; runs continue", file=sys.stderr, flush=True)
+
+
+@web.middleware
+async def _adapt_page(request: web.Request, handler: Handler) -> web.StreamResponse:
+    """Return the page without links to other hosts, with the keyboard in the terminal."""
+    response = await handler(request)
+    if request.path == "/" and isinstance(response, web.Response) and response.text:
+        response.text = FOREIGN_LINK.sub("", response.text).replace("</head>", KEYBOARD_SCRIPT, 1)
+    return response
 
 
 async def _wait_for_exit(process: asyncio.subprocess.Process | None) -> None:
