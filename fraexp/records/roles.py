@@ -154,7 +154,7 @@ def _joint_role(by_name: str, by_unit: str, unit: str, words: Sequence[str]) -> 
     if role == "y" and is_command:
         return Role("r", score)
     if role == "u" and is_command:
-        score += 1
+        score -= 1  # the measured force is nearer to what the machine feels
     return Role(role, score - _rate_penalty(unit, words)) if role else Role("", 0)
 
 

@@ -41,7 +41,7 @@ def test_a_stored_response_is_fitted_shown_and_exported(
     computed: Path, capsys: pytest.CaptureFixture[str], registry: Registry
 ) -> None:
     assert main(["fit", "table", "--set", "modes=2"]) == 0
-    assert "k0 [m/(N s**2)]" in capsys.readouterr().out
+    assert "k0 [m/(N s²)]" in capsys.readouterr().out
     with Store.open(str(computed / "results.db"), read_only=True) as store:
         sweep = store.sweeps(2)[0]
         fit = store.result(sweep.key).fits[0]

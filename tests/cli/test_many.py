@@ -103,7 +103,7 @@ def test_a_run_ends_with_the_summary(folder: Path, capsys: pytest.CaptureFixture
     print_outcome(RunEvents(ended=[Ended(1, "complete")]), arguments(folder), WorkspaceService.open(folder))
     printed = capsys.readouterr()
     assert "outcomes   59 ok, 1 diverged" in printed.out
-    assert f"fraexp show 1 --all --workspace {folder} shows each sweep" in printed.err
+    assert f"fraexp show 1 --all --workspace {folder} shows each sweep" in " ".join(printed.err.split())
     assert "run 1 complete: 60 sweeps" in printed.out
 
 
@@ -121,7 +121,7 @@ def test_a_comparison_has_the_range_of_what_differs(folder: Path, capsys: pytest
     assert "estimator.name  30 h1, 30 h2" in printed.out
     assert row(printed.out, "gain", "1") == ["30"]
     assert row(printed.out, "max [dB]")[-1] == "49.25", "20 lg 290"
-    assert "--all shows each sweep" in printed.err
+    assert "--all shows each sweep" in " ".join(printed.err.split())
     compare(arguments(folder, all=True))
     assert len(capsys.readouterr().out.splitlines()) > COUNT
 

@@ -56,8 +56,9 @@ def test_responses_without_a_known_plant_are_left_out(make_response: ResponseMak
 
 def test_lines_and_table_tell_the_same(make_response: ResponseMaker) -> None:
     curves = [shown(make_response, factor, f"case {factor}") for factor in (2.0, 1.0, 0.01)]
-    upper, lower, table = draw_errors(errors_info(curves, "My methods")).axes
-    assert upper.get_title() == "My methods"
+    figure = draw_errors(errors_info(curves, "My methods"))
+    upper, lower, table = figure.axes
+    assert figure.subfigs[0].get_suptitle() == "My methods"
     assert upper.get_yscale() == "symlog", "errors of 0.01 and of 40 dB are both to be seen"
     assert lower.get_yscale() == "linear", "no phase is off"
     texts = [text.get_text() for text in table.texts]

@@ -124,4 +124,4 @@ def test_results_of_two_estimators_are_drawn_together(tmp_path: Path) -> None:
     (legend,) = [axes.get_legend() for axes in found[0].plot(beside=found[1:]).axes if axes.get_legend()] or [None]
     texts = [text.get_text() for text in (legend or found[0].plot(beside=found[1:]).legends[0]).get_texts()]
     assert any("conventional" in text for text in texts)
-    assert any("effective_input" in text for text in texts)
+    assert any("effective input" in text for text in texts)
