@@ -30,7 +30,7 @@ def test_the_readme(follow: Follow, tmp_path: Path) -> None:
     np.savetxt(tmp_path / "bench.csv", rows, delimiter=",", header="current,angle", comments="")
     printed = follow("README.md")
     assert (tmp_path / "fig12.pdf").stat().st_size > 1000
-    assert (tmp_path / "fig12.html").read_text("utf-8").count("<table") == 1
+    assert (tmp_path / "fig12.html").read_text("utf-8").count("<table") == 2, "results and inputs"
     assert (tmp_path / "studies/bench.toml").exists()
     shown = next(block.text for block in blocks("README.md") if block.language == "text")
     compare_tables(shown.splitlines(), printed[MAKE_RUN].splitlines())

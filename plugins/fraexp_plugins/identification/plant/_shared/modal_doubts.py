@@ -41,7 +41,7 @@ def _modes(solution: Solution) -> Iterator[str]:
     for number, (frequency, zeta) in enumerate(model.poles(solution.p)):
         place = 1 + 3 * number
         ratio = solution.p[place + 2]
-        half = NORMAL_QUANTILE * zeta * np.sqrt(solution.covariance[place + 1, place + 1])
+        half = NORMAL_QUANTILE * zeta * np.sqrt(max(solution.covariance[place + 1, place + 1], 0.0))
         scatter = _std(solution, axes[place + 2] + ratio * axes[0])  # of k0 r, over k0
         uncertainty = NORMAL_QUANTILE * _std(solution, axes[place])
         is_outside = not model.min_frequency <= frequency <= model.max_frequency
