@@ -1,6 +1,5 @@
 """A friction law to be called: its force along a motion, its loops and its describing function."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -114,12 +113,12 @@ class FrictionLaw:
         with compiler_errors_as_ours():
             return self.model.forces([Motion(amplitude * sine, step, periodic=True) for amplitude in amplitudes])
 
-    def plot(self, amplitudes: Sequence[float] = SHOWN_AMPLITUDES_M, frequency: float = 1.0) -> "Figure":
+    def plot(self, amplitudes: ArrayLike = SHOWN_AMPLITUDES_M, frequency: float = 1.0) -> "Figure":
         """Return a matplotlib figure of the hysteresis loops at some amplitudes [m]."""
         from fraexp.figures.kinds.hysteresis_loops import draw_hysteresis, hysteresis_info
 
         curves = []
-        for amplitude in amplitudes:
+        for amplitude in np.atleast_1d(numbers_of(amplitudes, "amplitudes")):
             displacement, force = self.loop(float(amplitude), frequency)
             columns = {"displacement": np.append(displacement, displacement[0]), "force": np.append(force, force[0])}
             curves.append(
@@ -140,6 +139,8 @@ class FrictionLaw:
 def numbers_of(values: ArrayLike, what: str) -> NDArray[np.float64]:
     """Return values as an array of numbers; ParameterError if they are none."""
     try:
+        if np.iscomplexobj(values):
+            raise ParameterError(f"{what} is complex; expected real numbers")
         return np.array(values, dtype=float, order="C")
     except (TypeError, ValueError):
         raise ParameterError(f"{what} is {values!r:.60}; expected numbers") from None

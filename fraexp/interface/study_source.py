@@ -125,7 +125,11 @@ def resolve_study(study: Study, folder: Path, registry: Registry, overrides: Seq
 def component_spec(value: Any) -> dict[str, Any]:
     """Return a component as plain data: a table, a name alone, or an object."""
     plain = plain_value(value)
-    return {"name": plain} if isinstance(plain, str) else dict(plain)
+    if isinstance(plain, str):
+        return {"name": plain}
+    if not isinstance(plain, dict):
+        raise StudyError(f"found {value!r:.60}; expected one component: its name, a table with its name, or an object")
+    return plain
 
 
 def session_classes(value: Any) -> list[type[Component]]:

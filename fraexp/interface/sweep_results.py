@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from fraexp.data.figure_kinds import check_kind
 from fraexp.data.results import UNUSABLE_OUTCOMES, FrequencyResponse, Result
-from fraexp.errors import FraexpError, StudyError
+from fraexp.errors import FraexpError, ParameterError, StudyError
 from fraexp.figures.export import export
 from fraexp.figures.export.content import json_value
-from fraexp.interface.argument_checks import frequency_view
+from fraexp.interface.argument_checks import frequency_view, require_path
 from fraexp.interface.datasets import curve_dataset, outcome_attributes, response_dataset, response_table
 from fraexp.interface.html import page_part
 from fraexp.interface.optional_packages import import_optional
@@ -172,6 +172,8 @@ class SweepResult:
             Other results to be drawn in the same axes, such as that of another estimator.
         """
         check_kind(kind, "plot: kind")
+        if not all(isinstance(of, SweepResult) for of in beside):
+            raise ParameterError(f"plot: beside is {beside!r:.60}; expected a list of results, such as run[1:]")
         shown = {of.key: of for of in (self, *beside)}
         sweeps = [replace(of.sweep, labels=of.labels or {"estimator": of.estimator}) for of in shown.values()]
         results = {of.sweep.key: of.result for of in shown.values()}
@@ -182,7 +184,7 @@ class SweepResult:
 
         To .c, .h or .st the controller of the sweep is written as code, to .mjcf or .urdf its friction.
         """
-        target = Path(path)
+        target = require_path(path, "path")
         if target.exists() and not force:
             raise FraexpError(f"{target}: the file exists; give force=True to replace it, or another name")
         if target.suffix.lower() in CONTROLLER_SUFFIXES:

@@ -1,5 +1,6 @@
 """No line of the command line is wider than the terminal."""
 
+import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -95,8 +96,8 @@ def test_no_line_is_wider_than_the_terminal(folder: Path, command: Sequence[str]
 
 
 def _plain(line: str) -> str:
-    """Return a line without the sequences that make it bold."""
-    return line.replace("\x1b[1m", "").replace("\x1b[0m", "").rstrip()
+    """Return a line without the sequences that colour it or make it bold."""
+    return re.sub(r"\x1b\[[\d;]*m", "", line).rstrip()
 
 
 @given(st.text(st.characters(exclude_categories=["Cc", "Cs", "Zl", "Zp"]), max_size=200), st.integers(20, 90))

@@ -185,6 +185,8 @@ def test_functions_work_in_the_current_folder(tmp_path, monkeypatch: pytest.Monk
         (lambda of: of.open_run("quick").plot("bod"), "did you mean 'bode'"),
         (lambda of: of.open_run("quick").plot(frequency_range=(50, 5)), "expected two frequencies"),
         (lambda of: of.open_run("quick")[0].plot(frequency_range="5:50"), "expected two frequencies"),
+        (lambda of: of.open_run("quick")[0].plot(beside="x"), "expected a list of results"),
+        (lambda of: of.open_run("quick")[0].export(5), "path is 5; expected a path"),
         (lambda of: fraexp.FrictionLaw("dahl"), "expected a friction model"),
     ],
 )

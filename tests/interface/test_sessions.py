@@ -75,6 +75,7 @@ def test_a_law_that_cannot_be_compiled_is_one_of_our_errors(tmp_path: Path) -> N
         (lambda: Uncompiled(stiffness=-1), "Uncompiled.stiffness is -1; the stiffness must be above 0 N/m"),
         (lambda: Uncompiled(stiffnes=1), "has no parameter 'stiffnes'; did you mean 'stiffness'?"),
         (lambda: fraexp.Workspace(None), "folder is None; expected a path"),
+        (lambda: fraexp.FrictionLaw(Uncompiled(stiffness=1e6)).force([0, 1j]), "displacement is complex"),
         (lambda: fraexp.read_record(None, {}), "file is None; expected a path"),
         (lambda: fraexp.read_record("a.csv", ["u", "y"]), "channels: found ['u', 'y']; expected a table"),
     ],

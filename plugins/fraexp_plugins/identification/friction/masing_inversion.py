@@ -1,5 +1,6 @@
 """The virgin curve from a hysteresis loop's branches, by Masing's rule."""
 
+from itertools import pairwise
 from typing import ClassVar
 
 import numpy as np
@@ -87,7 +88,7 @@ def _branches(record: FrictionRecord, thresholds: NDArray[np.float64], max_thres
     velocity = np.concatenate([speed if skipped else np.empty(0), speed])
     turns = turning_points(motion, 2 * max_threshold).tolist()
     found = []
-    for begin, end in zip(turns, [*turns[1:], motion.size], strict=True):
+    for begin, end in pairwise([*turns, motion.size]):
         travel = np.abs(motion[begin:end] - motion[begin])
         outer = begin + np.flatnonzero(travel >= np.maximum.accumulate(travel))
         outer = outer[outer >= skipped]
