@@ -66,6 +66,8 @@ STRANGERS = ("rolling", "rolling, D_i", "lugre", "dahl", "gms", "elastoplastic")
 """Laws of the drawn machines; those whose force is not a function of motion and state alone are left out."""
 
 
+REPORTED_SEEDS = 20
+"""Seeds after which the coverage so far is printed."""
 COVERED_HZ = (1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 12.0, 16.0, 22.0, 30.0, 40.0, 50.0, 65.0, 80.0, 120.0, 170.0)
 
 
@@ -128,6 +130,16 @@ def errors_text(ratio: np.ndarray) -> tuple[float, float, str]:
     return magnitude, phase, f"{magnitude:.4f} dB {phase:.3f} deg"
 
 
+def bound_text(result: Result, ratio: np.ndarray) -> str:
+    """Return where the greatest error is, and the standard deviation that the information in the samples allows."""
+    response = result.response
+    assert response is not None
+    worst = int(np.argmax(np.abs(np.log(ratio))))
+    bound = response.standard_deviation[worst] / np.abs(response.response[worst])
+    decibel, degree = 20 * np.log10(np.e) * bound / np.sqrt(2), np.degrees(bound) / np.sqrt(2)
+    return f"bound at {response.frequency[worst]:.3g} Hz, one standard deviation: {decibel:.4f} dB {degree:.3f} deg"
+
+
 def scales_of(result: Result) -> np.ndarray:
     """Return the scales of force and deflection; NaN for one that was held."""
     known = {each.name: each.value for each in result.metrics}
@@ -150,6 +162,7 @@ def accuracy(table: Table, reduced: bool) -> None:
         what = f"{amplitude:g} N, {points} frequencies, {noise * 1e9:g} nm of noise"
         text += f", from 1.5 Hz {errors_text(ratio[result.response.frequency >= 1.5])[2]}"  # type: ignore[union-attr]
         table.row(what, f"{text}, {seconds:.1f} CPU-s", is_met)
+        table.row("", bound_text(result, ratio))
 
 
 def starts(table: Table, reduced: bool) -> None:
@@ -244,6 +257,8 @@ def coverage(table: Table, reduced: bool) -> None:
     seeds = 60 if reduced else 300
     held, errors, bounds = [], [], []
     for seed in range(seeds):
+        if seed and seed % REPORTED_SEEDS == 0:
+            print(f"{seed} seeds: {' '.join(f'{each:.1%}' for each in np.mean(held, axis=0))}", flush=True)
         result, ratio = estimated(0, noise=NOISE_M, seed=seed, frequencies=COVERED_HZ)
         assert result.response is not None
         plant = result.response.response / ratio

@@ -16,11 +16,12 @@ from pydantic.fields import FieldInfo
 from fraexp.cli import arguments
 from fraexp.cli.exits import ExitCode
 from fraexp.components.kinds import KINDS, Component, nested_kind
+from fraexp.components.measurement_settings import MeasurementSettings
 from fraexp.components.parameters import Parameters, inherited_from, unit_of
 from fraexp.components.position_dependence import Cogging, PositionDependence, Ripple
 from fraexp.components.registry import Registry, discover
 from fraexp.records.channels import Channel
-from fraexp.records.record_settings import RecordSettings, Step
+from fraexp.records.record_settings import PlayedSegment, RecordSettings, Step
 from fraexp.simulation.experiments import Compensation
 from fraexp.simulation.machine import ControlLoop, Numerics
 from fraexp.simulation.motion_limits import MotionLimits
@@ -33,12 +34,14 @@ SECTIONS: Mapping[str, type[Parameters]] = {
     "numerics": Numerics,
     "compensation": Compensation,
     "limits": MotionLimits,
+    "measurement": MeasurementSettings,
     "record": RecordSettings,
     "friction over the stroke: position_dependence": PositionDependence,
     "a ripple over the stroke": Ripple,
     "a cogging force over the stroke": Cogging,
     "a channel of record": Channel,
     "a step of record": Step,
+    "a segment of record": PlayedSegment,
 }
 """Sections of a study that are not components, by heading."""
 SECTIONS_PAGE = "sections.md"
@@ -49,6 +52,7 @@ PAGES = {
     "excitation": ("excitations.md", "Excitations", "Components of the section `[excitation]`."),
     "estimator": ("estimators.md", "Estimators", "Components of the section `[estimator]`."),
     "reader": ("readers.md", "Readers of records", "Components of the key `record.reader`."),
+    "machine": ("machines.md", "Machines", "Components of the key `measurement.machine`."),
 }
 """By kind of component: the file name of its page, the title, and what the components are."""
 HOW_TO_READ = "The [reference](index.md#how-to-read-the-tables) explains the columns."
@@ -223,7 +227,7 @@ def _word(annotation: Any) -> str:
     if origin is tuple:
         return f"list of {_plural(_word(parts[0]))}"
     if origin is dict:
-        return f"table of {_word(parts[1])}s"
+        return "table" if parts[1] is Any else f"table of {_word(parts[1])}s"
     if inspect.isclass(annotation) and issubclass(annotation, Parameters) and annotation not in SECTIONS.values():
         return "table"
     if parts:  # optional

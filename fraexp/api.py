@@ -5,17 +5,20 @@ from fraexp.analysis.delays import hold_response, image_factor, path_response
 from fraexp.analysis.fourier import fourier_sums, phasors, record_spectrum
 from fraexp.analysis.quantisation import phasor_variance, rounding_symmetry
 from fraexp.analysis.response import response_result
+from fraexp.components.feedforward import Feedforward
 from fraexp.components.kinds import (
     Controller,
     Estimator,
     Excitation,
     FrictionModel,
+    MachineDriver,
     Motion,
     Period,
     Plant,
     RecordReader,
     Schedule,
 )
+from fraexp.components.machine_session import Chunk, MachineDescription, MachineSession, PlayRequest
 from fraexp.components.parameters import Parameters, param
 from fraexp.components.ports import Contact, Ports, StateSpace
 from fraexp.components.position_dependence import PositionDependentFriction
@@ -24,23 +27,33 @@ from fraexp.components.registry import hookimpl
 from fraexp.data.frequency_text import frequency_text
 from fraexp.data.record_table import RecordTable
 from fraexp.data.results import HARMONICS, Curve, Fit, FrequencyResponse, Metric, Outcome, Result
+from fraexp.data.sample_file import read_header, read_samples
 from fraexp.data.signals import Encoder, Segment, Settling, Signals
-from fraexp.errors import FraexpError, ParameterError, RecordError, did_you_mean
+from fraexp.errors import ConnectionLostError, FraexpError, MachineError, ParameterError, RecordError, did_you_mean
 from fraexp.kernels.choice import where
+from fraexp.simulation.live_loop import LiveLoop, live_setup
 from fraexp.simulation.replay import Replay, ReplayModel, replay
 
 __all__ = [
     "HARMONICS",
+    "Chunk",
+    "ConnectionLostError",
     "Contact",
     "Controller",
     "Curve",
     "Encoder",
     "Estimator",
     "Excitation",
+    "Feedforward",
     "Fit",
     "FraexpError",
     "FrequencyResponse",
     "FrictionModel",
+    "LiveLoop",
+    "MachineDescription",
+    "MachineDriver",
+    "MachineError",
+    "MachineSession",
     "Metric",
     "Motion",
     "Outcome",
@@ -48,6 +61,7 @@ __all__ = [
     "Parameters",
     "Period",
     "Plant",
+    "PlayRequest",
     "Ports",
     "PositionDependentFriction",
     "RecordError",
@@ -70,10 +84,13 @@ __all__ = [
     "hold_response",
     "hookimpl",
     "image_factor",
+    "live_setup",
     "param",
     "path_response",
     "phasor_variance",
     "phasors",
+    "read_header",
+    "read_samples",
     "record_spectrum",
     "replay",
     "response_result",

@@ -33,6 +33,14 @@ class RecordError(FraexpError):
     """A measured record cannot be read or is not what the study says."""
 
 
+class MachineError(FraexpError):
+    """A machine cannot be reached, has stopped, or may not play what it was asked to."""
+
+
+class ConnectionLostError(MachineError):
+    """The connection to a machine broke while it played: the same play may succeed later."""
+
+
 class UnreachedError(FraexpError):
     """Those who compute are gone for good, in mid-run: sweeps are left that were not reached."""
 

@@ -6,11 +6,13 @@ from fraexp.cli.documents import json_value
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.output import print_path
 from fraexp.cli.sweep_lookup import find_run_number, find_sweeps, workspace_folder
-from fraexp.data.results import Outcome
+from fraexp.data.results import Outcome, Result
 from fraexp.errors import FraexpError, StoreError
 from fraexp.figures.export import export
 from fraexp.reports.published_comparisons import compare_sweep, comparison_document
+from fraexp.store import StoredSweep
 from fraexp.views.words import short_key
+from fraexp.workspace.controller_export import CONTROLLER_SUFFIXES, export_controller
 from fraexp.workspace.workspace_service import WorkspaceService
 
 
@@ -25,6 +27,8 @@ def execute(arguments: Namespace) -> ExitCode:
         if sweeps[0].outcome is Outcome.DAMAGED:
             raise StoreError(f"sweep {short_key(sweeps[0].key)}: {sweeps[0].message}; {Outcome.DAMAGED.value}")
         result = store.result(sweeps[0].key)
+        if arguments.output.suffix.lower() in CONTROLLER_SUFFIXES:
+            return _export_code(sweeps[0], result, arguments)
         published = compare_sweep(store, sweeps[0], result, workspace_folder(arguments).folder)
     header = {
         "key": sweeps[0].key,
@@ -36,5 +40,13 @@ def execute(arguments: Namespace) -> ExitCode:
         "models": WorkspaceService.open(arguments.workspace, arguments.db).models(result),
     }
     export(result, header, arguments.output, force=arguments.force)
+    print_path(arguments.output)
+    return ExitCode.OK
+
+
+def _export_code(sweep: StoredSweep, result: Result, arguments: Namespace) -> ExitCode:
+    """Write the controller of a sweep as code."""
+    registry = workspace_folder(arguments).registry
+    export_controller(sweep, result, registry, arguments.output, is_single=arguments.single, force=arguments.force)
     print_path(arguments.output)
     return ExitCode.OK

@@ -7,6 +7,7 @@ from fraexp.cli.exits import ExitCode
 from fraexp.cli.follow import follow, print_outcome
 from fraexp.cli.output import say
 from fraexp.cli.sweep_lookup import choose_sweeps, find_run_number
+from fraexp.components.kinds import Plant
 from fraexp.errors import FraexpError
 from fraexp.store import StoredSweep, leave_out_damaged
 from fraexp.workspace.fit_specs import fit_estimator, inherited_fit_settings
@@ -14,7 +15,13 @@ from fraexp.workspace.workspace_service import WorkspaceService
 
 
 def execute(arguments: Namespace) -> ExitCode:
-    """Fit the responses of sweeps, and print the results."""
+    """Fit a plant to the responses of sweeps, and print the results."""
+    return fit_sweeps(arguments, Plant.kind)
+
+
+def fit_sweeps(arguments: Namespace, kind: str) -> ExitCode:
+    """Fit a component of a kind to the responses of sweeps, and print the results."""
+    command = arguments.command
     workspace = WorkspaceService.open(arguments.workspace, arguments.db)
     with workspace.open_store() as store:
         numbers = [find_run_number(store, identifier) for identifier in arguments.ids]
@@ -24,17 +31,18 @@ def execute(arguments: Namespace) -> ExitCode:
     sweeps = leave_out_damaged(sweeps, results, say)
     with_response = [sweep for sweep in sweeps if results[sweep.key].response is not None]
     if not with_response:
-        raise FraexpError("fit: found no frequency response; expected a run or sweeps that have one")
-    name = f"{names.pop() if len(names) == 1 else with_response[0].key[4:12]}-fit"
-    _report_inherited(with_response, arguments, workspace)
-    return print_outcome(
-        follow(workspace.fit(with_response, name, arguments.overrides, arguments.estimator)), arguments, workspace
-    )
+        raise FraexpError(f"{command}: found no frequency response; expected a run or sweeps that have one")
+    name = f"{names.pop() if len(names) == 1 else with_response[0].key[4:12]}-{command}"
+    fitting = fit_estimator(workspace.registry, arguments.estimator, kind)
+    _report_inherited(with_response, fitting, arguments, workspace)
+    events = workspace.fit(with_response, name, arguments.overrides, fitting, kind)
+    return print_outcome(follow(events), arguments, workspace)
 
 
-def _report_inherited(sweeps: Sequence[StoredSweep], arguments: Namespace, workspace: WorkspaceService) -> None:
+def _report_inherited(
+    sweeps: Sequence[StoredSweep], fitting: str, arguments: Namespace, workspace: WorkspaceService
+) -> None:
     """Report which settings are inherited from the fits of the studies."""
-    fitting = fit_estimator(workspace.registry, arguments.estimator)
     kept = [inherited_fit_settings(sweep, fitting, arguments.overrides, workspace.registry) for sweep in sweeps]
     texts = {", ".join(f"{name}={value}" for name, value in each.items()): each for each in kept if each}
     for text, each in texts.items():

@@ -13,6 +13,9 @@ RENAMED = {
     "--where": "--select",
     "--each-file": "--separate-files",
     "--lines": "--harmonics",
+    "--lowest": "--min-frequency",
+    "--highest": "--max-frequency",
+    "--every": "--harmonic-step",
 }
 """Earlier spellings of options, which are still understood, with their names of today."""
 
@@ -21,7 +24,8 @@ def declare(parser: Parser) -> None:
     """Declare the options of `fraexp import`."""
     parser.add_argument(
         "files", metavar="FILE", type=Path, nargs="+",
-        help="measured record or response, such as .csv, .mat or .h5; several files are realisations of one experiment",
+        help="measured record or response: .csv, .txt, .mat, .h5, .npz, .uff, .xml, .tdms, .mf4, .mcap, .parquet; "
+        "several files are realisations of one experiment",
     )  # fmt: skip
     parser.add_argument(
         "--channel", metavar="NAME=COLUMN", dest="channels", action="append", default=[],
@@ -80,6 +84,12 @@ def _declare_timebase(parser: Parser) -> None:
         "--skip-periods", metavar="COUNT", dest="skip_periods", type=int, help="number of periods to skip at the start"
     )
     parser.add_argument("--skip-time", metavar="SECONDS", type=float, help="time to skip at the start")
+    parser.add_argument(
+        "--resample", metavar="METHOD", choices=("cubic", "linear"),
+        help="interpolate between uneven time stamps, or channels of several sample rates: cubic or linear",
+    )  # fmt: skip
+    parser.add_argument("--start-time", metavar="SECONDS", type=float, help="begin so long after the first sample")
+    parser.add_argument("--end-time", metavar="SECONDS", type=float, help="end so long after the first sample")
 
 
 def _declare_segments(parser: Parser) -> None:
@@ -104,6 +114,9 @@ def _declare_segments(parser: Parser) -> None:
         dest="segment_column",
         help="column with the number of the realisation; 0 between realisations",
     )
+    parser.add_argument(
+        "--join-files", action="store_const", const=True, help="take the FILEs as channels of one record"
+    )
     parser.add_argument("--separate-files", action="store_true", help="treat each FILE as a separate experiment")
 
 
@@ -111,15 +124,12 @@ def _declare_lines(parser: Parser) -> None:
     parser.add_argument(
         "--input", metavar="NAME", dest="line_channel", help="channel in which the excited lines are detected"
     )
-    parser.add_argument("--lowest", metavar="HZ", dest="min_frequency", type=float, help="lowest excited frequency")
-    parser.add_argument("--highest", metavar="HZ", dest="max_frequency", type=float, help="highest excited frequency")
+    parser.add_argument("--min-frequency", metavar="HZ", type=float, help="lowest excited frequency")
+    parser.add_argument("--max-frequency", metavar="HZ", type=float, help="highest excited frequency")
     parser.add_argument(
-        "--every",
-        metavar="COUNT",
-        dest="harmonic_step",
-        type=int,
-        help="step between excited harmonics, from lowest to highest",
-    )
+        "--harmonic-step", metavar="COUNT", type=int,
+        help="step between excited harmonics, from --min-frequency to --max-frequency",
+    )  # fmt: skip
     parser.add_argument(
         "--harmonics", metavar="N,...", dest="harmonics", type=_harmonics, help="excited harmonics, such as 1,3,7-15"
     )

@@ -1,7 +1,9 @@
 """``fraexp import``: analyse measured records, or list the contents of one."""
 
 from argparse import Namespace
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.follow import follow, print_outcome
@@ -11,10 +13,15 @@ from fraexp.records.channels import parse_channel
 from fraexp.records.study_writer import ImportRequest
 from fraexp.workspace.workspace_service import WorkspaceService
 
+if TYPE_CHECKING:
+    from fraexp.records.proposals import Proposal
+    from fraexp.records.roles import FileContent
+
 RECORD_KEYS = (
     "line_channel", "sample_rate", "time_column", "samples_per_period", "period_time", "periods_per_realisation",
     "frequency_column", "periodic", "skip_periods", "skip_time", "realisations", "select", "segment_column",
     "min_frequency", "max_frequency", "harmonic_step", "harmonics", "response_unit", "input_amplitude", "averages",
+    "resample", "start_time", "end_time", "join_files",
 )  # fmt: skip
 """Options by the keys of a study's section ``[record]``."""
 
@@ -23,6 +30,10 @@ def execute(arguments: Namespace) -> ExitCode:
     """Analyse a record, store the results, and print them as a run; without channels, list its contents."""
     workspace = WorkspaceService.open(arguments.workspace, arguments.db)
     if not arguments.channels:
+        study = workspace.study_of_record(arguments.study or arguments.files[0], arguments.files[0])
+        if study is not None:
+            say(f"{arguments.files[0]}: analysed as {study} says")
+            return print_outcome(follow(workspace.run([str(study.resolve())])), arguments, workspace)
         return _list_contents(arguments, workspace)
     request = ImportRequest(
         files=arguments.files,
@@ -58,22 +69,48 @@ def _parse_channels(texts: list[str], integrals: list[str]) -> dict[str, object]
 
 
 def _list_contents(arguments: Namespace, workspace: WorkspaceService) -> ExitCode:
-    """Print the contents of a file, and a command that would probably import it."""
-    from fraexp.records.contents import clock_fault, list_contents, propose_import
+    """Print the contents of files, and a command that would probably import them."""
+    from fraexp.records.contents import list_contents
 
-    file: Path = arguments.files[0]
-    found = list_contents(file, workspace.registry)
-    command = propose_import(file, found, workspace.registry)
+    files: list[Path] = arguments.files
+    found = {file: list_contents(file, workspace.registry) for file in files}
+    proposal = _propose(found, workspace)
     if arguments.json:
-        rows = [{"name": o.name, "shape": list(o.shape), "unit": o.unit, "guess": o.guess} for o in found]
-        print_json({"file": str(file), "contents": rows, "proposal": command})
+        rows = [
+            {"name": o.name, "shape": list(o.shape), "unit": o.unit, "guess": o.guess, "file": str(file)}
+            for file, contents in found.items()
+            for o in contents
+        ]
+        document = {"file": str(files[0]), "contents": rows, "proposal": proposal.command}
+        print_json({**document, "needs": proposal.needs, "findings": proposal.findings})
         return ExitCode.OK
-    shapes = [" x ".join(map(str, one.shape)) for one in found]
-    cells = [[one.name, shape, one.unit, one.guess] for one, shape in zip(found, shapes, strict=True)]
-    print_table(["name", "size", "unit", "probably"], cells)
-    time = next((one for one in found if one.guess == "time" and one.size > 1), None)
-    fault = clock_fault(file, time, workspace.registry) if time else ""
-    if fault:
-        say(fault)
-    say(f"next, after correcting units and gains: {command}")
+    several = len(files) > 1
+    cells = [
+        [*([file.name] if several else []), one.name, " x ".join(map(str, one.shape)), one.unit, one.guess]
+        for file, contents in found.items()
+        for one in contents
+    ]
+    print_table([*(["file"] if several else []), "name", "size", "unit", "probably"], cells)
+    for sentence in (*proposal.findings, *proposal.needs):
+        say(sentence)
+    say(f"next, after correcting units and gains: {proposal.command}")
     return ExitCode.OK
+
+
+def _propose(found: "Mapping[Path, Sequence[FileContent]]", workspace: WorkspaceService) -> "Proposal":
+    """Return the proposal for one file, or for several of one kind or of one record."""
+    from fraexp.records.proposals import propose_import, propose_join
+
+    first, *others = found
+    if not others:
+        return propose_import(first, found[first], workspace.registry)
+    names = [{one.name for one in contents} for contents in found.values()]
+    if any(these != names[0] for these in names):
+        return propose_join(found)
+    proposal = propose_import(first, found[first], workspace.registry)
+    proposal.words[2:3] = [str(file) for file in found]
+    proposal.findings.append(
+        "the files have the same columns: they are taken for realisations of one experiment; --separate-files takes "
+        "each for an experiment, --join-files for channels of one record"
+    )
+    return proposal

@@ -8,7 +8,7 @@ from fraexp.cli.output import say
 from fraexp.cli.parser import Parser
 from fraexp.data.figure_kinds import FIGURES
 
-KINDS = ("friction", "plant", "controller", "excitation", "estimator", "reader")
+KINDS = ("friction", "plant", "controller", "excitation", "estimator", "reader", "machine")
 """Kinds of component."""
 ID_HELP = "a run number, a study name (its newest run), or the beginning of a sweep key"
 ALL_HELP = "on a terminal, show every sweep instead of quantiles over the sweeps"
@@ -148,6 +148,40 @@ def _run(parser: Parser) -> None:
     _json(parser)
 
 
+def _measure(parser: Parser) -> None:
+    parser.add_argument(
+        "study", metavar="STUDY", help="study file (TOML) or study name, with [limits] and [measurement]"
+    )
+    parser.add_argument(
+        "--set", metavar="PATH=VALUE", dest="overrides", action="append", default=[],
+        help="override a value of the study, such as measurement.band=0.1",
+    )  # fmt: skip
+    parser.add_argument(
+        "--dry-run", action="store_true", help="show the points, their durations and the predicted motion; play nothing"
+    )
+    parser.add_argument(
+        "--fresh", action="store_true", help="measure anew: discard what an earlier measurement of the study recorded"
+    )
+    _json(parser)
+
+
+def _excite(parser: Parser) -> None:
+    parser.add_argument("study", metavar="STUDY", help="study file (TOML) or study name, with [limits]")
+    parser.add_argument(
+        "-o", "--output", metavar="FILE", type=Path, required=True,
+        help="file to write: .csv, .mat, .h5, .wav, .h (C) or .st (Structured Text)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--set", metavar="PATH=VALUE", dest="overrides", action="append", default=[],
+        help="override a value of the study, such as excitation.amplitude=20",
+    )  # fmt: skip
+    parser.add_argument(
+        "--record", metavar="FILE", type=Path,
+        help="name of the record that will come back (default: that of the output, with -record, as .csv)",
+    )  # fmt: skip
+    parser.add_argument("--force", action="store_true", help="overwrite an existing file")
+
+
 def _show(parser: Parser) -> None:
     parser.add_argument("id", metavar="ID", help=ID_HELP)
     parser.add_argument("--points", action="store_true", help="show every frequency of the response")
@@ -215,6 +249,18 @@ def _fit(parser: Parser) -> None:
     _json(parser)
 
 
+def _tune(parser: Parser) -> None:
+    parser.add_argument("ids", metavar="ID", nargs="+", help=ID_HELP)
+    parser.add_argument(
+        "--set", metavar="PARAMETER=VALUE", dest="overrides", action="append", default=[],
+        help="set a parameter of the tuning, such as integral_action=false or modulus_margin=0.6",
+    )  # fmt: skip
+    parser.add_argument(
+        "--estimator", metavar="NAME", default="", help="estimator that tunes the feedback (default: the only one)"
+    )
+    _json(parser)
+
+
 def _report(parser: Parser) -> None:
     parser.add_argument(
         "ids", metavar="ID", nargs="+",
@@ -230,8 +276,11 @@ def _report(parser: Parser) -> None:
 def _export(parser: Parser) -> None:
     parser.add_argument("id", metavar="ID", help=ID_HELP)
     parser.add_argument(
-        "-o", "--output", metavar="FILE", type=Path, required=True, help="file to write: .csv, .json, .mat, .h5 or .unv"
-    )
+        "-o", "--output", metavar="FILE", type=Path, required=True,
+        help="file to write: .csv, .json, .mat, .h5 or .unv; .c, .h (C99) or .st (Structured Text) for a "
+        "controller; .mjcf or .urdf for friction in a simulator",
+    )  # fmt: skip
+    parser.add_argument("--single", action="store_true", help="code in single precision instead of double")
     parser.add_argument("--force", action="store_true", help="overwrite an existing file")
 
 
@@ -250,12 +299,15 @@ def _check(parser: Parser) -> None:
 
 DECLARE = {
     "run": _run,
+    "measure": _measure,
+    "excite": _excite,
     "stop": _stop,
     "list": _list,
     "show": _show,
     "compare": _compare,
     "plot": _plot,
     "fit": _fit,
+    "tune": _tune,
     "report": _report,
     "export": _export,
     "import": import_options.declare,

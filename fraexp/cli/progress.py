@@ -28,7 +28,7 @@ class Meter:
     def __init__(self) -> None:
         self.begin()
         self._said = self._started
-        self._bar: Bar | None = _make_bar() if sys.stderr.isatty() else None
+        self._bar: Bar | None = make_bar() if sys.stderr.isatty() else None
         self._task = self._bar.add_task("", total=None, count="", visible=False) if self._bar else None
 
     def __enter__(self) -> Self:
@@ -121,7 +121,8 @@ def _running_text(part: float, left: int, running: int | None) -> str:
     return f"{running} in progress" + (f" at {share} %" if running == left and 0 < share < 100 else "")
 
 
-def _make_bar() -> "Bar":
+def make_bar() -> "Bar":
+    """Return a bar on stderr that disappears at its end."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, get_args
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,8 @@ from pydantic.fields import FieldInfo
 
 from fraexp.components.law_check import check_law
 from fraexp.components.law_step import argument_names, explained_calls
+from fraexp.components.machine_session import MachineSession
+from fraexp.components.method_overrides import check_overrides
 from fraexp.components.parameters import Parameters
 from fraexp.components.ports import Ports, StateSpace
 from fraexp.data.record_table import RecordTable
@@ -22,6 +24,7 @@ from fraexp.data.signals import Segment, Signals
 from fraexp.errors import PluginError, did_you_mean
 
 if TYPE_CHECKING:  # numba: imported only when a law is run
+    from fraexp.components.feedforward import Feedforward
     from fraexp.kernels.law_arguments import LawArgument
 
 
@@ -76,7 +79,7 @@ class Component(Parameters, ABC):
         missing = sorted(getattr(cls, "__abstractmethods__", ()))
         if missing:
             raise PluginError(f"{name} lacks {', '.join(missing)}, which every {cls.kind} has")
-        _check_overrides(cls)
+        check_overrides(cls, next(base for base in KINDS if issubclass(cls, base)))
         cls.check_definition()
 
     @classmethod
@@ -86,22 +89,6 @@ class Component(Parameters, ABC):
     def spec(self) -> dict[str, Any]:
         """Return the plain data that identifies this component: name, version and parameters."""
         return {"name": self.name, "version": self.version, **self.plain()}
-
-
-def _check_overrides(cls: type[Component]) -> None:
-    """Raise PluginError for a method that cannot be called as that of its kind, or that must be a property."""
-    kind = next(base for base in KINDS if issubclass(cls, base))
-    for name, expected in vars(kind).items():
-        found = inspect.getattr_static(cls, name)
-        if isinstance(expected, property) and inspect.isfunction(found):
-            raise PluginError(f"{cls.name}.{name} is a method; expected a property: put @property above it")
-        if inspect.isfunction(expected) and inspect.isfunction(found):
-            wanted = [key for key, one in inspect.signature(expected).parameters.items() if one.default is one.empty]
-            try:
-                inspect.signature(found).bind(*wanted)
-            except TypeError:
-                has = ", ".join(inspect.signature(found).parameters)
-                raise PluginError(f"{cls.name}.{name} takes ({has}); expected ({', '.join(wanted)})") from None
 
 
 class FrictionModel(Component, ABC):
@@ -330,6 +317,10 @@ class Excitation(Component, ABC):
         """Return a remark on the record, such as a target that was missed; empty for none."""
         return ""
 
+    def feedforward(self, sample_time: float) -> "Feedforward | None":
+        """Return the feedforward of a motion from target to target, or None for an excitation that is none."""
+        return None
+
     @property
     @abstractmethod
     def schedule(self) -> "Schedule":
@@ -365,6 +356,10 @@ class Estimator(Component, ABC):
     def estimate(self, signals: Signals) -> Result:
         """Return the result that the signals give."""
 
+    def resolve_for(self, signals: Signals) -> Self:
+        """Return the estimator with what it chooses by itself along these signals, such as a number of points."""
+        return self
+
     def matched(self, machine: Mapping[str, object]) -> "Estimator | None":
         """Return the estimator that knows a simulated machine, whose response without friction must be the plant.
 
@@ -389,4 +384,16 @@ class RecordReader(Component, ABC):
         """Return the named columns of a file; RecordError states the fault, and which columns exist."""
 
 
-KINDS: tuple[type[Component], ...] = (FrictionModel, Plant, Controller, Excitation, Estimator, RecordReader)
+class MachineDriver(Component, ABC):
+    """A machine that plays excitations and records what it does."""
+
+    kind: ClassVar[str] = "machine"
+
+    @abstractmethod
+    def connect(self, folder: Path) -> MachineSession:
+        """Return the connected machine; `folder` is the workspace's. MachineError if it cannot be reached."""
+
+
+KINDS: tuple[type[Component], ...] = (
+    FrictionModel, Plant, Controller, Excitation, Estimator, RecordReader, MachineDriver,
+)  # fmt: skip

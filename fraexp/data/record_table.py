@@ -16,3 +16,5 @@ class RecordTable:
     sample_time: float | None = None
     """Sample time [s], and unit of each column, as far as the file states them."""
     units: Mapping[str, str] = field(default_factory=dict)
+    times: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    """Time stamps [s] of columns that have their own, each of shape (n,); the lengths of such columns may differ."""

@@ -27,6 +27,7 @@ def _estimate(estimator: Estimator, signals: Signals, tolerance: float) -> Resul
             f"{estimator.name} needs samples over time, and the record is a response that was measured elsewhere; use "
             "an estimator of responses to sines, such as the one that fraexp import takes by itself"
         )
+    estimator = estimator.resolve_for(signals)
     result = estimator.estimate(signals)
     if not isinstance(result, Result):
         raise PluginError(f"{estimator.name} returns {result!r:.60}; expected a Result")

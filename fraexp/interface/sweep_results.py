@@ -20,6 +20,7 @@ from fraexp.interface.optional_packages import import_optional
 from fraexp.store import StoredSweep
 from fraexp.views import text_tables
 from fraexp.views.words import number_text, short_key
+from fraexp.workspace.controller_export import CONTROLLER_SUFFIXES, export_controller
 
 if TYPE_CHECKING:
     import control
@@ -177,10 +178,16 @@ class SweepResult:
         return self.service.figures.figure(sweeps, results, self._title(), kind, frequency_view(frequency_range))
 
     def export(self, path: str | Path, force: bool = False) -> Path:
-        """Write the result as .csv, .json, .mat, .h5 or .unv and return the path; `force` replaces a file."""
+        """Write the result as .csv, .json, .mat, .h5 or .unv and return the path; `force` replaces a file.
+
+        To .c, .h or .st the controller of the sweep is written as code, to .mjcf or .urdf its friction.
+        """
         target = Path(path)
         if target.exists() and not force:
             raise FraexpError(f"{target}: the file exists; give force=True to replace it, or another name")
+        if target.suffix.lower() in CONTROLLER_SUFFIXES:
+            export_controller(self.sweep, self.result, self.service.registry, target, force=force)
+            return target
         header = {**self._attributes(), "models": self.service.models(self.result)}
         export(self.result, header, target, force=force)
         return target

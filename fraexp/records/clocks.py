@@ -1,15 +1,17 @@
 """Clocks in a record's file that the study does not name: a column of time, or a number with a name such as fs."""
 
 import re
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.components.kinds import RecordReader
 from fraexp.data.record_table import RecordTable
 from fraexp.errors import ParameterError, RecordError
+from fraexp.records.channels import Channel
 from fraexp.records.quantities import UNITLESS_MARKS, si_unit
 from fraexp.records.timebase import MAX_JITTER, sample_rate_of
 
@@ -23,24 +25,42 @@ UNIT_FACTORS = (1.0, 1e3, 1e6)
 """Possible units of a number without a unit: Hz, kHz or MHz of a rate; s, ms or µs of a time."""
 
 
-def find_clock(reader: RecordReader, table: RecordTable, path: Path, even: bool) -> float | None:
+class ColumnReader(Protocol):
+    """What reads columns: the reader of a file, or of several files that are joined."""
+
+    def read(self, path: Path, columns: Sequence[str]) -> RecordTable:
+        """Return the named columns."""
+
+
+def find_clock(reader: ColumnReader, table: RecordTable, path: Path, even: bool) -> float | None:
     """Return the sample rate [Hz] of an unused column that is evidently the time, or None.
 
     Its unit must be one of time. It must be uniform, or unless `even` have the name of a time and increase.
     """
-    for column, unit in table.units.items():
-        if column in table.columns:
-            continue
+    for column, factor in _time_columns(table):
         with suppress(ParameterError, RecordError):  # such a column is not a clock
-            factor, short = si_unit(unit, "")
-            if short == "s" and unit.strip() not in UNITLESS_MARKS:
-                time = reader.read(path, [column]).columns[column] * factor
-                return (
-                    sample_rate_of(time, column)
-                    if even or not TIME_NAMES.fullmatch(column.strip())
-                    else _mean_rate(time)
-                )
+            time = reader.read(path, [column]).columns[column] * factor
+            must_be_even = even or not TIME_NAMES.fullmatch(column.strip())
+            return sample_rate_of(time, column) if must_be_even else _mean_rate(time)
     return None
+
+
+def find_time_column(reader: ColumnReader, table: RecordTable, path: Path) -> Channel | None:
+    """Return an unused column that is evidently the time, though its steps may be uneven, or None."""
+    for column, factor in _time_columns(table):
+        with suppress(ParameterError, RecordError):
+            _mean_rate(reader.read(path, [column]).columns[column] * factor)
+            return Channel(column=column)
+    return None
+
+
+def _time_columns(table: RecordTable) -> Iterator[tuple[str, float]]:
+    """Yield the unused columns with a unit of time, and their factors to seconds."""
+    for column, unit in table.units.items():
+        with suppress(ParameterError):
+            factor, short = si_unit(unit, "")
+            if column not in table.columns and short == "s" and unit.strip() not in UNITLESS_MARKS:
+                yield column, factor
 
 
 def _mean_rate(time: NDArray[np.float64]) -> float:
@@ -53,7 +73,7 @@ def _mean_rate(time: NDArray[np.float64]) -> float:
     return float(steps.size / (time[-1] - time[0]))
 
 
-def check_stated_rate(stated: float, reader: RecordReader, path: Path) -> None:
+def check_stated_rate(stated: float, reader: ColumnReader, path: Path) -> None:
     """Raise RecordError if a number in the file is a sample rate by its name and differs from the stated one [Hz]."""
     numbers = _rates_in_file(reader, path)
     if numbers and not any(
@@ -65,7 +85,7 @@ def check_stated_rate(stated: float, reader: RecordReader, path: Path) -> None:
         )
 
 
-def unknown_rate_error(reader: RecordReader, table: RecordTable, path: Path) -> RecordError:
+def unknown_rate_error(reader: ColumnReader, table: RecordTable, path: Path) -> RecordError:
     """Return the error for a record without a sample rate; it names what in the file may be one."""
     place = f"{path.name}: the sample rate is unknown; give"
     time = next(
@@ -86,7 +106,7 @@ def unknown_rate_error(reader: RecordReader, table: RecordTable, path: Path) -> 
     return RecordError(f"{place} sample_rate [Hz] (--sample-rate), or time = the column with the time (--time)")
 
 
-def _rates_in_file(reader: RecordReader, path: Path) -> dict[str, float]:
+def _rates_in_file(reader: ColumnReader, path: Path) -> dict[str, float]:
     """Return the sample rates [Hz] that single numbers in the file give, by their names."""
     found = {}
     for name, size in _content_sizes(reader, path).items():
@@ -98,7 +118,7 @@ def _rates_in_file(reader: RecordReader, path: Path) -> dict[str, float]:
     return found
 
 
-def _content_sizes(reader: RecordReader, path: Path) -> dict[str, int]:
+def _content_sizes(reader: ColumnReader, path: Path) -> dict[str, int]:
     """Return the number of values of each variable in the file, by name; empty if the reader cannot list them."""
     listing = getattr(reader, "contents", None)
     with suppress(RecordError):  # variables that are not used may be damaged or too large

@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from fraexp.data.signals import Settling
 from fraexp.data.sweep import Plain
 from fraexp.errors import RecordError
 from fraexp.records.record_settings import MIN_BLOCKS, RecordSettings, Step
@@ -21,6 +22,8 @@ MIN_PERIOD_SAMPLES = 2
 """Least number of samples of a period."""
 MAX_APERIODIC_LINES = 200
 """Number of frequencies of an aperiodic record, unless the study gives them."""
+APERIODIC_SETTLING = Settling(settled=True, time=0.0, residual=float("nan"))
+"""Settling of an aperiodic record: what preceded its first sample is unknown."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +47,12 @@ class Cut:
     """Number of lines above the noise that are left out although they are not much weaker than others."""
     doubtful: int = 0
     """Number of lines that count although they are much weaker than the others."""
+    rest: int | None = None
+    """Index of the sample before which the machine was at rest, if it is known."""
+    settled: bool | None = None
+    """Whether it was periodic at its start, if it is known."""
+    residual: float | None = None
+    """Relative difference of the last periods compared before it, if it is known."""
 
     def blocks_of(self, channel: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the blocks of a channel, shape (blocks, samples)."""
@@ -59,6 +68,7 @@ class Cut:
             "lines": list(self.lines),
             **({} if self.periodic else {"periodic": False}),
             **{key: getattr(self, key) for key in ("left_out", "doubtful") if getattr(self, key)},
+            **{key: getattr(self, key) for key in ("rest", "settled", "residual") if getattr(self, key) is not None},
         }
 
     @classmethod
@@ -66,7 +76,20 @@ class Cut:
         """Return the cut that `as_plain` describes."""
         lines, periodic = tuple(data["lines"]), data.get("periodic", True)
         weak = (data.get("left_out", 0), data.get("doubtful", 0))
-        return cls(data["start"], data["periods"], data["samples"], 1, data["sample_time"], lines, periodic, *weak)
+        before = (data.get("rest"), data.get("settled"), data.get("residual"))
+        return cls(
+            data["start"], data["periods"], data["samples"], 1, data["sample_time"], lines, periodic, *weak, *before
+        )
+
+    @property
+    def settling(self) -> Settling | None:
+        """What is known of the time before its first period; None if nothing is."""
+        if not self.periodic:
+            return APERIODIC_SETTLING
+        if self.settled is None:
+            return None
+        waited = float("nan") if self.rest is None else (self.start - self.rest) * self.sample_time
+        return Settling(self.settled, waited, float("nan") if self.residual is None else self.residual)
 
 
 def coherent_block(period: float, available: float, slip: float, least: int = MIN_BLOCKS) -> tuple[int, int] | None:
@@ -112,7 +135,8 @@ def split_realisations(
     ):
         raise RecordError(
             f"{place}: {run[1] - run[0]} samples are {(run[1] - run[0]) / length:.2f} realisations of "
-            f"{settings.periods_per_realisation} periods; expected a whole number: correct periods or period"
+            f"{settings.periods_per_realisation} periods; expected a whole number: correct "
+            "periods_per_realisation (--periods) or the period"
         )
     edges = [run[0] + round(number * length) for number in range(count + 1)]
     return list(pairwise(edges))
@@ -152,6 +176,23 @@ def whole_cut(settings: RecordSettings, rate: float, run: tuple[int, int], place
     else:
         lines = np.unique(np.rint(np.geomspace(first, last, MAX_APERIODIC_LINES)).astype(int))
     return Cut(start, 1, samples, 1, 1 / rate, tuple(lines.tolist()), periodic=False)
+
+
+def played_cuts(settings: RecordSettings, rate: float, length: int, place: str) -> list[Cut]:
+    """Return the segments that the study states sample by sample."""
+    cuts = []
+    for number, one in enumerate(settings.segments, start=1):
+        here, stop = f"{place}, segment {number}", one.start + one.periods * one.samples
+        if stop > length:
+            raise RecordError(f"{here}: it ends at sample {stop}; the record has {length}: record to the end")
+        if not one.harmonics or min(one.harmonics) < 1 or 2 * max(one.harmonics) >= one.samples:
+            raise RecordError(f"{here}: expected harmonics from 1 to below {one.samples / 2:g}")
+        if one.rest is not None and one.rest > one.start:
+            raise RecordError(f"{here}: rest is sample {one.rest}; expected one before its start, {one.start}")
+        lines = tuple(sorted(one.harmonics))
+        cut = Cut(one.start, one.periods, one.samples, 1, 1 / rate, lines)
+        cuts.append(replace(cut, rest=one.rest, settled=one.settled, residual=one.residual))
+    return cuts
 
 
 def step_cuts(settings: RecordSettings, steps: Iterable[Step], rate: float, length: int, place: str) -> list[Cut]:
@@ -197,7 +238,7 @@ def _block_cut(  # the numbers of one cut
     if found is None:
         raise RecordError(
             f"{place}: no whole number of periods of {period:.6g} samples is a whole number of samples within "
-            f"{slip:g} periods and fits twice into {available} samples; raise coherence, or record for longer"
+            f"{slip:g} periods and fits twice into {available} samples; raise max_phase_slip, or record for longer"
         )
     samples, periods = found
     # A clock that is corrected by the slip gives the lines their true frequencies. Leakage affects input and output

@@ -151,7 +151,9 @@ def _check_excited(lines: list[int], blocks: NDArray[np.float64], spacing: float
         )
 
 
-def check_step_frequencies(cuts: list[Cut], channel: NDArray[np.float64], rate: float, name: str, place: str) -> None:
+def check_step_frequencies(
+    cuts: Sequence[Cut], channel: NDArray[np.float64], rate: float, name: str, place: str
+) -> None:
     """Raise RecordError if in most steps the input is strongest at another frequency than the stated one."""
     wrong = []
     for cut in cuts:

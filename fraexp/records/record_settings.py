@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from itertools import product
-from typing import ClassVar, Self
+from typing import ClassVar, Literal, Self
 
 from pydantic import field_validator
 
@@ -27,6 +27,18 @@ class Step(Parameters):
     start: float = param("s", "start, from the first sample", at_least=0)
     stop: float = param("s", "end, from the first sample", above=0)
     frequency: float = param("Hz", "frequency", above=0)
+
+
+class PlayedSegment(Parameters):
+    """Whole periods of a record, counted in samples: whoever has played the excitation knows them."""
+
+    start: int = param("1", "first sample of the periods, from 0", at_least=0, at_most=MAX_SAMPLES)
+    periods: int = param("1", "number of periods", at_least=1, at_most=MAX_SAMPLES)
+    samples: int = param("1", "samples per period", at_least=2, at_most=MAX_SAMPLES)
+    harmonics: tuple[int, ...] = param("1", "excited harmonics of the period")
+    rest: int | None = param("1", "sample before which the machine was at rest", None, at_least=0, at_most=MAX_SAMPLES)
+    settled: bool | None = param("", "whether it was periodic when the periods began; not stated if absent", None)
+    residual: float | None = param("1", "relative difference of the last periods compared", None, at_least=0)
 
 
 class RecordSettings(Parameters):
@@ -55,6 +67,7 @@ class RecordSettings(Parameters):
     }
 
     file: tuple[str, ...] = param("", "file of the record, relative to the study, or several of one experiment")
+    join_files: bool = param("", "whether the files are channels of one record, and not realisations", False)
     reader: str = param("", "name of the reader; found by the file's suffix if empty", "")
     channels: dict[str, Channel] = param(
         "", "channels by name: the columns of the file; frequency, magnitude and phase of a response"
@@ -71,6 +84,11 @@ class RecordSettings(Parameters):
     )
     sample_rate: float | None = param("Hz", "sample rate", None, above=0)
     time_column: Channel | None = param("", "column with the time; in s if it has no unit", None)
+    resample: Literal["", "cubic", "linear"] = param(
+        "", "interpolation between time stamps to a uniform clock; if empty, the clock must be uniform", ""
+    )
+    start_time: float = param("s", "time after the first sample at which the record begins", 0.0, at_least=0)
+    end_time: float | None = param("s", "time after the first sample at which the record ends", None, above=0)
     level: Name | None = param("", "what {level} stands for in names; a grid over it compares levels", None)
     realisations: tuple[Name, ...] = param("", "what {realisation} stands for in names, one after another", ())
     select: str = param("", "which samples are taken, such as 'amplitude = 12'; each run of them is a segment", "")
@@ -84,6 +102,9 @@ class RecordSettings(Parameters):
         "1", "periods of each realisation, where several follow one another", None, at_least=1, at_most=MAX_SAMPLES
     )
     steps: tuple[Step, ...] = param("", "stretches of a stepped sine: start, stop, frequency", ())
+    segments: tuple[PlayedSegment, ...] = param(
+        "", "periods of an excitation that fraexp has played: start, periods, samples, harmonics", ()
+    )
     frequency_column: Channel | None = param(
         "", "column with the frequency of a stepped sine; 0 where there is none", None
     )
@@ -134,12 +155,25 @@ class RecordSettings(Parameters):
             for number, step in enumerate(value, start=1)
         )
 
+    @field_validator("segments", mode="before")
+    @classmethod
+    def _read_segments(cls, value: object) -> tuple[PlayedSegment, ...]:
+        if not isinstance(value, list | tuple) or not all(isinstance(one, PlayedSegment | Mapping) for one in value):
+            raise ParameterError("segments is no list of tables, such as those that fraexp measure and excite write")
+        return tuple(
+            one if isinstance(one, PlayedSegment) else PlayedSegment.parse(one, f"segments.{number}")
+            for number, one in enumerate(value, start=1)
+        )
+
     @property
     def min_blocks(self) -> int:
         """Least number of blocks of a segment: the variance is their scatter, or that of the realisations."""
         return (
             1
-            if self.realisations or len(self.file) > 1 or self.segment_column or self.periods_per_realisation == 1
+            if self.realisations
+            or (len(self.file) > 1 and not self.join_files)
+            or self.segment_column
+            or self.periods_per_realisation == 1
             else MIN_BLOCKS
         )
 
@@ -154,8 +188,8 @@ class RecordSettings(Parameters):
         given = (name for name in INJECTED_CHANNELS if name in self.channels)
         return self.line_channel or next(given, self.reference)
 
-    def parts(self) -> Iterator[tuple[str, Self]]:
-        """Yield the name of each file and its settings for each realisation, without placeholders.
+    def parts(self) -> Iterator[tuple[tuple[str, ...], Self]]:
+        """Yield each file, or all that are joined, and its settings for each realisation, without placeholders.
 
         ParameterError if a placeholder has no value, or a value has no placeholder.
         """
@@ -166,7 +200,8 @@ class RecordSettings(Parameters):
                 finding = f"{key} is given, but {mark} stands in no name" if given else f"{mark} stands in a name"
                 remedy = "write it into a column, a file or select" if given else f"give {key} (--{key.rstrip('s')})"
                 raise ParameterError(f"record: {finding}; {remedy}")
-        for file, realisation in product(self.file, self.realisations or ("",)):
+        groups = [self.file] if self.join_files else [(file,) for file in self.file]
+        for files, realisation in product(groups, self.realisations or ("",)):
             names = {LEVEL_MARK: _name_text(self.level), REALISATION_MARK: _name_text(realisation)}
             filled = {
                 "channels": {name: _fill_marks(channel, names) for name, channel in self.channels.items()},
@@ -177,7 +212,7 @@ class RecordSettings(Parameters):
                     if getattr(self, key) is not None
                 },
             }
-            yield _replace_marks(file, names), self.model_copy(update=filled)
+            yield tuple(_replace_marks(file, names) for file in files), self.model_copy(update=filled)
 
     def _named_channels(self) -> list[Channel]:
         extra = [getattr(self, key) for key in AUXILIARY_COLUMNS]

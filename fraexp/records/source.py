@@ -1,5 +1,6 @@
 """Measured records as a source of signals: resolved to plain data that identifies them, and loaded."""
 
+import itertools
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,36 +13,60 @@ from fraexp.components.kinds import RecordReader
 from fraexp.components.registry import Registry, create
 from fraexp.data.identity import file_hash
 from fraexp.data.record_table import RecordTable
-from fraexp.data.signals import Segment, Settling, Signals
+from fraexp.data.signals import Segment, Signals
 from fraexp.data.sweep import Plain
 from fraexp.errors import RecordError, did_you_mean
 from fraexp.records.calculus import integrate_blocks
 from fraexp.records.channels import Channel
-from fraexp.records.clocks import check_stated_rate, find_clock, unknown_rate_error
-from fraexp.records.cutting import Cut, find_steps, periodic_cut, split_realisations, step_cuts, whole_cut
+from fraexp.records.clocks import ColumnReader
+from fraexp.records.cutting import (
+    Cut,
+    find_steps,
+    periodic_cut,
+    played_cuts,
+    split_realisations,
+    step_cuts,
+    whole_cut,
+)
 from fraexp.records.excited import describe_doubts
+from fraexp.records.joined_files import JoinedFiles
 from fraexp.records.line_selection import check_step_frequencies, common_lines, select_lines
 from fraexp.records.quantities import PlainTable, auxiliary_values, channel_columns, channel_values, resolve_channel
+from fraexp.records.record_sampling import plan_sampling, sampled_table, sampling_columns, sampling_text
 from fraexp.records.record_segments import check_levels, parse_condition, select_runs
 from fraexp.records.record_settings import RecordSettings
 from fraexp.records.repeats import check_repeats, detect_period, period_hint
 from fraexp.records.stated_response import is_response, load_response, resolve_response, response_columns
-from fraexp.records.timebase import MAX_JITTER, agreed_rate, sample_rate_of
+from fraexp.records.timebase import MAX_JITTER
 
-APERIODIC_SETTLING = Settling(settled=True, time=0.0, residual=float("nan"))
-"""Settling of an aperiodic record: what preceded its first sample is unknown."""
+MAX_VALUE = 1e100
+"""Magnitude of a sample from which a file is damaged: its square could not be computed."""
 
 
 @dataclass(frozen=True)
 class _RecordPart:
     """A file, or a realisation in it, with the cuts of its segments."""
 
-    path: Path
+    paths: tuple[Path, ...]
+    """The file, or those whose columns are joined."""
     reader: PlainTable
     channels: dict[str, PlainTable]
     values: dict[str, NDArray[np.float64]]
     rate: float
+    sampling: PlainTable
+    """Which samples are used, and how they are resampled; empty if as they are."""
     cuts: list[Cut]
+
+    def as_plain(self) -> PlainTable:
+        """Return the plain data that identifies its signals."""
+        sampling = {"sampling": self.sampling} if self.sampling else {}
+        joined = {"joined": [file_hash(path) for path in self.paths[1:]]} if len(self.paths) > 1 else {}
+        return {"hash": file_hash(self.path), **joined, "channels": self.channels, **sampling}
+
+    @property
+    def path(self) -> Path:
+        """The first file, which messages name."""
+        return self.paths[0]
 
     def blocks(self, name: str) -> list[NDArray[np.float64]]:
         """Return the blocks of a channel in each segment, each of shape (blocks, samples)."""
@@ -57,28 +82,23 @@ def resolve(settings: RecordSettings, base_folder: Path, registry: Registry) -> 
     """
     if is_response(settings.channels):
         return _resolve_response(settings, base_folder, registry)
-    parts = [_resolve_part(one, Path(os.path.normpath(base_folder / file)), registry) for file, one in settings.parts()]
+    parts = [_resolve_part(one, base_folder, files, registry) for files, one in settings.parts()]
     _check_alike(parts)
     cuts = [cut for part in parts for cut in part.cuts]
     inputs = [blocks for part in parts for blocks in part.blocks(settings.reference)]
-    if len(cuts) > 1 and not (settings.steps or settings.frequency_column):
+    if len(cuts) > 1 and not (settings.steps or settings.frequency_column or settings.segments):
         check_levels(cuts, inputs, settings.reference, parts[0].path.name)
         cuts = cuts if settings.harmonics or settings.harmonic_step else common_lines(cuts)
     segments = [cut.as_plain() for cut in cuts]
     first = parts[0]
-    record: PlainTable = {
-        "hash": file_hash(first.path),
-        "reader": first.reader,
-        "sample_rate": first.rate,
-        "channels": first.channels,
-        "segments": segments,
-    }
-    if len(parts) > 1:
-        del record["hash"], record["channels"]
-        record["parts"] = [{"hash": file_hash(part.path), "channels": part.channels} for part in parts]
+    record: PlainTable = {"reader": first.reader, "sample_rate": first.rate, "segments": segments}
+    if len(parts) == 1:
+        record |= first.as_plain()
+    else:
+        record["parts"] = [part.as_plain() for part in parts]
         owners = [number for number, part in enumerate(parts) for _ in part.cuts]
         record["segments"] = [{**plain, "part": number} for plain, number in zip(segments, owners, strict=True)]
-    paths = [str(part.path) for part in parts]
+    paths = [str(path) for part in parts for path in part.paths]
     more = {f"record.{number}": path for number, path in enumerate(paths[1:], start=1)}
     return {"source": "record", "record": record}, {"record": paths[0], **more}
 
@@ -89,11 +109,13 @@ def _resolve_response(
     """Return the experiment that stands for a response that was measured elsewhere, and the path of its file."""
     named = list(settings.parts())
     if len(named) > 1:
-        raise RecordError(f"{named[0][0]} and others: expected one file with one response; compare several in a grid")
-    file, own = named[0]
+        raise RecordError(
+            f"{named[0][0][0]} and others: expected one file with one response; compare several in a grid"
+        )
+    (file, *_), own = named[0]
     path = existing_file(Path(os.path.normpath(base_folder / file)))
     reader = find_reader(own.reader, path, registry)
-    table = _read_columns(reader, path, response_columns(own))
+    table = read_columns(reader, path, response_columns(own))
     record = {"hash": file_hash(path), "reader": reader.spec(), **resolve_response(own, table, path)}
     return {"source": "record", "record": record}, {"record": str(path)}
 
@@ -103,21 +125,28 @@ def load(experiment: Plain, files: Mapping[str, str], registry: Registry) -> Sig
     record = experiment["record"]
     parts: Sequence[PlainTable] = record.get("parts", [record])
     reader = create(registry, RecordReader, record["reader"], place="record")
+    remaining = (f"record.{number}" if number else "record" for number in itertools.count())
     if "response" in record:
         path = _unchanged_file(files["record"], record["hash"])
         columns = {str(column["column"]) for column in record["response"]["columns"].values()}
-        return load_response(record, _read_columns(reader, path, columns), path)
+        return load_response(record, read_columns(reader, path, columns), path)
     found: list[Segment] = []
+    messages = [describe_doubts([Cut.from_plain(plain) for plain in record["segments"]])]
+    highest = max(max(plain["lines"]) / (plain["samples"] * plain["sample_time"]) for plain in record["segments"])
     for number, part in enumerate(parts):
-        path = _unchanged_file(files[f"record.{number}" if number else "record"], part["hash"])
-        table = _read_columns(reader, path, set().union(*map(channel_columns, part["channels"].values())))
+        hashes = (part["hash"], *part.get("joined", ()))
+        paths = [_unchanged_file(files[next(remaining)], content) for content in hashes]
+        path, source = paths[0], _joined_reader(paths, reader, registry)
+        sampling = part.get("sampling", {})
+        columns = set().union(*map(channel_columns, part["channels"].values())) | sampling_columns(sampling)
+        raw = read_columns(source, path, columns)
+        messages += [] if number else [sampling_text(raw, sampling, highest, path)]
+        table = sampled_table(raw, sampling, path)
         values = {name: channel_values(table, channel, name, path) for name, channel in part["channels"].items()}
         own = [plain for plain in record["segments"] if plain.get("part", 0) == number]
         found += [_load_segment(Cut.from_plain(plain), values, part["channels"], path) for plain in own]
     units = {name: str(channel["unit"]) for name, channel in parts[0]["channels"].items()}
-    return Signals(
-        tuple(found), units, message=describe_doubts([Cut.from_plain(plain) for plain in record["segments"]])
-    )
+    return Signals(tuple(found), units, message="; ".join(filter(None, messages)))
 
 
 def _load_segment(
@@ -129,8 +158,11 @@ def _load_segment(
         )
         for name, samples in values.items()
     }
-    settling = None if cut.periodic else APERIODIC_SETTLING
-    return Segment(cut.sample_time, blocks, np.array(cut.lines), settling, periodic=cut.periodic)
+    lead_in = {}
+    if cut.rest is not None:
+        plain = {name: samples for name, samples in values.items() if not channels[name].get("integrate", 0)}
+        lead_in = {name: samples[cut.rest : cut.start].copy() for name, samples in plain.items()}
+    return Segment(cut.sample_time, blocks, np.array(cut.lines), cut.settling, lead_in, cut.periodic)
 
 
 def _unchanged_file(file: str, content: str) -> Path:
@@ -140,23 +172,35 @@ def _unchanged_file(file: str, content: str) -> Path:
     return path
 
 
-def _resolve_part(settings: RecordSettings, file: Path, registry: Registry) -> _RecordPart:
-    path = existing_file(file)  # the folder itself may not exist yet
-    reader = find_reader(settings.reader, path, registry)
+def _joined_reader(paths: Sequence[Path], first: RecordReader, registry: Registry) -> ColumnReader:
+    """Return the reader of a file, or one for all files that are joined."""
+    if len(paths) == 1:
+        return first
+    return JoinedFiles(paths, [first, *(find_reader("", path, registry) for path in paths[1:])])
+
+
+def _resolve_part(settings: RecordSettings, base_folder: Path, files: Sequence[str], registry: Registry) -> _RecordPart:
+    paths = tuple(existing_file(Path(os.path.normpath(base_folder / file))) for file in files)
+    path, own = paths[0], find_reader(settings.reader, paths[0], registry)
+    reader = _joined_reader(paths, own, registry)
     extra = _auxiliary_channels(settings)
     wanted = {column for channel in (*settings.channels.values(), *extra.values()) for column in channel.columns}
     chosen = parse_condition(settings.select, path.name)
-    table = _read_columns(reader, path, wanted | ({chosen[0]} if chosen else set()))
+    table = read_columns(reader, path, wanted | ({chosen[0]} if chosen else set()))
     plain = {name: resolve_channel(name, channel, table, path) for name, channel in settings.channels.items()}
+    rate, sampling = plan_sampling(settings, reader, table, path)
+    if not sampling_columns(sampling) <= table.columns.keys():  # a time that the study does not name
+        table = read_columns(reader, path, set(table.columns) | sampling_columns(sampling))
+    held = {column for channel in extra.values() for column in channel.columns} | ({chosen[0]} if chosen else set())
+    table = sampled_table(table, sampling, path, held)
     values = {name: channel_values(table, channel, name, path) for name, channel in plain.items()}
-    rate = _sample_rate(settings, reader, table, path)
     cuts = _plan_cuts(settings, values, table, rate, path)
     for name, channel in plain.items():
         if (
             channel.get("integrate", 0) and not cuts[0].periodic
         ):  # an impossible integral is reported before it is computed
             integrate_blocks(np.zeros((1, 2)), cuts[0], channel["integrate"], f"{path.name}, '{name}'")
-    return _RecordPart(path, reader.spec(), plain, values, rate, cuts)
+    return _RecordPart(paths, own.spec(), plain, values, rate, sampling, cuts)
 
 
 def _check_alike(parts: Sequence[_RecordPart]) -> None:
@@ -216,37 +260,24 @@ def _auxiliary_channels(settings: RecordSettings) -> dict[str, Channel]:
     return {f" {name}": channel for name, channel in found.items() if channel is not None}
 
 
-def _read_columns(reader: RecordReader, path: Path, columns: set[str]) -> RecordTable:
+def read_columns(reader: ColumnReader, path: Path, columns: set[str]) -> RecordTable:
+    """Return columns of a file; RecordError if their lengths differ, or they hold no plausible numbers."""
     table = reader.read(path, sorted(columns))
     lengths = {name: samples.size for name, samples in table.columns.items()}
-    if len(set(lengths.values())) > 1:
+    if len(set(lengths.values())) > 1 and not table.times:
         text = ", ".join(f"'{name}' {length}" for name, length in lengths.items())
         raise RecordError(
             f"{path.name}: the columns have different numbers of samples ({text}); expected equal ones: "
             "choose channels of one sample rate"
         )
     for name, samples in table.columns.items():
-        bad = np.flatnonzero(~np.isfinite(samples))
+        bad = np.flatnonzero(~(np.abs(samples) < MAX_VALUE))
         if bad.size:
             raise RecordError(
-                f"{path.name}: {bad.size} of {samples.size} samples in '{name}' are not finite numbers, "
-                f"the first is sample {bad[0] + 1}; mend or cut them out"
+                f"{path.name}: {bad.size} of {samples.size} samples in '{name}' are not finite numbers "
+                f"below {MAX_VALUE:g}, the first is sample {bad[0] + 1}; mend or cut them out"
             )
     return table
-
-
-def _sample_rate(settings: RecordSettings, reader: RecordReader, table: RecordTable, path: Path) -> float:
-    clock = 1 / table.sample_time if table.sample_time else None
-    if settings.time_column is not None:
-        time = auxiliary_values("time", settings.time_column, table, "s", path)
-        clock = sample_rate_of(time, f"{path.name}: the time in column '{settings.time_column.column}'")
-    elif clock is None:
-        clock = find_clock(reader, table, path, even=settings.sample_rate is None)
-    if settings.sample_rate and clock is None and not table.units:  # such as in MATLAB files
-        check_stated_rate(settings.sample_rate, reader, path)
-    if clock is None and settings.sample_rate is None:
-        raise unknown_rate_error(reader, table, path)
-    return agreed_rate(settings.sample_rate, clock, path.name)
 
 
 def _plan_cuts(
@@ -256,7 +287,8 @@ def _plan_cuts(
     if name not in values:
         raise RecordError(f"{path.name}: input is '{name}', which is not a channel{did_you_mean(name, values)}")
     channel = values[name]
-    ways = [key for key in ("samples_per_period", "period_time", "steps", "frequency_column") if getattr(settings, key)]
+    keys = ("samples_per_period", "period_time", "steps", "frequency_column", "segments")
+    ways = [key for key in keys if getattr(settings, key)]
     runs = select_runs(settings, table, channel.size, path.name)
     if not settings.periodic:
         if ways:
@@ -272,6 +304,10 @@ def _plan_cuts(
         ]
     if settings.select or settings.segment_column:
         raise RecordError(f"{path.name}: {ways[0]} already defines the segments; leave out select and segment_column")
+    if settings.segments:
+        cuts = played_cuts(settings, rate, channel.size, path.name)
+        check_step_frequencies([cut for cut in cuts if len(cut.lines) == 1], channel, rate, name, path.name)
+        return cuts
     steps = list(settings.steps)
     if settings.frequency_column is not None:
         steps = find_steps(auxiliary_values("frequency", settings.frequency_column, table, "Hz", path), rate)

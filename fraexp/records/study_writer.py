@@ -95,7 +95,7 @@ def _files_text(names: Sequence[str]) -> str:
 def _default_estimator(request: ImportRequest) -> str:
     if request.options.get("periodic", True):
         several = any(request.options.get(key) for key in ("realisations", "segment_column", "periods_per_realisation"))
-        joined = len(request.files) > 1 and not request.each_file
+        joined = len(request.files) > 1 and not request.each_file and not request.options.get("join_files")
         return AVERAGING_ESTIMATOR if several or joined else PERIODIC_ESTIMATOR
     raise StudyError(
         f"{request.files[0]}: a record that does not repeat itself needs --estimator: sliding_identification for mass "

@@ -1,4 +1,6 @@
-"""The clock of a record: it must be uniform, without gaps, and at the stated rate."""
+"""The clock of a record: what its time stamps show, and the sample rate if they are uniform."""
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,37 +11,215 @@ MAX_JITTER = 1e-3
 """Largest relative deviation of a time step from the usual one, and of the stated rate from the clock."""
 GAP_RATIO = 1.5
 """Time step relative to the usual one above which it is a gap."""
+MAX_LOST = 4
+"""Samples in a row that resampling may bridge."""
+MAX_DECIMALS = 9
+"""Decimal places up to which time stamps may be rounded."""
+ROUNDING_DEVIATION = 0.55
+"""Deviation from a uniform clock, relative to the last digit of the stamps, up to which it is rounding."""
+DRIFT_RATIO = 10.0
+"""Deviation from a uniform clock relative to its change from sample to sample above which it is drift."""
+MAX_CLEAR_JITTER = 0.45
+"""Deviation of steps from whole sample times up to which they are counted one by one."""
+COMB_STAMPS, COMB_TRIALS, COMB_RANGE, MAX_COMB_STAMPS = 64, 61, 0.1, 2048
+"""Stamps of the first trial of a rate, trials each time, their first range relative to the usual rate, and the largest
+number of stamps that are looked at."""
+MAX_SLIP = 0.5
+"""Deviation of uniform steps from one rate, in steps, above which the clock drifts."""
+
+
+@dataclass(frozen=True)
+class TimeStamps:
+    """What the time stamps of a record show: the uniform clock that fits them best, and how they deviate from it."""
+
+    period: float
+    """Sample time of the uniform clock [s]."""
+    deviation: NDArray[np.float64]
+    """Stamps less those of the uniform clock, in sample times, shape (n,)."""
+    lost: NDArray[np.int64]
+    """Samples missing before the next stamp, shape (n - 1,); jitter of half a step and more may make it -1."""
+    digit: float
+    """Last decimal digit of the stamps [s]; 0 if they have more than nine decimals."""
+
+    @property
+    def lost_count(self) -> int:
+        """Number of missing samples."""
+        return int(self.lost.sum())
+
+    @property
+    def are_rounded(self) -> bool:
+        """Whether the stamps are those of a uniform clock with few digits, and a lost sample would show."""
+        return not self.lost.any() and self.digit < self.period and self.is_within_digit
+
+    @property
+    def is_within_digit(self) -> bool:
+        """Whether the deviation is that of the last digit."""
+        return float(np.abs(self.deviation).max()) * self.period <= ROUNDING_DEVIATION * self.digit
+
+    @property
+    def jitter(self) -> float:
+        """Standard deviation from the uniform clock, in sample times."""
+        return float(np.std(self.deviation))
+
+    @property
+    def drifts(self) -> bool:
+        """Whether the deviation changes slowly: the rate itself changes."""
+        change = float(np.std(np.diff(self.deviation))) / np.sqrt(2)
+        return self.jitter > max(DRIFT_RATIO * change, MAX_JITTER)
+
+
+def examine_stamps(time: NDArray[np.float64]) -> TimeStamps:
+    """Return what the time stamps [s] show, shape (n,) and ascending, of at least two samples."""
+    seconds = time - time[0]
+    digit, plain = _last_digit(seconds), np.arange(time.size)
+    offset, period = _fit_line(plain, seconds)
+    numbers = plain
+    if np.ptp(seconds - period * plain) > 2 * ROUNDING_DEVIATION * digit:  # otherwise rounding, and none is lost
+        numbers = _stamp_numbers(seconds)
+        offset, period = _fit_line(numbers, seconds)
+    return TimeStamps(period, (seconds - offset) / period - numbers, np.diff(numbers) - 1, digit)
+
+
+def _stamp_numbers(seconds: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return the number of the sample of each stamp; where samples are lost, numbers are missing.
+
+    Steps are counted one by one, so that the rate may drift, unless jitter makes them ambiguous: then the stamps are
+    compared with one uniform clock.
+    """
+    period = _comb_period(seconds)
+    steps = np.diff(seconds) / period
+    whole = np.maximum(np.rint(steps), 1)
+    if np.all(np.abs(steps - whole) < MAX_CLEAR_JITTER):
+        return np.append(0, np.cumsum(whole)).astype(np.int64)
+    phase = float(np.angle(np.sum(np.exp(2j * np.pi * seconds / period)))) / (2 * np.pi)
+    return np.rint(seconds / period - phase).astype(np.int64)
+
+
+def _comb_period(seconds: NDArray[np.float64]) -> float:
+    """Return the period [s] of the uniform clock on whose ticks the stamps lie best, whichever of them are missing.
+
+    It is where |Σ exp(2πi t/T)| is greatest (the periodogram of the stamps), near the median step. Twice as many
+    stamps are taken each time, because the peak becomes as narrow as the record is long.
+    """
+    steps = np.diff(seconds)
+    rate = 1 / (float(np.median(steps)) or float(seconds[-1]) / steps.size)
+    fitted, width = min(COMB_STAMPS, seconds.size), COMB_RANGE * rate
+    while True:
+        trials = rate + width * np.linspace(-1, 1, COMB_TRIALS)
+        used = seconds[: fitted : max(fitted // MAX_COMB_STAMPS, 1)]
+        score = np.abs(np.exp(2j * np.pi * trials[:, None] * used).sum(axis=1))
+        rate = float(trials[np.argmax(score)])
+        if fitted == seconds.size:
+            return 1 / rate
+        width = 2 / float(seconds[fitted - 1])
+        fitted = min(2 * fitted, seconds.size)
+
+
+def _fit_line(numbers: NDArray[np.int64], seconds: NDArray[np.float64]) -> tuple[float, float]:
+    """Return offset and slope of stamps over their numbers."""
+    swing = numbers - numbers.mean()
+    slope = float(swing @ seconds) / float(swing @ swing)
+    return float(seconds.mean() - slope * numbers.mean()), slope
+
+
+def _last_digit(seconds: NDArray[np.float64]) -> float:
+    """Return the last decimal digit that the stamps have [s], or 0 if they have more than nine decimals."""
+    for decimals in range(MAX_DECIMALS + 1):
+        scaled = seconds * 10.0**decimals
+        if np.all(np.abs(scaled - np.rint(scaled)) < MAX_JITTER):
+            return float(10.0**-decimals)
+    return 0.0
 
 
 def sample_rate_of(time: NDArray[np.float64], place: str) -> float:
-    """Return the sample rate [Hz] of a time column [s], shape (n,); RecordError if it is not uniform."""
+    """Return the sample rate [Hz] of a time column [s], shape (n,); RecordError if it is not uniform.
+
+    Stamps that are rounded to few digits count as uniform if their deviation is that of the last digit.
+    """
     steps = np.diff(time)
     usual = float(np.median(steps)) if steps.size else 0.0
-    backward = np.flatnonzero(steps <= 0)
-    if usual <= 0 or backward.size:
+    if usual > 0 and np.all(np.abs(steps / usual - 1) <= MAX_JITTER):
+        _check_slip(time, usual, place)
+        mean = (time[-1] - time[0]) / steps.size
+        return float(f"{1 / mean:.10g}")  # the resolution of a column of decimal fractions
+    if time.size > 2 and np.all(steps >= 0) and time[-1] > time[0]:
+        found = examine_stamps(time)
+        if found.are_rounded:
+            return float(f"{1 / found.period:.10g}")
+        if found.digit > found.period and not found.lost_count and found.is_within_digit:
+            rate = f"{1 / found.period:.6g}"
+            raise RecordError(
+                f"{place} is rounded to {found.digit:g} s, more than a step, so that a lost sample does not show; if "
+                f"none is lost, leave out time and give sample_rate = {rate} (--sample-rate {rate})"
+            )
+    check_ascending(time, place)
+    raise RecordError(f"{place} {uneven_text(time)}")
+
+
+def check_ascending(time: NDArray[np.float64], place: str) -> None:
+    """Raise RecordError at the first time stamp that is not later than the one before it."""
+    backward = np.flatnonzero(np.diff(time) <= 0)
+    if time.size < 2 or backward.size:
         where = int(backward[0]) + 1 if backward.size else 1
         raise RecordError(f"{place} does not increase after sample {where}; expected one sample after the other")
-    uneven = np.flatnonzero(np.abs(steps / usual - 1) > MAX_JITTER)
-    if uneven.size:
-        raise _uneven_error(time, steps, usual, uneven, place)
-    mean = (time[-1] - time[0]) / steps.size
-    return float(f"{1 / mean:.10g}")  # the resolution of a column of decimal fractions
 
 
-def _uneven_error(
-    time: NDArray[np.float64], steps: NDArray[np.float64], usual: float, uneven: NDArray[np.intp], place: str
-) -> RecordError:
-    first = int(uneven[0])
-    where = f"after sample {first + 1} ({time[first]:.6g} s)"
+def _check_slip(time: NDArray[np.float64], usual: float, place: str) -> None:
+    """Raise RecordError if steps that are nearly equal add up to a clock of another rate."""
+    uniform = np.linspace(time[0], time[-1], time.size)
+    slip = float(np.abs(time - uniform).max()) / usual
+    if slip > MAX_SLIP:
+        raise RecordError(f"{place} drifts by {slip:.2g} samples from a uniform clock; {RESAMPLING_HINT}")
+
+
+RESAMPLING_HINT = 'resample it: resample = "cubic" (--resample cubic)'
+
+
+def uneven_text(time: NDArray[np.float64]) -> str:
+    """Return how ascending time stamps are uneven, and what to do about it."""
+    found = examine_stamps(time)
+    step = found.period
+    gaps = np.flatnonzero(np.diff(time) > (MAX_LOST + GAP_RATIO) * step)
+    if gaps.size:
+        return _gap_text(time, int(gaps[np.argmax(np.diff(time)[gaps])]), gaps.size - 1, step)
+    uneven = np.flatnonzero(np.abs(np.diff(time) / step - 1) > MAX_JITTER)
+    first = int(uneven[0]) if uneven.size else 0
     others = f", and {uneven.size - 1} more" if uneven.size > 1 else ""
-    if steps[first] > GAP_RATIO * usual:
-        return RecordError(
-            f"{place} has a gap of {steps[first]:.4g} s {where}{others}; expected a step of {usual:.4g} s: "
-            "cut the record there"
-        )
-    return RecordError(
-        f"{place} steps by {steps[first]:.6g} s {where}{others}; expected {usual:.6g} s within {MAX_JITTER:.1%}: "
-        "resample it, or leave out time and give sample_rate if only the written time is uneven"
+    finding = (
+        f"steps by {time[first + 1] - time[first]:.6g} s after sample {first + 1} ({time[first]:.6g} s){others}; "
+        f"expected {step:.4g} s within {MAX_JITTER:.1%}: "
+    )
+    is_uneven = found.lost_count or found.drifts
+    rate = "" if is_uneven else f", or leave out time and give sample_rate = {1 / step:.6g} if only the stamps are off"
+    return f"{finding}{stamps_text(found)}; {RESAMPLING_HINT}{rate}"
+
+
+def _gap_text(time: NDArray[np.float64], where: int, others: int, step: float) -> str:
+    more = f", and {others} more" if others else ""
+    before, after = time[where] - time[0], time[where + 1] - time[0]
+    if after > (time[-1] - time[0]) / 2:
+        remedy = f"use the part before it: end_time = {before:.6g} (--end-time {before:.6g})"
+    else:
+        remedy = f"use the part after it: start_time = {after:.6g} (--start-time {after:.6g})"
+    return (
+        f"has a gap of {time[where + 1] - time[where]:.4g} s after sample {where + 1} ({time[where]:.6g} s){more}; "
+        f"expected a step of {step:.4g} s: {remedy}"
+    )
+
+
+def stamps_text(found: TimeStamps) -> str:
+    """Return in words how time stamps deviate from a uniform clock."""
+    lost = found.lost_count
+    total = found.deviation.size + lost
+    parts = [f"{lost} of {total} samples are lost ({lost / total:.2g})"] if lost else []
+    if found.are_rounded:
+        parts.append(f"the stamps are rounded to {found.digit:g} s")
+    elif found.drifts:
+        parts.append(f"the rate drifts, by {np.ptp(found.deviation):.2g} samples in all")
+    elif found.jitter > MAX_JITTER:
+        parts.append(f"the stamps jitter by {found.jitter:.1%} of a step (standard deviation)")
+    return " and ".join(parts) or (
+        "single stamps are off" if np.abs(found.deviation).max() > MAX_JITTER else "uniform stamps"
     )
 
 

@@ -14,22 +14,49 @@ from fraexp.simulation.machine import Machine
 
 
 class MotionLimits(Parameters):
-    """The greatest stroke, velocity and force that a machine allows; a limit that is not given is not checked."""
+    """The greatest motion and force that a machine allows, with their rates; a limit that is not given is not checked.
+
+    `fraexp measure` and `fraexp excite` play nothing unless stroke, velocity and force are limited.
+    """
 
     stroke: float | None = param("m", "greatest distance between both ends of the motion", None, above=0)
     velocity: float | None = param("m/s", "greatest velocity", None, above=0)
+    acceleration: float | None = param("m/s^2", "greatest acceleration", None, above=0)
     force: float | None = param("N", "greatest control input", None, above=0)
+    force_rate: float | None = param("N/s", "greatest rate of the control input, from sample to sample", None, above=0)
 
 
 class Demand(NamedTuple):
-    """Greatest stroke, velocity and force of a period's motion."""
+    """What a motion asks of a machine, by the names of its limits."""
 
     stroke: float
     """Distance between both ends of the motion [m]."""
     velocity: float
     """Greatest velocity [m/s]."""
+    acceleration: float
+    """Greatest acceleration [m/s²]."""
     force: float
     """Greatest control input [N]."""
+    force_rate: float
+    """Greatest rate of the control input [N/s]."""
+
+    @classmethod
+    def of_samples(
+        cls, displacement: NDArray[np.float64], control_input: NDArray[np.float64], sample_time: float
+    ) -> "Demand":
+        """Return what a sampled motion asks for; both are of shape (n,)."""
+        motion = [np.diff(displacement, order) / sample_time**order for order in (1, 2)]
+        return cls(
+            stroke=float(np.ptp(displacement)),
+            velocity=float(np.abs(motion[0]).max(initial=0.0)),
+            acceleration=float(np.abs(motion[1]).max(initial=0.0)),
+            force=float(np.abs(control_input).max()),
+            force_rate=float(np.abs(np.diff(control_input)).max(initial=0.0)) / sample_time,
+        )
+
+    def maximum_with(self, other: "Demand") -> "Demand":
+        """Return the greater of each demand."""
+        return Demand(*map(max, self, other))
 
 
 class _Motion(NamedTuple):
@@ -39,11 +66,13 @@ class _Motion(NamedTuple):
     """Displacement [m]."""
     velocity: NDArray[np.float64]
     """Velocity [m/s]."""
+    acceleration: NDArray[np.float64]
+    """Acceleration [m/s²]."""
     force: NDArray[np.float64]
     """Control input [N]."""
 
 
-DEMAND_UNITS = ("m", "m/s", "N")
+DEMAND_UNITS = ("m", "m/s", "m/s^2", "N", "N/s")
 MIN_SILENCE_S, MAX_SILENCE_MOTIONS = 1.0, 64
 """Time after a motion from rest in which the loop comes to rest again: the shortest [s], the longest in motions."""
 REST_RATIO = 1e-3
@@ -85,9 +114,7 @@ def check_limits(limits: MotionLimits, machine: Machine, excitation: Excitation)
 
 def _planned_demand(period: Period, sample_time: float) -> Demand:
     """Return what a move needs that follows its reference: what is fed forward against friction overcomes friction."""
-    reference = np.asarray(period.reference)
-    velocity = float(np.abs(np.diff(reference)).max()) / sample_time
-    return Demand(float(np.ptp(reference)), velocity, float(np.abs(period.waveform).max()))
+    return Demand.of_samples(np.asarray(period.reference), period.waveform, sample_time)
 
 
 def _add_friction(demand: Demand, machine: Machine, period: Period, excitation: Excitation) -> Demand:
@@ -98,10 +125,12 @@ def _add_friction(demand: Demand, machine: Machine, period: Period, excitation: 
     if machine.compensation:
         force += machine.compensation.gain * (machine.compensation.friction.force_bound or 0.0)
     max_force, stroke = excitation.max_force_and_stroke()
+    if max_force and demand.force:
+        force, demand = max_force, demand._replace(force_rate=demand.force_rate * max_force / demand.force)
     if stroke is None:
-        return Demand(demand.stroke, demand.velocity, max_force or force)
-    omega = 2 * np.pi * period.lines[-1] / (period.waveform.size * machine.loop.sample_time)
-    return Demand(stroke, float(omega * stroke / 2), max_force or force)
+        return demand._replace(force=force)
+    omega = float(2 * np.pi * period.lines[-1] / (period.waveform.size * machine.loop.sample_time))
+    return Demand(stroke, omega * stroke / 2, omega**2 * stroke / 2, force, demand.force_rate)
 
 
 def _friction_bound(machine: Machine) -> float:
@@ -112,7 +141,7 @@ def _friction_bound(machine: Machine) -> float:
 def predict_demand(machine: Machine, period: Period) -> Demand:
     """Return what a period needs in its periodic state, on the machine without friction but for its viscous part."""
     reference = np.zeros(period.waveform.size) if period.reference is None else period.reference
-    return _measure_demand(_periodic_motion(machine, period.waveform, reference), period.waveform)
+    return _measure_demand(_periodic_motion(machine, period.waveform, reference), period.waveform, machine)
 
 
 def predict_demand_from_rest(machine: Machine, period: Period, periods: int) -> Demand:
@@ -131,7 +160,7 @@ def predict_demand_from_rest(machine: Machine, period: Period, periods: int) -> 
         final = np.abs(motion.displacement[-silence.size // 4 :]).max()
         is_at_rest = final < REST_RATIO * np.abs(motion.displacement).max()
         if is_at_rest or silence.size > MAX_SILENCE_MOTIONS * waveform.size:
-            return _measure_demand(_Motion(*(part[: waveform.size] for part in motion)), waveform)
+            return _measure_demand(_Motion(*(part[: waveform.size] for part in motion)), waveform, machine)
         silence = np.zeros(2 * (silence.size + waveform.size) - waveform.size)
 
 
@@ -152,7 +181,8 @@ def _periodic_motion(machine: Machine, waveform: NDArray[np.float64], reference:
     sensitivity = 1 / (1 + feedback * path_in * plant * path_out)
     force = sensitivity * (np.fft.rfft(waveform)[1:] + feedback * np.fft.rfft(reference)[1:])
     motion = path_in * plant * force
-    return _Motion(_synthesise(motion, samples), _synthesise(1j * omega * motion, samples), _synthesise(force, samples))
+    bins = (motion, 1j * omega * motion, -(omega**2) * motion, force)
+    return _Motion(*(_synthesise(each, samples) for each in bins))
 
 
 def _viscous_plant(machine: Machine, omega: NDArray[np.floating]) -> NDArray[np.complex128]:
@@ -167,10 +197,12 @@ def _viscous_plant(machine: Machine, omega: NDArray[np.floating]) -> NDArray[np.
     return replace(ports, a=a).response(omega)
 
 
-def _measure_demand(motion: _Motion, waveform: NDArray[np.float64]) -> Demand:
-    """Return the greatest stroke and velocity of a motion, and its greatest force, or that of the excitation alone."""
-    force = max(float(np.abs(motion.force).max()), float(np.abs(waveform).max()))
-    return Demand(float(np.ptp(motion.displacement)), float(np.abs(motion.velocity).max()), force)
+def _measure_demand(motion: _Motion, waveform: NDArray[np.float64], machine: Machine) -> Demand:
+    """Return what a motion asks for; its force is the control input, or the excitation alone if that is greater."""
+    parts = [motion.force, waveform]
+    force, rate = (max(float(np.abs(change(part)).max()) for part in parts) for change in (np.asarray, np.diff))
+    velocity, acceleration = (float(np.abs(part).max()) for part in (motion.velocity, motion.acceleration))
+    return Demand(float(np.ptp(motion.displacement)), velocity, acceleration, force, rate / machine.loop.sample_time)
 
 
 def _synthesise(bins: NDArray[np.complex128], samples: int) -> NDArray[np.float64]:

@@ -28,6 +28,8 @@ RAMP_CYCLES = 8.0
 """Cycles over which the input of a law rises that keeps an offset of its start for long."""
 SETTLING_CYCLES, MIN_SETTLING_S = 40.0, 3.0
 """Cycles, and least time [s], after which a motion counts as it is."""
+COARSE_TOLERANCES = (1e-3, 2e-4)
+"""Relative errors of coarse steps, the first of which that suits a machine is taken."""
 MAX_DISPLACEMENT_M = 1e3
 """Displacement at which a model counts as diverged [m]: any that an axis may have is far below."""
 
@@ -47,11 +49,36 @@ class ReplayModel:
     output_path: tuple[float, tuple[float, ...]]
     """The same before the sample of the position."""
     tolerance: float
-    """Relative error of the motion that the steps may cause."""
+    """Relative change over a period from which the motion is periodic, and the error that the steps may cause."""
+    step_tolerance: float = 0.0
+    """Relative error of the motion that the steps may cause, if it is another one."""
     refinement: int = 1
     """Factor on the steps per sample that the tolerance needs."""
     scales: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """Factors on force and deflection of a contact's friction, by its name; 1 for those that are not given."""
+
+    @property
+    def steps(self) -> int:
+        """Steps per sample."""
+        tolerance = self.step_tolerance or self.tolerance
+        return self.refinement * accurate_steps(self.ports, self.frictions, self.sample_time, tolerance)
+
+    def with_coarse_steps(self) -> "ReplayModel":
+        """Return the model with the fewest steps with which a small change of it still shows, and that run in lanes.
+
+        Differences of two replays need no more: the error of the steps is common to both.
+        """
+        for tolerance in COARSE_TOLERANCES:
+            coarse = replace(self, step_tolerance=tolerance, refinement=1)
+            if coarse.steps >= self.steps:
+                break
+            if _is_in_lanes(coarse):
+                return coarse
+        return self
+
+    def with_steps_of(self, other: "ReplayModel") -> "ReplayModel":
+        """Return the model with steps of the tolerance and refinement of another one."""
+        return replace(self, step_tolerance=other.step_tolerance, refinement=other.refinement)
 
     def with_scales(self, scales: Mapping[str, tuple[float, float]]) -> "ReplayModel":
         """Return the model with such factors on force and deflection of its friction."""
@@ -92,9 +119,11 @@ def replay(runs: Sequence[Replay]) -> list[NDArray[np.float64]]:
 
 def _alike(experiments: Sequence[Experiment]) -> list[list[int]]:
     """Return the places of experiments that can run side by side."""
-    groups: dict[int, list[int]] = {}
+    groups: dict[tuple[int, ...], list[int]] = {}
     for place, experiment in enumerate(experiments):
-        groups.setdefault(experiment.setup.steps * 2 + experiment.setup.is_vectorised, []).append(place)
+        setup = experiment.setup
+        alike = setup.steps, setup.is_vectorised, setup.input_delay, setup.output_delay
+        groups.setdefault(alike, []).append(place)
     return list(groups.values())
 
 
@@ -116,13 +145,12 @@ def _setup(model: ReplayModel, crossover: float) -> Setup:
     """Return the loop of a model that is pulled with a crossover frequency [Hz]."""
     sample_time, inward, outward = model.sample_time, SignalPath(*model.input_path), SignalPath(*model.output_path)
     ports, viscous = _scaled(model)
-    steps = model.refinement * accurate_steps(model.ports, model.frictions, sample_time, model.tolerance)
     discrete = discretise(
         ports,
         viscous,
         _pull(ports, crossover, sample_time),
         sample_time=sample_time,
-        steps=steps,
+        steps=model.steps,
         is_force_held=set_valued_law(model.frictions) is not None,
         input_path=inward,
         output_path=outward,
@@ -144,6 +172,10 @@ def _setup(model: ReplayModel, crossover: float) -> Setup:
         is_vectorised=is_friction_soft(model.frictions, discrete, sample_time)
         and all(friction.is_vectorisable for friction in model.frictions.values()),
     )
+
+
+def _is_in_lanes(model: ReplayModel) -> bool:
+    return _setup(model, MAX_PULL_HZ).is_vectorised
 
 
 def _scaled(model: ReplayModel) -> tuple[Ports, dict[str, float]]:

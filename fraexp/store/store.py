@@ -16,7 +16,7 @@ from fraexp.store.changes import leases, merging, writing
 from fraexp.store.clock import steady_time
 from fraexp.store.interrupts import deferred_interrupt
 from fraexp.store.liveness import this_process
-from fraexp.store.queries import annotations, reading, sweep_pages
+from fraexp.store.queries import annotations, reading, stored_results, sweep_pages
 from fraexp.store.queries.filter_sql import UnitDeclarations, no_declared_units
 from fraexp.store.schema import Schema, check_readable, migrate_database, prepare_database
 from fraexp.store.stored_records import (
@@ -129,7 +129,7 @@ class Store:
     def stored_states(self, keys: Iterable[str]) -> dict[str, StoredState]:
         """Return the state of each sweep that has a result."""
         with self._reading() as connection:
-            return reading.stored_states(connection, keys)
+            return stored_results.stored_states(connection, keys)
 
     def begin_run(self, study: str, study_file: str, command: str, provenance: Plain, sweeps: Sequence[Sweep]) -> int:
         """Store a run of this process with its sweeps, all pending, and return its number.
@@ -153,9 +153,8 @@ class Store:
     def claim(self, run: int, keys: Iterable[str], again: bool = False) -> set[str]:
         """Lease sweeps to a run in one step, and return those that it must compute: no other living run holds them.
 
-        Sweeps with a result are left out; with `again`, only those whose result is newer than the run. `beat` renews
-        the leases; `save`, `fail` and `end_run` end them. The leases of a run are void if it has ended, if its process
-        on this host has died, or if it has sent no heartbeat for a minute.
+        Sweeps with a result are left out; with `again`, those with a result newer than the run. `beat` renews the
+        leases; `save`, `fail`, `end_run` end them, and so does a dead process or a minute without heartbeat.
         """
         with self._writing() as connection:
             return leases.claim_sweeps(connection, run, keys, again)
@@ -181,8 +180,7 @@ class Store:
         Parameters
         ----------
         results : each sweep with its result and the origin of each of its components by ``kind:name``.
-        is_fenced : store only sweeps whose lease the run holds: after a silence another run may have taken them over.
-            A call may be repeated: what the run has stored before is not stored again.
+        is_fenced : store only sweeps whose lease the run holds, as after a silence. A call may be repeated.
         """
         with self._writing() as connection:
             return writing.save_results(connection, run, results, is_fenced)
@@ -229,8 +227,8 @@ class Store:
         Parameters
         ----------
         filter : terms such as ``estimator=effective_input excitation.amplitude>=12 -tag:baseline``; all must hold.
-        order : one of `fields`, with a leading ``-`` for falling values; by default ``-created``, or for a run its
-            own order (``position``). Sweeps without the value come last.
+        order : one of `fields`, a leading ``-`` for falling values; by default ``-created``, or a run's ``position``.
+            Sweeps without the value come last.
         offset, limit : number of rows before the page, and in it.
         """
         with self._reading() as connection:
@@ -289,7 +287,7 @@ class Store:
     def sources(self) -> dict[str, dict[str, int]]:
         """Return the number of sweeps of each component, by ``kind:name`` and by the hash of its source."""
         with self._reading() as connection:
-            return reading.count_sources(connection)
+            return stored_results.count_sources(connection)
 
     def find(self, prefix: str) -> StoredSweep:
         """Return the sweep whose key starts with a prefix, with or without ``fx2-``, as in its latest run."""
@@ -308,17 +306,16 @@ class Store:
 
     def result(self, key: str) -> Result:
         """Return the result of a sweep, with arrays."""
-        found = self.results([key])
-        if key not in found:
+        if (found := self.results([key]).get(key)) is None:
             raise StoreError(f"{self.name}: there is no result of sweep {key}; run its study")
-        if found[key].outcome is Outcome.DAMAGED:
-            raise StoreError(f"{self.name}: sweep {key[4:12]}: {found[key].message}; {Outcome.DAMAGED.value}")
-        return found[key]
+        if found.outcome is Outcome.DAMAGED:
+            raise StoreError(f"{self.name}: sweep {key[4:12]}: {found.message}; {Outcome.DAMAGED.value}")
+        return found
 
     def results(self, keys: Iterable[str]) -> dict[str, Result]:
         """Return the result of each sweep that has one, with arrays."""
         with self._reading() as connection:
-            return reading.read_results(connection, keys)
+            return stored_results.read_results(connection, keys)
 
     def leases(self) -> dict[int, int]:
         """Return the number of leases of each run, dead or alive."""

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from fraexp.components.kinds import Controller, Estimator, Excitation, FrictionModel, Plant
+from fraexp.components.measurement_settings import MeasurementSettings
 from fraexp.components.parameters import Parameters
 from fraexp.data import toml
 from fraexp.errors import StudyError, did_you_mean
@@ -11,7 +12,11 @@ from fraexp.simulation.motion_limits import MotionLimits
 from fraexp.study.paths import SETTINGS as OF_A_LOOP
 
 COMPONENTS = {kind.kind: kind for kind in (Plant, FrictionModel, Controller, Excitation, Estimator)}
-SETTINGS: dict[str, type[Parameters]] = {**OF_A_LOOP, "limits": MotionLimits}
+SETTINGS: dict[str, type[Parameters]] = {
+    **OF_A_LOOP,
+    "limits": MotionLimits,
+    "measurement": MeasurementSettings,
+}
 SECTIONS = (*COMPONENTS, *SETTINGS, "record")
 MACHINE = ("plant", "friction", "controller", "loop")
 WORDS = ("title", "question", "machine", "figure")

@@ -9,6 +9,7 @@ from fraexp.components.kinds import (
     Estimator,
     Excitation,
     FrictionModel,
+    MachineDriver,
     Plant,
     RecordReader,
 )
@@ -17,6 +18,7 @@ from fraexp.testing import (
     friction_law_checks,
     friction_motion_checks,
     loop_part_checks,
+    machine_checks,
     observer_checks,
     result_checks,
 )
@@ -71,6 +73,7 @@ PARTS: dict[type[Component], tuple[Callable[[Any], None], ...]] = {
 }
 RESULTS = (result_checks.linear_plant, result_checks.result_units, result_checks.covariance, result_checks.outcome)
 READERS = (result_checks.suffixes, result_checks.foreign_file)
+MACHINES = (machine_checks.description, machine_checks.silence, machine_checks.stop)
 
 
 def quick_checks_for(component: type[Component]) -> list[Check]:
@@ -86,5 +89,7 @@ def checks_for(component: type[Component]) -> list[Check]:
         return [*ANY_KIND, *(class_check(body, is_compiled=True) for body in RESULTS)]
     if issubclass(component, RecordReader):
         return [ANY_KIND[0], *map(class_check, READERS)]  # a reader follows a file format, not the literature
+    if issubclass(component, MachineDriver):
+        return [ANY_KIND[0], *(class_check(body, is_compiled=True) for body in MACHINES)]
     bodies = next((bodies for kind, bodies in PARTS.items() if issubclass(component, kind)), ())
     return [*ANY_KIND, *(example_check(body, strategy, 20, quick=5) for body in (component_checks.plain_data, *bodies))]

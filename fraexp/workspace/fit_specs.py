@@ -19,10 +19,12 @@ METHOD_PARAMETER = "method"
 """Parameter of a fitting estimator that holds the estimator of the response."""
 
 
-def fit_estimator(registry: Registry, name: str = "") -> str:
-    """Return the name of the estimator that fits a plant: the given one, or the only one."""
+def fit_estimator(registry: Registry, name: str = "", kind: str = Plant.kind) -> str:
+    """Return the name of the estimator that fits a component of a kind: the given one, or the only one."""
     estimators = {known: registry.provider(Estimator.kind, known).component for known in registry.names(Estimator.kind)}
-    fitting = [known for known, component in estimators.items() if issubclass(component, Estimator) and component.fits]
+    fitting = [
+        known for known, component in estimators.items() if issubclass(component, Estimator) and component.fits == kind
+    ]
     if name:
         if name not in fitting:
             raise StudyError(f"fit: no fitting estimator is called '{name}'{did_you_mean(name, fitting)}")

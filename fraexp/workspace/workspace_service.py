@@ -26,7 +26,7 @@ from fraexp.reports.stored_figures import StoredFigures
 from fraexp.store import RunSummary, Store, StoredSweep
 from fraexp.study.catalogue import StudyEntry, catalogue
 from fraexp.study.published_values import PublishedComparison
-from fraexp.study.study_file import ResolvedStudy, find_studies, load, outline, resolve
+from fraexp.study.study_file import ResolvedStudy, find_studies, load, outline, read, resolve
 from fraexp.workspace import fit_specs
 from fraexp.workspace.workspace_folder import WorkspaceFolder
 
@@ -116,18 +116,24 @@ class WorkspaceService(WorkspaceFolder):
                 yield (yield from self._draw_ended(event, study, store, retry)) if isinstance(event, Ended) else event
 
     def fit(
-        self, sweeps: Sequence[StoredSweep], name: str, settings: Sequence[str] = (), using: str = ""
+        self,
+        sweeps: Sequence[StoredSweep],
+        name: str,
+        settings: Sequence[str] = (),
+        using: str = "",
+        kind: str = Plant.kind,
     ) -> Generator[Event, None, None]:
-        """Fit a model to the responses of stored sweeps, as sweeps of their own, and draw them.
+        """Fit a component of a kind to the responses of stored sweeps, as sweeps of their own, and draw them.
 
         `settings` are texts such as ``modes=2`` for the estimator that fits: the one called `using`, or the one that
         there is.
         """
-        fitting = fit_specs.fit_estimator(self.registry, using)
+        fitting = fit_specs.fit_estimator(self.registry, using, kind)
         wrapped = fit_specs.as_fit_sweeps(sweeps, fitting, settings, self.registry, self.record_files)
-        study = ResolvedStudy(name, Path(name), f"Fit of {name.removesuffix('-fit')}", "", wrapped)
+        word = "fit" if kind == Plant.kind else "tune"
+        study = ResolvedStudy(name, Path(name), f"{word.capitalize()} of {name.removesuffix(f'-{word}')}", "", wrapped)
         with self.open_store("create") as store:
-            yield from self._run_one(study, store, shlex.join(["fraexp", "fit", *(s.key[4:12] for s in sweeps)]))
+            yield from self._run_one(study, store, shlex.join(["fraexp", word, *(s.key[4:12] for s in sweeps)]))
 
     def record_files(self, sweep: StoredSweep) -> Mapping[str, str]:
         """Return the files of a sweep's record, which the study of one of its runs names."""
@@ -164,6 +170,16 @@ class WorkspaceService(WorkspaceFolder):
         with atomic_file(path) as draft:
             draft.write_text(study_text(data), encoding="utf-8")
         yield from self.run([str(path.resolve())])
+
+    def study_of_record(self, name: Path, file: Path) -> Path | None:
+        """Return the study of a name that analyses a record, such as one that `fraexp excite` has written; or None."""
+        path = name if name.suffix == ".toml" else self.folder / "studies" / f"{name.stem}.toml"
+        if not path.is_file():
+            return None
+        stated = read(path).get("record", {})
+        named = stated.get("file") if isinstance(stated, dict) else None
+        is_its_own = isinstance(named, str) and (path.parent / named).resolve() == file.resolve()
+        return path if is_its_own else None
 
     def rewrite_studies(self, files: Sequence[Path] = ()) -> "Iterator[Rewritten]":
         """Replace former names in study files, all of the workspace if none is given; yield what was done to each."""

@@ -169,3 +169,22 @@ def test_shell_blocks_are_understood() -> None:
     assert found[0] == MAKE_RUN
     assert all(line.startswith("fraexp ") for line in found)
     assert not any("#" in line for line in found)
+
+
+@pytest.mark.thorough
+def test_the_page_on_measuring(follow: Follow, tmp_path: Path) -> None:
+    printed = follow("docs/measuring.md")
+    assert "12 points, about" in printed["fraexp measure simulated_axis --dry-run"]
+    assert " complete: 2 sweeps, 2 computed" in printed["fraexp measure simulated_axis"]
+    assert (tmp_path / "axis.csv").exists()
+    assert (tmp_path / "plugins/my_axis.py").exists()
+
+
+@pytest.mark.thorough
+def test_the_page_on_the_controller(follow: Follow, tmp_path: Path) -> None:
+    printed = follow("docs/controller.md")
+    assert "modulus margin" in printed["fraexp show axis_gains"]
+    assert (tmp_path / "axis_gains.png").stat().st_size > 1000
+    assert "FB_axis_feedback" in (tmp_path / "axis.st").read_text("utf-8")
+    assert "axis_feedback_step" in (tmp_path / "axis.c").read_text("utf-8")
+    assert "frictionloss" in (tmp_path / "axis.mjcf").read_text("utf-8")

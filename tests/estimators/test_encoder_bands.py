@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fraexp_plugins.estimators._shared.encoder import mean_rounding_error, repeated_rounding_variance
-from fraexp_plugins.estimators._shared.encoder_errors import motion_shares
+from fraexp_plugins.estimators._shared.weak_terms import motion_shares
 from fraexp_plugins.estimators.conventional import Conventional
 from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.excitations.stepped_sine import SteppedSine

@@ -115,7 +115,12 @@ def test_the_joint_step_is_that_of_a_minimiser_that_knows_no_blocks():
     step = fit_linear(records, *radii, prior)
     np.testing.assert_allclose(np.concatenate([step.shared, *step.own]), expected.x, atol=2e-6)
     assert step.gain == pytest.approx(loss(np.zeros(11)) - expected.fun, rel=1e-9)
-    np.testing.assert_allclose(step.covariances[1][:2, :2], expected.hess_inv[:2, :2], rtol=0.05, atol=1e-3)
+    h, unit = 1e-3, np.eye(11)
+    corners = [
+        [[loss(expected.x + s * h * (a + t * b)) * t for s in (1, -1) for t in (1, -1)] for a in unit] for b in unit
+    ]
+    covariance = np.linalg.inv(np.sum(corners, axis=2) / (4 * h**2))
+    np.testing.assert_allclose(step.covariances[1][:2, :2], covariance[:2, :2], rtol=0.01)
 
 
 def test_every_law_can_have_other_scales(registry):
@@ -214,6 +219,39 @@ def test_other_parameters_can_be_free(record):
     names = ("force_scale", "displacement_scale", "viscous_coefficient")
     found = metrics(estimator(wrong, free=names).estimate(record))
     assert found["viscous_coefficient"] == pytest.approx(MACHINE["friction"]["viscous_coefficient"], rel=0.01)
+
+
+@pytest.mark.parametrize("assumed", [0.0, 1.2e-3])
+def test_an_unknown_dead_time_is_found(record, registry, assumed):
+    names = ("force_scale", "displacement_scale", "input_dead_time")
+    result = estimator(scaled(1.2, 0.8), input_dead_time=assumed, free=names).estimate(record)
+    assert result.outcome is Outcome.OK, result.message
+    found, true = metrics(result), MACHINE["loop"]["input_dead_time"]
+    assert abs(found["input_dead_time"] - true) < 2 * found["input_dead_time, 95 %"] < 1e-6
+    ratio = result.response.response / plant_at(registry, result)
+    assert np.abs(decibel(ratio)).max() < 0.1
+    assert np.abs(degrees(ratio)).max() < 1
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(("noise", "periods"), [(30e-9, 1), (100e-9, 4)])
+def test_unknown_noise_is_found(recorded, noise, periods):
+    sine = {"name": "stepped_sine", "amplitude": 12.0, "frequencies": FREQUENCIES, "recorded_periods": periods}
+    names = ("force_scale", "displacement_scale", "noise")
+    result = estimator(noise=None, free=names).estimate(recorded(excitation=sine, noise=noise))
+    assert result.outcome is Outcome.OK, result.message
+    found = metrics(result)
+    assert abs(found["noise"] - noise) < 2 * found["noise, 95 %"] < 0.06 * noise
+
+
+@pytest.mark.thorough
+def test_a_small_residual_that_is_not_white_is_no_noise(recorded):
+    sine = {"name": "stepped_sine", "amplitude": 12.0, "frequencies": FREQUENCIES}
+    signals = recorded({**MACHINE["friction"], "viscous_coefficient": 20.0}, sine, noise=2e-6)
+    wrong = {"name": "dahl", "stiffness": 5e5, "coulomb_force": 17.9, "viscous_coefficient": 20.0}
+    result = estimator(wrong, noise=30e-6).estimate(signals)
+    assert result.outcome is Outcome.INACCURATE
+    assert "is no white noise; try another friction law" in result.message
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,8 @@ from scipy.io import savemat
 
 from fraexp.components.registry import Registry
 from fraexp.errors import RecordError
-from fraexp.records.contents import list_contents, propose_import
+from fraexp.records.contents import list_contents
+from fraexp.records.proposals import propose_import
 
 POSITION = [0.25, -1.5, 3e-3]
 
@@ -267,4 +268,4 @@ def test_a_variable_that_cannot_be_read_does_not_close_the_file(registry: Regist
     assert found["ms"].guess == "unreadable"  # a struct with an object of MATLAB's own
     assert found["iq_adx"].shape == (50000, 1)
     assert (found["iq_adx"].guess, found["theta_mx"].guess, found["time"].guess) == ("u", "y", "time")
-    assert "u=iq_adx" in propose_import(file, list(found.values()), registry)
+    assert "u=iq_adx" in propose_import(file, list(found.values()), registry).command

@@ -193,7 +193,10 @@ REFUSED = {
     "channel of numbers": ({"channels": {"u": 3}}, r"channels\.u is 3; expected the name of a column"),
     "no file": ({"file": "bensh.csv"}, r"no such file; did you mean 'bench\.csv'\?"),
     "no folder": ({"file": "there/bench.csv"}, r"no folder '.*there'"),
-    "no reader of that suffix": ({"file": "bench.xyz"}, r"no reader reads '\.xyz'; give reader = one of csv, mat"),
+    "no reader of that suffix": (
+        {"file": "bench.xyz"},
+        r"no reader reads '\.xyz'; give reader = one of csv, hdf5, mat",
+    ),
     "no such reader": ({"reader": "cvs"}, r"no reader is called 'cvs'; did you mean 'csv'\?"),
     "no column": (
         {"channels": {"u": "iqq"}},
@@ -278,7 +281,7 @@ REFUSED = {
     ),
     "incoherent step": (
         {"period": None, "coherence": 1e-9, "steps": [{"start": 0, "stop": 0.8, "frequency": 31.4159265}]},
-        r"no whole number of periods of 31\.831 samples .*raise coherence, or record for longer",
+        r"no whole number of periods of 31\.831 samples .*raise max_phase_slip, or record for longer",
     ),
     "step without frequency": (
         {"period": None, "steps": [{"start": 0, "stop": 0.8}]},

@@ -35,7 +35,9 @@ def test_an_estimator_of_whole_periods_refuses(noise: Path, capsys: pytest.Captu
 
 @pytest.mark.parametrize("estimator", ["h1_h2_hv", "local_polynomial"])
 def test_another_one_has_nothing_to_say_of_it(noise: Path, estimator: str) -> None:
-    assert main([*COMMAND, "--aperiodic", "--estimator", estimator, "--lowest", "1", "--highest", "20"]) == 0
+    assert (
+        main([*COMMAND, "--aperiodic", "--estimator", estimator, "--min-frequency", "1", "--max-frequency", "20"]) == 0
+    )
     (result,) = results(noise, "noise")
     assert result.outcome is Outcome.OK
     assert "periodic" not in result.message

@@ -15,7 +15,7 @@ from fraexp.figures.export.content import Header, outcome_name
 from fraexp.figures.export.text import write_csv, write_json
 from fraexp.figures.export.universal import write_universal
 
-__all__ = ["WRITERS", "export"]
+__all__ = ["WRITERS", "export", "write_file"]
 
 WRITERS: dict[str, Callable[[Result, Header, Path], None]] = {
     ".csv": write_csv,
@@ -39,10 +39,15 @@ def export(result: Result, header: Header, path: Path, *, force: bool = False) -
     if result.response is None and not result.curves and not result.metrics:
         why = f"{outcome_name(result)}: {result.message}"
         raise FraexpError(f"{path.name}: the result is empty ({why}); expected a response, metrics or curves")
+    write_file(path, lambda draft: writer(result, header, draft), force=force)
+
+
+def write_file(path: Path, write: Callable[[Path], object], *, force: bool = False) -> None:
+    """Write a file, complete or not at all; FraexpError if it exists without `force`, or cannot be written."""
     try:
         if path.exists() and not force:
             raise FraexpError(f"{path}: the file exists; give --force to replace it, or another name")
         with atomic_file(path) as draft:
-            writer(result, header, draft)
+            write(draft)
     except OSError as error:
         raise FraexpError(f"{path}: cannot be written: {error.strerror or error}; choose another place") from None

@@ -17,7 +17,7 @@ from fraexp.store.changes.merged_runs import RunMerge, merge_run
 from fraexp.store.damage import read_tolerantly
 from fraexp.store.diff import describe_differences
 from fraexp.store.digests import ORIGIN_COLUMNS
-from fraexp.store.queries import annotations, reading
+from fraexp.store.queries import annotations, reading, stored_results
 from fraexp.store.sealing import read_origin_rows, seal_annotations
 from fraexp.store.stored_records import Conflict, MergeSummary
 from fraexp.store.tables import RESULT_TABLES, RowValues, insert_or_ignore, key_chunks, note, sweep, tag
@@ -100,7 +100,7 @@ def merge_databases(
         with source():  # its errors name the source's database
             theirs = {key: sound[key].result() for key in both}
         with ours() as connection:
-            for key, mine in reading.read_results(connection, both).items():
+            for key, mine in stored_results.read_results(connection, both).items():
                 what, how = describe_differences(mine, theirs[key])
                 if mine.outcome is Outcome.DAMAGED:
                     what, how = ("damaged",), "damaged here, sound there; fraexp delete it here, and merge again"

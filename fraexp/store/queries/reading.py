@@ -1,24 +1,21 @@
-"""Queries of runs, sweeps and results; each takes a few statements for any number of sweeps."""
+"""Queries of runs and sweeps; each takes a few statements for any number of sweeps."""
 
 from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from datetime import datetime
 
 from sqlalchemy import Connection, RowMapping, and_, false, func, or_, select
 
 from fraexp.data.identity import key_heads
-from fraexp.data.results import Outcome, Result
+from fraexp.data.results import Outcome
 from fraexp.errors import StoreError
-from fraexp.store import codec, shared_sections
+from fraexp.store import shared_sections
 from fraexp.store.clock import now
 from fraexp.store.damage import DAMAGED, RESTORE_HINT, read_tolerantly
 from fraexp.store.digests import (
     LISTED_COLUMNS,
-    RESULT_COLUMNS,
-    STATE_COLUMNS,
     annotations_digest,
-    content_digest,
     digest,
     listed_digest,
     log_digest,
@@ -28,73 +25,31 @@ from fraexp.store.digests import (
 from fraexp.store.liveness import Host, Process, host_of
 from fraexp.store.queries import annotations
 from fraexp.store.queries.filter_sql import STATES
-from fraexp.store.sealing import covered_rows, read_origin_rows, sum_of_digests
-from fraexp.store.stored_records import ComponentOrigin, RunProgress, RunSummary, StoredState, StoredSweep
+from fraexp.store.sealing import read_origin_rows, sum_of_digests
+from fraexp.store.stored_records import ComponentOrigin, RunProgress, RunSummary, StoredSweep
 from fraexp.store.tables import (
     IN_RUNS,
-    MAX_KEYS_PER_QUERY,
     PARTS,
     STANDING_LATEST,
     WITHOUT_RUN,
     Expression,
     Query,
-    ResultRow,
     RowValues,
     TableRow,
-    is_one_of,
     key_chunks,
-    metadata,
     run,
     run_sweep,
     sweep,
 )
-from fraexp.store.tables import supplied_component as supplied
 from fraexp.store.validation import JsonTable, check_types
 
 MIN_PREFIX = 4
 """Minimum number of characters that stand for a key: fewer are rather meant as a run."""
-HAS_RESULT = or_(sweep.c.outcome.is_not(None), sweep.c.content.is_not(None))
-"""A sweep has a result, or had one before its outcome was damaged."""
-STORED = select(*(sweep.c[name] for name in (*LISTED_COLUMNS, "digest"))).where(HAS_RESULT)
-STORED_OF_KEYS = STORED.where(is_one_of(sweep.c.key))
-SOURCES = select(supplied.c.key, supplied.c.kind, supplied.c.name, supplied.c.source_hash)
-SOURCES_OF_KEYS = SOURCES.where(is_one_of(supplied.c.key))
 RUN_STATES = ("running", "complete", "partial", "interrupted")
 DAMAGED_RUN = "damaged"
 """State of a run of which the stored row is damaged, or some of its sweeps are missing."""
 MAX_COLUMN_INTEGER = 2**31 - 1
 """Largest integer that a column can store."""
-
-
-def stored_states(connection: Connection, keys: Iterable[str]) -> dict[str, StoredState]:
-    """Return the state of each sweep that has a result."""
-    found: dict[str, StoredState] = {}
-    wanted = set(keys)
-    # If more are wanted than exist, all are read, which is faster than many queries.
-    few = len(wanted) <= MAX_KEYS_PER_QUERY or len(wanted) < (
-        connection.scalar(select(func.count()).select_from(sweep)) or 0
-    )
-    for chunk in key_chunks(wanted) if few else [None]:
-        chosen = {} if chunk is None else {"keys": chunk}
-        for row in connection.execute(STORED_OF_KEYS if chosen else STORED, chosen):
-            *values, row_digest = row
-            if row.key in wanted:
-                is_sound = digest(values) == row_digest
-                found[row.key] = StoredState(Outcome[row.outcome] if is_sound else Outcome.DAMAGED, {}, row.elapsed)
-        sources = connection.execute(SOURCES_OF_KEYS if chosen else SOURCES, chosen) if found else ()
-        for key, kind, name, source_hash in sources:
-            if key in found:
-                found[key].sources[f"{kind}:{name}"] = source_hash
-    return found
-
-
-def count_sources(connection: Connection) -> dict[str, dict[str, int]]:
-    """Return the number of sweeps of each component, by ``kind:name`` and by the hash of its source."""
-    query = select(supplied.c.kind, supplied.c.name, supplied.c.source_hash, func.count())
-    found: dict[str, dict[str, int]] = defaultdict(dict)
-    for kind, name, source, count in connection.execute(query.group_by(*query.selected_columns[:3])):
-        found[f"{kind}:{name}"][source] = count
-    return dict(found)
 
 
 @dataclass
@@ -224,59 +179,6 @@ def read_log(connection: Connection, key: str) -> str:
     if not isinstance(text, str):
         raise TypeError(f"a log is a {type(text).__name__}")
     return text if log_digest(text) == stored else f"the stored log is damaged; {RESTORE_HINT}"
-
-
-def read_results(connection: Connection, keys: Iterable[str]) -> dict[str, Result]:
-    """Return the result of each sweep that has one, with arrays; a damaged one has this outcome and nothing else."""
-    wanted = list(dict.fromkeys(keys))
-    found = read_tolerantly(lambda chunk: _read_results(connection, chunk), wanted)
-    lost = [key for key in wanted if key not in found]
-    return found | {
-        key: damaged_result() for key in read_tolerantly(lambda chunk: _with_result(connection, chunk), lost)
-    }
-
-
-def _with_result(connection: Connection, keys: list[str]) -> dict[str, bool]:
-    """Return the keys of the sweeps that have a result, or should have one."""
-    return dict.fromkeys(connection.scalars(select(sweep.c.key).where(sweep.c.key.in_(keys), HAS_RESULT)), True)
-
-
-def _read_results(connection: Connection, keys: list[str]) -> dict[str, Result]:
-    tables: dict[str, dict[str, list[ResultRow]]] = defaultdict(lambda: defaultdict(list))
-    for name in RESULT_COLUMNS:
-        for row in connection.execute(covered_rows(metadata.tables[name], keys)):
-            tables[row[0]][name].append(row)
-    query = select(*(sweep.c[name] for name in (*STATE_COLUMNS, "content")))
-    found = {}
-    for row in connection.execute(query.where(sweep.c.key.in_(keys), HAS_RESULT)):
-        of = tables[row.key]
-        values = {name: [item[1:] for item in rows] for name, rows in of.items()}
-        is_sound = content_digest(row[:-1], values) == row.content
-        found[row.key] = _parse_result(row, of) if is_sound else damaged_result()
-    return found
-
-
-def _parse_result(state: ResultRow, tables: Mapping[str, list[ResultRow]]) -> Result:
-    rows = {name: [row._mapping for row in tables.get(name, ())] for name in RESULT_COLUMNS}
-    columns = defaultdict(list)
-    for row in rows["curve_column"]:
-        columns[row["curve"]].append(row)
-    result = Result(
-        Outcome[state.outcome],
-        state.message,
-        next((codec.parse_response(row) for row in rows["frequency_response"]), None),
-        tuple(codec.parse_metric(row) for row in rows["metric"]),
-        tuple(codec.parse_curve(row["name"], columns[row["position"]]) for row in rows["curve"]),
-        tuple(codec.parse_fit(row) for row in rows["fit"]),
-        numerics=state.numerics,
-        elapsed=state.elapsed,
-    )
-    return check_types(result)
-
-
-def damaged_result() -> Result:
-    """Return what is shown instead of a damaged result."""
-    return Result(Outcome.DAMAGED, DAMAGED)
 
 
 def damaged_sweep(key: str) -> StoredSweep:

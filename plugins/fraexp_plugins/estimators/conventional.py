@@ -12,7 +12,8 @@ class Conventional(PlantReferredEstimator, name="conventional", version=3):
     """P̂ = y'/u by Fourier sums over whole periods, averaged (paper, Fig 3).
 
     It estimates the describing function of plant, friction and delays together: with friction the response depends on
-    the amplitude. Do not use it as a plant model unless friction is negligible at that amplitude.
+    the amplitude, and is that at the input amplitude stated with it. Do not use it as a plant model unless friction is
+    negligible at that amplitude.
 
     The rounding error that repeats in every period is taken off as far as several periods show it; the confidence band
     contains the rest, and noise by the scatter over periods. That of one simulated period follows from its encoder.

@@ -24,11 +24,13 @@ from fraexp.api import (
     response_result,
 )
 from fraexp_plugins.estimators._shared.effective_input_observer import EFFECTIVE_INPUT, ObserverEstimator, is_from_rest
-from fraexp_plugins.estimators._shared.encoder_errors import with_error_vectors
+from fraexp_plugins.estimators._shared.encoder_aware_observer import EncoderAwareObserver
+from fraexp_plugins.estimators._shared.encoder_errors import EncoderErrors, with_error_vectors
 from fraexp_plugins.estimators._shared.hold_images import HoldImages, gain_above_modes, hold_images
 from fraexp_plugins.estimators._shared.model_covariance import inverse_response, outer_parts, with_model_covariance
-from fraexp_plugins.estimators._shared.motion_above_nyquist import PlantAboveModes, UnsampledErrors
+from fraexp_plugins.estimators._shared.motion_above_nyquist import UnsampledErrors
 from fraexp_plugins.estimators._shared.parameter_uncertainty import Deviation, check_deviations, perturbations
+from fraexp_plugins.estimators._shared.plant_above_modes import PlantAboveModes
 from fraexp_plugins.estimators._shared.rounding_band import with_rounding
 from fraexp_plugins.estimators._shared.standstill import HiddenForce, hidden_forces
 
@@ -48,7 +50,7 @@ MIN_STIFFENING = 1.001
 """Stiffness of a friction model in a sample, over that at rest, from which its elements damp."""
 
 
-class EffectiveInput(ObserverEstimator, name="effective_input", version=4):
+class EffectiveInput(EncoderAwareObserver, name="effective_input", version=5):
     """P̂ = y'/û_e with û_e = G_di G_do u - f̂: the effective control input observer, eqs (2)-(5).
 
     y' drives the friction model in the time domain; the delays act at each frequency. With the right friction model P̂
@@ -70,10 +72,11 @@ class EffectiveInput(ObserverEstimator, name="effective_input", version=4):
     of the motion in all periods alike. Where noise or resolution is stated and the record has several periods, 32
     simulated repetitions of each measurement give the mean of these errors, which is taken off, and their covariance;
     the band also contains the mean error itself and that of the interpolation. It is never narrower than the scatter
-    of the periods. The motion above the Nyquist frequency that the friction force causes is taken off and in the band
-    likewise. Where terms that noise partly hides matter more than the band is wide, a message says that it may cover
-    less. A best linear approximation or another `method` has the band of that method. For a record of one
-    period motions are drawn that could have given it; nothing is taken off. An error that may exceed 10 % is not ok.
+    of the periods. Terms that noise hides, and motion above the Nyquist frequency, follow from the friction force and
+    from the plant at its harmonics. If few of those are clear, and hidden terms matter more than the band is wide, a
+    message says that it may cover less. A best linear approximation or another `method` has the band of that method.
+    For a record of one period motions are drawn that could have given it; nothing is taken off. An error that may
+    exceed 10 % is not ok.
 
     The images of the held input are taken off the measured position where they falsify the response by more than the
     tolerance. Their size follows from the response at the highest frequencies, which should lie above the modes.
@@ -154,7 +157,7 @@ class EffectiveInput(ObserverEstimator, name="effective_input", version=4):
     def _completed(self, signals: Signals, found: Result, relative_degree: int) -> Result:
         """Return a result with its uncertainty by encoder and friction model, and checked for standstill."""
         if found.response is not None and self._encoder_matters(signals):
-            plant = PlantAboveModes(gain_above_modes(found.response, relative_degree), relative_degree)
+            plant = PlantAboveModes.of_gain(gain_above_modes(found.response, relative_degree), relative_degree)
             response, weak = self._with_encoder_errors(signals, found.response, plant)
             found = _check_encoder(replace(found, response=response))
             found = replace(found, message=_join_messages(found.message, _weak_terms_text(response, weak)))
@@ -233,13 +236,14 @@ class EffectiveInput(ObserverEstimator, name="effective_input", version=4):
             return with_rounding(response, signals.segments, self.output, self.resolution), unknown
         if any(len(segment.channels[self.output]) == 1 for segment in signals.segments):
             return self._with_errors_of_single_periods(signals.segments, response, plant), unknown
+        plant, likely = self.likely_motions(signals.segments, plant)
         linear = self.linear_phasors(signals.segments)
         unsampled = self.unsampled_motion_errors(signals.segments, plant)
-        parts = [
-            self._response_with_encoder_errors(*part) for part in zip(signals.segments, linear, unsampled, strict=True)
-        ]
-        ratio, errors, weak = (np.concatenate(each, axis=-1) for each in zip(*parts, strict=True))
-        return with_error_vectors(response, ratio, errors), weak
+        errors = self.encoder_errors(signals.segments, likely)
+        each = zip(signals.segments, errors, linear, unsampled, strict=True)
+        parts = [self._response_with_encoder_errors(*part, plant) for part in each]
+        ratio, vectors, weak = (np.concatenate(part, axis=-1) for part in zip(*parts, strict=True))
+        return with_error_vectors(response, ratio, vectors), weak
 
     def _with_errors_of_single_periods(
         self, segments: Sequence[Segment], response: FrequencyResponse, plant: PlantAboveModes
@@ -266,13 +270,17 @@ class EffectiveInput(ObserverEstimator, name="effective_input", version=4):
         return fast > MIN_STIFFENING * slow
 
     def _response_with_encoder_errors(
-        self, segment: Segment, linear: NDArray[np.complex128], unsampled: UnsampledErrors
+        self,
+        segment: Segment,
+        errors: EncoderErrors,
+        linear: NDArray[np.complex128],
+        unsampled: UnsampledErrors,
+        plant: PlantAboveModes,
     ) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.float64]]:
         """Return P̂, shape (lines,), and vectors whose squares add up to its variance, shape (vectors, lines).
 
         The third value is by how much terms of the motion that noise partly hides change P̂, shape (lines,).
         """
-        errors = self.encoder_errors(segment)
         damping = 2j * np.pi * segment.frequency * self.friction.viscous
         corrected = np.add.reduce(linear, axis=0) / len(linear) + damping * errors.output_correction
         effective = corrected - errors.force
@@ -286,7 +294,11 @@ class EffectiveInput(ObserverEstimator, name="effective_input", version=4):
         interpolation = ratio * errors.interpolation_error / effective
         hidden = error_of_ratio(unsampled.output, unsampled.force)
         weak = np.abs(ratio * errors.weak_term_force / effective)
-        return ratio - hidden, np.vstack([scatter, correction, interpolation, hidden]), weak
+        return (
+            ratio - hidden,
+            np.vstack([scatter, correction, interpolation, float(plant.error(np.pi / segment.sample_time)) * hidden]),
+            weak,
+        )
 
     @property
     def _is_uncertain(self) -> bool:
@@ -341,7 +353,7 @@ def _check_encoder(found: Result) -> Result:
         f"friction takes nearly all of the input at {wrong.size} of {error.size} frequencies "
         f"({frequency_text(wrong)}), and rounding and noise of the encoder hide the rest: at "
         f"{response.frequency[worst]:.4g} Hz the response may be off by {20 * np.log10(1 + error[worst]):.2g} dB, "
-        f"{turn:.2g} deg; raise the amplitude, use a finer encoder, or record several periods with noise",
+        f"{turn:.2g} deg; raise the amplitude, use a finer encoder, or record more periods with noise",
     )
 
 

@@ -7,9 +7,9 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import Excitation, FrictionModel, ParameterError, Period, Plant, Schedule, param
+from fraexp.api import Excitation, Feedforward, FrictionModel, ParameterError, Period, Plant, Schedule, param
 from fraexp_plugins.positioning._shared.design_model import DesignModel
-from fraexp_plugins.positioning._shared.motion_plan import MotionPlan, MotionTask, plan_motion
+from fraexp_plugins.positioning._shared.motion_plan import POINTS_PER_SAMPLE, MotionPlan, MotionTask, plan_motion
 from fraexp_plugins.positioning._shared.motion_profiles import DeadbeatTask, JerkLimitedTask, rigid_body_gain
 
 DIFFERENCE_ORDERS = {"energy": 0, "jerk": 1, "snap": 2}
@@ -97,6 +97,16 @@ class PointToPoint(Excitation, name="point_to_point", version=1):
         except TypeError:  # a plant or friction model with a parameter that is a list or a dictionary
             return _cached_plan.__wrapped__(self, sample_time)
         return _cached_plan(self, sample_time)
+
+    def feedforward(self, sample_time: float) -> Feedforward:
+        """Return the first move per metre: plan and model are linear in the distance."""
+        distance = self.distances[0]
+        plan = self.model_copy(update={"targets": (distance,)}).plan(sample_time)
+        limit = None if self.force_limit is None else abs(distance)
+        thrust, reference, displacement = (
+            table / distance for table in (plan.thrust, plan.reference, plan.displacement)
+        )
+        return Feedforward(thrust, reference, displacement, POINTS_PER_SAMPLE, self.friction, limit)
 
     def periods(self, sample_time: float) -> tuple[Period, ...]:
         """Return the whole motion as one period, which is run once."""

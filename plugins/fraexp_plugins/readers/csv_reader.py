@@ -27,13 +27,19 @@ class CsvReader(RecordReader, name="csv", version=1):
     def read(self, path: Path, columns: Sequence[str]) -> RecordTable:
         layout = detect_layout(path)
         positions = [layout.position(path, column) for column in columns]
+        owners = [layout.time_position(position) for position in positions]
         values = _numbers(path, layout, positions)
+        own_times = {}
+        if None not in owners and len(set(owners)) > 1:
+            stamps = dict(zip(owners, _numbers(path, layout, [at for at in owners if at is not None]), strict=True))
+            own_times = {c: stamps[at] * layout.time_factor(at) for c, at in zip(columns, owners, strict=True)}
         units = dict(zip(layout.names, layout.units, strict=False))  # of all columns: another one may be the clock
         units |= {column: layout.units[position] for column, position in zip(columns, positions, strict=True)}
         return RecordTable(
             columns=dict(zip(columns, values, strict=True)),
             sample_time=layout.sample_time,
             units={column: unit for column, unit in units.items() if unit},
+            times=own_times,
         )
 
     def contents(self, path: Path) -> dict[str, tuple[tuple[int, ...], str]]:

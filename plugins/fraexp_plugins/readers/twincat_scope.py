@@ -34,7 +34,7 @@ class TwinCatScope(RecordReader, name="twincat_scope", version=1):
     """An export of TwinCAT 3 Scope as text, with any delimiter, with a column of time for each channel or shared ones.
 
     A channel is asked for by its name; equal names are numbered, ``Position #2``. Channels of one record must have the
-    same sample time. Units are those that Scope states, as it scales the values.
+    same sample time, unless they are resampled. Units are those that Scope states, as it scales the values.
     """
 
     suffixes = (".csv", ".txt", ".tsv")
@@ -49,11 +49,12 @@ class TwinCatScope(RecordReader, name="twincat_scope", version=1):
     def read(self, path: Path, columns: Sequence[str]) -> RecordTable:
         export = _read_properties(path)
         positions = [column_position(path, column, export.plain_names, export.names) for column in columns]
-        values = _read_values(path, export, positions)
-        sample_time = _common_sample_time(path, export, positions)
+        values, stamps = _read_values(path, export, positions)
+        sample_times = {export.sample_times[position] for position in positions}
         return RecordTable(
             columns=dict(zip(columns, values, strict=True)),
-            sample_time=sample_time,
+            sample_time=sample_times.pop() if len(sample_times) == 1 else None,
+            times=dict(zip(columns, stamps, strict=True)) if sample_times else {},
             units={c: export.units[p] for c, p in zip(columns, positions, strict=True) if export.units[p]},
         )
 
@@ -148,8 +149,10 @@ def _value_rows(path: Path, export: _Export) -> Iterator[tuple[int, list[str]]]:
                 yield number, split_cells(line, export.delimiter)
 
 
-def _read_values(path: Path, export: _Export, positions: Sequence[int]) -> list[NDArray[np.float64]]:
-    """Return the values of columns, and check the time of each."""
+def _read_values(
+    path: Path, export: _Export, positions: Sequence[int]
+) -> tuple[list[NDArray[np.float64]], list[NDArray[np.float64]]]:
+    """Return the values of columns, and the time stamps of each [s], which are checked."""
     wanted = sorted({*positions, *(export.time_positions[position] for position in positions)})
     cells: dict[int, list[str]] = {position: [] for position in wanted}
     ended: set[int] = set()
@@ -168,7 +171,8 @@ def _read_values(path: Path, export: _Export, positions: Sequence[int]) -> list[
             cells[position].append(cell.replace(",", "."))
     for position in positions:
         _check_column(path, export, position, cells)
-    return [np.array(cells[position], dtype=float) for position in positions]
+    stamps = [np.array(cells[export.time_positions[position]], dtype=float) * 1e-3 for position in positions]
+    return [np.array(cells[position], dtype=float) for position in positions], stamps
 
 
 def _cell_error(path: Path, number: int, export: _Export, position: int, finding: str) -> RecordError:
@@ -195,15 +199,3 @@ def _check_column(path: Path, export: _Export, position: int, cells: dict[int, l
             f"{path.name}: channel '{name}' steps by {np.diff(time)[uneven[0]]:.6g} s after sample {uneven[0] + 1}, "
             f"but its sample time is {step:.6g} s; export it with double time stamps, or a part without gaps"
         )
-
-
-def _common_sample_time(path: Path, export: _Export, positions: Sequence[int]) -> float | None:
-    first = positions[0] if positions else 0
-    for position in positions:
-        if export.sample_times[position] != export.sample_times[first]:
-            one, other = (f"'{export.names[p]}' {1e3 * export.sample_times[p]:g} ms" for p in (first, position))
-            raise RecordError(
-                f"{path.name}: the channels have different sample times ({one}, {other}); "
-                "expected equal ones: choose channels of one sample time, or set it in Scope and record again"
-            )
-    return export.sample_times[first] if positions else None

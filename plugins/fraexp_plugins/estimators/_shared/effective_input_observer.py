@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import (
-    Encoder,
     FrictionModel,
     Motion,
     ParameterError,
@@ -21,28 +20,12 @@ from fraexp.api import (
     fourier_sums,
     param,
     path_response,
-    phasor_variance,
     phasors,
     record_spectrum,
 )
 from fraexp_plugins.estimators._shared.delayed_estimator import DelayedEstimator, LoopDelays
-from fraexp_plugins.estimators._shared.encoder_errors import EncoderErrors, simulated_encoder_errors
 from fraexp_plugins.estimators._shared.interpolation import resample
-from fraexp_plugins.estimators._shared.motion_above_nyquist import (
-    PlantAboveModes,
-    UnsampledErrors,
-    mean_phasors,
-    motion_above_nyquist,
-)
 from fraexp_plugins.estimators._shared.oversampling import choose_oversampling
-from fraexp_plugins.estimators._shared.possible_motions import (
-    EncoderErrorSamples,
-    ErrorMoments,
-    draws_per_segment,
-    error_moments,
-    examined_segments,
-    possible_motions,
-)
 
 EFFECTIVE_INPUT = "u_e"
 """Name of the channel û_e."""
@@ -50,10 +33,6 @@ MIN_TERM_STDS = 3.0
 """Size of a term of the Fourier series, in standard deviations of its scatter, from which it is kept."""
 TOLERANCE_RATIO = 10.0
 """Tolerated error of y'/û_e over that of y'/u: the effective input is a small difference."""
-MAX_POINTS_OF_DRAWS = 1024
-"""Points of a motion at which a friction model is driven to find the errors that the encoder causes."""
-POINTS_MULTIPLE = 16
-"""Numbers of points of which a Fourier transform is fast are multiples of it."""
 FREQUENCIES_PER_BLOCK = 8192
 """Frequencies at which the aliasing images are summed at once: a hundred numbers each."""
 
@@ -160,6 +139,11 @@ class ObserverEstimator(DelayedEstimator, ABC):
         points = choose_oversampling(segments, TOLERANCE_RATIO * self.interpolation_tolerance, self._phasors_with)
         return self._oversampled(points)
 
+    def resolve_for(self, signals: Signals) -> Self:
+        """Return the estimator with the points per sample that it takes: its certificate is that of the same points."""
+        is_sampled = signals.segments and not signals.are_stated
+        return self.resolve_oversampling(signals.segments) if is_sampled else self
+
     def _phasors_with(self, points: int, segments: Sequence[Segment]) -> list[NDArray[np.complex128]]:
         return self._oversampled(points).effective_phasors(segments)
 
@@ -181,7 +165,7 @@ class ObserverEstimator(DelayedEstimator, ABC):
     def _friction_phasors(self, segments: Sequence[Segment]) -> list[NDArray[np.complex128]]:
         """Return the phasors of the friction model's force [N] per segment, each of shape (periods, lines)."""
         return [
-            fourier_sums(periods, segment.lines) * self._force_factor(segment)
+            fourier_sums(periods, segment.lines) * self.force_factor(2 * np.pi * segment.frequency)
             for segment, periods in zip(segments, self._forces(segments), strict=True)
         ]
 
@@ -199,99 +183,11 @@ class ObserverEstimator(DelayedEstimator, ABC):
             for segment, force in zip(segments, self._forces(segments), strict=True)
         ]
 
-    def _force_factor(self, segment: Segment) -> NDArray[np.complex128]:
-        """Return the factor from the model's force to that in û_e at the lines, shape (lines,)."""
-        return self.force_scale * path_response(2 * np.pi * segment.frequency, 0.0, self.output_time_constants)
+    def force_factor(self, omega: NDArray[np.float64]) -> NDArray[np.complex128]:
+        """Return the factor from the model's force to that in û_e, shape (n,), at ω [rad/s]."""
+        return self.force_scale * path_response(omega, 0.0, self.output_time_constants)
 
-    def encoder_errors(self, segment: Segment) -> EncoderErrors:
-        """Return what noise and rounding of the encoder do to displacement [m] and friction force [N] in û_e."""
-
-        def force(terms: NDArray[np.complex128], duration: float, finer: int) -> NDArray[np.float64]:
-            return np.stack(self.friction.forces(self._motions_of_terms(segment, terms, duration, finer)))
-
-        found = simulated_encoder_errors(segment, self.output, self.resolution, self.noise, force)
-        return found.scaled(self._force_factor(segment))
-
-    def unsampled_motion_errors(self, segments: Sequence[Segment], plant: PlantAboveModes) -> list[UnsampledErrors]:
-        """Return the errors by the motion above the Nyquist frequency, of the mean over the periods, per segment."""
-        motions = [self._motion(segment) for segment in segments]
-        forces = self.friction.forces(motions)
-        unsampled = [
-            motion_above_nyquist(segment, force, plant, self.output_time_constants)
-            for segment, force in zip(segments, forces, strict=True)
-        ]
-        moved = [
-            motion._replace(displacement=motion.displacement + found.interpolation_error / self.displacement_scale)
-            for motion, found in zip(motions, unsampled, strict=True)
-        ]
-        changes = zip(segments, forces, self.friction.forces(moved), strict=True)
-        lacking = [
-            mean_phasors(segment, along - true) * self._force_factor(segment) for segment, along, true in changes
-        ]
-        return [UnsampledErrors(found.aliases, force) for found, force in zip(unsampled, lacking, strict=True)]
-
-    def weak_term_errors(self, segments: Sequence[Segment]) -> list[NDArray[np.complex128]]:
-        """Return the error of the force in û_e [N] by weak terms of the motion, which the observer leaves out.
-
-        Each has the shape (lines,). Records of one period; all terms of a motion err in the same direction.
-        """
-        errors = []
-        for segment in segments:
-            found = possible_motions(segment, self.output, self.resolution, self.noise, 0)
-            pair = np.stack([found.terms[0], found.likely])
-            taken, likely = self.friction.forces(self._motions_of_terms(segment, pair, found.duration))
-            sums = fourier_sums(np.stack([taken, likely]), found.lines)
-            errors.append((sums[0] - sums[1]) * self._force_factor(segment))
-        return errors
-
-    def single_period_errors(self, segments: Sequence[Segment]) -> ErrorMoments:
-        """Return the moments of the same errors for records of one period, at the lines of all segments."""
-        examined = examined_segments(segments)
-        draws = draws_per_segment(examined)
-        possible = [possible_motions(each, self.output, self.resolution, self.noise, draws) for each in examined]
-        motions = [
-            self._motions_of_terms(segment, found.terms, found.duration)
-            for segment, found in zip(examined, possible, strict=True)
-        ]
-        forces = iter(self.friction.forces(list(itertools.chain.from_iterable(motions))))
-        force_errors = []
-        for segment, found in zip(examined, possible, strict=True):
-            sums = fourier_sums(np.stack([next(forces) for _ in found.terms]), found.lines)
-            force_errors.append((sums[0] - sums[1:]) * self._force_factor(segment))
-        samples = EncoderErrorSamples(
-            np.concatenate([segment.frequency for segment in examined]),
-            np.concatenate([found.output_errors for found in possible], axis=1),
-            np.concatenate(force_errors, axis=1),
-            self._output_deviation(examined),
-        )
-        frequency = np.concatenate([segment.frequency for segment in segments])
-        return error_moments(samples, frequency, self._output_deviation(segments))
-
-    def _output_deviation(self, segments: Sequence[Segment]) -> NDArray[np.float64]:
-        """Return the standard deviation of the output's phasors by noise and rounding [m], at all lines."""
-        encoder = Encoder(self.noise, self.resolution)
-        return np.sqrt(np.concatenate([phasor_variance(segment, encoder) for segment in segments]))
-
-    def _motions_of_terms(
-        self, segment: Segment, terms: NDArray[np.complex128], duration: float, finer: int = 1
-    ) -> list[Motion]:
-        """Return motions of such Fourier coefficients, shape (motions, terms), and period [s].
-
-        A single one is as exact as the observer's own. Several are there to be compared with each other: most of their
-        own errors cancel.
-        """
-        points = int(np.ceil(finer * self.oversampling * duration / segment.sample_time))
-        before = self._lead_in(segment)
-        if len(terms) > 1:
-            points = min(points, max(MAX_POINTS_OF_DRAWS, 2 * terms.shape[1]))
-            before = np.empty(0)
-        omega = 2 * np.pi / duration * np.arange(terms.shape[1])
-        bins = terms / path_response(omega, 0.0, self.output_time_constants)
-        points += -points % POINTS_MULTIPLE
-        motions = np.fft.irfft(bins, points) * (points / self.displacement_scale)
-        return [Motion(x, duration / points, True, before, segment.sample_time) for x in motions]
-
-    def _lead_in(self, segment: Segment) -> NDArray[np.float64]:
+    def lead_in(self, segment: Segment) -> NDArray[np.float64]:
         """Return the displacement before the record that drives the friction model [m]; empty if it does not matter."""
         if self.friction.has_unique_periodic_force or self.output not in segment.lead_in:
             return np.empty(0)
@@ -305,7 +201,7 @@ class ObserverEstimator(DelayedEstimator, ABC):
         covariance then includes the noise that acts through friction, which is most of it if friction is most of the
         input.
         """
-        motions = [self._motion(segment) for segment in segments]
+        motions = [self.motion(segment) for segment in segments]
         single_periods = [self._motions_of_periods(*pair) for pair in zip(segments, motions, strict=True)]
         forces = self.friction.forces([*motions, *itertools.chain.from_iterable(single_periods)])
         others, found = iter(forces[len(motions) :]), []
@@ -329,12 +225,12 @@ class ObserverEstimator(DelayedEstimator, ABC):
         motions = [resample(row, y.shape[1], self.oversampling) for row in unlagged]
         return [whole._replace(displacement=motion / self.displacement_scale) for motion in motions]
 
-    def _motion(self, segment: Segment) -> Motion:
+    def motion(self, segment: Segment) -> Motion:
         """Return the motion that drives the friction model: all periods of a segment, after its lead-in."""
         repeats = not is_from_rest(segment)
         fine = self._fine_displacement(segment) if repeats else self._fine_displacement_from_rest(segment)
         time_step = segment.sample_time / self.oversampling
-        return Motion(fine / self.displacement_scale, time_step, repeats, self._lead_in(segment), segment.sample_time)
+        return Motion(fine / self.displacement_scale, time_step, repeats, self.lead_in(segment), segment.sample_time)
 
     def _fine_displacement(self, segment: Segment) -> NDArray[np.float64]:
         """Return all periods of a record, one after another, at `oversampling` times as many points."""

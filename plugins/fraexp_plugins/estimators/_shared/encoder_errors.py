@@ -4,30 +4,20 @@ B. Efron and R. J. Tibshirani, An Introduction to the Bootstrap, 1993, ch. 6 and
 """
 
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import FrequencyResponse, Segment, fourier_sums
-from fraexp_plugins.estimators._shared.encoder import mean_rounding_error, repeated_rounding_variance
+from fraexp.api import FrequencyResponse
+from fraexp_plugins.estimators._shared.encoder import mean_rounding_error
+from fraexp_plugins.estimators._shared.measured_terms import MeasuredTerms, motion_samples, motion_terms
+from fraexp_plugins.estimators._shared.weak_terms import LikelyTerms, clear_terms, estimate_motion, likely_spread
 
 DRAWS = 32
 """Simulated repetitions of the experiment."""
-CLEAR_TERM_STDS = 3.0
-"""Size of a term of the Fourier series, in standard deviations of its noise, from which all of it counts as motion."""
-MIN_NEIGHBOURS = 4
-"""Terms on either side from which the power of a weaker one is taken, at least."""
-NEIGHBOUR_SHARE = 3
-"""One of so many of the terms below it: the spectrum of a motion falls over a ratio of frequencies."""
-MIN_POWER_STDS = 2.0
-"""Mean power above that of noise, in standard deviations, from which it counts as motion."""
-
-ForceOfMotions = Callable[[NDArray[np.complex128], float, int], NDArray[np.float64]]
-"""Returns the force [N] over one period of motions, shape (motions, n), from the coefficients of their Fourier series,
-shape (motions, terms), their period [s], and the factor by which they are interpolated more finely than usual."""
 
 
 class EncoderErrors(NamedTuple):
@@ -56,68 +46,80 @@ class EncoderErrors(NamedTuple):
         return self._replace(**{name: getattr(self, name) * factor for name in names})
 
 
-def simulated_encoder_errors(
-    segment: Segment, channel: str, resolution: float, noise: float, force: ForceOfMotions
-) -> EncoderErrors:
-    """Return displacement and friction force of a periodic record with the errors that the encoder causes.
+class DrawnMotions(NamedTuple):
+    """Motions that could have given a record, and what would be found of each, by their terms, shape (draws, terms)."""
 
-    Motions are drawn that could have given the record: its terms that stand out of noise and rounding, and of the
-    weaker ones as much as their neighbours make likely. Each is measured again, with new noise, and rounded; the force
-    along what is then found, less the force along the drawn motion, is one error of the force. Their mean is taken off,
-    their scatter is the uncertainty. Rounding that repeats in each period is invisible in the scatter over periods,
-    and terms that noise hides are missing in every period alike: both are in these errors.
+    lines: NDArray[np.int64]
+    """Terms that are excited, shape (lines,)."""
+    duration: float
+    """Period of the motion [s]."""
+    estimated: NDArray[np.complex128]
+    """The estimated motion, shape (terms,)."""
+    known: NDArray[np.complex128]
+    """The same with likely values in place of terms that noise partly hides."""
+    drawn: NDArray[np.complex128]
+    found: NDArray[np.complex128]
+    output: NDArray[np.complex128]
+    """Phasors of the displacement [m] less the part of the rounding error that repeats, shape (lines,)."""
+    output_correction: NDArray[np.complex128]
+    """That part [m]."""
+    output_errors: NDArray[np.complex128]
+    """Errors of the displacement in each draw [m], shape (draws, lines)."""
+
+
+def draw_motions(measured: MeasuredTerms, resolution: float, noise: float, likely: LikelyTerms) -> DrawnMotions:
+    """Return motions that could have given a periodic record, and what an encoder would show of each.
+
+    They are its terms that stand out of noise and rounding, and of the weaker ones as much as friction, or else their
+    neighbours, make likely. Each is measured again, with new noise, and rounded. Rounding that repeats in each period
+    is invisible in the scatter over periods, and terms that noise hides are missing in every period alike: both are in
+    the errors of what is found.
     """
-    step = int(np.gcd.reduce(segment.lines))  # the motion repeats itself so often in a period
-    repeats = int(np.gcd(step, segment.samples))  # and so often at the same samples
-    periods = segment.channels[channel].reshape(-1, segment.samples // repeats)
-    count, samples = periods.shape
-    stride, lines, duration = step // repeats, segment.lines // step, segment.samples * segment.sample_time / step
-    repeated = repeated_rounding_variance(resolution, noise)
-    random = max(noise**2 + resolution**2 / 12 - repeated, 0.0) / (count * samples)
-    scatter = random + repeated / samples
-    terms = motion_terms(np.add.reduce(periods, axis=0) / count, stride)
+    samples, stride, lines = measured.periods.shape[1], measured.stride, measured.lines
+    terms, scatter = measured.terms, measured.scatter
 
     def rounding(motion: NDArray[np.complex128]) -> NDArray[np.complex128]:
         position = motion_samples(motion, samples, stride)
         return motion_terms(mean_rounding_error(position, resolution, noise), stride)
 
-    normal = _normal_terms(terms.size, zlib.crc32(periods.tobytes()))
-    share = motion_shares(terms, scatter)
-    spread = np.sqrt(share * scatter) * next(normal)
-    rounded = _mean_over_draws(rounding(share * terms + spread))
-    motion = share * (terms - rounded)
+    normal = _normal_terms(terms.size, zlib.crc32(measured.periods.tobytes()))
+    motion, share = estimate_motion(terms, scatter, likely)
+    spread = likely_spread(likely, share, scatter, next(normal))
+    rounded = _mean_over_draws(rounding(motion + spread))
+    motion = motion - share * rounded
     drawn = motion + spread
-    measured = drawn + np.sqrt(random) * next(normal) + rounding(drawn) - rounded
-    found = motion_shares(measured, scatter) * measured
-    clear = np.where(share == 1, motion, 0)
-    forces = fourier_sums(force(np.concatenate([drawn, found, [motion, clear]]), duration, 1), lines)
-    force_errors = forces[DRAWS : 2 * DRAWS] - forces[:DRAWS]
-    output_errors = 2 * (measured - drawn)[:, lines]
-    output_mean, force_mean = _mean_over_draws(output_errors), _mean_over_draws(force_errors)
-    finer, finest = (fourier_sums(force(motion[None, :], duration, factor), lines)[0] for factor in (4, 8))
+    again = drawn + np.sqrt(measured.random) * next(normal) + rounding(drawn) - rounded
+    known = np.where(clear_terms(terms, scatter), motion, likely.mean)
+    found, errors = estimate_motion(again, scatter, likely).terms, 2 * (again - drawn)[:, lines]
+    output, repeated = 2 * (terms - rounded)[lines], 2 * rounded[lines]
+    return DrawnMotions(lines, measured.duration, motion, known, drawn, found, output, repeated, errors)
+
+
+def simulated_encoder_errors(
+    motions: DrawnMotions,
+    drawn_forces: NDArray[np.complex128],
+    found_forces: NDArray[np.complex128],
+    forces: Sequence[NDArray[np.complex128]],
+) -> EncoderErrors:
+    """Return displacement and friction force with the errors that the encoder causes.
+
+    The phasors of the force along what is found, less those along the drawn motions, each of shape (draws, lines), are
+    its errors: their mean is taken off, their scatter is the uncertainty. `forces` are the phasors along the estimated
+    and the known motion, and along the estimated one at four and eight times as many points.
+    """
+    force_errors = found_forces - drawn_forces
+    output_mean, force_mean = _mean_over_draws(motions.output_errors), _mean_over_draws(force_errors)
+    estimated, known, finer, finest = forces
     return EncoderErrors(
-        2 * (terms - rounded)[lines] - output_mean,
+        motions.output - output_mean,
         finest - force_mean,
-        2 * rounded[lines] + output_mean,
+        motions.output_correction + output_mean,
         force_mean,
-        output_errors - output_mean,
+        motions.output_errors - output_mean,
         force_errors - force_mean,
         (finest - finer) / 3,  # the error falls with the square of the points
-        forces[-2] - forces[-1],
+        estimated - known,
     )
-
-
-def motion_terms(samples: NDArray[np.float64], stride: int) -> NDArray[np.complex128]:
-    """Return the Fourier coefficients of a motion at every `stride`-th line below Nyquist, shape (..., terms)."""
-    size = samples.shape[-1]
-    return np.fft.rfft(samples)[..., : (size + 1) // 2 : stride] / size
-
-
-def motion_samples(terms: NDArray[np.complex128], samples: int, stride: int) -> NDArray[np.float64]:
-    """Return the motion of such coefficients, shape (..., samples)."""
-    bins = np.zeros((*terms.shape[:-1], samples // 2 + 1), dtype=complex)
-    bins[..., : (samples + 1) // 2 : stride] = terms
-    return np.fft.irfft(bins, samples) * samples
 
 
 def with_error_vectors(
@@ -139,33 +141,6 @@ def with_error_vectors(
         freedom = 1 / (share**2 / (DRAWS - 1) + (1 - share) ** 2 / known)
     ratio = np.where(np.isfinite(response.response), ratio, np.nan)
     return replace(response, response=ratio, covariance=covariance, freedom=freedom)
-
-
-def motion_shares(terms: NDArray[np.complex128], scatter: float) -> NDArray[np.float64]:
-    """Return the share of each term of Fourier series that is motion rather than scatter, 0 … 1, shape (..., terms).
-
-    `scatter` is the variance of a term. A clear term is kept whole. A weaker one is shrunk by Wiener's v/(v + s): v is
-    the mean power of its neighbours of the same parity less the scatter s, because the even terms of a motion that is
-    odd about its middle vanish. Terms that are cut off entirely are missing in the force, all in the same direction.
-    """
-    power = np.abs(terms) ** 2 / scatter
-    share = np.ones(power.shape)
-    for first in (1, 2):
-        share[..., first::2] = _wiener_shares(power[..., first::2])
-    return share
-
-
-def _wiener_shares(power: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the shares of terms from their power in units of the scatter, shape (..., terms)."""
-    excess = np.minimum(power, CLEAR_TERM_STDS**2) - 1
-    number = np.arange(power.shape[-1])
-    reach = np.maximum(MIN_NEIGHBOURS, number // NEIGHBOUR_SHARE)
-    first, behind = np.maximum(number - reach, 0), np.minimum(number + reach + 1, number.size)
-    sums = np.concatenate([np.zeros((*power.shape[:-1], 1)), np.cumsum(excess, axis=-1)], axis=-1)
-    neighbours = behind - first
-    mean = (sums[..., behind] - sums[..., first]) / neighbours
-    likely = np.where(mean * np.sqrt(neighbours) > MIN_POWER_STDS, mean, 0.0)
-    return np.where(power >= CLEAR_TERM_STDS**2, 1.0, likely / (likely + 1))
 
 
 def _mean_over_draws(values: NDArray[np.complex128]) -> NDArray[np.complex128]:

@@ -12,15 +12,7 @@ from numpy.typing import NDArray
 
 from fraexp.api import Segment, fourier_sums, path_response
 from fraexp_plugins.estimators._shared.interpolation import resample
-
-
-class PlantAboveModes(NamedTuple):
-    """A plant that falls as c/(jω)^r."""
-
-    gain: float
-    """c [m/(N s^r)]."""
-    relative_degree: int
-    """r; 0 if it is unknown, and the motion counts as none."""
+from fraexp_plugins.estimators._shared.plant_above_modes import PlantAboveModes
 
 
 class UnsampledMotion(NamedTuple):
@@ -53,9 +45,8 @@ def motion_above_nyquist(
     samples = periods * segment.samples
     points, first = force.size // samples, samples // 2 + 1
     bins = np.fft.rfft(force)
-    omega = 2 * np.pi * np.arange(bins.size) / (samples * segment.sample_time)
-    gain = plant.gain if plant.relative_degree else 0.0
-    bins[first:] *= -gain / (1j * omega[first:]) ** plant.relative_degree
+    omega = np.asarray(2 * np.pi * np.arange(bins.size) / (samples * segment.sample_time))
+    bins[first:] *= -plant.response(omega[first:])
     bins[:first] = 0
     path = path_response(omega, 0.0, lags)
     sampled = np.fft.irfft(bins * path, force.size)[::points]

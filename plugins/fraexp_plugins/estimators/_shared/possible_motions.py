@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import Segment, rounding_symmetry
-from fraexp_plugins.estimators._shared.encoder_errors import CLEAR_TERM_STDS, motion_shares, motion_terms
+from fraexp_plugins.estimators._shared.measured_terms import measured_terms
+from fraexp_plugins.estimators._shared.weak_terms import CLEAR_TERM_STDS, motion_shares
 
 MIN_DRAWS = 16
 """Errors from which a variance is taken, at least."""
@@ -93,21 +94,19 @@ def possible_motions(segment: Segment, channel: str, resolution: float, noise: f
     A clear term is known but for its scatter. A weaker one, which the observer leaves out, is as strong as its
     neighbours make likely.
     """
-    step = int(np.gcd.reduce(segment.lines))  # the motion repeats itself so often in a period
-    repeats = int(np.gcd(step, segment.samples))  # and so often at the same samples
-    periods = segment.channels[channel].reshape(-1, segment.samples // repeats)
-    count, samples = periods.shape
-    stride, lines, duration = step // repeats, segment.lines // step, segment.samples * segment.sample_time / step
+    measured = measured_terms(segment, channel, resolution, noise)
+    terms, (count, samples) = measured.terms, measured.periods.shape
     rounding, random = resolution**2 / 12 / samples, noise**2 / (count * samples)
-    terms = motion_terms(np.add.reduce(periods, axis=0) / count, stride)
     share = motion_shares(terms, rounding + random)
     scatter = np.full(terms.size, rounding + random)
     scatter[1::2] = rounding_symmetry(segment) * rounding + random
-    generator = np.random.default_rng(zlib.crc32(periods.tobytes()))
+    generator = np.random.default_rng(zlib.crc32(measured.periods.tobytes()))
     normal = generator.standard_normal((draws, 2 * terms.size)).view(complex) * np.sqrt(0.5)
     drawn = share * terms + np.sqrt(share * scatter) * normal
     found = np.where(np.abs(terms) < CLEAR_TERM_STDS * np.sqrt(rounding + random), 0, terms)
-    return PossibleMotions(np.vstack([found, drawn]), 2 * (terms - drawn)[:, lines], lines, duration, share * terms)
+    lines = measured.lines
+    output_errors = 2 * (terms - drawn)[:, lines]
+    return PossibleMotions(np.vstack([found, drawn]), output_errors, lines, measured.duration, share * terms)
 
 
 def error_moments(

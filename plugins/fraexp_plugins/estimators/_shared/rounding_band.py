@@ -13,7 +13,8 @@ from fraexp_plugins.estimators._shared.encoder import (
     noise_from_scatter,
     repeated_rounding_variance,
 )
-from fraexp_plugins.estimators._shared.encoder_errors import motion_samples, motion_shares, motion_terms
+from fraexp_plugins.estimators._shared.measured_terms import motion_samples, motion_terms
+from fraexp_plugins.estimators._shared.weak_terms import motion_shares
 
 
 class RepeatedRounding(NamedTuple):

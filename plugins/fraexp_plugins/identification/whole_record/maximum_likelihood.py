@@ -1,7 +1,6 @@
 """Plant and friction parameters of greatest likelihood: every sample of the records, through a simulated machine."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fraexp.api import (
     FrictionModel,
@@ -18,6 +17,7 @@ from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.identification._shared.usable_signals import usable_signals
 from fraexp_plugins.identification.whole_record._shared.fit_report import FitReport
 from fraexp_plugins.identification.whole_record._shared.free_parameters import SCALES, FreeParameters
+from fraexp_plugins.identification.whole_record._shared.noise_level import NOISE, likely_noise, noise_in_records
 from fraexp_plugins.identification.whole_record._shared.staged_fit import MAX_START_RATIO, Fitted, StagedFit
 
 MAX_LINES = 64
@@ -45,8 +45,13 @@ class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=1):
     The band is that of the information in the likelihood, with the parameters' part. The metrics are the parameters
     with their 95 % intervals, and the geometric mean of the residuals over what noise and rounding explain, which is 1
     where the model is right. Where it is not, the outcome is not ok, and the message says so: another friction law,
-    wrong dead times, unknown noise. A parameter that the records do not tell is held, and named. Plant and friction
-    are results as components too, where the parameters of the law can express the scales.
+    wrong dead times, unknown noise. Where noise covers the encoder's steps, the residual must be white, too. A
+    parameter that the records do not tell is held, and named. Plant and friction are results as components too, where
+    the parameters of the law can express the scales.
+
+    An unknown dead time is estimated if `free` names `input_dead_time`: it may be some samples wrong at the start, or
+    0, and stands for all dead time of the loop. With `noise` the encoder's noise is estimated from the residual; it
+    must not be more than scatter or spectrum of the records show.
 
     It needs the steady state of stepped sines or multisines of up to 64 lines, from one contact. Where friction holds
     the machine nearly still at all frequencies there is nothing to see, by this method neither. Simulation takes time:
@@ -56,7 +61,7 @@ class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=1):
     friction: FrictionModel = param("", "friction model at the start", inherit="friction")
     free: tuple[str, ...] = param(
         "",
-        "parameters of friction that are estimated: force_scale, displacement_scale, or names of the model's numbers",
+        "what is estimated: force_scale, displacement_scale, names of the model's numbers, input_dead_time, noise",
         SCALES,
     )
     nominal_plant: Plant | None = param("", "plant at the harmonics; fitted to the response if it is not given", None)
@@ -64,7 +69,7 @@ class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=1):
     resolution: float = param("m", "quantisation step of the encoder", 0.0, at_least=0, inherit="loop.resolution")
     noise: float | None = param(
         "m",
-        "standard deviation of the encoder's noise; from the scatter of the periods if it is not given",
+        "standard deviation of the encoder's noise; from scatter or spectrum of the periods if it is not given",
         None,
         at_least=0,
         inherit="loop.noise",
@@ -80,7 +85,7 @@ class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=1):
                 "maximum_likelihood.friction has a position_dependence, and a replay does not know where on the stroke "
                 "the record was; leave it out, or use effective_input"
             )
-        FreeParameters(self.free).check(self.friction)
+        FreeParameters(tuple(name for name in self.free if name != NOISE)).check(self.friction)
         contacts = [] if self.nominal_plant is None else list(self.nominal_plant.ports().contacts)
         if len(contacts) > 1:
             raise ParameterError(
@@ -95,15 +100,20 @@ class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=1):
             return Result(signals.outcome, signals.message)
         used = usable_signals(signals, self.output, self.name)
         _check_segments(used)
-        noise = _scatter(used, self.output, self.resolution) if self.noise is None else self.noise
-        found, starts = self._staged_fit(used, noise, self.free).run()
+        noise = noise_in_records(used, self.output, self.resolution) if self.noise is None else self.noise
+        free = tuple(name for name in self.free if name != NOISE)
+        found, starts = self.staged_fit(used, noise, free).run()
         held = _untold(found)
         if held:
-            free = tuple(name for name in self.free if name not in held)
-            found, starts = self._staged_fit(used, noise, free).run()
-        return FitReport(used, found, starts, held).result()
+            free = tuple(name for name in free if name not in held)
+            found, starts = self.staged_fit(used, noise, free).run()
+        if NOISE not in self.free:
+            return FitReport(used, found, starts, held).result()
+        level = likely_noise(found.linear.records, float(found.fit.freedom.sum()))
+        return FitReport(used, found.with_noise(level.value), starts, held, level).result()
 
-    def _staged_fit(self, signals: Signals, noise: float, free: tuple[str, ...]) -> StagedFit:
+    def staged_fit(self, signals: Signals, noise: float, free: tuple[str, ...]) -> StagedFit:
+        """Return what is fitted to signals with this noise [m], if these parameters are free."""
         shared = {name: getattr(self, name) for name in DelayedEstimator.model_fields}
         observer = EffectiveInput(
             friction=self.friction,
@@ -136,23 +146,9 @@ def _check_segments(signals: Signals) -> None:
         )
 
 
-def _scatter(signals: Signals, output: str, resolution: float) -> float:
-    """Return the standard deviation of the noise [m] that the scatter over the periods shows besides rounding."""
-    scatter = [_variance(segment.channels[output]) for segment in signals.segments]
-    known = [each for each in scatter if each is not None]
-    return float(np.sqrt(max(np.median(known) - resolution**2 / 12, 0.0))) if known else 0.0
-
-
-def _variance(periods: NDArray[np.float64]) -> float | None:
-    """Return the mean variance over the periods, shape (periods, n); None for a single one."""
-    if len(periods) < 2:
-        return None
-    return float(np.mean(np.var(periods - periods.mean(axis=1, keepdims=True), axis=0, ddof=1)))
-
-
 def _untold(found: Fitted) -> tuple[str, ...]:
     """Return the names of friction's parameters that the records do not tell, if the model is right."""
     if found.mean_ratio > MAX_START_RATIO:
         return ()
-    std = np.sqrt(np.diag(found.fit.information(found.linear).covariances[0]))
+    std = np.sqrt(np.diag(found.covariances[0]))
     return tuple(name for name, each in zip(found.fit.free.friction, std, strict=False) if each > MAX_PARAMETER_STD)

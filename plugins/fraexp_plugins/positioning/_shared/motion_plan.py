@@ -36,6 +36,8 @@ class MotionPlan:
     """Position that is measured if the model is right [m], shape (n,)."""
     max_acceleration: float
     """Maximum acceleration of the design model [m/s²]."""
+    displacement: NDArray[np.float64]
+    """Displacement of the design model at the points of all samples and at the end [m]."""
 
 
 @dataclass(frozen=True)
@@ -79,9 +81,8 @@ class MotionTask(ABC):
             trajectory = self.trajectory(thrust)
             friction = self._friction_force(trajectory.displacement)
             if self.force_limit is None or np.abs(thrust + friction).max() <= self.force_limit:
-                return MotionPlan(
-                    thrust, friction, trajectory.measured, self._max_acceleration(trajectory.displacement)
-                )
+                acceleration = self._max_acceleration(trajectory.displacement)
+                return MotionPlan(thrust, friction, trajectory.measured, acceleration, trajectory.displacement)
         return None
 
     def _max_acceleration(self, displacement: NDArray[np.float64]) -> float:

@@ -46,6 +46,22 @@ def shapes(path: Path) -> dict[str, tuple[int, ...]]:
     return _apply(path, all_shapes)
 
 
+def attributes(path: Path, names: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """Return the attributes of each dataset, and where it has none of that name those of the groups above it."""
+
+    def all_attributes(file: Any) -> dict[str, dict[str, Any]]:
+        found = {}
+        for name in names:
+            node, _ = _node_at(path, name, file)
+            found[name] = dict(node.attrs)
+            while node.name != "/":
+                node = node.parent
+                found[name] = {**dict(node.attrs), **found[name]}
+        return found
+
+    return _apply(path, all_attributes)
+
+
 def _apply(path: Path, action: Callable[[Any], Answer]) -> Answer:
     """Return the result of an action on the opened file."""
     import h5py
@@ -57,7 +73,7 @@ def _apply(path: Path, action: Callable[[Any], Answer]) -> Answer:
         raise
     except Exception as error:  # a damaged file makes h5py raise almost anything
         text = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise RecordError(f"{path.name}: this cannot be read as a MATLAB 7.3 file: {text}; save it again") from None
+        raise RecordError(f"{path.name}: this cannot be read as HDF5 (MATLAB 7.3): {text}; save it again") from None
 
 
 def _read(path: Path, column: str, node: Any, number: int | None) -> NDArray[np.generic]:

@@ -78,6 +78,17 @@ class TextLayout:
         plain = [name_and_unit(heading)[0] for heading in self.headings]
         return column_position(path, column, self.headings, plain, self.names)
 
+    def time_position(self, position: int) -> int | None:
+        """Return the position of the time of a column: the nearest one before it; None if the file has only one."""
+        times = [at for at, heading in enumerate(self.headings) if _is_time(heading)]
+        before = [at for at in times if at < position]
+        return before[-1] if len(times) > 1 and before and position not in times else None
+
+    def time_factor(self, position: int | None) -> float:
+        """Return the factor to seconds of a column of time."""
+        unit = (self.units[position] if position is not None else None) or "s"
+        return TIME_FACTORS.get(unit.strip(), 1.0)
+
     def number(self, cell: str) -> float:
         """Return the number in a cell; ValueError if it is not a number."""
         return float(cell.replace(",", ".") if self.decimal_comma else cell)

@@ -38,7 +38,7 @@ class ElementObserver(EffectiveInput):
         y = mean(segment.channels[self.output])
         periods = len(segment.channels[self.output])
         quieter = self.model_copy(update={"noise": self.noise / np.sqrt(periods)})
-        motion = quieter._motion(replace(segment, channels={self.output: y[None]})).displacement
+        motion = quieter.motion(replace(segment, channels={self.output: y[None]})).displacement
         # the state before the first slip has no effect after one period
         periodic = stop_operators(np.concatenate([motion, motion]), thresholds)[motion.size :]
         return fourier_sums(np.ascontiguousarray(periodic.T), segment.lines).T

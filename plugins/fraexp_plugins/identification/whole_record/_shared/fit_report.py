@@ -11,8 +11,9 @@ from fraexp_plugins.estimators._shared.effective_input_observer import EFFECTIVE
 from fraexp_plugins.estimators._shared.parameter_uncertainty import parameter_unit, parameter_value
 from fraexp_plugins.estimators._shared.realisations import Part, combine_parts, realisation_groups
 from fraexp_plugins.identification._shared.friction_curves import NORMAL_QUANTILE
-from fraexp_plugins.identification.whole_record._shared.free_parameters import SCALES
-from fraexp_plugins.identification.whole_record._shared.joint_fit import FitStep
+from fraexp_plugins.identification.plant._shared.whiteness import whiteness
+from fraexp_plugins.identification.whole_record._shared.free_parameters import DEAD_TIME, SCALES
+from fraexp_plugins.identification.whole_record._shared.noise_level import NOISE, NoiseLevel
 from fraexp_plugins.identification.whole_record._shared.scaled_friction import (
     ScaledParameter,
     scaled_friction,
@@ -24,6 +25,10 @@ MAX_RATIO, MAX_RATIO_STDS = 1.1, 4.0
 """Residual over what noise and rounding explain from which a record is not repeated, and scatter allowed above it."""
 RATIO_STD = 0.7
 """Standard deviation of the ratio of one sample with Gaussian noise; it falls with the root of their number."""
+MIN_DITHER_RATIO, MIN_WHITE_SAMPLES = 0.5, 40
+"""Noise over the encoder's steps from which a residual is white if the model is right, and samples that show it."""
+MIN_WHITENESS = 1e-3
+"""Probability of white noise as coloured as a residual, below which it is not white."""
 MAX_WRONG_SHARE = 0.2
 """Share of records that are not repeated, above which the model is wrong."""
 RESIDUAL_RATIO = "residual over expectation"
@@ -39,10 +44,11 @@ class FitReport:
     """How many starts were tried."""
     held: Sequence[str] = ()
     """Names of the parameters that the records do not tell."""
+    noise: NoiseLevel | None = None
+    """Noise, if it was estimated from the residual."""
 
     def result(self) -> Result:
         """Return P̂ with its band, the parameters with theirs, the residuals, and the verdict."""
-        information = self.found.fit.information(self.found.linear)
         result = self._response()
         wrong = self._complaint()
         outcome = Outcome.INACCURATE if wrong and result.outcome is Outcome.OK else result.outcome
@@ -51,16 +57,16 @@ class FitReport:
             result,
             outcome=outcome,
             message=message,
-            metrics=tuple(self._metrics(information)),
+            metrics=tuple(self._metrics()),
             curves=(self._curve(),),
-            fits=tuple(self._fits(information)),
+            fits=tuple(self._fits()),
         )
 
     def _response(self) -> Result:
         """Return P̂: the mean of the records that have the same lines, weighted by what each of them tells."""
         fit, linear = self.found.fit, self.found.linear
         assert self.found.error is not None
-        bands = fit.inverse_covariances(linear)
+        bands = self.found.inverse_covariances
         place_of = {id(record.segment): place for place, record in enumerate(fit.records)}
         parts, errors = [], []
         for group in realisation_groups(self.signals):
@@ -85,11 +91,33 @@ class FitReport:
         """Return what is wrong with the model; empty if it repeats the records."""
         allowed = MAX_MEAN_RATIO + MAX_RATIO_STDS * RATIO_STD / np.sqrt(self.found.fit.freedom.sum())
         if self.found.mean_ratio <= allowed and self._is_wrong.mean() <= MAX_WRONG_SHARE:
-            return ""
+            return self._colour()
         tried = f"none of {self.starts} starts led closer" if self.starts > 1 else "one start was tried"
         return (
             f"the model does not fit: what it leaves of {self._wrong_text()}, and {tried}; try another friction law, "
             "more frequencies or a nominal_plant, and state the dead times and the encoder's resolution"
+        )
+
+    @property
+    def _is_coloured(self) -> NDArray[np.bool_]:
+        """Whether the residual of a record is not white, for those records in which it has to be, shape (n,).
+
+        Without noise it need not: rounding of a slow motion is not white.
+        """
+        fit = self.found.fit
+        if fit.noise < MIN_DITHER_RATIO * fit.resolution or not fit.noise:
+            return np.zeros(0, dtype=bool)
+        residuals = [each.residual for each in self.found.linear.records if each.residual.size >= MIN_WHITE_SAMPLES]
+        return np.array([whiteness(each, 1) < MIN_WHITENESS for each in residuals], dtype=bool)
+
+    def _colour(self) -> str:
+        """Return what is wrong where residuals are no larger than expected, but not white; empty if they are."""
+        coloured = self._is_coloured
+        if not coloured.size or coloured.mean() <= MAX_WRONG_SHARE:
+            return ""
+        return (
+            f"the model does not fit: what it leaves of {coloured.sum()} of {coloured.size} records is no white noise; "
+            "try another friction law, or state the noise if the encoder's is not white"
         )
 
     def _wrong_text(self) -> str:
@@ -111,14 +139,18 @@ class FitReport:
             names = " and ".join(self.held)
             yield f"the records do not tell {names}, held at the start: raise the amplitude, or leave it out of free"
 
-    def _metrics(self, information: FitStep) -> Iterator[Metric]:
+    def _metrics(self) -> Iterator[Metric]:
         """Yield friction's parameters with their intervals, and how well they repeat the records."""
         fit, state = self.found.fit, self.found.state
-        relative = NORMAL_QUANTILE * np.sqrt(np.diag(information.covariances[0]))
         values, units = fit.free.values(fit.start, state.shared), fit.free.units(fit.start)
-        for name, value, unit, half in zip(fit.free.friction, values, units, relative, strict=False):
+        std = np.sqrt(np.diag(self.found.covariances[0]))[: values.size]
+        std = std * np.abs(fit.free.slopes(fit.start, state.shared))
+        for name, value, unit, each in zip(fit.free.friction, values, units, std, strict=False):
             yield Metric(name, float(value), unit)
-            yield Metric(f"{name}, 95 %", abs(float(half * value)), unit)
+            yield Metric(f"{name}, 95 %", float(NORMAL_QUANTILE * each), unit)
+        if self.noise is not None:
+            yield Metric(NOISE, self.noise.value, self.signals.unit(fit.records[0].output))
+            yield Metric(f"{NOISE}, 95 %", NORMAL_QUANTILE * self.noise.std, self.signals.unit(fit.records[0].output))
         yield Metric(RESIDUAL_RATIO, self.found.mean_ratio, "1")
         yield Metric("starts", float(self.starts), "1")
 
@@ -128,11 +160,11 @@ class FitReport:
         columns = {"frequency": frequency, "residual": rms, RESIDUAL_RATIO: self.found.ratios}
         return Curve("residual", columns, {"frequency": "Hz", "residual": "m", RESIDUAL_RATIO: "1"})
 
-    def _fits(self, information: FitStep) -> Iterator[Fit]:
+    def _fits(self) -> Iterator[Fit]:
         """Yield plant and friction as components; a law whose parameters do not scale gives none."""
         fit, logs = self.found.fit, self.found.state.shared
         models, count = fit.free.applied_to(fit.start, logs), len(fit.free.friction)
-        covariance = information.covariances[0][: logs.size, : logs.size]
+        covariance = self.found.covariances[0][: logs.size, : logs.size]
         if fit.free.plant:
             values, units = fit.free.values(fit.start, logs)[count:], fit.free.units(fit.start)[count:]
             spread = np.outer(values, values) * covariance[count:, count:]
@@ -149,7 +181,7 @@ def _friction_fit(friction: FrictionModel, free: Sequence[str], covariance: NDAr
     known += [
         ScaledParameter(name, parameter_value(friction, name), parameter_unit(friction, name), (0, 0))
         for name in free
-        if name not in SCALES and name not in [each.name for each in known]
+        if name not in (*SCALES, DEAD_TIME) and name not in [each.name for each in known]
     ]
     values = np.array([each.value for each in known])
     by_scale = dict(

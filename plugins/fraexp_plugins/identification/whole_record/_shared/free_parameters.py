@@ -11,6 +11,8 @@ from fraexp_plugins.estimators._shared.parameter_uncertainty import parameter_un
 FORCE_SCALE, DISPLACEMENT_SCALE = "force_scale", "displacement_scale"
 SCALES = (FORCE_SCALE, DISPLACEMENT_SCALE)
 """Factors on the friction model's force, and on its deflections at the same force."""
+DEAD_TIME = "input_dead_time"
+"""The dead time before the thrust, which counts for all of the loop: others before and after cannot be told apart."""
 
 
 @dataclass(frozen=True)
@@ -20,6 +22,14 @@ class Models:
     plant: Plant
     friction: FrictionModel
     replay: ReplayModel
+    added_dead_time: float = 0.0
+    """Dead time before the thrust, in addition to that of the start [s]."""
+
+    def with_dead_time(self, added: float) -> "Models":
+        """Return the machine with another dead time before the thrust, at least none."""
+        dead_time, lags = self.replay.input_path
+        added = max(added, -dead_time)
+        return replace(self, replay=replace(self.replay, input_path=(dead_time + added, lags)), added_dead_time=added)
 
     @property
     def contact(self) -> str:
@@ -31,6 +41,10 @@ class Models:
         """Return the machine with another plant."""
         return replace(self, plant=plant, replay=replace(self.replay, ports=plant.ports()))
 
+    def with_steps_of(self, replay: ReplayModel) -> "Models":
+        """Return the machine with a replay of as many steps as another one."""
+        return replace(self, replay=self.replay.with_steps_of(replay))
+
     def with_friction(self, friction: FrictionModel, scales: tuple[float, float]) -> "Models":
         """Return the machine with another friction model of the same law, and factors on its force and deflection."""
         changed = replace(self.replay, frictions={self.contact: friction}, scales={self.contact: scales})
@@ -41,11 +55,12 @@ class Models:
 class FreeParameters:
     """Names of the parameters that are estimated, as factors on their values at the start.
 
-    The fit sees the logarithms of the factors: what is positive stays so, and a step is a relative change.
+    The fit sees the logarithms of the factors: what is positive stays so, and a step is a relative change. A dead time
+    may be 0 at the start: what the fit sees of it is its change, in sample times.
     """
 
     friction: tuple[str, ...]
-    """Scales, and names of the friction model's numbers."""
+    """Scales, names of the friction model's numbers, and the dead time."""
     plant: tuple[str, ...] = ()
     """Names of the plant's numbers."""
 
@@ -59,12 +74,12 @@ class FreeParameters:
         for place, name in enumerate(self.friction):
             if name in self.friction[:place]:
                 raise ParameterError(f"maximum_likelihood.free names '{name}' twice; name each parameter once")
-            if name in SCALES:
+            if name in (*SCALES, DEAD_TIME):
                 continue
             try:
                 value = parameter_value(model, name)
             except ParameterError as error:
-                text, near = str(error).removeprefix("deviations: "), did_you_mean(name, SCALES)
+                text, near = str(error).removeprefix("deviations: "), did_you_mean(name, (*SCALES, DEAD_TIME))
                 raise ParameterError(f"maximum_likelihood.free: {text}{near}") from None
             if value == 0:
                 raise ParameterError(
@@ -83,24 +98,54 @@ class FreeParameters:
 
     def values(self, start: Models, logs: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the values of all parameters, shape (p,)."""
-        values = [1.0 if name in SCALES else parameter_value(start.friction, name) for name in self.friction]
-        values += [parameter_value(start.plant, name) for name in self.plant]
-        return np.array(values) * np.exp(logs)
+        values = np.array([self._start_value(start, name) for name in self.names]) * np.exp(logs)
+        for place in self._dead_time_places:
+            dead_time = start.replay.input_path[0]
+            values[place] = max(dead_time + start.replay.sample_time * logs[place], 0.0)
+        return values
+
+    def slopes(self, start: Models, logs: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the derivatives of the values by what the fit sees, shape (p,)."""
+        slopes = self.values(start, logs)
+        slopes[self._dead_time_places] = start.replay.sample_time
+        return slopes
+
+    @property
+    def _dead_time_places(self) -> list[int]:
+        return [place for place, name in enumerate(self.friction) if name == DEAD_TIME]
+
+    def _start_value(self, start: Models, name: str) -> float:
+        if name in (*SCALES, DEAD_TIME):
+            return 1.0
+        return parameter_value(start.plant if name in self.plant else start.friction, name)
+
+    def dead_time(self, logs: NDArray[np.float64], sample_time: float) -> float:
+        """Return the dead time in addition to that of the start [s]."""
+        return sum(sample_time * float(logs[place]) for place in self._dead_time_places)
+
+    def with_dead_time(self, logs: NDArray[np.float64], added: float, sample_time: float) -> NDArray[np.float64]:
+        """Return the logarithms for a dead time that is longer [s], if it is free."""
+        changed = np.array(logs)
+        changed[self._dead_time_places] += added / sample_time
+        return changed
 
     def units(self, start: Models) -> tuple[str, ...]:
         """Return the units of all parameters."""
-        units = ["1" if name in SCALES else parameter_unit(start.friction, name) for name in self.friction]
+        given = {**dict.fromkeys(SCALES, "1"), DEAD_TIME: "s"}
+        units = [given.get(name) or parameter_unit(start.friction, name) for name in self.friction]
         return (*units, *(parameter_unit(start.plant, name) for name in self.plant))
 
     def applied_to(self, start: Models, logs: NDArray[np.float64]) -> Models:
         """Return the machine with these parameters."""
-        friction, plant = start.friction, start.plant
+        friction, plant, given = start.friction, start.plant, (*SCALES, DEAD_TIME)
         for name, value in zip(self.names, self.values(start, logs), strict=True):
             if name in self.plant:
                 plant = with_parameter(plant, name, float(value))
-            elif name not in SCALES:
+            elif name not in given:
                 friction = with_parameter(friction, name, float(value))
         changed = start.with_friction(friction, self.scales(logs))
+        if DEAD_TIME in self.friction:
+            changed = changed.with_dead_time(self.dead_time(logs, start.replay.sample_time))
         return changed.with_plant(plant) if self.plant else changed
 
 

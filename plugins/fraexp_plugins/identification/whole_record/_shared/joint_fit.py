@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from fraexp_plugins.identification.whole_record._shared.interval_likelihood import interval_loss
 
 MAX_NEWTON_STEPS, MAX_HALVINGS = 40, 30
-CONVERGED = 1e-9
-"""Decrease that a step promises, relative to the loss, at which it is the last."""
+CONVERGED = 1e-3
+"""Gain of the log-likelihood that a step promises at which it is the last: the next one is smaller by its square."""
 SUFFICIENT = 1e-4
 """Share of the promised decrease that a step must bring (Armijo)."""
 
@@ -83,8 +83,6 @@ def fit_linear(
     loss = before = problem.loss(x, own)
     for _ in range(MAX_NEWTON_STEPS):
         step, own_steps, slope = problem.newton_step(x, own)
-        if -slope <= CONVERGED * max(abs(loss), 1.0):
-            break
         length = 1.0
         for _ in range(MAX_HALVINGS):
             moved = x + length * step, [a + length * b for a, b in zip(own, own_steps, strict=True)]
@@ -93,6 +91,8 @@ def fit_linear(
                 break
             length /= 2
         (x, own), loss = moved, tried
+        if -slope <= CONVERGED:
+            break
     return FitStep(x, tuple(own), before - loss, problem.covariances(x, own))
 
 

@@ -49,10 +49,17 @@ class ObservedStart:
         ratios = [float(each.mean()) for each in np.split(self.friction_ratios, ends)]
         return [int(place) for place in np.argsort(ratios, kind="stable")]
 
-    def plant(self, signals: Signals, observer: EffectiveInput, modes: int | None, friction_error: float) -> Modal:
-        """Return the modal plant in the observer's response, if friction may be wrong by this share.
+    def plant(
+        self,
+        signals: Signals,
+        observer: EffectiveInput,
+        modes: int | None,
+        friction_error: float,
+        has_dead_time: bool = False,
+    ) -> tuple[Modal, float]:
+        """Return the modal plant in the observer's response, if friction may be wrong by this share, and a dead time.
 
-        Where the response supports no modes it is a rigid body.
+        Where the response supports no modes it is a rigid body. The dead time [s] is 0 unless it may have one.
         """
         found = self._response(signals, observer)
         error = friction_error * self.friction_ratios
@@ -62,7 +69,7 @@ class ObservedStart:
             settled = found.settled & (error < MAX_RESPONSE_ERROR)
         if settled.sum() < 2:
             settled = found.settled
-        return plant_in(replace(found, covariance=covariance, settled=settled), modes)
+        return plant_in(replace(found, covariance=covariance, settled=settled), modes, has_dead_time)
 
     def _response(self, signals: Signals, observer: EffectiveInput) -> FrequencyResponse:
         """Return y'/û_e, each segment for itself: their amplitudes may differ."""
@@ -78,16 +85,18 @@ class ObservedStart:
         return found.response
 
 
-def plant_in(response: FrequencyResponse, modes: int | None) -> Modal:
-    """Return the modal plant in a response with a band; where it supports none, the rigid body."""
-    modal = ModalFit(method=Conventional(), modes=modes, dead_time=0.0, model_error=PLANT_MODEL_ERROR)
+def plant_in(response: FrequencyResponse, modes: int | None, has_dead_time: bool) -> tuple[Modal, float]:
+    """Return the modal plant in a response with a band, and its dead time [s]; where it supports none, a rigid body."""
+    dead_time = None if has_dead_time else 0.0
+    modal = ModalFit(method=Conventional(), modes=modes, dead_time=dead_time, model_error=PLANT_MODEL_ERROR)
     try:
         with np.errstate(all="ignore"):  # of a wrong friction model
             (fit,) = modal.fit_response(response).fits
     except RecordError:
         gains = np.abs(response.response) * (2 * np.pi * response.frequency) ** 2
-        return Modal(rigid_body_gain=float(np.median(gains[response.settled])))
-    return Modal.parse({key: value for key, value in fit.component.items() if key not in ("name", "version")}, "plant")
+        return Modal(rigid_body_gain=float(np.median(gains[response.settled]))), 0.0
+    spec = {key: value for key, value in fit.component.items() if key not in ("name", "version")}
+    return Modal.parse(spec, "plant"), float(fit.values[fit.parameters.index("dead_time")])
 
 
 def spread_places(count: int, chosen: int) -> list[int]:

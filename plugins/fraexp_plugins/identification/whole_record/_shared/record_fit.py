@@ -2,10 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fraexp.api import ParameterError
 from fraexp_plugins.identification.whole_record._shared.free_parameters import FreeParameters, Models
 from fraexp_plugins.identification.whole_record._shared.interval_likelihood import interval_loss
 from fraexp_plugins.identification.whole_record._shared.joint_fit import FitStep, LinearRecord, Prior, fit_linear
@@ -35,6 +37,8 @@ MAX_EXPLAINED_EXCESS = 0.1
 """Excess of a residual, over what noise and rounding explain, that is scatter."""
 NO_RADIUS = 1e9
 """Factor on the radius that holds nothing."""
+EXPECTED_SHARE, SMALL_STEP = 0.5, 0.02
+"""Share of the promised gain from which a step is good, and the shared logarithm up to which it is small."""
 EXCESS_SHARE = 1.0
 """Standard deviation that is allowed for, over the excess: far from the solution the likelihood of a box is flat."""
 
@@ -73,24 +77,33 @@ class RecordFit:
     """Whether the response of each record is its own; otherwise it is the plant's."""
     prior: Prior | None = None
     """What is known of the shared parameters."""
+    expected_noise: float | None = None
+    """Noise [m] that the records show, if the likelihood assumes another one."""
 
-    def converge(self, state: State, min_gain: float, max_steps: int = MAX_STEPS) -> tuple[State, LinearisedFit]:
+    def converge(
+        self, state: State, min_gain: float, max_steps: int = MAX_STEPS, known: LinearisedFit | None = None
+    ) -> tuple[State, LinearisedFit]:
         """Return the state of greatest likelihood that steps from this one lead to, and the records around it.
 
         It ends before a step that promises less than `min_gain` of the log-likelihood, unless the records are still far
-        from explained, where a shorter step may lead on a few times.
+        from explained, where a shorter step may lead on a few times. `known` has the derivatives by the shared
+        parameters, where the machine is nearly the same.
         """
-        radius, small = 1.0, 0
-        state = self._with_drifts(state)
+        radius, small, is_exact = 1.0, 0, known is None
+        state, positions = self._with_drifts(state)
+        linear = self.linearise(state, positions, known)
         for _ in range(max_steps):
-            linear = self.linearise(state)
-            moved, gain, factor = self._improve(state, linear, radius, min_gain)
-            radius *= factor
-            small = small + 1 if gain < min_gain else 0
+            move = self._improve(state, linear, radius, min_gain)
+            radius *= move.radius_factor
+            small = small + 1 if move.gain < min_gain else 0
             if radius < MIN_RADIUS or small > MAX_SMALL_GAINS or (small and self._is_explained(linear)):
-                return state, linear
-            state = moved
-        return state, self.linearise(state)
+                break
+            state, positions = move.state, move.positions or positions
+            if move.is_as_promised:
+                linear, is_exact = self._records_after(linear, move), False
+            elif move.gain or not is_exact:
+                linear, is_exact = self.linearise(state, positions), True
+        return state, linear
 
     def _is_explained(self, linear: LinearisedFit) -> bool:
         return bool(np.median(self.residual_ratios(linear)) < MAX_MEDIAN_RATIO)
@@ -109,40 +122,59 @@ class RecordFit:
         model = self.start.replay
         return replace(self, start=replace(self.start, replay=replace(model, refinement=factor * model.refinement)))
 
-    def inverse_covariances(self, linear: LinearisedFit) -> list[NDArray[np.float64]]:
-        """Return the covariance of (real, imaginary) part of 1/P̂ of each record [N²/m²], shape (lines, 2, 2)."""
-        found = []
-        for slopes, covariance in zip(linear.inverse_slopes, self.information(linear).covariances, strict=True):
-            parts = np.stack([slopes.real, slopes.imag], axis=1)
-            found.append(parts @ covariance @ parts.transpose(0, 2, 1))
-        return found
-
-    def _with_drifts(self, state: State) -> State:
-        """Return the state with the drifts that least squares give."""
-        (residuals,) = self.residuals([state])
+    def _with_drifts(self, state: State) -> tuple[State, list[NDArray[np.float64]]]:
+        """Return the state with the drifts that least squares give, and the positions of its replays."""
+        (positions,) = self._positions([state])
         own = []
-        for record, values, residual in zip(self.records, state.own, residuals, strict=True):
-            drift, *_ = np.linalg.lstsq(record.drifts[:, record.settled_samples].T, np.nan_to_num(residual), rcond=None)
+        for record, values, position in zip(self.records, state.own, positions, strict=True):
+            residual = np.nan_to_num(record.residual(values, position))
+            drift, *_ = np.linalg.lstsq(record.drifts[:, record.settled_samples].T, residual, rcond=None)
             own.append(values + np.concatenate([np.zeros(record.forces), drift]))
-        return State(state.shared, tuple(own))
+        return State(state.shared, tuple(own)), positions
 
-    def _improve(
-        self, state: State, linear: LinearisedFit, radius: float, min_gain: float
-    ) -> tuple[State, float, float]:
-        """Return a better state if a step leads to one, the gain, and a factor on the radius."""
+    def _improve(self, state: State, linear: LinearisedFit, radius: float, min_gain: float) -> "_Move":
+        """Return the best move along a step: the whole one if it gains what it promises, else one of several lengths.
+
+        It stays where nothing is better, and where a step promises too little of records that are explained.
+        """
         shared, own = self._radii(radius)
         step = fit_linear(linear.records, shared, own, self._prior_around(state))
+        stay = _Move(state, [], 0.0, FAILED_FACTOR)
         if step.gain < min_gain and self._is_explained(linear):
-            return state, 0.0, 1.0
+            return stay._replace(radius_factor=1.0)
         relative = [
             np.abs(a / b).max(initial=0.0) for a, b in zip((step.shared, *step.own), (shared, *own), strict=True)
         ]
         states = [self._state_along(state, step, length) for length in LENGTHS / max(*relative, 1.0)]
+        whole = self._moves(states[:1], RADIUS_FACTORS, state, linear)
+        if whole[0].gain > EXPECTED_SHARE * step.gain:
+            is_small = bool(np.abs(step.shared).max(initial=0.0) < SMALL_STEP and max(*relative, 0.0) <= 1)
+            return whole[0]._replace(is_as_promised=is_small)
+        moves = whole + self._moves(states[1:], RADIUS_FACTORS[1:], state, linear)
+        best = max(moves, key=lambda move: move.gain)
+        return best if best.gain > 0 else stay
+
+    def _moves(
+        self, states: Sequence[State], factors: Sequence[float], state: State, linear: LinearisedFit
+    ) -> list["_Move"]:
+        """Return the moves to states from one around which the records are known."""
         before = self._loss([record.residual for record in linear.records], linear, state)
-        losses = [self._loss(found, linear, each) for found, each in zip(self.residuals(states), states, strict=True)]
-        best = int(np.argmin(losses))
-        gain = before - losses[best]
-        return (states[best], gain, RADIUS_FACTORS[best]) if gain > 0 else (state, 0.0, FAILED_FACTOR)
+        moves = []
+        for each, positions, factor in zip(states, self._positions(states), factors, strict=False):
+            pairs = zip(self.records, each.own, positions, strict=True)
+            loss = self._loss([record.residual(own, y) for record, own, y in pairs], linear, each)
+            moves.append(_Move(each, positions, before - loss, factor))
+        return moves
+
+    def _records_after(self, linear: LinearisedFit, move: "_Move") -> LinearisedFit:
+        """Return the records around a state near by, with the derivatives as they were."""
+        models = self.free.applied_to(self.start, move.state.shared)
+        records, inverse = [], []
+        for record, each, own, y in zip(self.records, linear.records, move.state.own, move.positions, strict=True):
+            residual = record.residual(own, y)
+            records.append(each._replace(residual=residual, std=self._std(record, residual)))
+            inverse.append(record.inverse_response(models, own, y))
+        return replace(linear, records=tuple(records), inverse=tuple(inverse))
 
     def _state_along(self, state: State, step: FitStep, length: float) -> State:
         columns = [self._columns(record) for record in self.records]
@@ -174,58 +206,67 @@ class RecordFit:
     def _own_forces(self, record: ReplayedRecord) -> int:
         return record.forces if self.has_own_forces else 0
 
-    def residuals(self, states: Sequence[State]) -> list[list[NDArray[np.float64]]]:
-        """Return record less position [m] of each record, for each state."""
-        models = [self.free.applied_to(self.start, state.shared) for state in states]
+    def _positions(self, states: Sequence[State]) -> list[list[NDArray[np.float64]]]:
+        """Return the periodic position [m] of each record, for each state; NaN where no model has its parameters."""
+        models = [self._model_at(state.shared) for state in states]
         trials = [
             Trial(record, model.replay, own)
             for state, model in zip(states, models, strict=True)
+            if model is not None
             for record, own in zip(self.records, state.own, strict=True)
         ]
-        positions = iter(positions_of(trials))
-        return [
-            [record.residual(own, next(positions)) for record, own in zip(self.records, state.own, strict=True)]
-            for state in states
-        ]
+        positions, missing = iter(positions_of(trials)), [np.full(r.position.size, np.nan) for r in self.records]
+        return [missing if model is None else [next(positions) for _ in self.records] for model in models]
 
-    def linearise(self, state: State) -> LinearisedFit:
-        """Return all records linearised by central differences, run side by side."""
-        steps = SHARED_DIFFERENCE * np.eye(state.shared.size)
-        places = [state.shared, *(place for step in steps for place in (state.shared + step, state.shared - step))]
-        models = [self.free.applied_to(self.start, place) for place in places]
-        sides = [self._sides(record, models, own) for record, own in zip(self.records, state.own, strict=True)]
-        positions = iter(positions_of([trial for each in sides for trial in each.trials]))
-        parts = [
-            self._linear_record(record, each, np.array([next(positions) for _ in each.trials]))
-            for record, each in zip(self.records, sides, strict=True)
-        ]
-        return LinearisedFit(*(tuple(part) for part in zip(*parts, strict=True)))
+    def _model_at(self, shared: NDArray[np.float64]) -> Models | None:
+        """Return the machine with these parameters; None where its models do not allow them."""
+        try:
+            return self.free.applied_to(self.start, shared)
+        except ParameterError:
+            return None
+
+    def linearise(
+        self, state: State, positions: Sequence[NDArray[np.float64]], known: LinearisedFit | None = None
+    ) -> LinearisedFit:
+        """Return all records around a state with its positions, linearised by central differences side by side.
+
+        `known` has the derivatives by the shared parameters, if they are not to be computed again.
+        """
+        steps = SHARED_DIFFERENCE * np.eye(state.shared.size) if known is None else ()
+        centre = self.free.applied_to(self.start, state.shared)
+        models = [self._model_at(state.shared + sign * step) or centre for step in steps for sign in (1, -1)]
+        steps_of = centre.replay.with_coarse_steps()
+        coarse = [each.with_steps_of(steps_of) for each in (centre, *models)]
+        sides = [self._sides(record, coarse, own) for record, own in zip(self.records, state.own, strict=True)]
+        moved = iter(positions_of([trial for each in sides for trial in each.trials]))
+        records, inverse, slopes = [], [], []
+        for place, (record, each, own) in enumerate(zip(self.records, sides, state.own, strict=True)):
+            columns, rows = each.derivatives([next(moved) for _ in each.trials])
+            if known is not None:
+                count = state.shared.size
+                columns = np.hstack([known.records[place].shared, columns])
+                rows = np.hstack([known.inverse_slopes[place][:, :count], rows])
+            records.append(self._linear_record(record, record.residual(own, positions[place]), columns))
+            inverse.append(record.inverse_response(centre, own, positions[place]))
+            slopes.append(np.hstack([rows, np.zeros((len(rows), len(record.drifts)))]))
+        return LinearisedFit(tuple(records), tuple(inverse), tuple(slopes))
 
     def _sides(self, record: ReplayedRecord, models: Sequence[Models], own: NDArray[np.float64]) -> "_Sides":
-        """Return the trials around a state: the centre, then both sides of each parameter but the drift."""
-        width = self._force_difference(record)
-        trials = [(model, own) for model in models]
-        for row in np.eye(record.count)[: self._own_forces(record)]:
+        """Return the trials on both sides of a state, given its model and those at both sides of shared parameters."""
+        width, forces = self._force_difference(record), record.forces if self.has_own_forces else 0
+        trials = [(model, own) for model in models[1:]]
+        for row in np.eye(record.count)[:forces]:
             trials += [(models[0], own + width * row), (models[0], own - width * row)]
-        widths = [SHARED_DIFFERENCE] * len(self.free.names) + [width] * self._own_forces(record)
+        widths = [SHARED_DIFFERENCE] * (len(models) // 2) + [width] * forces
         return _Sides(trials, record, np.array(widths))
 
     def _linear_record(
-        self, record: ReplayedRecord, sides: "_Sides", positions: NDArray[np.float64]
-    ) -> tuple[LinearRecord, NDArray[np.complex128], NDArray[np.complex128]]:
-        count = len(self.free.names)
-        residual = record.residual(sides.models[0][1], positions[0])
-        inverse = np.array(
-            [
-                record.inverse_response(model.plant, own, position)
-                for (model, own), position in zip(sides.models, positions, strict=True)
-            ]
-        )
-        derivatives = np.hstack([sides.derivatives(positions).T, record.drifts.T])[record.settled_samples]
-        slopes = np.hstack([sides.derivatives(inverse).T, np.zeros((inverse.shape[1], len(record.drifts)))])
-        std = self._std(record, residual)
-        linear = LinearRecord(residual, derivatives[:, :count], derivatives[:, count:], self.resolution, std)
-        return linear, inverse[0], slopes
+        self, record: ReplayedRecord, residual: NDArray[np.float64], columns: NDArray[np.float64]
+    ) -> LinearRecord:
+        """Return a record with its residual, and its derivatives by all parameters but the drift, shape (n, p + f)."""
+        shared, forces = np.split(columns, [len(self.free.names)], axis=1)
+        own = np.hstack([forces, record.drifts.T[record.settled_samples]])
+        return LinearRecord(residual, shared, own, self.resolution, self._std(record, residual))
 
     def _force_difference(self, record: ReplayedRecord) -> float:
         amplitude, control = float(np.abs(record.measured).max()), float(np.abs(record.control).max())
@@ -250,10 +291,20 @@ class RecordFit:
 
     def residual_ratios(self, linear: LinearisedFit) -> NDArray[np.float64]:
         """Return the residual of each record over what noise, rounding and its own change explain, shape (records,)."""
-        squares = np.array([float(np.sum(each.residual**2)) for each in linear.records])
+        return self._ratios([each.residual for each in linear.records])
+
+    def predicted_ratios(self, shared: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the same of records that shared parameters predict: all but their drift, shape (records,)."""
+        state, positions = self._with_drifts(State(shared, tuple(np.zeros(record.count) for record in self.records)))
+        pairs = zip(self.records, state.own, positions, strict=True)
+        return self._ratios([record.residual(own, y) for record, own, y in pairs])
+
+    def _ratios(self, residuals: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+        squares = np.array([float(np.sum(each**2)) for each in residuals])
         least = np.array([MIN_RELATIVE_RESIDUAL * float(np.abs(each.measured).max()) for each in self.records])
         changes = np.array([each.change for each in self.records])
-        explained = np.maximum(self.resolution**2 / 12 + self.noise**2, changes**2 / 2) + least**2
+        noise = self.noise if self.expected_noise is None else self.expected_noise
+        explained = np.maximum(self.resolution**2 / 12 + noise**2, changes**2 / 2) + least**2
         return np.asarray(np.sqrt(squares / (self.freedom * explained)))
 
     def newton_step(self, records: Sequence[LinearRecord], prior_mean: NDArray[np.float64]) -> FitStep:
@@ -269,7 +320,7 @@ class RecordFit:
 
 @dataclass(frozen=True)
 class _Sides:
-    """Trials on both sides of each parameter of a record, after that at the centre."""
+    """Trials on both sides of each parameter of a record."""
 
     models: Sequence[tuple[Models, NDArray[np.float64]]]
     record: ReplayedRecord
@@ -279,6 +330,27 @@ class _Sides:
     def trials(self) -> list[Trial]:
         return [Trial(self.record, model.replay, own) for model, own in self.models]
 
-    def derivatives(self, values: NDArray[np.inexact]) -> NDArray[np.inexact]:
-        """Return central differences of what the trials gave, shape (parameters, ...)."""
-        return (values[1::2] - values[2::2]) / (2 * self.widths[:, None])
+    def derivatives(
+        self, positions: Sequence[NDArray[np.float64]]
+    ) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
+        """Return the derivatives of position and 1/P̂ by the parameters, shape (n, parameters), (lines, parameters)."""
+        pairs = zip(self.models, positions, strict=True)
+        inverse = [self.record.inverse_response(model, own, position) for (model, own), position in pairs]
+        moved = np.array(positions).reshape(-1, self.record.position.size)[:, self.record.settled_samples]
+        lines = np.array(inverse, dtype=complex).reshape(-1, self.record.frequency.size)
+        double = 2 * self.widths[:, None]
+        return ((moved[0::2] - moved[1::2]) / double).T, ((lines[0::2] - lines[1::2]) / double).T
+
+
+class _Move(NamedTuple):
+    """A move from one state to another."""
+
+    state: State
+    positions: list[NDArray[np.float64]]
+    """Positions of the replays there [m], shape (n,) each; none if it stays."""
+    gain: float
+    """Log-likelihood that it gains."""
+    radius_factor: float
+    """Factor on the radius of the next one."""
+    is_as_promised: bool = False
+    """Whether it is small, and gains what the linearised records promise: their derivatives still hold."""

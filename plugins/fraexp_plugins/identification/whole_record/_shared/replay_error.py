@@ -40,7 +40,7 @@ def replay_error(
     inverse = []
     for place, (record, own, position) in enumerate(zip(fit.records, state.own, positions, strict=True)):
         parameters = np.concatenate([after.shared, after.own[place]])
-        direct = record.inverse_response(model.plant, own, position) - linear.inverse[place]
+        direct = record.inverse_response(model, own, position) - linear.inverse[place]
         error = direct + linear.inverse_slopes[place] @ parameters
         inverse.append(LARGEST_ERROR_RATIO * np.abs(error / linear.inverse[place]))
     return ReplayError(LARGEST_ERROR_RATIO * after.shared, tuple(inverse))

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import Plant, Replay, ReplayModel, Segment, replay
+from fraexp_plugins.identification.whole_record._shared.free_parameters import Models
 
 DRIFT_STDS = 4.0
 """Standard deviations of scatter, from which a drift is none."""
@@ -122,11 +123,12 @@ class ReplayedRecord:
         return plant.response(2 * np.pi * self.frequency)
 
     def inverse_response(
-        self, plant: Plant, parameters: NDArray[np.float64], position: NDArray[np.float64]
+        self, models: Models, parameters: NDArray[np.float64], position: NDArray[np.float64]
     ) -> NDArray[np.complex128]:
         """Return 1/P̂ [N/m] at the lines, shape (lines,), of parameters, shape (m,), and the periodic position, (n,)."""
         cosine, sine = np.split(parameters[: self.forces], 2)
-        return 1 / self.response(plant) - (cosine - 1j * sine) * self.path / self.phasors(position)
+        path = self.path * np.exp(-2j * np.pi * self.frequency * models.added_dead_time)
+        return 1 / self.response(models.plant) - (cosine - 1j * sine) * path / self.phasors(position)
 
     def residual(self, parameters: NDArray[np.float64], position: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the record less a periodic position and the drift [m], where the replay has settled."""

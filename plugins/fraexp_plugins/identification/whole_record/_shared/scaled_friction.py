@@ -10,6 +10,8 @@ from fraexp.api import FrictionModel, ParameterError, Parameters
 
 EXPONENTS = {"N": (1, 0), "m": (0, 1), "N/m": (1, -1), "N s/m": (1, -1), "m/s": (0, 1), "N/s": (1, 0)}
 """Powers of the scales of force and deflection with which a parameter of this unit changes."""
+SHAPE_UNITS, MAX_SHAPE_PARAMETERS = ("N s/m", "m/s", "N/s"), 8
+"""Units of the numbers that shape a law, and how many of them may be free."""
 VISCOUS = "viscous_coefficient"
 Model = TypeVar("Model", bound=Parameters)
 CHECK_SAMPLES, CHECK_STEP_S = 400, 1e-3
@@ -37,6 +39,19 @@ def scaled_parameters(model: Parameters, prefix: str = "") -> Iterator[ScaledPar
                 yield from scaled_parameters(each, f"{path}.")
             elif unit in EXPONENTS and isinstance(each, float) and each:
                 yield ScaledParameter(path, each, unit, EXPONENTS[unit])
+
+
+def shape_parameters(model: FrictionModel) -> tuple[str, ...]:
+    """Return the names of the numbers besides the scales that a record of friction tells, but for too many of them.
+
+    These are viscous friction, and all numbers but stiffnesses, which the scales change, with the first force and the
+    first length.
+    """
+    known = list(scaled_parameters(model))
+    of_unit = {unit: [each.name for each in known if each.unit == unit] for unit in EXPONENTS}
+    viscous = (VISCOUS,) if getattr(model, VISCOUS, 0.0) else ()
+    names = (*viscous, *of_unit["N"][1:], *of_unit["m"][1:], *(n for unit in SHAPE_UNITS for n in of_unit[unit]))
+    return names if len(names) <= MAX_SHAPE_PARAMETERS else viscous
 
 
 def scaled_friction(model: FrictionModel, scales: tuple[float, float], stroke: float) -> FrictionModel | None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +12,7 @@ from fraexp.api import Plant, ReplayModel, Segment, Signals
 from fraexp_plugins.estimators._shared.parameter_uncertainty import parameter_value, with_parameter
 from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.identification.whole_record._shared.free_parameters import (
+    DEAD_TIME,
     SCALES,
     FreeParameters,
     Models,
@@ -41,7 +43,8 @@ REPLAY_TOLERANCE_RATIO = 0.1
 """Tolerance of the replay over that of y'/u: û_e may be a small part of the input."""
 
 
-class Fitted(NamedTuple):
+@dataclass(frozen=True)
+class Fitted:
     """A fit, the state of greatest likelihood, and the records around it."""
 
     fit: RecordFit
@@ -54,9 +57,30 @@ class Fitted(NamedTuple):
     def is_exact(self) -> bool:
         """Whether the replay's steps falsify most responses by less than samples leave open."""
         assert self.error is not None
-        covariances = np.concatenate(self.fit.inverse_covariances(self.linear))
+        covariances = np.concatenate(self.inverse_covariances)
         std = np.sqrt(covariances[:, 0, 0] + covariances[:, 1, 1]) / np.abs(np.concatenate(self.linear.inverse))
         return float(np.median(np.concatenate(self.error.inverse) / std)) < 1
+
+    @cached_property
+    def covariances(self) -> tuple[NDArray[np.float64], ...]:
+        """Covariance of shared parameters and those of one record, for each, shape (p + m, p + m)."""
+        return self.fit.information(self.linear).covariances
+
+    @cached_property
+    def inverse_covariances(self) -> list[NDArray[np.float64]]:
+        """Covariance of (real, imaginary) part of 1/P̂ of each record [N²/m²], shape (lines, 2, 2)."""
+        found = []
+        for slopes, covariance in zip(self.linear.inverse_slopes, self.covariances, strict=True):
+            parts = np.stack([slopes.real, slopes.imag], axis=1)
+            found.append(parts @ covariance @ parts.transpose(0, 2, 1))
+        return found
+
+    def with_noise(self, noise: float) -> "Fitted":
+        """Return the fit with another noise [m] in the likelihood, at its greatest; what is expected stays the same."""
+        expected = self.fit.noise if self.fit.expected_noise is None else self.fit.expected_noise
+        fit = replace(self.fit, noise=noise, expected_noise=expected)
+        state, linear = fit.converge(self.state, LAST_GAIN, known=self.linear)
+        return replace(self, fit=fit, state=state, linear=linear)
 
     @property
     def ratios(self) -> NDArray[np.float64]:
@@ -86,7 +110,7 @@ class _Stage(NamedTuple):
     """By how much friction may then be wrong, relatively."""
 
 
-STAGES = (_Stage(_weak_friction, 0.05), _Stage(_spread, 0.01))
+STAGES = (_Stage(_weak_friction, 0.01), _Stage(_spread, 0.01))
 
 
 @dataclass(frozen=True)
@@ -104,14 +128,14 @@ class StagedFit:
     nominal_plant: Plant | None
     modes: int | None
 
+    @property
+    def sample_time(self) -> float:
+        """Sample time of all records [s]."""
+        return self.signals.segments[0].sample_time
+
     def run(self) -> tuple[Fitted, int]:
         """Return the fit with a response for each record, and from how many starts it was tried."""
-        found: list[Fitted] = []
-        for start in self._starts():
-            found.append(self._first_fits(start))
-            if found[-1].mean_ratio < MAX_START_RATIO:
-                break
-        best = min(found, key=lambda each: each.mean_ratio)
+        best, starts = self._best_start()
         every = replace(best.fit, records=self._records(range(len(self.signals.segments))))
         every = every.with_needed_drifts(State(best.state.shared, tuple(np.zeros(r.count) for r in every.records)))
         whole = self._whole(every, best)
@@ -120,7 +144,28 @@ class StagedFit:
                 break
             every = every.with_more_steps(REFINEMENT)
             whole = self._whole(every, whole)
-        return whole, len(found)
+        return whole, starts
+
+    def joint(self) -> Fitted:
+        """Return the fit in which the response of every record is that of the plant."""
+        best, _ = self._best_start()
+        steps = MAX_STEPS if best.mean_ratio < HOPELESS_RATIO else HOPELESS_STEPS
+        every = replace(best.fit, records=self._records(range(len(self.signals.segments))))
+        return self._converged(every, best.state.shared, LAST_GAIN, steps)
+
+    def predicted_ratios(self, found: Fitted, signals: Signals) -> NDArray[np.float64]:
+        """Return what a joint fit leaves of other records, over what noise and rounding explain, shape (records,)."""
+        records = [self._record(segment) for segment in signals.segments]
+        return replace(found.fit, records=records).predicted_ratios(found.state.shared)
+
+    def _best_start(self) -> tuple[Fitted, int]:
+        """Return the best fit of some records, and from how many starts it was tried."""
+        found: list[Fitted] = []
+        for start in self._starts():
+            found.append(self._first_fits(start))
+            if found[-1].mean_ratio < MAX_START_RATIO:
+                break
+        return min(found, key=lambda each: each.mean_ratio), len(found)
 
     def _whole(self, fit: RecordFit, before: Fitted) -> Fitted:
         """Return the fit of all records with a response for each, from that of some."""
@@ -133,7 +178,7 @@ class StagedFit:
         alone = _without_plant(replace(fit, free=self.free), logs, effective, steps)
         if alone.mean_ratio > whole.mean_ratio:
             return whole
-        return alone._replace(error=replay_error(*alone[:3]))
+        return replace(alone, error=replay_error(alone.fit, alone.state, alone.linear))
 
     def _starts(self) -> list[NDArray[np.float64]]:
         """Return the logarithms of the free parameters at which a fit may begin, the most plausible first."""
@@ -144,26 +189,38 @@ class StagedFit:
 
     def _first_fits(self, start: NDArray[np.float64]) -> Fitted:
         """Return the fit of some records, from a start."""
-        logs = start
+        logs, found = start, None
         for stage in STAGES:
-            found = self._stage_fit(stage, logs)
+            found = self._stage_fit(stage, logs, found)
             logs = found.state.shared[: logs.size]
             if found.mean_ratio > HOPELESS_RATIO:
                 break
+        assert found is not None
         return found
 
-    def _stage_fit(self, stage: "_Stage", logs: NDArray[np.float64]) -> Fitted:
-        """Return the fit of a stage's records with the plant of fewest modes that explains them, or without one."""
+    def _stage_fit(self, stage: "_Stage", logs: NDArray[np.float64], before: Fitted | None) -> Fitted:
+        """Return the fit of a stage's records with the plant of the one before, if it explains them as well.
+
+        Otherwise it is that with the plant of fewest modes that explains them, or without a plant.
+        """
         observer, count = self._observer(logs), len(self.signals.segments)
         observed = ObservedStart.of(observer, self.signals)
         places = stage.places(observed, count)
+        records = self._records(places)
+        if before is not None and before.mean_ratio < MAX_PLANT_RATIO and not before.fit.has_own_forces:
+            found = self._converged(replace(before.fit, records=records), before.state.shared, STAGE_GAIN)
+            if found.mean_ratio < MAX_PLANT_RATIO:
+                return found
         tried: list[Fitted] = []
         for modes in (None, *MODES) if self.modes is None and self.nominal_plant is None else (self.modes,):
-            plant = self.nominal_plant or observed.plant(self.signals, observer, modes, stage.friction_error)
+            has_dead_time = DEAD_TIME in self.free.friction
+            in_response, dead_time = observed.plant(self.signals, observer, modes, stage.friction_error, has_dead_time)
+            plant = self.nominal_plant or in_response
             if any(plant == each.fit.start.plant for each in tried):
                 continue
-            fit = self._fit(plant, self._records(places))
-            tried.append(self._converged(fit, logs, STAGE_GAIN))
+            fit = self._fit(plant, records)
+            start = self.free.with_dead_time(logs, dead_time, self.sample_time)
+            tried.append(self._converged(fit, start, STAGE_GAIN))
             if not MAX_PLANT_RATIO < tried[-1].mean_ratio < WRONG_LAW_RATIO:
                 return tried[-1]
         tried.append(_without_plant(fit, logs, [observed.effective[place] for place in places]))
@@ -184,9 +241,12 @@ class StagedFit:
         force, displacement = self.free.scales(logs)
         friction = self.observer.friction
         for name, factor in zip(self.free.friction, np.exp(logs), strict=False):
-            if name not in SCALES:
+            if name not in (*SCALES, DEAD_TIME):
                 friction = with_parameter(friction, name, parameter_value(friction, name) * float(factor))
-        changed = {"friction": friction, "force_scale": force, "displacement_scale": displacement}
+        dead_time = max(self.observer.input_dead_time + self.free.dead_time(logs, self.sample_time), 0.0)
+        changed = {
+            "friction": friction, "force_scale": force, "displacement_scale": displacement, DEAD_TIME: dead_time
+        }  # fmt: skip
         return self.observer.model_copy(update=changed).resolve_oversampling(self.signals.segments)
 
     def _fit(self, plant: Plant, records: Sequence[ReplayedRecord]) -> RecordFit:
@@ -224,11 +284,11 @@ def _without_plant(
 
 def _with_own_responses(found: Fitted, max_steps: int = MAX_STEPS) -> Fitted:
     """Return the fit in which each record has a response of its own; the others tell what all share."""
-    covariance = found.fit.information(found.linear).covariances[0]
+    covariance = found.covariances[0]
     count = found.state.shared.size
     information = np.asarray(np.linalg.inv(covariance[:count, :count]), dtype=float)
     known = Prior(found.state.shared, information) if count else None
     own = replace(found.fit, has_own_forces=True, prior=known)
-    state, linear = own.converge(found.state, LAST_GAIN, max_steps)
-    error_of_shared = replay_error(*found[:3]).shared
+    state, linear = own.converge(found.state, LAST_GAIN, max_steps, found.linear)
+    error_of_shared = replay_error(found.fit, found.state, found.linear).shared
     return Fitted(own, state, linear, replay_error(own, state, linear, error_of_shared))

@@ -1,0 +1,212 @@
+"""Blocks of a controller: a function that is called once per sample, with its states and what it is given."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fraexp.components.translation.syntax_tree import Function
+from fraexp.components.translation.translator import REAL_INPUT, translate
+
+
+class BlockInput(NamedTuple):
+    """A number that a block takes in each sample."""
+
+    name: str
+    unit: str
+    meaning: str
+
+
+@dataclass(frozen=True)
+class Block:
+    """A function of a controller's program, in Python; its states are zero before the first sample."""
+
+    name: str
+    summary: str
+    function: Callable[..., float]
+    """Function of the states, the inputs and the constants, all by name, which writes the states."""
+    states: Mapping[str, int]
+    """Sizes of its states, by name."""
+    inputs: tuple[BlockInput, ...]
+    constants: Mapping[str, object]
+    """What is the same in all samples: numbers, arrays, tuples of them, and functions."""
+    output: BlockInput
+    """What it returns."""
+    test_inputs: NDArray[np.float64]
+    """Inputs of the test vector, shape (samples, inputs)."""
+
+    @cached_property
+    def program(self) -> Function:
+        """The translated function."""
+        given = {**dict.fromkeys((one.name for one in self.inputs), REAL_INPUT), **self.constants}
+        return translate(self.name, self.function, given, self.states)
+
+    def run(self, inputs: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the outputs in plain Python, from zero states, shape (samples,); inputs of shape (samples, inputs)."""
+        states = {name: np.zeros(size) for name, size in self.states.items()}
+        names = [one.name for one in self.inputs]
+        rows = (dict(zip(names, row, strict=True)) for row in np.asarray(inputs, dtype=float).tolist())
+        return np.array([self.function(**states, **row, **self.constants) for row in rows])
+
+    @cached_property
+    def test_outputs(self) -> NDArray[np.float64]:
+        """Outputs of the test vector by plain Python, shape (samples,)."""
+        return self.run(self.test_inputs)
+
+
+Numbers = NDArray[np.float64]
+FrictionLaw = tuple[Callable[..., float], tuple[Any, ...], float]
+"""A friction law, its arguments behind z_next, and the viscous coefficient [N s/m]."""
+TransferFunction = tuple[Numbers, Numbers]
+"""Numerator and denominator in ascending powers of z⁻¹, of the same size."""
+
+
+def friction_force(z: Numbers, z_next: Numbers, moved: float, time: float, friction: FrictionLaw) -> float:
+    """Friction force [N] after the displacement moved by `moved` [m] in `time` [s]."""
+    law, arguments, viscous = friction
+    force = law(z, moved, time, z_next, *arguments)
+    for i in range(z.size):
+        z[i] = z_next[i]
+    return force + viscous * (moved / time)
+
+
+def feedback(filtered: Numbers, error: float, controller: TransferFunction) -> float:
+    """Control input [N] of C(z) from the position error [m], in transposed direct form II."""
+    numerator, denominator = controller
+    control = numerator[0] * error + filtered[0]
+    for i in range(1, numerator.size):
+        filtered[i - 1] = numerator[i] * error - denominator[i] * control + filtered[i]
+    return float(control)
+
+
+def delay_value(line: Numbers, value: float, older_share: float) -> float:
+    """Value of `line.size` samples ago, for a share of the one after it."""
+    older = line[0]
+    for i in range(1, line.size):
+        line[i - 1] = line[i]
+    line[line.size - 1] = value
+    return float(older_share * older + (1.0 - older_share) * line[0])
+
+
+def filter_by_lags(lags: Numbers, value: float, gains: Numbers) -> float:
+    """Value behind first-order lags, exact for a value that is held over each sample."""
+    result = value
+    for i in range(gains.size):
+        lags[i] += gains[i] * (result - lags[i])
+        result = lags[i]
+    return result
+
+
+def movement(past: Numbers, position: float) -> float:
+    """Displacement [m] since the sample before; 0 at the first one."""
+    moved = position - past[0]
+    if past[1] == 0.0:
+        moved = 0.0
+    past[0] = position
+    past[1] = 1.0
+    return float(moved)
+
+
+def effective_input(
+    line: Numbers,
+    input_lags: Numbers,
+    output_lags: Numbers,
+    past: Numbers,
+    z: Numbers,
+    z_next: Numbers,
+    control: float,
+    position: float,
+    path: tuple[float, Numbers, Numbers, float],
+    friction: FrictionLaw,
+) -> float:
+    """Effective control input [N], G_di G_do u - f(y'): the part of the control input that moves the plant, eq (2).
+
+    `path` has the share of the delay's older value, the gains of the lags at input and output, and the sample time.
+    """
+    older_share, input_gains, output_gains, sample_time = path
+    law, arguments, viscous = friction
+    thrust = filter_by_lags(input_lags, delay_value(line, control, older_share), input_gains)
+    moved = movement(past, position)
+    force = friction_force(z, z_next, moved, sample_time, (law, arguments, 0.0))
+    return filter_by_lags(output_lags, thrust - force, output_gains) - viscous * (moved / sample_time)
+
+
+def compensated_feedback(
+    filtered: Numbers,
+    past: Numbers,
+    z: Numbers,
+    z_next: Numbers,
+    position: float,
+    reference: float,
+    controller: TransferFunction,
+    gain: float,
+    sample_time: float,
+    friction: FrictionLaw,
+) -> float:
+    """Control input [N]: feedback of the position error, and a share of the friction model's force."""
+    control = feedback(filtered, reference - position, controller)
+    moved = movement(past, position)
+    return control + gain * friction_force(z, z_next, moved, sample_time, friction)
+
+
+COURSE_STATES = 5
+"""States of a move: whether there was a sample, the sample within the move, its origin, its target, the last force."""
+
+
+def positioning_control(
+    course: Numbers,
+    filtered: Numbers,
+    z: Numbers,
+    z_next: Numbers,
+    position: float,
+    target: float,
+    tables: tuple[Numbers, Numbers, Numbers, float, int],
+    controller: TransferFunction,
+    sample_time: float,
+    friction: FrictionLaw,
+) -> float:
+    """Control input [N] of a move to each new target: feedforward, friction along it, and feedback.
+
+    The axis rests at the first target when it begins. A target that changes during a move is taken after it. `tables`
+    has thrust and reference of each sample and the movement of each point, per metre, the stiffness that holds the
+    machine [N/m], and the points per sample.
+    """
+    thrust_per_metre, reference_per_metre, moved_per_metre, holding_stiffness, points = tables
+    law, arguments, viscous = friction
+    samples = thrust_per_metre.size
+    if course[0] == 0.0:
+        course[0] = 1.0
+        course[1] = float(samples)
+        course[2] = target
+    k = int(course[1])
+    if k >= samples and target != course[2]:
+        k = 0
+        course[3] = target
+    origin = course[2]
+    distance = 0.0
+    thrust = holding_stiffness * origin
+    reference = origin
+    if k < samples:
+        distance = course[3] - origin
+        thrust = thrust + distance * thrust_per_metre[k]
+        reference = origin + distance * reference_per_metre[k]
+    compensation = 0.0
+    travelled = 0.0
+    for j in range(points):
+        moved = 0.0
+        if k < samples:
+            moved = distance * moved_per_metre[k * points + j]
+        force = friction_force(z, z_next, moved, sample_time / points, (law, arguments, 0.0))
+        compensation += 0.5 * (course[4] + force) / points
+        course[4] = force
+        travelled += moved
+    if k < samples:
+        k += 1
+        if k == samples:
+            course[2] = course[3]
+    course[1] = float(k)
+    compensation += viscous * travelled / sample_time
+    return feedback(filtered, reference - position, controller) + thrust + compensation

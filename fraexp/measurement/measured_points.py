@@ -1,0 +1,119 @@
+"""What was measured: points with their place in the file of samples, and the files in which it is kept."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from fraexp.data.identity import digest_of
+from fraexp.data.sample_file import SampleHeader, SampleWriter, create_sample_file, read_header
+from fraexp.errors import RecordError, StudyError
+from fraexp.measurement.tasks import MeasurementTask
+
+PLAY_COLUMN = "play"
+"""Column with the number of the play in which a sample was recorded, from 1."""
+
+
+@dataclass(frozen=True)
+class MeasuredPoint:
+    """A point whose record is in the file of samples."""
+
+    number: int
+    """Its place in the excitation, from 0."""
+    frequency: str
+    amplitude: float
+    """Factor on the amplitude that the study gives."""
+    rest: int
+    """Row of its first sample after rest."""
+    start: int
+    """Row of the first sample of its record."""
+    periods: int
+    samples: int
+    """Samples per period."""
+    harmonics: tuple[int, ...]
+    settled: bool
+    residual: float | None
+    """Relative difference of the last windows compared; None if none was."""
+    machine_time: float
+    """Time for which the machine was excited, plays in vain included [s]."""
+    repeats: tuple[str, ...] = ()
+    """What was repeated, and why."""
+    band: float | None = None
+    """Half-width of the 95 % band by the scatter of the periods [dB]; None if there are too few."""
+
+    def as_segment(self) -> dict[str, Any]:
+        """Return what the section [record] of a study says of it."""
+        known = {"rest": self.rest, "settled": self.settled, "residual": self.residual}
+        counts = {"start": self.start, "periods": self.periods, "samples": self.samples}
+        return {**counts, "harmonics": list(self.harmonics), **{k: v for k, v in known.items() if v is not None}}
+
+
+class MeasurementFiles:
+    """The samples of a measurement, and a log of its points, in a folder; what is there already is continued."""
+
+    def __init__(self, folder: Path, name: str) -> None:
+        self.folder = folder
+        self.samples = folder / f"{name}.samples"
+        self.log = folder / f"{name}.log"
+
+    def open(self, task: MeasurementTask, header: SampleHeader) -> SampleWriter:
+        """Return the writer of the samples; StudyError if they are of another measurement.
+
+        A measurement is another one if the machine, the excitation or the settings differ.
+        """
+        identity = measurement_identity(task)
+        if not self.samples.exists():
+            self.folder.mkdir(parents=True, exist_ok=True)
+            self.log.write_text(json.dumps({"identity": identity}) + "\n", encoding="utf-8")
+            create_sample_file(self.samples, header)
+        elif self.identity() != identity or read_header(self.samples)[0] != header:
+            raise StudyError(
+                f"{self.samples}: a measurement of another machine, excitation or setting is in this file; move it "
+                "away, or measure anew with --fresh"
+            )
+        return SampleWriter(self.samples)
+
+    def remove(self) -> None:
+        """Remove both files."""
+        for file in (self.samples, self.log):
+            file.unlink(missing_ok=True)
+
+    def identity(self) -> str:
+        """Return what tells the measurement from others; empty if there is no log."""
+        return str(next(self._lines(), {}).get("identity", ""))
+
+    def add(self, point: MeasuredPoint) -> None:
+        """Note a point whose samples are in the file."""
+        with self.log.open("a", encoding="utf-8") as stream:
+            stream.write(json.dumps({"point": asdict(point)}) + "\n")
+
+    def points(self) -> list[MeasuredPoint]:
+        """Return the points that were measured, in the order of the excitation; of a repeated one the last."""
+        found = {}
+        for line in self._lines():
+            if "point" in line:
+                fields = {**line["point"]}
+                for name in ("harmonics", "repeats"):
+                    fields[name] = tuple(fields[name])
+                point = MeasuredPoint(**fields)
+                found[point.number] = point
+        return [found[number] for number in sorted(found)]
+
+    def _lines(self) -> Iterator[dict[str, Any]]:
+        """Yield the whole lines of the log: the last one may have been cut off."""
+        if not self.log.exists():
+            return
+        for text in self.log.read_text(encoding="utf-8").splitlines():
+            try:
+                yield json.loads(text)
+            except ValueError:
+                return
+            except RecursionError:
+                raise RecordError(f"{self.log}: it is no log of a measurement") from None
+
+
+def measurement_identity(task: MeasurementTask) -> str:
+    """Return what tells a measurement from others."""
+    settings = task.settings.plain() if task.settings else {}
+    return f"{task.key} {digest_of(settings).hex()}"

@@ -1,0 +1,51 @@
+"""The study that analyses what was measured: an ordinary study of a record."""
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from fraexp.data.sample_file import read_header
+from fraexp.errors import StudyError
+from fraexp.measurement.measured_points import PLAY_COLUMN, MeasuredPoint
+from fraexp.measurement.tasks import MeasurementTask
+
+CHANNEL_ORDER = ("u", "y")
+"""Channels that come first: the input, then the output."""
+
+
+def record_section(samples: Path, points: Sequence[MeasuredPoint], folder: Path) -> dict[str, Any]:
+    """Return the section [record] for points in a file of samples, of a study in `folder`."""
+    names = [name for name in read_header(samples)[0].units if name != PLAY_COLUMN]
+    names.sort(key=lambda name: CHANNEL_ORDER.index(name) if name in CHANNEL_ORDER else len(CHANNEL_ORDER))
+    segments = [point.as_segment() for point in points]
+    return {"file": relative_file(samples, folder), "channels": {name: name for name in names}, "segments": segments}
+
+
+def relative_file(file: Path, folder: Path) -> str:
+    """Return the name of a file as a study in a folder writes it."""
+    return Path(os.path.relpath(file.absolute(), folder.resolve())).as_posix()
+
+
+def record_study(tasks: Sequence[MeasurementTask], records: Sequence[Mapping[str, Any]], title: str) -> dict[str, Any]:
+    """Return the study that analyses the record of each task by the estimators of its study."""
+    estimators = tasks[0].estimators
+    if any(task.estimators != estimators for task in tasks):
+        raise StudyError(
+            f"{tasks[0].study}: its experiments have different estimators; measure them one at a time, with --set"
+        )
+    specs = [without_versions(spec) for spec in estimators]
+    several = {"grid": {"estimator": specs}} if len(specs) > 1 else {"estimator": specs[0]}
+    if len(tasks) == 1:
+        return {"title": title, "record": dict(records[0]), **several}
+    cases = [{"label": task.label, "record": dict(record)} for task, record in zip(tasks, records, strict=True)]
+    return {"title": title, **several, "case": cases}
+
+
+def without_versions(spec: Any) -> Any:
+    """Return components in plain data as a study writes them: without versions, and without what is not given."""
+    if isinstance(spec, Mapping):
+        named = "name" in spec
+        kept = {key: value for key, value in spec.items() if value is not None and not (named and key == "version")}
+        return {key: without_versions(value) for key, value in kept.items()}
+    return [without_versions(one) for one in spec] if isinstance(spec, list | tuple) else spec

@@ -1,0 +1,211 @@
+"""A measurement: all points of a plan on a machine, repeated where that helps, and continued after an interruption."""
+
+from collections.abc import Callable, Generator, Iterator
+from contextlib import closing, suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from fraexp.components.machine_session import MachineDescription, MachineSession
+from fraexp.components.measurement_settings import MeasurementSettings
+from fraexp.components.registry import Registry
+from fraexp.data.sample_file import SampleHeader, SampleWriter
+from fraexp.errors import ConnectionLostError, MachineError
+from fraexp.measurement.measured_points import PLAY_COLUMN, MeasuredPoint, MeasurementFiles
+from fraexp.measurement.measurement_plan import (
+    SETTLING_RESERVE,
+    MeasurementPlan,
+    PlannedPoint,
+    check_demand,
+    plan_measurement,
+    simulated_demand,
+)
+from fraexp.measurement.motion_guard import MotionGuard
+from fraexp.measurement.point_measurement import LimitExceededError, PointMeasurement, PointProgress, RecordAim
+from fraexp.measurement.tasks import MeasurementTask
+
+AMPLITUDE_AFTER_LIMIT, MAX_LOWERED = 0.8, 0.7
+"""Part of a limit at which a point is played again that exceeded it, and the greatest factor on its amplitude."""
+MAX_RAISED = 2.0
+"""Greatest factor on an amplitude at once: friction may give way."""
+MIN_RAISED = 1.1
+"""Least factor that is worth another play."""
+RECORD_RESERVE = 1.1
+"""Factor on the record that a band asks for."""
+
+
+@dataclass(frozen=True)
+class MeasurementBegun:
+    """A machine is connected, and the plan is within its limits."""
+
+    plan: MeasurementPlan
+    kept: tuple[MeasuredPoint, ...]
+    """Points of an earlier, interrupted measurement, which are not played again."""
+
+
+@dataclass(frozen=True)
+class MeasurementNotice:
+    """Something that the user should know, such as a point that is repeated."""
+
+    what: str
+
+
+@dataclass(frozen=True)
+class PointMeasured:
+    """A point whose record is stored."""
+
+    point: MeasuredPoint
+    done: int
+    total: int
+    machine_time: float
+    """Machine time of all points so far [s]."""
+    seconds_left: float
+    """Machine time that the others are expected to take [s]."""
+
+
+MeasurementEvent = MeasurementBegun | MeasurementNotice | PointProgress | PointMeasured
+JudgeBand = Callable[[MeasuredPoint], float | None]
+"""Takes a point and returns the half-width of its 95 % band [dB] by the study's estimators; None if it is not known."""
+
+
+class Measurement:
+    """All points of a task."""
+
+    def __init__(
+        self, task: MeasurementTask, settings: MeasurementSettings, files: MeasurementFiles, folder: Path
+    ) -> None:
+        self._task, self._settings, self._files, self._folder = task, settings, files, folder
+        self._session: MachineSession
+
+    def events(self, registry: Registry, judge: JudgeBand) -> Generator[MeasurementEvent, None, None]:
+        """Measure and yield what happens; closing the generator stops the machine, and measured points are kept."""
+        self._session = self._settings.machine.connect(self._folder)
+        try:
+            description = self._session.description
+            check_description(description, self._task)
+            plan = plan_measurement(self._task, registry, description.limits)
+            header = SampleHeader(description.sample_time, {PLAY_COLUMN: "", **description.channels})
+            with closing(self._files.open(self._task, header)) as writer:
+                yield from self._all_points(plan, writer, judge)
+        finally:
+            self._session.close()
+
+    def _all_points(self, plan: MeasurementPlan, writer: SampleWriter, judge: JudgeBand) -> Iterator[MeasurementEvent]:
+        kept = self._files.points()
+        yield MeasurementBegun(plan, tuple(kept))
+        self._guard = MotionGuard(plan.limits, writer.header.sample_time)
+        self._plays, self._limits = writer.last_play(), plan.limits
+        spent, total = sum(point.machine_time for point in kept), len(plan.points)
+        numbers = {point.number for point in kept}
+        waiting = [point for point in plan.points if point.number not in numbers]
+        played = expected = 0.0
+        for place, point in enumerate(waiting):
+            found = yield from self._point(point, writer, judge)
+            self._files.add(found)
+            spent, played, expected = (
+                spent + found.machine_time,
+                played + found.machine_time,
+                expected + _seconds(point),
+            )
+            left = sum(map(_seconds, waiting[place + 1 :])) * played / expected
+            yield PointMeasured(found, len(kept) + place + 1, total, spent, left)
+
+    def _point(
+        self, point: PlannedPoint, writer: SampleWriter, judge: JudgeBand
+    ) -> Generator[MeasurementEvent, None, MeasuredPoint]:
+        """Play a point until its record is good enough, and return it."""
+        repeats: list[str] = []
+        spent, reason = 0.0, ""
+        aim = self._aim(point)
+        for attempt in range(self._settings.attempts):
+            if reason:
+                repeats.append(reason)
+                yield MeasurementNotice(f"{point.frequency}: played again, because {reason}")
+            self._plays += 1
+            reserve = SETTLING_RESERVE * 2**attempt  # of a machine that must know before how long to play
+            play = PointMeasurement(point, self._session, writer, self._guard, aim, self._plays, reserve)
+            try:
+                yield from play
+            except ConnectionLostError as error:
+                reason, spent = str(error), spent + play.seconds
+                self._reconnect()
+                continue
+            except LimitExceededError as error:
+                if not self._settings.adapt_amplitude:
+                    raise
+                reason, spent = str(error), spent + play.seconds
+                point = point.with_amplitude(point.amplitude * min(AMPLITUDE_AFTER_LIMIT / error.reached, MAX_LOWERED))
+                continue
+            for note in play.notes:
+                yield MeasurementNotice(f"{point.frequency}: {note}")
+            found = play.result(spent, tuple(repeats))
+            band = judge(found)
+            found = replace(found, band=found.band if band is None else band)
+            better = self._improved(point, aim, play, found) if attempt + 1 < self._settings.attempts else None
+            if better is None:
+                return found
+            point, aim, reason = better
+            spent += play.seconds
+        raise MachineError(f"{point.frequency}: given up after {self._settings.attempts} plays; the last: {reason}")
+
+    def _aim(self, point: PlannedPoint) -> RecordAim:
+        shortest, settings = point.counts.record, self._settings
+        if settings.band is None:
+            return RecordAim(None, shortest, shortest, is_patient=True)
+        longest = max(round(settings.max_record_time / point.sample_time), shortest)
+        return RecordAim(settings.band, shortest, longest, is_patient=not settings.adapt_amplitude)
+
+    def _improved(
+        self, point: PlannedPoint, aim: RecordAim, play: PointMeasurement, found: MeasuredPoint
+    ) -> tuple[PlannedPoint, RecordAim, str] | None:
+        """Return how to play a point again that has not reached its band, and why; None if that would not help."""
+        if aim.band is None or found.band is None or found.band <= aim.band:
+            return None
+        width = f"its band is {found.band:.3g} dB wide"
+        if play.is_hopeless and self._settings.adapt_amplitude:
+            raised = self._raised(point, min(found.band / aim.band, MAX_RAISED))
+            if raised is not None:
+                return raised, aim, f"{width}, and the amplitude can be {raised.amplitude / point.amplitude:.2f} times"
+            if not aim.is_patient:
+                return point, aim._replace(is_patient=True), f"{width}, and limits allow no higher amplitude"
+        recorded = found.periods * found.samples
+        needed = min(int(RECORD_RESERVE * recorded * (found.band / aim.band) ** 2), aim.longest)
+        if needed < recorded + found.samples:
+            return None
+        return point, aim._replace(shortest=needed), f"{width} by the study's estimator"
+
+    def _raised(self, point: PlannedPoint, factor: float) -> PlannedPoint | None:
+        """Return a point with a higher amplitude that the limits allow; None if none is worth it."""
+        while factor >= MIN_RAISED:
+            higher = point.with_amplitude(point.amplitude * factor)
+            request = higher.expected_request(higher.counts.record)
+            simulated = simulated_demand(higher.counts.experiment.setup, request)
+            higher = replace(higher, demand=higher.demand.maximum_with(simulated))
+            with suppress(MachineError):
+                check_demand(higher, self._limits, self._settings.margin)
+                return higher
+            factor *= 0.9
+        return None
+
+    def _reconnect(self) -> None:
+        with suppress(MachineError):
+            self._session.close()
+        self._session = self._settings.machine.connect(self._folder)
+
+
+def _seconds(point: PlannedPoint) -> float:
+    """Return the machine time that a point is expected to take [s]."""
+    return (point.settling + point.counts.record + point.ramp_out) * point.sample_time
+
+
+def check_description(description: MachineDescription, task: MeasurementTask) -> None:
+    """Raise MachineError if a machine does not fit the study."""
+    sample_time = task.experiment["loop"]["sample_time"]
+    if abs(description.sample_time / sample_time - 1) > 1e-9:
+        raise MachineError(
+            f"the machine has a sample time of {description.sample_time:g} s; loop.sample_time is {sample_time:g} s: "
+            "let them agree"
+        )
+    for name in ("y", "u"):
+        if name not in description.channels:
+            known = ", ".join(description.channels)
+            raise MachineError(f"the machine records no channel '{name}'; expected y and u among {known}")

@@ -1,0 +1,190 @@
+"""The plan of a measurement: which points are played, in which order, how long, and what that asks of the machine."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fraexp.components.kinds import Excitation, Period
+from fraexp.components.machine_session import PlayRequest
+from fraexp.components.measurement_settings import MeasurementSettings
+from fraexp.components.registry import Registry, create
+from fraexp.data.frequency_text import frequency_text
+from fraexp.errors import MachineError, StudyError
+from fraexp.measurement.tasks import REQUIRED_LIMITS, MeasurementTask
+from fraexp.simulation.experiment_run import run_experiments
+from fraexp.simulation.experiments import Experiment, ExperimentPlan, Setup
+from fraexp.simulation.live_loop import LiveLoop
+from fraexp.simulation.loop_setup import prepare_setup
+from fraexp.simulation.machine import Machine, build_machine
+from fraexp.simulation.motion_limits import DEMAND_UNITS, Demand, MotionLimits, predict_demand
+
+SETTLING_RESERVE = 1.5
+"""Factor on the settling time that the simulation predicts, where it must be known before."""
+DEFAULT_MARGIN, DEFAULT_RAMP_OUT_S = (MeasurementSettings.model_fields[name].default for name in ("margin", "ramp_out"))
+"""Those of a study without a section [measurement]."""
+
+
+@dataclass(frozen=True)
+class PlannedPoint:
+    """A period of the excitation as it is to be played."""
+
+    number: int
+    """Its place in the excitation, from 0."""
+    counts: ExperimentPlan
+    """Ramp, windows and record, counted in samples."""
+    settling: int
+    """Samples after which the periods can be recorded, as the simulation predicts."""
+    ramp_out: int
+    """Samples in which the excitation falls to 0."""
+    demand: Demand
+    """What it asks of the machine, as predicted."""
+    amplitude: float = 1.0
+    """Factor on the amplitude that the study gives."""
+
+    @property
+    def period(self) -> Period:
+        """The period that is played."""
+        return self.counts.experiment.period
+
+    @property
+    def sample_time(self) -> float:
+        """Sample time [s]."""
+        return self.counts.experiment.setup.sample_time
+
+    @property
+    def frequency(self) -> str:
+        """Its frequency, or range of frequencies."""
+        return frequency_text(self.period.lines / (self.period.waveform.size * self.sample_time))
+
+    def request(self, record: int) -> PlayRequest:
+        """Return what to play so that, however slowly it settles, `record` samples can follow."""
+        counts = self.counts
+        settling = counts.ramp + max(counts.settling_limit, 2 * counts.window) + counts.window if counts.window else 0
+        return self._request(settling + record)
+
+    def expected_request(self, record: int, reserve: float = SETTLING_RESERVE) -> PlayRequest:
+        """Return what to play if it settles as predicted, with a reserve: a factor on the settling time."""
+        return self._request(int(np.ceil(reserve * self.settling)) + record)
+
+    def _request(self, samples: int) -> PlayRequest:
+        wave = self.amplitude * self.period.waveform
+        repetitions = int(np.ceil(samples / wave.size))
+        return PlayRequest(self.number, wave, repetitions, self.counts.amplitude_rise, self.ramp_out)
+
+    def with_amplitude(self, factor: float) -> "PlannedPoint":
+        """Return the point with another factor on its amplitude; what it asks for grows with it, or falls."""
+        change = factor / self.amplitude
+        return replace(self, amplitude=factor, demand=Demand(*(change * each for each in self.demand)))
+
+
+@dataclass(frozen=True)
+class MeasurementPlan:
+    """The points of an experiment in the order in which they are played: the smallest predicted motion first."""
+
+    task: MeasurementTask
+    points: tuple[PlannedPoint, ...]
+    limits: MotionLimits
+    """Limits of study and machine together."""
+
+    @property
+    def demand(self) -> Demand:
+        """What all points together ask of the machine."""
+        return Demand(*(max(point.demand[k] for point in self.points) for k in range(len(Demand._fields))))
+
+    @property
+    def seconds(self) -> float:
+        """Machine time that the points are expected to take [s]."""
+        return sum((point.settling + point.counts.record + point.ramp_out) * point.sample_time for point in self.points)
+
+
+def joint_limits(stated: MotionLimits, machine: Mapping[str, float] | None = None) -> MotionLimits:
+    """Return the narrower of the limits of a study and of a machine; StudyError if one is missing without which
+    nothing is played.
+    """
+    both = {**(machine or {})}
+    for name, value in stated.plain().items():
+        if value is not None:
+            both[name] = min(value, both.get(name, value))
+    limits = MotionLimits.parse(both, "limits of the machine")
+    missing = [name for name in REQUIRED_LIMITS if getattr(limits, name) is None]
+    if missing:
+        raise StudyError(
+            f"[limits] does not state {' and '.join(missing)}; nothing is played on a machine unless "
+            f"{', '.join(REQUIRED_LIMITS)} are limited"
+        )
+    return limits
+
+
+def plan_measurement(
+    task: MeasurementTask, registry: Registry, machine_limits: Mapping[str, float] | None = None
+) -> MeasurementPlan:
+    """Return the plan of a task, checked against the limits; MachineError names the first that would be exceeded."""
+    limits = joint_limits(task.limits, machine_limits)
+    machine, excitation = build_machine(task.experiment, registry), _excitation(task, registry)
+    setup, schedule = prepare_setup(machine), excitation.schedule
+    experiments = [
+        Experiment(setup, period, schedule, number)
+        for number, period in enumerate(excitation.periods(setup.sample_time))
+    ]
+    ramp_out_s = task.settings.ramp_out if task.settings else DEFAULT_RAMP_OUT_S
+    ramp_out = max(round(ramp_out_s / setup.sample_time), 1)
+    points = [
+        _planned_point(machine, experiment, settling, ramp_out)
+        for experiment, settling in zip(experiments, _settling_times(experiments, excitation), strict=True)
+    ]
+    margin = task.settings.margin if task.settings else DEFAULT_MARGIN
+    for point in points:
+        check_demand(point, limits, margin)
+    return MeasurementPlan(task, tuple(sorted(points, key=lambda point: point.demand.stroke)), limits)
+
+
+def _excitation(task: MeasurementTask, registry: Registry) -> Excitation:
+    """Return the excitation of a task; StudyError if it is not a force that is known before."""
+    excitation = create(registry, Excitation, task.experiment["excitation"])
+    sample_time = task.experiment["loop"]["sample_time"]
+    if any(period.reference is not None for period in excitation.periods(sample_time)):
+        raise StudyError(f"{excitation.name} moves the position reference; only forces can be played")
+    if type(excitation).revise is not Excitation.revise:
+        raise StudyError(f"{excitation.name} changes its amplitude while it runs; play one with a stated amplitude")
+    return excitation
+
+
+def _settling_times(experiments: list[Experiment], excitation: Excitation) -> list[int]:
+    """Return after how many samples each experiment is recorded on the study's machine."""
+    found = []
+    for experiment, segment in zip(experiments, run_experiments(experiments, lambda _: None), strict=True):
+        if segment is None or segment.settling is None:
+            raise MachineError(f"{excitation.name}: experiment {experiment.number + 1} diverges in the simulation")
+        found.append(round(segment.settling.time / segment.sample_time))
+    return found
+
+
+def _planned_point(machine: Machine, experiment: Experiment, settling: int, ramp_out: int) -> PlannedPoint:
+    """Return a point with what it asks for: in the simulation from rest to rest, or in the linear loop if more."""
+    counts = ExperimentPlan.from_experiment(experiment)
+    linear = predict_demand(machine, experiment.period)
+    point = PlannedPoint(experiment.number, counts, settling, ramp_out, linear)
+    return replace(
+        point, demand=linear.maximum_with(simulated_demand(experiment.setup, point.expected_request(counts.record)))
+    )
+
+
+def simulated_demand(setup: Setup, request: PlayRequest) -> Demand:
+    """Return what a play asks of a machine, from rest to the end of its ramp out."""
+    played = LiveLoop(setup, request.number).play(request.excitation(0, request.samples))
+    contacts = [name for name in played if name.partition(".")[0] == "displacement"]
+    demands = [Demand.of_samples(played[name], played["u"], setup.sample_time) for name in contacts]
+    return Demand(*map(max, zip(*demands, strict=True)))
+
+
+def check_demand(point: PlannedPoint, limits: MotionLimits, margin: float) -> None:
+    """Raise MachineError if a point is predicted to come nearer to a limit than the margin."""
+    for name, found, unit in zip(Demand._fields, point.demand, DEMAND_UNITS, strict=True):
+        allowed = getattr(limits, name)
+        if allowed is not None and not found <= (1 - margin) * allowed:
+            raise MachineError(
+                f"at {point.frequency} the excitation is predicted to need a {name.replace('_', ' ')} of {found:.4g} "
+                f"{unit}; limits.{name} is {allowed:g} {unit}, of which measurement.margin leaves "
+                f"{(1 - margin) * allowed:.4g} {unit}: lower the amplitude, or leave out the frequency"
+            )

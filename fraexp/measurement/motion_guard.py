@@ -1,0 +1,73 @@
+"""The limits of a machine, watched while it moves."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fraexp.components.machine_session import Chunk
+from fraexp.simulation.motion_limits import DEMAND_UNITS, Demand, MotionLimits
+
+DIFFERENCE_TIME_S = 1e-3
+"""Time over which the position is differenced: the encoder's steps then count little."""
+MAX_CYCLES = 0.4
+"""Cycles of the highest frequency in that time at most: with half a cycle a sine differenced would show nothing."""
+
+
+class MotionGuard:
+    """Compares recorded motion with limits; what it has seen goes on from one play to the next."""
+
+    def __init__(self, limits: MotionLimits, sample_time: float) -> None:
+        self.limits, self._sample_time = limits, sample_time
+        self._low, self._high = np.inf, -np.inf
+        self.seen = Demand(0.0, 0.0, 0.0, 0.0, 0.0)
+        """The greatest motion and force so far."""
+        self.begin(0.0)
+
+    def begin(self, highest_frequency: float) -> None:
+        """Begin a play, of which the highest frequency [Hz] is given."""
+        lag = max(round(DIFFERENCE_TIME_S / self._sample_time), 1)
+        if highest_frequency:
+            lag = max(min(lag, int(MAX_CYCLES / (highest_frequency * self._sample_time))), 1)
+        self._lag = lag
+        self._correction = 1 / float(np.sinc(min(highest_frequency * lag * self._sample_time, MAX_CYCLES)))
+        self._last = np.empty((2, 0))
+        self.of_play = Demand(0.0, 0.0, 0.0, 0.0, 0.0)
+        """The greatest motion and force of this play."""
+
+    def look(self, chunk: Chunk) -> str:
+        """Take note of what was recorded; return which limit it exceeds, in words, or an empty text."""
+        position, force = chunk.channels["y"], chunk.channels["u"]
+        if not (np.isfinite(position).all() and np.isfinite(force).all()):
+            return "the machine recorded values that are not finite numbers"
+        found = self._demand(position, force)
+        self.of_play, self.seen = self.of_play.maximum_with(found), self.seen.maximum_with(found)
+        for name, value, unit in zip(Demand._fields, found, DEMAND_UNITS, strict=True):
+            allowed = getattr(self.limits, name)
+            if allowed is not None and value > allowed:
+                return f"the {name.replace('_', ' ')} was {value:.4g} {unit}; limits.{name} is {allowed:g} {unit}"
+        return ""
+
+    def nearest(self) -> float:
+        """Return the greatest part of a limit that this play has reached."""
+        return max(
+            value / allowed
+            for name, value in self.of_play._asdict().items()
+            if (allowed := getattr(self.limits, name)) is not None
+        )
+
+    def _demand(self, position: NDArray[np.float64], force: NDArray[np.float64]) -> Demand:
+        both = np.hstack([self._last, [position, force]])
+        self._last = both[:, -2 * self._lag :]
+        self._low, self._high = min(self._low, position.min()), max(self._high, position.max())
+        lag, step = self._lag, self._lag * self._sample_time
+        velocity = np.abs(both[0, lag:] - both[0, :-lag]).max(initial=0.0) / step
+        acceleration = (
+            np.abs(both[0, 2 * lag :] - 2 * both[0, lag:-lag] + both[0, : -2 * lag]).max(initial=0.0) / step**2
+        )
+        rate = np.abs(np.diff(both[1])).max(initial=0.0) / self._sample_time
+        return Demand(
+            float(self._high - self._low),
+            float(velocity * self._correction),
+            float(acceleration * self._correction**2),
+            float(np.abs(force).max()),
+            float(rate),
+        )

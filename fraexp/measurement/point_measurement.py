@@ -1,0 +1,210 @@
+"""One point on a machine: played, watched, stored as it is recorded, and stopped as soon as it is good enough."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fraexp.analysis.confidence import confidence_limits
+from fraexp.analysis.fourier import phasors
+from fraexp.analysis.response import response_result
+from fraexp.components.machine_session import Chunk, MachineSession
+from fraexp.data.results import FrequencyResponse
+from fraexp.data.sample_file import SampleWriter
+from fraexp.data.signals import Segment, Signals
+from fraexp.errors import ConnectionLostError, MachineError
+from fraexp.measurement.measured_points import MeasuredPoint
+from fraexp.measurement.measurement_plan import PlannedPoint
+from fraexp.measurement.motion_guard import MotionGuard
+from fraexp.measurement.settling_monitor import SettlingMonitor
+
+MIN_BAND_PERIODS = 4
+"""Least number of periods whose scatter is taken for a band."""
+BAND_GROWTH = 1.25
+"""Factor between two numbers of periods at which the band is looked at: each look is a chance to stop too early."""
+HOPELESS_RATIO = 1.5
+"""Band at the end of the longest record, as projected, over the one asked for, from which a record is given up."""
+
+
+class LimitExceededError(MachineError):
+    """A limit was exceeded while a point was played; the machine has been stopped."""
+
+    def __init__(self, text: str, reached: float) -> None:
+        super().__init__(text)
+        self.reached = reached
+        """Part of the limit that was reached."""
+
+
+@dataclass(frozen=True)
+class PointProgress:
+    """How far a point has come that is being played."""
+
+    point: PlannedPoint
+    seconds: float
+    """Machine time of the play so far [s]."""
+    is_settled: bool
+    periods: int
+    """Periods recorded so far."""
+    band: float | None
+    """Half-width of the 95 % band by the scatter of the periods [dB]; None as long as it is not known."""
+    used: float
+    """Greatest part of a limit that has been reached."""
+
+
+class RecordAim(NamedTuple):
+    """When the record of a point is long enough."""
+
+    band: float | None
+    """Half-width of the 95 % band [dB] that is asked for; None for a record of stated length."""
+    shortest: int
+    """Samples that are recorded at least."""
+    longest: int
+    """Samples that are recorded at most."""
+    is_patient: bool
+    """Whether it goes on although the band will not be reached in that time."""
+
+
+class PointMeasurement:
+    """A play of a point; iterate over it for its progress, then read `result`."""
+
+    def __init__(
+        self,
+        point: PlannedPoint,
+        session: MachineSession,
+        writer: SampleWriter,
+        guard: MotionGuard,
+        aim: "RecordAim",
+        play: int,
+        reserve: float,
+    ) -> None:
+        self._point, self._session, self._writer, self._guard = point, session, writer, guard
+        self._goal, self._record, self._longest, self._is_patient = aim
+        self._play, self.is_hopeless = play, False
+        live = session.description.is_live
+        self._request = point.request(self._longest) if live else point.expected_request(self._record, reserve)
+        self._monitor = SettlingMonitor(point.counts)
+        self._channels = [name for name in writer.header.units if name in session.description.channels]
+        self._samples = np.empty((len(self._channels), self._request.samples))
+        self._count, self._periods, self._next_look = 0, 0, 0
+        self._rest = writer.rows
+        self._is_enough = False
+        self.band: float | None = None
+        """Half-width of the 95 % band by the scatter of the periods [dB]."""
+        self.notes: list[str] = []
+
+    @property
+    def seconds(self) -> float:
+        """Machine time of the play [s]."""
+        return self._count * self._point.sample_time
+
+    def __iter__(self) -> Iterator[PointProgress]:
+        """Play; LimitExceededError or ConnectionLostError if it was of no use."""
+        period = self._point.period
+        highest = period.lines[-1] / (period.waveform.size * self._point.sample_time)
+        self._guard.begin(float(highest))
+        fault = ""
+        for chunk in self._session.play(self._request):
+            self._store(chunk)
+            fault = fault or self._guard.look(chunk)
+            if fault or self._is_enough:
+                self._session.stop()
+                continue
+            self._evaluate()
+            if self._is_enough:
+                self._session.stop()
+            used = self._guard.nearest()
+            yield PointProgress(self._point, self.seconds, self._monitor.is_settled, self._periods, self.band, used)
+        if fault:
+            raise LimitExceededError(
+                f"{fault} at {self._point.frequency}; the machine was stopped", self._guard.nearest()
+            )
+        if self._monitor.record_start is None or not self._periods:
+            raise ConnectionLostError(f"the play ended after {self._count} samples, before its record was complete")
+
+    def _store(self, chunk: Chunk) -> None:
+        """Store a chunk before it is used."""
+        if chunk.start != self._count:
+            raise ConnectionLostError(f"samples {self._count} to {chunk.start} are missing")
+        rows = np.array([chunk.channels[name] for name in self._channels])
+        self._writer.append(np.vstack([np.full(chunk.size, float(self._play)), rows]).T)
+        if chunk.note:
+            self.notes.append(chunk.note)
+        end = min(self._count + chunk.size, self._samples.shape[1])
+        self._samples[:, self._count : end] = rows[:, : end - self._count]
+        self._count += chunk.size
+
+    def _evaluate(self) -> None:
+        """Look whether it has settled, how many periods there are, and whether they are enough."""
+        monitor, size = self._monitor, self._point.period.waveform.size
+        # the ramp out is no part of the record
+        whole = min(self._count, self._request.full_samples)
+        monitor.look(self._samples[self._channels.index("y"), :whole])
+        if monitor.record_start is None:
+            return
+        self._periods = max(whole - monitor.record_start, 0) // size
+        fewest = max(self._record // size, 1)
+        if self._goal is None:
+            self._periods = min(self._periods, fewest)
+            self._is_enough = self._periods == fewest
+            if self._is_enough and fewest > 1:
+                self.band = scatter_band(self.segment())
+            return
+        self._periods = min(self._periods, max(self._longest // size, fewest))
+        if self._periods >= max(self._next_look, MIN_BAND_PERIODS, fewest):
+            self.band = scatter_band(self.segment())
+            self._next_look = int(np.ceil(BAND_GROWTH * self._periods))
+            projected = self.band * np.sqrt((self._periods * size) / self._longest)
+            self.is_hopeless = projected > HOPELESS_RATIO * self._goal
+            is_long = (self._periods + 1) * size > self._longest
+            self._is_enough = self.band <= self._goal or is_long or (self.is_hopeless and not self._is_patient)
+
+    def segment(self) -> Segment:
+        """Return the recorded periods."""
+        start, size = self._monitor.record_start or 0, self._point.period.waveform.size
+        blocks = self._samples[:, start : start + self._periods * size].reshape(len(self._channels), -1, size)
+        channels = {name: block.copy() for name, block in zip(self._channels, blocks, strict=True)}
+        return Segment(self._point.sample_time, channels, self._point.period.lines)
+
+    def result(self, machine_time: float, repeats: tuple[str, ...]) -> MeasuredPoint:
+        """Return the point; `machine_time` [s] and `repeats` are those of plays in vain before."""
+        monitor, period = self._monitor, self._point.period
+        residual = float(monitor.residual)
+        return MeasuredPoint(
+            number=self._point.number,
+            frequency=self._point.frequency,
+            amplitude=self._point.amplitude,
+            rest=self._rest,
+            start=self._rest + (monitor.record_start or 0),
+            periods=self._periods,
+            samples=period.waveform.size,
+            harmonics=tuple(int(line) for line in period.lines),
+            settled=monitor.is_settled,
+            residual=residual if np.isfinite(residual) else None,
+            machine_time=machine_time + self.seconds,
+            repeats=(*repeats, *self.notes),
+            band=self.band,
+        )
+
+
+def scatter_band(segment: Segment) -> float:
+    """Return the half-width [dB] of the 95 % band of y/u by the scatter of its periods, at the widest line."""
+    signals = Signals((segment,), {"u": "N", "y": "m"})
+    sums = [[phasors(segment, name)] for name in ("u", "y")]
+    found = response_result(signals, *sums, names=("u", "y"), units=("N", "m")).response
+    return float("inf") if found is None else noise_band(found)
+
+
+def noise_band(response: FrequencyResponse) -> float:
+    """Return the half-width [dB] of a response's 95 % band by noise alone, at the frequency where it is widest."""
+    by_noise = replace(response, model_covariance=None, numerical_error=None)
+    return half_width(np.asarray(confidence_limits(by_noise).magnitude))
+
+
+def half_width(magnitude: NDArray[np.float64]) -> float:
+    """Return the half-width [dB] of the widest of limits relative to their magnitudes, shape (2, n)."""
+    low, high = magnitude
+    if not (np.isfinite(low).all() and np.isfinite(high).all() and (low > 0).all()):
+        return float("inf")
+    return float(np.max(10 * np.log10(high / low)))

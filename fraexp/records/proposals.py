@@ -1,0 +1,309 @@
+"""A proposal of the command that imports a file, and what it still needs to know."""
+
+import re
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fraexp.components.kinds import RecordReader
+from fraexp.components.registry import Registry
+from fraexp.data.record_table import RecordTable
+from fraexp.errors import RecordError
+from fraexp.records.joined_files import FILE_SIGN
+from fraexp.records.quantities import UNITLESS_MARKS
+from fraexp.records.repeats import detect_period
+from fraexp.records.resampling import plan_clock, resample
+from fraexp.records.roles import CLOCK_ROLES, FileContent, is_usable_unit
+from fraexp.records.source import existing_file, find_reader, read_columns
+from fraexp.records.timebase import examine_stamps, sample_rate_of, stamps_text
+
+NUMBERED_NAME = re.compile(r"^(?P<head>.*?)(?P<number>\d+)(?P<tail>\D*)$")
+MAX_OUTPUTS = 4
+"""Largest number of outputs that are proposed."""
+POLAR, CARTESIAN = ("magnitude", "phase"), ("real", "imaginary")
+
+
+@dataclass
+class Proposal:
+    """The command that probably imports a file, with words in capitals that the user must replace."""
+
+    words: list[str] = field(default_factory=list)
+    needs: list[str] = field(default_factory=list)
+    """What the listing cannot know, in sentences."""
+    findings: list[str] = field(default_factory=list)
+    """What was found in the file, in sentences."""
+
+    @property
+    def command(self) -> str:
+        """The command as one would type it."""
+        return shlex.join(self.words)
+
+    def add_channel(self, name: str, text: str, one: FileContent | None = None) -> None:
+        """Add a channel, and say if its unit is unknown."""
+        self.words += ["--channel", f"{name}={text}"]
+        if one is not None and text.endswith("UNIT]"):
+            stated = f" (the file says '{one.unit}')" if one.unit.strip() not in UNITLESS_MARKS else ""
+            self.needs.append(f"the unit of '{one.name}' is unknown{stated}: replace UNIT")
+
+
+def propose_import(file: Path, found: Sequence[FileContent], registry: Registry) -> Proposal:
+    """Return the command that imports a file, as far as names, units and values support one."""
+    proposal = Proposal(["fraexp", "import", str(file)])
+    signals = [one for one in found if one.size > 1]
+    if not _propose_response(proposal, signals):
+        _propose_record(proposal, file, signals, found, registry)
+    return proposal
+
+
+def propose_join(found: Mapping[Path, Sequence[FileContent]]) -> Proposal:
+    """Return the command that imports several files as channels of one record, as far as names and units support it."""
+    proposal = Proposal(["fraexp", "import", *map(str, found)])
+    names = [one.name for contents in found.values() for one in contents]
+    signals = [
+        replace(one, name=one.name if names.count(one.name) == 1 else f"{file.name}{FILE_SIGN}{one.name}")
+        for file, contents in found.items()
+        for one in contents
+        if one.size > 1
+    ]
+    inputs, outputs = _inputs_and_outputs([one for one in signals if one.guess != "time"])
+    _propose_input(proposal, inputs[0] if len(inputs) == 1 else None, inputs, [])
+    _propose_outputs(proposal, outputs, [])
+    proposal.words.append("--join-files")
+    if len({one.size for one in (*inputs, *outputs)}) > 1:
+        proposal.words += ["--resample", "cubic"]
+    proposal.findings.append("the files have different columns: they are taken for channels of one record")
+    proposal.needs.append("state the period, --samples-per-period or --period-time, or --aperiodic")
+    return proposal
+
+
+def _propose_response(proposal: Proposal, signals: Sequence[FileContent]) -> bool:
+    """Propose the import of a response over frequency; False if the file has no such columns."""
+    best = {role: _best(signals, role) for role in ("frequency", *POLAR, *CARTESIAN, "coherence")}
+    pair = next((pair for pair in (POLAR, CARTESIAN) if all(best[role] for role in pair)), None)
+    if pair is None or not best["frequency"] or _best(signals, "time"):
+        return False
+    for role in ("frequency", *pair, *(("coherence",) if best["coherence"] else ())):
+        one = best[role][0]
+        named = {"frequency": "Hz", "phase": "deg"}.get(role, "")
+        if role == "magnitude" and "db" in one.name.lower():
+            named = "dB"
+        text = (
+            one.name if is_usable_unit(one.unit) or one.unit.lower() == "db" or not named else f"{one.name} [{named}]"
+        )
+        proposal.add_channel(role, text)
+    proposal.words += ["--unit", "OUTPUT/INPUT"]
+    proposal.needs.append("the unit of the response is unknown: replace OUTPUT/INPUT, such as mm/N")
+    return True
+
+
+def _best(signals: Sequence[FileContent], role: str) -> list[FileContent]:
+    """Return the variables for whose role most speaks: several if the evidence is equal."""
+    able = [one for one in signals if one.guess == role]
+    highest = max((one.score for one in able), default=0)
+    return [one for one in able if one.score == highest]
+
+
+def _propose_record(
+    proposal: Proposal,
+    file: Path,
+    signals: Sequence[FileContent],
+    found: Sequence[FileContent],
+    registry: Registry,
+) -> None:
+    alike = _matrix_columns(_longest(signals))
+    inputs, outputs = _inputs_and_outputs(alike)
+    if not inputs or not outputs:  # the other one may have a clock of its own
+        inputs, outputs = _inputs_and_outputs(signals) if len(signals) > 1 else (inputs, outputs)
+    level = _common_levels(inputs, outputs, found)
+    if level:
+        inputs, outputs = inputs[:1], outputs[:1]
+    chosen = inputs[0] if len(inputs) == 1 else None
+    _propose_input(proposal, chosen, inputs, level)
+    _propose_outputs(proposal, outputs, level)
+    for name, role in (("reference", "r"), ("excitation", "excitation")):
+        for one in [one for one in _best(alike, role) if chosen is None or one.size == chosen.size][:1]:
+            proposal.add_channel(name, one.quantity, one)
+    proposal.words += [part for number in level for part in ("--level", number)]
+    _propose_clock(proposal, file, chosen, [*inputs, *outputs], found, registry)
+
+
+def _propose_input(
+    proposal: Proposal, chosen: FileContent | None, inputs: Sequence[FileContent], level: Sequence[str]
+) -> None:
+    if chosen:
+        proposal.add_channel("u", _with_level(chosen.quantity, level), chosen)
+        return
+    proposal.add_channel("u", "COLUMN [UNIT]")
+    names = " or ".join(f"'{one.name}'" for one in inputs[:MAX_OUTPUTS])
+    reason = f"the input may be {names}" if inputs else "no name or unit shows the input"
+    proposal.needs.append(f"{reason}: replace the COLUMN of u")
+
+
+def _propose_outputs(proposal: Proposal, outputs: Sequence[FileContent], level: Sequence[str]) -> None:
+    for number, one in enumerate(outputs[:MAX_OUTPUTS], start=1):
+        proposal.add_channel("y" if number == 1 else f"y{number}", _with_level(one.quantity, level), one)
+    if not outputs:
+        proposal.add_channel("y", "COLUMN [UNIT]")
+        proposal.needs.append("no name or unit shows the output: replace the COLUMN of y")
+
+
+def _longest(signals: Sequence[FileContent]) -> list[FileContent]:
+    """Return the variables as long as the one with most samples that has a role, or than all."""
+    able = [one for one in signals if one.guess in ("u", "y")] or list(signals)
+    longest = max((one.size for one in able), default=0)
+    return [one for one in signals if one.size == longest]
+
+
+def _inputs_and_outputs(alike: Sequence[FileContent]) -> tuple[list[FileContent], list[FileContent]]:
+    """Return probable inputs and outputs; the only variable of an unknown role is what the other one lacks."""
+    inputs, outputs = _best(alike, "u"), _best(alike, "y")
+    unknown = [one for one in alike if not one.guess]
+    if len(unknown) == 1 and bool(inputs) != bool(outputs):
+        return (inputs, unknown) if inputs else (unknown, outputs)
+    return inputs, outputs
+
+
+def _matrix_columns(alike: Sequence[FileContent]) -> list[FileContent]:
+    """Return the columns of the only variable if it is a matrix: they are probably the channels."""
+    if len(alike) != 1 or len(alike[0].shape) != 2 or min(alike[0].shape) == 1:
+        return list(alike)
+    one = alike[0]
+    count, length = sorted(one.shape)
+    return [FileContent(f"{one.name}.{number + 1}", (length,), "", "") for number in range(count)]
+
+
+def _common_levels(
+    inputs: Sequence[FileContent], outputs: Sequence[FileContent], found: Sequence[FileContent]
+) -> list[str]:
+    """Return the numbers in the names of input and output, if each of these exists with both."""
+    numbers: list[list[str]] = []
+    families = set()
+    for several in (inputs, outputs):
+        match = NUMBERED_NAME.match(several[0].name) if several else None
+        if match is None:
+            return []
+        families.add((match["head"], match["tail"]))
+        others = (re.fullmatch(rf"{re.escape(match['head'])}(\d+){re.escape(match['tail'])}", of.name) for of in found)
+        numbers.append([other[1] for other in others if other])
+    return numbers[0] if numbers[0] == numbers[1] and len(numbers[0]) > 1 and len(families) > 1 else []
+
+
+def _with_level(text: str, level: Sequence[str]) -> str:
+    match = NUMBERED_NAME.match(text.partition("(")[0].partition(" [")[0]) if level else None
+    return text if match is None else f"{match['head']}{{level}}{match['tail']}{text[match.end() :]}"
+
+
+def _propose_clock(
+    proposal: Proposal,
+    file: Path,
+    chosen: FileContent | None,
+    used: Sequence[FileContent],
+    found: Sequence[FileContent],
+    registry: Registry,
+) -> None:
+    """Propose sample rate and period."""
+    path = existing_file(file)
+    reader = find_reader("", path, registry)
+    names = [one.column for one in used] or [one.column for one in found if one.size > 1][:1]
+    if not names:
+        return
+    try:
+        table = read_columns(reader, path, set(names))
+    except RecordError as error:
+        proposal.needs.append(str(error))
+        return
+    if table.sample_time is None and not table.times:
+        _propose_rate(proposal, path, reader, used, found)
+    if chosen is not None:
+        _propose_period(proposal, path, reader, chosen, table, found)
+
+
+def _propose_rate(
+    proposal: Proposal,
+    path: Path,
+    reader: RecordReader,
+    used: Sequence[FileContent],
+    found: Sequence[FileContent],
+) -> None:
+    size = used[0].size if used else max(one.size for one in found)
+    times = [one for one in _best(found, "time") if one.size == size]
+    if times:
+        proposal.words += ["--time", times[0].quantity]
+        return
+    for one in found:
+        if one.guess in CLOCK_ROLES:
+            value = float(reader.read(path, [one.name]).columns[one.name][0])
+            rate = value if one.guess == "sample rate" else 1 / value if value else 0.0
+            if rate > 0:
+                proposal.words += ["--sample-rate", f"{rate:.10g}"]
+                return
+    proposal.words += ["--sample-rate", "HZ"]
+    proposal.needs.append("the file does not state the sample rate: replace HZ")
+
+
+def _propose_period(
+    proposal: Proposal,
+    path: Path,
+    reader: RecordReader,
+    chosen: FileContent,
+    table: RecordTable,
+    found: Sequence[FileContent],
+) -> None:
+    sides = [side for side in chosen.shape if side > 1]
+    if len(sides) > 1:
+        proposal.words += ["--samples-per-period", str(max(sides))]
+        return
+    values, rate = table.columns[chosen.column], None
+    time = _time_of(chosen, table, path, reader, found)
+    if time is not None:
+        values, rate = _even_values(proposal, values, time, table)
+    period = detect_period(values)
+    if period is None:
+        proposal.words += ["--aperiodic", "--estimator", "sliding_identification"]
+        proposal.findings.append(f"'{chosen.name}' does not repeat itself")
+        return
+    every = f"every {period} samples" + (f" ({period / rate:.6g} s)" if rate else "")
+    proposal.findings.append(f"'{chosen.name}' repeats {every}, by its autocorrelation")
+    if "--resample" in proposal.words and rate:
+        proposal.words += ["--period-time", f"{period / rate:.6g}"]
+    else:
+        proposal.words += ["--samples-per-period", str(period)]
+
+
+def _time_of(
+    chosen: FileContent, table: RecordTable, path: Path, reader: RecordReader, found: Sequence[FileContent]
+) -> NDArray[np.float64] | None:
+    """Return the time stamps of the input [s], if the file has some."""
+    if chosen.column in table.times:
+        return table.times[chosen.column]
+    times = [one for one in _best(found, "time") if one.size == chosen.size]
+    if not times or table.sample_time is not None:
+        return None
+    factor = {"ms": 1e-3, "us": 1e-6, "µs": 1e-6}.get(times[0].unit.strip() or times[0].name.rpartition("_")[2], 1.0)
+    return np.asarray(reader.read(path, [times[0].name]).columns[times[0].name] * factor)
+
+
+def _even_values(
+    proposal: Proposal, values: NDArray[np.float64], time: NDArray[np.float64], table: RecordTable
+) -> tuple[NDArray[np.float64], float | None]:
+    """Return the input at even instants, and its rate [Hz]; say what its time stamps show."""
+    several = len({stamps.size for stamps in table.times.values()}) > 1
+    try:
+        rate = sample_rate_of(time, "the time")
+        if not several:
+            return values, rate
+        proposal.findings.append("the channels have several sample rates")
+    except RecordError as error:
+        try:
+            clock = plan_clock({"input": time}, None, None, "cubic", "the file")
+        except RecordError:
+            proposal.findings.append(str(error))
+            return values, None
+        proposal.findings.append(stamps_text(examine_stamps(time)))
+        values, rate = resample(values, time, clock), clock.rate
+    proposal.words += ["--resample", "cubic"]
+    return values, rate

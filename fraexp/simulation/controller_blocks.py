@@ -1,0 +1,223 @@
+"""What a controller needs of a study, as blocks that can be translated: friction, observer, delay, feedback, moves."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fraexp.components.feedforward import Feedforward
+from fraexp.components.kinds import Controller, FrictionModel
+from fraexp.components.translation import blocks
+from fraexp.components.translation.blocks import Block, BlockInput
+from fraexp.simulation.discretisation import SignalPath
+from fraexp.simulation.experiments import Compensation
+
+TEST_SAMPLES = 160
+"""Samples of a test vector."""
+TEST_SLIDE = 30.0
+"""Greatest amplitude of the test's motion, over the displacement in which the law's stiffness builds up its force."""
+RELATIVE_ZERO = 1e-9
+"""Thrust at rest, relative to the greatest one, that is rounding."""
+DEFAULT_SCALE_M = 1e-6
+"""Displacement of the test where a law states no force bound."""
+
+
+@dataclass(frozen=True)
+class ControllerParts:
+    """What was identified or designed, as far as it is known."""
+
+    friction: FrictionModel | None
+    """Friction model that was identified, or that the observer uses."""
+    controller: Controller | None
+    sample_time: float | None
+    """Sample time of the controller [s]."""
+    input_path: SignalPath
+    """What delays the control input on its way to the thrust."""
+    output_path: SignalPath
+    """What delays the position on its way to its sample."""
+    feedforward: Feedforward | None = None
+    compensation: Compensation | None = None
+    units: tuple[str, str] = ("N", "m")
+    """Units of force and displacement."""
+
+    def blocks(self) -> list[Block]:
+        """Return the blocks for which everything is known."""
+        found = [] if self.friction is None else [self._friction_block(self.friction)]
+        if self.sample_time is None:
+            return found
+        if self.friction is not None:
+            found.append(self._observer(self.friction, self.sample_time))
+        found.append(self._smith_delay(self.sample_time))
+        if self.controller is not None:
+            found += self._controllers(self.controller, self.sample_time)
+        return found
+
+    def _friction_block(self, friction: FrictionModel) -> Block:
+        time = BlockInput("time", "s", "time of the movement, such as the sample time")
+        return Block(
+            "friction",
+            f"Friction force by the law {friction.name}, as it is identified, viscous friction included",
+            blocks.friction_force,
+            _law_states(friction),
+            (BlockInput("moved", self._length, "displacement since the last call"), time),
+            _law(friction),
+            BlockInput("force", self._force, "friction force against the motion"),
+            np.column_stack([np.diff(_motion(friction), prepend=0.0), np.full(TEST_SAMPLES, self.sample_time or 1e-3)]),
+        )
+
+    def _observer(self, friction: FrictionModel, sample_time: float) -> Block:
+        dead_time = self.input_path.dead_time + self.output_path.dead_time
+        size, older_share = _mean_held_delay(dead_time, sample_time)
+        gains = [_lag_gains(path.lags, sample_time) for path in (self.input_path, self.output_path)]
+        position = _motion(friction)
+        control = np.cos(np.arange(TEST_SAMPLES)) * (friction.force_bound or 1.0)
+        states = {"line": size, "input_lags": gains[0].size, "output_lags": gains[1].size, "past": 2}
+        return Block(
+            "observer",
+            "Effective control input: what is left of the thrust once friction is subtracted; it moves the plant",
+            blocks.effective_input,
+            {**states, **_law_states(friction)},
+            (
+                BlockInput("control", self._force, "control input of this sample"),
+                BlockInput("position", self._length, "measured position"),
+            ),
+            {
+                "path": (older_share, *gains, sample_time),
+                **_law(friction),
+            },
+            BlockInput("effective", self._force, "effective control input"),
+            np.column_stack([control, position]),
+        )
+
+    def _smith_delay(self, sample_time: float) -> Block:
+        delay = (self.input_path.dead_time + self.output_path.dead_time) / sample_time
+        whole = int(np.floor(delay + 1e-9))
+        return Block(
+            "smith_delay",
+            "Dead time of the loop, by which a reference is delayed before it is compared with the measured position",
+            blocks.delay_value,
+            {"line": whole + 1},
+            (BlockInput("value", "1", "value of this sample"),),
+            {"older_share": max(delay - whole, 0.0)},
+            BlockInput("late", "1", "value as the loop delays it"),
+            np.sin(np.arange(TEST_SAMPLES) ** 1.5)[:, None],
+        )
+
+    def _controllers(self, controller: Controller, sample_time: float) -> Iterator[Block]:
+        numerator, denominator = controller.transfer_function(sample_time)
+        size = max(numerator.size, denominator.size)
+        numerator = np.pad(numerator, (0, size - numerator.size))
+        constants = {"controller": (numerator, np.pad(denominator, (0, size - denominator.size)))}
+        error = np.sin(0.3 * np.arange(TEST_SAMPLES)) * 1e-5
+        yield Block(
+            "feedback",
+            f"Feedback C(z): {controller.name}",
+            blocks.feedback,
+            {"filtered": size},
+            (BlockInput("error", self._length, "position reference less measured position"),),
+            constants,
+            BlockInput("control", self._force, "control input"),
+            error[:, None],
+        )
+        if self.feedforward is not None:
+            yield self._positioning(self.feedforward, constants, sample_time)
+        elif self.compensation is not None:
+            yield self._compensated(self.compensation, constants, sample_time)
+
+    def _positioning(self, feedforward: Feedforward, constants: dict[str, Any], sample_time: float) -> Block:
+        short = feedforward.without_rest()
+        friction = short.friction
+        law = _law(friction) if friction else {"friction": (_no_friction, (), 0.0)}
+        rest = float(short.thrust[-1])
+        holding = rest if abs(rest) > RELATIVE_ZERO * np.abs(short.thrust).max() else 0.0
+        limit = "" if short.max_distance is None else f", over distances up to {short.max_distance:g} {self._length}"
+        target = np.where(np.arange(TEST_SAMPLES) < 3, 0.0, short.max_distance or 1e-3)
+        position = target[-1] * np.clip((np.arange(TEST_SAMPLES) - 5.0) / 60, 0.0, 1.0)
+        return Block(
+            "control",
+            f"Two degrees of freedom: moves to each new target with feedforward, compensates friction{limit}",
+            blocks.positioning_control,
+            {
+                "course": blocks.COURSE_STATES,
+                "filtered": constants["controller"][0].size,
+                **(_law_states(friction) if friction else {"z": 1, "z_next": 1}),
+            },
+            (
+                BlockInput("position", self._length, "measured position"),
+                BlockInput("target", self._length, "target; at the first call the position at which the axis rests"),
+            ),
+            {
+                "tables": (short.thrust, short.reference, np.diff(short.displacement), holding, short.points),
+                "sample_time": sample_time,
+                **constants,
+                **law,
+            },
+            BlockInput("control", self._force, "control input"),
+            np.column_stack([position, target]),
+        )
+
+    def _compensated(self, compensation: Compensation, constants: dict[str, Any], sample_time: float) -> Block:
+        friction = compensation.friction
+        position = _motion(friction)
+        return Block(
+            "control",
+            f"Feedback, and {compensation.gain:g} of the friction force by the law {friction.name}",
+            blocks.compensated_feedback,
+            {"filtered": constants["controller"][0].size, "past": 2, **_law_states(friction)},
+            (
+                BlockInput("position", self._length, "measured position"),
+                BlockInput("reference", self._length, "position reference"),
+            ),
+            {**constants, "gain": float(compensation.gain), "sample_time": sample_time, **_law(friction)},
+            BlockInput("control", self._force, "control input"),
+            np.column_stack([position, np.roll(position, -2)]),
+        )
+
+    @property
+    def _force(self) -> str:
+        return self.units[0]
+
+    @property
+    def _length(self) -> str:
+        return self.units[1]
+
+
+def _no_friction(z: NDArray[np.float64], dy: float, dt: float, z_next: NDArray[np.float64]) -> float:
+    """Friction force [N]: none is compensated."""
+    z_next[0] = 0.0
+    return 0.0
+
+
+def _law(friction: FrictionModel) -> dict[str, Any]:
+    """Return the constants of a block that uses a friction model."""
+    return {"friction": (friction.law, friction.law_arguments(), float(friction.viscous))}
+
+
+def _law_states(friction: FrictionModel) -> dict[str, int]:
+    return {"z": friction.state_size, "z_next": friction.state_size}
+
+
+def _motion(friction: FrictionModel) -> NDArray[np.float64]:
+    """Return a displacement [m] that sticks, slides and turns, shape (TEST_SAMPLES,)."""
+    bound, stiffness = friction.force_bound, friction.max_stiffness
+    scale = bound / stiffness if bound and stiffness else DEFAULT_SCALE_M
+    k = np.arange(TEST_SAMPLES)
+    return np.asarray(scale * np.geomspace(0.3, TEST_SLIDE, TEST_SAMPLES) * np.sin(0.21 * k) * np.cos(0.05 * k))
+
+
+def _mean_held_delay(dead_time: float, sample_time: float) -> tuple[int, float]:
+    """Return length of a delay line and share of its oldest value, for the mean thrust around the present sample.
+
+    A control input is held over the sample that follows it. Its mean over the half samples before and after an
+    instant, a dead time ago, consists of two values. This mean has the phase of the hold.
+    """
+    begin = -dead_time / sample_time - 0.5
+    oldest = int(np.floor(begin + 1e-9))
+    return -oldest, float(1.0 - max(begin - oldest, 0.0))
+
+
+def _lag_gains(lags: tuple[float, ...], sample_time: float) -> NDArray[np.float64]:
+    """Return 1 - e^(-Ts/τ) of each lag, shape (lags,)."""
+    return np.asarray(-np.expm1(-sample_time / np.array(lags, dtype=float)))

@@ -1,0 +1,110 @@
+"""The controller of a stored sweep as a file: C99, Structured Text, or friction attributes of a simulator."""
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from fraexp.components.kinds import Controller, Excitation, FrictionModel
+from fraexp.components.registry import Registry, create
+from fraexp.components.translation.c_file import c_text
+from fraexp.components.translation.st_file import st_text
+from fraexp.data.results import Outcome, Result
+from fraexp.data.rotary_axes import is_rotary
+from fraexp.data.sweep import models_by_contact
+from fraexp.errors import FraexpError
+from fraexp.figures.export import write_file
+from fraexp.simulation.controller_blocks import ControllerParts
+from fraexp.simulation.discretisation import SignalPath
+from fraexp.simulation.experiments import Compensation
+from fraexp.simulation.simulator_attributes import mjcf_text, urdf_text
+from fraexp.store import StoredSweep
+
+CODE_WRITERS = {".c": c_text, ".h": c_text, ".st": st_text}
+"""What writes code, by suffix."""
+ATTRIBUTE_WRITERS = {".mjcf": mjcf_text, ".urdf": urdf_text}
+"""What writes friction as attributes of a simulator, by suffix."""
+CONTROLLER_SUFFIXES = (*CODE_WRITERS, *ATTRIBUTE_WRITERS)
+STATES_NOTE = "All states are 0 before the first call. Call each block once per sample, with the inputs of that sample."
+UNTRUSTED = (Outcome.INACCURATE, Outcome.NOT_SETTLED)
+"""Outcomes of results whose message is part of what is written."""
+
+
+def export_controller(
+    sweep: StoredSweep, result: Result, registry: Registry, path: Path, *, is_single: bool = False, force: bool = False
+) -> None:
+    """Write the controller of a sweep in the language of the file's suffix.
+
+    FraexpError if the sweep has neither friction nor feedback, or the file cannot be written; PluginError names the
+    line of a law that cannot be translated.
+    """
+    parts = controller_parts(sweep, result, registry)
+    name = re.sub(r"\W+", "_", path.stem, flags=re.ASCII).strip("_").lower() or "axis"
+    name = name if name[0].isalpha() else f"axis_{name}"
+    notes = _notes(sweep, result)
+    if (suffix := path.suffix.lower()) in CODE_WRITERS and (blocks := parts.blocks()):
+        text = CODE_WRITERS[suffix](blocks, name, [*notes, STATES_NOTE], is_single)
+    elif suffix in ATTRIBUTE_WRITERS and parts.friction is not None:
+        text = ATTRIBUTE_WRITERS[suffix](parts.friction, name, notes, is_rotary(sweep.experiment))
+    else:
+        missing = "no friction model" + (" and no feedback" if suffix in CODE_WRITERS else "")
+        raise FraexpError(
+            f"{path.name}: sweep {sweep.key[4:12]} has {missing}; expected a simulated machine, or a result that "
+            "identified friction"
+        )
+    write_file(path, lambda draft: draft.write_text(text, encoding="utf-8"), force=force)
+
+
+def _notes(sweep: StoredSweep, result: Result) -> list[str]:
+    doubt = [f"Caution: {result.message}"] if result.message and result.outcome in UNTRUSTED else []
+    return [f"Sweep {sweep.key}, written by fraexp export. SI units.", *doubt]
+
+
+def controller_parts(sweep: StoredSweep, result: Result, registry: Registry) -> ControllerParts:
+    """Return what a sweep knows of a controller: what it identified or tuned comes before what it was given."""
+    fitted = {fit.kind: fit.component for fit in result.fits}
+    experiment, estimator = sweep.experiment, _innermost(sweep.estimator)
+    loop: Mapping[str, Any] = experiment.get("loop", {})
+    excitation = experiment.get("excitation")
+    controller = fitted.get(Controller.kind) or experiment.get("controller")
+    sample_time = loop.get("sample_time")
+    motion = create(registry, Excitation, excitation) if excitation else None
+    compensation = experiment.get("compensation")
+    return ControllerParts(
+        friction=_friction(fitted.get(FrictionModel.kind), estimator, experiment, registry),
+        controller=create(registry, Controller, controller) if controller else None,
+        sample_time=sample_time,
+        input_path=_path("input", estimator, loop),
+        output_path=_path("output", estimator, loop),
+        feedforward=motion.feedforward(sample_time) if motion and sample_time else None,
+        compensation=Compensation.parse(registry.fill_inherited(Compensation, compensation, {}), "compensation")
+        if compensation
+        else None,
+        units=("N m", "rad") if is_rotary(experiment) else ("N", "m"),
+    )
+
+
+def _innermost(estimator: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return the estimator of the response that others fit."""
+    while isinstance(estimator.get("method"), Mapping):
+        estimator = estimator["method"]
+    return estimator
+
+
+def _path(end: str, estimator: Mapping[str, Any], loop: Mapping[str, Any]) -> SignalPath:
+    """Return dead time and lags of the input or the output, as the estimator knows them, or else the loop."""
+    source = estimator if f"{end}_dead_time" in estimator else loop
+    lags = source.get(f"{end}_time_constants", ())
+    return SignalPath(float(source.get(f"{end}_dead_time", 0.0)), tuple(map(float, lags)))
+
+
+def _friction(
+    fitted: Mapping[str, Any] | None, estimator: Mapping[str, Any], experiment: Mapping[str, Any], registry: Registry
+) -> FrictionModel | None:
+    """Return the friction model that was identified, that of the observer, or that of the simulated machine."""
+    for spec in (fitted, estimator.get("friction"), experiment.get("friction")):
+        if isinstance(spec, Mapping):
+            if models_by_contact(spec):
+                raise FraexpError("the machine has several contacts with friction; expected one: export from its fit")
+            return create(registry, FrictionModel, spec)
+    return None

@@ -1,0 +1,164 @@
+"""Measurements of a workspace: planned, played on a machine, and analysed by an ordinary study of the record."""
+
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from fraexp import records
+from fraexp.components.kinds import Estimator
+from fraexp.components.registry import create
+from fraexp.data.atomic_file import atomic_file
+from fraexp.data.results import Result
+from fraexp.data.rotary_axes import is_rotary, rotary_text
+from fraexp.errors import FraexpError, MachineError, StudyError
+from fraexp.execution.estimation import apply_estimator
+from fraexp.execution.events import Event
+from fraexp.execution.job import tolerated_error
+from fraexp.measurement.excitation_table import ExcitationTable
+from fraexp.measurement.measured_points import MeasuredPoint, MeasurementFiles
+from fraexp.measurement.measured_study import record_section, record_study, relative_file
+from fraexp.measurement.measurement import Measurement, MeasurementEvent, PointMeasured
+from fraexp.measurement.measurement_plan import MeasurementPlan, plan_measurement
+from fraexp.measurement.point_measurement import noise_band
+from fraexp.measurement.tasks import MeasurementTask, measurement_tasks
+from fraexp.records.study_writer import is_same_study, study_text
+from fraexp.study.study_file import read
+from fraexp.workspace.workspace_service import WorkspaceService
+
+
+@dataclass(frozen=True)
+class PointEstimated:
+    """What the estimators of the study find at a point that was just measured."""
+
+    measured: PointMeasured
+    results: tuple[Result | str, ...]
+    """A result of each estimator, or why it needs more than one point."""
+
+
+class MeasurementService:
+    """The measurement of one study."""
+
+    def __init__(self, service: WorkspaceService, study: str, overrides: Sequence[str] = ()) -> None:
+        found = service.studies([study], overrides)
+        if len(found) != 1:
+            raise StudyError(f"{study}: it is a folder of {len(found)} studies; measure one at a time")
+        self._service, self._folder = service, service.folder
+        self.tasks = measurement_tasks(found[0], service.folder, service.registry, overrides)
+        self.path = service.folder / "studies" / f"{self.tasks[0].stem}-measured.toml"
+        """The study that analyses the record."""
+
+    def plans(self) -> list[MeasurementPlan]:
+        """Return the plan of each experiment, by the limits that the study states; nothing is connected or played."""
+        found = []
+        for task in self.tasks:
+            with _words_of_its_axis(task):
+                found.append(plan_measurement(task, self._service.registry))
+        return found
+
+    def files(self, task: MeasurementTask) -> MeasurementFiles:
+        """Return the files of an experiment."""
+        number = self.tasks.index(task) + 1
+        name = task.stem if len(self.tasks) == 1 else f"{task.stem}-{number}"
+        return MeasurementFiles(self._folder / "measurements", name)
+
+    def measure(self, fresh: bool = False) -> Generator[MeasurementEvent | PointEstimated | Event, None, None]:
+        """Measure all experiments, write the study of the record, and run it.
+
+        What an interrupted measurement has stored is kept, unless `fresh`. Closing the generator stops the machine.
+        """
+        self._check_target()
+        for task in self.tasks:
+            if task.settings is None:
+                raise StudyError(f"{task.study}: lacks the section [measurement], which names the machine")
+        try:
+            for task in self.tasks:
+                yield from self._measure(task, fresh)
+        finally:
+            self._write_study()
+        yield from self._service.run([str(self.path.resolve())])
+
+    def write_record_study(self, record: Path, table: ExcitationTable, force: bool) -> Path:
+        """Write the study that analyses the record of an excitation that was written to a file; return its path."""
+        task = self.tasks[0]
+        path = self._folder / "studies" / f"{record.stem}.toml"
+        rotary = bool(task.experiment["loop"].get("rotary"))
+        section = {
+            "file": relative_file(record, path.parent),
+            "sample_rate": 1 / table.sample_time,
+            "channels": {"u": f"u [{table.unit}]", "y": "y [rad]" if rotary else "y [m]"},
+            "segments": table.segments(),
+        }
+        data = record_study([task], [section], f"{task.title}, recorded")
+        if path.exists() and not is_same_study(path, data) and not force:
+            raise StudyError(f"{path}: a different study is in this file; choose another record, or use --force")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_study(path, data)
+        return path
+
+    def _measure(self, task: MeasurementTask, fresh: bool) -> Generator[MeasurementEvent | PointEstimated, None, None]:
+        files, results = self.files(task), list[Result | str]()
+        if fresh:
+            files.remove()
+
+        def judge(point: MeasuredPoint) -> float | None:
+            results[:] = self._estimates(task, files, point)
+            responses = [one.response for one in results if isinstance(one, Result) and one.response is not None]
+            return max((noise_band(response) for response in responses), default=None)
+
+        assert task.settings is not None
+        measurement = Measurement(task, task.settings, files, self._folder)
+        with _words_of_its_axis(task), closing(measurement.events(self._service.registry, judge)) as events:
+            for event in events:
+                yield PointEstimated(event, tuple(results)) if isinstance(event, PointMeasured) else event
+
+    def _estimates(self, task: MeasurementTask, files: MeasurementFiles, point: MeasuredPoint) -> list[Result | str]:
+        """Return what each estimator finds at one point, read from its file like any record."""
+        registry = self._service.registry
+        section = record_section(files.samples, [point], self.path.parent)
+        experiment, paths = records.resolve(records.RecordSettings.parse(section, "record"), self.path.parent, registry)
+        signals = records.load(experiment, paths, registry)
+        found: list[Result | str] = []
+        for spec in task.estimators:
+            try:
+                estimator = create(registry, Estimator, spec)
+                found.append(apply_estimator(estimator, signals, tolerated_error(task.experiment)))
+            except FraexpError as error:
+                found.append(str(error))
+        return found
+
+    def _check_target(self) -> None:
+        """Raise StudyError if the study of the record would replace another one."""
+        if not self.path.exists():
+            return
+        data = read(self.path)
+        given = [data, *data.get("case", [])]
+        names = {str(one.get("record", {}).get("file", "")) for one in given if isinstance(one, dict)}
+        if not any(name.endswith(".samples") for name in names):
+            raise StudyError(f"{self.path}: another study is in this file; move it away")
+
+    def _write_study(self) -> None:
+        """Write the study of all points that have been measured."""
+        measured = [(task, self.files(task)) for task in self.tasks if self.files(task).points()]
+        if not measured:
+            return
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        sections = [record_section(files.samples, files.points(), self.path.parent) for _, files in measured]
+        data = record_study([task for task, _ in measured], sections, f"{self.tasks[0].title}, measured")
+        write_study(self.path, data)
+
+
+@contextmanager
+def _words_of_its_axis(task: MeasurementTask) -> Iterator[None]:
+    """Have errors speak of angles and torques if the axis turns."""
+    try:
+        yield
+    except MachineError as error:
+        raise MachineError(rotary_text(str(error)) if is_rotary(task.experiment) else str(error)) from error
+
+
+def write_study(path: Path, data: dict[str, Any]) -> None:
+    """Write a study as a whole."""
+    with atomic_file(path) as draft:
+        draft.write_text(study_text(data), encoding="utf-8")

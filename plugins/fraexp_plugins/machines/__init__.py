@@ -1,0 +1,1 @@
+"""Built-in machines: simulated ones, and what connects real ones."""

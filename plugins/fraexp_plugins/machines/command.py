@@ -1,0 +1,137 @@
+"""A program of the user's own that plays an excitation and prints what is recorded."""
+
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+
+from fraexp.api import (
+    Chunk,
+    ConnectionLostError,
+    MachineDescription,
+    MachineDriver,
+    MachineError,
+    MachineSession,
+    PlayRequest,
+    param,
+)
+
+EXCITATION_MARK = "{file}"
+"""What stands in the command for the file with the excitation."""
+CHUNK_SAMPLES = 200
+"""Samples of a chunk."""
+TERMINATION_TIMEOUT_S = 5.0
+"""Time that the program has to bring the machine to rest after it was asked to."""
+
+
+class CommandMachine(MachineDriver, name="command", version=1):
+    """A program that is started for each play, such as ``program = ["./measure.sh", "{file}"]``.
+
+    It gets the excitation [N] as text, one sample a line: from the file whose name stands in place of ``{file}``, or
+    from standard input. It prints a line for each sample, with the channels' values separated by commas, in SI units.
+    At SIGTERM, and where its output is closed, it must bring the machine to rest: that is all that is left of fraexp
+    when fraexp dies. How many samples it gets is known before: a play cannot be ended early because it is good enough.
+    """
+
+    program: tuple[str, ...] = param("", "program and its arguments, relative to the workspace")
+    sample_time: float = param("s", "sample time", inherit="loop.sample_time", above=0)
+    channels: tuple[str, ...] = param("", "channels that it prints, in their order", ("y", "u"))
+    units: tuple[str, ...] = param("", "their units", ("m", "N"))
+    timeout: float = param("s", "time without a line after which the machine counts as lost", 10.0, above=0)
+
+    def connect(self, folder: Path) -> "CommandSession":
+        if len(self.channels) != len(self.units) or not self.program:
+            raise MachineError(
+                f"command has {len(self.channels)} channels, {len(self.units)} units and {len(self.program)} words of "
+                "a program; expected a program, and a unit for each channel"
+            )
+        name = self.program[0]
+        if not (folder / name).is_file() and shutil.which(name) is None:
+            raise MachineError(f"command: there is no program '{name}'; expected one in {folder} or on the PATH")
+        return CommandSession(self, folder)
+
+
+class CommandSession(MachineSession):
+    """One process for each play."""
+
+    def __init__(self, machine: CommandMachine, folder: Path) -> None:
+        self._machine, self._folder = machine, folder
+        self._process: subprocess.Popen[str] | None = None
+
+    @property
+    def description(self) -> MachineDescription:
+        machine = self._machine
+        units = dict(zip(machine.channels, machine.units, strict=True))
+        return MachineDescription(units, machine.sample_time, watchdog=machine.timeout, is_live=False)
+
+    def play(self, request: PlayRequest) -> Iterator[Chunk]:
+        lines = [f"{sample!r}\n" for sample in request.excitation(0, request.samples).tolist()]
+        with tempfile.TemporaryDirectory() as spare:
+            excitation = Path(spare) / "excitation.txt"
+            excitation.write_text("".join(lines), encoding="utf-8")
+            with excitation.open(encoding="utf-8") as source:
+                self._process = self._start(excitation, source)
+                try:
+                    yield from self._chunks(request.samples)
+                finally:
+                    self.stop()
+
+    def _start(self, excitation: Path, source: IO[str]) -> subprocess.Popen[str]:
+        words = [word.replace(EXCITATION_MARK, str(excitation)) for word in self._machine.program]
+        local = self._folder.resolve() / words[0]
+        words[0] = str(local) if local.is_file() else words[0]
+        is_file = any(EXCITATION_MARK in word for word in self._machine.program)
+        return subprocess.Popen(
+            words,
+            cwd=self._folder,
+            stdin=subprocess.DEVNULL if is_file else source,
+            stdout=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+
+    def _chunks(self, samples: int) -> Iterator[Chunk]:
+        assert self._process is not None and self._process.stdout is not None
+        start, rows = 0, list[list[float]]()
+        for number, line in enumerate(self._process.stdout, start=1):
+            rows.append(self._values(line, number))
+            if len(rows) == CHUNK_SAMPLES or start + len(rows) == samples:
+                yield Chunk(start, dict(zip(self._machine.channels, np.array(rows).T, strict=True)))
+                start, rows = start + len(rows), []
+            if start == samples:
+                return
+        code = self._process.wait()
+        raise ConnectionLostError(
+            f"{self._machine.program[0]} ended with exit code {code} after {start + len(rows)} of {samples} samples"
+        )
+
+    def _values(self, line: str, number: int) -> list[float]:
+        try:
+            values = [float(cell) for cell in line.split(",")]
+        except ValueError:
+            values = []
+        if len(values) != len(self._machine.channels):
+            expected = ",".join(self._machine.channels)
+            raise MachineError(
+                f"{self._machine.program[0]}, line {number}: '{line.strip()[:60]}'; expected numbers for {expected}"
+            )
+        return values
+
+    def stop(self) -> None:
+        process, self._process = self._process, None
+        if process is None:
+            return
+        if process.stdout:
+            process.stdout.close()
+        if process.poll() is None:
+            process.terminate()
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(TERMINATION_TIMEOUT_S)
+        if process.poll() is None:
+            process.kill()
+            process.wait()

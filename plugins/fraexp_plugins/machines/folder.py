@@ -1,0 +1,96 @@
+"""A machine that takes excitations from a folder, and puts records there."""
+
+import os
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from fraexp.api import (
+    Chunk,
+    ConnectionLostError,
+    MachineDescription,
+    MachineDriver,
+    MachineError,
+    MachineSession,
+    PlayRequest,
+    param,
+)
+
+POLL_INTERVAL_S = 0.05
+"""Interval at which the folder is looked into."""
+
+
+class FolderMachine(MachineDriver, name="folder", version=1):
+    """A folder in which files are exchanged with a controller, or with somebody who carries them to it.
+
+    For each play ``play-0001.csv`` appears, with the excitation [N]; it is complete as soon as it has that name. Then
+    ``play-0001-record.csv`` is waited for: a header with the names of the channels, a line for each sample, in SI
+    units. Write it under another name, and rename it. A file ``stop`` appears where the machine must be stopped.
+    """
+
+    folder: str = param("", "folder, relative to the workspace")
+    sample_time: float = param("s", "sample time", inherit="loop.sample_time", above=0)
+    channels: tuple[str, ...] = param("", "channels of a record", ("y", "u"))
+    units: tuple[str, ...] = param("", "their units", ("m", "N"))
+    timeout: float = param("s", "time for which a record is waited for", 3600.0, above=0)
+
+    def connect(self, folder: Path) -> "FolderSession":
+        if len(self.channels) != len(self.units):
+            raise MachineError(
+                f"folder has {len(self.channels)} channels and {len(self.units)} units; expected as many"
+            )
+        place = folder / self.folder
+        if not place.is_dir():
+            raise MachineError(f"there is no folder {place}; make it, or correct measurement.machine.folder")
+        return FolderSession(self, place)
+
+
+class FolderSession(MachineSession):
+    """Files that are exchanged, numbered in their order."""
+
+    def __init__(self, machine: FolderMachine, folder: Path) -> None:
+        self._machine, self._folder = machine, folder
+        self._stop_file, self._is_playing = folder / "stop", False
+        self._number = max((int(file.stem[5:9]) for file in folder.glob("play-[0-9][0-9][0-9][0-9].csv")), default=0)
+        self._stop_file.unlink(missing_ok=True)
+
+    @property
+    def description(self) -> MachineDescription:
+        machine = self._machine
+        units = dict(zip(machine.channels, machine.units, strict=True))
+        return MachineDescription(units, machine.sample_time, watchdog=machine.timeout, is_live=False)
+
+    def play(self, request: PlayRequest) -> Iterator[Chunk]:
+        self._number += 1
+        name, self._is_playing = f"play-{self._number:04d}", True
+        draft = self._folder / f".{name}.part"
+        force = request.excitation(0, request.samples)
+        np.savetxt(draft, force, fmt="%.17g", header="excitation [N]", comments="")
+        draft.replace(self._folder / f"{name}.csv")
+        record = self._folder / f"{name}-record.csv"
+        until = time.monotonic() + self._machine.timeout
+        while not record.exists():
+            if time.monotonic() > until:
+                raise ConnectionLostError(f"no {record.name} within {self._machine.timeout:g} s")
+            time.sleep(POLL_INTERVAL_S)
+        yield Chunk(0, self._columns(record))
+        self._is_playing = False
+
+    def _columns(self, record: Path) -> dict[str, np.ndarray[tuple[int], np.dtype[np.float64]]]:
+        with record.open(encoding="utf-8") as stream:
+            names = [cell.strip() for cell in stream.readline().split(",")]
+            missing = [name for name in self._machine.channels if name not in names]
+            if missing:
+                raise MachineError(f"{record.name}: no column is called '{missing[0]}'; found {', '.join(names)}")
+            try:
+                table = np.loadtxt(stream, delimiter=",", ndmin=2)
+            except ValueError as error:
+                raise MachineError(f"{record.name}: {error}") from None
+        return {name: table[:, names.index(name)] for name in self._machine.channels}
+
+    def stop(self) -> None:
+        if self._is_playing:
+            self._stop_file.write_text(f"{os.getpid()}\n", encoding="utf-8")
+            self._is_playing = False

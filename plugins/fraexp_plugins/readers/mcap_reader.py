@@ -1,0 +1,109 @@
+"""MCAP logs of robots, through the package mcap."""
+
+import json
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fraexp.api import RecordError, RecordReader, RecordTable
+from fraexp_plugins.readers._shared.outside_formats import format_errors, load_package
+from fraexp_plugins.readers._shared.record_checks import check_size, missing_column
+
+DECODERS = ("mcap_ros2.decoder", "mcap_ros1.decoder", "mcap_protobuf.decoder")
+"""Modules with a decoder of another encoding than JSON, which are used if they are installed."""
+MAX_DEPTH = 6
+MAX_ITEMS = 64
+"""Items of a list that become columns."""
+
+
+class McapReader(RecordReader, name="mcap", version=1):
+    """An MCAP log; a column is ``topic.field``, such as ``joints.position.1`` for the first joint of ``/joints``.
+
+    Messages in JSON are read, and those of ROS and Protocol Buffers if the package of their decoder is installed
+    (``mcap-ros2-support``, ``mcap-protobuf-support``). Each topic keeps the log times of its messages.
+    """
+
+    suffixes = (".mcap",)
+
+    def read(self, path: Path, columns: Sequence[str]) -> RecordTable:
+        found, _ = _columns(path)
+        for column in columns:
+            if column not in found:
+                raise missing_column(path, column, found)
+        return RecordTable(
+            {column: found[column][1] for column in columns}, times={column: found[column][0] for column in columns}
+        )
+
+    def contents(self, path: Path) -> dict[str, tuple[tuple[int, ...], str]]:
+        """Return the number of messages of every field of numbers, by topic and field."""
+        found, skipped = _columns(path)
+        if skipped and not found:
+            raise RecordError(
+                f"{path.name}: its messages are in {' and '.join(sorted(skipped))}; pip install mcap-ros2-support or "
+                "mcap-protobuf-support, or log them in JSON"
+            )
+        return {name: (values.shape, "") for name, (_, values) in found.items()}
+
+
+Stamped = tuple[NDArray[np.float64], NDArray[np.float64]]
+"""Time stamps [s] and values."""
+
+
+def _columns(path: Path) -> tuple[dict[str, Stamped], set[str]]:
+    """Return every field of numbers with its time stamps, and the encodings that could not be read."""
+    check_size(path, "the file", path.stat().st_size)
+    reader = load_package(path, "mcap.reader", "mcap")
+    times: dict[str, list[int]] = {}
+    values: dict[str, list[float]] = {}
+    skipped: set[str] = set()
+    with format_errors(path, "MCAP"), path.open("rb") as stream:
+        factories = list(_decoder_factories())
+        for schema, channel, message in reader.make_reader(stream).iter_messages():
+            content = _decoded(factories, schema, channel, message)
+            if content is None:
+                skipped.add(channel.message_encoding)
+                continue
+            for name, number in _leaves(content, channel.topic.strip("/").replace("/", "."), 0):
+                times.setdefault(name, []).append(message.log_time)
+                values.setdefault(name, []).append(number)
+    start = min((stamps[0] for stamps in times.values()), default=0)
+    return {
+        name: (1e-9 * np.array([t - start for t in times[name]]), np.array(values[name])) for name in times
+    }, skipped
+
+
+def _decoder_factories() -> Iterator[Any]:
+    for module in DECODERS:
+        with suppress(ImportError):
+            yield import_module(module).DecoderFactory()
+
+
+def _decoded(factories: Sequence[Any], schema: Any, channel: Any, message: Any) -> Any:
+    """Return the content of a message, or None if nothing decodes it."""
+    if channel.message_encoding == "json":
+        return json.loads(message.data)
+    for factory in factories:
+        decode = factory.decoder_for(channel.message_encoding, schema)
+        if decode is not None:
+            return decode(message.data)
+    return None
+
+
+def _leaves(content: Any, name: str, depth: int) -> Iterator[tuple[str, float]]:
+    """Yield the numbers in a message, by their path from the topic; items of a list count from 1."""
+    if isinstance(content, int | float) and not isinstance(content, bool):
+        yield name, float(content)
+    elif depth < MAX_DEPTH and isinstance(content, dict):
+        for key, part in content.items():
+            yield from _leaves(part, f"{name}.{key}", depth + 1)
+    elif depth < MAX_DEPTH and isinstance(content, list | tuple):
+        for number, part in enumerate(content[:MAX_ITEMS], start=1):
+            yield from _leaves(part, f"{name}.{number}", depth + 1)
+    elif depth < MAX_DEPTH and hasattr(content, "__slots__"):
+        for key in content.__slots__:
+            yield from _leaves(getattr(content, key, None), f"{name}.{key.lstrip('_')}", depth + 1)

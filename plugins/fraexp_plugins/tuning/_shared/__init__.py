@@ -1,0 +1,1 @@
+"""What tuning consists of: the band of plants, describing functions, margins, limit cycles, search; no component."""

@@ -1,0 +1,96 @@
+"""A known periodic signal injected while a simulated drive makes its moves: the apparent mass, with friction taken off.
+
+The drive is simulated by time stepping of its own (`tests/records/strangers.py`), with Coulomb and viscous friction, an
+offset, and an encoder of 0.5 um.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fraexp.cli.exits import ExitCode
+from fraexp.cli.main import main
+from fraexp.components.kinds import Estimator
+from fraexp.components.registry import create, discover
+from fraexp.data.results import Result
+from fraexp.data.signals import Segment, Signals
+from fraexp.errors import RecordError
+from tests.records.strangers import Drive, point_to_point
+from tests.records.strangers_files import results
+
+DRIVE, PERIOD, AMPLITUDE_N = Drive(), 200, 4.0
+LINES = np.arange(4, 20, 3)
+MAX_MASS_ERROR = 0.005
+
+
+def injection(samples: int) -> np.ndarray:
+    """Return the known multisine [N]."""
+    phases = np.random.default_rng(0).uniform(0, 2 * np.pi, LINES.size)
+    turning = np.exp(2j * np.pi * np.outer(np.arange(samples), LINES) / PERIOD + 1j * phases)
+    return AMPLITUDE_N * turning.real.sum(axis=1)
+
+
+@pytest.fixture(scope="module")
+def moves() -> dict[str, np.ndarray]:
+    """Return force [N], position [m] and injected force [N] during point-to-point moves."""
+    reference = point_to_point(DRIVE.rate)
+    reference = reference[: reference.size // PERIOD * PERIOD]
+    injected = injection(reference.size)
+    volts, counts = DRIVE.follow(reference, injected)
+    return {"u": DRIVE.volt * volts, "y": DRIVE.count * counts, "excitation": injected}
+
+
+def estimate(moves: dict[str, np.ndarray], **spec: object) -> Result:
+    channels = {name: values.reshape(-1, PERIOD).copy() for name, values in moves.items()}
+    signals = Signals((Segment(1 / DRIVE.rate, channels, LINES),), {"u": "N", "y": "m", "excitation": "N"})
+    return create(discover(), Estimator, {"input": "u", "output": "y", **spec}, place="here").estimate(signals)
+
+
+def mass_error(found: Result) -> float:
+    values = {metric.name: metric.value for metric in found.metrics}
+    return abs(values["apparent mass"] / DRIVE.mass - 1)
+
+
+def test_the_apparent_mass_is_found_where_the_conventional_response_is_far_off(moves: dict[str, np.ndarray]) -> None:
+    found = estimate(moves, name="injection_on_motion", refer_to_plant=True)
+    assert mass_error(found) < MAX_MASS_ERROR
+    plain = estimate(moves, name="conventional", refer_to_plant=True).response
+    assert plain is not None
+    apparent = 1 / np.abs(plain.response) / (2 * np.pi * plain.frequency) ** 2
+    assert np.median(np.abs(apparent / DRIVE.mass - 1)) > 0.2
+    (curve,) = found.curves
+    damping = -curve.columns["imaginary part"] * 2 * np.pi * curve.columns["frequency"]
+    assert np.median(damping) == pytest.approx(DRIVE.viscous, rel=0.2)  # F/a = M + D/(jw)
+
+
+def test_friction_is_taken_off_by_the_effective_input_at_the_same_lines(moves: dict[str, np.ndarray]) -> None:
+    friction = {"name": "coulomb", "coulomb_force": DRIVE.coulomb, "viscous_coefficient": DRIVE.viscous}
+    method = {"name": "injection_on_motion"}
+    found = estimate(moves, name="effective_input", friction=friction, resolution=DRIVE.count, method=method)
+    assert mass_error(found) < MAX_MASS_ERROR
+
+
+def test_an_axis_that_only_oscillates_is_refused(moves: dict[str, np.ndarray]) -> None:
+    still = {**moves, "y": 1e-6 * np.sin(2 * np.pi * 20 * np.arange(moves["y"].size) / DRIVE.rate)}
+    with pytest.raises(RecordError, match=r"0 blocks of 0\.2 s slide without reversal .* move farther or faster"):
+        estimate(still, name="injection_on_motion")
+
+
+def test_lines_that_the_polynomial_contains_are_refused(moves: dict[str, np.ndarray]) -> None:
+    with pytest.raises(RecordError, match="the lowest line has 4 periods in a block; expected 5: lower order"):
+        estimate(moves, name="injection_on_motion", order=10)
+
+
+def test_a_record_of_moves_gives_the_mass_by_one_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, moves: dict[str, np.ndarray]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    rows = np.column_stack([moves["u"], moves["y"], moves["excitation"]])
+    np.savetxt(tmp_path / "moves.csv", rows, "%.10g", ",", header="u [N],y [m],injected [N]", comments="")
+    command = ["import", "moves.csv", "--channel", "u=u", "--channel", "y=y", "--channel", "excitation=injected"]
+    clock = ["--sample-rate", "1000", "--samples-per-period", "200", "--input", "excitation"]
+    estimator = ["--estimator", "injection_on_motion", "--set", "estimator.refer_to_plant=true"]
+    assert main([*command, *clock, *estimator]) == ExitCode.OK
+    (result,) = results(tmp_path, "moves")
+    assert mass_error(result) < MAX_MASS_ERROR

@@ -1,0 +1,78 @@
+"""Which friction law, of a machine of which nothing is known: the law, its numbers, the plant, and what none fits."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fraexp_plugins.identification.whole_record._shared.scaled_friction import shape_parameters
+
+from fraexp.components.kinds import Estimator, FrictionModel
+from fraexp.components.registry import create, discover
+from fraexp.data.results import Outcome
+from fraexp.errors import RecordError
+from tests.identification.test_maximum_likelihood import LUGRE, MACHINE, RESOLUTION, metrics, plant_at, recorded
+from tests.machines import decibel, degrees
+
+__all__ = ["recorded"]
+SINE = {"name": "stepped_sine", "amplitude": 12.0, "points": 20}
+
+
+def comparison(**given):
+    parameters = {"resolution": RESOLUTION, "noise": 0.0, "input_dead_time": MACHINE["loop"]["input_dead_time"]}
+    return create(discover(), Estimator, {"name": "friction_law_comparison", **parameters, **given})
+
+
+def candidates_of(signals, *names):
+    """Return those of the models at which a comparison begins by itself, by the names of their laws."""
+    return [model.spec() for model in comparison()._starts(signals) if model.name in names]
+
+
+def test_shape_parameters_are_those_that_scales_do_not_change(registry):
+    friction = create(registry, FrictionModel, LUGRE)
+    assert set(shape_parameters(friction)) == {
+        "viscous_coefficient", "static_force", "bristle_damping", "stribeck_velocity"
+    }  # fmt: skip
+    rolling = create(registry, FrictionModel, MACHINE["friction"])
+    assert set(shape_parameters(rolling)) == {"viscous_coefficient", "curve.min_knot", "curve.max_knot"}
+
+
+def test_the_start_is_near_without_any_knowledge(recorded, registry):
+    starts = comparison()._starts(recorded(excitation=SINE))
+    curve = MACHINE["friction"]["curve"]
+    assert [model.name for model in starts] == ["rolling", "dahl", "lugre"]
+    assert starts[0].curve.coulomb_force == pytest.approx(curve["coulomb_force"], rel=0.1)
+    width = curve["characteristic_displacement"]
+    assert starts[0].curve.characteristic_displacement == pytest.approx(width, rel=0.1)
+
+
+def test_too_few_records_are_refused(recorded):
+    signals = recorded(excitation=SINE)
+    with pytest.raises(RecordError, match=r"there are 5 records; expected 8 or more"):
+        comparison().estimate(replace(signals, segments=signals.segments[:5]))
+
+
+@pytest.mark.thorough
+def test_law_numbers_and_plant_are_found_of_a_machine_of_which_nothing_is_known(recorded, registry):
+    signals = recorded(excitation=SINE)
+    result = comparison(candidates=candidates_of(signals, "rolling", "dahl")).estimate(signals)
+    assert result.outcome is Outcome.OK, result.message
+    assert "rolling predicts the records best" in result.message
+    found, curve = metrics(result), MACHINE["friction"]["curve"]
+    assert found["verdict"] == 1
+    assert found["rolling: held-out residual"] < 1.1
+    assert found["dahl: held-out residual"] > 20
+    assert found["rolling: log-likelihood"] > found["dahl: log-likelihood"] + 1
+    friction = create(registry, FrictionModel, result.fits[1].component)
+    assert friction.curve.coulomb_force == pytest.approx(curve["coulomb_force"], rel=1e-4)
+    ratio = result.response.response / plant_at(registry, result)
+    assert np.abs(decibel(ratio)).max() < 0.1
+    assert np.abs(degrees(ratio)).max() < 1.5
+
+
+@pytest.mark.thorough
+def test_none_fits_where_the_machines_law_is_no_candidate(recorded):
+    signals = recorded(excitation=SINE)
+    result = comparison(candidates=candidates_of(signals, "dahl")).estimate(signals)
+    assert result.outcome is Outcome.INACCURATE
+    assert result.message.startswith("none of 1 laws fits")
+    assert metrics(result)["verdict"] == 0

@@ -1,0 +1,170 @@
+"""A study measured on its machine behind a socket: the bits of a run, limits that hold, and what is kept."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fraexp.data.results import Result
+from fraexp.errors import MachineError, StudyError
+from fraexp.measurement.measurement import MeasurementNotice
+from fraexp.workspace.measurement_service import MeasurementService, PointEstimated
+from fraexp.workspace.workspace_service import WorkspaceService
+from tests.waiting import HANG_TIMEOUT_S, wait_until
+
+DISTURBED = 'measurement.machine={name="simulated", loss=0.05, delay=0.02, cut_after=2.0}'
+
+
+def measure(workspace: WorkspaceService, *overrides: str, fresh: bool = False) -> list[Any]:
+    return list(MeasurementService(workspace, "axis", overrides).measure(fresh))
+
+
+def results(workspace: WorkspaceService, study: str) -> dict[str, Result]:
+    """Return the results of a study's newest run by estimator."""
+    with workspace.open_store() as store:
+        run = next(run for run in store.runs() if run.study == study)
+        return {of.estimator["name"]: store.results([of.key])[of.key] for of in store.sweeps(run.number)}
+
+
+def assert_equal_bits(workspace: WorkspaceService) -> None:
+    simulated, measured = results(workspace, "axis"), results(workspace, "axis-measured")
+    assert simulated.keys() == measured.keys() == {"conventional", "effective_input"}
+    for name, result in simulated.items():
+        expected, found = result.response, measured[name].response
+        assert expected is not None and found is not None
+        for part in ("frequency", "response", "covariance", "settled", "settling_time", "harmonics"):
+            np.testing.assert_array_equal(getattr(found, part), getattr(expected, part), err_msg=f"{name}.{part}")
+
+
+@pytest.mark.thorough
+def test_a_measurement_has_the_bits_of_a_run(workspace: WorkspaceService) -> None:
+    measure(workspace)
+    list(workspace.run(["axis"], executor="serial"))
+    assert_equal_bits(workspace)
+
+
+@pytest.mark.thorough
+def test_so_it_has_with_lost_packets_delays_and_a_cut_connection(workspace: WorkspaceService) -> None:
+    events = measure(workspace, DISTURBED)
+    list(workspace.run(["axis"], executor="serial"))
+    assert_equal_bits(workspace)
+    notes = [event.what for event in events if isinstance(event, MeasurementNotice)]
+    assert any("the connection was cut at sample" in note for note in notes)
+    points = [event.measured.point for event in events if isinstance(event, PointEstimated)]
+    assert [point.frequency for point in points] == ["100 Hz", "38.79 Hz", "10 Hz"]  # the smallest motion first
+    assert any("resumed there" in note for point in points for note in point.repeats)
+
+
+@pytest.mark.thorough
+def test_the_limits_that_a_machine_states_count(workspace: WorkspaceService) -> None:
+    file = workspace.folder / "studies" / "axis.toml"
+    file.write_text(file.read_text().replace('velocity = "0.5 m/s"\n', ""))
+    stated = 'measurement.machine={name="simulated", limits={velocity=%s}}'
+    assert measure(workspace, stated % 0.5, "excitation.frequencies=[100.0]")
+    with pytest.raises(MachineError, match=r"limits\.velocity is 0\.01 m/s"):
+        measure(workspace, stated % 0.01)
+
+
+def test_nothing_is_played_without_limits(workspace: WorkspaceService) -> None:
+    file = workspace.folder / "studies" / "axis.toml"
+    file.write_text(file.read_text().replace('velocity = "0.5 m/s"\n', "").replace("force = 150\n", ""))
+    with pytest.raises(StudyError, match=r"does not state velocity and force; nothing is played"):
+        MeasurementService(workspace, "axis").plans()
+    with pytest.raises(StudyError, match=r"does not state velocity and force"):
+        measure(workspace)
+
+
+@pytest.mark.parametrize(
+    ("limit", "message"),
+    [
+        ("force=50", r"predicted to need a force of 5\d\.\d+ N; limits\.force is 50 N, of which .* leaves 45 N"),
+        ("stroke=0.003", r"10 Hz .* a stroke of 0\.003\d+ m; limits\.stroke is 0\.003 m"),
+        ("acceleration=18", r"acceleration of 1\d\.\d+ m/s\^2; limits\.acceleration is 18 m/s\^2"),
+        ("force_rate=20000", r"100 Hz .* a force.rate of 2\.\d+e\+04 N/s; limits\.force_rate is 20000 N/s"),
+    ],
+)
+def test_what_is_predicted_to_exceed_a_limit_is_refused(
+    workspace: WorkspaceService, tmp_path: Path, limit: str, message: str
+) -> None:
+    log = f'measurement.machine.log="{tmp_path / "machine.log"}"'
+    # the study's own check knows the linear loop alone, and refuses some of these before
+    with pytest.raises(Exception, match=message.replace(", of which .* leaves 45 N", "")):
+        measure(workspace, f"limits.{limit}", log)
+    assert not (tmp_path / "machine.log").exists()
+
+
+def stronger_machine(workspace: WorkspaceService) -> str:
+    """Return an override: a machine that moves twice as far as the study's."""
+    plant = dict(workspace.studies(["axis"])[0].sweeps[0].experiment["plant"])
+    text = ", ".join(f"{key} = {json.dumps(value)}" for key, value in plant.items() if key != "version")
+    text = text.replace("rigid_body_gain = 0.132", "rigid_body_gain = 0.264")
+    return f'measurement.machine={{name="simulated", plant={{{text}}}}}'
+
+
+def test_a_machine_that_moves_more_than_predicted_is_stopped(workspace: WorkspaceService) -> None:
+    overrides = (stronger_machine(workspace), "limits.velocity=0.06", "excitation.frequencies=[20.0]")
+    with pytest.raises(MachineError, match=r"the velocity was 0\.0[67]\d+ m/s; limits\.velocity is 0\.06 m/s at 20 Hz"):
+        measure(workspace, *overrides)
+    events = measure(workspace, *overrides, "measurement.adapt_amplitude=true", fresh=True)
+    (point,) = (event.measured.point for event in events if isinstance(event, PointEstimated))
+    assert point.amplitude < 0.8
+    assert any("limits.velocity" in repeat for repeat in point.repeats)
+
+
+@pytest.mark.thorough
+def test_a_record_goes_on_until_its_band_is_narrow(workspace: WorkspaceService) -> None:
+    noisy = ("loop.noise=300e-9", "excitation.frequencies=[10.0, 100.0]", "grid.estimator=[{name='conventional'}]")
+    band = {}
+    for goal in (0.02, 0.002):
+        events = measure(workspace, *noisy, f"measurement.band={goal}", fresh=True)
+        points = [event.measured.point for event in events if isinstance(event, PointEstimated)]
+        assert all(point.band is not None and point.band <= goal for point in points)
+        band[goal] = {point.frequency: point.periods for point in points}
+    assert band[0.002]["100 Hz"] > 2 * band[0.02]["100 Hz"]
+    response = results(workspace, "axis-measured")["conventional"].response
+    assert response is not None and response.frequency.size == 2
+
+
+@pytest.mark.thorough
+def test_another_machine_or_setting_does_not_continue_a_measurement(workspace: WorkspaceService) -> None:
+    fewer = "excitation.frequencies=[100.0]"
+    measure(workspace, fewer)
+    kept = measure(workspace, fewer)
+    assert not [event for event in kept if isinstance(event, PointEstimated)]
+    with pytest.raises(StudyError, match=r"measure anew with --fresh"):
+        measure(workspace, fewer, "excitation.amplitude=41")
+
+
+def events_of(log: Path) -> list[dict[str, Any]]:
+    text = log.read_text() if log.exists() else ""
+    return [json.loads(line) for line in text.splitlines() if line.endswith("}")]
+
+
+@pytest.mark.thorough
+def test_after_kill_9_the_machine_stops_and_the_measurement_goes_on(workspace: WorkspaceService) -> None:
+    log = workspace.folder / "machine.log"
+    machine = f'measurement.machine={{name="simulated", speed=1.0, watchdog=2.0, log="{log}"}}'
+    command = [sys.executable, "-m", "fraexp", "measure", "axis", "--set", machine]
+    process = subprocess.Popen(command, cwd=workspace.folder, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+    points = workspace.folder / "measurements" / "axis.log"
+    wait_until(lambda: points.exists() and '"point"' in points.read_text() and events_of(log)[-1]["event"] == "play")
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait(HANG_TIMEOUT_S)
+    wait_until(lambda: events_of(log)[-1]["event"] == "rest")
+
+    stopped = [event for event in events_of(log) if event["event"] in ("watchdog", "rest")][-2:]
+    assert [event["event"] for event in stopped] == ["watchdog", "rest"]
+    assert stopped[1]["reason"] == "watchdog"
+    done = subprocess.run(
+        command, cwd=workspace.folder, capture_output=True, text=True, check=False, timeout=HANG_TIMEOUT_S
+    )
+    assert done.returncode == 0, done.stderr
+    assert "3 points, 1 kept" in done.stderr
+    list(workspace.run(["axis"], executor="serial"))
+    assert_equal_bits(workspace)

@@ -1,0 +1,110 @@
+"""Tuned gains keep their promise for drawn plants, and go from a response to code."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.tuned_loops import TunedMachine, spectral_radii, tune, unstable_loops
+from fraexp.cli.main import main
+from fraexp.components.kinds import Controller, Plant
+from fraexp.components.registry import Registry, create
+from fraexp.errors import ParameterError, RecordError
+from fraexp.workspace.controller_export import controller_parts
+from fraexp.workspace.workspace_service import WorkspaceService
+
+pytestmark = pytest.mark.thorough  # each tuning takes seconds; margins and limit cycles are tested beside it
+
+
+@pytest.fixture(scope="module")
+def tuned(registry: Registry) -> TunedMachine:
+    return tune(registry, "linear_motor_table", noise=3e-6, model_error=0.02)
+
+
+def metric(tuned: TunedMachine, name: str) -> float:
+    return next(each.value for each in tuned.result.metrics if each.name == name)
+
+
+def test_tuned_gains_keep_the_margins_and_are_stiffer(tuned: TunedMachine) -> None:
+    assert metric(tuned, "modulus margin") >= 0.5
+    assert metric(tuned, "gain margin") >= 2.0
+    assert metric(tuned, "phase margin") >= np.pi / 6
+    assert metric(tuned, "given modulus margin") < 0.5
+    assert tuned.controller.model_dump()["proportional"] > 3 * tuned.given.model_dump()["proportional"]
+    assert metric(tuned, "mass feedforward") == pytest.approx(1 / 0.132, rel=0.02)
+    names = [curve.name for curve in tuned.result.curves]
+    assert names[:4] == ["given loop", "given loop", "tuned loop", "tuned loop"]
+
+
+@pytest.mark.parametrize(("draws", "seed"), [(100, 0), (100, 1), (4000, 2)])
+def test_no_plant_drawn_in_the_band_is_unstable(tuned: TunedMachine, draws: int, seed: int) -> None:
+    count, worst = unstable_loops(tuned, tuned.controller, draws, seed)
+    assert (count, worst < 1.0) == (0, True)
+
+
+def test_eigenvalues_notice_more_gain_than_the_margin_allows(tuned: TunedMachine, registry: Registry) -> None:
+    values = tuned.controller.spec()
+    fast = create(registry, Controller, {**values, "proportional": 8 * values["proportional"]})
+    count, _ = unstable_loops(tuned, fast, 50)
+    assert count > 25
+    fit = next(fit for fit in tuned.result.fits if fit.kind == "plant")
+    plant = create(registry, Plant, fit.component)
+    rise = 0.99 * metric(tuned, "gain margin")
+    within = create(registry, Controller, {**values, "proportional": rise * values["proportional"]})
+    assert spectral_radii(tuned, within, [plant], np.array([[1.0, 0.0, 4.69]]))[0] < 1.0
+
+
+def test_what_no_controller_can_keep_is_refused(registry: Registry) -> None:
+    with pytest.raises(RecordError, match=r"no controller keeps a modulus margin of 0\.5, .*; narrow the band"):
+        tune(registry, "linear_motor_table", 1e-7, 0.5)
+    with pytest.raises(ParameterError, match="max_amplitude is 1e-08 m; expected more than min_amplitude"):
+        tune(registry, "linear_motor_table", 1e-7, 0.02, max_amplitude=1e-8)
+
+
+STUDY = """
+title = "From a response to gains"
+machine = "linear_motor_table"
+excitation = { name = "stepped_sine", amplitude = 40, points = 30, min_frequency = 8 }
+estimator = { name = "loop_tuning", method = { name = "modal_fit", modes = 2, method = { name = "effective_input" } } }
+"""
+MOVE = """
+title = "The machine with the gains"
+machine = "linear_motor_table"
+excitation = { name = "point_to_point", targets = [1.5e-3], duration = 0.04, dwell_time = 0.16 }
+estimator = { name = "positioning_metrics" }
+[controller]
+"""
+
+
+def test_gains_go_from_a_response_to_a_study_and_to_code(
+    tmp_path: Path, checkout: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "studies").mkdir()
+    (tmp_path / "studies" / "machines").symlink_to(checkout / "studies" / "machines")
+    (tmp_path / "studies" / "gains.toml").write_text(STUDY, "utf-8")
+    at = ["--workspace", str(tmp_path)]
+    assert main([*at, "run", "gains", "--executor", "serial"]) == 0
+    workspace = WorkspaceService.open(tmp_path, None)
+    with workspace.open_store() as store:
+        (sweep,) = store.sweeps(1)
+        result = store.result(sweep.key)
+    component = next(fit.component for fit in result.fits if fit.kind == "controller")
+    lines = [f"{key} = {json.dumps(value)}" for key, value in component.items()]
+    (tmp_path / "studies" / "move.toml").write_text(MOVE + "\n".join(lines), "utf-8")
+    assert main([*at, "run", "move", "--executor", "serial"]) == 0
+    with workspace.open_store() as store:
+        (moved,) = store.sweeps(2)
+        metrics = {each.name: each.value for each in store.result(moved.key).metrics}
+    assert abs(metrics["overshoot"]) < 4e-6
+    parts = controller_parts(sweep, result, workspace.registry)
+    assert parts.controller is not None
+    assert parts.controller.name == "notched_pid"
+    assert [block.name for block in parts.blocks()] == ["friction", "observer", "smith_delay", "feedback"]
+    key = sweep.key[4:12]
+    capsys.readouterr()
+    assert main([*at, "tune", key, "--set", "integral_action=false"]) == 0
+    assert "modulus margin" in capsys.readouterr().out
+    assert main([*at, "plot", key, "--kind", "curves", "-o", str(tmp_path / "loops.png")]) == 0
+    assert main([*at, "export", key, "-o", str(tmp_path / "axis.st")]) == 0
+    assert "FB_axis_feedback" in (tmp_path / "axis.st").read_text("utf-8")
