@@ -220,7 +220,7 @@ def test_export_asks_for_a_name_and_draws_what_is_seen(
         await compare(app, pilot, keys)
         await pilot.press("n", "2")
         await pilot.press("e")
-        await shows(pilot, "Export 3 curves as a nyquist figure")
+        await shows(pilot, "Export 3 sweeps as a nyquist figure")
         line = app.screen.query_one(Input)
         line.value = "seen.txt"
         await shows(pilot, "cannot be written as '.txt'")

@@ -12,7 +12,7 @@ from textual.pilot import Pilot
 from fraexp.data.results import Outcome
 from fraexp.errors import StoreError
 from fraexp.store import ListedSweep
-from fraexp.tui.widgets.sweep_table import PagedTable, TableRows
+from fraexp.tui.widgets.paged_table import PagedTable, TableRows
 from fraexp.views.listing import Column, fit_columns, listing_columns
 from tests.tui.pilots import screen_text, until
 

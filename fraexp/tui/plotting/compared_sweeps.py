@@ -8,7 +8,8 @@ from pathlib import Path
 from fraexp.data.results import Result
 from fraexp.errors import FraexpError
 from fraexp.figures.elements.bundles import MAX_SINGLE_CURVES, MIN_QUANTILE_CURVES
-from fraexp.figures.elements.grouping import CurvePlace
+from fraexp.figures.elements.grouping import CurvePlace, grid_labels
+from fraexp.figures.elements.labels import label_columns
 from fraexp.figures.elements.scales import readable_unit
 from fraexp.figures.elements.shown import ShownResult
 from fraexp.figures.elements.view import View
@@ -52,6 +53,13 @@ class MarkedSweeps:
     """Notes on sweeps that cannot be compared."""
     gone: tuple[str, ...]
     """Keys that are no longer in the database."""
+
+    def is_same(self, other: "MarkedSweeps | None") -> bool:
+        """Return whether others are the same sweeps with the same results."""
+        if other is None or other.left_out != self.left_out:
+            return False
+        mine, theirs = ([(of.key, of.created, of.labels) for of in each.sweeps] for each in (self, other))
+        return mine == theirs
 
 
 @dataclass(frozen=True)
@@ -126,6 +134,23 @@ class ComparedSweeps:
     def _kinds(self, place: int) -> set[str]:
         members = self.curves[place].some_members
         return {kind for index in members for kind in plotted_curves.curve_kinds(self.shown[index])}
+
+    def keys_of(self, places: Iterable[int]) -> list[str]:
+        """Return the keys of the sweeps of curves."""
+        return [sweep.key for place in places for sweep in self.members(place)]
+
+    @property
+    def curve_names(self) -> list[str]:
+        """What identifies each curve in other comparisons: the key of its sweep, or the name of its group."""
+        curves = ((curve, self.sweeps[curve.members[0]].key) for curve in self.curves)
+        return [curve.label if len(curve.members) > 1 else key for curve, key in curves]
+
+    def varying_labels(self) -> dict[str, str]:
+        """Return the labels that may make groups, by path, with their titles and numbers of values."""
+        labels = [grid_labels(sweep.labels) for sweep in self.sweeps]
+        titles = label_columns(labels)
+        counts = {path: len({repr(of.get(path)) for of in labels}) for path in titles}
+        return {path: f"{titles[path]}  ({count} values)" for path, count in counts.items() if count > 1}
 
     def members(self, place: int) -> list[StoredSweep]:
         """Return the sweeps of a curve."""

@@ -11,7 +11,7 @@ ON_LIGHT = ("#0063A0", "#B04400", "#8E3B6F", "#00694B", "#6B5A00", "#333333")
 """The same hues, dark enough for a light background."""
 NEUTRAL_COLOURS = {True: "#D0D0D0", False: "#303030"}
 """Colours of references and cursor, by whether the background is dark."""
-AXIS_COLOURS, GRID_COLOURS = {True: "#7d8b9e", False: "#66727f"}, {True: "#2e3a4a", False: "#d5dbe2"}
+AXIS_COLOURS, GRID_COLOURS = {True: "#7d8b9e", False: "#5f6b78"}, {True: "#2e3a4a", False: "#d5dbe2"}
 """Colours of axes and grid, by whether the background is dark, for themes without such colours."""
 DASHES = ((1, 1), (5, 7), (2, 4))
 """Dots drawn, and dots of a period: one pair after the other when the colours repeat."""

@@ -38,6 +38,9 @@ class PlotStack(Vertical):
     class Moved(Message):
         """The cursor has moved."""
 
+    class Fitted(Message):
+        """The number of panels that fit may have changed."""
+
     def __init__(self, id: str | None = None) -> None:  # noqa: A002 - as Textual calls it
         super().__init__(id=id)
         self.picture: Picture | None = None
@@ -61,6 +64,7 @@ class PlotStack(Vertical):
     @on(Resize)
     def _handle_resize(self) -> None:
         self.draw()
+        self.post_message(self.Fitted())
 
     def display_picture(self, picture: Picture | None, cursor: bool = True) -> None:
         """Show another picture, with a cursor if wanted; the zoom is kept where the axis is the same."""

@@ -1,8 +1,6 @@
 """Compare: the marked sweeps in linked plots with a cursor, and a table of their differences."""
 
 import asyncio
-from collections.abc import Sequence
-from pathlib import Path
 from typing import ClassVar
 
 from rich.text import Text
@@ -11,14 +9,11 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
 from textual.events import Resize
-from textual.widgets import DataTable, Static
+from textual.widgets import Static
 
 from fraexp.data.terminal_text import printable
 from fraexp.errors import FraexpError
-from fraexp.figures.elements.grouping import grid_labels
-from fraexp.figures.elements.labels import label_columns
-from fraexp.figures.elements.view import View
-from fraexp.tui.dialogs import ConfirmDialog, GroupingDialog, InputDialog
+from fraexp.tui.dialogs import GroupingDialog
 from fraexp.tui.page import LOAD_GROUP
 from fraexp.tui.plotting.compared_sweeps import (
     MAX_COMPARED_SWEEPS,
@@ -32,13 +27,11 @@ from fraexp.tui.plotting.compared_sweeps import (
     read_marked_sweeps,
     split_group,
 )
-from fraexp.tui.plotting.curve_styles import curve_digit
-from fraexp.tui.plotting.figure_export import draw_figure, file_fault
 from fraexp.tui.plotting.plot_stack import PlotStack
 from fraexp.tui.plotting.plotted_curves import CURVE_KINDS, REFERENCE, Picture
 from fraexp.tui.screens.plot_page import MIN_HIGH_ROWS, PlotPage
-from fraexp.tui.widgets.readout import shorten_name
-from fraexp.views.words import plural
+from fraexp.tui.widgets.difference_table import DifferenceTable
+from fraexp.tui.widgets.figure_dialogs import FigureExport
 
 NOTHING_MARKED = """No sweeps are marked.
 
@@ -49,8 +42,6 @@ TABLE_FRACTION = 0.4
 """Fraction of the screen width for the table beside the plots."""
 FIRST_SWEEPS = 400
 """Number of sweeps from which the first picture is made, so that it appears at once."""
-MIN_NAME_WIDTH = 16
-"""Minimum width of a name in the table; it gets a third of the table."""
 
 
 class ComparePage(PlotPage):
@@ -125,7 +116,7 @@ An exported figure shows the visible curves and frequencies.
                 yield PlotStack()
                 yield Static(id="readout")
                 yield Static(id="notes")
-            yield DataTable(id="differs", cursor_type="row", zebra_stripes=True)
+            yield DifferenceTable(id="differs", cursor_type="row", zebra_stripes=True)
 
     def on_mount(self) -> None:
         """Apply the user's setting of the phase."""
@@ -162,7 +153,7 @@ An exported figure shows the visible curves and frequencies.
         if not gathered.sweeps:
             self._show_empty("; ".join(gathered.left_out))
             return
-        if _is_same(self._gathered, gathered):
+        if gathered.is_same(self._gathered):
             self.show_header()
             return
         await self._compare(gathered)
@@ -190,8 +181,8 @@ An exported figure shows the visible curves and frequencies.
 
     async def _set_sweeps(self, found: ComparedSweeps, gathered: MarkedSweeps) -> None:
         """Show other sweeps; hidden curves, focus and reference are kept where they still exist."""
-        before = _curve_names(self.compared) if self.compared else []
-        kept = {name: place for place, name in enumerate(_curve_names(found))}
+        before = self.compared.curve_names if self.compared else []
+        kept = {name: place for place, name in enumerate(found.curve_names)}
         old = {place: kept[name] for place, name in enumerate(before) if name in kept} | {REFERENCE: REFERENCE}
         view_range = self.stack.view_range
         view_range.hidden = {old[place] for place in view_range.hidden if place in old}
@@ -272,7 +263,7 @@ An exported figure shows the visible curves and frequencies.
         )
         facet = split_group(self.group)[1]
         self.heading += f", {facet}" if facet else ""
-        keys = self._keys() or _keys_of(found, found.places(self.view, self.group))
+        keys = self._keys() or found.keys_of(found.places(self.view, self.group))
         workspace = self.app.backend.workspace
         self.command = (
             compare_command(workspace, keys)
@@ -298,7 +289,7 @@ An exported figure shows the visible curves and frequencies.
         seen = [place for place in self.compared.places(self.view, self.group) if place not in hidden]
         if self.view == "difference" and self.first != REFERENCE:
             seen = [self.first, *(place for place in seen if place != self.first)]
-        return _keys_of(self.compared, seen)
+        return self.compared.keys_of(seen)
 
     def _file(self) -> str:
         picture = self.stack.picture
@@ -306,19 +297,9 @@ An exported figure shows the visible curves and frequencies.
 
     def _fill_table(self) -> None:
         assert self.compared is not None
-        table = self.query_one("#differs", DataTable)
-        table.clear(columns=True)
         beside = self.has_class("-wide")
-        longest = max(MIN_NAME_WIDTH, int((TABLE_FRACTION if beside else 1) * self.size.width) // 3)
-        table.add_column("difference")
-        for place, shown in enumerate(self.compared.curves):  # beside the plots, the readout shows the names
-            table.add_column(Text(curve_digit(place) if beside else f"{curve_digit(place)} {printable(shown.label)}"))
-        for name, *values in self.compared.rows:
-            table.add_row(
-                Text(shorten_name(printable(name), longest).rstrip()), *(Text(printable(text)) for text in values)
-            )
-        if not self.compared.rows:
-            table.add_row(Text("none" if len(self.compared.curves) > 1 else "only one curve; mark other sweeps"))
+        width = int((TABLE_FRACTION if beside else 1) * self.size.width)
+        self.query_one(DifferenceTable).fill(self.compared, width, beside)
 
     @on(Resize)
     def _refill_table(self) -> None:
@@ -337,7 +318,7 @@ An exported figure shows the visible curves and frequencies.
         if self.compared is None:
             return
         self.toggle_class("-beside" if self.has_class("-wide") else "-table")
-        table = self.query_one("#differs", DataTable)
+        table = self.query_one(DifferenceTable)
         self.set_focus(table if self.has_class("-table") and not self.has_class("-wide") else None)
         self.call_after_refresh(self.show_view)
 
@@ -374,7 +355,7 @@ An exported figure shows the visible curves and frequencies.
     def _focused_keys(self) -> list[str]:
         focus = self.stack.view_range.focus
         known = self.compared is not None and 0 <= focus < len(self.compared.curves)
-        return _keys_of(self.compared, [focus]) if known and self.compared else []
+        return self.compared.keys_of([focus]) if known and self.compared else []
 
     def action_open(self) -> None:
         """Open the focused sweep, or the sweeps of the focused curve."""
@@ -396,11 +377,7 @@ An exported figure shows the visible curves and frequencies.
         """Ask for the labels that make groups."""
         if self.compared is None or self._opened:
             return
-        labels = label_columns([grid_labels(sweep.labels) for sweep in self.compared.sweeps])
-        values = {path: len({repr(sweep.labels.get(path)) for sweep in self.compared.sweeps}) for path in labels}
-        offered = {
-            path: f"{title}  ({plural(values[path], 'value')})" for path, title in labels.items() if values[path] > 1
-        }
+        offered = self.compared.varying_labels()
         if not offered:
             self.app.notify("these sweeps have one group: they share all labels of the grid")
             return
@@ -415,51 +392,5 @@ An exported figure shows the visible curves and frequencies.
         """Export the visible curves as a figure by ``fraexp plot``."""
         if self.compared is None or self.stack.picture is None:
             return
-        kind, keys, view, by = self.stack.picture.kind, self._keys(), self.stack.view(), self._by
-        if not keys:
-            self.app.notify("all curves are hidden; press 0 to show them", severity="warning")
-            return
-        question = f"Export {plural(len(keys), 'curve')} as a {kind} figure to this file (.png, .svg or .pdf):"
-
-        def export_to(answer: str | None) -> None:
-            file = Path(answer.strip()).expanduser() if answer else None
-            if file and file.exists():
-                self.app.push_screen(
-                    ConfirmDialog(f"{file} already exists. Overwrite it?"),
-                    lambda yes: self._start_export(keys, kind, file, yes, view, by),
-                )
-            elif file:
-                self._start_export(keys, kind, file, True, view, by)
-
-        self.app.push_screen(InputDialog(question, self._file(), file_fault), export_to)
-
-    def _start_export(
-        self, keys: Sequence[str], kind: str, file: Path, wanted: bool | None, view: View, by: Sequence[str] | None
-    ) -> None:
-        if wanted:
-            self.app.notify(f"drawing {printable(str(file))} …", timeout=3, markup=False)
-            self.run_worker(self._export_figure(keys, kind, file, view, by), group="export")
-
-    async def _export_figure(
-        self, keys: Sequence[str], kind: str, file: Path, view: View, by: Sequence[str] | None
-    ) -> None:
-        ended, text = await draw_figure(self.app.backend.workspace, keys, kind, file, view, by)
-        self.app.notify(printable(text), title="exported" if ended else "not exported",
-                        severity="information" if ended else "error", markup=False)  # fmt: skip
-
-
-def _keys_of(found: ComparedSweeps, places: Sequence[int]) -> list[str]:
-    """Return the keys of the sweeps of curves."""
-    return [sweep.key for place in places for sweep in found.members(place)]
-
-
-def _curve_names(found: ComparedSweeps) -> list[str]:
-    """Return what identifies each curve: the key of its sweep, or the name of its group."""
-    return [curve.label if len(curve.members) > 1 else found.sweeps[curve.members[0]].key for curve in found.curves]
-
-
-def _is_same(before: MarkedSweeps | None, now: MarkedSweeps) -> bool:
-    """Return whether the same sweeps are compared as before."""
-    if before is None or before.left_out != now.left_out:
-        return False
-    return [(s.key, s.created, s.labels) for s in before.sweeps] == [(s.key, s.created, s.labels) for s in now.sweeps]
+        export = FigureExport(self._keys(), self.stack.picture.kind, self.stack.view(), self._by)
+        export.ask(self, self._file())

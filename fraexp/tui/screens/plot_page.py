@@ -113,6 +113,10 @@ class PlotPage(Page):
     def _handle_move(self) -> None:
         self.show_readout()
 
+    @on(PlotStack.Fitted)
+    def _handle_fit(self) -> None:
+        self.show_view()
+
     @on(Resize)
     def _handle_resize(self) -> None:
         self.call_after_refresh(self.show_view)

@@ -17,7 +17,7 @@ from fraexp.components.kinds import FrictionModel
 from fraexp.data.terminal_text import printable
 from fraexp.tui.page import DatabaseChanged, Page
 from fraexp.tui.services.plugin_watch import PluginsChanged
-from fraexp.tui.widgets.sweep_table import PagedTable, TableRows
+from fraexp.tui.widgets.paged_table import PagedTable, TableRows
 from fraexp.views.components import (
     Offer,
     component_document,

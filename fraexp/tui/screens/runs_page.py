@@ -13,8 +13,8 @@ from fraexp.tui.dialogs import ConfirmDialog
 from fraexp.tui.page import Page
 from fraexp.tui.screens.run_page import RunPage
 from fraexp.tui.widgets.filter_line import FilterLine
+from fraexp.tui.widgets.paged_table import PagedTable, TableRows
 from fraexp.tui.widgets.preview_plot import SidePreview, selected_run
-from fraexp.tui.widgets.sweep_table import PagedTable, TableRows
 from fraexp.views.fields import MIN_SILENCE_S, run_duration_text, run_state_text
 from fraexp.views.listing import Column, time_text
 from fraexp.views.run_progress import bar_text, done_fraction, finished_count

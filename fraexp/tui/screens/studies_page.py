@@ -20,8 +20,8 @@ from fraexp.study.catalogue import FIRST_STUDY, StudyEntry
 from fraexp.tui.page import Page
 from fraexp.tui.services.study_survey import SurveyProcess
 from fraexp.tui.widgets.filter_line import FilterLine
+from fraexp.tui.widgets.paged_table import PagedTable, TableRows
 from fraexp.tui.widgets.preview_plot import PreviewPlot
-from fraexp.tui.widgets.sweep_table import PagedTable, TableRows
 from fraexp.views.listing import Column
 from fraexp.views.study import StudySurvey, newest_runs, study_fields, study_row
 

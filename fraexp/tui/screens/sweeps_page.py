@@ -14,8 +14,9 @@ from textual.widgets import DataTable, Input, Static
 from fraexp.data.terminal_text import printable
 from fraexp.store import masked_url
 from fraexp.tui.widgets.filter_input import FILTER_EXAMPLE, SweepFilter
+from fraexp.tui.widgets.paged_table import PagedTable
 from fraexp.tui.widgets.preview_plot import SidePreview, selected_sweep
-from fraexp.tui.widgets.sweep_table import PagedTable, SweepTable
+from fraexp.tui.widgets.sweep_table import SweepTable
 from fraexp.tui.widgets.tagging import TaggingPage
 
 FILTER_DELAY_S = 0.15

@@ -31,7 +31,7 @@ LIGHT = Theme(
         "block-cursor-background": "#cbdff7", "block-cursor-foreground": "#0b1f33",
         "block-cursor-blurred-background": "#dde6f0", "block-cursor-blurred-foreground": "#1b2430",
         "input-selection-background": "#cbdff7", "scrollbar": "#b4bec9", "scrollbar-background": "#f2f4f5",
-        "footer-description-foreground": "#35424f", "grid": "#d5dbe2", "axis": "#66727f",
+        "footer-description-foreground": "#35424f", "grid": "#d5dbe2", "axis": "#5f6b78",
     },
 )  # fmt: skip
 DEFAULT_THEME = DARK.name

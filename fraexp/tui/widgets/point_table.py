@@ -4,7 +4,7 @@ from typing import ClassVar
 
 from textual.binding import Binding, BindingType
 
-from fraexp.tui.widgets.sweep_table import PagedTable, TableRows
+from fraexp.tui.widgets.paged_table import PagedTable, TableRows
 from fraexp.views.listing import Column
 
 COLUMN_RANKS = {

@@ -1,0 +1,82 @@
+"""Each screen in both themes: its characters and colours are those of the snapshots in tests/tui/snapshots.
+
+FRAEXP_UPDATE_SNAPSHOTS=1 writes the snapshots anew; look at the difference before it is committed.
+"""
+
+import os
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from textual.pilot import Pilot
+
+from fraexp.tui.app import FraexpApp
+from fraexp.tui.services.themes import DARK, LIGHT
+from tests.tui.pilots import pilot_of, settle, shows
+from tests.tui.responses import found, loop, resonant, store_results
+
+FOLDER = Path(__file__).with_name("snapshots")
+UPDATES = os.environ.get("FRAEXP_UPDATE_SNAPSHOTS") == "1"
+GRID = np.geomspace(1.0, 200.0, 60)
+CHANGING = re.compile(r"\d\d:\d\d(:\d\d)?|\d{4}-\d\d-\d\d|\d+(\.\d+)? (s|ms|min)\b|--workspace=\S+|/\S*/\S*")
+"""What differs from run to run: times, durations and paths."""
+SCREENS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "studies": (("s", "slash", *"quick", "enter"), ("Quick look",)),
+    "launch": (("s", "enter"), ("excitation.amplitude",)),
+    "runs": (("r",), ("case",)),
+    "run": (("r", "enter"), ("rows 1-3 of 3",)),
+    "sweeps": (("w",), ("rows 1-3 of 3",)),
+    "sweep": (("w", "end", "enter"), ("To fit a plant model",)),
+    "bode": (("w", "a", "c"), ("Magnitude", "case 1")),
+    "difference": (("w", "a", "c", "d"), ("against case 0",)),
+    "nyquist": (("w", "a", "c", "n"), ("Imaginary over real part",)),
+    "coherence": (("w", "a", "c", "t"), ("distortion",)),
+    "curves": (("w", "a", "c", "v"), ("Friction force",)),
+    "table": (("w", "a", "c", "b", "i"), ("difference",)),
+    "help": (("w", "question_mark"), ("previous row",)),
+    "question": (("w", "D"), ("y yes",)),
+    "empty": (("w", "A", "c"), ("No sweeps are marked",)),
+}
+"""Keys that lead to each screen, and the texts that are there when it has come."""
+
+
+def screen_lines(app: FraexpApp) -> str:
+    """Return the characters of the screen, and the colours and weights of each line in short."""
+    lines, looks = [], []
+    for strip in app.screen._compositor.render_strips():
+        lines.append(CHANGING.sub(lambda of: "x" * len(of[0]), strip.text).rstrip())
+        looks.append(" ".join(_look(segment) for segment in strip if segment.text.strip()))
+    return "\n".join([*lines, "", *looks, ""])
+
+
+def _look(segment) -> str:
+    style = segment.style
+    colours = [of.name.removeprefix("#") if of else "-" for of in (style.color, style.bgcolor)] if style else ["-", "-"]
+    return "/".join(colours) + ("b" if style and style.bold else "")
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("theme", [DARK.name, LIGHT.name])
+def test_each_screen_looks_as_it_was_approved(tmp_path: Path, theme: str) -> None:
+    results = [found(resonant(GRID)), found(resonant(GRID, at=60.0))]
+    store_results(tmp_path, [*results, type(results[0])(results[0].outcome, curves=(loop(1e-5),))])
+    drawn: dict[str, str] = {}
+
+    async def steps(app: FraexpApp, pilot: Pilot[None]) -> None:
+        app.theme = theme
+        for name, (keys, texts) in SCREENS.items():
+            while len(app.screen_stack) > 1:
+                await pilot.press("escape")
+            await pilot.press(*keys)
+            await shows(pilot, *texts)
+            await settle(pilot)
+            drawn[name] = screen_lines(app)
+
+    pilot_of(tmp_path, steps, size=(100, 30))
+    FOLDER.mkdir(exist_ok=True)
+    for name, text in drawn.items():
+        file = FOLDER / f"{name}-{theme}.txt"
+        if UPDATES:
+            file.write_text(text, encoding="utf-8")
+        assert text == file.read_text(encoding="utf-8"), file.name
