@@ -183,7 +183,8 @@ class ComparedSweeps:
         """Return where a result belongs if its point has several, else a place of its own."""
         if shown.place is None:
             return CurvePlace(point=shown.key)
-        return shown.place._replace(facet="")
+        place = shown.place
+        return CurvePlace("", place.group, place.point, place.row, place.axis)
 
     def _position(self, drawn: Sequence[int], first: int) -> int:
         if first == REFERENCE:
