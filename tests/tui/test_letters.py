@@ -79,11 +79,11 @@ def test_every_screen_is_ascii_where_that_is_wished(workspace, keys, size):
 def test_letters_can_be_changed_while_it_runs(workspace):
     async def steps(app, pilot):
         await app.push_screen(TrialPage("dahl"))
-        await shows(pilot, "/cycle", "┃")
+        await shows(pilot, "/cycle", "│")
         app.action_ascii()
         await until(pilot, lambda: screen_text(app).isascii())
         app.action_ascii()
-        await shows(pilot, "┃")
+        await shows(pilot, "│")
 
     pilot_of(FraexpApp(workspace, plain=False), steps)
 

@@ -146,7 +146,7 @@ def test_what_is_typed_is_drawn(workspace):
         await pilot.press("p")
         await shows(pilot, "composite")
         await pilot.press("slash", *"dahl", "enter", "enter")
-        await shows(pilot, "friction dahl", "N 79.29 kN/m, 22.5 deg", "force [N] over displacement [um]")
+        await shows(pilot, "friction dahl", "N 79.29 kN/m, 22.5 deg", "force [N] over displacement [µm]")
         await shows(pilot, "presliding")  # of the field that has the focus
         before = screen_text(app)
         await pilot.press("up")
