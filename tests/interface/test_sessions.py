@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -100,6 +101,15 @@ def test_an_error_of_several_lines_is_told_in_one() -> None:
     assert str(FraexpError("first\nsecond")) == "first second"
 
 
+@pytest.fixture
+def interruptible() -> Iterator[None]:
+    """Ctrl-C raises KeyboardInterrupt, which a shell's background process ignores."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("interruptible")
 def test_an_interrupt_waits_for_what_is_written() -> None:
     done = []
     with pytest.raises(KeyboardInterrupt), deferred_interrupt():
@@ -109,6 +119,7 @@ def test_an_interrupt_waits_for_what_is_written() -> None:
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
+@pytest.mark.usefixtures("interruptible")
 def test_a_second_interrupt_does_not_wait() -> None:
     done = []
     with pytest.raises(KeyboardInterrupt), deferred_interrupt():

@@ -48,6 +48,8 @@ STATE_SIGNS = {
     "inaccurate": ("◐", "warning"),
     "stopping": ("■", "warning"),
     "interrupted": ("■", "warning"),
+    "stopped": ("■", "warning"),
+    "process lost": ("✗", "error"),
     "broken": ("✗", "error"),
     "failed": ("✗", "error"),
 }
