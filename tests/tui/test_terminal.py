@@ -15,12 +15,12 @@ def test_the_ui_ends_with_its_terminal_where_no_signal_ends_it(workspace):
     command = [sys.executable, "-c", IGNORING, str(workspace)]
     with subprocess.Popen(command, stdin=theirs, stdout=theirs, stderr=theirs, start_new_session=True) as ui:
         os.close(theirs)
-        shown = b""
-        while b"Studies" not in shown:
-            shown += os.read(ours, 4096)
-        os.close(ours)
         watch = threading.Timer(HANG_TIMEOUT_S, ui.kill)
         watch.start()
+        shown = b""
+        while b"fraexp tui" not in shown:
+            shown += os.read(ours, 4096)
+        os.close(ours)
         assert ui.wait() != -signal.SIGKILL
         watch.cancel()
 
