@@ -36,9 +36,10 @@ STUDIES = [
 ]
 """In which each estimator has a sweep of a few seconds at most."""
 LONG = {"gradient_fit", "plant_and_friction", "gms_identification", "rolling_identification", "sliding_identification"}
-LONG |= {"elastoplastic_identification", "masing_inversion"}
-"""Identification that takes ten seconds and more; it computes as viscous_identification does, which is here."""
-UNUSED = {"local_rational"}
+LONG |= {"elastoplastic_identification", "masing_inversion", "friction_law_comparison"}
+"""Identification that takes ten seconds and more; it computes as viscous_identification or maximum_likelihood do, which
+are here."""
+UNUSED = {"local_rational", "injection_on_motion", "loop_tuning"}
 """Estimators that are in none of these studies."""
 
 
