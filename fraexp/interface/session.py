@@ -86,7 +86,8 @@ class Workspace:
     ) -> Run:
         """Run a study: missing sweeps are computed, stored ones are reused; return its results.
 
-        An interrupt (Ctrl-C, or the notebook's stop button) ends the run; finished sweeps are kept.
+        An interrupt (Ctrl-C, or the notebook's stop button) stops the run, keeps finished sweeps, and is then raised
+        again as KeyboardInterrupt, so that a script ends; `open_run` has what is there, and the same call continues.
 
         Parameters
         ----------
