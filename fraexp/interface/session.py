@@ -128,6 +128,8 @@ class Workspace:
     def _resolve(self, study: str | Path | Study, changes: Mapping[str, object] | None) -> tuple[ResolvedStudy, str]:
         """Return a study with all its sweeps, and the command that the database keeps."""
         overrides = override_texts(require_mapping(changes or {}, "changes", '{"excitation.points": 30}'))
+        if not isinstance(study, str | Path | Study):
+            raise ParameterError(f"study is {study!r:.60}; expected its name, its file or a Study")
         if isinstance(study, Study):
             self._register(study.classes)
             resolved = resolve_study(study, self.folder, self._service.registry, overrides)
@@ -212,7 +214,8 @@ class Workspace:
         data = {**base, **sections, "excitation": excitation, "estimator": PERIODIC_ESTIMATOR}
         study = Study("simulation", self.folder, **data)
         self._register(study.classes)
-        sweep = direct_computation.single_sweep(resolve_study(study, self.folder, self._service.registry))
+        resolved = resolve_study(study, self.folder, self._service.registry, place="simulate")
+        sweep = direct_computation.single_sweep(resolved)
         return direct_computation.record_signals(sweep.experiment, {}, self._service)
 
     def read_record(

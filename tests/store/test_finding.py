@@ -121,6 +121,7 @@ def test_a_filter_lets_through_what_it_says(filled, text, cases):
         ("tag:", "has no value"),
         ("=3", "has no field"),
         ("-", "is empty"),
+        ("excitation.amplitude", "is a parameter; expected a comparison, such as excitation.amplitude=VALUE"),
         ("elapsed>1e999", "is not a number"),
         ("elapsed>1mm", "'elapsed>1mm': 'mm' is not a unit of the same kind as 's'"),
         ("run>1m", "'m' is not a unit of the same kind as '1'"),

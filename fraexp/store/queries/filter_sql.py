@@ -156,6 +156,11 @@ class KnownNames:
         if known:
             raise FilterError(f"filter: no sweep has the {column} '{value}'{did_you_mean(value, known)}")
 
+    def check_word(self, word: str) -> None:
+        """Raise FilterError for a word that is the path of a parameter, which no sweep is found by."""
+        if "." in word and word in self.parameters | self.labels:
+            raise FilterError(f"filter: '{word}' is a parameter; expected a comparison, such as {word}=VALUE")
+
     def all(self) -> list[str]:
         """Return all names that a filter can use."""
         metrics = {f"{METRIC_PREFIX}{name}" for name in self.metrics}
@@ -187,6 +192,7 @@ def condition_sql(
 def _positive_sql(condition: Condition, names: KnownNames, now: datetime, number: int | None) -> ColumnElement[bool]:
     name = condition.field
     if not name:
+        names.check_word(condition.value)
         return _anywhere_sql(condition.value, number)
     if name == "created":
         return _created_sql(condition, now)
