@@ -82,7 +82,7 @@ class Results(Sequence[SweepResult]):
         return iter(self._items)
 
     def filter(self, text: str) -> "Results":
-        """Return the results that match a filter, in the language of ``fraexp list --filter``.
+        """Return the results that match a filter, in the language of ``fraexp list``.
 
         For example ``estimator=effective_input excitation.amplitude>=12``. FraexpError if it is invalid.
         """
