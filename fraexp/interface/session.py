@@ -41,6 +41,8 @@ class Workspace:
     """
 
     def __init__(self, folder: str | Path = ".", database: str | None = None) -> None:
+        if database is not None:
+            require_text(database, "database")
         # Absolute: a session goes on in the folder in which it began, wherever the program goes.
         self._service = WorkspaceService.open(require_path(folder, "folder").absolute(), database)
 
@@ -55,7 +57,7 @@ class Workspace:
 
     def study(self, name: str) -> Study:
         """Return a study by name or file, to be changed and run; StudyError names the nearest one."""
-        found = find_studies(name, self.folder)
+        found = find_studies(require_text(name, "study"), self.folder)
         if len(found) != 1:
             raise StudyError(f"'{name}' is a folder of {len(found)} studies; expected one of them")
         study = Study.from_file(found[0][1])
@@ -107,8 +109,9 @@ class Workspace:
         limits = ResourceLimits()
         if time_limit is not None:
             limits = ResourceLimits(time=require_positive(time_limit, "time_limit"))
-        if executor is not None:
-            require_text(executor, "executor")
+        for word, what in ((executor, "executor"), (rerun, "rerun")):
+            if word is not None:
+                require_text(word, what)
         resolved, command = self._resolve(study, changes)
         events = self._service.run_resolved([resolved], command, executor, rerun, limits)
         ended = follow_run(events, progress)
@@ -189,7 +192,7 @@ class Workspace:
 
     def friction_law(self, name: str, **parameters: object) -> FrictionLaw:
         """Return a friction law by name with its parameters, such as ``stiffness="17 N/µm"``, to be called."""
-        spec = component_spec({"name": name, **parameters})
+        spec = component_spec({"name": require_text(name, "name"), **parameters})
         return FrictionLaw(create(self._service.registry, FrictionModel, spec))
 
     def simulate(

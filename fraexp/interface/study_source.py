@@ -3,7 +3,7 @@
 import copy
 import os
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from pathlib import Path
 from typing import Any
 
@@ -58,7 +58,7 @@ class Study:
     def from_toml(cls, text: str, name: str = "study", folder: str | Path = ".") -> "Study":
         """Return the study in a TOML text; StudyError if it is no TOML."""
         try:
-            return cls(name, folder, **toml.loads(text))
+            return cls(name, folder, **toml.loads(require_text(text, "text")))
         except ValueError as error:
             raise StudyError(f"{name}: is no valid TOML: {error}") from None
 
@@ -113,7 +113,10 @@ def plain_value(value: Any) -> Any:
             return [plain_value(item) for item in value]
         case str() | bool() | int() | float():
             return value
-    raise StudyError(f"a study cannot contain {value!r:.60}; expected numbers, texts, lists, tables or components")
+    remedy = "; put its values into a list" if isinstance(value, Iterator | Set) else ""
+    raise StudyError(
+        f"a study cannot contain {value!r:.60}; expected numbers, texts, lists, tables or components{remedy}"
+    )
 
 
 def resolve_study(
@@ -161,7 +164,9 @@ def _section(key: str, value: Any) -> Any:
     plain = plain_value(value)
     if key == "grid" and isinstance(plain, Mapping):
         return {path: [_section(path, one) for one in of] if isinstance(of, list) else of for path, of in plain.items()}
-    if key == "case" and isinstance(plain, list):
+    if key == "case":
+        if not isinstance(plain, list) or not all(isinstance(case, Mapping) for case in plain):
+            raise StudyError(f'case is {value!r:.60}; expected a list of tables, such as [{{"label": "stiff", ...}}]')
         return [{inner: _section(inner, of) for inner, of in case.items()} for case in plain]
     return {"name": plain} if key in COMPONENTS and isinstance(plain, str) else plain
 
