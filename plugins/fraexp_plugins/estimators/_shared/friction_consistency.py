@@ -1,0 +1,162 @@
+"""The friction model against the harmonics of the motion: a wrong one makes another plant of them than of the sines.
+
+A sine excites its own frequency only. What the axis does at a multiple of it, friction does. Where that multiple lies
+among the measured frequencies the plant is known there, so y'/P, the force that must have moved the axis, is compared
+with the effective input û_e, in which the friction model's force is most of what there is. Their difference over the
+friction force is the relative error of the model. Neither the amplitude nor the plant needs to be known.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
+
+from fraexp.api import Encoder, FrequencyResponse, Segment, phasor_variance, record_spectrum
+from fraexp_plugins.estimators._shared.effective_input_observer import ObserverEstimator, is_from_rest
+
+MAX_ORDER = 25
+"""Highest harmonic that is examined."""
+MIN_HARMONICS = 6
+"""Number of harmonics, at least, from which a friction model is judged."""
+SUREST_SHARE = 4
+"""One of so many harmonics, those with the least uncertainty, tell the error."""
+MAX_UNCERTAINTY = 0.05
+"""Relative uncertainty of the force at a harmonic, by encoder and by the plant between two measured frequencies, up to
+which it counts."""
+MIN_MODEL_ERROR = 0.005
+"""Relative error of a friction model that counts as one: below it are the numerics of the motion."""
+CLEAR_STDS = 3.0
+"""Size of a harmonic, in its standard deviations by the encoder, from which it is examined."""
+MAX_FREQUENCY_RATIO = 1.5
+"""Ratio of two neighbouring frequencies, at most, between which the plant is interpolated: more may hide a mode."""
+MIN_FORCE_RATIO = 1e-3
+"""Friction force at a harmonic over that at the fundamental, from which it is examined."""
+
+
+class ModelError(NamedTuple):
+    """How wrong a friction model is, as the harmonics show it."""
+
+    size: float
+    """Relative error of its force: the median over the harmonics."""
+    force: NDArray[np.float64]
+    """Amplitude of the friction force at the excited frequencies [N], shape (n,)."""
+
+    def response_error(self, found: FrequencyResponse) -> NDArray[np.float64]:
+        """Return the relative error of the response to û_e that follows from it, shape (n,)."""
+        with np.errstate(divide="ignore", invalid="ignore"):  # where nothing moves
+            return np.nan_to_num(self.size * self.force / found.input_amplitude, posinf=np.inf)
+
+
+class _Harmonics(NamedTuple):
+    """What the harmonics of one segment say."""
+
+    error: NDArray[np.float64]
+    """Relative error of the friction force, shape (k,)."""
+    uncertainty: NDArray[np.float64]
+    """What encoder and plant may contribute to that, shape (k,)."""
+    force: float
+    """Amplitude of the friction force at the fundamental [N]."""
+
+
+class _PlantCurve(NamedTuple):
+    """ln(-ω² P) over ln ω, shape (n,): smooth but for the modes."""
+
+    place: NDArray[np.float64]
+    value: NDArray[np.complex128]
+
+    @classmethod
+    def of(cls, found: FrequencyResponse) -> Self:
+        usable = found.settled & np.isfinite(found.response) & (found.response != 0)
+        omega, ratio = 2 * np.pi * found.frequency[usable], found.response[usable]
+        order = np.argsort(omega, kind="stable")
+        omega, ratio = omega[order], ratio[order]
+        value = np.log(np.abs(ratio) * omega**2) + 1j * np.unwrap(np.angle(-ratio))
+        place, first = np.unique(np.log(omega), return_index=True)
+        return cls(place, value[first])
+
+    def is_known(self, omega: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return whether frequencies [rad/s] lie between two that are close to each other, shape (k,)."""
+        place, right = np.log(omega), np.searchsorted(self.place, np.log(omega))
+        inside = (right > 0) & (place <= self.place[-1])
+        spacing = np.diff(self.place, prepend=-np.inf, append=np.inf)[right]
+        return np.asarray(inside & (spacing <= np.log(MAX_FREQUENCY_RATIO)))
+
+    def response(self, omega: NDArray[np.float64]) -> NDArray[np.complex128]:
+        """Return P(jω) [m/N] by monotone cubic interpolation, shape (k,)."""
+        parts = np.column_stack([self.value.real, self.value.imag])
+        size, angle = PchipInterpolator(self.place, parts)(np.log(omega)).T
+        return np.asarray(-np.exp(size + 1j * angle) / omega**2)
+
+    def straight(self, omega: NDArray[np.float64]) -> NDArray[np.complex128]:
+        """Return the same by straight lines: how far they are off bounds how far the cubic is."""
+        return np.asarray(-np.exp(np.interp(np.log(omega), self.place, self.value)) / omega**2)
+
+
+def model_error(
+    observer: ObserverEstimator,
+    segments: Sequence[Segment],
+    forces: Sequence[NDArray[np.float64]],
+    found: FrequencyResponse,
+) -> ModelError | None:
+    """Return how wrong the friction model is; None if the harmonics agree with it, or do not tell.
+
+    `forces` are the model's along the segments, as the observer gives them. Each segment must be a periodic sine.
+    """
+    if not observer.friction.state_size or any(not _is_sine(segment) for segment in segments):
+        return None
+    plant = _PlantCurve.of(found)
+    if plant.place.size < MIN_HARMONICS:
+        return None
+    each = [_harmonics(observer, *pair, plant) for pair in zip(segments, forces, strict=True)]
+    error, uncertainty = (np.concatenate([own[part] for own in each]) for part in (0, 1))
+    surest = np.argsort(uncertainty)[: max(MIN_HARMONICS, error.size // SUREST_SHARE)]
+    if error.size < MIN_HARMONICS or np.median((error - uncertainty)[surest]) <= MIN_MODEL_ERROR:
+        return None
+    return ModelError(float(np.median(error[surest])), np.array([own.force for own in each]))
+
+
+def _is_sine(segment: Segment) -> bool:
+    return segment.lines.size == 1 and segment.periodic and not segment.stated and not is_from_rest(segment)
+
+
+def _harmonics(
+    observer: ObserverEstimator, segment: Segment, force: NDArray[np.float64], plant: _PlantCurve
+) -> _Harmonics:
+    """Compare the harmonics of a segment that lie within the measured frequencies with the plant there."""
+    y, line = segment.channels[observer.output], int(segment.lines[0])
+    lines = line * np.arange(1, min(MAX_ORDER, (segment.samples - 1) // (2 * line)) + 1)
+    motion, thrust = (
+        record_spectrum(segment, name)[lines * len(y)] * (2 / y.size) for name in (observer.output, observer.input)
+    )
+    omega = np.asarray(2 * np.pi / (segment.samples * segment.sample_time) * lines, dtype=np.float64)
+    mean = np.add.reduce(force, axis=0) / len(force)
+    friction = np.fft.rfft(mean)[lines] * (2 / mean.size) * observer.force_factor(omega)
+    friction += 1j * omega * observer.friction.viscous * motion
+    fundamental = float(np.abs(friction[0]))
+    noise = _term_deviation(observer, segment)
+    is_clear = (np.abs(motion) > CLEAR_STDS * noise) & (np.abs(friction) > MIN_FORCE_RATIO * fundamental)
+    chosen = np.flatnonzero(is_clear & plant.is_known(omega) & (lines > line))
+    omega, motion, thrust, friction = omega[chosen], motion[chosen], thrust[chosen], friction[chosen]
+    response, size = plant.response(omega), np.abs(friction)
+    stiffness = observer.friction.max_stiffness * observer.force_scale / observer.displacement_scale
+    between = np.abs(motion * (1 / response - 1 / plant.straight(omega)))
+    uncertainty = (between + noise * (1 / np.abs(response) + stiffness)) / size
+    path = observer.input_path(omega, segment.sample_time) * observer.output_path(omega)
+    error = np.abs(path * thrust - friction - motion / response) / size
+    counts = uncertainty < MAX_UNCERTAINTY
+    return _Harmonics(error[counts], uncertainty[counts], fundamental)
+
+
+def _term_deviation(observer: ObserverEstimator, segment: Segment) -> float:
+    """Return the standard deviation of a term of y' [m]: of the stated encoder, or as the record shows it if greater.
+
+    Between the terms of a periodic motion is noise alone; of a single period the upper half of the terms is mostly so.
+    """
+    y = segment.channels[observer.output]
+    stated = phasor_variance(segment, Encoder(observer.noise / np.sqrt(len(y)), observer.resolution))[0]
+    power = np.abs(record_spectrum(segment, observer.output) * (2 / y.size)) ** 2
+    number = np.arange(power.size)
+    shown = power[number % len(y) != 0] if len(y) > 1 else power[power.size // 2 :]
+    return float(np.sqrt(max(stated, shown.mean())))
