@@ -179,11 +179,13 @@ class ObserverEstimator(DelayedEstimator, ABC):
             for segment, periods in zip(segments, forces, strict=True)
         ]
 
-    def friction_phasors(self, segments: Sequence[Segment]) -> list[NDArray[np.complex128]]:
+    def friction_phasors(
+        self, segments: Sequence[Segment], forces: Sequence[NDArray[np.float64]] | None = None
+    ) -> list[NDArray[np.complex128]]:
         """Return the phasors of all friction [N], viscous friction included, each of shape (periods, lines)."""
         return [
             force + 2j * np.pi * segment.frequency * self.friction.viscous * phasors(segment, self.output)
-            for segment, force in zip(segments, self._friction_phasors(segments), strict=True)
+            for segment, force in zip(segments, self._friction_phasors(segments, forces), strict=True)
         ]
 
     def force_spectra(self, segments: Sequence[Segment]) -> list[NDArray[np.complex128]]:

@@ -20,6 +20,8 @@ MAX_ORDER = 25
 """Highest harmonic that is examined."""
 MIN_HARMONICS = 6
 """Number of harmonics, at least, from which a friction model is judged."""
+MAX_SEGMENTS = 16
+"""Segments that are examined, at most."""
 SUREST_SHARE = 4
 """One of so many harmonics, those with the least uncertainty, tell the error."""
 MAX_UNCERTAINTY = 0.05
@@ -50,14 +52,20 @@ class ModelError(NamedTuple):
 
 
 class _Harmonics(NamedTuple):
-    """What the harmonics of one segment say."""
+    """Harmonics of a motion that friction causes, shape (k,) each."""
 
-    error: NDArray[np.float64]
-    """Relative error of the friction force, shape (k,)."""
-    uncertainty: NDArray[np.float64]
-    """What encoder and plant may contribute to that, shape (k,)."""
-    force: float
-    """Amplitude of the friction force at the fundamental [N]."""
+    omega: NDArray[np.float64]
+    """Frequencies [rad/s]."""
+    sample_time: NDArray[np.float64]
+    """Sample time of the segment [s]."""
+    motion: NDArray[np.complex128]
+    """Terms of y' [m]."""
+    input: NDArray[np.complex128]
+    """Terms of the control input [N]."""
+    force: NDArray[np.complex128]
+    """Terms of all friction [N]."""
+    deviation: NDArray[np.float64]
+    """Standard deviation of the terms of y' [m]."""
 
 
 class _PlantCurve(NamedTuple):
@@ -109,22 +117,32 @@ def model_error(
     plant = _PlantCurve.of(found)
     if plant.place.size < MIN_HARMONICS:
         return None
-    each = [_harmonics(observer, *pair, plant) for pair in zip(segments, forces, strict=True)]
-    error, uncertainty = (np.concatenate([own[part] for own in each]) for part in (0, 1))
+    each = [_harmonics(observer, segments[at], forces[at], plant) for at in _examined(segments)]
+    error, uncertainty = _force_errors(observer, [part for part in each if part.omega.size], plant)
     surest = np.argsort(uncertainty)[: max(MIN_HARMONICS, error.size // SUREST_SHARE)]
     if error.size < MIN_HARMONICS or np.median((error - uncertainty)[surest]) <= MIN_MODEL_ERROR:
         return None
-    return ModelError(float(np.median(error[surest])), np.array([own.force for own in each]))
+    friction = observer.friction_phasors(segments, forces)
+    return ModelError(float(np.median(error[surest])), np.array([np.abs(part.mean()) for part in friction]))
 
 
 def _is_sine(segment: Segment) -> bool:
     return segment.lines.size == 1 and segment.periodic and not segment.stated and not is_from_rest(segment)
 
 
+def _examined(segments: Sequence[Segment]) -> list[int]:
+    """Return the numbers of the segments that are examined, of those whose harmonics may lie within the others."""
+    frequency = np.array([segment.frequency[0] for segment in segments])
+    able = np.flatnonzero(2 * frequency <= frequency.max())
+    able = able[np.argsort(frequency[able], kind="stable")]
+    chosen = np.unique(np.linspace(0, able.size - 1, min(MAX_SEGMENTS, able.size)).round().astype(int))
+    return [int(number) for number in able[chosen]]
+
+
 def _harmonics(
     observer: ObserverEstimator, segment: Segment, force: NDArray[np.float64], plant: _PlantCurve
 ) -> _Harmonics:
-    """Compare the harmonics of a segment that lie within the measured frequencies with the plant there."""
+    """Return the harmonics of a segment that stand out of the noise at frequencies at which the plant is known."""
     y, line = segment.channels[observer.output], int(segment.lines[0])
     lines = line * np.arange(1, min(MAX_ORDER, (segment.samples - 1) // (2 * line)) + 1)
     motion, thrust = (
@@ -134,19 +152,29 @@ def _harmonics(
     mean = np.add.reduce(force, axis=0) / len(force)
     friction = np.fft.rfft(mean)[lines] * (2 / mean.size) * observer.force_factor(omega)
     friction += 1j * omega * observer.friction.viscous * motion
-    fundamental = float(np.abs(friction[0]))
-    noise = _term_deviation(observer, segment)
-    is_clear = (np.abs(motion) > CLEAR_STDS * noise) & (np.abs(friction) > MIN_FORCE_RATIO * fundamental)
+    deviation = np.full(lines.size, _term_deviation(observer, segment))
+    is_clear = (np.abs(motion) > CLEAR_STDS * deviation) & (np.abs(friction) > MIN_FORCE_RATIO * np.abs(friction[0]))
     chosen = np.flatnonzero(is_clear & plant.is_known(omega) & (lines > line))
-    omega, motion, thrust, friction = omega[chosen], motion[chosen], thrust[chosen], friction[chosen]
-    response, size = plant.response(omega), np.abs(friction)
+    sample_time = np.full(chosen.size, segment.sample_time)
+    return _Harmonics(omega[chosen], sample_time, motion[chosen], thrust[chosen], friction[chosen], deviation[chosen])
+
+
+def _force_errors(
+    observer: ObserverEstimator, parts: Sequence[_Harmonics], plant: _PlantCurve
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the relative errors of the friction force at harmonics, and what encoder and plant contribute to them."""
+    if not parts:
+        return np.empty(0), np.empty(0)
+    omega, sample_time, deviation = (np.concatenate([part[at] for part in parts]).real for at in (0, 1, 5))
+    motion, thrust, force = (np.concatenate([part[at] for part in parts]) for at in (2, 3, 4))
+    response, size = plant.response(omega), np.abs(force)
     stiffness = observer.friction.max_stiffness * observer.force_scale / observer.displacement_scale
     between = np.abs(motion * (1 / response - 1 / plant.straight(omega)))
-    uncertainty = (between + noise * (1 / np.abs(response) + stiffness)) / size
-    path = observer.input_path(omega, segment.sample_time) * observer.output_path(omega)
-    error = np.abs(path * thrust - friction - motion / response) / size
+    uncertainty = (between + deviation * (1 / np.abs(response) + stiffness)) / size
+    path = observer.input_path(omega, sample_time) * observer.output_path(omega)
+    error = np.abs(path * thrust - force - motion / response) / size
     counts = uncertainty < MAX_UNCERTAINTY
-    return _Harmonics(error[counts], uncertainty[counts], fundamental)
+    return error[counts], uncertainty[counts]
 
 
 def _term_deviation(observer: ObserverEstimator, segment: Segment) -> float:
