@@ -66,6 +66,12 @@ class _Harmonics(NamedTuple):
     """Terms of all friction [N]."""
     deviation: NDArray[np.float64]
     """Standard deviation of the terms of y' [m]."""
+    fundamental: NDArray[np.float64]
+    """Size of the friction force at the fundamental [N]."""
+
+
+REAL, COMPLEX = (0, 1, 5, 6), (2, 3, 4)
+"""Places of its real and its complex fields."""
 
 
 class _PlantCurve(NamedTuple):
@@ -117,8 +123,8 @@ def model_error(
     plant = _PlantCurve.of(found)
     if plant.place.size < MIN_HARMONICS:
         return None
-    each = [_harmonics(observer, segments[at], forces[at], plant) for at in _examined(segments)]
-    error, uncertainty = _force_errors(observer, [part for part in each if part.omega.size], plant)
+    each = [_harmonics(observer, segments[at], forces[at]) for at in _examined(segments)]
+    error, uncertainty = _force_errors(observer, each, plant) if each else (np.empty(0), np.empty(0))
     surest = np.argsort(uncertainty)[: max(MIN_HARMONICS, error.size // SUREST_SHARE)]
     if error.size < MIN_HARMONICS or np.median((error - uncertainty)[surest]) <= MIN_MODEL_ERROR:
         return None
@@ -139,42 +145,43 @@ def _examined(segments: Sequence[Segment]) -> list[int]:
     return [int(number) for number in able[chosen]]
 
 
-def _harmonics(
-    observer: ObserverEstimator, segment: Segment, force: NDArray[np.float64], plant: _PlantCurve
-) -> _Harmonics:
-    """Return the harmonics of a segment that stand out of the noise at frequencies at which the plant is known."""
+def _harmonics(observer: ObserverEstimator, segment: Segment, force: NDArray[np.float64]) -> _Harmonics:
+    """Return the harmonics of a segment below its Nyquist frequency."""
     y, line = segment.channels[observer.output], int(segment.lines[0])
     lines = line * np.arange(1, min(MAX_ORDER, (segment.samples - 1) // (2 * line)) + 1)
     motion, thrust = (
         record_spectrum(segment, name)[lines * len(y)] * (2 / y.size) for name in (observer.output, observer.input)
     )
     omega = np.asarray(2 * np.pi / (segment.samples * segment.sample_time) * lines, dtype=np.float64)
-    mean = np.add.reduce(force, axis=0) / len(force)
+    mean = force[0] if len(force) == 1 else np.add.reduce(force, axis=0) / len(force)
     friction = np.fft.rfft(mean)[lines] * (2 / mean.size) * observer.force_factor(omega)
     friction += 1j * omega * observer.friction.viscous * motion
-    deviation = np.full(lines.size, _term_deviation(observer, segment))
-    is_clear = (np.abs(motion) > CLEAR_STDS * deviation) & (np.abs(friction) > MIN_FORCE_RATIO * np.abs(friction[0]))
-    chosen = np.flatnonzero(is_clear & plant.is_known(omega) & (lines > line))
-    sample_time = np.full(chosen.size, segment.sample_time)
-    return _Harmonics(omega[chosen], sample_time, motion[chosen], thrust[chosen], friction[chosen], deviation[chosen])
+    alike = (segment.sample_time, _term_deviation(observer, segment), abs(friction[0]))
+    sample_time, deviation, fundamental = np.multiply.outer(alike, np.ones(lines.size - 1))
+    return _Harmonics(omega[1:], sample_time, motion[1:], thrust[1:], friction[1:], deviation, fundamental)
 
 
 def _force_errors(
     observer: ObserverEstimator, parts: Sequence[_Harmonics], plant: _PlantCurve
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the relative errors of the friction force at harmonics, and what encoder and plant contribute to them."""
-    if not parts:
-        return np.empty(0), np.empty(0)
-    omega, sample_time, deviation = (np.concatenate([part[at] for part in parts]).real for at in (0, 1, 5))
-    motion, thrust, force = (np.concatenate([part[at] for part in parts]) for at in (2, 3, 4))
+    """Return the relative errors of the friction force at harmonics, and what encoder and plant contribute to them.
+
+    Those count that stand out of the noise, at frequencies at which the plant is known.
+    """
+    omega, sample_time, deviation, fundamental = (np.concatenate([part[at] for part in parts]).real for at in REAL)
+    motion, thrust, force = (np.concatenate([part[at] for part in parts]) for at in COMPLEX)
+    is_clear = (np.abs(motion) > CLEAR_STDS * deviation) & (np.abs(force) > MIN_FORCE_RATIO * fundamental)
+    known = np.flatnonzero(is_clear & plant.is_known(omega))
+    omega, motion, force, deviation = omega[known], motion[known], force[known], deviation[known]
     response, size = plant.response(omega), np.abs(force)
     stiffness = observer.friction.max_stiffness * observer.force_scale / observer.displacement_scale
     between = np.abs(motion * (1 / response - 1 / plant.straight(omega)))
     uncertainty = (between + deviation * (1 / np.abs(response) + stiffness)) / size
-    path = observer.input_path(omega, sample_time) * observer.output_path(omega)
-    error = np.abs(path * thrust - force - motion / response) / size
-    counts = uncertainty < MAX_UNCERTAINTY
-    return error[counts], uncertainty[counts]
+    counts = np.flatnonzero(uncertainty < MAX_UNCERTAINTY)
+    at, times = omega[counts], sample_time[known[counts]]
+    linear = observer.input_path(at, times) * observer.output_path(at) * thrust[known[counts]]
+    lacking = linear - force[counts] - motion[counts] / response[counts]
+    return np.abs(lacking) / size[counts], uncertainty[counts]
 
 
 def _term_deviation(observer: ObserverEstimator, segment: Segment) -> float:
@@ -185,6 +192,5 @@ def _term_deviation(observer: ObserverEstimator, segment: Segment) -> float:
     y = segment.channels[observer.output]
     stated = phasor_variance(segment, Encoder(observer.noise / np.sqrt(len(y)), observer.resolution))[0]
     power = np.abs(record_spectrum(segment, observer.output) * (2 / y.size)) ** 2
-    number = np.arange(power.size)
-    shown = power[number % len(y) != 0] if len(y) > 1 else power[power.size // 2 :]
+    shown = power[power.size // 2 :] if len(y) == 1 else power[np.arange(power.size) % len(y) != 0]
     return float(np.sqrt(max(stated, shown.mean())))
