@@ -20,7 +20,7 @@ MAX_ORDER = 25
 """Highest harmonic that is examined."""
 MIN_HARMONICS = 6
 """Number of harmonics, at least, from which a friction model is judged."""
-MAX_SEGMENTS = 16
+MAX_SEGMENTS = 10
 """Segments that are examined, at most."""
 SUREST_SHARE = 4
 """One of so many harmonics, those with the least uncertainty, tell the error."""
