@@ -43,7 +43,9 @@ class Verdict(NamedTuple):
     is_ok: bool
     is_contradicted: bool
     error: float
-    """Greatest error of the response at settled frequencies."""
+    """Greatest relative error of the response at settled frequencies."""
+    decibel: float
+    """Greatest error of its magnitude there [dB]."""
 
 
 def verdicts(
@@ -75,10 +77,11 @@ def verdicts(
 def _verdict(method: Estimator, signals: Signals, machine: Machine) -> Verdict:
     found = method.estimate(signals)
     if found.response is None:
-        return Verdict(False, False, 0.0)
-    plant = machine.response(2 * np.pi * found.response.frequency)
-    error = np.abs(found.response.response / plant - 1)[found.response.settled]
-    return Verdict(found.outcome.name == "OK", SAID in found.message, float(error.max(initial=0.0)))
+        return Verdict(False, False, 0.0, 0.0)
+    ratio = found.response.response / machine.response(2 * np.pi * found.response.frequency)
+    ratio = ratio[found.response.settled]
+    error, decibel = np.abs(ratio - 1).max(initial=0.0), 20 * np.abs(np.log10(np.abs(ratio))).max(initial=0.0)
+    return Verdict(found.outcome.name == "OK", SAID in found.message, float(error), float(decibel))
 
 
 def papers_machine() -> int:
@@ -91,7 +94,7 @@ def papers_machine() -> int:
             for name, (low, high, count) in GRIDS.items():
                 found = verdicts(PAPER, amplitude, tuple(np.geomspace(low, high, count)), encoder, SCALES)
                 missed += found[0].is_contradicted + sum(each.is_ok for each in found[2:])
-                cells = " ".join(f"{'.' if v.is_ok else 'x'} {20 * np.log10(1 + v.error):8.2f}" for v in found)
+                cells = " ".join(f"{'.' if v.is_ok else 'x'} {v.decibel:8.2f}" for v in found)
                 kind = f"{encoder[0] * 1e6:g} µm, {encoder[1] * 1e9:g} nm, {encoder[2]} periods"
                 print(f"{amplitude:3.0f} N, {kind:24s} {name:>4s} frequencies {'':14s}{cells}", flush=True)
     return missed
