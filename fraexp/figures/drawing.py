@@ -56,7 +56,7 @@ def draw_figure(
     otherwise positioning moves, otherwise curves. FraexpError if the kind does not support the `view`.
     """
     chosen = kind or _default_kind(shown)
-    view.check(chosen)
+    view.check(chosen, [of.response.frequency for of in shown if of.response is not None])
     figure = _draw_kind(shown, reference, title, chosen, view)
     if view.wrapped:
         break_wrapped_lines(figure)

@@ -3,6 +3,7 @@
 import json
 import sqlite3
 from contextlib import closing
+from dataclasses import replace
 from datetime import datetime, timedelta
 
 import pytest
@@ -120,23 +121,41 @@ def test_a_filter_lets_through_what_it_says(filled):
         ("tag:", "has no value"),
         ("=3", "has no field"),
         ("-", "is empty"),
+        ("excitation.amplitude", "is a parameter; expected a comparison, such as excitation.amplitude=VALUE"),
         ("elapsed>1e999", "is not a number"),
         ("elapsed>1mm", "'elapsed>1mm': 'mm' is not a unit of the same kind as 's'"),
         ("run>1m", "'m' is not a unit of the same kind as '1'"),
         ('metric."peak force">14kg', "'kg' is not a unit of the same kind as 'N'"),
         ("excitation.amplitude>=12kg", "'kg' is not a unit of the same kind as 'N' or 'm'"),
         ("excitation.amplitude=12kg", "'kg' is not a unit of the same kind as 'N' or 'm'"),
+        ("excitation.amplitude>=20 um", "'excitation.amplitude>=20 um' has a blank before the unit; expected ex"),
         ("estimator=propsed", "no sweep has the estimator 'propsed'; did you mean 'proposed'"),
         ("-friction=roling", "no sweep has the friction 'roling'; did you mean 'rolling'"),
     ],
 )
 def test_a_filter_that_cannot_be_understood_is_refused_in_one_line(filled, url, text, says):
-    units = {"excitation.amplitude": ["N", "m"]}
-    with Store.open(url, read_only=True, units=lambda path: units.get(path, ())) as store:
+    units = {"excitation.amplitude": {"stepped_sine": ["N", "m"]}}
+    with Store.open(url, read_only=True, units=lambda path: units.get(path, {})) as store:
         with pytest.raises(StoreError, match=says) as caught:
             store.page(text)
         assert store.page("excitation.amplitude>=0.012kN excitation.amplitude>1um").total == 2
     assert "\n" not in str(caught.value)
+
+
+def test_a_unit_finds_components_that_declare_it_and_is_refused_if_none_is_stored(store, url):
+    thrust, motion = point(12.0, label="thrust"), point(12.0, label="motion")
+    motion = replace(motion, experiment={**motion.experiment, "excitation": {"name": "sine_motion", "amplitude": 12.0}})
+    units = {"stepped_sine": ["N"], "sine_motion": ["m"]}
+    number = store.begin_run("both", "f", "c", {}, [thrust])
+    with Store.open(url, read_only=True, units=lambda path: units) as reader:
+        with pytest.raises(StoreError, match=r"'mm' is not a unit of the same kind as 'N'$"):
+            reader.page("excitation.amplitude>=20mm")
+        store.save(number, [(thrust, OK, {})])
+        store.begin_run("both", "f", "c", {}, [thrust, motion])
+        assert found(reader, "excitation.amplitude>=20mm") == {"motion"}
+        assert found(reader, "excitation.amplitude>=20mN") == {"thrust"}
+        assert found(reader, "-excitation.amplitude>=20mN") == {"motion"}
+        assert found(reader, "excitation.amplitude>=1") == {"motion", "thrust"}
 
 
 def test_quotes_and_signs_of_a_filter_are_read():
