@@ -32,6 +32,7 @@ from fraexp_plugins.estimators._shared.motion_above_nyquist import UnsampledErro
 from fraexp_plugins.estimators._shared.parameter_uncertainty import Deviation, check_deviations, perturbations
 from fraexp_plugins.estimators._shared.plant_above_modes import PlantAboveModes
 from fraexp_plugins.estimators._shared.rounding_band import with_rounding
+from fraexp_plugins.estimators._shared.single_periods import as_single_periods
 from fraexp_plugins.estimators._shared.standstill import HiddenForce, hidden_forces
 
 DIFFERENCE_STEP_STDS = 2.0
@@ -136,6 +137,8 @@ class EffectiveInput(EncoderAwareObserver, name="effective_input", version=5):
                 "friction depends on the amplitude, which the response does not state; give record.input_amplitude "
                 "(--input-amplitude)"
             )
+        if not getattr(self.method, "motion_repeats", True):
+            signals = as_single_periods(signals)
         observer = self.fitted_to(signals).resolve_oversampling(signals.segments)
         found = observer._estimate_with_model(signals)
         images = observer._images_that_matter(signals, found)
