@@ -22,6 +22,7 @@ from fraexp.api import (
 )
 from fraexp_plugins.identification.plant._shared.log_response import LogResponse, Weighting, log_response
 from fraexp_plugins.identification.plant._shared.modal_doubts import unsupported_parts
+from fraexp_plugins.identification.plant._shared.modal_extrema import antiresonances, extremum_curves
 from fraexp_plugins.identification.plant._shared.modal_model import ModalModel
 from fraexp_plugins.identification.plant._shared.modal_order import (
     OrderChoice,
@@ -48,7 +49,7 @@ CURVE_POINTS = 400
 """Frequencies of the fitted model's curve: enough for a resonance with 1 % damping."""
 
 
-class ModalFit(Estimator, name="modal_fit", version=4):
+class ModalFit(Estimator, name="modal_fit", version=5):
     """P_d(s) e^{-Ls} of the paper's eq (1), fitted to the response of `method`: rigid body, modes and dead time.
 
     Minimises Σ w_k |ln(G_m(jω_k)/Ĝ_k)|², the weighted logarithmic residual (J. D. Sidman, F. E. DeAngelis and
@@ -65,6 +66,9 @@ class ModalFit(Estimator, name="modal_fit", version=4):
     Where the response is inaccurate outside the frequency range of the fit only, the fit is ok.
 
     A fit that leaves more than 10 % of the response unexplained by noise is inaccurate.
+
+    The curves `resonances` and `antiresonances` list poles and complex zeros within the frequency range: frequency,
+    damping ratio, and magnitude of the fitted model.
 
     Metrics: the parameters, whose covariance is in the fit; `residual`, the root mean square of ln(G_m/Ĝ); `cost`, the
     weighted sum of squares over its expectation by noise and `model_error` (1 if the model is right; missing if the
@@ -169,7 +173,7 @@ class ModalFit(Estimator, name="modal_fit", version=4):
             remark,
             response,
             tuple(self._metrics(solution, response.unit)),
-            (_model_curve(solution, response.unit), _error_curve(solution)),
+            (_model_curve(solution, response.unit), _error_curve(solution), *extremum_curves(solution, response.unit)),
             (self._fit(solution, response.unit),),
         )
 
@@ -293,10 +297,10 @@ def _relative_errors(solution: Solution) -> NDArray[np.float64]:
 
 
 def _model_curve(solution: Solution, unit: str) -> Curve:
-    """Return the fitted model with its resonances; without a phase if only the magnitude is fitted."""
+    """Return the fitted model with its extrema; without a phase if only the magnitude is fitted."""
     data, model = solution.data, solution.model
     low, high = float(data.frequency[0]), float(data.frequency[-1])
-    modes = model.poles(solution.p)[:, 0]
+    modes = np.concatenate([model.poles(solution.p), antiresonances(model, solution.p)])[:, 0]
     inside = modes[(low < modes) & (modes < high)]
     frequency = np.unique(np.concatenate([np.geomspace(low, high, CURVE_POINTS), inside]))
     log_model = model.log_response(solution.p, 2j * np.pi * frequency)
