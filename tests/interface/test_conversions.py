@@ -88,6 +88,7 @@ def test_metrics_alone_make_a_table(workspace: fraexp.Workspace) -> None:
         _ = run[0].frequency
 
 
+@pytest.mark.thorough
 def test_a_cell_shows_figure_and_table(run: fraexp.Run, workspace: fraexp.Workspace) -> None:
     law = workspace.friction_law("coulomb", coulomb_force=5.0)
     study = workspace.study("quick")
@@ -148,6 +149,7 @@ def test_draws_are_a_dimension_with_the_drawn_values_along_it(workspace: fraexp.
     assert data.rigid_body_gain.dims == ("draw",)
 
 
+@pytest.mark.thorough
 def test_representations_are_one_line(run: fraexp.Run, workspace: fraexp.Workspace) -> None:
     assert repr(run[0]) == f"<SweepResult {run[0].key}: conventional, y/u [m/N] at {POINTS} frequencies 1…200.2 Hz; ok>"
     assert repr(run).startswith(f"<Run: run {run.number} of quick complete: 4 sweeps")

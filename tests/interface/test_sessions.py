@@ -14,6 +14,7 @@ import fraexp
 from fraexp.api import FrictionModel, param
 from fraexp.errors import FraexpError, PluginError
 from fraexp.store.interrupts import deferred_interrupt
+from tests.examples import thorough
 from tests.waiting import HANG_TIMEOUT_S
 
 ROOT = Path(__file__).parents[2]
@@ -38,7 +39,7 @@ class Uncompiled(FrictionModel, name="uncompiled_in_session", version=1):
         return z_next[0]
 
 
-@pytest.mark.parametrize("way", ["file", "standard input"])
+@pytest.mark.parametrize("way", ["file", thorough("standard input")])
 def test_workers_do_not_run_a_script_again(tmp_path: Path, way: str) -> None:
     (tmp_path / "script.py").write_text(SCRIPT)
     command = [sys.executable, "script.py"] if way == "file" else [sys.executable, "-"]
@@ -59,6 +60,7 @@ def test_a_session_stays_in_its_folder(tmp_path: Path, monkeypatch: pytest.Monke
         workspace.runs()
 
 
+@pytest.mark.thorough
 def test_a_law_that_cannot_be_compiled_is_one_of_our_errors(tmp_path: Path) -> None:
     law = fraexp.FrictionLaw(Uncompiled(stiffness=1e6))
     with pytest.raises(PluginError, match="cannot be compiled"):

@@ -48,6 +48,10 @@ class CurvePlace(NamedTuple):
         return bool(np.isfinite(self.row))
 
 
+OWN_PLACE = CurvePlace()
+"""The place of a curve that is alone."""
+
+
 def group_sweeps(
     labels: Sequence[Plain],
     units: Mapping[str, str] | None = None,

@@ -98,6 +98,15 @@ class Solution:
         return float(np.sqrt(np.mean(np.sum(error**2, axis=0))))
 
     @property
+    def unexplained(self) -> float:
+        """The part of the residual that known noise does not explain."""
+        noise = 0.0
+        if self.data.covariance is not None:
+            parts = np.diagonal(self.data.covariance, axis1=1, axis2=2)[:, : self.data.parts]
+            noise = float(np.mean(np.sum(parts, axis=1)))
+        return float(np.sqrt(max(self.residual**2 - noise, 0.0)))
+
+    @property
     def exceeds_noise(self) -> bool:
         """Whether the residual is too large for noise, if the covariance of the response is unknown."""
         return self.data.covariance is None and self.residual > MAX_NOISE_RESIDUAL
