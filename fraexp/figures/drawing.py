@@ -14,7 +14,7 @@ from fraexp.errors import FraexpError
 from fraexp.figures.elements.canvas import figure_style
 from fraexp.figures.elements.facets import panel_places
 from fraexp.figures.elements.grouping import CurvePlace, facet_indices
-from fraexp.figures.elements.shown import ShownResult, curve_places
+from fraexp.figures.elements.shown import EXTREMUM_CURVES, ShownResult, curve_places
 from fraexp.figures.elements.stamp import check_suffix, stamp_digest
 from fraexp.figures.elements.view import FULL_VIEW, View, break_wrapped_lines, zoom_to_band
 from fraexp.figures.kinds.against_first import difference_info, draw_difference
@@ -58,7 +58,7 @@ def draw_figure(
     otherwise positioning moves, otherwise curves. FraexpError if the kind does not support the `view`.
     """
     chosen = kind or _default_kind(shown)
-    view.check(chosen)
+    view.check(chosen, [of.response.frequency for of in shown if of.response is not None])
     figure = _draw_kind(shown, reference, title, chosen, view)
     if view.wrapped:
         break_wrapped_lines(figure)
@@ -122,7 +122,12 @@ def _default_kind(shown: Sequence[ShownResult]) -> str:
 
 def _labelled_curves(shown: Sequence[ShownResult]) -> list[tuple[str, Curve, CurvePlace]]:
     pairs = zip(shown, curve_places(shown), strict=True)
-    return [(of.name, curve, place) for of, place in pairs for curve in of.result.curves]
+    return [
+        (of.name, curve, place)
+        for of, place in pairs
+        for curve in of.result.curves
+        if curve.name not in EXTREMUM_CURVES
+    ]
 
 
 def save_figure(figure: Figure, path: Path, keys: Sequence[str]) -> None:

@@ -45,3 +45,14 @@ def curve_text(curve: Curve) -> str:
     """Return name, columns and number of points of a curve."""
     columns = ", ".join(f"{name} [{with_powers(curve.units.get(name, ''))}]" for name in curve.columns)
     return f"{curve.name}: {columns}, {len(next(iter(curve.columns.values()), ()))} points"
+
+
+def curve_table(curve: Curve) -> tuple[list[str], list[list[str]]]:
+    """Return the heading and a row for each point of a curve, in readable units."""
+    scales = [column_unit(list(values), curve.units.get(name, "")) for name, values in curve.columns.items()]
+    heading = [f"{name} [{unit}]" if unit else name for name, (_, unit) in zip(curve.columns, scales, strict=True)]
+    columns = [
+        [number_text(factor * value, 4) for value in values]
+        for values, (factor, _) in zip(curve.columns.values(), scales, strict=True)
+    ]
+    return heading, [list(row) for row in zip(*columns, strict=True)]

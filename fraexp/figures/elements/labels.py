@@ -117,6 +117,12 @@ def nominal_labels(labels: Plain) -> dict[str, object]:
     return {path: labels[path] for path in paths[: paths.index(DRAW) if DRAW in labels else None]}
 
 
+def drawn_labels(labels: Plain) -> dict[str, object]:
+    """Return the values of a sweep that were drawn at random: those after its draw."""
+    paths = list(labels)
+    return {path: labels[path] for path in paths[paths.index(DRAW) + 1 :]} if DRAW in labels else {}
+
+
 def label_columns(labels: Sequence[Plain]) -> dict[str, str]:
     """Return the title of each label: the last part of its dotted path (for ``estimator.name`` the part before).
 

@@ -8,15 +8,18 @@ import numpy as np
 from fraexp.figures.elements.bundles import draw_bundles
 from fraexp.figures.elements.facets import facet_panels
 from fraexp.figures.elements.frequency_lines import (
+    EXTREMUM_SIZE,
+    LEGEND_GREY,
     add_fitted_legend,
     add_model_legend,
     draw_bands,
+    draw_extrema,
     draw_line,
     draw_points_and_model,
 )
 from fraexp.figures.elements.line_style import LineStyle
 from fraexp.figures.elements.view import PHASE_LABEL
-from fraexp.figures.kinds.bode import BodeInfo, BodeSample
+from fraexp.figures.kinds.bode import BodeInfo, BodeModel, BodeSample
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,6 +29,8 @@ UNSETTLED_STYLE: LineStyle = {
     "color": "0.3", "fillstyle": "none", "markersize": 2.5, "mew": 0.4, "zorder": 1.9, "rasterized": True,
 }  # fmt: skip
 """Style of the points of a sample that had not settled."""
+RIGID_BODY_STYLE: LineStyle = {"color": "0.5", "linestyle": (0, (1, 2)), "linewidth": 0.9, "zorder": 1.8}
+"""Style of the line of the apparent mass."""
 
 
 def draw_bode(info: BodeInfo) -> "Figure":
@@ -84,14 +89,27 @@ def _draw_part(axes: "Axes", info: BodeInfo, part: str, styles: Mapping[str, Lin
             draw_points_and_model(
                 axes, (curve.frequency, values), curve.settled, (model.frequency, getattr(model, part)), style
             )
+            if part == "magnitude":
+                draw_extrema(axes, model.frequency, model.magnitude, model.extremum, style)
+                axes.plot(model.frequency, model.rigid_body, **RIGID_BODY_STYLE)
             add_fitted_legend(axes, curve.label if model.has_phase else f"{curve.label} (fit of the magnitude)", style)
         bands.append((curve.frequency, curve.with_gaps(getattr(curve, f"{part}_band")), str(style["color"])))
     if any(curve.model for curve in info.curves):
         add_model_legend(axes, "fitted plant")
+        _add_plant_legend(axes, [curve.model for curve in info.curves if curve.model])
     if info.reference is not None:
         of = info.reference
         draw_line(axes, of.frequency, getattr(of, part), of.settled, of.label, canvas.REFERENCE_STYLE)
     draw_bands(axes, bands)
+
+
+def _add_plant_legend(axes: "Axes", models: Sequence[BodeModel]) -> None:
+    """Add the entries of what is marked: extrema, and the line of the apparent mass."""
+    for sign, marker, label in ((1, "v", "resonance"), (-1, "^", "antiresonance")):
+        if any((model.extremum == sign).any() for model in models):
+            axes.plot([], [], marker, color=LEGEND_GREY, markersize=EXTREMUM_SIZE, label=label)
+    if any(np.isfinite(model.rigid_body).any() for model in models):
+        axes.plot([], [], label="rigid body (apparent mass)", **RIGID_BODY_STYLE)
 
 
 def _draw_unsettled(axes: "Axes", samples: Sequence[BodeSample], part: str) -> None:
