@@ -29,7 +29,11 @@ def _json(parser: Parser) -> None:
 
 
 def _terminal(parser: Parser) -> None:
-    parser.add_argument("--terminal", action="store_true", help="draw a figure into the terminal")
+    parser.add_argument(
+        "--terminal",
+        action="store_true",
+        help="draw a figure into the terminal: an image if it shows them, else braille",
+    )
 
 
 def _list(parser: Parser) -> None:

@@ -181,7 +181,7 @@ def test_the_table_has_only_what_differs(workspace: Path, keys: list[str]) -> No
         await shows(pilot, "difference", "excitation.amplitude")
         table = app.screen.query_one(DataTable)
         names = [str(table.get_row_at(row)[0]) for row in range(table.row_count)]
-        assert "excitation.amplitude" in names
+        assert "excitation.amplitude [N]" in names
         assert not any(name.startswith("estimator") for name in names)
         assert "━" not in screen_text(app)
         await pilot.press("escape")

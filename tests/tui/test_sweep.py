@@ -75,7 +75,7 @@ def test_parameters_have_units_origins_and_meanings(workspace, keys):
     async def steps(app, pilot):
         await opened(app, pilot, keys[0])
         await pilot.press("3")
-        await shows(pilot, "plant.rigid_body_gain = 0.132 m/(N s**2)  from study", "rigid-body gain k0")
+        await shows(pilot, "plant.rigid_body_gain = 0.132 m/(N s²)  from study", "rigid-body gain k0")
         await pilot.press("G")
         await shows(pilot, "estimator.refer_to_plant = true  from grid")
         await pilot.press("g")

@@ -28,8 +28,9 @@ DASH_STYLES: tuple[Dash, ...] = (
 )
 REFERENCE_STYLE: LineStyle = {"color": "0.1", "linestyle": (0, (4, 6)), "linewidth": 1.2, "zorder": 4}
 TITLE_CHARACTERS_PER_INCH, TITLE_MARGIN_INCH = 10.5, 0.8
-LEGEND_CHARACTERS_PER_INCH = 11.0
 """Characters of a title per width of the figure, and the width that it cannot use, because it is above the axes."""
+LEGEND_CHARACTERS_PER_INCH = 11.5
+"""Characters of a legend per width of the figure."""
 LEGEND_ROW_INCH = 0.22
 """Height by which a figure grows for each further row of its legend."""
 RC_PARAMS: Any = {  # matplotlib lists each key with a type of its own

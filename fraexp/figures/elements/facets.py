@@ -21,7 +21,6 @@ MAX_COLUMNS = 3
 """Maximum number of facets side by side."""
 FACET_WIDTH, FACET_MARGIN = 3.7, 1.4
 """Width of a facet, and what a figure needs beside its facets [inch]."""
-
 FACET_FONT_SIZE, MAX_FACET_TICKS = 9.5, 5
 """Size of the titles of axes [pt], and maximum number of steps between ticks, of a facet."""
 

@@ -59,6 +59,7 @@ Enter opens a sweep, Space marks it; c compares the marked sweeps, or all of the
     RunPage #sweeps { width: 1fr; }
     RunPage LogTail { height: 1fr; min-height: 2; max-height: 8; }
     RunPage.-low LogTail { max-height: 4; }
+    RunPage LogTail.-empty { height: 1; min-height: 1; }
     RunPage #sweeps.-none { display: none; }
     RunPage.-wide PreviewPlot { display: block; width: 1fr; }
     RunPage.-narrow.-curves PreviewPlot { display: block; width: 1fr; }
@@ -226,6 +227,7 @@ Enter opens a sweep, Space marks it; c compares the marked sweeps, or all of the
         tail = self.query_one(LogTail)
         noted = self.run.provenance.get("log") if self.run else None
         file = self.started.log if self.started else Path(noted) if noted else None
+        tail.set_class(file is None, "-empty")
         if file is None:
             tail.show("no log: the run was started in a terminal" if self.run else "log")
             return
