@@ -48,7 +48,7 @@ endurance: check
 check: $(TOOLS)
 	@$(BIN)/ruff format --quiet --check . || { echo "not formatted: run make format" >&2; exit 1; }
 	@$(BIN)/ruff check --quiet .
-	@$(BIN)/python -m mypy --no-error-summary
+	@$(BIN)/python -m mypy --num-workers auto --no-error-summary
 	@$(BIN)/lint-imports --no-logo > $(ENV)/imports.log || { cat $(ENV)/imports.log >&2; exit 1; }
 
 format: $(TOOLS)

@@ -11,7 +11,7 @@ from fraexp.figures.drawing import draw_figure
 from fraexp.figures.elements.frequency_lines import MODEL_LINE_WIDTH, isolated_points
 from fraexp.figures.elements.shown import ShownResult
 from fraexp.figures.kinds.bode import bode_info
-from fraexp.figures.kinds.bode_panels import draw_bode
+from fraexp.figures.kinds.bode_panels import RIGID_BODY_STYLE, draw_bode
 from tests.figures.conftest import ResponseMaker
 
 
@@ -107,6 +107,7 @@ def test_every_curve_has_a_style_of_its_own_and_a_place_in_the_legend(count: int
 
 PLANT = Modal(rigid_body_gain=0.132, frequencies=(38.8,), damping_ratios=(0.005,), modal_gain_ratios=(0.34,))
 """A resonance far narrower than the points are apart."""
+MARKS = ["resonance", "antiresonance", "rigid body (apparent mass)"]
 
 
 def fitted(make_response: ResponseMaker, **given: object) -> Result:
@@ -119,9 +120,10 @@ def test_a_fitted_plant_is_a_thin_line_through_the_points_of_its_response(make_r
     plain = ShownResult("plain", Result(Outcome.OK, response=make_response([5.0, 150.0], [-1e-3, -1e-6])))
     figure = draw_figure([plain, ShownResult("a", fitted(make_response)), ShownResult("b", fitted(make_response))])
     texts = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert texts == ["plain", "a", "b", "fitted plant"]
+    assert texts == ["plain", "a", "b", "fitted plant", *MARKS]
     for axes, part in zip(figure.axes, ("magnitude", "phase"), strict=True):
-        drawn = [line for line in axes.lines if len(line.get_xdata()) > 2]
+        rigid = RIGID_BODY_STYLE["linewidth"]
+        drawn = [line for line in axes.lines if len(line.get_xdata()) > 2 and line.get_linewidth() != rigid]
         points, lines = drawn[::2], drawn[1::2]
         assert [(line.get_linestyle(), len(line.get_xdata())) for line in points] == [("None", 60)] * 2
         assert [line.get_linewidth() for line in lines] == [MODEL_LINE_WIDTH] * 2
@@ -148,7 +150,7 @@ def test_a_plant_fitted_to_the_magnitude_has_no_phase_to_draw(make_response: Res
     assert np.isfinite(model.magnitude).all()
     assert np.isnan(model.phase).all()
     texts = [text.get_text() for text in draw_bode(info).legends[0].get_texts()]
-    assert texts == ["a (fit of the magnitude)", "fitted plant"]
+    assert texts == ["a (fit of the magnitude)", "fitted plant", *MARKS]
 
 
 def test_a_response_without_a_fit_has_no_model(make_response: ResponseMaker) -> None:

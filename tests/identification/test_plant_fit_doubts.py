@@ -7,9 +7,16 @@ import numpy as np
 import pytest
 from fraexp_plugins.identification.plant._shared.log_response import log_response
 from fraexp_plugins.plants.modal import Modal
+from scipy.signal import find_peaks
 
+from fraexp.data.results import Outcome
 from fraexp.errors import RecordError
 from tests.identification.plant_responses import DEAD_TIME, FREQUENCY, PLANTS, TWO, fitted, measured, metric, values
+
+PEAK_PROMINENCE_DB = 6.0
+"""Height of a peak over its surroundings that a person sees, and that noise of 3 % does not make."""
+PEAK_SHIFT = 0.03
+"""Relative shift of a damped mode's peak by its neighbours."""
 
 
 def test_a_model_that_errs_says_so():
@@ -88,6 +95,7 @@ def test_a_mode_outside_of_the_band_that_is_uncertain_is_dropped_or_reported():
     assert "the data do not support a mode at" in both.message
 
 
+@pytest.mark.thorough
 def test_a_mode_outside_of_the_band_that_is_well_determined_is_kept():
     """One mode at 400 Hz whose antiresonance at 270 Hz lies within the band; the response is that of eq (1)."""
     plant = Modal(rigid_body_gain=0.132, frequencies=(400.0,), damping_ratios=(0.02,), modal_gain_ratios=(1.2,))
@@ -109,3 +117,35 @@ def test_residuals_that_are_alike_count_as_fewer():
     solution, white = (fitted(measured(known=False), modes=modes) for modes in (1, 2))
     left = metric(solution, "residual") / metric(white, "residual")
     assert values(solution)[1]["rigid_body_gain"] > 1.5 * left * values(white)[1]["rigid_body_gain"]
+
+
+def test_a_fit_that_leaves_much_unexplained_is_not_ok():
+    """One mode of two: a person sees a peak without a curve through it."""
+    result = fitted(measured(known=True), modes=1)
+    assert result.outcome is Outcome.INACCURATE
+    assert re.search(r"leaves \d\d % of the response unexplained, most at \d+\.\d+ Hz; expected 10 %", result.message)
+    assert fitted(measured(PLANTS["two modes"], noise=0.15, known=True), modes=2).outcome is Outcome.OK  # noise
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("seed", range(8))
+def test_peaks_that_a_person_sees_are_modes(seed: int) -> None:
+    """Plants drawn with one to four modes; peaks of |w^2 G| are counted without a model, on the noisy response."""
+    rng = np.random.default_rng(seed)
+    count = 1 + seed % 4
+    frequencies = np.geomspace(12, 120, count) * rng.uniform(0.85, 1.15, count)
+    plant = Modal(
+        rigid_body_gain=0.132,
+        frequencies=tuple(frequencies),
+        damping_ratios=tuple(np.exp(rng.uniform(np.log(1e-3), np.log(0.05), count))),
+        modal_gain_ratios=tuple(rng.uniform(0.2, 0.8, count)),
+    )
+    grid = np.linspace(2, 200, 400) if seed % 2 else np.geomspace(1, 200, 300)
+    response = measured(plant, noise=rng.choice([0.003, 0.01, 0.03]), frequency=grid, seed=seed)
+    level = 20 * np.log10(np.abs(response.response) * grid**2)
+    places, _ = find_peaks(level, prominence=PEAK_PROMINENCE_DB)
+    found = np.array(fitted(response).fits[0].component["frequencies"])
+    assert places.size
+    for place in places:
+        spacing = grid[min(place + 2, grid.size - 1)] - grid[place]
+        assert np.abs(found - grid[place]).min() < max(spacing, PEAK_SHIFT * grid[place])

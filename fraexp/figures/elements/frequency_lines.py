@@ -23,6 +23,8 @@ POINT_SIZE = 3.2
 """Size of the points through which a model is drawn."""
 MODEL_LINE_WIDTH = 1.1
 """Width of the line of a model."""
+EXTREMUM_SIZE, EXTREMUM_OFFSET = 5.0, 5.0
+"""Size of the mark of a resonance or antiresonance, and its distance from the line, in points."""
 LEGEND_GREY = "0.35"
 """Colour of legend entries that stand for all curves."""
 Fill = Literal["full", "none"]
@@ -84,6 +86,25 @@ def draw_points_and_model(
     axes.plot(*model, color=colour, linestyle=style["linestyle"], linewidth=MODEL_LINE_WIDTH, zorder=3.5)
 
 
+def draw_extrema(
+    axes: "Axes",
+    frequency: NDArray[np.float64],
+    magnitude: NDArray[np.float64],
+    extremum: NDArray[np.float64],
+    style: LineStyle,
+) -> None:
+    """Mark the resonances (1) above and the antiresonances (-1) of a model below its line; all of shape (n,)."""
+    from matplotlib.transforms import ScaledTranslation
+
+    inches = axes.figure.dpi_scale_trans
+    for sign, marker in ((1, "v"), (-1, "^")):
+        chosen = extremum == sign
+        if chosen.any():
+            shifted = axes.transData + ScaledTranslation(0, sign * EXTREMUM_OFFSET / 72, inches)
+            look: LineStyle = {"color": str(style["color"]), "markersize": EXTREMUM_SIZE, "mew": 0.0, "zorder": 3.6}
+            axes.plot(frequency[chosen], magnitude[chosen], marker, transform=shifted, **look)
+
+
 def add_fitted_legend(axes: "Axes", label: str, style: LineStyle) -> None:
     """Add points and the line of their model to the legend."""
     tinted = mix_grey(str(style["color"]), 1.0, TINT_SHARE)
@@ -123,7 +144,8 @@ def draw_bands(
     for frequency, limits, colour in known:
         low, high = np.clip(limits, *edges)
         axes.fill_between(frequency, low, high, color=colour, alpha=opacity, linewidth=0)
-    axes.set_ylim(edges)
+    is_shared = len(axes.get_shared_y_axes().get_siblings(axes)) > 1
+    axes.set_ylim(edges, auto=None if is_shared else False)  # lines of further facets may need more
 
 
 def _axis_limits(span: tuple[float, float], limits: NDArray[np.float64]) -> tuple[float, float]:

@@ -1,7 +1,7 @@
 """Results with the names and references that figures show."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,9 @@ from fraexp.figures.elements.labels import RandomDraw
 
 FITTED_CURVE = "plant fit"
 """Name of the curve with the response of a fitted plant: its magnitude, and its phase if that was fitted."""
+
+EXTREMUM_CURVES = {"resonances": 1.0, "antiresonances": -1.0}
+"""Names of the curves that list extrema of a fitted plant, and their sign in the column ``extremum``."""
 
 
 @dataclass(frozen=True)
@@ -47,10 +50,26 @@ class ShownResult:
 
     @property
     def fitted(self) -> Curve | None:
-        """Magnitude, and phase [deg] if known, of the plant that was fitted to its response; None without a fit."""
+        """Magnitude, and phase [deg] if known, of the plant that was fitted to its response; None without a fit.
+
+        The column ``extremum`` is 1 at its resonances and -1 at its antiresonances, ``rigid body`` the magnitude of its
+        rigid body alone.
+        """
         unit = self.response.unit if self.response else None
         fits = (of for of in self.result.curves if of.name == FITTED_CURVE and of.units.get("magnitude") == unit)
-        return next(fits, None)
+        found = next(fits, None)
+        return replace(found, columns={**found.columns, **self._plant_columns(found)}) if found else None
+
+    def _plant_columns(self, of: Curve) -> dict[str, NDArray[np.float64]]:
+        frequency, columns = of.columns["frequency"], {"extremum": np.zeros(len(of.columns["frequency"]))}
+        for curve in self.result.curves:
+            if curve.name in EXTREMUM_CURVES:
+                nearest = np.abs(frequency - curve.columns["frequency"][:, None]).argmin(axis=1)
+                columns["extremum"][nearest] = EXTREMUM_CURVES[curve.name]
+        gains = [fit.component.get("rigid_body_gain") for fit in self.result.fits]
+        if gains and isinstance(gains[0], float):
+            columns["rigid body"] = gains[0] / (2 * np.pi * frequency) ** 2
+        return columns
 
 
 def curve_places(shown: Sequence[ShownResult]) -> list[CurvePlace]:

@@ -55,6 +55,10 @@ class BodeModel:
     """Magnitude [dB], shape (n,)."""
     phase: NDArray[np.float64]
     """Phase [deg] on the branch of the response, shape (n,); NaN if only the magnitude was fitted."""
+    extremum: NDArray[np.float64]
+    """1 at a resonance, -1 at an antiresonance, otherwise 0, shape (n,)."""
+    rigid_body: NDArray[np.float64]
+    """Magnitude of the rigid body alone [dB], the line of its apparent mass, shape (n,); NaN if it is unknown."""
 
     @property
     def has_phase(self) -> bool:
@@ -190,7 +194,11 @@ def _bode_model(of: Curve, factor: float, anchor: BodeCurve) -> BodeModel:
     frequency = of.columns["frequency"]
     phase = of.columns.get("phase", np.full(len(frequency), np.nan))
     phase = continuous_phase(phase, np.ones(len(frequency), dtype=bool), _phase_at(anchor, frequency))
-    return BodeModel(frequency, decibel(factor * of.columns["magnitude"]), phase)
+    rigid_body = of.columns.get("rigid body", np.full(len(frequency), np.nan))
+    extremum = of.columns.get("extremum", np.zeros(len(frequency)))
+    return BodeModel(
+        frequency, decibel(factor * of.columns["magnitude"]), phase, extremum, decibel(factor * rigid_body)
+    )
 
 
 def _bode_sample(

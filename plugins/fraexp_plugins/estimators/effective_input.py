@@ -38,6 +38,7 @@ from fraexp_plugins.estimators._shared.response_doubts import (
     with_doubt,
 )
 from fraexp_plugins.estimators._shared.rounding_band import with_rounding
+from fraexp_plugins.estimators._shared.single_periods import as_single_periods
 from fraexp_plugins.estimators._shared.standstill import HiddenForce, hidden_forces
 
 DIFFERENCE_STEP_STDS = 2.0
@@ -140,6 +141,8 @@ class EffectiveInput(EncoderAwareObserver, name="effective_input", version=5):
                 "friction depends on the amplitude, which the response does not state; give record.input_amplitude "
                 "(--input-amplitude)"
             )
+        if not getattr(self.method, "motion_repeats", True):
+            signals = as_single_periods(signals)
         observer = self.fitted_to(signals).resolve_oversampling(signals.segments)
         forces = observer._forces(signals.segments)
         found = observer._estimate_along(signals, forces)

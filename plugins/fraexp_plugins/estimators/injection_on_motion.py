@@ -1,7 +1,8 @@
 """A periodic injection during any motion: the response at its lines, and the apparent mass or inertia."""
 
+from dataclasses import replace
 from itertools import pairwise
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,28 +10,42 @@ from numpy.typing import NDArray
 from fraexp.api import Curve, FrequencyResponse, Metric, RecordError, Result, Segment, Signals, param, response_result
 from fraexp_plugins.estimators._shared.delayed_estimator import PlantReferredEstimator
 
-SMOOTHING_SAMPLES = 5
-"""Samples over which the velocity is averaged, so that encoder increments do not look like reversals."""
-MIN_LINES_PER_ORDER = 0.5
-"""Lowest line of a block relative to the order of the polynomial: below, the polynomial contains the line."""
+SMOOTHING_SHARE = 0.1
+"""Part of the highest line's period over which the velocity is averaged: encoder increments do not look like reversals,
+and reversals by the injection still do."""
+GUARD_SAMPLES = 5
+"""Samples next to a reversal that no block contains."""
+MIN_SLIDES = 5
+"""Slides from which their scatter counts, besides that of the blocks, which depend on each other within a slide."""
+OVERLAP_VARIANCE = 1 + 2 * 3 / 35
+"""Variance of a mean of half overlapping blocks over that of independent ones: sin⁴ and its neighbour correlate by 3/35
+(P. D. Welch, IEEE Trans. Audio and Electroacoustics 15(2), 1967, doi 10.1109/TAU.1967.1161901)."""
+MIN_SPACING = 2
+"""Least distance of two lines, and of the lowest one from 0, in periods per block: closer ones share their window."""
 
 
-class InjectionOnMotion(PlantReferredEstimator, name="injection_on_motion", version=1):
+class InjectionOnMotion(PlantReferredEstimator, name="injection_on_motion", version=2):
     """P̂ = y'/u at the lines of a known periodic signal that is injected while the axis moves as its task demands.
 
-    The record is cut into blocks of one period of the injection in which the axis slides without reversal, wherever
-    they begin. There Coulomb and rolling friction are constant. In each block input and output are fitted, by least
-    squares, by the sines of all lines and a polynomial of `order`: motion and the slow part of friction are a nuisance
-    that the polynomial takes, exactly for a minimum-jerk move at order 5 (T. Flash and N. Hogan, Journal of
-    Neuroscience 5(7), 1985, 1688-1703). The blocks' phasors are averaged; their scatter gives the covariance (R.
-    Pintelon and J. Schoukens, System Identification: A Frequency Domain Approach, 2nd ed. 2012, section 2.4).
+    The record is cut into blocks in which the axis slides without reversal, wherever they begin; consecutive ones
+    overlap by half. There Coulomb and rolling friction are constant. A block has as many periods of the injection as
+    keep its lines apart. In each block the second difference of the output and the input, averaged over two samples as
+    the hold does, are fitted by the sines of all lines and a polynomial of `order`, weighted by a window that vanishes
+    at the ends with its derivatives. These are modulating functions (M. Shinbrot, Trans. ASME 79, 1957, 547-554): the
+    motion is a nuisance that acts on the force as on the acceleration, so that their ratio remains that of the plant,
+    and the state at the ends of a block does not enter. The blocks' phasors are averaged; their scatter gives the
+    covariance (R. Pintelon and J. Schoukens, System Identification: A Frequency Domain Approach, 2nd ed. 2012, section
+    2.4).
 
     The apparent mass F/a (of a rotary axis the inertia T/α) follows at each line; viscous friction is its imaginary
-    part, unless `effective_input` takes it off with this estimator as its `method`. Lines below `order`/2 periods per
-    block are left out.
+    part, unless `effective_input` takes it off with this estimator as its `method`. With modes of the plant, a block
+    must be longer than their decay.
     """
 
-    order: int = param("1", "order of the polynomial that takes motion and slow friction", 6, at_least=1, at_most=20)
+    motion_repeats: ClassVar[bool] = False
+    """Whether the motion, and not only the injection, has the period of the record."""
+
+    order: int = param("1", "order of the polynomial that takes slow friction", 2, at_least=0, at_most=20)
     min_speed: float = param("m/s", "speed below which the axis counts as reversing", 1e-3, at_least=0)
 
     expected_failures = dict.fromkeys(
@@ -46,63 +61,106 @@ class InjectionOnMotion(PlantReferredEstimator, name="injection_on_motion", vers
             blocks.input * self.path(segment.frequency, segment.sample_time)
             for segment, blocks in zip(signals.segments, found, strict=True)
         ]
+        moving = tuple(replace(segment, settling=None) for segment in signals.segments)  # blocks omit a start from rest
         result = response_result(
-            signals, inputs, [one.output for one in found], names=(self.input, self.output), units=units
+            replace(signals, segments=moving),
+            inputs,
+            [one.output for one in found],
+            names=(self.input, self.output),
+            units=units,
         )
         if result.response is None:
             return result
+        factors = [one.variance_factor for one in found]
+        response = with_variance_factor(result.response, np.concatenate(factors))
         count = Metric("blocks", float(min(len(one.output) for one in found)), "1")
         return Result(
             result.outcome,
             result.message,
-            result.response,
-            (*apparent_mass_metrics(result.response), count),
-            (apparent_mass_curve(result.response),),
+            response,
+            (*apparent_mass_metrics(response), count),
+            (apparent_mass_curve(response),),
         )
 
     def _blocks(self, segment: Segment) -> "_Phasors":
         u, y = (segment.channels[name].ravel() for name in (self.input, self.output))
-        starts = self._starts(y, segment)
+        block, lines = _block_of(segment)
+        if lines[0] <= self.order / 2:
+            raise RecordError(
+                f"injection_on_motion: the lowest line has {lines[0]} periods in a block; expected more than half of "
+                f"order, {self.order}: lower order, or give a higher min_frequency"
+            )
+        starts = self._starts(y, segment.sample_time, block, int(SMOOTHING_SHARE * block / lines[-1]))
         if len(starts) < 2:
             raise RecordError(
-                f"injection_on_motion: {len(starts)} blocks of {segment.samples * segment.sample_time:.4g} s slide "
+                f"injection_on_motion: {len(starts)} blocks of {block * segment.sample_time:.4g} s slide "
                 f"without reversal at {self.min_speed:g} m/s or more; expected 2: move farther or faster, inject with "
                 "a shorter period, or lower min_speed"
             )
-        if segment.lines[0] < MIN_LINES_PER_ORDER * self.order:
-            raise RecordError(
-                f"injection_on_motion: the lowest line has {segment.lines[0]} periods in a block; expected "
-                f"{int(np.ceil(MIN_LINES_PER_ORDER * self.order))}: lower order, or give a higher min_frequency"
-            )
-        fits = np.array([self._fit(segment, start, u, y) for start in starts])
-        return _Phasors(fits[:, 0], fits[:, 1])
+        delay = round((self.input_dead_time + self.output_dead_time) / segment.sample_time)
+        return _block_phasors(u, y, starts, _Modulation.of(lines, block, self.order), delay)
 
-    def _starts(self, y: NDArray[np.float64], segment: Segment) -> list[int]:
-        """Return the first samples of consecutive blocks without reversal."""
-        speed = np.gradient(np.convolve(y, np.full(SMOOTHING_SAMPLES, 1 / SMOOTHING_SAMPLES), mode="same"))
-        threshold = self.min_speed * segment.sample_time
-        sign = np.where(np.abs(speed) >= threshold, np.sign(speed), 0.0)
+    def _starts(self, y: NDArray[np.float64], sample_time: float, block: int, smoothing: int) -> list[int]:
+        """Return the first samples of blocks without reversal, each half a block after the one before."""
+        smoothing = max(smoothing, 1)
+        speed = np.gradient(np.convolve(y, np.full(smoothing, 1 / smoothing), mode="same"))
+        sign = np.where(np.abs(speed) >= self.min_speed * sample_time, np.sign(speed), 0.0)
         edges = [0, *(np.flatnonzero(np.diff(sign)) + 1).tolist(), y.size]
+        guard = GUARD_SAMPLES + smoothing
         starts: list[int] = []
         for begin, end in pairwise(edges):
             if sign[begin]:
-                inner = range(begin + SMOOTHING_SAMPLES, end - SMOOTHING_SAMPLES - segment.samples + 1, segment.samples)
-                starts += inner
+                starts += range(begin + guard, end - guard - block + 1, max(block // 2, 1))
         return starts
 
-    def _fit(
-        self, segment: Segment, start: int, u: NDArray[np.float64], y: NDArray[np.float64]
-    ) -> NDArray[np.complex128]:
-        """Return the phasors of input and output in a block, on the clock of the record, shape (2, lines)."""
-        samples = np.arange(start, start + segment.samples)
-        turning = np.exp(2j * np.pi * np.outer(samples, segment.lines) / segment.samples)
-        powers = np.polynomial.legendre.legvander(np.linspace(-1, 1, segment.samples), self.order)
+
+def _block_of(segment: Segment) -> tuple[int, NDArray[np.int64]]:
+    """Return the samples of a block, and the periods in it of each line, shape (lines,)."""
+    common = int(np.gcd.reduce(segment.lines))
+    basic = segment.lines // common
+    count = int(np.ceil(MIN_SPACING / np.diff(basic, prepend=0).min()))
+    return count * segment.samples // common, count * basic
+
+
+class _Modulation(NamedTuple):
+    """The linear functionals of a block that give the phasors at its lines, whatever polynomial is added."""
+
+    rows: NDArray[np.complex128]
+    """Shape (lines, samples)."""
+    angle: NDArray[np.float64]
+    """Angle of each line per sample [rad], shape (lines,)."""
+
+    @classmethod
+    def of(cls, lines: NDArray[np.int64], block: int, order: int) -> "_Modulation":
+        """Return those of weighted least squares."""
+        angle = 2 * np.pi * lines / block
+        turning = np.exp(1j * np.outer(np.arange(block), angle))
+        powers = np.polynomial.legendre.legvander(np.linspace(-1, 1, block), order)
         basis = np.hstack([turning.real, -turning.imag, powers])
-        both = np.stack([u[samples], y[samples]], axis=1)
-        scale = np.abs(both).max(axis=0)
-        found = np.linalg.lstsq(basis, both / scale, rcond=None)[0] * scale
-        count = segment.lines.size
-        return np.asarray((found[:count] + 1j * found[count : 2 * count]).T, dtype=np.complex128)
+        weighted = basis * np.sin(np.pi * (np.arange(block) + 0.5) / block)[:, None] ** 4
+        rows = np.linalg.solve(basis.T @ weighted, weighted.T)
+        return cls(rows[: lines.size] + 1j * rows[lines.size : 2 * lines.size], angle)
+
+    def phasors(self, values: NDArray[np.float64], starts: list[int]) -> NDArray[np.complex128]:
+        """Return the phasors of the blocks that begin there, on the clock of the record, shape (blocks, lines)."""
+        blocks = values[np.add.outer(starts, np.arange(self.rows.shape[1]))]
+        return np.asarray(blocks @ self.rows.T * np.exp(-1j * np.outer(starts, self.angle)))
+
+
+def _block_phasors(
+    u: NDArray[np.float64], y: NDArray[np.float64], starts: list[int], modulation: _Modulation, delay: int
+) -> "_Phasors":
+    """Return the phasors of input and output, of an input that acts `delay` samples later."""
+    acceleration = np.pad(np.diff(y, 2), 1)
+    force = np.roll((u + np.roll(u, 1)) / 2, delay)
+    angle = modulation.angle
+    hold = np.cos(angle / 2) * np.exp(-1j * angle * (delay + 0.5))
+    slide = np.cumsum(np.diff(starts, prepend=starts[:1]) > modulation.rows.shape[1] // 2)
+    return _Phasors(
+        modulation.phasors(force, starts) / hold,
+        modulation.phasors(acceleration, starts) / (2 * np.cos(angle) - 2),
+        slide,
+    )
 
 
 class _Phasors(NamedTuple):
@@ -110,6 +168,28 @@ class _Phasors(NamedTuple):
 
     input: NDArray[np.complex128]
     output: NDArray[np.complex128]
+    slide: NDArray[np.int64]
+    """Number of the slide to which each block belongs, shape (blocks,)."""
+
+    @property
+    def variance_factor(self) -> NDArray[np.float64]:
+        """Variance of the ratio of the means over that of independent blocks, shape (lines,).
+
+        Half overlapping blocks correlate; and within a slide they share the pattern of the encoder's increments, which
+        the scatter of the slides' sums shows (K.-Y. Liang and S. L. Zeger, Biometrika 73(1), 1986).
+        """
+        error = self.output - self.output.mean(axis=0) / self.input.mean(axis=0) * self.input
+        sums = np.array([error[self.slide == number].sum(axis=0) for number in range(self.slide[-1] + 1)])
+        if len(sums) < MIN_SLIDES:
+            return np.full(error.shape[1], OVERLAP_VARIANCE)
+        squares = np.sum(np.abs(error) ** 2, axis=0) * len(error) / (len(error) - 1)
+        between = np.sum(np.abs(sums) ** 2, axis=0) * len(sums) / (len(sums) - 1)
+        return np.asarray(np.maximum(between / np.maximum(squares, 1e-300), OVERLAP_VARIANCE))
+
+
+def with_variance_factor(response: FrequencyResponse, factor: NDArray[np.float64]) -> FrequencyResponse:
+    """Return a response whose covariance is so many times as large, shape (lines,)."""
+    return replace(response, covariance=response.covariance * factor[:, None, None])
 
 
 def _apparent_mass(response: FrequencyResponse) -> NDArray[np.complex128]:

@@ -22,6 +22,7 @@ from fraexp.api import (
 )
 from fraexp_plugins.identification.plant._shared.log_response import LogResponse, Weighting, log_response
 from fraexp_plugins.identification.plant._shared.modal_doubts import unsupported_parts
+from fraexp_plugins.identification.plant._shared.modal_extrema import antiresonances, extremum_curves
 from fraexp_plugins.identification.plant._shared.modal_model import ModalModel
 from fraexp_plugins.identification.plant._shared.modal_order import (
     OrderChoice,
@@ -36,6 +37,8 @@ from fraexp_plugins.identification.plant._shared.whiteness import whiteness
 PLANT_UNIT = "m/N"
 MAX_RESIDUAL = 0.5
 """Root mean square of ln(G_m/Ĝ) above which a fit is refused: a factor of 1.6."""
+MAX_UNEXPLAINED = 0.1
+"""Root mean square of ln(G_m/Ĝ), without what noise explains, above which a fit is not ok."""
 NEGATIVE_DELAY_STDS = 2.0
 """Standard deviations below 0 from which a dead time counts as negative."""
 INTERVAL_ADVICE = (
@@ -46,7 +49,7 @@ CURVE_POINTS = 400
 """Frequencies of the fitted model's curve: enough for a resonance with 1 % damping."""
 
 
-class ModalFit(Estimator, name="modal_fit", version=4):
+class ModalFit(Estimator, name="modal_fit", version=5):
     """P_d(s) e^{-Ls} of the paper's eq (1), fitted to the response of `method`: rigid body, modes and dead time.
 
     Minimises Σ w_k |ln(G_m(jω_k)/Ĝ_k)|², the weighted logarithmic residual (J. D. Sidman, F. E. DeAngelis and
@@ -61,6 +64,11 @@ class ModalFit(Estimator, name="modal_fit", version=4):
     `rigid_body_gain`, `frequencies`, `damping_ratios` and `modal_gain_ratios` of the plant `modal`.
 
     Where the response is inaccurate outside the frequency range of the fit only, the fit is ok.
+
+    A fit that leaves more than 10 % of the response unexplained by noise is inaccurate.
+
+    The curves `resonances` and `antiresonances` list poles and complex zeros within the frequency range: frequency,
+    damping ratio, and magnitude of the fitted model.
 
     Metrics: the parameters, whose covariance is in the fit; `residual`, the root mean square of ln(G_m/Ĝ); `cost`, the
     weighted sum of squares over its expectation by noise and `model_error` (1 if the model is right; missing if the
@@ -138,6 +146,7 @@ class ModalFit(Estimator, name="modal_fit", version=4):
             )
         return replace(
             found,
+            outcome=fit.outcome if found.outcome is Outcome.OK else found.outcome,
             message="; ".join(text for text in (found.message, fit.message) if text),
             metrics=(*found.metrics, *fit.metrics),
             curves=(*fit.curves, *found.curves),
@@ -160,11 +169,11 @@ class ModalFit(Estimator, name="modal_fit", version=4):
         """Return a response with the plant that is fitted to it; RecordError if there is none."""
         solution, remark = self._checked_fit(response)
         return Result(
-            Outcome.OK,
+            Outcome.INACCURATE if solution.unexplained > MAX_UNEXPLAINED else Outcome.OK,
             remark,
             response,
             tuple(self._metrics(solution, response.unit)),
-            (_model_curve(solution, response.unit), _error_curve(solution)),
+            (_model_curve(solution, response.unit), _error_curve(solution), *extremum_curves(solution, response.unit)),
             (self._fit(solution, response.unit),),
         )
 
@@ -288,10 +297,10 @@ def _relative_errors(solution: Solution) -> NDArray[np.float64]:
 
 
 def _model_curve(solution: Solution, unit: str) -> Curve:
-    """Return the fitted model with its resonances; without a phase if only the magnitude is fitted."""
+    """Return the fitted model with its extrema; without a phase if only the magnitude is fitted."""
     data, model = solution.data, solution.model
     low, high = float(data.frequency[0]), float(data.frequency[-1])
-    modes = model.poles(solution.p)[:, 0]
+    modes = np.concatenate([model.poles(solution.p), antiresonances(model, solution.p)])[:, 0]
     inside = modes[(low < modes) & (modes < high)]
     frequency = np.unique(np.concatenate([np.geomspace(low, high, CURVE_POINTS), inside]))
     log_model = model.log_response(solution.p, 2j * np.pi * frequency)
@@ -316,6 +325,11 @@ def _error_curve(solution: Solution) -> Curve:
 def _remarks(solution: Solution) -> Iterator[str]:
     """Yield reasons to doubt the fit."""
     residual = solution.residual
+    if solution.unexplained > MAX_UNEXPLAINED:
+        yield (
+            f"the model leaves {100 * solution.unexplained:.0f} % of the response unexplained, "
+            f"{_worst_text(solution)}; expected {100 * MAX_UNEXPLAINED:.0f} % or less: do not use its parameters"
+        )
     if solution.has_model_error:
         yield (
             f"the residual is {np.sqrt(solution.excess):.2g} times what noise and model_error explain ({residual:.2g} "
@@ -335,6 +349,12 @@ def _remarks(solution: Solution) -> Iterator[str]:
                 f"the dead time is {values[-1]:.3g} s: the method removes more delay than there is; lower its dead "
                 "times, or fix dead_time"
             )
+
+
+def _worst_text(solution: Solution) -> str:
+    """Return where the model errs most."""
+    worst = int(np.argmax(np.abs(solution.error)))
+    return f"most at {solution.data.frequency[worst]:.4g} Hz"
 
 
 def _whiteness(solution: Solution) -> float:

@@ -98,6 +98,15 @@ class Solution:
         return float(np.sqrt(np.mean(np.sum(error**2, axis=0))))
 
     @property
+    def unexplained(self) -> float:
+        """The part of the residual that known noise does not explain."""
+        noise = 0.0
+        if self.data.covariance is not None:
+            parts = np.diagonal(self.data.covariance, axis1=1, axis2=2)[:, : self.data.parts]
+            noise = float(np.mean(np.sum(parts, axis=1)))
+        return float(np.sqrt(max(self.residual**2 - noise, 0.0)))
+
+    @property
     def exceeds_noise(self) -> bool:
         """Whether the residual is too large for noise, if the covariance of the response is unknown."""
         return self.data.covariance is None and self.residual > MAX_NOISE_RESIDUAL
@@ -266,7 +275,7 @@ def descend(
 
     def step_of(p: NDArray[np.float64]) -> IterationStep[NDArray[np.float64]]:
         error = data.weighted_parts(data.error(model.log_response(p, data.s)))
-        return IterationStep(p, -error, data.weighted_parts(model.jacobian(p, data.s)))
+        return IterationStep(p, -error, lambda: data.weighted_parts(model.jacobian(p, data.s)))
 
     minimum = minimise(step_of, lambda p, step: np.clip(p + step, low, high), p, evaluations)
     return Descent(minimum.place, minimum.iterations < evaluations)
