@@ -48,7 +48,7 @@ endurance: check
 check: $(TOOLS)
 	@$(BIN)/ruff format --quiet --check . || { echo "not formatted: run make format" >&2; exit 1; }
 	@$(BIN)/ruff check --quiet .
-	@$(BIN)/python -m mypy --no-error-summary
+	@$(BIN)/python -m mypy --num-workers auto --no-error-summary
 	@$(BIN)/lint-imports --no-logo > $(ENV)/imports.log || { cat $(ENV)/imports.log >&2; exit 1; }
 
 format: $(TOOLS)
@@ -57,8 +57,8 @@ format: $(TOOLS)
 
 # Each prints a table and fails where a bound is missed; all are run. The peers are those that are installed.
 BENCHMARKS := accuracy friction band_coverage friction_band encoder_band single_period_band plant_fit \
-              friction_identification positioning controller_search autonomous random_machines certificate hostile_laws \
-              kernel compilation peer_table scaling monte_carlo set_up timing store digests flipped_bits planning \
+              friction_identification positioning controller_search autonomous random_machines wrong_friction certificate \
+              hostile_laws kernel compilation peer_table scaling monte_carlo set_up timing store digests flipped_bits planning \
               estimates tui terminal window_leakage
 # These disturb runs, for hours at full size.
 DISTURBANCES := histories outages torture dask_torture

@@ -3,6 +3,7 @@
     python benchmarks/encoder_band.py                 500 seeds of each machine
     python benchmarks/encoder_band.py --reduced       60 seeds
     python benchmarks/encoder_band.py --machine paper one machine only
+    python benchmarks/encoder_band.py --first-seed 5000   other seeds
 
 The loop is simulated with 30 nm of noise and an encoder of 0.1 µm, 12 N, 8 periods, a different seed each time. For the
 proposed method, whose friction model is right, the band must cover P(jω); for the conventional one the response of the
@@ -100,6 +101,7 @@ def records(
     encoder: Mapping[str, float],
     amplitude: float = AMPLITUDE_N,
     recorded_periods: int = PERIODS,
+    first_seed: int = 0,
 ) -> Iterator[Signals]:
     """Yield a machine's record of a stepped sine for each seed."""
     experiment = {**sections, "loop": {**sections["loop"], **encoder}, "numerics": NUMERICS}
@@ -113,7 +115,8 @@ def records(
     excitation = create(REGISTRY, Excitation, spec)
     periods = excitation.periods(machine.loop.sample_time)
     for begin in range(0, seeds, SEEDS_PER_BATCH):
-        numbers = range(begin * len(periods), min(begin + SEEDS_PER_BATCH, seeds) * len(periods))
+        end = min(begin + SEEDS_PER_BATCH, seeds)
+        numbers = range((first_seed + begin) * len(periods), (first_seed + end) * len(periods))
         experiments = [Experiment(setup, periods[n % len(periods)], excitation.schedule, n) for n in numbers]
         segments = [segment for segment in run_experiments(experiments, lambda _: None) if segment]
         for first in range(0, len(segments), len(periods)):
@@ -194,11 +197,14 @@ def circle_radius(covariance: np.ndarray, freedom: np.ndarray) -> np.ndarray:
     return np.sqrt(trace * f_distribution.ppf(LEVEL, own, np.minimum(freedom, 1e6)))
 
 
-def coverage(sections: Mapping[str, Any], name: str, seeds: int, frequencies: Sequence[float]) -> Coverage:
-    """Return the coverage of a method's bands over so many seeds."""
+def coverage(
+    sections: Mapping[str, Any], name: str, seeds: int, frequencies: Sequence[float], first_seed: int = 0
+) -> Coverage:
+    """Return the coverage of a method's bands over so many seeds, from `first_seed` on."""
     method = estimator(sections, name)
     encoder = {"noise": NOISE_M, "resolution": RESOLUTION_M, "seed": 1}
-    results = [method.estimate(signals) for signals in records(sections, frequencies, seeds, encoder)]
+    experiments = records(sections, frequencies, seeds, encoder, first_seed=first_seed)
+    results = [method.estimate(signals) for signals in experiments]
     responses = [result.response for result in results if result.response is not None]
     true = true_response(sections, method, responses[0].frequency)
     truths = [true.at(response.input_amplitude) for response in responses]
@@ -223,6 +229,7 @@ def main() -> int:
     """Print a row for each machine, method and frequency; return 1 if a band does not cover 95 ± 2 %."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--seeds", type=int, default=500)
+    options.add_argument("--first-seed", type=int, default=0, help="number of the first seed")
     options.add_argument("--reduced", action="store_true", help="60 seeds")
     options.add_argument("--machine", choices=tuple(MACHINES), help="all if it is not given")
     options.add_argument("--method", choices=METHODS, help="both if it is not given")
@@ -233,7 +240,7 @@ def main() -> int:
     print(f"{seeds} seeds; coverage [%] of   Hz   circle  ellipse  magnitude  phase   mean error  scatter   stated")
     for machine in [chosen.machine] if chosen.machine else MACHINES:
         for name in [chosen.method] if chosen.method else METHODS:
-            found = coverage(MACHINES[machine], name, seeds, FREQUENCIES_HZ)
+            found = coverage(MACHINES[machine], name, seeds, FREQUENCIES_HZ, chosen.first_seed)
             for number, frequency in enumerate(FREQUENCIES_HZ):
                 circle, ellipse, magnitude, phase, mean_error, scatter, stated, honest = (
                     each[number] for each in found

@@ -9,10 +9,12 @@ import inspect
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from types import ModuleType
 from typing import Any, Literal, get_args, get_origin
 
 from pydantic.fields import FieldInfo
 
+import fraexp.api
 from fraexp.cli import arguments
 from fraexp.cli.exits import ExitCode
 from fraexp.components.kinds import KINDS, Component, nested_kind
@@ -75,16 +77,64 @@ def main() -> None:
 
 def pages(registry: Registry) -> dict[Path, str]:
     """Return the text of each generated page."""
-    command_line = DOCS / "command-line.md"
-    head, _, rest = command_line.read_text("utf-8").partition(BEGIN)
-    tail = rest.partition(END)[2]
-    guide = DOCS / "terminal-ui.md"
-    before, _, after = guide.read_text("utf-8").partition(BEGIN)
+    parts = {
+        "terminal-ui.md": [*_keys(), ""],
+        "command-line.md": _commands(),
+        "reference/python.md": _names(fraexp, with_members=True),
+        "reference/plugin-interface.md": _names(fraexp.api),
+    }
     return {
-        guide: before + "\n".join([BEGIN, "", *_keys(), "", END]) + after.partition(END)[2],
-        command_line: head + "\n".join([BEGIN, "", *_commands(), END]) + tail,
+        **{DOCS / name: _with_generated_part(DOCS / name, lines) for name, lines in parts.items()},
         **{DOCS / "reference" / name: "\n".join(lines) + "\n" for name, lines in _reference(registry).items()},
     }
+
+
+def _with_generated_part(page: Path, lines: Sequence[str]) -> str:
+    """Return the text of a page whose part between the marks is generated."""
+    head, _, rest = page.read_text("utf-8").partition(BEGIN)
+    return head + "\n".join([BEGIN, "", *lines, END]) + rest.partition(END)[2]
+
+
+def _names(module: ModuleType, with_members: bool = False) -> list[str]:
+    """Return a table of a module's public names, each with its first sentence, and those of its classes' members."""
+    public = {name: getattr(module, name) for name in module.__all__}
+    lines = _table(["name", "what it is"], ([_called(name, of), _sentence(of)] for name, of in public.items()))
+    for name, of in public.items():
+        members = _members(of) if with_members and inspect.isclass(of) else {}
+        if members:
+            rows = ([_called(member, value), _sentence(value)] for member, value in members.items())
+            lines += ["", f"**{name}**", "", *_table(["member", "what it is"], rows)]
+    return [*lines, ""]
+
+
+def _members(owner: type) -> dict[str, Any]:
+    """Return the properties and methods that a class itself defines."""
+    return {
+        name: of
+        for name, of in sorted(vars(owner).items())
+        if not name.startswith("_") and (inspect.isfunction(of) or isinstance(of, property | classmethod))
+    }
+
+
+def _called(name: str, of: Any) -> str:
+    """Return a name, with the arguments of what can be called."""
+    function = getattr(of, "__func__", of)
+    if not inspect.isfunction(function):
+        return f"`{name}`"
+    open_ended = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
+    words = [
+        "..." if of.kind in open_ended else of.name
+        for of in inspect.signature(function).parameters.values()
+        if of.name not in ("self", "cls")
+    ]
+    return f"`{name}({', '.join(words)})`"
+
+
+def _sentence(of: Any) -> str:
+    """Return the first sentence of what is documented, on one line; the value of a constant."""
+    if not (inspect.isclass(of) or callable(of) or isinstance(of, property | classmethod)):
+        return repr(of)
+    return (inspect.getdoc(of) or "").partition("\n\n")[0].replace("\n", " ").replace("``", "`")
 
 
 def _reference(registry: Registry) -> dict[str, list[str]]:

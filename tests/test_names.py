@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[1]
 FOLDERS = ("fraexp", "plugins")
 NO_FUNCTION_NAMES = frozenset(
@@ -73,6 +75,7 @@ def unclear(found: Iterator[str]) -> list[str]:
     return sorted(set(found) - ALLOWED.keys())
 
 
+@pytest.mark.thorough
 def test_every_exception_is_needed() -> None:
     found = {f"{place}: {name}" for place, module in modules() for name in functions(module)}
     found |= {f"{place}: {name}" for place, module in modules() for name, _ in constants(module)}

@@ -66,7 +66,7 @@ def execute(arguments: Namespace) -> ExitCode:
     elif needs_summary(len(sweeps)) and not arguments.all:
         _print_summary(sweeps, parameters | metrics, differences)
     else:
-        rows = difference_rows(sweeps, results)
+        rows = difference_rows(sweeps, results, workspace.registry)
         shown, folded = (rows, []) if arguments.all else fold_incomparable(rows)
         _print(sweeps, shown, differences, workspace.registry)
         if folded:

@@ -12,9 +12,10 @@ from fraexp.cli.terminal_figure import print_figure
 from fraexp.data.results import Fit, Result
 from fraexp.store import RunSummary, Store, StoredSweep, mark_damaged
 from fraexp.views.fields import drawn_labels, remedies, run_fields, sweep_fields
+from fraexp.views.resolved_parameters import resolved_parameters
 from fraexp.views.result_rows import FIT_COLUMNS, curve_table, curve_text, fit_rows, fit_section, metric_fields
 from fraexp.views.text_tables import response_table, sweep_table
-from fraexp.views.words import flatten, plural, summarise_segments, value_text
+from fraexp.views.words import plural
 
 MAX_CURVE_ROWS = 12
 """Number of points up to which a curve is printed as a table."""
@@ -83,10 +84,9 @@ def _show_sweep(store: Store, arguments: Namespace) -> None:
         return
     print_fields(sweep_fields(sweep))
     print("\nparameters")
-    parameters = flatten({**summarise_segments(sweep.experiment), "estimator": sweep.estimator})
-    drawn = drawn_labels(sweep.labels)
-    told = [f"{value_text(value)}{drawn.get(path, '')}" for path, value in parameters.items()]
-    print_fields(list(zip(parameters, told, strict=True)), indent=2)
+    drawn, registry = drawn_labels(sweep.labels), workspace_folder(arguments).registry
+    parameters = resolved_parameters(sweep, registry)
+    print_fields([(of.path, f"{of.quantity}{drawn.get(of.path, '')}") for of in parameters], indent=2)
     print("\nprovided by")
     sources = sweep.sources.items()
     print_fields([(name, f"{of.distribution}, source {of.source_hash[:12]}") for name, of in sources], indent=2)

@@ -133,7 +133,7 @@ class Parameters(BaseModel, metaclass=_Constructor):
         except ValidationError as error:
             sentence = _validation_sentence(cls, title, data, error)
         except ParameterError as error:
-            sentence = f"{title}: {error}"
+            sentence = _titled(title, str(error))
         raise ParameterError(rotary_text(sentence) if rotary else sentence)
 
     @classmethod
@@ -152,7 +152,7 @@ class Parameters(BaseModel, metaclass=_Constructor):
             return _error_sentence(cls, title, data, found) if found else ""
         except ParameterError as error:  # of a unit, or of values that do not go together
             others = tuple(f"{other}{mark}" for other in data if other != key for mark in (":", " is "))
-            return "" if str(error).startswith(others) else f"{title}: {error}"
+            return "" if str(error).startswith(others) else _titled(title, str(error))
         return ""
 
     def plain(self) -> dict[str, Any]:
@@ -232,8 +232,13 @@ def _error_sentence(cls: type[Parameters], title: str, data: Mapping[str, Any], 
     return (
         f"{title}.{place} is {toml.as_text(found['input'])}{what}; expected {expected}"
         if place
-        else f"{title}: {expected}"
+        else _titled(title, expected)
     )
+
+
+def _titled(title: str, sentence: str) -> str:
+    """Return a sentence that begins with the owner's name, which some conditions state themselves."""
+    return sentence if sentence.startswith((f"{title}.", f"{title}:", f"{title} ")) else f"{title}: {sentence}"
 
 
 def _innermost_table(

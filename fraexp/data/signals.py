@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 from fraexp.data.results import Metric, Outcome
 from fraexp.errors import RecordError, did_you_mean
 
+MAX_MAGNITUDE = 1e100
+"""Magnitude of samples, and its inverse, up to which spectra and their products are exact."""
+
 
 @dataclass(frozen=True)
 class Settling:
@@ -130,6 +133,17 @@ class Signals:
     def are_stated(self) -> bool:
         """Whether they stand for a response that was measured elsewhere."""
         return any(segment.stated for segment in self.segments)
+
+    def check_values(self) -> None:
+        """Raise RecordError for a channel whose squares are beyond floating point, or that has no numbers."""
+        for segment in self.segments:
+            for name, samples in segment.channels.items():
+                size = float(np.max(np.abs(samples), initial=0.0))
+                if size and not 1 / MAX_MAGNITUDE < size < MAX_MAGNITUDE:
+                    raise RecordError(
+                        f"channel '{name}' reaches {size:.3g} {self.units.get(name, '')}; expected numbers between "
+                        f"{1 / MAX_MAGNITUDE:g} and {MAX_MAGNITUDE:g}: correct its column, unit or scale"
+                    )
 
     def unit(self, channel: str) -> str:
         """Return the unit of a channel; RecordError names the nearest one if it does not exist."""

@@ -1,7 +1,7 @@
 """One estimator applied to the signals of one experiment, with the numerical certificate of its result."""
 
 from fraexp.components.kinds import Estimator
-from fraexp.data.results import Result
+from fraexp.data.results import UNUSABLE_OUTCOMES, Result
 from fraexp.data.rotary_axes import are_rotary, as_linear, rotary_result, rotary_text
 from fraexp.data.signals import Signals
 from fraexp.errors import FraexpError, PluginError, RecordError
@@ -27,6 +27,8 @@ def _estimate(estimator: Estimator, signals: Signals, tolerance: float) -> Resul
             f"{estimator.name} needs samples over time, and the record is a response that was measured elsewhere; use "
             "an estimator of responses to sines, such as the one that fraexp import takes by itself"
         )
+    if signals.outcome not in UNUSABLE_OUTCOMES:
+        signals.check_values()
     estimator = estimator.resolve_for(signals)
     result = estimator.estimate(signals)
     if not isinstance(result, Result):

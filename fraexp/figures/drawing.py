@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import IO
 
@@ -11,6 +12,7 @@ from fraexp.data.atomic_file import atomic_file
 from fraexp.data.results import Curve
 from fraexp.errors import FraexpError
 from fraexp.figures.elements.canvas import figure_style
+from fraexp.figures.elements.facets import panel_places
 from fraexp.figures.elements.grouping import CurvePlace, facet_indices
 from fraexp.figures.elements.shown import EXTREMUM_CURVES, ShownResult, curve_places
 from fraexp.figures.elements.stamp import check_suffix, stamp_digest
@@ -30,10 +32,10 @@ from fraexp.figures.kinds.positioning_moves import draw_positioning, is_position
 
 CURVE_KINDS = ("hysteresis", "positioning", "curves")
 """Kinds of figures that show the curves of results."""
+FACET_KINDS = (*CURVE_KINDS, "difference", "coherence", "nyquist")
+"""Kinds of figures that have facets but no map."""
 DRAWING_FUNCTIONS: dict[str, Callable[[Sequence[ShownResult], str], Figure]] = {
-    "errors": lambda shown, title: draw_errors(
-        errors_info(shown, title), {of.key: of.place for of in shown if of.place is not None}
-    ),
+    "errors": lambda shown, title: draw_errors(errors_info(shown, title)),
     "difference": lambda shown, title: draw_difference(difference_info(shown, title)),
     "coherence": lambda shown, title: draw_coherence(coherence_info(shown, title)),
     "amplitude_map": lambda shown, title: draw_amplitude_map(amplitude_map_info(shown, title)),
@@ -56,7 +58,7 @@ def draw_figure(
     otherwise positioning moves, otherwise curves. FraexpError if the kind does not support the `view`.
     """
     chosen = kind or _default_kind(shown)
-    view.check(chosen)
+    view.check(chosen, [of.response.frequency for of in shown if of.response is not None])
     figure = _draw_kind(shown, reference, title, chosen, view)
     if view.wrapped:
         break_wrapped_lines(figure)
@@ -68,6 +70,9 @@ def draw_figure(
 def _draw_kind(
     shown: Sequence[ShownResult], reference: Reference | None, title: str, chosen: str, view: View
 ) -> Figure:
+    if chosen in FACET_KINDS:
+        places = panel_places(curve_places(shown), chosen)
+        shown = [replace(of, place=place) for of, place in zip(shown, places, strict=True)]
     if chosen in CURVE_KINDS:
         return _draw_curve_kind(_labelled_curves(shown), title, chosen)
     if chosen in DRAWING_FUNCTIONS:
@@ -95,8 +100,9 @@ def _draw_bode(shown: Sequence[ShownResult], reference: Reference | None, title:
 def _draw_curve_kind(found: Sequence[tuple[str, Curve, CurvePlace]], title: str, kind: str) -> Figure:
     match kind:
         case "hysteresis":
-            loops = [(label, curve) for label, curve, _ in found if is_hysteresis(curve)]
-            return draw_hysteresis(hysteresis_info(loops, title))
+            loops = [of for of in found if is_hysteresis(of[1])]
+            pairs, places = [(label, curve) for label, curve, _ in loops], [place for *_, place in loops]
+            return draw_hysteresis(hysteresis_info(pairs, title, places))
         case "positioning":
             return draw_positioning(positioning_info(found, title))
     return draw_curves(curves_info([(label, curve) for label, curve, _ in found], title, [of for *_, of in found]))

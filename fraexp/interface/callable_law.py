@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 SAMPLES_PER_PERIOD = 4096
 """Samples of a sine, which resolve the corners of a hysteresis loop."""
+MIN_AMPLITUDE_M = 1e-12
+"""Smallest amplitude [m], a hundredth of an atom: laws that add to a large force lose increments below it."""
 SHOWN_AMPLITUDES_M = (1e-6, 1e-5, 1e-4)
 """Amplitudes of the loops in a notebook's figure [m]."""
 
@@ -81,7 +83,7 @@ class FrictionLaw:
         Parameters
         ----------
         amplitude
-            Amplitudes A of the displacement [m], above 0.
+            Amplitudes A of the displacement [m], 1e-12 or more.
         frequency
             Frequency of the motion [Hz]; it matters for laws that depend on the velocity.
         """
@@ -107,8 +109,13 @@ class FrictionLaw:
         self, amplitudes: NDArray[np.float64], frequency: float, sine: NDArray[np.float64]
     ) -> list[NDArray[np.float64]]:
         """Return the periodic force along sines of these amplitudes, without viscous friction."""
-        if not (np.isfinite(amplitudes) & (amplitudes > 0)).all() or not 0 < frequency < np.inf:
-            raise ParameterError(f"{self.name}: amplitudes [m] and frequency [Hz] must be finite and above 0")
+        require_positive(frequency, "frequency")
+        wrong = amplitudes[~(np.isfinite(amplitudes) & (amplitudes >= MIN_AMPLITUDE_M))]
+        if wrong.size:
+            raise ParameterError(
+                f"{self.name}: an amplitude is {wrong[0]:g} m; expected {MIN_AMPLITUDE_M:g} m or more, and finite: "
+                "below, rounding takes the place of the force"
+            )
         step = 1 / (frequency * sine.size)
         with compiler_errors_as_ours():
             return self.model.forces([Motion(amplitude * sine, step, periodic=True) for amplitude in amplitudes])

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from fraexp.data.results import Curve, FrequencyResponse, Result
 from fraexp.data.signals import Signals
+from fraexp.data.sweep import DRAW
 from fraexp.errors import FraexpError
 from fraexp.figures.export.content import json_value, outcome_name, response_arrays, response_units
 from fraexp.figures.export.text import table_columns
@@ -144,6 +145,16 @@ def stack_datasets(
     ]
     whole = xarray.combine_by_coords(placed, combine_attrs="drop_conflicts", **COMBINATION).reindex(grid)
     return _tidy(whole, attributes)
+
+
+def place_drawn_values(whole: "xarray.Dataset", names: Sequence[str]) -> "xarray.Dataset":
+    """Return a dataset in which values that were drawn at random are coordinates, over ``draw`` alone if possible."""
+    for name in names:
+        values = whole[name]
+        first = values.isel(dict.fromkeys(set(values.dims) - {DRAW}, 0))
+        found = first if bool((values == first).all()) else values
+        whole = whole.drop_vars(name).assign_coords({name: (found.dims, found.values)})
+    return whole
 
 
 def _align(datasets: Sequence["xarray.Dataset"]) -> "Sequence[xarray.Dataset]":

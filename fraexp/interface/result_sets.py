@@ -9,15 +9,15 @@ from fraexp.data.figure_kinds import check_kind
 from fraexp.data.results import Result
 from fraexp.errors import StudyError
 from fraexp.figures.elements.label_units import label_units
-from fraexp.figures.elements.labels import label_columns
+from fraexp.figures.elements.labels import drawn_labels, label_columns
 from fraexp.interface.argument_checks import frequency_view, require_text
-from fraexp.interface.datasets import label_values, stack_datasets
+from fraexp.interface.datasets import label_values, place_drawn_values, stack_datasets
 from fraexp.interface.html import page_part
 from fraexp.interface.optional_packages import import_optional
 from fraexp.interface.sweep_results import SweepResult
 from fraexp.store import RunSummary, StoredSweep, mark_damaged
 from fraexp.views.text_tables import TextTable, sweep_table
-from fraexp.views.words import plural
+from fraexp.views.words import plural, value_text
 
 if TYPE_CHECKING:
     import pandas
@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 MAX_SHOWN_SWEEPS = 20
 """Rows of a notebook's table."""
+MAX_SHOWN_VALUES = 6
+"""Values of a label in a message."""
 RESERVED_NAMES = frozenset({"frequency", "part", "other_part", "harmonic", "key", "outcome", "input", "output"})
 """Names that a dataset has already: a label of this name keeps its whole path."""
 
@@ -63,9 +65,11 @@ class Results(Sequence[SweepResult]):
     def __getitem__(self, index: int) -> SweepResult: ...
 
     @overload
-    def __getitem__(self, index: slice) -> "list[SweepResult]": ...
+    def __getitem__(self, index: slice) -> "Results": ...
 
-    def __getitem__(self, index: int | slice) -> "SweepResult | list[SweepResult]":
+    def __getitem__(self, index: int | slice) -> "SweepResult | Results":
+        if isinstance(index, slice):
+            return Results([of.sweep for of in self._items[index]], self._service, self.title)
         try:
             return self._items[index]
         except IndexError:
@@ -78,7 +82,7 @@ class Results(Sequence[SweepResult]):
         return iter(self._items)
 
     def filter(self, text: str) -> "Results":
-        """Return the results that match a filter, in the language of ``fraexp list --filter``.
+        """Return the results that match a filter, in the language of ``fraexp list``.
 
         For example ``estimator=effective_input excitation.amplitude>=12``. FraexpError if it is invalid.
         """
@@ -98,8 +102,11 @@ class Results(Sequence[SweepResult]):
         return found[0]
 
     def _labels_text(self) -> str:
-        axes = {name: dict.fromkeys(map(str, values)) for name, values in self._axes(self).items()}
-        return "; ".join(f"{name}: {', '.join(list(of)[:6])}" for name, of in axes.items()) or "no labels"
+        """Return the values of all labels, by the names that a filter knows."""
+        paths = dict.fromkeys(path for of in self for path in of.labels)
+        values = {path: label_values([of.labels.get(path) for of in self]) for path in paths}
+        shown = {path: list(dict.fromkeys(map(value_text, of)))[:MAX_SHOWN_VALUES] for path, of in values.items()}
+        return "; ".join(f"{path}={' or '.join(of)}" for path, of in shown.items()) or "no labels"
 
     def _axes(self, results: Sequence[SweepResult]) -> dict[str, list[Any]]:
         """Return the values of each label, by its short name: the end of its path, as in tables."""
@@ -112,22 +119,34 @@ class Results(Sequence[SweepResult]):
     def to_xarray(self) -> "xarray.Dataset":
         """Return all responses as one dataset: a dimension for each label of the grid, and ``frequency``.
 
-        The dimension is ``sweep`` if the sweeps are no full grid. Points that a sweep lacks are NaN. Key, outcome and
-        message of each sweep are variables, and labels have their unit in the attribute ``units``.
+        Random draws have the dimension ``draw``, along which the drawn values are coordinates. The dimension is
+        ``sweep`` if the sweeps are no full grid. Points that a sweep lacks are NaN. Key, outcome and message of each
+        sweep are variables, and labels have their unit in the attribute ``units``.
         """
         usable = [of for of in self if of.result.response is not None]
-        own = {of.key: {"key": of.key, "outcome": of.outcome, "message": of.message} for of in usable}
+        axes = self._axes(usable)
+        drawn = {name: axes.pop(name) for name in self._drawn_names(usable)}
+        own = {
+            of.key: {"key": of.key, "outcome": of.outcome, "message": of.message}
+            | {name: values[number] for name, values in drawn.items()}
+            for number, of in enumerate(usable)
+        }
         datasets = [of.to_xarray().assign(own[of.key]) for of in usable]
         for dataset in datasets:
             dataset.attrs = {
                 name: value for name, value in dataset.attrs.items() if name not in own[dataset.key.item()]
             }
-        whole = stack_datasets(datasets, self._axes(usable), self._attributes())
+        whole = place_drawn_values(stack_datasets(datasets, axes, self._attributes()), list(drawn))
         units = self._label_units(usable)
         for path, name in label_columns([of.labels for of in usable]).items():
             if name in whole.coords:
                 whole[name].attrs |= {"path": path} | ({"units": units[path]} if path in units else {})
         return whole
+
+    def _drawn_names(self, results: Sequence[SweepResult]) -> list[str]:
+        """Return the short names of the labels that were drawn at random: those behind the number of the draw."""
+        columns = label_columns([of.labels for of in results])
+        return [columns[path] for path in columns if any(path in drawn_labels(of.labels) for of in results)]
 
     def _label_units(self, results: Sequence[SweepResult]) -> dict[str, str]:
         pairs = ((of.labels, {**of.sweep.experiment, "estimator": of.sweep.estimator}) for of in results)
@@ -161,7 +180,7 @@ class Results(Sequence[SweepResult]):
         self,
         kind: str = "",
         frequency_range: tuple[float, float] | None = None,
-        group_by: Sequence[str] | None = None,
+        group_by: Sequence[str] | str | None = None,
     ) -> "Figure":
         """Return a matplotlib figure of all results; `kind` and `frequency_range` [Hz] as for a single one.
 
@@ -170,7 +189,8 @@ class Results(Sequence[SweepResult]):
         sweeps = [of.sweep for of in self if of.is_usable]
         check_kind(kind, "plot: kind")
         view = frequency_view(frequency_range)
-        return self._service.figures.figure(sweeps, self._found, self.title, kind, view, group_by)
+        labels = [group_by] if isinstance(group_by, str) else group_by
+        return self._service.figures.figure(sweeps, self._found, self.title, kind, view, labels)
 
     def _table(self) -> TextTable:
         return sweep_table(self._sweeps[:MAX_SHOWN_SWEEPS], self._found, self._service.registry)

@@ -1,9 +1,10 @@
 """Progress of runs and of single computations, in a notebook's cell or on standard error."""
 
-from collections.abc import Callable, Generator, Iterator
-from contextlib import closing, contextmanager, suppress
+from collections.abc import Callable, Generator, Iterator, Mapping
+from contextlib import closing, contextmanager
+from functools import cache
 
-from fraexp.cli.follow import follow
+from fraexp.cli.follow import RunEvents, follow
 from fraexp.cli.progress import Meter
 from fraexp.components.first_trial import friction_specs
 from fraexp.data.sweep import Plain
@@ -13,28 +14,48 @@ from fraexp.kernels.announcement import compilation_listener
 
 
 def follow_run(events: Generator[Event, None, None], is_shown: bool) -> Ended:
-    """Return how a run ended; with `is_shown`, show its plan, progress and failures meanwhile."""
-    if is_shown:
-        followed = follow(events)
-        run = followed.begun[-1] if followed.begun else None
-        return followed.ended[-1] if followed.ended else Ended(run, "interrupted")
-    run, ended = None, None
-    with suppress(KeyboardInterrupt), closing(events):
-        for event in events:
-            if isinstance(event, Begun):
-                run = event.run
-            elif isinstance(event, Ended):
-                ended = event
-    return ended or Ended(run, "interrupted")
+    """Return how a run ended; with `is_shown`, show its plan, progress and failures meanwhile.
+
+    KeyboardInterrupt, after the run was stopped and its finished sweeps were stored, for an interrupt.
+    """
+    followed = follow(events) if is_shown else _follow_silently(events)
+    run = followed.begun[-1] if followed.begun else None
+    if followed.interrupted:
+        raise KeyboardInterrupt(
+            f"run {run} is stopped; its finished sweeps are kept, and the same call continues"
+            if run is not None
+            else "the run had not begun"
+        )
+    return followed.ended[-1] if followed.ended else Ended(run, "interrupted")
+
+
+def _follow_silently(events: Generator[Event, None, None]) -> RunEvents:
+    followed = RunEvents()
+    try:
+        with closing(events):
+            for event in events:
+                if isinstance(event, Begun):
+                    followed.begun.append(event.run)
+                elif isinstance(event, Ended):
+                    followed.ended.append(event)
+    except KeyboardInterrupt:
+        followed.interrupted = True
+    return followed
 
 
 @contextmanager
-def computing_meter(experiment: Plain) -> Iterator[Callable[[float], None]]:
-    """Show the progress of one computation that takes long, and say so while a friction law is compiled."""
-    laws = " and ".join(dict.fromkeys(f"'{spec['name']}'" for spec in friction_specs([experiment])))
-    with (
-        compiler_errors_as_ours(),
-        Meter() as meter,
-        compilation_listener(lambda: meter.note(f"compiling friction law {laws} (once per machine)")),
-    ):
-        yield lambda fraction: meter.move(fraction, 1.0)
+def computing_meter(computed: Plain) -> Iterator[Callable[[float], None]]:
+    """Show the progress of one computation that takes long, and say once that something is compiled for it."""
+    with compiler_errors_as_ours(), Meter() as meter:
+        note = cache(lambda: meter.note(f"compiling {_compiled_text(computed)} (once per machine)"))
+        with compilation_listener(note):
+            yield lambda fraction: meter.move(fraction, 1.0)
+
+
+def _compiled_text(computed: Plain) -> str:
+    """Return what is compiled for a computation: its friction laws, or those that its estimator tries."""
+    laws = dict.fromkeys(f"'{spec['name']}'" for spec in friction_specs([computed]))
+    if laws:
+        return f"friction law {' and '.join(laws)}"
+    estimator = computed.get("estimator")
+    return f"the law of {estimator['name']}" if isinstance(estimator, Mapping) else "kernels"

@@ -41,6 +41,8 @@ class Workspace:
     """
 
     def __init__(self, folder: str | Path = ".", database: str | None = None) -> None:
+        if database is not None:
+            require_text(database, "database")
         # Absolute: a session goes on in the folder in which it began, wherever the program goes.
         self._service = WorkspaceService.open(require_path(folder, "folder").absolute(), database)
 
@@ -55,7 +57,7 @@ class Workspace:
 
     def study(self, name: str) -> Study:
         """Return a study by name or file, to be changed and run; StudyError names the nearest one."""
-        found = find_studies(name, self.folder)
+        found = find_studies(require_text(name, "study"), self.folder)
         if len(found) != 1:
             raise StudyError(f"'{name}' is a folder of {len(found)} studies; expected one of them")
         study = Study.from_file(found[0][1])
@@ -86,7 +88,8 @@ class Workspace:
     ) -> Run:
         """Run a study: missing sweeps are computed, stored ones are reused; return its results.
 
-        An interrupt (Ctrl-C, or the notebook's stop button) ends the run; finished sweeps are kept.
+        An interrupt (Ctrl-C, or the notebook's stop button) stops the run, keeps finished sweeps, and is then raised
+        again as KeyboardInterrupt, so that a script ends; `open_run` has what is there, and the same call continues.
 
         Parameters
         ----------
@@ -106,8 +109,9 @@ class Workspace:
         limits = ResourceLimits()
         if time_limit is not None:
             limits = ResourceLimits(time=require_positive(time_limit, "time_limit"))
-        if executor is not None:
-            require_text(executor, "executor")
+        for word, what in ((executor, "executor"), (rerun, "rerun")):
+            if word is not None:
+                require_text(word, what)
         resolved, command = self._resolve(study, changes)
         events = self._service.run_resolved([resolved], command, executor, rerun, limits)
         ended = follow_run(events, progress)
@@ -127,6 +131,8 @@ class Workspace:
     def _resolve(self, study: str | Path | Study, changes: Mapping[str, object] | None) -> tuple[ResolvedStudy, str]:
         """Return a study with all its sweeps, and the command that the database keeps."""
         overrides = override_texts(require_mapping(changes or {}, "changes", '{"excitation.points": 30}'))
+        if not isinstance(study, str | Path | Study):
+            raise ParameterError(f"study is {study!r:.60}; expected its name, its file or a Study")
         if isinstance(study, Study):
             self._register(study.classes)
             resolved = resolve_study(study, self.folder, self._service.registry, overrides)
@@ -186,7 +192,7 @@ class Workspace:
 
     def friction_law(self, name: str, **parameters: object) -> FrictionLaw:
         """Return a friction law by name with its parameters, such as ``stiffness="17 N/µm"``, to be called."""
-        spec = component_spec({"name": name, **parameters})
+        spec = component_spec({"name": require_text(name, "name"), **parameters})
         return FrictionLaw(create(self._service.registry, FrictionModel, spec))
 
     def simulate(
@@ -211,7 +217,8 @@ class Workspace:
         data = {**base, **sections, "excitation": excitation, "estimator": PERIODIC_ESTIMATOR}
         study = Study("simulation", self.folder, **data)
         self._register(study.classes)
-        sweep = direct_computation.single_sweep(resolve_study(study, self.folder, self._service.registry))
+        resolved = resolve_study(study, self.folder, self._service.registry, place="simulate")
+        sweep = direct_computation.single_sweep(resolved)
         return direct_computation.record_signals(sweep.experiment, {}, self._service)
 
     def read_record(

@@ -3,7 +3,7 @@
 import copy
 import os
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,8 @@ from fraexp.components.kinds import Component
 from fraexp.components.registry import Registry
 from fraexp.data import toml
 from fraexp.data.atomic_file import atomic_file
-from fraexp.errors import StudyError
+from fraexp.errors import FraexpError, StudyError
+from fraexp.interface.argument_checks import require_path, require_text
 from fraexp.interface.callable_law import FrictionLaw
 from fraexp.interface.html import page_part
 from fraexp.records.study_writer import study_text
@@ -45,9 +46,9 @@ class Study:
     """
 
     def __init__(self, name: str = "study", folder: str | Path = ".", **keys: Any) -> None:
-        if not NAME_PATTERN.fullmatch(str(name)):
+        if not NAME_PATTERN.fullmatch(require_text(name, "study name")):
             raise StudyError(f"study name {name!r}: expected letters, digits, '.', '_' and '-', such as 'amplitudes'")
-        self.name, self.folder = str(name), Path(folder)
+        self.name, self.folder = name, require_path(folder, "folder")
         self.classes = session_classes(keys)
         """Classes of the components that are given as objects."""
         self.data: dict[str, Any] = {key: _section(key, value) for key, value in keys.items()}
@@ -57,14 +58,14 @@ class Study:
     def from_toml(cls, text: str, name: str = "study", folder: str | Path = ".") -> "Study":
         """Return the study in a TOML text; StudyError if it is no TOML."""
         try:
-            return cls(name, folder, **toml.loads(text))
+            return cls(name, folder, **toml.loads(require_text(text, "text")))
         except ValueError as error:
             raise StudyError(f"{name}: is no valid TOML: {error}") from None
 
     @classmethod
     def from_file(cls, path: str | Path) -> "Study":
         """Return the study in a TOML file, to be changed and run."""
-        file = Path(path)
+        file = require_path(path, "path")
         return cls(re.sub(r"[^\w.-]", "_", file.stem), file.parent, **study_file.read(file))
 
     def to_toml(self) -> str:
@@ -76,7 +77,7 @@ class Study:
 
         StudyError if the file exists and `force` is not set.
         """
-        file = Path(path)
+        file = require_path(path, "path")
         if file.exists() and not force:
             raise StudyError(f"{file}: the file exists; give force=True to replace it, or another name")
         data = _move_records(self.data, lambda record: _path_from(self.folder / record, file.parent))
@@ -112,14 +113,25 @@ def plain_value(value: Any) -> Any:
             return [plain_value(item) for item in value]
         case str() | bool() | int() | float():
             return value
-    raise StudyError(f"a study cannot contain {value!r:.60}; expected numbers, texts, lists, tables or components")
+    remedy = "; put its values into a list" if isinstance(value, Iterator | Set) else ""
+    raise StudyError(
+        f"a study cannot contain {value!r:.60}; expected numbers, texts, lists, tables or components{remedy}"
+    )
 
 
-def resolve_study(study: Study, folder: Path, registry: Registry, overrides: Sequence[str] = ()) -> ResolvedStudy:
-    """Return a study with every point of its grid; StudyError or ParameterError says what does not fit."""
+def resolve_study(
+    study: Study, folder: Path, registry: Registry, overrides: Sequence[str] = (), place: str = ""
+) -> ResolvedStudy:
+    """Return a study with every point of its grid; StudyError or ParameterError says what does not fit.
+
+    They name `place`, by default the study, where those of a study file name the file.
+    """
     file = study.folder / f"{study.name}.toml"
     data = _move_records(study.data, lambda record: _path_from(study.folder / record, file.parent))
-    return study_file.resolve(study.name, file, data, folder, registry, overrides)
+    try:
+        return study_file.resolve(study.name, file, data, folder, registry, overrides)
+    except FraexpError as error:
+        raise type(error)(str(error).replace(str(file), place or f"Study('{study.name}')")) from None
 
 
 def component_spec(value: Any) -> dict[str, Any]:
@@ -152,7 +164,9 @@ def _section(key: str, value: Any) -> Any:
     plain = plain_value(value)
     if key == "grid" and isinstance(plain, Mapping):
         return {path: [_section(path, one) for one in of] if isinstance(of, list) else of for path, of in plain.items()}
-    if key == "case" and isinstance(plain, list):
+    if key == "case":
+        if not isinstance(plain, list) or not all(isinstance(case, Mapping) for case in plain):
+            raise StudyError(f'case is {value!r:.60}; expected a list of tables, such as [{{"label": "stiff", ...}}]')
         return [{inner: _section(inner, of) for inner, of in case.items()} for case in plain]
     return {"name": plain} if key in COMPONENTS and isinstance(plain, str) else plain
 

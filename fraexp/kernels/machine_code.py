@@ -129,10 +129,16 @@ def compile_kernel(
         _mark_as_used(path)
         kernel.compile(signature)
         return kernel
+    refused = path.with_suffix(".refused")
     with _compile_lock(path):
-        if not path.exists():  # another process may have compiled it while this one waited
+        if not path.exists() and not refused.exists():  # another process may have tried it while this one waited
             announce_compilation()
-        kernel.compile(signature)
+        try:
+            kernel.compile(signature)
+        except Exception:  # it fails again in each process, but within a second: nothing to announce
+            with contextlib.suppress(OSError):
+                refused.touch()
+            raise
     return kernel
 
 

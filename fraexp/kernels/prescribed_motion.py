@@ -153,8 +153,13 @@ def _last_call(memory: NDArray[np.float64], observed: NDArray[np.float64] | None
 
 def can_vectorise(law: Law, arguments: tuple[LawArgument, ...]) -> bool:
     """Return whether a law can be computed in lanes: not if it branches on a value, or uses what lanes lack."""
+    return _can_vectorise(law, argument_kinds(arguments))
+
+
+@cache  # a search makes thousands of models of one law, and a compilation that fails takes nearly a second
+def _can_vectorise(law: Law, kinds: ArgumentKinds) -> bool:
     try:
-        compiled_block(law, argument_kinds(arguments), MOTION_LANES)
+        compiled_block(law, kinds, MOTION_LANES)
     except LawError:
         return False
     return True

@@ -230,9 +230,9 @@ def _propose_rate(
     found: Sequence[FileContent],
 ) -> None:
     size = used[0].size if used else max(one.size for one in found)
-    times = [one for one in _best(found, "time") if one.size == size]
-    if times:
-        proposal.words += ["--time", times[0].quantity]
+    time = _time_column(found, size)
+    if time is not None:
+        proposal.words += ["--time", time.quantity]
         return
     for one in found:
         if one.guess in CLOCK_ROLES:
@@ -243,6 +243,13 @@ def _propose_rate(
                 return
     proposal.words += ["--sample-rate", "HZ"]
     proposal.needs.append("the file does not state the sample rate: replace HZ")
+
+
+def _time_column(found: Sequence[FileContent], size: int) -> FileContent | None:
+    """Return the column of time stamps; one without a unit only if no number of the file states the rate instead."""
+    time = next((one for one in _best(found, "time") if one.size == size), None)
+    is_stated = any(one.guess in CLOCK_ROLES for one in found)
+    return None if time is None or (is_stated and not time.has_unit) else time
 
 
 def _propose_period(
@@ -280,11 +287,11 @@ def _time_of(
     """Return the time stamps of the input [s], if the file has some."""
     if chosen.column in table.times:
         return table.times[chosen.column]
-    times = [one for one in _best(found, "time") if one.size == chosen.size]
-    if not times or table.sample_time is not None:
+    of = _time_column(found, chosen.size)
+    if of is None or table.sample_time is not None:
         return None
-    factor = {"ms": 1e-3, "us": 1e-6, "µs": 1e-6}.get(times[0].unit.strip() or times[0].name.rpartition("_")[2], 1.0)
-    return np.asarray(reader.read(path, [times[0].name]).columns[times[0].name] * factor)
+    factor = {"ms": 1e-3, "us": 1e-6, "µs": 1e-6}.get(of.unit.strip() or of.name.rpartition("_")[2], 1.0)
+    return np.asarray(reader.read(path, [of.name]).columns[of.name] * factor)
 
 
 def _even_values(

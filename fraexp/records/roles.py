@@ -95,6 +95,11 @@ class FileContent:
         return f"{self.name}({','.join(':' if place in left else '1' for place in range(len(self.shape)))})"
 
     @property
+    def has_unit(self) -> bool:
+        """Whether the file or the end of the name states its unit."""
+        return is_usable_unit(self.unit) or self.name.rpartition("_")[2] in NAME_ENDING_UNITS
+
+    @property
     def quantity(self) -> str:
         """Text of a channel with it, with a unit if the file has none."""
         ending = self.name.rpartition("_")[2]

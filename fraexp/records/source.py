@@ -228,6 +228,8 @@ def existing_file(path: Path) -> Path:
     try:
         if path.is_file():
             return path.resolve()
+        if path.is_dir():
+            raise RecordError(f"{path}: is a folder; expected a file")
         if not path.parent.is_dir():
             raise RecordError(f"{path}: there is no folder '{path.parent}'; correct record.file")
     except OSError as error:  # such as a name that is too long
@@ -250,8 +252,9 @@ def find_reader(name: str, path: Path, registry: Registry) -> RecordReader:
         ]
     if not name and len(fitting) != 1:
         which = f"readers {', '.join(fitting)} all read" if fitting else "no reader reads"
+        ending = f"{which} '{path.suffix}'" if path.suffix else "its name has no ending that tells its format"
         known = ", ".join(registry.names(RecordReader.kind))
-        raise RecordError(f"{path.name}: {which} '{path.suffix}'; give reader = one of {known}")
+        raise RecordError(f"{path.name}: {ending}; give reader = one of {known}")
     return create(registry, RecordReader, {"name": name or fitting[0]}, place=path.name)
 
 

@@ -100,7 +100,8 @@ def steps_per_sample(machine: Machine) -> int:
         raise ParameterError(
             f"stuck on {machine.friction_names} friction, of up to {stiffness:.4g} N/m, the machine resonates at "
             f"{resonance / (2 * np.pi):.4g} Hz, which needs {fewest} steps per sample; expected at most "
-            f"{MAX_STEPS_PER_SAMPLE}: correct max_stiffness of the law (check 'stiffness'), or lower loop.sample_time"
+            f"{MAX_STEPS_PER_SAMPLE}: correct the plant's gain, max_stiffness of the law (check 'stiffness'), or lower "
+            "loop.sample_time"
         )
     if numerics.steps_per_sample == 0:
         return accurate_steps(machine.ports, machine.frictions, machine.loop.sample_time, numerics.tolerance)

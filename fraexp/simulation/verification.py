@@ -29,10 +29,6 @@ REFINEMENT_MARGIN = 1.2
 """Factor on the steps that the error asks for."""
 MAX_STEPS = 200
 """Maximum number of steps per sample that fraexp chooses by itself."""
-STEPS_REMEDY = (
-    "set numerics.steps_per_sample to 0 or higher, raise numerics.tolerance, or, where the machine hardly moves, the "
-    "amplitude"
-)
 
 
 class StepPair(NamedTuple):
@@ -86,7 +82,16 @@ def verify(
             "output_dead_time": machine.loop.output_dead_time,
             "output_time_constants": machine.loop.output_time_constants,
         },
-        remedy=STEPS_REMEDY,
+        remedy=_steps_remedy(machine, setup),
+    )
+
+
+def _steps_remedy(machine: Machine, setup: Setup) -> str:
+    chosen = machine.numerics.steps_per_sample
+    steps = "to 0, which chooses them" if chosen else f"above {setup.steps}, which were chosen"
+    return (
+        f"set numerics.steps_per_sample {steps}, raise numerics.tolerance, or, where the machine hardly moves, the "
+        "amplitude"
     )
 
 

@@ -114,22 +114,32 @@ def component_of(kind: str, spec: Any, registry: Registry) -> Owner:
     return positioned_class(provider.component, spec) if provider else None
 
 
-def units_of(path: str, registry: Registry) -> set[str]:
-    """Return the units that components declare for a path, of either kind of axis; none if one declares no unit."""
+def units_of(path: str, registry: Registry) -> dict[str, set[str]]:
+    """Return the units that a parameter can have, of either kind of axis, by the component whose path it is.
+
+    The name is empty for a section that is no component. A component without this parameter, or that declares it
+    without a unit, is left out.
+    """
     section, *parts = path.split(".")
-    owners = [SETTINGS[section]] if section in SETTINGS else _components_of_kind(section, registry)
-    found: list[FieldInfo] = []
+    owners = {"": SETTINGS[section]} if section in SETTINGS else _components_of_kind(section, registry)
+    units = {name: _units_below(owner, parts, registry) for name, owner in owners.items()}
+    return {name: found | {rotary_unit(unit) for unit in found} for name, found in units.items() if found}
+
+
+def _units_below(owner: type[Parameters], parts: Sequence[str], registry: Registry) -> set[str]:
+    """Return the units that are declared for a parameter of a component, or of a component inside it."""
+    owners, found = [owner], list[FieldInfo]()
     for part in parts:
         if not part.isdecimal():  # the unit of a list is that of its values
-            found = [owner.model_fields[part] for owner in owners if part in owner.model_fields]
-            owners = [owner for info in found for owner in _owners(info, registry)]
+            found = [one.model_fields[part] for one in owners if part in one.model_fields]
+            owners = [inner for info in found for inner in _owners(info, registry)]
     units = {unit_of(info) for info in found}
-    return set() if "" in units else units | {rotary_unit(unit) for unit in units}
+    return set() if "" in units else units
 
 
 def _owners(info: FieldInfo, registry: Registry) -> list[type[Parameters]]:
     kind = nested_kind(info)
-    return _components_of_kind(kind.kind, registry) if kind else parameters_in(info)
+    return list(_components_of_kind(kind.kind, registry).values()) if kind else parameters_in(info)
 
 
 def parameters_in(info: FieldInfo) -> list[type[Parameters]]:
@@ -138,5 +148,5 @@ def parameters_in(info: FieldInfo) -> list[type[Parameters]]:
     return [of for of in candidates if inspect.isclass(of) and issubclass(of, Parameters)]
 
 
-def _components_of_kind(kind: str, registry: Registry) -> list[type[Parameters]]:
-    return [provider.component for (of, _), provider in registry.providers.items() if of == kind]
+def _components_of_kind(kind: str, registry: Registry) -> dict[str, type[Parameters]]:
+    return {name: provider.component for (of, name), provider in registry.providers.items() if of == kind}

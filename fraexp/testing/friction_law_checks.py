@@ -148,6 +148,8 @@ def monotone(drive: Drive) -> None:
 
 def stiffness(drive: Drive) -> None:
     """`max_stiffness`, which determines the loop's step length, is the slope of the steepest slow step."""
+    if drive.model.state_size == 0:
+        raise NotApplicableError("without a state its force depends on the velocity alone, and has no stiffness")
     slow, declared, steepest = drive.slow_copy(), drive.model.max_stiffness, 0.0
     small = slow.length * 1e-4
     for walk, _ in slow.walks():

@@ -24,6 +24,7 @@ from fraexp.testing.conformance_check import NotApplicableError, require
 from fraexp.testing.examples import strategy
 from fraexp.testing.friction_law_checks import FORCE_TOLERANCE
 from fraexp.testing.interpreted_model import Interpreted
+from fraexp.testing.velocity_checks import continuous_at_rest, function_of_velocity
 from fraexp.testing.walk import (
     Drive,
     back_and_forth_strategy,
@@ -102,6 +103,9 @@ def wave_strategy(component: type[Component]) -> SearchStrategy[Wave]:
 
 def continuous(wave: Wave) -> None:
     """The force does not jump at a reversal: its steps shrink with the steps of the motion."""
+    if wave.model.state_size == 0:
+        continuous_at_rest(wave.model)
+        return
     jumps = []
     coarse, fine, _ = wave.steps
     for steps in (coarse, fine):
@@ -116,6 +120,9 @@ def continuous(wave: Wave) -> None:
 
 def refinement(wave: Wave) -> None:
     """Smaller steps of the same motion converge to one force; a law without rate effects gives it with any steps."""
+    if wave.model.state_size == 0:
+        function_of_velocity(wave.model)
+        return
     errors = _step_errors(wave, wave.steps)
     coarse, fine, _ = wave.steps
     if not _converges(errors) and errors[0] <= MAX_MISSED:

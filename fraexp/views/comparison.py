@@ -5,10 +5,13 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any
 
+from fraexp.components.registry import Registry
 from fraexp.data.identity import key_of
 from fraexp.data.results import Result
 from fraexp.figures.kinds.difference import Difference, response_difference
 from fraexp.store import Store, StoredSweep
+from fraexp.study.paths import unit_at
+from fraexp.views.quantity_texts import scale_values, with_unit
 from fraexp.views.words import flatten, number_text, plural, short_key, value_text
 
 ABSENT = "-"
@@ -82,17 +85,42 @@ def parameter_values(sweep: StoredSweep) -> dict[str, Any]:
     return flatten({**sweep.experiment, "estimator": sweep.estimator})
 
 
-def difference_rows(sweeps: Sequence[StoredSweep], results: Mapping[str, Result]) -> list[list[str]]:
-    """Return a row for each parameter, metric and fit that differs: its name, and a text for each sweep."""
+def difference_rows(
+    sweeps: Sequence[StoredSweep], results: Mapping[str, Result], registry: Registry
+) -> list[list[str]]:
+    """Return a row for each parameter, metric and fit that differs: its name with its unit, and a text per sweep."""
     found = [results.get(sweep.key) for sweep in sweeps]
     parameters = differing_values([parameter_values(sweep) for sweep in sweeps])
     metrics, fits = (
         differing_values([metric_values(of) for of in found]),
         differing_values([fit_texts(of) for of in found]),
     )
-    rows = [[path, *_texts(row)] for path, row in parameters.items()]
-    rows += [[path, *(number_text(value) for value in row)] for path, row in metrics.items()]
+    rows = [_parameter_row(path, row, sweeps, registry) for path, row in parameters.items()]
+    rows += [_metric_row(name, row) for name, row in metrics.items()]
     return rows + [[path, *(text or ABSENT for text in row)] for path, row in fits.items()]
+
+
+def _parameter_row(path: str, row: Sequence[object], sweeps: Sequence[StoredSweep], registry: Registry) -> list[str]:
+    units = [_unit(sweep, path, registry) for sweep, value in zip(sweeps, row, strict=True) if value is not None]
+    scaled, unit = scale_values(row, units[0] if len(set(units)) == 1 else "")
+    return [with_unit(path, f"[{unit}]" if unit else ""), *_texts(scaled)]
+
+
+def _unit(sweep: StoredSweep, path: str, registry: Registry) -> str:
+    try:
+        return unit_at({**sweep.experiment, "estimator": sweep.estimator}, path, registry)
+    except (ValueError, IndexError):  # the section of a record has a different structure
+        return ""
+
+
+def _metric_row(title: str, row: Sequence[float | None]) -> list[str]:
+    name, _, unit = title.removesuffix("]").rpartition(" [")
+    scaled, unit = scale_values(row, unit)
+    return [with_unit(name, f"[{unit}]" if unit else ""), *(_metric_text(value) for value in scaled)]
+
+
+def _metric_text(value: object) -> str:
+    return number_text(value if isinstance(value, int | float) else None)
 
 
 def fold_incomparable(rows: Sequence[Sequence[str]]) -> tuple[list[Sequence[str]], list[str]]:

@@ -10,6 +10,7 @@ from fraexp.data.rotary_axes import is_rotary
 from fraexp.errors import StudyError
 from fraexp.store import StoredSweep
 from fraexp.study.paths import declared_at, value_at
+from fraexp.views.quantity_texts import scale_values, with_unit
 from fraexp.views.words import flatten, summarise_segments, value_text
 
 
@@ -23,6 +24,11 @@ class ResolvedParameter:
     origin: str
     """``grid``, ``study``, ``default``, or the path from which the value is inherited; empty where it is not known."""
     meaning: str
+
+    @property
+    def quantity(self) -> str:
+        """Value with unit."""
+        return with_unit(self.value, self.unit)
 
 
 def resolved_parameters(sweep: StoredSweep, registry: Registry) -> list[ResolvedParameter]:
@@ -55,7 +61,8 @@ def _resolve(
         origin = inherited
     elif origin == "study" and not info.is_required() and _default(info) == value:
         origin = "default"
-    return ResolvedParameter(path, value_text(value), "" if unit == "1" else unit, origin, info.description or "")
+    (scaled,), shown = scale_values([value], unit)
+    return ResolvedParameter(path, value_text(scaled), shown, origin, info.description or "")
 
 
 def _resolve_component(

@@ -7,6 +7,7 @@ from fraexp.data.results import Curve, Fit, Result
 from fraexp.data.units import with_powers
 from fraexp.figures.elements.scales import column_unit
 from fraexp.views.fields import toml_value
+from fraexp.views.quantity_texts import with_unit
 from fraexp.views.words import number_text
 
 FIT_COLUMNS = ["parameter", "value", "± 95 %", "unit"]
@@ -16,14 +17,19 @@ def metric_fields(result: Result) -> list[tuple[str, str]]:
     """Return names and values of metrics."""
     scales = [column_unit([metric.value], metric.unit) for metric in result.metrics]
     pairs = zip(result.metrics, scales, strict=True)
-    return [(of.name, f"{number_text(factor * of.value)} {unit}") for of, (factor, unit) in pairs]
+    return [(of.name, with_unit(number_text(factor * of.value), unit)) for of, (factor, unit) in pairs]
 
 
 def fit_rows(fit: Fit) -> list[list[str]]:
     """Return a row under `FIT_COLUMNS` for each identified parameter."""
     spread = interval_factor(np.inf) * fit.standard_deviation
     return [
-        [name, number_text(value, 6), number_text(band, 3) if np.isfinite(band) else "", with_powers(unit)]
+        [
+            name,
+            number_text(value, 6),
+            number_text(band, 3) if np.isfinite(band) else "",
+            "" if unit == "1" else with_powers(unit),
+        ]
         for name, value, band, unit in zip(fit.parameters, fit.values, spread, fit.units, strict=True)
     ]
 

@@ -51,8 +51,8 @@ class WorkspaceFolder:
         """Forget the registry, so that plugins that were added, repaired or broken since are loaded anew."""
         self.__dict__.pop("registry", None)
 
-    def units(self, path: str) -> set[str]:
-        """Return the units in which a parameter may be declared: for filters."""
+    def units(self, path: str) -> dict[str, set[str]]:
+        """Return the units that a parameter can have, by component: for filters."""
         from fraexp.study.paths import units_of
 
         return units_of(path, self.registry)

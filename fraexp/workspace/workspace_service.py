@@ -17,7 +17,7 @@ from fraexp.errors import FraexpError, StudyError
 from fraexp.execution import background, provenance, scheduler
 from fraexp.execution.database_retry import DatabaseRetry
 from fraexp.execution.estimates.learning import draw_timed
-from fraexp.execution.events import Ended, Event, Planned
+from fraexp.execution.events import Ended, Event, Noticed, Planned
 from fraexp.execution.executors import ResourceLimits, worker_count
 from fraexp.records.study_writer import ImportRequest, is_same_study, study_data, study_text
 from fraexp.reports.figure_titles import run_title
@@ -169,6 +169,8 @@ class WorkspaceService(WorkspaceFolder):
         path.parent.mkdir(parents=True, exist_ok=True)
         with atomic_file(path) as draft:
             draft.write_text(study_text(data), encoding="utf-8")
+        if not path.resolve().is_relative_to(self.folder.resolve()):
+            yield Noticed(f"the study is written outside the workspace, and is run by its path: {path.resolve()}")
         yield from self.run([str(path.resolve())])
 
     def study_of_record(self, name: Path, file: Path) -> Path | None:

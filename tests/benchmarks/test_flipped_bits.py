@@ -26,6 +26,7 @@ def base(tmp_path: Path) -> Path:
     return tmp_path / "base.db"
 
 
+@pytest.mark.thorough
 def test_nothing_changed_is_shown_as_sound(base: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert attack(base, DATABASES, SEED, base.parent) == 0, capsys.readouterr().out
 

@@ -13,6 +13,7 @@ from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
 from fraexp.components.registry import Registry
 from fraexp.store import Store
+from tests.examples import thorough
 
 STUDY = """
 title = "As"
@@ -108,10 +109,10 @@ def test_a_setting_by_its_former_name_is_taken_and_told(computed: Path, capsys: 
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
-        (["1", "--set", "highest=9", "--set", "max_frequency=9"], "'highest' is now called 'max_frequency'"),
+        thorough(["1", "--set", "highest=9", "--set", "max_frequency=9"], "'highest' is now called 'max_frequency'"),
         (["1", "--set", "mode=2"], "has no parameter 'mode'; did you mean 'modes'?"),
-        (["1", "--set", "modes"], "expected PARAMETER=VALUE"),
-        (["1", "--estimator", "modal_fits"], "did you mean 'modal_fit'?"),
+        thorough(["1", "--set", "modes"], "expected PARAMETER=VALUE"),
+        thorough(["1", "--estimator", "modal_fits"], "did you mean 'modal_fit'?"),
         (["9"], "there is no run 9"),
     ],
 )

@@ -91,6 +91,7 @@ def test_streams_that_are_closed_or_full_are_no_error(streams: str, workspace: P
     assert (done.returncode, done.stdout) == (ExitCode.STORE, "")
 
 
+@pytest.mark.thorough
 def test_a_run_whose_messages_nobody_takes_is_stored(tmp_path: Path) -> None:
     done = shell(f"fraexp run {' '.join(FEW)} >/dev/full 2>/dev/full; echo $?", tmp_path)
     assert done.stdout == f"{ExitCode.OUTPUT}\n"
@@ -126,6 +127,7 @@ def test_a_study_without_a_name_is_refused(name: str, tmp_path: Path, capsys: py
     assert "a study's name is empty" in capsys.readouterr().err
 
 
+@pytest.mark.thorough
 def test_a_folder_named_like_a_study_is_none(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "studies" / "dir.toml").mkdir(parents=True)
     assert main(["list", "--studies", "--workspace", str(tmp_path)]) == ExitCode.OK

@@ -61,7 +61,7 @@ def test_a_comparison_draws_the_differences(
     [
         ([], "give --output FILE, or --terminal to draw here"),
         (["--terminal", "--kind", "distribution"], "distribution figures are not drawn in a terminal; write a file"),
-        (["--terminal", "--group-by", "nothing"], "--group-by 'nothing' is no label"),
+        (["--terminal", "--group-by", "nothing"], "group by: 'nothing' is no label"),
     ],
 )
 def test_what_cannot_be_drawn_is_one_line(

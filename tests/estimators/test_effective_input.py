@@ -78,6 +78,7 @@ def test_the_force_along_a_record_from_rest_is_that_of_the_loop():
 
 
 @pytest.mark.parametrize("frequency", some([10.0, 39.0], 39.0))
+@pytest.mark.thorough
 def test_the_band_holds_what_noise_does_by_way_of_friction(frequency):
     """The friction model follows the noise of the position: at 10 Hz ten times more of it than y' itself shows."""
     noise, periods, runs = 30e-9, 4, 200

@@ -91,6 +91,7 @@ def test_the_apparent_mass_is_found_where_the_conventional_response_is_far_off(m
     assert np.median(damping) == pytest.approx(DRIVE.viscous, rel=0.2)  # F/a = M + D/(jw)
 
 
+@pytest.mark.thorough
 def test_friction_is_taken_off_by_the_effective_input_at_the_same_lines(moves: dict[str, np.ndarray]) -> None:
     found = estimate(moves, **compensated(DRIVE))
     assert mass_error(found) < MAX_MASS_ERROR

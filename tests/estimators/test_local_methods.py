@@ -147,6 +147,7 @@ def covered(method: type, count: int, noise: float, records: int = 1) -> tuple[n
 
 @pytest.mark.parametrize("noise", [30e-9, thorough(1e-6)])
 @pytest.mark.parametrize("method", METHODS)
+@pytest.mark.thorough
 def test_circles_hold_what_they_promise_in_closed_loop_from_rest(method: type, noise: float) -> None:
     """400 experiments of ten lines: 95 % within 2 %, a single line within four of its deviations."""
     held, ratios = covered(method, 400, noise)

@@ -10,6 +10,7 @@ from fraexp_plugins.estimators.multi_contact_effective_input import MultiContact
 from fraexp_plugins.plants.two_mass import TwoMass
 
 from fraexp.errors import ParameterError
+from tests.examples import thorough
 from tests.machines import FRICTIONLESS, decibel, degrees, guide, simulated
 
 DRIVE = TwoMass(motor_mass=3.0, load_mass=5.0, stiffness=2e5, damping=20.0)
@@ -37,7 +38,7 @@ def errors(response, position="load"):
     return np.abs(decibel(ratio)).max(), np.abs(degrees(ratio)).max()
 
 
-@pytest.mark.parametrize("amplitude", [20.0, 75.0])
+@pytest.mark.parametrize("amplitude", [20.0, thorough(75.0)])
 def test_from_motor_to_load_with_both_encoders(amplitude):
     """The friction model is driven by the motor's encoder, and the response is that of the load's position."""
     frictions = {"motor": MOTOR, "load": FRICTIONLESS}
@@ -50,7 +51,7 @@ def test_from_motor_to_load_with_both_encoders(amplitude):
     assert phase < 0.1
 
 
-@pytest.mark.parametrize(("channel", "position"), [("y", "motor"), ("y.load", "load")])
+@pytest.mark.parametrize(("channel", "position"), [thorough("y", "motor"), ("y.load", "load")])
 def test_friction_at_both_ends_is_taken_off(channel, position):
     frictions = {"motor": MOTOR, "load": LOAD}
     found = observer(frictions, output=channel, relative_degree=2 if channel == "y" else 3)

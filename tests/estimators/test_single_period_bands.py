@@ -15,6 +15,7 @@ from fraexp.data.results import FrequencyResponse, Outcome, Result
 from fraexp.data.signals import Encoder, Segment, Signals
 from fraexp.execution.job import Job, run_job
 from fraexp.study.study_file import load
+from tests.examples import thorough
 from tests.machines import guide, simulated
 
 STEP = 0.1e-6
@@ -36,7 +37,7 @@ def is_within_circle(response: FrequencyResponse, truth: np.ndarray) -> np.ndarr
     return np.abs(response.response - truth) <= circle_factor(response.freedom) * response.standard_deviation
 
 
-@pytest.mark.parametrize("noise", [0.0, 30e-9])
+@pytest.mark.parametrize("noise", [0.0, thorough(30e-9)])
 def test_the_bands_cover_the_truth_at_nine_of_ten_places_of_the_scale(noise: float) -> None:
     """Rounding of one period is no chance: it covers over places of the encoder and frequencies together."""
     ideal = simulated(guide(), tuple(np.geomspace(3, 150, 14)), 12.0, tolerance=1e-7)

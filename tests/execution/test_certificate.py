@@ -63,7 +63,7 @@ def test_a_machine_without_trouble_is_ok():
 def test_too_few_steps_are_said():
     result, _ = computed(ELEMENTS, steps=1, frequency=40.0)
     assert result.outcome is Outcome.INACCURATE
-    assert "set numerics.steps_per_sample to 0 or higher" in result.message
+    assert "set numerics.steps_per_sample to 0" in result.message
 
 
 @pytest.mark.parametrize(("steps", "outcome"), [(0, Outcome.OK), (2, Outcome.INACCURATE)])
@@ -79,7 +79,7 @@ def test_metrics_state_how_exact_the_motion_is(steps: int, outcome: Outcome):
     assert error.unit == "1"
     assert (0 < error.value <= 1e-5) is (outcome is Outcome.OK)
     assert result.outcome is outcome
-    assert ("set numerics.steps_per_sample to 0 or higher" in result.message) is (outcome is Outcome.INACCURATE)
+    assert ("set numerics.steps_per_sample to 0" in result.message) is (outcome is Outcome.INACCURATE)
 
 
 def test_friction_that_the_sampled_motion_does_not_show_is_said(registry: Registry, tmp_path: Path):

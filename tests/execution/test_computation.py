@@ -194,6 +194,7 @@ def notes_of(folder: Path) -> Path:
     return folder / "notes"
 
 
+@pytest.mark.thorough
 def test_a_sweep_that_kills_its_worker_fails_after_three_attempts_and_all_others_are_there(tmp_path):
     notes = notes_of(tmp_path)
     deadly = trouble("os.kill(os.getpid(), 9)", folder=str(notes))

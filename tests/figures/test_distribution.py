@@ -132,5 +132,5 @@ def test_a_draw_is_named_by_its_number_and_grouped_by_what_it_was_drawn_around()
     assert curve_names(LABELS, [""] * 6, UNITS)[:2] == ["a, draw 1", "a, draw 2"]
     assert [place.point for place in group_sweeps(LABELS, UNITS)] == ["a", "a", "a", "b", "b", "b"]
     found = describe_draws(LABELS, UNITS)
-    assert found[3] == RandomDraw(1, "b", "gain 0.14 m/(N s²), frequencies.0 39 Hz")
+    assert found[3] == RandomDraw(1, "b", "gain 0.14 m/(N s²), natural frequency f_1 39 Hz")
     assert describe_draws([{"case": "a"}], {}) == [None]

@@ -6,7 +6,10 @@ from fraexp.figures.elements.labels import curve_names, drawable, label_columns,
 def test_figures_show_names_as_words_and_symbols_as_they_are() -> None:
     texts = {
         "effective_input, 12 N": "effective input, 12 N",
-        "h1_h2_hv": "h1 h2 hv",
+        "h1_h2_hv": "H1 H2 Hv",
+        "gms, gms_identification": "GMS, GMS identification",
+        "Lugre [1]": "LuGre [1]",
+        "runs/dahl.csv": "runs/dahl.csv",
         "proposed, ΣF_m + 10 %": "proposed, ΣF_m + 10 %",
         "table_stepped_sine.csv": "table_stepped_sine.csv",
         "damping_ratios.0 0.05": "damping ratios.0 0.05",
@@ -22,6 +25,22 @@ def test_names_hold_what_varies_and_nothing_else() -> None:
         {"estimator": {"name": "proposed"}, "excitation.amplitude": 75.0, "loop.noise": 0.0},
     ]
     assert curve_names(labels, ["a", "b"]) == ["conventional, amplitude 12", "proposed, amplitude 75"]
+
+
+def test_parameters_have_their_symbols_and_items_of_lists_count_from_one() -> None:
+    labels = {"plant.damping_ratios.0": 0.05, "plant.modal_gain_ratios.1": 0.5, "plant.gain": 0.1}
+    others = {path: 2 * value for path, value in labels.items()}
+    assert curve_names([labels, others], ["", ""], {"plant.gain": "m/(N s^2)"})[0] == (
+        "damping ratio ζ_1 0.05, modal_gain_ratios 2 0.5, 0.1 m/(N s²)"
+    )
+    assert curve_names([{"compensation.gain": 0.5}, {"compensation.gain": 0.9}], ["", ""])[0] == "gain α = 0.5"
+    both = {"plant.frequencies.0": 39.0, "estimator.frequencies.0": 40.0}
+    assert curve_names([both], [""])[0] == "plant frequencies 1 39, estimator frequencies 1 40"
+
+
+def test_friction_laws_are_proper_names() -> None:
+    laws = [{"friction": {"name": name}} for name in ("rolling", "lugre", "none")]
+    assert [drawable(name) for name in curve_names(laws, [""] * 3)] == ["Rolling", "LuGre", "no friction"]
 
 
 def test_a_number_with_a_unit_needs_no_title() -> None:

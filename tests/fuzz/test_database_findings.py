@@ -15,6 +15,7 @@ from fraexp.store import Store
 from fraexp.store.codec import encode_array
 from fraexp.store.validation import FOREIGN_DATA_ERRORS
 from tests.cli.conftest import fill
+from tests.examples import some
 from tests.store.conftest import reseal
 
 
@@ -64,7 +65,7 @@ STRANGE = {
 }
 
 
-@pytest.mark.parametrize("statement", STRANGE.values(), ids=STRANGE)
+@pytest.mark.parametrize("statement", some(STRANGE.values(), STRANGE["a time"], STRANGE["a key"]), ids=STRANGE)
 def test_a_database_of_other_contents_is_refused_in_a_line_or_shown_as_damaged(
     statement: str, database: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -69,6 +69,7 @@ def measured(signals, every):
 
 
 @pytest.mark.parametrize("held", [thorough(True), False])
+@pytest.mark.thorough
 def test_whether_a_measured_thrust_is_held_is_found(held):
     """A sensor's thrust goes on between samples, as that of a controller eight times as fast does: 3 % of the mass."""
     sample_time, every = (1e-3, 1) if held else (125e-6, 8)

@@ -19,6 +19,7 @@ from fraexp.errors import ParameterError, RecordError
 from fraexp.simulation.loop import simulate_loop
 from fraexp.simulation.machine import ControlLoop, Machine, Numerics
 from fraexp.study.study_file import packaged_studies
+from tests.examples import thorough
 from tests.machines import decibel, degrees, table_models
 
 MACHINE = tomllib.loads((packaged_studies() / "machines" / "linear_motor_table.toml").read_text(encoding="utf-8"))
@@ -134,7 +135,7 @@ def test_every_law_can_have_other_scales(registry):
         assert changed.viscous == model.viscous
 
 
-@pytest.mark.parametrize(("force", "displacement"), [(1.2, 0.8), (0.5, 2.0)])
+@pytest.mark.parametrize(("force", "displacement"), [thorough(1.2, 0.8), (0.5, 2.0)])
 def test_plant_and_scales_are_found_from_a_wrong_friction_model(record, registry, force, displacement):
     result = estimator(scaled(force, displacement)).estimate(record)
     assert result.outcome is Outcome.OK, result.message
@@ -159,6 +160,7 @@ def test_plant_and_friction_are_results_too(record, registry):
     assert 0 < deviation < 1e-3 * curve.coulomb_force
 
 
+@pytest.mark.thorough
 def test_another_law_does_not_fit_and_is_not_ok(record):
     result = estimator(LUGRE, modes=2).estimate(record)
     assert result.outcome is Outcome.INACCURATE
@@ -208,12 +210,14 @@ def test_one_period_of_a_multisine_is_enough(recorded, registry):
     assert np.abs(decibel(ratio)).max() < 0.05
 
 
+@pytest.mark.thorough
 def test_a_parameter_that_the_records_do_not_tell_is_held_and_named(recorded):
     result = estimator({"name": "none"}).estimate(recorded({"name": "none"}))
     assert "the records do not tell force_scale and displacement_scale, held at the start" in result.message
     assert "force_scale" not in metrics(result)
 
 
+@pytest.mark.thorough
 def test_other_parameters_can_be_free(record):
     wrong = {**MACHINE["friction"], "viscous_coefficient": 9.0}
     names = ("force_scale", "displacement_scale", "viscous_coefficient")
@@ -221,7 +225,7 @@ def test_other_parameters_can_be_free(record):
     assert found["viscous_coefficient"] == pytest.approx(MACHINE["friction"]["viscous_coefficient"], rel=0.01)
 
 
-@pytest.mark.parametrize("assumed", [0.0, 1.2e-3])
+@pytest.mark.parametrize("assumed", [thorough(0.0), 1.2e-3])
 def test_an_unknown_dead_time_is_found(record, registry, assumed):
     names = ("force_scale", "displacement_scale", "input_dead_time")
     result = estimator(scaled(1.2, 0.8), input_dead_time=assumed, free=names).estimate(record)

@@ -19,7 +19,7 @@ from fraexp_plugins.plants.modal import Modal
 from fraexp.components.registry import create, discover
 from fraexp.data.results import Outcome
 from fraexp.errors import ParameterError, RecordError
-from tests.examples import some
+from tests.examples import some, thorough
 from tests.identification.plant_responses import (
     DEAD_TIME,
     FREQUENCY,
@@ -56,7 +56,7 @@ def test_a_viscous_rigid_body_is_the_same_in_both_forms():
     assert mass.response(omega) == pytest.approx(1 / (7.6 * (1j * omega) ** 2 + 500.0 * 1j * omega), rel=1e-12)
 
 
-@pytest.mark.parametrize("name", some(PLANTS, "rigid body", "one mode", "two modes"))
+@pytest.mark.parametrize("name", some(PLANTS, "rigid body", "two modes"))
 def test_no_guess_is_needed(name):
     """Number of modes and all parameters are found without a start value; a noise-free response is met exactly."""
     plant = PLANTS[name]
@@ -66,7 +66,7 @@ def test_no_guess_is_needed(name):
     assert result.fits[0].component["frequencies"] == pytest.approx(plant.frequencies, rel=1e-8)
 
 
-@pytest.mark.parametrize("known", [True, False])
+@pytest.mark.parametrize("known", [thorough(True), False])
 def test_one_percent_of_noise(known):
     """The stated accuracy, and errors that the stated standard deviations explain."""
     result = fitted(measured(known=known))
@@ -91,7 +91,9 @@ def test_one_percent_of_noise(known):
 
 
 @pytest.mark.parametrize("criterion", ["information", "hold_out"])
-@pytest.mark.parametrize(("name", "noise"), [("rigid body", 0.05), ("one mode", 0.05), ("two modes", 0.01)])
+@pytest.mark.parametrize(
+    ("name", "noise"), [("rigid body", 0.05), thorough("one mode", 0.05), thorough("two modes", 0.01)]
+)
 def test_noise_makes_no_modes(criterion, name, noise):
     result = fitted(measured(PLANTS[name], noise=noise), criterion=criterion, max_modes=4)
     assert metric(result, "modes") == len(PLANTS[name].frequencies)
@@ -141,6 +143,7 @@ def test_what_is_noisy_counts_little():
     assert errors[1] > 1e-3
 
 
+@pytest.mark.thorough
 def test_weights_of_two_periods_do_not_feign_accuracy():
     """With a variance of two degrees of freedom at each point, the stated deviation is still that of the errors."""
     generator, found = np.random.default_rng(3), []

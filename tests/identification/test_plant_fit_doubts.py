@@ -95,6 +95,7 @@ def test_a_mode_outside_of_the_band_that_is_uncertain_is_dropped_or_reported():
     assert "the data do not support a mode at" in both.message
 
 
+@pytest.mark.thorough
 def test_a_mode_outside_of_the_band_that_is_well_determined_is_kept():
     """One mode at 400 Hz whose antiresonance at 270 Hz lies within the band; the response is that of eq (1)."""
     plant = Modal(rigid_body_gain=0.132, frequencies=(400.0,), damping_ratios=(0.02,), modal_gain_ratios=(1.2,))

@@ -88,6 +88,7 @@ def test_metrics_alone_make_a_table(workspace: fraexp.Workspace) -> None:
         _ = run[0].frequency
 
 
+@pytest.mark.thorough
 def test_a_cell_shows_figure_and_table(run: fraexp.Run, workspace: fraexp.Workspace) -> None:
     law = workspace.friction_law("coulomb", coulomb_force=5.0)
     study = workspace.study("quick")
@@ -111,6 +112,44 @@ def test_a_figure_shows_a_range_of_frequencies(run: fraexp.Run) -> None:
     assert axes.get_xlim()[1] < 60
 
 
+def test_a_range_without_a_point_is_refused(run: fraexp.Run) -> None:
+    for shown in (run, run[0]):
+        with pytest.raises(fraexp.FraexpError, match="no response has a point between 1000 and 2000 Hz; they lie"):
+            shown.plot(frequency_range=(1000.0, 2000.0))
+
+
+def test_a_slice_has_what_results_have(run: fraexp.Run) -> None:
+    part = run[2:]
+    assert [of.key for of in part] == [of.key for of in run][2:]
+    assert part.to_xarray().sizes["amplitude"] * part.to_xarray().sizes["estimator"] == 2
+    assert part.plot(group_by="estimator").axes
+
+
+def test_labels_are_named_as_filters_name_them(run: fraexp.Run) -> None:
+    with pytest.raises(fraexp.FraexpError, match=r"expected one of 4: excitation.amplitude=12 or 75; estimator=conv"):
+        run.one()
+    assert run.one("excitation.amplitude=12 estimator=conventional").labels["excitation.amplitude"] == 12
+
+
+def test_draws_are_a_dimension_with_the_drawn_values_along_it(workspace: fraexp.Workspace, tmp_path: Path) -> None:
+    study = fraexp.Study(
+        "drawn",
+        machine="linear_motor_table",
+        excitation={"name": "stepped_sine", "amplitude": 75.0, "points": 2},
+        grid={"estimator": ["conventional", "effective_input"]},
+        monte_carlo={"count": 2, "seed": 1, "draw": [{"paths": "plant.rigid_body_gain", "relative": 0.01}]},
+    )
+    run = fraexp.Workspace(tmp_path).run(study, executor="serial", progress=False)
+    data = run.to_xarray()
+    assert dict(data.response.sizes) == {"estimator": 2, "draw": 2, "frequency": 2}
+    for result in run:
+        chosen = data.sel(estimator=result.estimator, draw=result.labels["draw"])
+        np.testing.assert_array_equal(chosen.response, result.response)
+        assert chosen.rigid_body_gain == result.labels["plant.rigid_body_gain"]
+    assert data.rigid_body_gain.dims == ("draw",)
+
+
+@pytest.mark.thorough
 def test_representations_are_one_line(run: fraexp.Run, workspace: fraexp.Workspace) -> None:
     assert repr(run[0]) == f"<SweepResult {run[0].key}: conventional, y/u [m/N] at {POINTS} frequencies 1…200.2 Hz; ok>"
     assert repr(run).startswith(f"<Run: run {run.number} of quick complete: 4 sweeps")

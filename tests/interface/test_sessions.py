@@ -12,10 +12,12 @@ import pytest
 
 import fraexp
 from fraexp.api import FrictionModel, param
-from fraexp.errors import FraexpError, ParameterError, PluginError
+from fraexp.errors import FraexpError, PluginError
 from fraexp.store.interrupts import deferred_interrupt
+from tests.examples import thorough
 from tests.waiting import HANG_TIMEOUT_S
 
+ROOT = Path(__file__).parents[2]
 SCRIPT = """
 import fraexp
 print("begins")
@@ -37,7 +39,7 @@ class Uncompiled(FrictionModel, name="uncompiled_in_session", version=1):
         return z_next[0]
 
 
-@pytest.mark.parametrize("way", ["file", "standard input"])
+@pytest.mark.parametrize("way", ["file", thorough("standard input")])
 def test_workers_do_not_run_a_script_again(tmp_path: Path, way: str) -> None:
     (tmp_path / "script.py").write_text(SCRIPT)
     command = [sys.executable, "script.py"] if way == "file" else [sys.executable, "-"]
@@ -58,6 +60,7 @@ def test_a_session_stays_in_its_folder(tmp_path: Path, monkeypatch: pytest.Monke
         workspace.runs()
 
 
+@pytest.mark.thorough
 def test_a_law_that_cannot_be_compiled_is_one_of_our_errors(tmp_path: Path) -> None:
     law = fraexp.FrictionLaw(Uncompiled(stiffness=1e6))
     with pytest.raises(PluginError, match="cannot be compiled"):
@@ -66,6 +69,12 @@ def test_a_law_that_cannot_be_compiled_is_one_of_our_errors(tmp_path: Path) -> N
         fraexp.Workspace(tmp_path).simulate(
             "linear_motor_table", {"name": "stepped_sine", "points": 2, "amplitude": 12.0}, friction=law
         )
+
+
+def simulate(plant: dict[str, float] | None = None, **excitation: object) -> fraexp.Recording:
+    sections = {"plant": plant} if plant else {}
+    shown = {"name": "stepped_sine", "amplitude": 12.0, "points": 2, **excitation}
+    return fraexp.simulate("linear_motor_table", shown, **sections)
 
 
 @pytest.mark.parametrize(
@@ -79,10 +88,29 @@ def test_a_law_that_cannot_be_compiled_is_one_of_our_errors(tmp_path: Path) -> N
         (lambda: fraexp.FrictionLaw(Uncompiled(stiffness=1e6)).force([0, 1j]), "displacement is complex"),
         (lambda: fraexp.read_record(None, {}), "file is None; expected a path"),
         (lambda: fraexp.read_record("a.csv", ["u", "y"]), "channels: found ['u', 'y']; expected a table"),
+        (lambda: fraexp.read_record("/", {"u": "a"}), "/: is a folder; expected a file"),
+        (lambda: fraexp.read_record(ROOT / "LICENSE", {"u": "a"}), "has no ending that tells its format; give reader"),
+        (lambda: fraexp.run({"machine": "table"}), "study is {'machine': 'table'}; expected its name, its file or a"),
+        (lambda: fraexp.Study(3), "study name is 3; expected a text"),
+        (lambda: fraexp.Study("own", folder=3), "folder is 3; expected a path"),
+        (lambda: fraexp.run(fraexp.Study("own", machine="motor")), "Study('own'): there is no machine 'motor'"),
+        (lambda: fraexp.Study(case={"label": "stiff"}), "case is {'label': 'stiff'}; expected a list of tables"),
+        (lambda: fraexp.Study(case=["stiff"]), "case is ['stiff']; expected a list of tables"),
+        (lambda: fraexp.Study(grid={"loop.noise": iter([1e-9])}), "components; put its values into a list"),
+        (lambda: fraexp.Study.from_toml(3), "text is 3; expected a text"),
+        (lambda: fraexp.run("quick", rerun=True), "rerun is True; expected a text"),
+        (lambda: fraexp.Workspace(database=3), "database is 3; expected a text"),
+        (lambda: simulate(amplitude=-1), "simulate, [excitation]: stepped_sine.amplitude is -1"),
+        (lambda: simulate(frequencies=[-1.0]), "simulate, [excitation]: stepped_sine.frequencies must be above 0 Hz"),
+        (lambda: simulate(plant={"rigid_body_gain": 1e12}), "correct the plant's gain, max_stiffness of the law"),
+        (
+            lambda: fraexp.FrictionLaw(Uncompiled(stiffness=1e6)).describing_function(1e-5, "1 Hz"),
+            "frequency is '1 Hz'; expected a finite number above 0",
+        ),
     ],
 )
 def test_a_wrong_call_is_one_line(call, expected: str) -> None:
-    with pytest.raises(ParameterError) as raised:
+    with pytest.raises(FraexpError) as raised:
         call()
     assert expected in str(raised.value)
     assert "\n" not in str(raised.value)

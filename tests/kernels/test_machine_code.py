@@ -108,6 +108,7 @@ def test_an_edited_law_or_constant_is_compiled_again_and_nothing_else(bench: Ben
     assert len(bench.kernels()) == len(before) + 2
 
 
+@pytest.mark.thorough
 def test_processes_that_start_together_compile_once(bench: Bench) -> None:
     found = [answer(process) for process in [bench.start() for _ in range(3)]]
     assert {force for force, _ in found} == {"[0.0, 2.0, 4.0]"}
@@ -144,8 +145,10 @@ FORMAT_FAULT = (
 
 @pytest.mark.parametrize("damage", [with_a_flipped_bit, thorough(lambda _: b""), thorough(lambda _: b"nonsense")])
 def test_a_damaged_kernel_is_compiled_again(bench: Bench, damage: Callable[[bytes], bytes]) -> None:
+    bench.share_what_all_laws_share()
+    shared = bench.kernels()
     bench.use()
-    for path in bench.kernels():
+    for path in set(bench.kernels()) - set(shared):
         path.write_bytes(damage(path.read_bytes()))
     assert bench.use()[0] == "[0.0, 2.0, 4.0]"
     assert bench.use() == ("[0.0, 2.0, 4.0]", 0)
@@ -173,6 +176,7 @@ def test_a_law_that_cannot_be_compiled_is_named_with_its_file_and_line(bench: Be
     assert f"Spring.advance (spring.py, line {number}) cannot be compiled: {said}" in last
 
 
+@pytest.mark.thorough
 def test_what_a_law_raises_in_compiled_code_is_raised(tmp_path: Path) -> None:
     bench = Bench(tmp_path)
     bench.share_what_all_laws_share()

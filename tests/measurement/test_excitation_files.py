@@ -112,6 +112,7 @@ class StructuredText:
         return float(self.values["Force"])
 
 
+@pytest.mark.thorough
 def test_the_function_block_plays_the_table(table: ExcitationTable, tmp_path: Path) -> None:
     write_excitation(tmp_path / "e.st", table)
     block = StructuredText((tmp_path / "e.st").read_text())

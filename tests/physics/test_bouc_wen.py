@@ -8,6 +8,7 @@ import math
 from typing import ClassVar
 
 import numpy as np
+import pytest
 from fraexp_plugins.controllers.transfer_function import TransferFunction
 from fraexp_plugins.excitations.biased_sine import BiasedSine
 from scipy.integrate import solve_ivp
@@ -84,6 +85,7 @@ def simulated(steps: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return u, y, force
 
 
+@pytest.mark.thorough
 def test_a_law_that_is_dropped_in_is_simulated_as_it_is_published():
     u, y, force = simulated(0)
     assert np.abs(force - ALPHA * y).max() > 0.5 * np.abs(force).max()  # far from linear

@@ -13,6 +13,7 @@ from fraexp.components.ports import Contact, Ports
 from fraexp.data.results import Outcome
 from fraexp.errors import ParameterError
 from fraexp.simulation import loop_setup
+from tests.examples import some
 from tests.machines import FRICTIONLESS, TABLE, guide, simulated
 from tests.physics.fine_bodies import FineLoop, Sliders
 from tests.physics.harmonic_balance import Elements, solve_contacts
@@ -114,7 +115,7 @@ def balanced(plant, frictions, controller, frequency, amplitude):
     return {name: complex(port @ q / u) for name, port in bodies.positions.items()}
 
 
-@pytest.mark.parametrize("name", list(CONTROLLERS))
+@pytest.mark.parametrize("name", some(CONTROLLERS, "two_mass"))
 def test_machines_agree_with_harmonic_balance(registry, name):
     plant, controller, amplitude = example(registry, name), CONTROLLERS[name], AMPLITUDES[name]
     frictions, frequencies = laws(plant, amplitude), (4.0, 10.0, 25.0)

@@ -100,6 +100,7 @@ def test_closed_loop_agrees_with_python_control():
         assert abs(bins) == pytest.approx(12 * abs(sensitivity), rel=1e-6)
 
 
+@pytest.mark.thorough
 def test_with_friction_the_motion_agrees_with_an_adaptive_integrator():
     """One rigid body stuck on a spring-like element, open loop: y¨ = k0 (u - f(y) - Dv v)."""
     friction = guide(elements=3)

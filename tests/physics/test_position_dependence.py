@@ -61,6 +61,7 @@ def responses(signals, channel="y"):
 
 
 @pytest.mark.parametrize("path", ["in lanes", "implicitly"])
+@pytest.mark.thorough
 def test_the_loop_agrees_with_an_independent_simulation(registry, monkeypatch, path):
     if path == "implicitly":
         monkeypatch.setattr(loop_setup, "is_friction_soft", lambda *_: False)
@@ -129,6 +130,7 @@ def test_the_start_moves_along_the_stroke(registry):
     assert abs(responses(simulated(moved, (10.0,), 75.0))[0] / here - 1) > 1e-3
 
 
+@pytest.mark.thorough
 def test_a_law_that_is_driven_has_the_force_of_the_loop(registry):
     """An observer scales the force that the law gives; the loop's law holds its position as a state."""
     for model in table_models(registry).values():

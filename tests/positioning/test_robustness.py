@@ -36,6 +36,7 @@ def column(stored, case, name):
     return chosen, np.array(values)
 
 
+@pytest.mark.thorough
 def test_a_wrong_model_costs_more_than_the_tolerances(stored):
     (wrong,) = {sweep.labels["case"] for sweep in stored[0]} - {RIGHT}
     (_, nominal), (_, error) = (column(stored, case, "overshoot") for case in (RIGHT, wrong))
@@ -45,6 +46,7 @@ def test_a_wrong_model_costs_more_than_the_tolerances(stored):
     assert np.isfinite(column(stored, RIGHT, "settling time")[1]).any()
 
 
+@pytest.mark.thorough
 def test_the_worst_draw_is_found_again_by_its_number_and_its_parameters(workspace, stored):
     sweeps, overshoot = column(stored, RIGHT, "overshoot")
     worst = sweeps[int(np.argmax(overshoot))]

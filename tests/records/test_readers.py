@@ -268,4 +268,19 @@ def test_a_variable_that_cannot_be_read_does_not_close_the_file(registry: Regist
     assert found["ms"].guess == "unreadable"  # a struct with an object of MATLAB's own
     assert found["iq_adx"].shape == (50000, 1)
     assert (found["iq_adx"].guess, found["theta_mx"].guess, found["time"].guess) == ("u", "y", "time")
-    assert "u=iq_adx" in propose_import(file, list(found.values()), registry).command
+    command = propose_import(file, list(found.values()), registry).command
+    assert "u=iq_adx" in command
+    assert command.endswith("--sample-rate 2500 --samples-per-period 2500")
+
+
+def test_a_rate_that_a_number_states_is_proposed_before_a_time_without_a_unit(
+    registry: Registry, tmp_path: Path
+) -> None:
+    ticks = 400 * np.arange(4000)  # microseconds, which nothing says
+    wave = np.sin(2 * np.pi * np.arange(4000) / 250)
+    np.savez(tmp_path / "bench.npz", time=ticks, fs=2500.0, force=wave, position=wave)
+    proposal = propose_import(tmp_path / "bench.npz", list_contents(tmp_path / "bench.npz", registry), registry)
+    assert proposal.command.endswith("--sample-rate 2500 --samples-per-period 250")
+    np.savez(tmp_path / "other.npz", time_ms=ticks / 1000, fs=2500.0, force=wave, position=wave)
+    proposal = propose_import(tmp_path / "other.npz", list_contents(tmp_path / "other.npz", registry), registry)
+    assert "--time 'time_ms [ms]'" in proposal.command

@@ -145,6 +145,7 @@ def test_a_gap_says_which_part_to_use_and_the_part_is_used(
     assert np.abs(found.response / plant(found.frequency) - 1).max() < 1e-6
 
 
+@pytest.mark.thorough
 def test_channels_of_two_rates_are_brought_to_one_clock(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The force is sampled five times as fast, begins earlier, and contains a sine that would alias."""
     fast, slow = np.arange(-200, 32000) / 5000, np.arange(6100) / 1000 + 0.0137

@@ -13,6 +13,7 @@ from fraexp.errors import FraexpError
 from fraexp.reports.stored_figures import StoredFigures
 from fraexp.store import Store
 from fraexp.workspace.workspace_service import WorkspaceService
+from tests.examples import thorough
 
 EVIL = "<script>alert('&')</script>"
 STUDY = f"""
@@ -233,8 +234,8 @@ def test_many_sweeps_are_shown_in_part(folder: Path) -> None:
     [
         (["1", "-o", "x.doc"], ExitCode.USAGE, "a report cannot be written as '.doc'"),
         (["9", "-o", "x.html"], ExitCode.STORE, "there is no run 9"),
-        (["loop", "-o", "x.html"], ExitCode.USAGE, "no run of 'loop'"),
-        (["1", "-o", "studies/loops/a.toml/x.html"], ExitCode.USAGE, "the report cannot be written"),
+        thorough(["loop", "-o", "x.html"], ExitCode.USAGE, "no run of 'loop'"),
+        thorough(["1", "-o", "studies/loops/a.toml/x.html"], ExitCode.USAGE, "the report cannot be written"),
     ],
 )
 def test_a_wrong_wish_is_one_line(

@@ -12,6 +12,7 @@ from fraexp.simulation.experiment_run import run_experiments
 from fraexp.simulation.experiments import Experiment, Setup
 from fraexp.simulation.loop_setup import prepare_setup
 from fraexp.simulation.machine import ControlLoop, Machine, Numerics
+from tests.examples import some
 from tests.machines import LEAD, TABLE, guide
 
 
@@ -36,7 +37,7 @@ def position(setups: list[Setup]) -> np.ndarray:
 
 
 @pytest.mark.parametrize("count", [2, NARROW + 1])
-@pytest.mark.parametrize("is_shared", [False, True])
+@pytest.mark.parametrize("is_shared", some([False, True], True))
 def test_an_experiment_has_the_same_bits_in_each_layout(setup: Setup, count: int, is_shared: bool) -> None:
     others = [setup if is_shared else replace(setup) for _ in range(count - 1)]
     assert np.array_equal(position([setup, *others]), position([setup]))

@@ -3,6 +3,7 @@
 import json
 import sqlite3
 from contextlib import closing
+from dataclasses import replace
 from datetime import datetime, timedelta
 
 import pytest
@@ -53,57 +54,57 @@ def filled(store):
     return store
 
 
-@pytest.mark.parametrize(
-    "text, cases",
-    [
-        ("", {"a", "b", "c_%", "d"}),
-        ("estimator=proposed", {"a", "b"}),
-        ("estimator:PROP", {"a", "b"}),
-        ("estimator!=proposed", {"c_%", "d"}),
-        ("excitation.amplitude>=12", {"a", "b"}),
-        ("excitation.amplitude>0", {"a", "b", "c_%"}),  # a text is no number
-        ("-excitation.amplitude>0", {"d"}),
-        ("excitation.amplitude=0.1u", {"c_%"} - {"c_%"}),
-        ("excitation.amplitude=0.1um", {"c_%"}),
-        ("excitation.amplitude=12", {"a"}),
-        ("excitation.amplitude:fi", {"d"}),
-        ("estimator.hold=true", {"a", "b", "c_%", "d"}),
-        ("estimator.method=x", set()),
-        ("state:unusable", {"c_%", "d"}),
-        ("state:reused", {"a"}),
-        ('outcome:"not settled"', {"b"}),
-        ("outcome:not_settled", {"b"}),
-        ("tag:baseline", {"a", "c_%"}),
-        ("-tag:baseline", {"b", "d"}),
-        ("tag:base", set()),
-        ('note:"good one"', {"b"}),
-        ("study:old", {"a", "b"}),
-        ("study=new", {"a", "c_%", "d"}),
-        ("run=1", {"a", "b"}),
-        ("run>1", {"a", "c_%", "d"}),
-        ("message:%", {"c_%"}),
-        ("message:killed", {"d"}),
-        ("elapsed>1s", {"c_%"}),
-        ("elapsed>1min", set()),
-        ("elapsed<1m", {"a", "b", "c_%"}),
-        ("elapsed>0.03m", {"c_%"}),
-        ('metric."peak force">0.014kN', {"c_%"}),
-        ("friction.curve.coulomb_force>0.001kg", {"a", "b", "c_%", "d"}),  # of which no unit is known here
-        ("created:today", {"a", "b", "c_%"}),
-        ("created<2020-01-01", set()),
-        ('metric."peak force">14', {"c_%"}),
-        ("case:_", {"c_%"}),
-        ("c_%", {"c_%"}),
-        ("BASELINE", {"a", "c_%"}),
-        ("paper", {"b"}),  # a's latest run is of another study
-        ("gone", {"c_%"}),
-        ("'; DROP TABLE sweep; --", set()),
-    ],
-)
-def test_a_filter_lets_through_what_it_says(filled, text, cases):
-    assert found(filled, text) == cases
-    assert filled.page(text).total == len(cases)
-    assert len(filled.keys(text)) == len(cases)
+FILTERS = [
+    ("", {"a", "b", "c_%", "d"}),
+    ("estimator=proposed", {"a", "b"}),
+    ("estimator:PROP", {"a", "b"}),
+    ("estimator!=proposed", {"c_%", "d"}),
+    ("excitation.amplitude>=12", {"a", "b"}),
+    ("excitation.amplitude>0", {"a", "b", "c_%"}),  # a text is no number
+    ("-excitation.amplitude>0", {"d"}),
+    ("excitation.amplitude=0.1u", {"c_%"} - {"c_%"}),
+    ("excitation.amplitude=0.1um", {"c_%"}),
+    ("excitation.amplitude=12", {"a"}),
+    ("excitation.amplitude:fi", {"d"}),
+    ("estimator.hold=true", {"a", "b", "c_%", "d"}),
+    ("estimator.method=x", set()),
+    ("state:unusable", {"c_%", "d"}),
+    ("state:reused", {"a"}),
+    ('outcome:"not settled"', {"b"}),
+    ("outcome:not_settled", {"b"}),
+    ("tag:baseline", {"a", "c_%"}),
+    ("-tag:baseline", {"b", "d"}),
+    ("tag:base", set()),
+    ('note:"good one"', {"b"}),
+    ("study:old", {"a", "b"}),
+    ("study=new", {"a", "c_%", "d"}),
+    ("run=1", {"a", "b"}),
+    ("run>1", {"a", "c_%", "d"}),
+    ("message:%", {"c_%"}),
+    ("message:killed", {"d"}),
+    ("elapsed>1s", {"c_%"}),
+    ("elapsed>1min", set()),
+    ("elapsed<1m", {"a", "b", "c_%"}),
+    ("elapsed>0.03m", {"c_%"}),
+    ('metric."peak force">0.014kN', {"c_%"}),
+    ("friction.curve.coulomb_force>0.001kg", {"a", "b", "c_%", "d"}),  # of which no unit is known here
+    ("created:today", {"a", "b", "c_%"}),
+    ("created<2020-01-01", set()),
+    ('metric."peak force">14', {"c_%"}),
+    ("case:_", {"c_%"}),
+    ("c_%", {"c_%"}),
+    ("BASELINE", {"a", "c_%"}),
+    ("paper", {"b"}),  # a's latest run is of another study
+    ("gone", {"c_%"}),
+    ("'; DROP TABLE sweep; --", set()),
+]
+
+
+def test_a_filter_lets_through_what_it_says(filled):
+    for text, cases in FILTERS:
+        assert found(filled, text) == cases, text
+        assert filled.page(text).total == len(cases), text
+        assert len(filled.keys(text)) == len(cases), text
 
 
 @pytest.mark.parametrize(
@@ -120,23 +121,41 @@ def test_a_filter_lets_through_what_it_says(filled, text, cases):
         ("tag:", "has no value"),
         ("=3", "has no field"),
         ("-", "is empty"),
+        ("excitation.amplitude", "is a parameter; expected a comparison, such as excitation.amplitude=VALUE"),
         ("elapsed>1e999", "is not a number"),
         ("elapsed>1mm", "'elapsed>1mm': 'mm' is not a unit of the same kind as 's'"),
         ("run>1m", "'m' is not a unit of the same kind as '1'"),
         ('metric."peak force">14kg', "'kg' is not a unit of the same kind as 'N'"),
         ("excitation.amplitude>=12kg", "'kg' is not a unit of the same kind as 'N' or 'm'"),
         ("excitation.amplitude=12kg", "'kg' is not a unit of the same kind as 'N' or 'm'"),
+        ("excitation.amplitude>=20 um", "'excitation.amplitude>=20 um' has a blank before the unit; expected ex"),
         ("estimator=propsed", "no sweep has the estimator 'propsed'; did you mean 'proposed'"),
         ("-friction=roling", "no sweep has the friction 'roling'; did you mean 'rolling'"),
     ],
 )
 def test_a_filter_that_cannot_be_understood_is_refused_in_one_line(filled, url, text, says):
-    units = {"excitation.amplitude": ["N", "m"]}
-    with Store.open(url, read_only=True, units=lambda path: units.get(path, ())) as store:
+    units = {"excitation.amplitude": {"stepped_sine": ["N", "m"]}}
+    with Store.open(url, read_only=True, units=lambda path: units.get(path, {})) as store:
         with pytest.raises(StoreError, match=says) as caught:
             store.page(text)
         assert store.page("excitation.amplitude>=0.012kN excitation.amplitude>1um").total == 2
     assert "\n" not in str(caught.value)
+
+
+def test_a_unit_finds_components_that_declare_it_and_is_refused_if_none_is_stored(store, url):
+    thrust, motion = point(12.0, label="thrust"), point(12.0, label="motion")
+    motion = replace(motion, experiment={**motion.experiment, "excitation": {"name": "sine_motion", "amplitude": 12.0}})
+    units = {"stepped_sine": ["N"], "sine_motion": ["m"]}
+    number = store.begin_run("both", "f", "c", {}, [thrust])
+    with Store.open(url, read_only=True, units=lambda path: units) as reader:
+        with pytest.raises(StoreError, match=r"'mm' is not a unit of the same kind as 'N'$"):
+            reader.page("excitation.amplitude>=20mm")
+        store.save(number, [(thrust, OK, {})])
+        store.begin_run("both", "f", "c", {}, [thrust, motion])
+        assert found(reader, "excitation.amplitude>=20mm") == {"motion"}
+        assert found(reader, "excitation.amplitude>=20mN") == {"thrust"}
+        assert found(reader, "-excitation.amplitude>=20mN") == {"motion"}
+        assert found(reader, "excitation.amplitude>=1") == {"motion", "thrust"}
 
 
 def test_quotes_and_signs_of_a_filter_are_read():

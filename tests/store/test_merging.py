@@ -13,6 +13,7 @@ from fraexp.errors import StoreError
 from fraexp.store import MergeSummary, Store
 from fraexp.store.changes import merge_source, merging
 from fraexp.store.diff import describe_differences
+from tests.examples import some
 from tests.store.conftest import KINDS, reseal
 
 
@@ -174,7 +175,7 @@ DAMAGE = {
 }
 
 
-@pytest.mark.parametrize("known", [False, True])
+@pytest.mark.parametrize("known", some([False, True], True))
 @pytest.mark.parametrize(("statement", "how"), DAMAGE.items(), ids=range(len(DAMAGE)))
 def test_what_is_damaged_is_left_out_with_a_line(store, path, sweep, result, tmp_path, known, statement, how):
     if known:

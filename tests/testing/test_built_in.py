@@ -13,7 +13,16 @@ from fraexp.testing import Check, check_report, checks_for
 from fraexp.testing.check_report import Verdict, expectations, run_check
 from tests.examples import thorough
 
-COSTLY = {("friction", "elsewhere"), ("friction", "observer"), ("friction", "energy"), ("excitation", "refuses")}
+COSTLY = {
+    ("friction", "elsewhere"),
+    ("friction", "observer"),
+    ("friction", "energy"),
+    ("excitation", "refuses"),
+    ("excitation", "plain-data"),
+    ("excitation", "whole-periods"),
+    ("machine", "silence"),
+    ("machine", "stop"),
+}
 """Kinds, and checks of theirs that take seconds: in make test, the seeded defects are enough for them."""
 ALIKE = {"composite", "elastoplastic", "gms", "rolling_force_slider"}
 """Friction laws that are made like others: in make test, those are enough."""

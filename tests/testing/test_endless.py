@@ -88,6 +88,7 @@ def test_no_further_check_is_made_of_a_law_that_does_not_return(tmp_path: Path) 
 
 
 @pytest.mark.parametrize("line", [*map(thorough, (FOREVER, *IN_C)), "os.abort()"])
+@pytest.mark.thorough
 def test_check_ends_in_one_line(line: str, tmp_path: Path) -> None:
     done = fraexp(dropped(tmp_path, line), "check", "mine", "--quick")
     assert done.returncode == ExitCode.INCOMPLETE

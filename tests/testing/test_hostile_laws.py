@@ -23,6 +23,8 @@ from fraexp.kernels.law_error import LawCallError, LawError
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 from hostile_laws import LAWS, Law
 
+from tests.examples import thorough
+
 MANY_REVERSALS = 3e-5 * np.sin(2 * np.pi * np.arange(40_000) / 40)
 
 
@@ -34,9 +36,9 @@ def hostile(name: str, folder: Path) -> FrictionModel:
 @pytest.mark.parametrize(
     ("name", "said"),
     [
-        ("writes_far_beyond_late", "wrote z_next[100000000] of 3 on dy = "),
-        ("reads_parameter_beyond", "read weights[61] of 2 on dy = "),
-        ("nan_late", "gives a force of nan N on dy = "),
+        thorough("writes_far_beyond_late", "wrote z_next[100000000] of 3 on dy = "),
+        thorough("reads_parameter_beyond", "read weights[61] of 2 on dy = "),
+        thorough("nan_late", "gives a force of nan N on dy = "),
         ("raises_late", "ValueError: boom"),
     ],
 )

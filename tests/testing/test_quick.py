@@ -68,6 +68,7 @@ def test_an_interpreted_model_gives_the_force_of_the_compiled_one() -> None:
     assert forces[:2] == forces[2:]
 
 
+@pytest.mark.thorough
 def test_the_command_compiles_nothing_and_says_what_it_leaves_out(tmp_path: Path) -> None:
     code = (
         "import sys, json; sys.argv[1:] = ["

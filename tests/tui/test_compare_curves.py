@@ -36,6 +36,7 @@ def fit() -> Curve:
     )
 
 
+@pytest.mark.thorough
 def test_kinds_of_curves_are_shown_one_after_another(tmp_path: Path) -> None:
     results = [Result(Outcome.OK, curves=(of,)) for of in (motion(), loop(1e-5), loop(2e-5), fit())]
     keys = store_results(tmp_path, results)

@@ -69,6 +69,7 @@ def test_no_password_is_told(tmp_path, monkeypatch):
     desk.close()
 
 
+@pytest.mark.thorough
 def test_the_list_of_sweeps_tells_no_password(workspace, monkeypatch):
     async def steps(app, pilot):
         monkeypatch.setattr(WorkspaceService, "has_database", lambda _: False)

@@ -80,6 +80,7 @@ def test_a_run_that_is_not_there_is_told(workspace):
     pilot_of(workspace, steps)
 
 
+@pytest.mark.thorough
 def test_a_run_is_watched_stopped_and_goes_on(workspace, living):
     async def steps(app, pilot):
         show_run(app, living)

@@ -36,6 +36,7 @@ def preview_text(app) -> str:
     return " ".join(" ".join(rows).split())
 
 
+@pytest.mark.thorough
 def test_states_come_one_by_one_and_the_preview_tells_what_a_study_asks(workspace, survey):
     (workspace / "studies" / "broken.toml").write_text('"[bold]" = 1\n', encoding="utf-8")
 

@@ -43,6 +43,7 @@ def foreign_names(tree: ast.AST, known: set[str]) -> Iterator[str]:
                 yield node.attr
 
 
+@pytest.mark.thorough
 def test_no_other_private_member_of_the_toolkit_is_used() -> None:
     trees = {str(file.relative_to(FOLDER)): ast.parse(file.read_text("utf-8")) for file in FOLDER.rglob("*.py")}
     known = set().union(*(own_names(tree) for tree in trees.values()))

@@ -16,6 +16,7 @@ from fraexp.workspace.controller_export import controller_parts, export_controll
 from fraexp.workspace.workspace_service import WorkspaceService
 from tests.components.translation.compiled import STRICT, CompiledBlocks, needs_gcc
 from tests.components.translation.structured_text import Machine
+from tests.examples import thorough
 
 Sweeps = dict[str, tuple[StoredSweep, Result]]
 
@@ -46,7 +47,7 @@ def moves(tmp_path_factory: pytest.TempPathFactory, checkout: Path) -> tuple[Wor
 
 
 @needs_gcc
-@pytest.mark.parametrize("case", ["nominal, P_d = P", "identification error, 177 mm/(N s²) and 41.9 Hz"])
+@pytest.mark.parametrize("case", [thorough("nominal, P_d = P"), "identification error, 177 mm/(N s²) and 41.9 Hz"])
 def test_exported_c_runs_the_move_of_fig_8_on_a_machine_that_is_written_apart(
     tmp_path: Path, checkout: Path, moves: tuple[WorkspaceService, Sweeps], case: str
 ) -> None:
@@ -116,7 +117,7 @@ def test_the_observer_gives_the_thrust_that_moves_the_plant(moves: tuple[Workspa
     assert np.abs(effective[moving] - ideal[moving]).max() < 1.5  # N of 60 N: the encoder's steps, and friction between
 
 
-@pytest.mark.parametrize("suffix", [".c", ".st"])
+@pytest.mark.parametrize("suffix", [".c", thorough(".st")])
 def test_what_cannot_be_written_leaves_no_file(
     tmp_path: Path, moves: tuple[WorkspaceService, Sweeps], suffix: str
 ) -> None:
@@ -143,6 +144,7 @@ def test_an_identified_law_comes_before_the_given_one(moves: tuple[WorkspaceServ
     assert parts.friction.name == "dahl"
 
 
+@pytest.mark.thorough
 def test_command_line_and_python_write_the_same_code(tmp_path: Path, moves: tuple[WorkspaceService, Sweeps]) -> None:
     workspace, sweeps = moves
     sweep, _ = sweeps["nominal, P_d = P"]

@@ -135,6 +135,10 @@ def _add_legend_entries(axes: "Axes", bundles: Sequence[Bundle], colours: Sequen
         width, shown = (0.8, mix_grey(colour, 1.0, TINT_SHARE)) if alone else (1.8, mix_grey(colour, 0.0, SHADE_SHARE))
         axes.plot([], [], color=shown, linewidth=width, label=drawable(title))
     if quantiles:
-        shared = colours[0] if alone else GREY
-        axes.plot([], [], color=mix_grey(shared, 0.0, SHADE_SHARE), linewidth=1.8, label="median")
-        axes.fill_between([], [], color=mix_grey(shared, 1.0, 0.4), linewidth=0, label="5…95 %")
+        add_quantile_legend(axes, colours[0] if alone else GREY)
+
+
+def add_quantile_legend(axes: "Axes", colour: str = GREY) -> None:
+    """Add legend entries for all medians and bands of quantiles."""
+    axes.plot([], [], color=mix_grey(colour, 0.0, SHADE_SHARE), linewidth=1.8, label="median")
+    axes.fill_between([], [], color=mix_grey(colour, 1.0, 0.4), linewidth=0, label="5…95 %")

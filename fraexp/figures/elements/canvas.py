@@ -27,7 +27,8 @@ DASH_STYLES: tuple[Dash, ...] = (
     (0, (6, 1.4, 1.2, 1.4)),
 )
 REFERENCE_STYLE: LineStyle = {"color": "0.1", "linestyle": (0, (4, 6)), "linewidth": 1.2, "zorder": 4}
-TITLE_CHARACTERS_PER_INCH, TITLE_MARGIN_INCH = 12.0, 0.8
+TITLE_CHARACTERS_PER_INCH, TITLE_MARGIN_INCH = 10.5, 0.8
+LEGEND_CHARACTERS_PER_INCH = 11.0
 """Characters of a title per width of the figure, and the width that it cannot use, because it is above the axes."""
 LEGEND_ROW_INCH = 0.22
 """Height by which a figure grows for each further row of its legend."""
@@ -184,7 +185,8 @@ def add_legend_below(figure: Figure, *panels: Axes) -> None:
     handles, labels = list(found.values()), list(found)
     if not any(labels):
         return
-    fitting = max(1, min(len(labels), 80 // (max(len(label) for label in labels) + 8)))
+    room = int(LEGEND_CHARACTERS_PER_INCH * figure.get_figwidth())
+    fitting = max(1, min(len(labels), room // (max(len(label) for label in labels) + 8)))
     rows = -(-len(labels) // fitting)
     figure.set_figheight(figure.get_figheight() + LEGEND_ROW_INCH * (rows - 1))
     columns = -(-len(labels) // rows)

@@ -144,7 +144,8 @@ def draw_bands(
     for frequency, limits, colour in known:
         low, high = np.clip(limits, *edges)
         axes.fill_between(frequency, low, high, color=colour, alpha=opacity, linewidth=0)
-    axes.set_ylim(edges)
+    is_shared = len(axes.get_shared_y_axes().get_siblings(axes)) > 1
+    axes.set_ylim(edges, auto=None if is_shared else False)  # lines of further facets may need more
 
 
 def _axis_limits(span: tuple[float, float], limits: NDArray[np.float64]) -> tuple[float, float]:

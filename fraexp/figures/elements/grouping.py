@@ -48,6 +48,10 @@ class CurvePlace(NamedTuple):
         return bool(np.isfinite(self.row))
 
 
+OWN_PLACE = CurvePlace()
+"""The place of a curve that is alone."""
+
+
 def group_sweeps(
     labels: Sequence[Plain],
     units: Mapping[str, str] | None = None,
@@ -107,7 +111,7 @@ def find_labels(labels: Sequence[Plain], names: Sequence[str]) -> list[str]:
             drawn = any(name in of or name == DRAW for of in labels)
             reason = "is drawn at random, and makes no groups" if drawn else "is no label"
             known = f"expected one of: {', '.join(columns.values())}" if columns else "these sweeps have none"
-            raise FraexpError(f"--group-by '{name}' {reason}; {known}{did_you_mean(name, paths)}")
+            raise FraexpError(f"group by: '{name}' {reason}; {known}{did_you_mean(name, paths)}")
     return list(dict.fromkeys(paths[name] for name in names))
 
 

@@ -28,18 +28,33 @@ SYMBOLS = {
     "coulomb_force": "Coulomb force F_c",
     "characteristic_displacement": "presliding width x_0",
     "rigid_body_gain": "rigid-body gain k_0",
-    "gain": "gain α =",
+    "frequencies": "natural frequency f_",
+    "damping_ratios": "damping ratio ζ_",
 }
-"""What legends call parameters, by the last part of their path: their meaning, and their symbol in the literature."""
+"""What figures call parameters, by the last part of their path: their meaning, and their symbol in the literature.
+
+That of a list ends where the number of an item follows.
+"""
+COMPENSATION_GAIN = {"gain": "gain α ="}
+"""What figures call a gain without a unit; one with a unit is that of a plant."""
+PROPER_NAMES = {name.lower(): name for name in ("GMS", "LuGre", "Dahl", "Coulomb", "H1", "H2", "Hv", "PID", "PRBS")}
+"""Names of the literature as it writes them, by how they are typed in a study."""
+WORD = re.compile(r"[^\W_]+")
 
 
 def drawable(text: str) -> str:
     """Return a text for a legend: in one line, names as words, and without a leading ``_``, which would hide it."""
     shown = " ".join(
-        word if FILE_NAME.search(word) else NAME_JOINT.sub(" ", word) for word in printable(text).split(" ")
+        word if FILE_NAME.search(word) else WORD.sub(_proper_name, NAME_JOINT.sub(" ", word))
+        for word in printable(text).split(" ")
     )
     shown = MICRO.sub(" µ", shown)
     return f" {shown}" if shown.startswith("_") else shown
+
+
+def _proper_name(word: re.Match[str]) -> str:
+    typed = word[0][:1].lower() + word[0][1:]
+    return PROPER_NAMES.get(typed, word[0])
 
 
 def curve_names(labels: Sequence[Plain], fallback: Sequence[str], units: Mapping[str, str] | None = None) -> list[str]:
@@ -58,8 +73,7 @@ def curve_names(labels: Sequence[Plain], fallback: Sequence[str], units: Mapping
         parts = []
         for path in (path for path in varying if path in of):
             unit = (units or {}).get(path, "")
-            title = SYMBOLS.get(columns[path], columns[path])
-            parts.append(_label_part(title, of[path], texts[path][index], unit, counts[unit] == 1))
+            parts.append(_label_part(columns[path], of[path], texts[path][index], unit, counts[unit] == 1))
         names.append(", ".join(parts) or spare)
     repeated = {name for name, count in Counter(names).items() if count > 1}
     return [
@@ -101,6 +115,12 @@ def nominal_labels(labels: Plain) -> dict[str, object]:
     """Return the nominal labels of a sweep: those before its draw."""
     paths = list(labels)
     return {path: labels[path] for path in paths[: paths.index(DRAW) if DRAW in labels else None]}
+
+
+def drawn_labels(labels: Plain) -> dict[str, object]:
+    """Return the values of a sweep that were drawn at random: those after its draw."""
+    paths = list(labels)
+    return {path: labels[path] for path in paths[paths.index(DRAW) + 1 :]} if DRAW in labels else {}
 
 
 def label_columns(labels: Sequence[Plain]) -> dict[str, str]:
@@ -172,7 +192,8 @@ def _plain_text(value: object) -> str:
 
 def _label_part(title: str, value: object, text: str, unit: str, alone: bool) -> str:
     if isinstance(value, str | Mapping):
-        return text
+        return _law_name(text) if title == "friction" else text
+    title = _parameter_name(title, SYMBOLS if unit else SYMBOLS | COMPENSATION_GAIN)
     if not unit or not isinstance(value, int | float):
         return f"{title} {text}"
     factor, shown = (
@@ -183,3 +204,18 @@ def _label_part(title: str, value: object, text: str, unit: str, alone: bool) ->
         else (1e6, f"µ{unit}")
     )
     return f"{'' if alone else f'{title} '}{value * factor:.6g} {with_powers(shown)}"
+
+
+def _parameter_name(title: str, symbols: Mapping[str, str]) -> str:
+    """Return what figures call a parameter: its symbol, and the number of an item of a list, beginning with 1."""
+    *owner, name = title.split(".")
+    number = ""
+    if owner and name.isdecimal():
+        *owner, name, number = *owner, str(int(name) + 1)
+    shown = name if owner else symbols.get(name, name)
+    joint = "" if not number or shown.endswith("_") else " "
+    return " ".join([*owner, f"{shown}{joint}{number}"])
+
+
+def _law_name(text: str) -> str:
+    return "no friction" if text == "none" else text[:1].upper() + text[1:]

@@ -1,5 +1,6 @@
 """The view of a figure: its frequency range, and how the phase is drawn."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -46,11 +47,17 @@ class View:
         band = [f"--frequency-range={self.band[0]:.6g}:{self.band[1]:.6g}"] if self.band else []
         return [*band, *(["--wrap-phase"] if self.wrapped else [])]
 
-    def check(self, kind: str) -> None:
-        """Raise FraexpError if a kind of figure does not support the view."""
+    def check(self, kind: str, frequencies: Sequence[NDArray[np.float64]] = ()) -> None:
+        """Raise FraexpError if a kind of figure does not support the view, or none of `frequencies` [Hz] lies in it."""
         if self.band and kind not in FREQUENCY_KINDS:
             known = ", ".join(FREQUENCY_KINDS)
-            raise FraexpError(f"--frequency-range: {kind} figures have no frequency axis; choose one of {known}")
+            raise FraexpError(f"frequency range: {kind} figures have no frequency axis; choose one of {known}")
+        everything = np.concatenate([*frequencies, np.empty(0)])
+        if self.band and everything.size and not ((self.band[0] <= everything) & (everything <= self.band[1])).any():
+            raise FraexpError(
+                f"frequency range: no response has a point between {self.band[0]:g} and {self.band[1]:g} Hz; they "
+                f"lie between {everything.min():.4g} and {everything.max():.4g} Hz"
+            )
         if self.wrapped and kind != "bode":
             raise FraexpError(f"--wrap-phase: {kind} figures show no phase; only bode does")
 

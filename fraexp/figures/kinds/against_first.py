@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 from fraexp.analysis.confidence import confidence_limits
 from fraexp.data.results import FrequencyResponse
 from fraexp.errors import FraexpError
-from fraexp.figures.elements.bundles import MAX_SINGLE_CURVES
+from fraexp.figures.elements.facets import by_facet, facet_panels, group_styles
+from fraexp.figures.elements.grouping import OWN_PLACE, CurvePlace
 from fraexp.figures.elements.scales import continuous_phase, decibel, degrees
-from fraexp.figures.elements.shown import ShownResult
+from fraexp.figures.elements.shown import ShownResult, curve_places
 from fraexp.figures.kinds.difference import on_frequencies
-from fraexp.figures.kinds.plant_errors import LINEAR_RANGE_DB, LINEAR_RANGE_DEG, ErrorCurve, draw_error_part
+from fraexp.figures.kinds.plant_errors import ErrorCurve, draw_error_parts
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -36,6 +37,8 @@ class DifferenceInfo:
     left_out: tuple[str, ...]
     """Names of responses without a common frequency."""
     title: str
+    place: CurvePlace = OWN_PLACE
+    """Where the first response belongs, which keeps its colour for itself."""
 
 
 def difference_info(shown: Sequence[ShownResult], title: str = "") -> DifferenceInfo:
@@ -46,16 +49,24 @@ def difference_info(shown: Sequence[ShownResult], title: str = "") -> Difference
     if len({response.unit for _, response in found}) > 1:
         raise FraexpError("difference: found responses in several units; choose sweeps that share one")
     first, reference = found[0]
-    curves = [(of.label, difference_curve(of.label, reference, response, of.key)) for of, response in found[1:]]
+    places = curve_places([of for of, _ in found])
+    curves = [
+        (of.label, difference_curve(of.label, reference, response, of.key, place))
+        for (of, response), place in zip(found[1:], places[1:], strict=True)
+    ]
     known = tuple(curve for _, curve in curves if curve is not None)
     if not known:
         raise FraexpError(f"difference: no other response shares settled frequencies with the first, {first.label}")
     left_out = tuple(label for label, curve in curves if curve is None)
-    return DifferenceInfo(known, first.label, left_out, title or f"Difference from {first.label}")
+    return DifferenceInfo(known, first.label, left_out, title or f"Difference from {first.label}", places[0])
 
 
 def difference_curve(
-    label: str, reference: FrequencyResponse, other: FrequencyResponse, key: str = ""
+    label: str,
+    reference: FrequencyResponse,
+    other: FrequencyResponse,
+    key: str = "",
+    place: CurvePlace | None = None,
 ) -> ErrorCurve | None:
     """Return the difference of `other` from `reference` at the settled frequencies; None if they share none.
 
@@ -92,6 +103,7 @@ def difference_curve(
         magnitude_band=magnitude + DB_PER_NEPER * spread[0],
         phase_band=phase + np.clip(np.degrees(spread[1]), -360, 360),
         key=key,
+        place=place,
     )
 
 
@@ -138,24 +150,20 @@ def draw_difference(info: DifferenceInfo) -> "Figure":
     """Draw the differences of magnitude and phase over frequency."""
     from fraexp.figures.elements import canvas  # matplotlib: imported only when something is drawn
 
-    if len(info.curves) > MAX_SINGLE_CURVES:
-        limit = MAX_SINGLE_CURVES + 1
-        raise FraexpError(
-            f"difference: found {len(info.curves) + 1} responses; no more than {limit} can be distinguished"
-        )
+    places = [curve.place or CurvePlace(group=curve.label, point=curve.label) for curve in info.curves]
     with canvas.figure_style():
-        figure = canvas.new_figure(width=9.0, height=6.2)
-        upper, lower = figure.subplots(2, 1, sharex=True)
-        styles = canvas.named_styles(len(info.curves) + 1)[1:]  # the reference keeps the colour of the Bode plot
-        draw_error_part(upper, info.curves, "magnitude", styles, LINEAR_RANGE_DB)
-        draw_error_part(lower, info.curves, "phase", styles, LINEAR_RANGE_DEG)
-        upper.set_title(canvas.wrapped_title(figure, info.title))
-        upper.set_ylabel(canvas.error_axis_title(upper, "Magnitude difference", "dB"))
-        lower.set_ylabel(canvas.error_axis_title(lower, "Phase difference", "deg"))
-        lower.set_xlabel("Frequency [Hz]")
+        facets = by_facet(list(zip(info.curves, places, strict=True)), places)
+        panels = facet_panels(list(facets), (9.0, 6.2), (1.0, 1.0), facet_height=5.0)
+        styles = group_styles([info.place, *places])
+        draw_error_parts(list(panels.facets.values()), list(facets.values()), styles)
+        upper, lower = panels.first
         frequency = np.concatenate([curve.frequency for curve in info.curves])
         canvas.set_frequency_axis(lower, (float(frequency.min()), float(frequency.max())))
-        canvas.draw_grid(upper, lower)
-        figure.align_ylabels((upper, lower))
-        canvas.add_legend_below(figure, upper)
-    return figure
+        canvas.draw_grid(*panels.all)
+        y_titles = (
+            canvas.error_axis_title(upper, "Magnitude difference", "dB"),
+            canvas.error_axis_title(lower, "Phase difference", "deg"),
+        )
+        panels.label(info.title, ["Frequency [Hz]"], y_titles)
+        panels.add_legend(places)
+    return panels.figure

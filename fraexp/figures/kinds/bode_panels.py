@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fraexp.figures.elements.bundles import draw_bundles
+from fraexp.figures.elements.facets import facet_panels
 from fraexp.figures.elements.frequency_lines import (
     EXTREMUM_SIZE,
     LEGEND_GREY,
@@ -16,7 +17,6 @@ from fraexp.figures.elements.frequency_lines import (
     draw_line,
     draw_points_and_model,
 )
-from fraexp.figures.elements.labels import drawable
 from fraexp.figures.elements.line_style import LineStyle
 from fraexp.figures.elements.view import PHASE_LABEL
 from fraexp.figures.kinds.bode import BodeInfo, BodeModel, BodeSample
@@ -31,8 +31,6 @@ UNSETTLED_STYLE: LineStyle = {
 """Style of the points of a sample that had not settled."""
 RIGID_BODY_STYLE: LineStyle = {"color": "0.5", "linestyle": (0, (1, 2)), "linewidth": 0.9, "zorder": 1.8}
 """Style of the line of the apparent mass."""
-MAX_COLUMNS = 3
-"""Maximum number of facets side by side."""
 
 
 def draw_bode(info: BodeInfo) -> "Figure":
@@ -48,56 +46,20 @@ def draw_bode_facets(facets: Mapping[str, BodeInfo]) -> "Figure":
     from fraexp.figures.elements import canvas  # matplotlib: imported only when something is drawn
 
     infos = list(facets.values())
-    count = len(infos)
-    columns = 2 if count == 4 else min(count, MAX_COLUMNS)
-    rows = -(-count // columns)
     with canvas.figure_style():
-        width, height = (9.0, 6.2) if count == 1 else (1.4 + 3.7 * columns, 1.4 + 4.6 * rows)
-        figure = canvas.new_figure(width, height)
-        axes = figure.subplots(2 * rows, columns, squeeze=False, sharex=True, height_ratios=(1.25, 1) * rows)
-        pairs = [
-            (axes[2 * (n // columns), n % columns], axes[2 * (n // columns) + 1, n % columns]) for n in range(count)
-        ]
+        panels = facet_panels(list(facets), (9.0, 6.2), (1.25, 1.0), facet_height=4.6)
         styles = _curve_styles(infos)
-        for upper, lower in pairs[1:]:
-            upper.sharey(pairs[0][0])
-            lower.sharey(pairs[0][1])
-        for (name, info), (upper, lower) in zip(facets.items(), pairs, strict=True):
+        for info, (upper, lower) in zip(infos, panels.facets.values(), strict=True):
             _draw_part(upper, info, "magnitude", styles)
             _draw_part(lower, info, "phase", styles)
-            upper.set_title(drawable(name), fontsize=11, loc="left")
-        _finish_axes(axes, pairs, infos)
-        title = canvas.wrapped_title(figure, infos[0].title)
-        pairs[0][0].set_title(title) if count == 1 else figure.suptitle(title, fontsize=12.5)
-        canvas.add_legend_below(figure, *(upper for upper, _ in pairs))
-    return figure
-
-
-def _finish_axes(
-    axes: "np.ndarray[tuple[int, int], np.dtype[np.object_]]",
-    pairs: Sequence[tuple["Axes", "Axes"]],
-    infos: Sequence[BodeInfo],
-) -> None:
-    """Label the outer panels, and remove those that are left over."""
-    from fraexp.figures.elements import canvas
-
-    columns, count = axes.shape[1], len(pairs)
-    for spare in range(count, axes.size // 2):
-        for row in (0, 1):
-            axes[2 * (spare // columns) + row, spare % columns].remove()
-    for index, (upper, lower) in enumerate(pairs):
-        upper.tick_params(labelbottom=False)
-        lower.set_label(PHASE_LABEL)
-        is_first, is_last = index % columns == 0, index + columns >= count
-        lower.tick_params(labelbottom=is_last)
-        for of, text in ((upper, f"Magnitude [dB re 1 {infos[0].unit}]"), (lower, "Phase [deg]")):
-            of.tick_params(labelleft=is_first)
-            of.set_ylabel(text if is_first else "")
-        lower.set_xlabel("Frequency [Hz]" if is_last else "")
-    canvas.set_frequency_axis(pairs[0][1], _frequency_span(infos))
-    canvas.set_phase_ticks(pairs[0][1])
-    canvas.draw_grid(*(of for pair in pairs for of in pair))
-    pairs[0][0].figure.align_ylabels([of for pair in pairs for of in pair])
+            lower.set_label(PHASE_LABEL)
+        lower = panels.first[1]
+        canvas.set_frequency_axis(lower, _frequency_span(infos))
+        canvas.set_phase_ticks(lower)
+        canvas.draw_grid(*panels.all)
+        panels.label(infos[0].title, ["Frequency [Hz]"], (f"Magnitude [dB re 1 {infos[0].unit}]", "Phase [deg]"))
+        canvas.add_legend_below(panels.figure, *(upper for upper, _ in panels.facets.values()))
+    return panels.figure
 
 
 def _curve_styles(infos: Sequence[BodeInfo]) -> dict[str, LineStyle]:

@@ -9,11 +9,13 @@ from numpy.typing import NDArray
 
 from fraexp.data.results import FrequencyResponse
 from fraexp.errors import FraexpError
-from fraexp.figures.elements.bundles import MAX_SINGLE_CURVES
-from fraexp.figures.elements.frequency_lines import draw_line
-from fraexp.figures.elements.shown import ShownResult
+from fraexp.figures.elements.facets import by_facet, facet_panels, group_styles
+from fraexp.figures.elements.grouped_lines import GroupedLine, draw_grouped_lines
+from fraexp.figures.elements.grouping import CurvePlace
+from fraexp.figures.elements.shown import ShownResult, curve_places
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 LOG_AXIS_RATIO = 10.0
@@ -33,6 +35,8 @@ class CoherenceCurve:
     """Squared coherence of input and output, shape (n,); None if it is unknown."""
     distortion: NDArray[np.float64] | None
     """Total harmonic distortion of the output [%], shape (n,); None if it is unknown."""
+    place: CurvePlace
+    """Where it belongs."""
     key: str = ""
     """Key of its sweep."""
 
@@ -55,7 +59,8 @@ class CoherenceInfo:
 
 def coherence_info(shown: Sequence[ShownResult], title: str = "") -> CoherenceInfo:
     """Return coherence and distortion of the responses for which one is known; FraexpError if there is none."""
-    found = (_coherence_curve(of, of.response) for of in shown if of.response is not None)
+    pairs = zip(shown, curve_places(shown), strict=True)
+    found = (_coherence_curve(of, of.response, place) for of, place in pairs if of.response is not None)
     curves = tuple(curve for curve in found if curve.coherence is not None or curve.distortion is not None)
     if not curves:
         raise FraexpError(
@@ -69,7 +74,7 @@ def coherence_info(shown: Sequence[ShownResult], title: str = "") -> CoherenceIn
     return CoherenceInfo(curves, is_logarithmic, title or "Coherence and distortion")
 
 
-def _coherence_curve(of: ShownResult, response: FrequencyResponse) -> CoherenceCurve:
+def _coherence_curve(of: ShownResult, response: FrequencyResponse, place: CurvePlace) -> CoherenceCurve:
     order = np.argsort(response.frequency, kind="stable")
     coherence, distortion = response.coherence, 100 * response.distortion
     return CoherenceCurve(
@@ -78,6 +83,7 @@ def _coherence_curve(of: ShownResult, response: FrequencyResponse) -> CoherenceC
         response.settled[order],
         None if coherence is None or not np.isfinite(coherence).any() else coherence[order],
         None if not np.isfinite(distortion).any() else distortion[order],
+        place,
         of.key,
     )
 
@@ -89,31 +95,36 @@ def draw_coherence(info: CoherenceInfo) -> "Figure":
     """Draw the coherence and distortion that are known over frequency."""
     from fraexp.figures.elements import canvas  # matplotlib: imported only when something is drawn
 
-    if len(info.curves) > MAX_SINGLE_CURVES:
-        raise FraexpError(
-            f"coherence: found {len(info.curves)} responses; no more than {MAX_SINGLE_CURVES} can be distinguished"
-        )
+    places = [curve.place for curve in info.curves]
+    count = len(info.parts)
     with canvas.figure_style():
-        count = len(info.parts)
-        figure = canvas.new_figure(width=9.0, height=1.8 + 2.6 * count)
-        panels = figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0]
-        styles = canvas.line_styles(len(info.curves))
-        for axes, part in zip(panels, info.parts, strict=True):
-            for curve, style in zip(info.curves, styles, strict=True):
-                values = getattr(curve, part)
-                empty = np.full(len(curve.frequency), np.nan)
-                draw_line(axes, curve.frequency, empty if values is None else values, curve.settled, curve.label, style)
-            axes.set_ylabel(AXIS_TITLES[part])
-            if part == "coherence":
-                axes.set_ylim(0, 1.05)
-            elif info.is_logarithmic:
-                axes.set_yscale("log")
-                canvas.set_decade_ticks(axes)
-        panels[0].set_title(canvas.wrapped_title(figure, info.title))
-        panels[-1].set_xlabel("Frequency [Hz]")
+        facets = by_facet(info.curves, places)
+        panels = facet_panels(list(facets), (9.0, 1.8 + 2.6 * count), (1.0,) * count, 0.9 + 2.0 * count)
+        styles = group_styles(places)
+        for curves, drawn in zip(facets.values(), panels.facets.values(), strict=True):
+            for axes, part in zip(drawn, info.parts, strict=True):
+                draw_grouped_lines(axes, [_line(curve, part) for curve in curves], styles)
+        for axes, part in zip(panels.first, info.parts, strict=True):
+            _set_axis(axes, part, info.is_logarithmic)
         frequency = np.concatenate([curve.frequency for curve in info.curves])
-        canvas.set_frequency_axis(panels[-1], (float(frequency.min()), float(frequency.max())))
-        canvas.draw_grid(*panels)
-        figure.align_ylabels(panels)
-        canvas.add_legend_below(figure, panels[0])
-    return figure
+        canvas.set_frequency_axis(panels.first[0], (float(frequency.min()), float(frequency.max())))
+        canvas.draw_grid(*panels.all)
+        panels.label(info.title, ["Frequency [Hz]"], [AXIS_TITLES[part] for part in info.parts])
+        panels.add_legend(places)
+    return panels.figure
+
+
+def _line(curve: CoherenceCurve, part: str) -> GroupedLine:
+    values = getattr(curve, part)
+    values = np.full(len(curve.frequency), np.nan) if values is None else values
+    return GroupedLine(curve.label, curve.place, curve.frequency, values, curve.settled)
+
+
+def _set_axis(axes: "Axes", part: str, is_logarithmic: bool) -> None:
+    from fraexp.figures.elements import canvas
+
+    if part == "coherence":
+        axes.set_ylim(0, 1.05)
+    elif is_logarithmic:
+        axes.set_yscale("log")
+        canvas.set_decade_ticks(axes)

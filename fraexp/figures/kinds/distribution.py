@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 MAX_METRICS = 4
 """Maximum number of metrics in a figure."""
+NAME_MARGIN = 0.16
+"""Width beside the curves for the names of the worst draws, relative to theirs."""
 NOTE_CHARACTERS_PER_INCH, NOTE_LINE_INCH = 13.5, 0.19
 """Characters of a note per width of the figure, and the height of its line."""
 TEXT_BACKGROUND: LineStyle = {"facecolor": "1.0", "edgecolor": "none", "alpha": 0.7, "pad": 1}
@@ -187,9 +189,11 @@ def _draw_panel(axes: "Axes", panel: DistributionPanel, styles: Mapping[str, Lin
         y = y if x == sample.values[-1] else share[1]
         axes.plot(x, y, "o", color=str(style["color"]), markersize=5, zorder=4)
         axes.annotate(
-            drawable(_draw_name(sample.worst)), (x, y), xytext=(-5, -6), textcoords="offset points", ha="right",
-            va="top", fontsize=9, color=str(style["color"]), bbox=TEXT_BACKGROUND,
+            drawable(_draw_name(sample.worst)), (x, y), xytext=(6, 0), textcoords="offset points", ha="left",
+            va="center", fontsize=9, color=str(style["color"]), bbox=TEXT_BACKGROUND,
         )  # fmt: skip
+    low, high = axes.get_xlim()
+    axes.set_xlim(low, high + NAME_MARGIN * (high - low))
     if all(sample.worst is None for sample in panel.samples):
         axes.text(
             0.5, 0.5, "no draw has a value", ha="center", color="0.3", transform=axes.transAxes, bbox=TEXT_BACKGROUND

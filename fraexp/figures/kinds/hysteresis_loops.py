@@ -1,6 +1,6 @@
 """Hysteresis loops: friction force over displacement of friction models and machines."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -9,8 +9,10 @@ from numpy.typing import NDArray
 
 from fraexp.data.results import Curve
 from fraexp.errors import FraexpError
-from fraexp.figures.elements.frequency_lines import add_band_legend, curve_limits, draw_bands
-from fraexp.figures.elements.labels import drawable
+from fraexp.figures.elements.facets import by_facet, facet_panels, group_styles
+from fraexp.figures.elements.frequency_lines import add_band_legend, curve_limits
+from fraexp.figures.elements.grouped_lines import GroupedLine, draw_grouped_lines
+from fraexp.figures.elements.grouping import CurvePlace
 from fraexp.figures.elements.line_style import LineStyle
 from fraexp.figures.elements.scales import DISPLACEMENT_UNITS, FORCE_NAMES, displacement_unit
 
@@ -18,6 +20,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+PlacedCurve = tuple[str, Curve, CurvePlace]
+"""Label, curve and place."""
 MAX_STROKE_RATIO = 5.0
 """Ratio of strokes up to which loops share a panel."""
 
@@ -33,6 +37,8 @@ class HysteresisLoop:
     """Friction force [N], shape (n,)."""
     limits: NDArray[np.float64] | None
     """Lower and upper 95 % limit of the force [N], shape (2, n); None if they are unknown."""
+    place: CurvePlace
+    """Where it belongs; loops with the same point are a sample."""
 
 
 @dataclass(frozen=True)
@@ -47,12 +53,18 @@ class HysteresisPanel:
 
 @dataclass(frozen=True)
 class HysteresisInfo:
-    """Contents of a hysteresis figure: one panel, or two panels for small and large strokes."""
+    """Contents of a hysteresis figure: a panel for each facet, twice if there are small and large strokes."""
 
     panels: tuple[HysteresisPanel, ...]
     force_unit: str
     """``N``, or ``N m`` of a rotary axis."""
     title: str
+
+    @property
+    def is_alike(self) -> bool:
+        """Whether the panels have similar strokes, so that they share their axes."""
+        reach = [max(float(np.abs(loop.displacement).max()) for loop in panel.loops) for panel in self.panels]
+        return len({panel.unit for panel in self.panels}) == 1 and max(reach) <= MAX_STROKE_RATIO * min(reach)
 
     @property
     def force_title(self) -> str:
@@ -65,8 +77,13 @@ def is_hysteresis(curve: Curve) -> bool:
     return curve.units.get("displacement") in DISPLACEMENT_UNITS and curve.units.get("force") in FORCE_NAMES
 
 
-def hysteresis_info(curves: Sequence[tuple[str, Curve]], title: str = "") -> HysteresisInfo:
-    """Return the loops of labelled curves with the columns displacement and force, by size of stroke."""
+def hysteresis_info(
+    curves: Sequence[tuple[str, Curve]], title: str = "", places: Sequence[CurvePlace] = ()
+) -> HysteresisInfo:
+    """Return the loops of labelled curves with the columns displacement and force, by facet and size of stroke.
+
+    Curves with the same point in their `places` are a sample; without places each has its own colour.
+    """
     for label, curve in curves:
         if not is_hysteresis(curve):
             found = ", ".join(f"{name} [{unit}]" for name, unit in curve.units.items())
@@ -75,9 +92,11 @@ def hysteresis_info(curves: Sequence[tuple[str, Curve]], title: str = "") -> Hys
         raise FraexpError("hysteresis figure: there is no curve to draw; choose sweeps of a driven friction model")
     if len({(curve.units["displacement"], curve.units["force"]) for _, curve in curves}) > 1:
         raise FraexpError("hysteresis figure: found straight and rotary axes; choose sweeps of one kind")
-    groups = _group_by_stroke(curves)
+    alone = [CurvePlace(group=label, point=str(index)) for index, (label, _) in enumerate(curves)]
+    placed = [(label, curve, place) for (label, curve), place in zip(curves, places or alone, strict=True)]
+    groups = [group for group in _group_by_stroke(placed) if group]
     names = ("",) if len(groups) == 1 else ("(a) Small strokes", "(b) Large strokes")
-    panels = tuple(_hysteresis_panel(name, group) for name, group in zip(names, groups, strict=True))
+    panels = tuple(panel for of in zip(names, groups, strict=True) for panel in _hysteresis_panels(*of))
     force_unit = curves[0][1].units["force"]
     return HysteresisInfo(panels, force_unit, title or f"Friction {FORCE_NAMES[force_unit]} over displacement")
 
@@ -86,8 +105,8 @@ def _amplitude(curve: Curve) -> float:
     return float(np.ptp(curve.columns["displacement"])) / 2
 
 
-def _group_by_stroke(curves: Sequence[tuple[str, Curve]]) -> list[list[tuple[str, Curve]]]:
-    amplitudes = np.array([_amplitude(curve) for _, curve in curves])
+def _group_by_stroke(curves: Sequence[PlacedCurve]) -> list[list[PlacedCurve]]:
+    amplitudes = np.array([_amplitude(curve) for _, curve, _ in curves])
     ordered = np.sort(amplitudes[amplitudes > 0])
     if len(ordered) == 0 or ordered[-1] <= MAX_STROKE_RATIO * ordered[0]:
         return [list(curves)]
@@ -96,44 +115,40 @@ def _group_by_stroke(curves: Sequence[tuple[str, Curve]]) -> list[list[tuple[str
     return [[curves[index] for index in np.flatnonzero(chosen).tolist()] for chosen in (small, ~small)]
 
 
-def _hysteresis_panel(title: str, curves: list[tuple[str, Curve]]) -> HysteresisPanel:
-    largest = max(float(np.max(np.abs(curve.columns["displacement"]))) for _, curve in curves)
+def _hysteresis_panels(title: str, curves: Sequence[PlacedCurve]) -> list[HysteresisPanel]:
+    """Return a panel for each facet; all share their unit."""
+    largest = max(float(np.max(np.abs(curve.columns["displacement"]))) for _, curve, _ in curves)
     factor, unit = displacement_unit(largest, curves[0][1].units["displacement"])
-    loops = (
-        HysteresisLoop(label, factor * curve.columns["displacement"], curve.columns["force"], curve_limits(curve))
-        for label, curve in curves
-    )
-    return HysteresisPanel(title, unit, tuple(loops))
+    loops = [
+        HysteresisLoop(label, factor * of.columns["displacement"], of.columns["force"], curve_limits(of), place)
+        for label, of, place in curves
+    ]
+    facets = by_facet(loops, [loop.place for loop in loops])
+    return [HysteresisPanel(" ".join(filter(None, (title, name))), unit, tuple(of)) for name, of in facets.items()]
 
 
 def draw_hysteresis(info: HysteresisInfo) -> "Figure":
-    """Draw hysteresis loops, small and large strokes side by side."""
+    """Draw hysteresis loops, small and large strokes, and facets, side by side."""
     from fraexp.figures.elements import canvas  # matplotlib: imported only when something is drawn
 
+    places = [loop.place for panel in info.panels for loop in panel.loops]
     with canvas.figure_style():
-        wide = len(info.panels) > 1
-        figure = canvas.new_figure(width=9.0 if wide else 6.6, height=4.6)
-        styles = iter(canvas.line_styles(sum(len(panel.loops) for panel in info.panels)))
-        panels = figure.subplots(1, len(info.panels), squeeze=False)[0]
-        for axes, panel in zip(panels, info.panels, strict=True):
+        titles = [panel.title for panel in info.panels]
+        panels = facet_panels(titles, (6.6, 4.6), facet_height=3.9, is_shared=info.is_alike)
+        styles = group_styles(places)
+        for axes, panel in zip(panels.all, info.panels, strict=True):
             _draw_panel(axes, panel, styles)
-            axes.set_ylabel(info.force_title)
-        canvas.draw_grid(*panels)
-        (figure.suptitle if wide else panels[0].set_title)(canvas.wrapped_title(figure, info.title))
+        canvas.draw_grid(*panels.all)
+        panels.label(info.title, [f"Displacement [{panel.unit}]" for panel in info.panels], [info.force_title])
         if any(loop.limits is not None for panel in info.panels for loop in panel.loops):
-            add_band_legend(panels[-1])
-        canvas.add_legend_below(figure, *panels)
-    return figure
+            add_band_legend(panels.all[-1])
+        panels.add_legend(places)
+    return panels.figure
 
 
-def _draw_panel(axes: "Axes", panel: HysteresisPanel, styles: Iterator[LineStyle]) -> None:
-    bands = []
-    for loop, style in zip(panel.loops, styles, strict=False):
-        axes.plot(loop.displacement, loop.force, label=drawable(loop.label), **style)
-        if loop.limits is not None:
-            bands.append((loop.displacement, loop.limits, str(style["color"])))
+def _draw_panel(axes: "Axes", panel: HysteresisPanel, styles: Mapping[str, LineStyle]) -> None:
     axes.axhline(0, color="0.55", linewidth=0.8, zorder=1)
     axes.axvline(0, color="0.55", linewidth=0.8, zorder=1)
-    draw_bands(axes, bands)
-    axes.set_xlabel(f"Displacement [{panel.unit}]")
-    axes.set_title(panel.title, fontsize=11, loc="left")
+    loops = panel.loops
+    lines = [GroupedLine(of.label, of.place, of.displacement, of.force, band=of.limits) for of in loops]
+    draw_grouped_lines(axes, lines, styles)

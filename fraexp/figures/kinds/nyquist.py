@@ -1,6 +1,6 @@
 """The Nyquist plot: frequency responses in the complex plane."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -8,10 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.errors import FraexpError
-from fraexp.figures.elements.bundles import MAX_SINGLE_CURVES
-from fraexp.figures.elements.frequency_lines import draw_line, with_gaps
+from fraexp.figures.elements.facets import FACET_WIDTH, by_facet, facet_panels, group_styles
+from fraexp.figures.elements.frequency_lines import draw_line
+from fraexp.figures.elements.grouped_lines import GroupedLine, draw_grouped_lines
+from fraexp.figures.elements.grouping import OWN_PLACE, CurvePlace
+from fraexp.figures.elements.line_style import LineStyle
 from fraexp.figures.elements.scales import readable_unit
-from fraexp.figures.elements.shown import ShownResult
+from fraexp.figures.elements.shown import ShownResult, curve_places
 from fraexp.figures.kinds.bode import Reference
 
 if TYPE_CHECKING:
@@ -37,6 +40,8 @@ class NyquistCurve:
     """Imaginary part [unit of the figure], shape (n,)."""
     settled: NDArray[np.bool_]
     """Whether the point had settled, shape (n,); lines join settled points only."""
+    place: CurvePlace = OWN_PLACE
+    """Where it belongs."""
 
     @property
     def size(self) -> float:
@@ -73,12 +78,13 @@ class NyquistInfo:
 
 def nyquist_info(shown: Sequence[ShownResult], reference: Reference | None = None, title: str = "") -> NyquistInfo:
     """Return the numbers of a Nyquist plot of all responses; FraexpError if there is none or their units differ."""
-    found = [(of.label, of.response) for of in shown if of.response is not None]
-    units = sorted({response.unit for _, response in found})
+    pairs = zip(shown, curve_places(shown), strict=True)
+    found = [(of.label, of.response, place) for of, place in pairs if of.response is not None]
+    units = sorted({response.unit for _, response, _ in found})
     if len(units) != 1:
         raise FraexpError(f"Nyquist plot: found responses in {' and '.join(units) or 'nothing'}; choose one unit")
     factor, unit = readable_unit(units[0])
-    curves = (_curve(label, factor, of.frequency, of.response, of.settled) for label, of in found)
+    curves = (_curve(label, factor, of.frequency, of.response, of.settled, place) for label, of, place in found)
     known = None
     if reference is not None:
         label, frequency, response = reference
@@ -92,47 +98,64 @@ def _curve(
     frequency: NDArray[np.float64],
     response: NDArray[np.complex128],
     settled: NDArray[np.bool_],
+    place: CurvePlace = OWN_PLACE,
 ) -> NyquistCurve:
     order = np.argsort(frequency, kind="stable")
     scaled = factor * response
     shown = np.where(np.isfinite(scaled), scaled, np.nan)[order]
-    return NyquistCurve(label, frequency[order], shown.real, shown.imag, settled[order])
+    return NyquistCurve(label, frequency[order], shown.real, shown.imag, settled[order], place)
 
 
 def draw_nyquist(info: NyquistInfo) -> "Figure":
     """Draw a Nyquist plot with equal axes and frequency marks on the largest curve."""
     from fraexp.figures.elements import canvas  # matplotlib: imported only when something is drawn
 
-    if len(info.curves) > MAX_SINGLE_CURVES:
-        raise FraexpError(
-            f"Nyquist plot: found {len(info.curves)} responses; no more than {MAX_SINGLE_CURVES} can be distinguished"
-        )
+    places = [curve.place for curve in info.curves]
     with canvas.figure_style():
-        figure = canvas.new_figure(width=7.2, height=6.4)
-        axes = figure.subplots()
-        for curve, style in zip(info.curves, canvas.line_styles(len(info.curves)), strict=True):
-            draw_line(axes, curve.real, curve.imaginary, curve.settled, curve.label, style)
-        if info.reference is not None:
-            of = info.reference
-            draw_line(axes, of.real, with_gaps(of.imaginary, of.settled), of.settled, of.label, canvas.REFERENCE_STYLE)
-        _draw_marks(axes, max(info.curves, key=lambda curve: curve.size))
-        axes.axhline(0, color="0.55", linewidth=0.8, zorder=1)
-        axes.axvline(0, color="0.55", linewidth=0.8, zorder=1)
-        axes.set_aspect("equal", adjustable="datalim")
-        axes.set_title(canvas.wrapped_title(figure, info.title))
-        axes.set_xlabel(f"Real part [{info.unit}]")
-        axes.set_ylabel(f"Imaginary part [{info.unit}]")
-        canvas.draw_grid(axes)
-        canvas.add_legend_below(figure, axes)
-    return figure
+        facets = by_facet(info.curves, places)
+        shown = [*info.curves, *([info.reference] if info.reference else [])]
+        panels = facet_panels(list(facets), (7.2, 6.4), facet_height=_facet_height(shown))
+        styles = group_styles(places)
+        for curves, (axes,) in zip(facets.values(), panels.facets.values(), strict=True):
+            _draw_facet(axes, curves, info.reference, styles)
+        canvas.draw_grid(*panels.all)
+        panels.label(info.title, [f"Real part [{info.unit}]"], [f"Imaginary part [{info.unit}]"])
+        panels.add_legend(places)
+    return panels.figure
 
 
-def _draw_marks(axes: "Axes", curve: NyquistCurve) -> None:
-    """Mark the frequencies of points that are not too close to each other."""
+def _facet_height(curves: Sequence[NyquistCurve]) -> float:
+    """Return the height [inch] at which a facet with equal axes is as wide as its place."""
+    real, imaginary = (
+        np.concatenate([[0.0], *parts]) for parts in zip(*((of.real, of.imaginary) for of in curves), strict=True)
+    )
+    width, height = (float(np.nanmax(of) - np.nanmin(of)) or 1.0 for of in (real, imaginary))
+    return float(np.clip(FACET_WIDTH * height / width, 1.2, 5.0)) + 0.9
+
+
+def _draw_facet(
+    axes: "Axes", curves: Sequence[NyquistCurve], reference: NyquistCurve | None, styles: Mapping[str, LineStyle]
+) -> None:
+    from fraexp.figures.elements import canvas
+
+    lines = [GroupedLine(of.label, of.place, of.real, of.imaginary, of.settled) for of in curves]
+    draw_grouped_lines(axes, lines, styles)
+    if reference is not None:
+        draw_line(axes, reference.real, reference.imaginary, reference.settled, reference.label, canvas.REFERENCE_STYLE)
+    shown = [*curves, *([reference] if reference is not None else [])]
+    _draw_marks(axes, max(curves, key=lambda curve: curve.size), max(curve.size for curve in shown))
+    axes.axhline(0, color="0.55", linewidth=0.8, zorder=1)
+    axes.axvline(0, color="0.55", linewidth=0.8, zorder=1)
+    axes.margins(y=0.12)  # for the frequencies that are written above their marks
+    axes.set_aspect("equal", adjustable="datalim" if len(axes.figure.axes) == 1 else "box")
+
+
+def _draw_marks(axes: "Axes", curve: NyquistCurve, size: float) -> None:
+    """Mark the frequencies of points that are not too close to each other in a plot of responses up to a size."""
     taken: list[complex] = []
     for frequency_mark, index in curve.marked_points().items():
         place = complex(curve.real[index], curve.imaginary[index])
-        if all(abs(place - other) > MIN_MARK_DISTANCE * curve.size for other in taken):
+        if all(abs(place - other) > MIN_MARK_DISTANCE * size for other in taken):
             taken.append(place)
             axes.plot(place.real, place.imag, "o", color="0.1", markersize=3, zorder=5)
             axes.annotate(

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from fraexp.data.results import Curve
 from fraexp.errors import FraexpError
 from fraexp.figures.elements.bundles import Bundle, draw_bundles, stack_padded
+from fraexp.figures.elements.facets import facet_panels, group_styles, is_explained
 from fraexp.figures.elements.frequency_lines import (
     LIMIT_COLUMNS,
     add_band_legend,
@@ -249,22 +250,42 @@ def draw_curves(info: CurvesInfo) -> "Figure":
     """Draw a panel for each ordinate over the abscissa of its family; families follow below each other."""
     from fraexp.figures.elements import canvas  # matplotlib: imported only when something is drawn
 
+    places = [trace.place for family in info.families for panel in family.panels for trace in panel.traces]
+    counts = [len(family.panels) for family in info.families]
     with canvas.figure_style():
-        count = sum(len(family.panels) for family in info.families)
-        figure = canvas.new_figure(width=9.0, height=1.8 + 2.4 * count + 0.4 * len(info.families))
-        panels = list(figure.subplots(count, 1, squeeze=False)[:, 0])
-        styles, rest = _trace_styles(info), panels
-        for family in info.families:
-            mine, rest = rest[: len(family.panels)], rest[len(family.panels) :]
-            _draw_family(mine, family, styles)
-            if family.name and family.name != info.title:
-                mine[0].set_title(drawable(family.name), loc="left", fontsize=11)
-        figure.suptitle(canvas.wrapped_title(figure, info.title), fontsize=12.5)
-        canvas.draw_grid(*panels)
-        figure.align_ylabels(panels)
-        _add_legend_entries(panels[0], info, styles)
-        canvas.add_legend_below(figure, *panels)
-    return figure
+        facets = list(dict.fromkeys(place.facet for place in places))
+        height = 2.4 * sum(counts) + 0.4 * len(counts)
+        below, beside = _shared_axes(info.families)
+        panels = facet_panels(facets, (9.0, 1.8 + height), (1.0,) * sum(counts), height, below=below, beside=beside)
+        styles = _trace_styles(info)
+        for name, axes in panels.facets.items():
+            for family, first in zip(info.families, dict.fromkeys(below), strict=True):
+                _draw_family(axes[first : first + len(family.panels)], _of_facet(family, name), styles)
+        canvas.draw_grid(*panels.all)
+        panels.label(info.title, [], [drawable(of.ordinate) for family in info.families for of in family.panels], True)
+        for family, first in zip(info.families, dict.fromkeys(below), strict=True):
+            if family.name and family.name != info.title and len(facets) == 1:
+                panels.first[first].set_title(drawable(family.name), loc="left", fontsize=11)
+        _add_legend_entries(panels.first[0], info, styles)
+        panels.add_legend(places)
+    return panels.figure
+
+
+def _shared_axes(families: Sequence[CurveFamily]) -> tuple[list[int], list[int]]:
+    """Return, for each panel, the index of that whose abscissa it shares, and whose ordinate."""
+    below: list[int] = []
+    beside: list[int] = []
+    for family in families:
+        first, units = len(below), [panel.log_unit for panel in family.panels]
+        below += [first] * len(units)
+        beside += [first + (units.index(unit) if unit else at) for at, unit in enumerate(units)]
+    return below, beside
+
+
+def _of_facet(family: CurveFamily, facet: str) -> CurveFamily:
+    """Return a family with the traces of one facet."""
+    panels = (replace(of, traces=tuple(at for at in of.traces if at.place.facet == facet)) for of in family.panels)
+    return replace(family, panels=tuple(panels))
 
 
 def _split_traces(panel: CurvePanel) -> tuple[list[CurveTrace], list[list[CurveTrace]]]:
@@ -281,30 +302,30 @@ def _trace_styles(info: CurvesInfo) -> dict[str, LineStyle]:
     """Return the style of each name, which is the same in all panels."""
     from fraexp.figures.elements import canvas
 
+    places = [trace.place for family in info.families for panel in family.panels for trace in panel.traces]
+    if is_explained(places):
+        return group_styles(places)
     names = list(dict.fromkeys(trace.name for trace in _single_traces(info)))
     ordered = all(family.name for family in info.families)  # sweeps of a grid, not curves with different names
     of = canvas.line_styles if ordered or len(names) <= len(canvas.OKABE_ITO) else canvas.named_styles
+    samples = [place.group for place in places if place.group not in names]
+    names += list(dict.fromkeys(samples))
     return dict(zip(names, of(len(names)), strict=True))
 
 
 def _draw_family(axes: Sequence["Axes"], family: CurveFamily, styles: dict[str, LineStyle]) -> None:
     from fraexp.figures.elements import canvas
 
-    shared: dict[str, Axes] = {}
+    colours = {name: str(style["color"]) for name, style in styles.items()}
     for index, (of, panel) in enumerate(zip(axes, family.panels, strict=True)):
-        if index:
-            of.sharex(axes[0])
         of.tick_params(labelbottom=of is axes[-1])
-        if panel.log_unit in shared:
-            of.sharey(shared[panel.log_unit])
-        elif panel.log_unit:
+        if panel.log_unit:
             of.set_yscale("log")
-            shared[panel.log_unit] = of
         singles, samples = _split_traces(panel)
-        draw_bundles(of, [_bundle(sample) for sample in samples], has_legend=index == 0)
+        has_legend = index == 0 and not is_explained([trace.place for trace in panel.traces])
+        draw_bundles(of, [_bundle(sample) for sample in samples], has_legend, colours)
         _draw_traces(of, singles, styles)
-        of.set_ylabel(drawable(panel.ordinate))
-    for of in shared.values():
+    for of in (of for of, panel in zip(axes, family.panels, strict=True) if panel.log_unit):
         canvas.set_decade_ticks(of)
     if family.frequency:
         canvas.set_frequency_axis(axes[-1], family.frequency)
@@ -325,8 +346,9 @@ def _draw_traces(axes: "Axes", traces: Sequence[CurveTrace], styles: dict[str, L
 def _add_legend_entries(axes: "Axes", info: CurvesInfo, styles: dict[str, LineStyle]) -> None:
     """Add the legend entries of single traces, each name once for all panels."""
     traces = _single_traces(info)
+    explained = is_explained([trace.place for trace in traces])
     lines = {trace.name for trace in traces if trace.model is None}
-    for name, style in styles.items():
+    for name, style in {} if explained else {of.name: styles[of.name] for of in traces}.items():
         if name in lines:
             axes.plot([], [], label=drawable(name), **style)
         else:

@@ -11,8 +11,10 @@ from fraexp.analysis.confidence import confidence_limits
 from fraexp.data.results import EFFORT, Metric, Result
 from fraexp.errors import FraexpError
 from fraexp.figures.elements.bundles import MAX_SINGLE_CURVES
-from fraexp.figures.elements.frequency_lines import draw_bands, draw_line, with_gaps
-from fraexp.figures.elements.grouping import CurvePlace
+from fraexp.figures.elements.facets import by_facet
+from fraexp.figures.elements.frequency_lines import with_gaps
+from fraexp.figures.elements.grouped_lines import GroupedLine, draw_grouped_lines
+from fraexp.figures.elements.grouping import CurvePlace, facet_indices
 from fraexp.figures.elements.labels import MAX_GROUPS, drawable
 from fraexp.figures.elements.line_style import LineStyle
 from fraexp.figures.elements.scales import decibel, decibel_limits, degrees, readable_unit
@@ -27,8 +29,9 @@ TABLE_FREQUENCIES_HZ = (1.0, 5.0, 12.0, 20.0, 39.0, 80.0, 150.0)
 """Default frequencies of the table."""
 FREQUENCY_FACTOR = 1.05
 """Factor within which the table uses the nearest settled frequency, with P(jω) there."""
-LINEAR_RANGE_DB, LINEAR_RANGE_DEG = 0.1, 1.0
-"""Error up to which an axis is linear if much larger errors must be shown as well."""
+LINEAR_RANGES = {"magnitude": 0.1, "phase": 1.0}
+"""Error [dB, deg] up to which an axis is linear if much larger errors must be shown as well."""
+ERROR_BAND_OPACITY = 0.13
 
 
 @dataclass(frozen=True)
@@ -52,6 +55,8 @@ class ErrorCurve:
     """Known metrics of the experiment's effort."""
     key: str = ""
     """Key of its sweep."""
+    place: CurvePlace | None = None
+    """Where it belongs; None for a colour of its own."""
 
     @property
     def effort(self) -> dict[str, float]:
@@ -100,7 +105,7 @@ def errors_info(
     `spots` outside of the range of the responses are left out.
     """
     curves = tuple(
-        error_curve(of.label, of.result, of.truth, of.key)
+        error_curve(of.label, of.result, of.truth, of.key, of.place)
         for of in shown
         if of.truth is not None and of.response is not None
     )
@@ -112,7 +117,9 @@ def errors_info(
     return ErrorsInfo(curves, in_range, title or "Error against P(jω)")
 
 
-def error_curve(label: str, result: Result, truth: NDArray[np.complex128], key: str = "") -> ErrorCurve:
+def error_curve(
+    label: str, result: Result, truth: NDArray[np.complex128], key: str = "", place: CurvePlace | None = None
+) -> ErrorCurve:
     """Return the error of a result's response against P(jω), shape (n,), at its own frequencies."""
     response = result.response
     assert response is not None
@@ -131,13 +138,14 @@ def error_curve(label: str, result: Result, truth: NDArray[np.complex128], key: 
         phase_band=phase + np.clip(np.degrees(turn), -360, 360),
         cost=tuple(metric for name in EFFORT for metric in result.metrics if metric.name == name),
         key=key,
+        place=place,
     )
 
 
-def draw_errors(info: ErrorsInfo, places: Mapping[str, CurvePlace] | None = None) -> "Figure":
+def draw_errors(info: ErrorsInfo) -> "Figure":
     """Draw the errors of magnitude and phase over frequency above a table.
 
-    Many curves are spread over panels side by side: facets by the `places` of their sweeps, by key, or else in order.
+    Many curves are spread over panels side by side: facets by their places, or else in order.
     """
     from fraexp.figures.elements import canvas  # matplotlib: imported only when something is drawn
 
@@ -146,17 +154,16 @@ def draw_errors(info: ErrorsInfo, places: Mapping[str, CurvePlace] | None = None
             f"errors: found {len(info.curves)} responses; no more than {MAX_SINGLE_CURVES} can be distinguished"
         )
     with canvas.figure_style():
-        facets = _facets(info.curves, places or {})
-        styles = _facet_styles(info.curves, facets, places or {})
-        table = FigureTable(*_table_cells(info, {} if places and len(facets) > 1 and "(a)" not in facets else facets))
+        places, is_numbered = _error_places(info.curves)
+        facets, styles = facet_indices(places), _error_styles(places, is_numbered)
+        table = FigureTable(*_table_cells(info, facets if is_numbered else {}))
         width = max(9.0, table.width, 1.2 + 3.9 * len(facets))
         figure = canvas.new_figure(width, height=6.4 + table.height)
         parts: Any = figure.subfigures(2, 1, height_ratios=(6.4, table.height))
         panels = parts[0].subplots(2, len(facets), squeeze=False, sharex=True, sharey="row")
-        for (name, indices), (upper, lower) in zip(facets.items(), panels.T, strict=True):
-            curves, of_facet = [info.curves[index] for index in indices], [styles[index] for index in indices]
-            draw_error_part(upper, curves, "magnitude", of_facet, LINEAR_RANGE_DB)
-            draw_error_part(lower, curves, "phase", of_facet, LINEAR_RANGE_DEG)
+        members = by_facet(list(zip(info.curves, places, strict=True)), places)
+        draw_error_parts(list(panels.T), list(members.values()), styles)
+        for name, (upper, lower) in zip(facets, panels.T, strict=True):
             upper.set_title(drawable(name), fontsize=11, loc="left")
             lower.set_xlabel("Frequency [Hz]")
         parts[0].suptitle(canvas.wrapped_title(figure, info.title), fontsize=12.5)
@@ -166,59 +173,53 @@ def draw_errors(info: ErrorsInfo, places: Mapping[str, CurvePlace] | None = None
         canvas.set_frequency_axis(panels[1, 0], (float(frequency.min()), float(frequency.max())))
         canvas.draw_grid(*panels.flat)
         parts[0].align_ylabels(panels[:, 0])
-        table.draw(parts[1].subplots(), styles)
+        table.draw(parts[1].subplots(), [styles[place.group] for place in places])
     return figure
 
 
-def _facets(curves: Sequence[ErrorCurve], places: Mapping[str, CurvePlace]) -> dict[str, list[int]]:
-    """Return the indices of the curves in each panel: by their places, or as few alike panels as curves need."""
-    found: dict[str, list[int]] = {}
-    known = [places.get(curve.key) for curve in curves]
-    if all(of is not None and not of.is_mapped for of in known):
-        for index, place in enumerate(known):
-            found.setdefault(place.facet if place else "", []).append(index)
-        return found
+def _error_places(curves: Sequence[ErrorCurve]) -> tuple[list[CurvePlace], bool]:
+    """Return the places of the curves, and whether their panels are numbered: as few alike ones as curves need."""
+    places = [curve.place for curve in curves if curve.place is not None and not curve.place.is_mapped]
+    if len(places) == len(curves):
+        return places, False
     count = -(-len(curves) // MAX_GROUPS)
     size = -(-len(curves) // count)
     names = [""] if count == 1 else [f"({chr(97 + number)})" for number in range(count)]
-    return {name: list(range(len(curves)))[size * at : size * (at + 1)] for at, name in enumerate(names)}
+    return [CurvePlace(names[at // size], str(at), str(at)) for at in range(len(curves))], count > 1
 
 
-def _facet_styles(
-    curves: Sequence[ErrorCurve], facets: Mapping[str, Sequence[int]], places: Mapping[str, CurvePlace]
-) -> list[LineStyle]:
-    """Return the style of each curve: that of its group, or else that of its rank in its panel."""
+def _error_styles(places: Sequence[CurvePlace], is_numbered: bool) -> dict[str, LineStyle]:
+    """Return the style of each group, which repeats in panels that are numbered."""
     from fraexp.figures.elements import canvas
 
-    if "(a)" in facets or not all(curve.key in places for curve in curves):
-        ranks = {index: rank for indices in facets.values() for rank, index in enumerate(indices)}
-        return [canvas.named_styles(len(curves))[ranks[index]] for index in range(len(curves))]
-    names = list(dict.fromkeys(places[curve.key].group for curve in curves))
-    styles = canvas.named_styles(len(names))
-    return [styles[names.index(places[curve.key].group)] for curve in curves]
+    names = list(dict.fromkeys(of.group for of in places))
+    size = max(map(len, facet_indices(places).values())) if is_numbered else len(names)
+    styles = canvas.named_styles(size)
+    return {name: styles[index % size] for index, name in enumerate(names)}
 
 
-def draw_error_part(
-    axes: "Axes", curves: Sequence[ErrorCurve], part: str, styles: Sequence[LineStyle], linear_range: float
+def draw_error_parts(
+    facets: Sequence[Sequence["Axes"]],
+    curves: Sequence[Sequence[tuple[ErrorCurve, CurvePlace]]],
+    styles: Mapping[str, LineStyle],
 ) -> None:
-    """Draw the ``magnitude`` or ``phase`` of errors; far beyond `linear_range` the axis is logarithmic."""
+    """Draw magnitude above phase of the errors in each facet; far beyond its linear range an axis is logarithmic."""
     from fraexp.figures.elements import canvas
 
-    axes.axhline(0, color="0.1", linewidth=1.0, zorder=2)
-    values = np.concatenate([with_gaps(getattr(curve, part), curve.settled) for curve in curves])
-    known = np.abs(values[np.isfinite(values)])
-    if known.size and known.max() > 20 * linear_range:
-        canvas.set_error_axis(axes, linear_range)
-    for curve, style in zip(curves, styles, strict=True):
-        draw_line(axes, curve.frequency, getattr(curve, part), curve.settled, curve.label, style)
-    draw_bands(
-        axes,
-        [
-            (curve.frequency, with_gaps(getattr(curve, f"{part}_band"), curve.settled), str(style["color"]))
-            for curve, style in zip(curves, styles, strict=True)
-        ],
-        opacity=0.13,
-    )
+    for index, (part, linear_range) in enumerate(LINEAR_RANGES.items()):
+        values = [with_gaps(getattr(of, part), of.settled) for facet in curves for of, _ in facet]
+        known = np.abs(np.concatenate(values))
+        if np.nanmax(known, initial=0.0) > 20 * linear_range:
+            canvas.set_error_axis(facets[0][index], linear_range)
+        for axes, facet in zip(facets, curves, strict=True):
+            lines = [_line(curve, place, part) for curve, place in facet]
+            axes[index].axhline(0, color="0.1", linewidth=1.0, zorder=2)
+            draw_grouped_lines(axes[index], lines, styles, ERROR_BAND_OPACITY)
+
+
+def _line(curve: ErrorCurve, place: CurvePlace, part: str) -> GroupedLine:
+    band = getattr(curve, f"{part}_band")
+    return GroupedLine(curve.label, place, curve.frequency, getattr(curve, part), curve.settled, band)
 
 
 def _table_cells(info: ErrorsInfo, panels: Mapping[str, Sequence[int]]) -> tuple[list[str], list[list[str]]]:

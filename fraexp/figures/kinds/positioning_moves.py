@@ -1,6 +1,6 @@
 """Positioning: deviation of the position from its target over the time since the move began, and the thrust."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from fraexp.data.results import Curve
 from fraexp.errors import FraexpError
-from fraexp.figures.elements.bundles import Bundle, draw_bundles, stack_padded
-from fraexp.figures.elements.grouping import CurvePlace, point_indices
-from fraexp.figures.elements.labels import drawable
+from fraexp.figures.elements.facets import by_facet, facet_panels, group_styles
+from fraexp.figures.elements.grouped_lines import GroupedLine, draw_grouped_lines
+from fraexp.figures.elements.grouping import CurvePlace
+from fraexp.figures.elements.line_style import LineStyle
 from fraexp.figures.elements.scales import DISPLACEMENT_UNITS
 
 if TYPE_CHECKING:
@@ -98,55 +99,34 @@ def draw_positioning(info: PositioningInfo) -> "Figure":
     """Draw the deviation from the target above the thrust; random draws are drawn as bundles."""
     from fraexp.figures.elements import canvas  # matplotlib: imported only when something is drawn
 
+    places = [move.place for move in info.moves]
     with canvas.figure_style():
-        count = 2 if info.thrust_unit else 1
-        figure = canvas.new_figure(width=9.0, height=4.9 + 2.0 * (count - 1))
-        panels = figure.subplots(count, 1, sharex=True, squeeze=False, height_ratios=(2.2, 1.0)[:count])[:, 0]
-        upper = panels[0]
-        _draw_part(upper, info.moves, lambda move: move.deviation, named=True)
-        if info.thrust_unit:
-            _draw_part(panels[1], info.moves, lambda move: move.thrust, named=False)
-            panels[1].set_ylabel(f"Thrust [{info.thrust_unit}]")
-        _draw_bands(upper, info)
+        heights = (2.2, 1.0) if info.thrust_unit else (1.0,)
+        facets = by_facet(info.moves, places)
+        panels = facet_panels(list(facets), (9.0, 2.9 + 2.0 * len(heights)), heights, 1.6 + 1.5 * len(heights))
+        styles = group_styles(places)
+        for moves, axes in zip(facets.values(), panels.facets.values(), strict=True):
+            _draw_facet(axes, moves, styles)
+            _draw_bands(axes[0], info)
+        upper = panels.first[0]
         if info.height > MAX_LINEAR_RATIO * info.bands[-1]:
             canvas.set_error_axis(upper, 10.0 ** np.ceil(np.log10(info.bands[-1])))
         upper.set_ylim(-info.height, info.height)
-        upper.set_ylabel(canvas.error_axis_title(upper, "Position − target", info.unit))
-        upper.set_title(canvas.wrapped_title(figure, info.title))
         times = [move.time for move in info.moves]
         upper.set_xlim(min(time[0] for time in times), max(time[-1] for time in times))
-        panels[-1].set_xlabel("Time since the move began [ms]")
-        canvas.draw_grid(*panels)
-        figure.align_ylabels(panels)
-        canvas.add_legend_below(figure, upper)
-    return figure
+        canvas.draw_grid(*panels.all)
+        y_titles = [canvas.error_axis_title(upper, "Position − target", info.unit), f"Thrust [{info.thrust_unit}]"]
+        panels.label(info.title, ["Time since the move began [ms]"], y_titles[: len(heights)])
+        panels.add_legend(places)
+    return panels.figure
 
 
-def _draw_part(
-    axes: "Axes", moves: Sequence[MoveCurve], part: Callable[[MoveCurve], NDArray[np.float64] | None], named: bool
-) -> None:
-    from fraexp.figures.elements import canvas
-
-    found = [(move, part(move)) for move in moves]
-    values = [np.full(move.time.size, np.nan) if value is None else value for move, value in found]
-    points = list(point_indices([move.place for move in moves]).values())
-    names = dict.fromkeys(moves[of[0]].place.group or moves[of[0]].label for of in points)
-    styles = dict(zip(names, canvas.line_styles(len(names)), strict=True))
-    samples = [
-        Bundle(
-            moves[of[0]].place.group,
-            stack_padded([moves[index].time for index in of]),
-            stack_padded([values[index] for index in of]),
-            moves[of[0]].place.sample,
-        )
-        for of in points
-        if len(of) > 1
-    ]
-    draw_bundles(axes, samples, named, {name: str(style["color"]) for name, style in styles.items()})
-    for index in (of[0] for of in points if len(of) == 1):
-        move = moves[index]
-        style = styles[move.place.group or move.label]
-        axes.plot(move.time, values[index], label=drawable(move.label) if named else None, **style)
+def _draw_facet(axes: Sequence["Axes"], moves: Sequence[MoveCurve], styles: Mapping[str, LineStyle]) -> None:
+    """Draw the deviations, and below them the thrusts that are known."""
+    draw_grouped_lines(axes[0], [GroupedLine(of.label, of.place, of.time, of.deviation) for of in moves], styles)
+    if len(axes) > 1:
+        thrusts = [GroupedLine("", of.place, of.time, of.thrust) for of in moves if of.thrust is not None]
+        draw_grouped_lines(axes[1], thrusts, styles)
 
 
 def _draw_bands(axes: "Axes", info: PositioningInfo) -> None:

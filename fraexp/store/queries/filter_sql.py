@@ -29,12 +29,14 @@ from fraexp.store.queries.json_sql import (
     UnitLookup,
     compare_number,
     contains_text,
+    is_of_a_kind,
     json_value,
     no_units,
     number_at,
     parse_number,
     parse_time_span,
     text_at,
+    unit_in,
 )
 from fraexp.store.tables import (
     PARTS,
@@ -91,15 +93,15 @@ SWEEP_COLUMNS: Columns = {
 """Columns by which a listing can be sorted, beside parameters and metrics."""
 
 
-UnitDeclarations = Callable[[str], Collection[str]]
-"""Returns the units in which a parameter is declared; none if they are unknown."""
+UnitDeclarations = Callable[[str], Mapping[str, Collection[str]]]
+"""Returns the units of a parameter by the component that declares it: by no name for a section that is no component."""
 MAX_UNIT_SAMPLES = 100
 """Values of a metric whose units are read."""
 
 
-def no_declared_units(name: str) -> Collection[str]:
+def no_declared_units(name: str) -> Mapping[str, Collection[str]]:
     """Return no unit, if the units of parameters are unknown."""
-    return ()
+    return {}
 
 
 @dataclass(frozen=True)
@@ -124,7 +126,7 @@ class KnownNames:
     def units(self, name: str) -> frozenset[str]:
         """Return the units of the numbers with a name; none if they are unknown."""
         if not name.startswith(METRIC_PREFIX):
-            return frozenset(self.declared(name))
+            return frozenset(unit for of in self.stored_units(name).values() for unit in of)
         some = (
             select(metric.c.unit)
             .where(metric.c.name == name.removeprefix(METRIC_PREFIX))
@@ -132,6 +134,18 @@ class KnownNames:
             .subquery()
         )
         return frozenset(self.connection.scalars(select(some.c.unit).distinct()))
+
+    def stored_units(self, name: str) -> Mapping[str, Collection[str]]:
+        """Return the units of a parameter by component, of those that a sweep has; all of them if none has any."""
+        declared, section = self.declared(name), name.partition(".")[0]
+        if section not in COMPONENT_COLUMNS:
+            return declared
+        stored = set(self.connection.scalars(select(sweep.c[f"{section}_name"]).distinct()))
+        return {of: units for of, units in declared.items() if of in stored} or declared
+
+    def of_other_kind(self, name: str, unit: str) -> list[str]:
+        """Return the components whose parameter has no unit of the kind of `unit`."""
+        return [of for of, units in self.stored_units(name).items() if not is_of_a_kind(unit, units)]
 
     def check_name(self, column: str, value: str) -> None:
         """Raise FilterError if no sweep has a component of this name, but some have others."""
@@ -141,6 +155,11 @@ class KnownNames:
         known = [str(name) for name in self.connection.scalars(select(of).where(of.is_not(None)).distinct())]
         if known:
             raise FilterError(f"filter: no sweep has the {column} '{value}'{did_you_mean(value, known)}")
+
+    def check_word(self, word: str) -> None:
+        """Raise FilterError for a word that is the path of a parameter, which no sweep is found by."""
+        if "." in word and word in self.parameters | self.labels:
+            raise FilterError(f"filter: '{word}' is a parameter; expected a comparison, such as {word}=VALUE")
 
     def all(self) -> list[str]:
         """Return all names that a filter can use."""
@@ -173,6 +192,7 @@ def condition_sql(
 def _positive_sql(condition: Condition, names: KnownNames, now: datetime, number: int | None) -> ColumnElement[bool]:
     name = condition.field
     if not name:
+        names.check_word(condition.value)
         return _anywhere_sql(condition.value, number)
     if name == "created":
         return _created_sql(condition, now)
@@ -199,7 +219,12 @@ def _named_value_sql(condition: Condition, names: KnownNames) -> ColumnElement[b
         section, place = split_parameter(name)
         fits = _json_value_sql(condition, part.c.content, place, lambda: names.units(name))
         fitting = select(part.c.number).where(part.c.section == section, fits).cte().prefix_with("MATERIALIZED")
-        return sweep.c[f"{section}_part"].in_(select(fitting.c.number))  # evaluated once, for each part once
+        found = sweep.c[f"{section}_part"].in_(select(fitting.c.number))  # evaluated once, for each part once
+        unit = unit_in(condition.value)
+        if not unit or section not in COMPONENT_COLUMNS:
+            return found
+        component = func.coalesce(sweep.c[f"{section}_name"], "")
+        return and_(found, component.not_in(names.of_other_kind(name, unit)))
     if name in names.labels:
         return _json_value_sql(condition, run_view.c.labels, [name])
     raise names.unknown_name_error(name)

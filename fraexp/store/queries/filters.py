@@ -1,12 +1,17 @@
 """The language of filters: ``estimator=effective_input excitation.amplitude>=12 -tag:baseline``."""
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
-from fraexp.errors import FilterError
+from fraexp.data import units
+from fraexp.errors import FilterError, ParameterError
 
 OPERATORS = ("!=", ">=", "<=", "=", ">", "<", ":")
 """Longer ones first."""
+LONG_WORD = re.compile(r"[^\W\d_]{5}")
+"""Five letters, which no symbol of a unit has: coulomb is a friction law."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +30,12 @@ class Condition:
 
 def parse_filter(text: str) -> list[Condition]:
     """Return the conditions of a filter, which must all hold; FilterError if a term is invalid."""
-    return [_parse_condition(letters) for letters in _split_terms(text)]
+    terms = list(_split_terms(text))
+    conditions = [_parse_condition(letters) for letters in terms]
+    for number, (condition, word) in enumerate(pairwise(conditions)):
+        if not any(quoted for _, quoted in terms[number + 1]):
+            _check_blank(condition, word)
+    return conditions
 
 
 def _split_terms(text: str) -> Iterator[list[tuple[str, bool]]]:
@@ -73,6 +83,20 @@ def _starts_with(letters: list[tuple[str, bool]], start: int, text: str) -> bool
 
 def _join_letters(letters: list[tuple[str, bool]]) -> str:
     return "".join(letter for letter, _ in letters)
+
+
+def _check_blank(condition: Condition, word: Condition) -> None:
+    """Refuse a unit that a blank separates from its number: it would be a word that is searched everywhere."""
+    if word.field or word.negated or not units.NUMBER.fullmatch(condition.value) or LONG_WORD.search(word.value):
+        return
+    try:
+        units.si(word.value)
+    except ParameterError:
+        return
+    raise FilterError(
+        f"filter: '{condition.term} {word.value}' has a blank before the unit; expected {condition.term}{word.value}, "
+        f'or "{word.value}" in quotes to search for the word'
+    )
 
 
 def _check_condition(term: str, field: str, value: str) -> None:

@@ -156,17 +156,35 @@ def parse_number(text: str, kinds: UnitLookup = no_units) -> float | None:
     return value if math.isfinite(value) else None
 
 
+def unit_in(text: str) -> str:
+    """Return the unit after a number, such as mm in ``0.1mm``; empty if the text is no number with a known unit."""
+    match = NUMBER_WITH_UNIT.fullmatch(text.strip())
+    unit = match[2].strip() if match else ""
+    try:
+        return unit if unit and units.si(unit) else ""
+    except ParameterError:
+        return ""
+
+
+def is_of_a_kind(unit: str, kinds: Collection[str]) -> bool:
+    """Return whether a unit can be converted to one of `kinds`."""
+    return any(_unfit_text(unit, kind) == "" for kind in kinds)
+
+
+def _unfit_text(unit: str, kind: str) -> str:
+    """Return why a unit cannot be converted to another one; empty if it can."""
+    try:
+        units.factor(unit, kind)
+    except ParameterError as error:
+        return str(error)
+    return ""
+
+
 def _check_unit_kind(unit: str, kinds: Sequence[str]) -> None:
     """Raise FilterError if a unit is of another kind than all of `kinds`."""
-    unfit = ""
-    for kind in kinds:
-        try:
-            units.factor(unit, kind)
-            return
-        except ParameterError as error:
-            unfit = f"{unfit} or '{kind}'" if unfit else str(error)
-    if unfit:
-        raise FilterError(unfit)
+    if not kinds or is_of_a_kind(unit, kinds):
+        return
+    raise FilterError(" or ".join([_unfit_text(unit, kinds[0]), *(f"'{kind}'" for kind in kinds[1:])]))
 
 
 def compare_number(column: Expression, operator: str, value: float) -> ColumnElement[bool]:

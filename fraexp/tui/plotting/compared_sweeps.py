@@ -287,7 +287,9 @@ def compare_sweeps(
         curves = curves[:MAX_CURVES]
     leads = [sweeps[curve.members[0]] for curve in curves]
     references = _references(workspace, sweeps if few else leads, results)
-    return ComparedSweeps(tuple(sweeps), named, curves, references, difference_rows(leads, results), left_out)
+    return ComparedSweeps(
+        tuple(sweeps), named, curves, references, difference_rows(leads, results, workspace.registry), left_out
+    )
 
 
 def _references(

@@ -280,7 +280,7 @@ def _summary_text(sweep: StoredSweep) -> Text:
 
 def _parameter_lines(row: ResolvedParameter) -> Iterable[RenderableType]:
     text = Text(f"{printable(row.path)} = ")
-    text.append(printable(f"{row.value} {row.unit}".rstrip()), style="bold")
+    text.append(printable(row.quantity), style="bold")
     text.append(f"  from {printable(row.origin)}" if row.origin else "", style="dim")
     yield text
     if row.meaning:

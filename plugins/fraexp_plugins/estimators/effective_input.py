@@ -10,15 +10,11 @@ from numpy.typing import NDArray
 from fraexp.api import (
     Estimator,
     FrequencyResponse,
-    Outcome,
     ParameterError,
     RecordError,
     Result,
     Segment,
     Signals,
-    circle_factor,
-    degrees_of_freedom,
-    frequency_text,
     param,
     phasors,
     response_result,
@@ -26,22 +22,27 @@ from fraexp.api import (
 from fraexp_plugins.estimators._shared.effective_input_observer import EFFECTIVE_INPUT, ObserverEstimator, is_from_rest
 from fraexp_plugins.estimators._shared.encoder_aware_observer import EncoderAwareObserver
 from fraexp_plugins.estimators._shared.encoder_errors import EncoderErrors, with_error_vectors
+from fraexp_plugins.estimators._shared.friction_consistency import model_error
 from fraexp_plugins.estimators._shared.hold_images import HoldImages, gain_above_modes, hold_images
 from fraexp_plugins.estimators._shared.model_covariance import inverse_response, outer_parts, with_model_covariance
 from fraexp_plugins.estimators._shared.motion_above_nyquist import UnsampledErrors
 from fraexp_plugins.estimators._shared.parameter_uncertainty import Deviation, check_deviations, perturbations
 from fraexp_plugins.estimators._shared.plant_above_modes import PlantAboveModes
+from fraexp_plugins.estimators._shared.response_doubts import (
+    MAX_STANDSTILL_ERROR,
+    check_encoder,
+    check_friction_model,
+    join_messages,
+    standstill_text,
+    weak_terms_text,
+    with_doubt,
+)
 from fraexp_plugins.estimators._shared.rounding_band import with_rounding
 from fraexp_plugins.estimators._shared.single_periods import as_single_periods
 from fraexp_plugins.estimators._shared.standstill import HiddenForce, hidden_forces
 
 DIFFERENCE_STEP_STDS = 2.0
 """Half width of central differences in standard deviations: about as far as the edge of the confidence band."""
-MAX_STANDSTILL_ERROR = 0.01
-"""Relative error of the response by standstill from which it is not ok."""
-MAX_ENCODER_ERROR = 0.1
-"""Radius of the 95 % circle by noise and rounding, relative to the response, from which it is not ok: beyond, the error
-of û_e is no longer small, and 1/û_e is not linear in it."""
 MAX_SCALE_REDUCTION = 0.9
 """Largest relative reduction of a scale."""
 
@@ -61,6 +62,9 @@ class EffectiveInput(EncoderAwareObserver, name="effective_input", version=5):
     `method` is the estimator from û_e to y': Fourier sums over whole periods if it is not given. A best linear
     approximation removes noise, a local polynomial a transient. Both leave the error of the friction model; with the
     moving axis there is none, because f̂ is a constant there for every model.
+
+    At harmonics of a sine friction alone moves the plant. Where they lie within the measured frequencies and contradict
+    the friction model by more than encoder and plant explain, the sweep is not ok, and says how wrong the model is.
 
     Where friction holds the machine still, its force is not in y', and no observer sees it. The response is compared
     with the one that follows if friction balances the input there; a difference above 1 % is stated, and is not ok.
@@ -140,13 +144,15 @@ class EffectiveInput(EncoderAwareObserver, name="effective_input", version=5):
         if not getattr(self.method, "motion_repeats", True):
             signals = as_single_periods(signals)
         observer = self.fitted_to(signals).resolve_oversampling(signals.segments)
-        found = observer._estimate_with_model(signals)
+        forces = observer._forces(signals.segments)
+        found = observer._estimate_along(signals, forces)
         images = observer._images_that_matter(signals, found)
         if images:
             moved = images.removed_from(signals.segments, self.output)
             observer, signals = observer.model_copy(update={"relative_degree": 0}), replace(signals, segments=moved)
-            found = observer._estimate_with_model(signals)
-        return observer._completed(signals, found, self.relative_degree)
+            forces = observer._forces(signals.segments)
+            found = observer._estimate_along(signals, forces)
+        return observer._completed(signals, forces, found, self.relative_degree)
 
     def _images_that_matter(self, signals: Signals, found: Result) -> HoldImages | None:
         """Return the images of the hold in the sampled position, if they are more than the tolerance."""
@@ -157,25 +163,34 @@ class EffectiveInput(EncoderAwareObserver, name="effective_input", version=5):
         images = hold_images(self, signals.segments, found.response)
         return images if images.error.max(initial=0.0) > self.interpolation_tolerance else None
 
-    def _completed(self, signals: Signals, found: Result, relative_degree: int) -> Result:
-        """Return a result with its uncertainty by encoder and friction model, and checked for standstill."""
+    def _completed(
+        self, signals: Signals, forces: Sequence[NDArray[np.float64]], found: Result, relative_degree: int
+    ) -> Result:
+        """Return a result with its uncertainty by encoder and friction model, and with all that makes it doubtful."""
         if found.response is not None and self._encoder_matters(signals):
             plant = PlantAboveModes.of_gain(gain_above_modes(found.response, relative_degree), relative_degree)
             response, weak = self._with_encoder_errors(signals, found.response, plant)
-            found = _check_encoder(replace(found, response=response))
-            found = replace(found, message=_join_messages(found.message, _weak_terms_text(response, weak)))
-        found = self._check_standstill(signals, found)
-        if found.response is None or not self._is_uncertain:
+            found = check_encoder(replace(found, response=response))
+            found = replace(found, message=join_messages(found.message, weak_terms_text(response, weak)))
+        hidden = self._hidden(signals) if found.response else []
+        found = self._check_standstill(signals, hidden, found)
+        if found.response is not None and self._is_uncertain:
+            covariance = self._model_covariance(signals, found.response.frequency.size)
+            found = replace(found, response=with_model_covariance(found.response, covariance))
+        if found.response is None or any(hidden):  # what standstill hides is no error of the model
             return found
-        covariance = self._model_covariance(signals, found.response.frequency.size)
-        return replace(found, response=with_model_covariance(found.response, covariance))
+        return check_friction_model(found, model_error(self, signals.segments, forces, found.response))
 
     def _estimate_with_model(self, signals: Signals) -> Result:
         """Return the response to û_e with this friction model."""
+        return self._estimate_along(signals, self._forces(signals.segments))
+
+    def _estimate_along(self, signals: Signals, forces: Sequence[NDArray[np.float64]]) -> Result:
+        """Return the response to û_e with the friction model's forces along the segments."""
         if self.method is not None:
-            return self._estimate_by_method(self.method, self.with_effective_input(signals))
+            return self._estimate_by_method(self.method, self.with_effective_input(signals, forces))
         units = (signals.unit(self.input), signals.unit(self.output))
-        inputs = self.effective_phasors(signals.segments)
+        inputs = self.effective_phasors(signals.segments, forces)
         outputs = [phasors(segment, self.output) for segment in signals.segments]
         return response_result(signals, inputs, outputs, names=(EFFECTIVE_INPUT, self.output), units=units)
 
@@ -186,9 +201,8 @@ class EffectiveInput(EncoderAwareObserver, name="effective_input", version=5):
         method = method.model_copy(update={key: value for key, value in given.items() if key in fields})
         return method.estimate(signals)
 
-    def _check_standstill(self, signals: Signals, found: Result) -> Result:
+    def _check_standstill(self, signals: Signals, hidden: Sequence[HiddenForce | None], found: Result) -> Result:
         """Return a result that is not ok where standstill hides friction, and that says how far it may be off."""
-        hidden = self._hidden(signals) if found.response else []
         if found.response is None or not any(hidden):
             return found
         with np.errstate(divide="ignore", invalid="ignore"):  # where nothing moves
@@ -197,8 +211,8 @@ class EffectiveInput(EncoderAwareObserver, name="effective_input", version=5):
         if np.abs(error).max() <= MAX_STANDSTILL_ERROR:
             return found
         share = max(each.share for each in hidden if each)
-        message = _standstill_message(found.response.frequency, error, share)
-        return _with_doubt(found, message)
+        message = standstill_text(found.response.frequency, error, share)
+        return with_doubt(found, message)
 
     def _hidden(self, signals: Signals) -> list[HiddenForce | None]:
         return hidden_forces(self, signals.segments)
@@ -336,64 +350,3 @@ def _add_force(segment: Segment, hidden: HiddenForce | None) -> Segment:
     effective = segment.channels[EFFECTIVE_INPUT]
     changed = effective + np.fft.irfft(hidden.spectrum, effective.size).reshape(effective.shape)
     return replace(segment, channels={**segment.channels, EFFECTIVE_INPUT: changed})
-
-
-def _check_encoder(found: Result) -> Result:
-    """Return a result that is not ok where errors of the encoder are no longer small against û_e."""
-    if found.response is None:
-        return found
-    response = found.response
-    with np.errstate(divide="ignore", invalid="ignore"):  # where nothing moves
-        error = circle_factor(degrees_of_freedom(response)) * response.standard_deviation / np.abs(response.response)
-    error = np.where(np.isfinite(error), error, 0.0)
-    wrong = response.frequency[error > MAX_ENCODER_ERROR]
-    if not wrong.size:
-        return found
-    worst = int(np.argmax(error))
-    turn = np.degrees(np.arcsin(min(error[worst], 1.0)))
-    return _with_doubt(
-        found,
-        f"friction takes nearly all of the input at {wrong.size} of {error.size} frequencies "
-        f"({frequency_text(wrong)}), and rounding and noise of the encoder hide the rest: at "
-        f"{response.frequency[worst]:.4g} Hz the response may be off by {20 * np.log10(1 + error[worst]):.2g} dB, "
-        f"{turn:.2g} deg; raise the amplitude, use a finer encoder, or record more periods with noise",
-    )
-
-
-def _with_doubt(found: Result, message: str) -> Result:
-    """Return a result that is not ok, for the reason that the message states."""
-    outcome = Outcome.INACCURATE if found.outcome is Outcome.OK else found.outcome
-    return replace(found, outcome=outcome, message=_join_messages(found.message, message))
-
-
-def _join_messages(*messages: str) -> str:
-    return "; ".join(filter(None, messages))
-
-
-def _weak_terms_text(response: FrequencyResponse, weak: NDArray[np.float64]) -> str:
-    """Return where the band may cover less than it should, and what helps; empty if nowhere.
-
-    How much of a term that noise partly hides is motion is a guess; the band contains its scatter, not its mean.
-    """
-    affected = weak > circle_factor(degrees_of_freedom(response)) * response.standard_deviation
-    if not affected.any():
-        return ""
-    return (
-        f"the confidence band may cover less than 95 % at {affected.sum()} of {affected.size} frequencies "
-        f"({frequency_text(response.frequency[affected])}): noise hides terms of the motion that change the friction "
-        "force by more than the band is wide; record more periods, or use a finer encoder"
-    )
-
-
-def _standstill_message(frequency: NDArray[np.float64], error: NDArray[np.complex128], share: float) -> str:
-    size = np.abs(error)
-    wrong, worst = frequency[size > MAX_STANDSTILL_ERROR], int(np.argmax(size))
-    change = 1 + error[worst]
-    magnitude, phase = abs(20 * np.log10(abs(change))), abs(np.angle(change, deg=True))
-    return (
-        f"the motion does not show the friction force at standstill and reversal at {wrong.size} of {frequency.size} "
-        f"frequencies ({frequency_text(wrong)}): the machine stands for up to {share:.0%} of the "
-        f"time, and at {frequency[worst]:.4g} Hz the response may be off by about {magnitude:.2g} dB, "
-        f"{phase:.2g} deg; raise the amplitude, or keep the axis moving (excitation "
-        "moving_sine, estimator moving_axis)"
-    )

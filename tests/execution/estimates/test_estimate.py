@@ -53,6 +53,7 @@ def test_what_is_shared_is_computed_once(registry: Registry) -> None:
     assert [task.sweeps for task in found.batches[0]] == [2, 2], "two estimators of each"
 
 
+@pytest.mark.thorough
 def test_a_large_study_is_counted_by_a_sample(registry: Registry) -> None:
     few, many = (sampled_groups(sweeps(amplitudes(count))) for count in (MAX_EXPERIMENTS, 500))
     assert [group.weight for group in few] == [1.0] * MAX_EXPERIMENTS

@@ -39,6 +39,7 @@ def wait_for_words(workers: Workers, words: str) -> None:
     wait_until(lambda: (list(workers.reports()), words in workers.status())[1])
 
 
+@pytest.mark.thorough
 def test_a_silent_scheduler_is_told_and_answers_are_accepted_when_it_is_back(cluster, tmp_path):
     workspace(tmp_path)
     cluster.start_worker("one")

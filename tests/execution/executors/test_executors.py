@@ -89,6 +89,7 @@ def test_an_exception_of_any_kind_is_a_failure_and_costs_no_worker(executor: str
     assert before["process"] == after["process"]
 
 
+@pytest.mark.thorough
 def test_what_cannot_be_sent_back_is_a_failure(pair: Workers, plugins: str) -> None:
     code = "Result.__reduce_ex__ = lambda self, protocol: 1 / 0"
     found = pair.submit(1, job(plugins, trouble(code))).result(HANG_TIMEOUT_S)[0]
@@ -129,6 +130,7 @@ def test_memory_is_capped(plugins: str) -> None:
 
 
 @needs_linux
+@pytest.mark.thorough
 def test_a_worker_computes_with_one_thread(plugins: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "4")
     with create_workers("processes:1", 1) as workers:
@@ -224,6 +226,7 @@ def test_there_is_no_other_executor(name: str) -> None:
 
 
 @needs_linux
+@pytest.mark.thorough
 def test_a_worker_ends_with_its_scheduler_though_its_law_never_returns(plugins: str, tmp_path: Path) -> None:
     script = tmp_path / "script.py"
     script.write_text(

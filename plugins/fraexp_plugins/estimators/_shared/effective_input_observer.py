@@ -89,12 +89,17 @@ class ObserverEstimator(DelayedEstimator, ABC):
         ideal = {"resolution": 0.0, "noise": 0.0, "force_scale": 1.0, "displacement_scale": 1.0}
         return self.model_copy(update={**known, **ideal})
 
-    def effective_phasors(self, segments: Sequence[Segment]) -> list[NDArray[np.complex128]]:
-        """Return the phasors of û_e [N] at the excited lines per segment, each of shape (periods, lines), eq (2)."""
+    def effective_phasors(
+        self, segments: Sequence[Segment], forces: Sequence[NDArray[np.float64]] | None = None
+    ) -> list[NDArray[np.complex128]]:
+        """Return the phasors of û_e [N] at the excited lines per segment, each of shape (periods, lines), eq (2).
+
+        `forces` are those of `_forces`, if they are known.
+        """
         if not (self.oversampling and segments):
             return self.resolve_oversampling(segments).effective_phasors(segments) if segments else []
-        forces = self._friction_phasors(segments)
-        return [linear - force for linear, force in zip(self.linear_phasors(segments), forces, strict=True)]
+        friction = self._friction_phasors(segments, forces)
+        return [linear - force for linear, force in zip(self.linear_phasors(segments), friction, strict=True)]
 
     def linear_phasors(self, segments: Sequence[Segment]) -> list[NDArray[np.complex128]]:
         """Return the phasors of G_di G_do u less viscous friction [N] per segment, each of shape (periods, lines)."""
@@ -112,18 +117,20 @@ class ObserverEstimator(DelayedEstimator, ABC):
             for segment, (delayed, damping) in zip(segments, factors, strict=True)
         ]
 
-    def with_effective_input(self, signals: Signals) -> Signals:
+    def with_effective_input(self, signals: Signals, forces: Sequence[NDArray[np.float64]] | None = None) -> Signals:
         """Return the signals with û_e [N] as one more channel, at the samples and limited to their band.
 
         Delays, hold and viscous friction act on the spectrum of the whole record. If the record is not periodic they
         use its end as the past of its beginning. The error is as smooth over frequency as the transient itself, so
-        that estimators that remove the transient remove this error too.
+        that estimators that remove the transient remove this error too. `forces` are those of `_forces`, if they are
+        known.
         """
         if not self.oversampling:
             return self.resolve_oversampling(signals.segments).with_effective_input(signals)
         unit = signals.unit(self.input)
         found = []
-        for segment, force in zip(signals.segments, self._forces(signals.segments), strict=True):
+        forces = self._forces(signals.segments) if forces is None else forces
+        for segment, force in zip(signals.segments, forces, strict=True):
             shape, size = segment.channels[self.output].shape, segment.channels[self.output].size
             path = _record_path(self.delays, size, segment.sample_time)
             effective = np.fft.irfft(self._effective_bins(segment, force.ravel(), path), size)
@@ -162,18 +169,23 @@ class ObserverEstimator(DelayedEstimator, ABC):
         viscous = 1j * omega * self.friction.viscous * record_spectrum(segment, self.output)
         return path * record_spectrum(segment, self.input) - viscous - friction
 
-    def _friction_phasors(self, segments: Sequence[Segment]) -> list[NDArray[np.complex128]]:
+    def _friction_phasors(
+        self, segments: Sequence[Segment], forces: Sequence[NDArray[np.float64]] | None = None
+    ) -> list[NDArray[np.complex128]]:
         """Return the phasors of the friction model's force [N] per segment, each of shape (periods, lines)."""
+        forces = self._forces(segments) if forces is None else forces
         return [
             fourier_sums(periods, segment.lines) * self.force_factor(2 * np.pi * segment.frequency)
-            for segment, periods in zip(segments, self._forces(segments), strict=True)
+            for segment, periods in zip(segments, forces, strict=True)
         ]
 
-    def friction_phasors(self, segments: Sequence[Segment]) -> list[NDArray[np.complex128]]:
+    def friction_phasors(
+        self, segments: Sequence[Segment], forces: Sequence[NDArray[np.float64]] | None = None
+    ) -> list[NDArray[np.complex128]]:
         """Return the phasors of all friction [N], viscous friction included, each of shape (periods, lines)."""
         return [
             force + 2j * np.pi * segment.frequency * self.friction.viscous * phasors(segment, self.output)
-            for segment, force in zip(segments, self._friction_phasors(segments), strict=True)
+            for segment, force in zip(segments, self._friction_phasors(segments, forces), strict=True)
         ]
 
     def force_spectra(self, segments: Sequence[Segment]) -> list[NDArray[np.complex128]]:

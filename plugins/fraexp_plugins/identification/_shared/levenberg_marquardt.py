@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
@@ -21,13 +22,18 @@ STEPS_WITHOUT_CHANGE = 3
 
 @dataclass(frozen=True)
 class IterationStep(Generic[Place]):
-    """A place of the search, with its residuals and their gradient."""
+    """A place of the search, with its residuals and, where the search goes on from here, their gradient."""
 
     place: Place
     residual: NDArray[np.float64]
     """Measured less model, shape (n,)."""
-    gradient: NDArray[np.float64]
-    """Derivative of the model by the parameters, shape (n, p)."""
+    find_gradient: Callable[[], NDArray[np.float64]]
+    """Returns the gradient; a trial that is rejected needs none."""
+
+    @cached_property
+    def gradient(self) -> NDArray[np.float64]:
+        """Derivative of the model by the parameters, shape (n, p)."""
+        return self.find_gradient()
 
     @property
     def cost(self) -> float:
@@ -54,7 +60,7 @@ def minimise(
 
     D. W. Marquardt, J. SIAM 11(2), 1963, doi:10.1137/0111030. scipy.optimize.least_squares has vector parameters
     within constant bounds and evaluates residuals and Jacobian apart; here `move` projects each step with a state of
-    its own, both come from one simulation, and a noisy cost that stops falling ends the search.
+    its own, and a noisy cost that stops falling ends the search.
     """
     now = step_of(begin)
     initial_cost, damping, unchanged = now.cost, INITIAL_DAMPING, 0

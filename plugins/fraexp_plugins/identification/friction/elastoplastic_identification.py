@@ -15,7 +15,7 @@ START_STATIC_EXCESS, START_ELASTIC_LIMIT, START_DAMPING = 0.2, 0.5, 0.01
 """Start values of static over Coulomb friction less one, of z_ba over Fc/σ0, and of σ1 over Fc/vs."""
 
 
-class ElastoplasticIdentification(LawIdentification, name="elastoplastic_identification", version=2):
+class ElastoplasticIdentification(LawIdentification, name="elastoplastic_identification", version=3):
     """σ0, Fc, Fs, vs and z_ba of the elastoplastic model, with σ2, offset and optionally σ1, by least squares.
 
     P. Dupont, V. Hayward, B. Armstrong and F. Altpeter, IEEE Trans. Automatic Control 47(5), 2002,

@@ -16,7 +16,7 @@ START_ATTRACTION = 10.0
 """Start value of the attraction rate over Fc vs/Y."""
 
 
-class GmsIdentification(LawIdentification, name="gms_identification", version=2):
+class GmsIdentification(LawIdentification, name="gms_identification", version=3):
     """k_i, α_i, Fc, Fs, vs and C of the generalized Maxwell slip model, with σ2 and offset, by least squares.
 
     F. Al-Bender, V. Lampaert and J. Swevers, IEEE Trans. Automatic Control 50(11), 2005,

@@ -155,11 +155,11 @@ class GradientFit(GridIdentification, name="gradient_fit", version=2):
         def step_of(model: ElementParameters) -> IterationStep[ElementParameters]:
             rows, residuals, gradients = _linearise(task, model)
             chosen = [np.isin(each.cycle, task.cycles) for each in rows]
-            return IterationStep(
-                model,
-                np.concatenate([part[which] for part, which in zip(residuals, chosen, strict=True)]),
-                np.concatenate([part[which] for part, which in zip(gradients, chosen, strict=True)]),
-            )
+            pieces = [
+                np.concatenate([part[which] for part, which in zip(parts, chosen, strict=True)])
+                for parts in (residuals, gradients)
+            ]
+            return IterationStep(model, pieces[0], lambda: pieces[1])
 
         minimum = minimise(step_of, lambda model, step: model.after_step(step, free, limit), begin, self.max_iterations)
         if minimum.iterations >= self.max_iterations:

@@ -26,7 +26,7 @@ EQUAL_RATIO = 1.05
 """Ratio of two such residuals up to which the simpler law is taken."""
 
 
-class FrictionLawComparison(DelayedEstimator, name="friction_law_comparison", version=1):
+class FrictionLawComparison(DelayedEstimator, name="friction_law_comparison", version=2):
     """Plant, friction law and its parameters, from records alone: the law that predicts records it has not seen.
 
     Every candidate is fitted to three quarters of the records by maximum likelihood, as `maximum_likelihood` does,
@@ -165,15 +165,16 @@ def _report(result: Result, trials: Sequence[_LawTrial], best: _LawTrial) -> Res
     verdict = f"{labels[trials.index(best)]} predicts the records best" if fits else f"none of {len(trials)} laws fits"
     text = f"{verdict}; residual of held-out records over what noise and rounding explain: {left}"
     outcome = Outcome.INACCURATE if result.outcome is Outcome.OK and not fits else result.outcome
-    table = Curve(
-        "residual of held-out records",
-        {"frequency": trials[0].frequency, **{label: t.ratios for label, t in zip(labels, trials, strict=True)}},
-        {"frequency": "Hz", **dict.fromkeys(labels, "1")},
-    )
+    curves = [_held_out_curve(label, trial) for label, trial in zip(labels, trials, strict=True)]
     is_right = float(fits and outcome is Outcome.OK)
     metrics = (Metric("verdict", is_right, "1"), *_table(labels, trials), *result.metrics)
     message = "; ".join(filter(None, (text, result.message)))
-    return replace(result, outcome=outcome, message=message, metrics=metrics, curves=(table, *result.curves))
+    return replace(result, outcome=outcome, message=message, metrics=metrics, curves=(*curves, *result.curves))
+
+
+def _held_out_curve(label: str, trial: _LawTrial) -> Curve:
+    columns = {"frequency": trial.frequency, "held-out residual over expectation": trial.ratios}
+    return Curve(label, columns, dict(zip(columns, ("Hz", "1"), strict=True)))
 
 
 def _table(labels: Sequence[str], trials: Sequence[_LawTrial]) -> Iterator[Metric]:

@@ -20,6 +20,8 @@ def missing_column(path: Path, name: str, known: Iterable[str]) -> RecordError:
     more = f" and {len(names) - MAX_LISTED_COLUMNS} more" if len(names) > MAX_LISTED_COLUMNS else ""
     near = did_you_mean(name, names)
     nearest = near if near.startswith("; did") else ""
+    if name.removeprefix("-") in names:
+        nearest = f"; to change the sign, write '{name[1:]} * -1'"
     listed = ", ".join(names[:MAX_LISTED_COLUMNS])
     return RecordError(f"{path.name}: no column is called '{name}'; it has {listed}{more}{nearest}")
 

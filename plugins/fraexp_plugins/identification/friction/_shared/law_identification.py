@@ -33,6 +33,8 @@ DIFFERENCE_STEP = 1e-5
 """Step of a logarithm over which differences are taken."""
 START_VELOCITY_RATIOS = (0.3, 1.0, 3.0)
 """Stribeck velocities to start from, over the slowest tenth's sliding speed."""
+TRIAL_STEPS = 20
+"""Steps from each of them, after which only the best search goes on."""
 MAX_LOGARITHM = 30.0
 """Magnitude of a logarithm at which a parameter has diverged."""
 MAX_RELATIVE_STD = 2.0
@@ -56,7 +58,7 @@ class LawIdentification(GridIdentification, ABC):
 
     renamed: ClassVar[Mapping[str, str]] = {"iterations": "max_iterations"}
 
-    max_iterations: int = param("1", "maximum number of steps from each start", 100, at_least=1, at_most=100_000)
+    max_iterations: int = param("1", "maximum number of steps", 100, at_least=1, at_most=100_000)
 
     @abstractmethod
     def start_parameters(self, found: ReportedElements, speed: float) -> NDArray[np.float64]:
@@ -82,20 +84,18 @@ class LawIdentification(GridIdentification, ABC):
         found, _, _ = self.solution(task)
         speed = _slow_speed(task)
         terms = np.array([found.terms[term] for term in task.terms])
-        searches = [
-            self._search(task, Guess(self.start_parameters(found, start * speed), terms))
-            for start in START_VELOCITY_RATIOS
-        ]
-        converged = [search.place for search in searches if search.iterations < self.max_iterations]
-        if not converged:
+        starts = [Guess(self.start_parameters(found, start * speed), terms) for start in START_VELOCITY_RATIOS]
+        trials = [self._search(task, start, min(TRIAL_STEPS, self.max_iterations)).place for start in starts]
+        nearest = min(trials, key=lambda guess: self._step(task, guess).cost)
+        last = self._search(task, nearest, self.max_iterations)
+        if last.iterations >= self.max_iterations:
             raise RecordError(
-                f"{self.name} did not converge in {self.max_iterations} steps from any start; raise max_iterations, or "
-                "record more speeds"
+                f"{self.name} did not converge in {self.max_iterations} steps: the record does not suit this law; take "
+                "rolling_identification, raise max_iterations, or record more speeds"
             )
-        best = min(converged, key=lambda guess: self._step(task, guess).cost)
-        return self._report(signals, task, best)
+        return self._report(signals, task, last.place)
 
-    def _search(self, task: IdentificationTask, begin: Guess) -> Minimum[Guess]:
+    def _search(self, task: IdentificationTask, begin: Guess, max_steps: int) -> Minimum[Guess]:
         free = sum(term in SIGNED_TERMS for term in task.terms)
 
         def move(guess: Guess, step: NDArray[np.float64]) -> Guess:
@@ -104,27 +104,32 @@ class LawIdentification(GridIdentification, ABC):
             terms[free:] = np.maximum(terms[free:], 0.0)
             return Guess(law, terms)
 
-        return minimise(lambda guess: self._step(task, guess), move, begin, self.max_iterations)
+        return minimise(lambda guess: self._step(task, guess), move, begin, max_steps)
 
     def _step(self, task: IdentificationTask, guess: Guess) -> IterationStep[Guess]:
-        rows, residuals, gradients = self._linearise(task, guess)
+        rows = self._rows(task, [guess.law])
         chosen = [np.isin(each.cycle, task.cycles) for each in rows]
+
+        def gradient() -> NDArray[np.float64]:
+            _, _, gradients = self._linearise(task, guess)
+            return np.concatenate([part[which] for part, which in zip(gradients, chosen, strict=True)])
+
+        residuals = _residuals(rows, guess)
         return IterationStep(
-            guess,
-            np.concatenate([part[which] for part, which in zip(residuals, chosen, strict=True)]),
-            np.concatenate([part[which] for part, which in zip(gradients, chosen, strict=True)]),
+            guess, np.concatenate([part[which] for part, which in zip(residuals, chosen, strict=True)]), gradient
         )
+
+    def _rows(self, task: IdentificationTask, laws: Sequence[NDArray[np.float64]]) -> list[RegressionRows]:
+        """Return rows with the columns of the terms and, after them, the force of each law."""
+        forces = [_forces(self.model(law, 0.0), task.records) for law in laws]
+        return task.rows_with([np.column_stack(parts) for parts in zip(*forces, strict=True)])
 
     def _linearise(
         self, task: IdentificationTask, guess: Guess
     ) -> tuple[list[RegressionRows], list[NDArray[np.float64]], list[NDArray[np.float64]]]:
         """Return rows, residuals [N] and the derivatives of the model, record by record."""
-        laws = [guess.law, *(guess.law + DIFFERENCE_STEP * row for row in np.eye(guess.law.size))]
-        forces = [_forces(self.model(law, 0.0), task.records) for law in laws]
-        columns = [np.column_stack(parts) for parts in zip(*forces, strict=True)]
-        rows = task.rows_with(columns)
+        rows = self._rows(task, [guess.law, *(guess.law + DIFFERENCE_STEP * row for row in np.eye(guess.law.size))])
         count = len(task.terms)
-        residuals = [each.force - each.columns[:, :count] @ guess.terms - each.columns[:, count] for each in rows]
         gradients = [
             np.column_stack(
                 [
@@ -134,7 +139,7 @@ class LawIdentification(GridIdentification, ABC):
             )
             for each in rows
         ]
-        return rows, residuals, gradients
+        return rows, _residuals(rows, guess), gradients
 
     def _report(self, signals: Signals, task: IdentificationTask, guess: Guess) -> Result:
         rows, residuals, _ = self._linearise(task, guess)
@@ -218,6 +223,12 @@ class _Identified(NamedTuple):
 
 
 _CURVE_UNITS = {"time": "s", "force": "N", "model": "N"}
+
+
+def _residuals(rows: Sequence[RegressionRows], guess: Guess) -> list[NDArray[np.float64]]:
+    """Return the measured force less that of the terms and of the law [N], record by record."""
+    count = guess.terms.size
+    return [each.force - each.columns[:, :count] @ guess.terms - each.columns[:, count] for each in rows]
 
 
 def _forces(model: FrictionModel, records: Sequence[FrictionRecord]) -> list[NDArray[np.float64]]:

@@ -275,7 +275,7 @@ def descend(
 
     def step_of(p: NDArray[np.float64]) -> IterationStep[NDArray[np.float64]]:
         error = data.weighted_parts(data.error(model.log_response(p, data.s)))
-        return IterationStep(p, -error, data.weighted_parts(model.jacobian(p, data.s)))
+        return IterationStep(p, -error, lambda: data.weighted_parts(model.jacobian(p, data.s)))
 
     minimum = minimise(step_of, lambda p, step: np.clip(p + step, low, high), p, evaluations)
     return Descent(minimum.place, minimum.iterations < evaluations)

@@ -1,0 +1,118 @@
+"""What makes a response to the effective input doubtful, in words: encoder, weak terms, standstill, friction model."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fraexp.api import FrequencyResponse, Outcome, Result, circle_factor, degrees_of_freedom, frequency_text
+from fraexp_plugins.estimators._shared.friction_consistency import ModelError
+
+MAX_STANDSTILL_ERROR = 0.01
+"""Relative error of the response by standstill from which it is not ok."""
+MAX_ENCODER_ERROR = 0.1
+"""Radius of the 95 % circle by noise and rounding, relative to the response, from which it is not ok: beyond, the error
+of û_e is no longer small, and 1/û_e is not linear in it."""
+MAX_MODEL_ERROR = 0.01
+"""Relative error of the response by a friction model that the harmonics contradict, from which it is not ok."""
+
+
+def check_encoder(found: Result) -> Result:
+    """Return a result that is not ok where errors of the encoder are no longer small against û_e."""
+    if found.response is None:
+        return found
+    response = found.response
+    error = _band_radius(response)
+    error = np.where(np.isfinite(error), error, 0.0)
+    wrong = response.frequency[error > MAX_ENCODER_ERROR]
+    if not wrong.size:
+        return found
+    worst = int(np.argmax(error))
+    turn = np.degrees(np.arcsin(min(error[worst], 1.0)))
+    return with_doubt(
+        found,
+        f"friction takes nearly all of the input at {wrong.size} of {error.size} frequencies "
+        f"({frequency_text(wrong)}), and rounding and noise of the encoder hide the rest: at "
+        f"{response.frequency[worst]:.4g} Hz the response may be off by {20 * np.log10(1 + error[worst]):.2g} dB, "
+        f"{turn:.2g} deg; raise the amplitude, use a finer encoder, or record more periods with noise",
+    )
+
+
+def with_doubt(found: Result, message: str) -> Result:
+    """Return a result that is not ok, for the reason that the message states."""
+    outcome = Outcome.INACCURATE if found.outcome is Outcome.OK else found.outcome
+    return replace(found, outcome=outcome, message=join_messages(found.message, message))
+
+
+def join_messages(*messages: str) -> str:
+    return "; ".join(filter(None, messages))
+
+
+def weak_terms_text(response: FrequencyResponse, weak: NDArray[np.float64]) -> str:
+    """Return where the band may cover less than it should, and what helps; empty if nowhere.
+
+    How much of a term that noise partly hides is motion is a guess; the band contains its scatter, not its mean.
+    """
+    affected = weak > circle_factor(degrees_of_freedom(response)) * response.standard_deviation
+    if not affected.any():
+        return ""
+    return (
+        f"the confidence band may cover less than 95 % at {affected.sum()} of {affected.size} frequencies "
+        f"({frequency_text(response.frequency[affected])}): noise hides terms of the motion that change the friction "
+        "force by more than the band is wide; record more periods, or use a finer encoder"
+    )
+
+
+def standstill_text(frequency: NDArray[np.float64], error: NDArray[np.complex128], share: float) -> str:
+    size = np.abs(error)
+    wrong, worst = frequency[size > MAX_STANDSTILL_ERROR], int(np.argmax(size))
+    change = 1 + error[worst]
+    magnitude, phase = abs(20 * np.log10(abs(change))), abs(np.angle(change, deg=True))
+    return (
+        f"the motion does not show the friction force at standstill and reversal at {wrong.size} of {frequency.size} "
+        f"frequencies ({frequency_text(wrong)}): the machine stands for up to {share:.0%} of the "
+        f"time, and at {frequency[worst]:.4g} Hz the response may be off by about {magnitude:.2g} dB, "
+        f"{phase:.2g} deg; raise the amplitude, or keep the axis moving (excitation "
+        "moving_sine, estimator moving_axis)"
+    )
+
+
+def check_friction_model(found: Result, error: ModelError | None) -> Result:
+    """Return a result that is not ok where the harmonics contradict the friction model by more than its band says."""
+    if found.response is None or error is None:
+        return found
+    response, size = found.response, error.response_error(found.response)
+    known = np.hypot(np.nan_to_num(_band_radius(response), posinf=np.inf), _stated_model_error(response))
+    wrong = size > np.maximum(MAX_MODEL_ERROR, known)
+    return with_doubt(found, _model_text(response.frequency, error.size, size, wrong)) if wrong.any() else found
+
+
+def _model_text(
+    frequency: NDArray[np.float64], size: float, error: NDArray[np.float64], wrong: NDArray[np.bool_]
+) -> str:
+    worst = int(np.argmax(np.where(wrong, error, 0.0)))
+    off = f"by {20 * np.log10(1 + error[worst]):.2g} dB" if error[worst] < 1 else "by any amount"
+    places = f"{wrong.sum()} of {wrong.size} frequencies ({frequency_text(frequency[wrong])})"
+    return (
+        f"the harmonics of the motion contradict the friction model, or the delays, by about {size:.2g} of the "
+        f"friction force: at {places} the response depends on it, and at {frequency[worst]:.4g} Hz it may be off "
+        f"{off}; estimate friction too (maximum_likelihood), or state the model's uncertainty (force_std, "
+        "displacement_std)"
+    )
+
+
+def _band_radius(response: FrequencyResponse) -> NDArray[np.float64]:
+    """Return the radius of the 95 % circle relative to the response, shape (n,); NaN where it is unknown."""
+    with np.errstate(divide="ignore", invalid="ignore"):  # where nothing moves
+        return np.asarray(
+            circle_factor(degrees_of_freedom(response)) * response.standard_deviation / np.abs(response.response)
+        )
+
+
+def _stated_model_error(response: FrequencyResponse) -> NDArray[np.float64]:
+    """Return the relative error of 1/response by what is stated of the friction model's error, shape (n,)."""
+    if response.model_covariance is None:
+        return np.zeros(response.frequency.size)
+    variance = np.trace(response.model_covariance, axis1=1, axis2=2)
+    exact = np.full(variance.size, np.inf)
+    return np.asarray(circle_factor(exact) * np.sqrt(variance) * np.abs(response.response))
