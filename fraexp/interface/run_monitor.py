@@ -55,7 +55,6 @@ def computing_meter(computed: Plain) -> Iterator[Callable[[float], None]]:
 def _compiled_text(computed: Plain) -> str:
     """Return what is compiled for a computation: its friction laws, or those that its estimator tries."""
     laws = dict.fromkeys(f"'{spec['name']}'" for spec in friction_specs([computed]))
-    if laws:
-        return f"friction law {' and '.join(laws)}"
+    subject = f"friction law {' and '.join(laws)}" if laws else "the friction law"
     estimator = computed.get("estimator")
-    return f"the law of {estimator['name']}" if isinstance(estimator, Mapping) else "kernels"
+    return f"{subject} for {estimator['name']}" if isinstance(estimator, Mapping) else subject

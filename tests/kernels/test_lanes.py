@@ -5,6 +5,8 @@ import math
 import numpy as np
 
 from fraexp.components.kinds import Motion
+from fraexp.kernels import prescribed_motion
+from fraexp.kernels.announcement import compilation_listener
 from fraexp.kernels.choice import where
 from fraexp.kernels.law import Law
 from fraexp.kernels.prescribed_motion import can_vectorise, friction_forces
@@ -36,6 +38,16 @@ def forces(law: Law, motions: list[Motion], is_vectorised: bool) -> list[np.ndar
 def test_a_law_that_chooses_is_computed_in_lanes_and_one_that_branches_is_not() -> None:
     assert can_vectorise(choosing, (STIFFNESS, LIMIT))
     assert not can_vectorise(branching, (STIFFNESS, LIMIT))
+
+
+def test_a_law_that_branches_is_tried_once_and_announced_never_again() -> None:
+    said: list[int] = []
+    assert not can_vectorise(branching, (STIFFNESS, LIMIT))
+    with compilation_listener(lambda: said.append(1)):
+        assert not can_vectorise(branching, (2 * STIFFNESS, LIMIT))
+        prescribed_motion._can_vectorise.cache_clear()  # as in another process
+        assert not can_vectorise(branching, (STIFFNESS, LIMIT))
+    assert said == []
 
 
 def test_lanes_give_the_bits_of_single_machines_whatever_lies_beside() -> None:

@@ -1,0 +1,31 @@
+"""Progress of single computations: what is compiled is said once, with a name."""
+
+import pytest
+
+from fraexp.interface.run_monitor import computing_meter
+from fraexp.kernels.announcement import announce_compilation
+
+LAW = {"name": "rolling"}
+
+
+@pytest.mark.parametrize(
+    ("computed", "expected"),
+    [
+        ({"friction": LAW}, "compiling friction law 'rolling' (once per machine)"),
+        (
+            {"estimator": {"name": "effective_input", "friction": LAW}},
+            "compiling friction law 'rolling' for effective_input (once per machine)",
+        ),
+        (
+            {"estimator": {"name": "gms_identification"}},
+            "compiling the friction law for gms_identification (once per machine)",
+        ),
+    ],
+)
+def test_a_compilation_is_announced_once_by_name(
+    computed: dict[str, object], expected: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with computing_meter(computed):
+        for _ in range(3):
+            announce_compilation()
+    assert capsys.readouterr().err.splitlines() == [expected]
