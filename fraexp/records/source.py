@@ -31,6 +31,7 @@ from fraexp.records.cutting import (
 from fraexp.records.excited import describe_doubts
 from fraexp.records.joined_files import JoinedFiles
 from fraexp.records.line_selection import check_step_frequencies, common_lines, select_lines
+from fraexp.records.plausibility import unit_questions
 from fraexp.records.quantities import PlainTable, auxiliary_values, channel_columns, channel_values, resolve_channel
 from fraexp.records.record_sampling import plan_sampling, sampled_table, sampling_columns, sampling_text
 from fraexp.records.record_segments import check_levels, parse_condition, select_runs
@@ -146,6 +147,7 @@ def load(experiment: Plain, files: Mapping[str, str], registry: Registry) -> Sig
         own = [plain for plain in record["segments"] if plain.get("part", 0) == number]
         found += [_load_segment(Cut.from_plain(plain), values, part["channels"], path) for plain in own]
     units = {name: str(channel["unit"]) for name, channel in parts[0]["channels"].items()}
+    messages.append(unit_questions(found, units))
     return Signals(tuple(found), units, message="; ".join(filter(None, messages)))
 
 

@@ -19,7 +19,8 @@ class CsvReader(RecordReader, name="csv", version=1):
     A column is asked for by its name with or without the unit; in a file without a header by its number from 1.
     Equal names are numbered: ``Time #1``, ``Time #2``. Lines that begin with # or % are comments; such a line may be
     the header if there is no other. Lines of metadata above the header are skipped; a sample rate there is used if no
-    column is the time. A column may end before the others; columns of text are not read.
+    column is the time. A column of dates with times of day (ISO 8601, or 31.12.2026 23:59:59,5) is read as seconds
+    since the beginning of its first day. A column may end before the others; columns of text are not read.
     """
 
     suffixes = (".csv", ".txt", ".tsv", ".dat", ".asc", ".lvm", ".prn")
@@ -63,7 +64,7 @@ def _rows(path: Path, layout: TextLayout) -> Iterator[tuple[int, str]]:
     with path.open(encoding=layout.encoding, errors="replace") as stream:
         for number, line in enumerate(text_lines(path, stream), start=1):
             if number > layout.start and line.strip() and not line.lstrip().startswith(COMMENTS):
-                yield number, line
+                yield number, layout.without_dates(line) if layout.days else line
 
 
 def _lengths(path: Path, layout: TextLayout) -> list[int]:

@@ -2,11 +2,14 @@
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from datetime import date
 from pathlib import Path
 
 from fraexp.api import RecordError
+from fraexp_plugins.readers._shared.dates import first_day, seconds_since
 from fraexp_plugins.readers._shared.record_checks import check_size
 from fraexp_plugins.readers._shared.text_lines import (
     MAX_HEADER_LINES,
@@ -67,6 +70,8 @@ class TextLayout:
     """Positions of the columns that contain text."""
     sample_time: float | None
     """Sample time [s] if a line above the table states it."""
+    days: Mapping[int, date] = field(default_factory=dict)
+    """First day of each column of dates, by its position: they are read as seconds since then."""
 
     @property
     def names(self) -> list[str]:
@@ -93,6 +98,14 @@ class TextLayout:
         """Return the number in a cell; ValueError if it is not a number."""
         return float(cell.replace(",", ".") if self.decimal_comma else cell)
 
+    def without_dates(self, line: str) -> str:
+        """Return a line in which dates are numbers of seconds; what is no date stays."""
+        cells = split_cells(line, self.delimiter)
+        for position in self.days.keys() & range(len(cells)):
+            with suppress(ValueError):
+                cells[position] = repr(seconds_since(cells[position], self.days[position]))
+        return (self.delimiter or " ").join(f'"{cell}"' if (self.delimiter or " ") in cell else cell for cell in cells)
+
 
 def detect_layout(path: Path) -> TextLayout:
     """Return the layout of a file; RecordError if it contains no columns of numbers."""
@@ -110,10 +123,18 @@ def detect_layout(path: Path) -> TextLayout:
     decimal_comma = delimiter != "," and any("," in cell for cell in _numeric_cells(lines[start:], delimiter))
     header = lines[:start]
     headings, units = _headings(path, header, delimiter, cells, decimal_comma)
-    clock = None if any(map(_is_time, headings)) else _stated_sample_time(header)
-    return TextLayout(
-        encoding, delimiter, decimal_comma, start, tuple(headings), tuple(units), frozenset(text_columns), clock
-    )
+    days = _days(lines[start:], delimiter, text_columns)
+    units = ["s" if position in days else unit for position, unit in enumerate(units)]
+    clock = None if days or any(map(_is_time, headings)) else _stated_sample_time(header)
+    text = frozenset(text_columns - days.keys())
+    return TextLayout(encoding, delimiter, decimal_comma, start, tuple(headings), tuple(units), text, clock, days)
+
+
+def _days(lines: Sequence[str], delimiter: str | None, text_columns: set[int]) -> dict[int, date]:
+    """Return the first day of each column of dates by its position."""
+    rows = [split_cells(line, delimiter) for line in lines[:SAMPLED_ROWS] if line.strip() and not _is_comment(line)]
+    found = {at: first_day([row[at] for row in rows if at < len(row)]) for at in text_columns}
+    return {at: day for at, day in found.items() if day}
 
 
 def name_and_unit(heading: str) -> tuple[str, str | None]:
