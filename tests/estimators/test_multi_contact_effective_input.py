@@ -52,6 +52,7 @@ def test_from_motor_to_load_with_both_encoders(amplitude):
 
 
 @pytest.mark.parametrize(("channel", "position"), [thorough("y", "motor"), ("y.load", "load")])
+@pytest.mark.thorough
 def test_friction_at_both_ends_is_taken_off(channel, position):
     frictions = {"motor": MOTOR, "load": LOAD}
     found = observer(frictions, output=channel, relative_degree=2 if channel == "y" else 3)

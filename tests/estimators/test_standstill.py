@@ -107,6 +107,7 @@ def test_a_measured_record_is_checked_as_well():
     assert results[0].message == results[1].message
 
 
+@pytest.mark.thorough
 def test_a_part_that_sticks_hides_its_share():
     friction = Composite(parts=(COULOMB.model_copy(update={"coulomb_force": 6.0}), guide(12.0, viscous=0.0)))
     signals = simulated(friction, LOW, 40.0, steps=0)

@@ -13,6 +13,7 @@ from fraexp.errors import FraexpError
 from fraexp.figures.drawing import FACET_KINDS, draw_figure
 from fraexp.figures.elements.grouping import group_sweeps
 from fraexp.figures.elements.shown import ShownResult
+from tests.examples import some
 from tests.figures.conftest import ResponseMaker
 
 Labels = dict[str, object]
@@ -71,7 +72,7 @@ def test_more_than_six_groups_are_facets_that_share_colours_and_one_legend(kind:
     assert figure.get_suptitle() == "Grid"
 
 
-@pytest.mark.parametrize("kind", FACET_KINDS)
+@pytest.mark.parametrize("kind", some(FACET_KINDS, "nyquist"))
 def test_many_names_have_a_panel_each_and_many_amounts_a_scale_of_colours(kind: str, draw: Drawn) -> None:
     named = draw(combinations(case=[f"case {n}" for n in range(8)]), kind)
     assert set(titles(named)) >= {f"case {n}" for n in range(1, 8)}

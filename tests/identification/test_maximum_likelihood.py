@@ -147,6 +147,7 @@ def test_plant_and_scales_are_found_from_a_wrong_friction_model(record, registry
     assert metrics(result)["residual over expectation"] == pytest.approx(1, abs=0.05)
 
 
+@pytest.mark.thorough
 def test_plant_and_friction_are_results_too(record, registry):
     result = estimator(scaled(1.2, 0.8)).estimate(record)
     plant, friction = result.fits

@@ -129,6 +129,7 @@ def check_bands(registry, result):
     assert np.mean(inside[seen]) > 0.9
 
 
+@pytest.mark.thorough
 def test_two_amplitudes_give_plant_and_friction(registry, found):
     check_machine(found)
     check_bands(registry, found)

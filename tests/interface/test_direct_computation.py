@@ -209,6 +209,7 @@ def test_an_existing_file_is_not_replaced_unasked(run: fraexp.Run, tmp_path) -> 
     assert run[1].export(path, force=True) == path
 
 
+@pytest.mark.thorough
 def test_an_interrupt_ends_a_run_and_keeps_what_is_finished(tmp_path) -> None:
     # Whatever a shell starts in the background ignores Ctrl-C: the program takes it up again.
     script = """

@@ -13,6 +13,7 @@ from fraexp.interface.overrides import toml_text
 from fraexp.interface.study_source import resolve_study
 from fraexp.study.catalogue import catalogue
 from fraexp.workspace.workspace_service import WorkspaceService
+from tests.examples import some
 from tests.interface.conftest import POINTS
 
 EXAMPLES = {entry.name: entry.file for entry in catalogue(Path())}
@@ -39,7 +40,7 @@ def test_the_same_study_is_not_computed_again(workspace: fraexp.Workspace) -> No
     assert [of.key for of in run] == [of.key for of in workspace.open_run(1)]
 
 
-@pytest.mark.parametrize("name", EXAMPLES)
+@pytest.mark.parametrize("name", some(EXAMPLES, *list(EXAMPLES)[::8]))
 def test_every_example_means_the_same_in_python(name: str, tmp_path: Path) -> None:
     service = WorkspaceService.open(tmp_path)
     study = fraexp.Study.from_file(EXAMPLES[name])

@@ -144,6 +144,7 @@ FORMAT_FAULT = (
 
 
 @pytest.mark.parametrize("damage", [with_a_flipped_bit, thorough(lambda _: b""), thorough(lambda _: b"nonsense")])
+@pytest.mark.thorough
 def test_a_damaged_kernel_is_compiled_again(bench: Bench, damage: Callable[[bytes], bytes]) -> None:
     bench.share_what_all_laws_share()
     shared = bench.kernels()

@@ -127,6 +127,7 @@ def test_machines_agree_with_harmonic_balance(registry, name):
         assert responses(signals, channel) == pytest.approx([each[position] for each in expected], rel=1e-4)
 
 
+@pytest.mark.thorough
 def test_two_laws_at_one_place_are_their_sum(table):
     first, second = guide(10.0, 30e-6, 3.0, elements=6), guide(8.0, 50e-6, 2.0, elements=5)
     apart = simulated({"nut": first, "guide": second}, (2.0, 25.0), 40.0, plant=table)

@@ -84,7 +84,9 @@ def test_too_coarse_sampling_is_refused_with_the_remedy():
 def test_a_stiffness_that_no_number_of_steps_follows_is_refused_with_the_remedy():
     absurd = Rolling(stiffness=(1e14,), limit_force=(10.0,))
     machine = Machine(TABLE, absurd, LEAD, ControlLoop(sample_time=SAMPLE), Numerics())
-    with pytest.raises(ParameterError, match=r"of up to 1e\+14 N/m, .* expected at most 1000: correct max_stiffness"):
+    with pytest.raises(
+        ParameterError, match=r"of up to 1e\+14 N/m, .* at most 1000: correct the plant's gain, max_stiffness"
+    ):
         simulate_loop(machine, BiasedSine(bias=1, amplitude=1, frequency=5), lambda _: None)
 
 

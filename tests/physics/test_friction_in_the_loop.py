@@ -51,6 +51,7 @@ def test_the_matched_observer_recovers_the_plant(models, name, amplitude):
     assert phase < 0.3
 
 
+@pytest.mark.thorough
 def test_what_came_before_tells_which_of_two_periodic_forces_gms_has(models, monkeypatch):
     """An element may slip in every period or never, for one and the same motion: its past decides."""
     monkeypatch.setitem(globals(), "TABLE", TABLE.model_copy(update={"damping_ratios": (0.04634, 0.02)}))
@@ -64,6 +65,7 @@ def test_what_came_before_tells_which_of_two_periodic_forces_gms_has(models, mon
 
 @pytest.mark.parametrize("name", some(["lugre", "dahl"], "lugre"))
 @pytest.mark.parametrize(("amplitude", "lowest"), [thorough(12.0, 5.0), (75.0, 1.0)])
+@pytest.mark.thorough
 def test_so_it_does_where_models_that_creep_have_settled(models, name, amplitude, lowest):
     """Below 5 Hz at 12 N the mean position of these models is still on its way after 30 s, and the response says so."""
     frequencies = tuple(f for f in GRID if f >= lowest)

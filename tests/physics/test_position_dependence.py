@@ -116,6 +116,7 @@ def test_small_motion_on_cogging_is_that_on_a_spring(registry, phase):
     assert abs(spring * GAIN / s[0] ** 2) > 0.2
 
 
+@pytest.mark.thorough
 def test_the_start_moves_along_the_stroke(registry):
     law = guide(elements=6)
     moved = positioned(registry, law, **{**STROKE, "start": START - 1e-3})
@@ -188,6 +189,7 @@ def test_the_certificate_covers_the_dependence(registry):
         assert error / 3 < signals.verification.step_error[0] < 10 * error
 
 
+@pytest.mark.thorough
 def test_a_displacement_without_mean_is_refused(registry):
     component = registry.provider("plant", "two_mass").component
     plant = {"name": "two_mass", "preset": next(iter(component.presets))}

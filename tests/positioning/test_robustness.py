@@ -64,6 +64,7 @@ def test_the_worst_draw_is_found_again_by_its_number_and_its_parameters(workspac
     assert ratio == pytest.approx(drawn["plant.rigid_body_gain"] / 0.132, rel=1e-12)
 
 
+@pytest.mark.thorough
 def test_the_summary_names_the_worst_draws(workspace, stored, capsys):
     sweeps, results = stored
     print_summary(sweeps, results, workspace.registry)

@@ -80,6 +80,7 @@ def test_the_command_compiles_nothing_and_says_what_it_leaves_out(tmp_path: Path
     assert json.loads(done.stdout.splitlines()[-1]) == {"end": True}
 
 
+@pytest.mark.thorough
 def test_failures_stand_first_and_what_was_left_out_last(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -16,6 +16,7 @@ from fraexp.tui.app import FraexpApp
 from fraexp.tui.plotting.plotted_curves import REFERENCE
 from fraexp.tui.screens.compare_page import ComparePage
 from fraexp.views.words import short_key
+from tests.examples import thorough
 from tests.tui.pilots import pilot_of, screen_text, settle, shows, until
 from tests.tui.responses import found, gap, loop, resonant, store_results
 
@@ -55,7 +56,7 @@ def test_without_a_database_it_says_so(tmp_path: Path) -> None:
     pilot_of(tmp_path, steps)
 
 
-@pytest.mark.parametrize("size", [(80, 24), (200, 50)])
+@pytest.mark.parametrize("size", [(80, 24), thorough((200, 50))])
 def test_marked_sweeps_are_overlaid_with_the_plant(workspace: Path, keys: list[str], size: tuple[int, int]) -> None:
     async def steps(app: FraexpApp, pilot: Pilot[None]) -> None:
         page = await compare(app, pilot, keys)

@@ -136,6 +136,7 @@ def test_without_colours_all_is_still_told(workspace, keys, monkeypatch):
     pilot_of(workspace, steps)
 
 
+@pytest.mark.thorough
 def test_the_keys_in_the_last_line_are_read_in_ascii_too(workspace):
     async def steps(app, pilot):
         await shows(pilot, "Enter open", "? help")

@@ -109,6 +109,7 @@ def test_a_run_is_watched_stopped_and_goes_on(workspace, living):
     pilot_of(workspace, steps)
 
 
+@pytest.mark.thorough
 def test_a_run_whose_process_dies_is_shown_as_lost_within_seconds(workspace, living):
     async def steps(app, pilot):
         show_run(app, living)
