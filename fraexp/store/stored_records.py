@@ -76,6 +76,8 @@ class RunSummary:
     """Progress at the last heartbeat; None if it was not reported."""
     silence: float = 0.0
     """Time since the last heartbeat, by the clock of the database [s]; 0 unless it is running."""
+    unusable: int = 0
+    """Number of results that cannot be used, such as those of diverged sweeps; `failed` ones have none."""
 
 
 @dataclass(frozen=True)
