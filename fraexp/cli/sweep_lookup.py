@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from fraexp.cli.output import say
-from fraexp.errors import StoreError
+from fraexp.errors import FraexpError, StoreError
 from fraexp.store import Store, StoredSweep, url_without_password
 from fraexp.workspace.workspace_folder import WorkspaceFolder
 
@@ -74,10 +74,11 @@ def find_sweeps(store: Store, identifier: str) -> list[StoredSweep]:
 def choose_sweeps(store: Store, identifiers: Sequence[str], wanted: str | None = None) -> list[StoredSweep]:
     """Return the sweeps of all identifiers that match a filter, each once, in the given order.
 
-    Without identifiers these are all sweeps that match it. StoreError if there is neither, or nothing matches.
+    Without identifiers these are all sweeps that match it. FraexpError if there is neither, StoreError if nothing
+    matches.
     """
     if wanted is None and not identifiers:
-        raise StoreError("no sweeps are named; give a run number, a study name, a sweep key, or --filter FILTER")
+        raise FraexpError("no sweeps are named; give a run number, a study name, a sweep key, or --filter FILTER")
     if not identifiers:
         found = list(store.find_all(store.keys(wanted or "")).values())
     else:

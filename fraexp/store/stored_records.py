@@ -79,6 +79,11 @@ class RunSummary:
     unusable: int = 0
     """Number of results that cannot be used, such as those of diverged sweeps; `failed` ones have none."""
 
+    @property
+    def is_unusable(self) -> bool:
+        """Whether it has ended without a usable result."""
+        return self.state in ("complete", "partial") and 0 < self.total == self.failed + self.unusable
+
 
 @dataclass(frozen=True)
 class StoredSweep:
