@@ -96,7 +96,7 @@ class _Solution(NamedTuple):
     """Root mean square residual [N]."""
 
 
-class SlidingIdentification(Estimator, name="sliding_identification", version=4):
+class SlidingIdentification(Estimator, name="sliding_identification", version=5):
     """u = M a + F_c sgn(v) + D_v v + F_o (+ D_a |v|) by least squares over the time in which the machine slides.
 
     Any motion in both directions and at several speeds is suitable: moves from point to point, a triangle with sines.
@@ -364,9 +364,14 @@ def _metrics(
 
 
 def _curve(solution: _Solution) -> Curve:
-    inertia = solution.columns[:, 0] * solution.values[0]
-    model = solution.columns @ solution.values
-    return force_over_velocity(solution.velocity, solution.force - inertia, model - inertia)
+    """Return the law at the velocity of each row, a straight line for each direction, and the residuals around it.
+
+    The filtered sign of a row also depends on what was before it: drawn over velocity it would make the line jagged.
+    """
+    velocity = solution.velocity
+    steady = np.column_stack([np.sign(velocity), velocity, np.ones_like(velocity), np.abs(velocity)])
+    law = steady[:, : len(solution.values) - 1] @ solution.values[1:]
+    return force_over_velocity(velocity, law + solution.force - solution.columns @ solution.values, law)
 
 
 def _fit(values: NDArray[np.float64], covariance: NDArray[np.float64]) -> Fit:
