@@ -8,6 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, Self
 
+from fraexp.data.identity import file_stamps
 from fraexp.errors import StoreError, StudyError
 
 if TYPE_CHECKING:
@@ -50,6 +51,12 @@ class WorkspaceFolder:
     def reload(self) -> None:
         """Forget the registry, so that plugins that were added, repaired or broken since are loaded anew."""
         self.__dict__.pop("registry", None)
+
+    def has_current_plugins(self) -> bool:
+        """Return whether the registry is loaded, and from the plugin files as they are now."""
+        if "registry" not in self.__dict__:
+            return False
+        return self.registry.local_files == file_stamps(self.folder / "plugins")
 
     def units(self, path: str) -> dict[str, set[str]]:
         """Return the units that a parameter can have, by component: for filters."""
