@@ -33,7 +33,13 @@ class WorkspaceFolder:
     def open(cls, folder: str | Path, database: str | None = None) -> Self:
         """Open a folder; the database is ``results.db`` in it, unless a path or URL is given."""
         root = Path(folder)
-        if not root.is_dir():
+        try:
+            is_folder, is_file = root.is_dir(), root.is_file()
+        except (OSError, ValueError):  # such as a name that is too long
+            is_folder = is_file = False
+        if is_file:
+            raise StudyError(f"{root}: is a file; expected the folder to work in, such as {root.parent}")
+        if not is_folder:
             raise StudyError(f"{root}: there is no such folder to work in")
         return cls(root, str(database or root / "results.db"))
 
@@ -59,7 +65,7 @@ class WorkspaceFolder:
         return self.registry.local_files == file_stamps(self.folder / "plugins")
 
     def units(self, path: str) -> dict[str, set[str]]:
-        """Return the units that a parameter can have, by component: for filters."""
+        """Return the units that a parameter can have on a straight axis, by component: for filters."""
         from fraexp.study.paths import units_of
 
         return units_of(path, self.registry)
