@@ -142,3 +142,17 @@ def test_messages_are_in_the_units_of_the_axis(tmp_path) -> None:
     assert recording.signals.message == "at 1 Hz the displacement left ±1e-05 rad"
     assert set(recording.channels.values()) == {"N m", "rad"}
     assert recording.channels["y"] == recording.channels["displacement"] == "rad"
+
+
+@pytest.mark.parametrize(
+    ("limit", "expected"),
+    [
+        ({"stroke": "1 urad"}, r"a stroke of [\d.e-]+ rad; limits.stroke is 1e-06 rad: lower"),
+        ({"force": "1 mN m"}, r"a force of [\d.e-]+ N m; limits.force is 0.001 N m"),
+        ({"velocity": "1 urad/s"}, r"a velocity of [\d.e-]+ rad/s; limits.velocity is 1e-06 rad/s"),
+        ({"stroke": "1 um"}, "'um' is not a unit of the same kind as 'rad'"),
+    ],
+)
+def test_limits_are_those_of_the_axis(tmp_path, limit, expected) -> None:
+    with pytest.raises(fraexp.FraexpError, match=expected):
+        fraexp.Workspace(tmp_path).simulate({**ROTARY, "limits": limit}, {**STEPPED[0], "amplitude": "1 N m"})
