@@ -19,9 +19,17 @@ def require_text(value: Any, what: str) -> str:
 
 def require_path(value: Any, what: str) -> Path:
     """Return a path; ParameterError for what is none."""
-    if not isinstance(value, str | Path):
+    if not isinstance(value, str | Path) or "\0" in str(value):
         raise ParameterError(f"{what} is {value!r:.60}; expected a path")
     return Path(value)
+
+
+def is_there(path: Path) -> bool:
+    """Return whether there is a file of this name; False for a name that the file system cannot have."""
+    try:
+        return path.exists()
+    except OSError:  # such as a name that is too long: writing reports it
+        return False
 
 
 def require_mapping(value: Any, what: str, example: str) -> Mapping[str, Any]:

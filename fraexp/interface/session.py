@@ -11,6 +11,7 @@ from fraexp.execution.executors import ResourceLimits
 from fraexp.interface import direct_computation
 from fraexp.interface.argument_checks import require_mapping, require_path, require_positive, require_text
 from fraexp.interface.callable_law import FrictionLaw
+from fraexp.interface.local_plugins import refresh_plugins, reload_plugins
 from fraexp.interface.overrides import override_texts
 from fraexp.interface.recordings import Recording
 from fraexp.interface.result_sets import Results, Run
@@ -66,6 +67,7 @@ class Workspace:
 
     def components(self, kind: str = "friction") -> list[str]:
         """Return the names of all components of a kind: friction, plant, controller, excitation, estimator, reader."""
+        refresh_plugins(self._service)
         known = self._service.registry.names(kind)
         if not known:
             kinds = sorted(of.kind for of in KINDS)
@@ -73,8 +75,11 @@ class Workspace:
         return known
 
     def reload(self) -> None:
-        """Load the plugins again: after one was written or changed."""
-        self._service.reload()
+        """Load the plugins again, and report on standard error which of them are broken, in one line each.
+
+        Calls do so by themselves after a file in ``plugins/`` has changed; a `FrictionLaw` made before keeps its law.
+        """
+        reload_plugins(self._service, is_asked=True)
 
     def run(
         self,
@@ -133,6 +138,7 @@ class Workspace:
         overrides = override_texts(require_mapping(changes or {}, "changes", '{"excitation.points": 30}'))
         if not isinstance(study, str | Path | Study):
             raise ParameterError(f"study is {study!r:.60}; expected its name, its file or a Study")
+        refresh_plugins(self._service)
         if isinstance(study, Study):
             self._register(study.classes)
             resolved = resolve_study(study, self.folder, self._service.registry, overrides)
@@ -192,6 +198,7 @@ class Workspace:
 
     def friction_law(self, name: str, **parameters: object) -> FrictionLaw:
         """Return a friction law by name with its parameters, such as ``stiffness="17 N/µm"``, to be called."""
+        refresh_plugins(self._service)
         spec = component_spec({"name": require_text(name, "name"), **parameters})
         return FrictionLaw(create(self._service.registry, FrictionModel, spec))
 
@@ -215,6 +222,7 @@ class Workspace:
         if "estimator" in sections:
             raise ParameterError("simulate takes no estimator; give it to estimate()")
         data = {**base, **sections, "excitation": excitation, "estimator": PERIODIC_ESTIMATOR}
+        refresh_plugins(self._service)
         study = Study("simulation", self.folder, **data)
         self._register(study.classes)
         resolved = resolve_study(study, self.folder, self._service.registry, place="simulate")
@@ -242,6 +250,7 @@ class Workspace:
         files = [str(require_path(one, "file")) for one in given]
         columns = dict(require_mapping(channels, "channels", '{"u": "iq [A]", "y": "pos [mm]"}'))
         section = {"file": files if len(files) > 1 else files[0], "channels": columns, **keys}
+        refresh_plugins(self._service)
         settings = RecordSettings.parse(component_spec(section), "record")
         experiment, paths = resolve_record(settings, Path(), self._service.registry)
         return direct_computation.record_signals(experiment, paths, self._service)
@@ -250,6 +259,7 @@ class Workspace:
         """Return the signals behind a result: simulated again, or read again from its record."""
         if not isinstance(result, SweepResult):
             raise ParameterError(f"signals: found {type(result).__name__}; expected a SweepResult, such as run[0]")
+        refresh_plugins(self._service)
         return direct_computation.record_signals(
             result.sweep.experiment, self._service.record_files(result.sweep), self._service
         )
@@ -272,6 +282,7 @@ class Workspace:
             raise ParameterError(
                 f"found {type(recording).__name__}; expected a Recording of simulate(), read_record() or signals()"
             )
+        refresh_plugins(recording.service)
         for component in session_classes([estimator, parameters]):
             recording.service.registry.add_from_session(component)
         spec = component_spec({**component_spec(estimator), **parameters})

@@ -1,4 +1,4 @@
-"""Friction laws, written as plain functions: made known to the compiler, and identified by all that they use."""
+"""Friction laws, written as plain functions: made known to the compiler together with all that they use."""
 
 import contextlib
 import hashlib
@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from pathlib import Path
 
-import numpy as np
 from numba.core import ir, ssa
 from numba.core.errors import NumbaError
 from numba.extending import register_jitable
@@ -68,7 +67,7 @@ def called_functions(law: Law) -> list[Law]:
     """Return the Python functions that a law calls, directly or through others, each once."""
     found = [law]
     for function in found:  # the list grows while it is read: callees of callees are visited as well
-        found += [value for value in _used_values(function) if inspect.isfunction(value) and value not in found]
+        found += [value for value in used_values(function) if inspect.isfunction(value) and value not in found]
     return found[1:]
 
 
@@ -77,25 +76,7 @@ def used_by(law: Law) -> list[Law]:
     return [law, *called_functions(law)]
 
 
-def fingerprint(law: Law) -> str:
-    """Return a hash of everything that decides what the law computes: its file, the constants and functions it uses.
-
-    It is part of a kernel's identity, so that an edited law is compiled again.
-    """
-    digest = hashlib.blake2b(digest_size=16)
-    for function in used_by(law):
-        path = Path(inspect.getfile(function))
-        digest.update(f"{function.__qualname__} {is_built_in(function)}".encode())
-        digest.update(path.read_bytes() if path.is_file() else function.__code__.co_code)
-        for value in _used_values(function):
-            if isinstance(value, np.ndarray):
-                digest.update(value.tobytes())
-            elif isinstance(value, int | float | tuple):
-                digest.update(repr(value).encode())
-    return digest.hexdigest()
-
-
-def _used_values(law: Law) -> list[object]:
+def used_values(law: Law) -> list[object]:
     """Return the values that a law uses beside its arguments: globals of its module, and what it closes over.
 
     A function that its author has compiled already is replaced by the Python function inside.

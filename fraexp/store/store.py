@@ -17,7 +17,7 @@ from fraexp.store.clock import steady_time
 from fraexp.store.interrupts import deferred_interrupt
 from fraexp.store.liveness import this_process
 from fraexp.store.queries import annotations, reading, stored_results, sweep_pages
-from fraexp.store.queries.filter_sql import UnitDeclarations, no_declared_units
+from fraexp.store.queries.known_names import UnitDeclarations, no_declared_units
 from fraexp.store.schema import Schema, check_readable, migrate_database, prepare_database
 from fraexp.store.stored_records import (
     ComponentOrigin,

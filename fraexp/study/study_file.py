@@ -77,6 +77,10 @@ def find_studies(name: str, folder: Path) -> list[tuple[str, Path]]:
     """Return name and file of a study (or of all in a directory), looked up as a path, in `folder`, in the package."""
     if not name.strip():
         raise StudyError("a study's name is empty; expected a study file, a name, or a folder (. for this one)")
+    try:
+        (folder / name).exists()
+    except (OSError, ValueError) as error:  # such as a name that is too long
+        raise StudyError(f"there is no study '{name:.60}': {getattr(error, 'strerror', error)}") from None
     roots = (folder / "studies", packaged_studies())
     for base in (folder, *roots):
         for path in (base / name, base / f"{name}.toml"):

@@ -117,6 +117,7 @@ def test_what_is_wrong_is_told_in_one_line(folder, capsys, arguments, told, code
     assert told in err
 
 
+@pytest.mark.thorough
 def test_studies_are_listed_with_their_state(folder, capsys):
     (folder / "studies").mkdir()
     (folder / "studies" / "broken.toml").write_text("title = 1 2", encoding="utf-8")

@@ -98,7 +98,7 @@ class _PlantCurve(NamedTuple):
 
     def response(self, omega: NDArray[np.float64]) -> NDArray[np.complex128]:
         """Return P(jω) [m/N] by monotone cubic interpolation, shape (k,)."""
-        from scipy.interpolate import PchipInterpolator  # half a second, for which all that reads its units would wait
+        from scipy.interpolate import PchipInterpolator  # slow to import: listing plugins must stay fast
 
         parts = np.column_stack([self.value.real, self.value.imag])
         size, angle = PchipInterpolator(self.place, parts)(np.log(omega)).T
