@@ -22,9 +22,10 @@ COSTLY = {
     ("excitation", "whole-periods"),
     ("machine", "silence"),
     ("machine", "stop"),
+    ("estimator", "linear-plant"),
 }
 """Kinds, and checks of theirs that take seconds: in make test, the seeded defects are enough for them."""
-ALIKE = {"composite", "elastoplastic", "gms", "rolling_force_slider"}
+ALIKE = {"composite", "dahl", "elastoplastic", "gms", "lugre", "rolling_force_slider"}
 """Friction laws that are made like others: in make test, those are enough."""
 
 
