@@ -42,6 +42,8 @@ class Outcome(Enum):
 
 UNUSABLE_OUTCOMES = (Outcome.NO_MOTION, Outcome.DIVERGED, Outcome.ERROR, Outcome.DAMAGED)
 """Outcomes of sweeps from which nothing can be learnt."""
+EXTREMUM_CURVES = {"resonances": 1.0, "antiresonances": -1.0}
+"""Names of the curves that list extrema of a fitted plant, and their sign in what is drawn of them."""
 
 
 @dataclass(frozen=True)

@@ -9,12 +9,12 @@ from typing import IO
 from matplotlib.figure import Figure
 
 from fraexp.data.atomic_file import atomic_file
-from fraexp.data.results import Curve
+from fraexp.data.results import EXTREMUM_CURVES, Curve
 from fraexp.errors import FraexpError
 from fraexp.figures.elements.canvas import figure_style
 from fraexp.figures.elements.facets import panel_places
 from fraexp.figures.elements.grouping import CurvePlace, facet_indices
-from fraexp.figures.elements.shown import EXTREMUM_CURVES, ShownResult, curve_places
+from fraexp.figures.elements.shown import ShownResult, curve_places
 from fraexp.figures.elements.stamp import check_suffix, stamp_digest
 from fraexp.figures.elements.view import FULL_VIEW, View, break_wrapped_lines, zoom_to_band
 from fraexp.figures.kinds.against_first import difference_info, draw_difference

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from fraexp.analysis.delays import hold_response, path_response
 from fraexp.components.kinds import Excitation, Period
 from fraexp.components.parameters import Parameters, param
+from fraexp.data.rotary_axes import rotary_unit
 from fraexp.errors import ParameterError
 from fraexp.simulation.machine import Machine
 
@@ -96,9 +97,10 @@ def check_limits(limits: MotionLimits, machine: Machine, excitation: Excitation)
         else:
             demand = predict_demand_from_rest(machine, period, schedule.recorded_periods)
         demand = _add_friction(demand, machine, period, excitation)
-        for name, found, unit in zip(Demand._fields, demand, DEMAND_UNITS, strict=True):
+        for name, found, straight_unit in zip(Demand._fields, demand, DEMAND_UNITS, strict=True):
             allowed = getattr(limits, name)
             if allowed is not None and found > allowed:
+                unit = rotary_unit(straight_unit) if machine.loop.rotary else straight_unit
                 frequency = period.lines[0] / (period.waveform.size * sample_time)
                 what = f"{excitation.name} from {frequency:.4g} Hz" if settles else excitation.name
                 remedy = (

@@ -18,7 +18,7 @@ from fraexp.data.signals import Segment, Signals
 from fraexp.errors import ParameterError, RecordError
 from fraexp.simulation.loop import simulate_loop
 from fraexp.simulation.machine import ControlLoop, Machine, Numerics
-from tests.examples import thorough
+from tests.examples import some, thorough
 from tests.machines import FRICTIONLESS, LEAD, TABLE
 
 RATE = 2000.0
@@ -181,7 +181,7 @@ def test_realisations_separate_distortion_and_noise() -> None:
     assert np.all(response.freedom == 118)
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", some(METHODS, LocalPolynomial))
 def test_an_arbitrary_record_in_closed_loop_needs_its_reference(method: type) -> None:
     """With much noise y over u goes towards -1/C; y and u over the injected signal do not."""
     generator, plant, lines = np.random.default_rng(6), table(), np.arange(300, 1800, 50)

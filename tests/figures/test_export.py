@@ -223,3 +223,13 @@ def test_what_cannot_be_exported_is_refused_in_one_line(
         act(result, tmp_path)
     assert "\n" not in str(caught.value)
     assert not list(tmp_path.iterdir())
+
+
+def test_resonances_stand_in_the_comments_of_a_table(tmp_path: Path, response: FrequencyResponse) -> None:
+    columns = {"frequency": np.array([38.8, 80.5]), "damping ratio": np.array([0.046, 0.02])}
+    curve = Curve("resonances", columns, {"frequency": "Hz", "damping ratio": "1"})
+    export(Result(Outcome.OK, response=response, curves=(curve,)), {}, tmp_path / "a.csv")
+    text = (tmp_path / "a.csv").read_text("utf-8")
+    assert "# curve: resonances\n# frequency [Hz],damping ratio [1]\n# 38.8,0.046\n# 80.5,0.02\n" in text
+    names, *rows = [line.split(",") for line in text.splitlines() if not line.startswith("#")]
+    assert [float(row[names.index("frequency_Hz")]) for row in rows] == response.frequency.tolist()

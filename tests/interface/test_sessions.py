@@ -40,6 +40,7 @@ class Uncompiled(FrictionModel, name="uncompiled_in_session", version=1):
         return z_next[0]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("way", ["file", thorough("standard input")])
 def test_workers_do_not_run_a_script_again(tmp_path: Path, way: str) -> None:
     (tmp_path / "script.py").write_text(SCRIPT)

@@ -42,6 +42,7 @@ def test_a_composite_may_hold_composites_and_the_same_model_twice():
     assert both.viscous == 6.0
 
 
+@pytest.mark.thorough
 def test_composites_of_other_numbers_share_nothing():
     first, second = (Composite(parts=(guide(), Dahl(stiffness=2e5, coulomb_force=c))) for c in (1.0, 5.0))
     assert np.max(np.abs(second.force(WALK, 1e-4) - first.force(WALK, 1e-4))) > 3.0

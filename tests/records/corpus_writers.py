@@ -247,6 +247,41 @@ def mcap(folder: Path) -> None:
         writer.finish()
 
 
+def mcap_of_ros(folder: Path) -> None:
+    """Joint states as ROS 2 logs them."""
+    from mcap_ros2.writer import Writer
+
+    definition = "string[] name\nfloat64[] position\nfloat64[] effort\n"
+    with (folder / "a.mcap").open("wb") as stream:
+        writer = Writer(stream)
+        schema = writer.register_msgdef("bench/msg/JointState", definition)
+        for t, u, y in zip(TIME, FORCE, POSITION, strict=True):
+            stamp = round(1e9 * t) + 1_700_000_000_000_000_000
+            message = {"name": ["a"], "position": [1e-6 * y], "effort": [u]}
+            writer.write_message("/joint_states", schema, message, log_time=stamp, publish_time=stamp)
+        writer.finish()
+
+
+def mcap_of_protobuf(folder: Path) -> None:
+    """A message within a message, with a repeated field."""
+    from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+    from mcap_protobuf.writer import Writer
+
+    file = descriptor_pb2.FileDescriptorProto(name="bench.proto", package="bench", syntax="proto3")
+    state, axis = file.message_type.add(name="State"), file.message_type.add(name="Axis")
+    axis.field.add(name="force", number=1, type=1, label=1)
+    axis.field.add(name="position", number=2, type=1, label=3)
+    state.field.add(name="axis", number=1, type=11, label=1, type_name=".bench.Axis")
+    pool = descriptor_pool.DescriptorPool()
+    pool.Add(file)
+    kind = message_factory.GetMessageClass(pool.FindMessageTypeByName("bench.State"))
+    with (folder / "a.mcap").open("wb") as stream, Writer(stream) as writer:
+        for t, u, y in zip(TIME, FORCE, POSITION, strict=True):
+            stamp = round(1e9 * t) + 1_700_000_000_000_000_000
+            message = kind(axis={"force": u, "position": [1e-6 * y]})
+            writer.write_message(topic="/bench", message=message, log_time=stamp, publish_time=stamp)
+
+
 def parquet(folder: Path) -> None:
     import pyarrow as pa
     import pyarrow.parquet as pq

@@ -1,6 +1,7 @@
 """Files as they come from machines that nobody here has seen, made by simulations of their own, with known truth."""
 
 from dataclasses import dataclass
+from math import pi, sin
 from pathlib import Path
 
 import h5py
@@ -16,6 +17,10 @@ class Drive:
     coulomb: float = 8.0
     viscous: float = 25.0
     offset: float = 1.3
+    ripple: float = 0.0
+    """Amplitude of a force that the motor adds along the stroke [N]."""
+    pitch: float = 7e-3
+    """Its wavelength [m]."""
     volt: float = 31.5
     """Thrust per volt of the control input [N/V]."""
     count: float = 0.5e-6
@@ -44,7 +49,8 @@ class Drive:
             before = error
             u[k], counts[k] = force / self.volt, seen
             for _ in range(steps):
-                free = (v * (1 - loss) + h / self.mass * (force - self.offset)) / (1 + loss)
+                along = self.ripple * sin(2 * pi * x / self.pitch)
+                free = (v * (1 - loss) + h / self.mass * (force - self.offset - along)) / (1 + loss)
                 slip = h * self.coulomb / self.mass / (1 + loss)
                 before_step, v = v, np.sign(free) * max(abs(free) - slip, 0.0)
                 x += h * (before_step + v) / 2

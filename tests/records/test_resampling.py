@@ -16,6 +16,7 @@ from fraexp.data.results import FrequencyResponse
 from fraexp.errors import RecordError
 from fraexp.records.resampling import UniformClock, plan_clock, resample
 from fraexp.records.timebase import examine_stamps, sample_rate_of, stamps_text
+from tests.examples import thorough
 from tests.records.strangers_files import results
 
 RATE_HZ, PERIODS = 1000.0, 6
@@ -130,7 +131,7 @@ def test_too_coarse_stamps_say_the_rate_to_give(folder: Path, capsys: pytest.Cap
     assert main([*command, *remedy.groups()]) == ExitCode.OK
 
 
-@pytest.mark.parametrize(("at", "option"), [(1500, "--start-time"), (4500, "--end-time")])
+@pytest.mark.parametrize(("at", "option"), [(1500, "--start-time"), thorough(4500, "--end-time")])
 def test_a_gap_says_which_part_to_use_and_the_part_is_used(
     folder: Path, capsys: pytest.CaptureFixture[str], at: int, option: str
 ) -> None:

@@ -233,7 +233,7 @@ def test_many_sweeps_are_shown_in_part(folder: Path) -> None:
     ("arguments", "code", "complaint"),
     [
         (["1", "-o", "x.doc"], ExitCode.USAGE, "a report cannot be written as '.doc'"),
-        (["9", "-o", "x.html"], ExitCode.STORE, "there is no run 9"),
+        thorough(["9", "-o", "x.html"], ExitCode.STORE, "there is no run 9"),
         thorough(["loop", "-o", "x.html"], ExitCode.USAGE, "no run of 'loop'"),
         thorough(["1", "-o", "studies/loops/a.toml/x.html"], ExitCode.USAGE, "the report cannot be written"),
     ],
@@ -249,6 +249,7 @@ def test_a_wrong_wish_is_one_line(
     assert complaint in said[0]
 
 
+@pytest.mark.thorough
 def test_other_files_are_not_replaced_unless_asked(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["run", "loops/b"]) == 0
     Path("x.html").write_text("<!DOCTYPE html><p>mine</p>", "utf-8")

@@ -81,6 +81,7 @@ def test_a_command_with_a_term_that_excludes_can_be_typed(workspace, capsys):
     assert "effective_input" not in printed
 
 
+@pytest.mark.thorough
 def test_keys_that_come_at_once_take_effect_in_their_order(workspace):
     async def steps(app, pilot):
         await opened(app, pilot)
@@ -279,6 +280,7 @@ def test_deletion_says_what_is_lost_and_happens_only_if_confirmed(workspace, key
     pilot_of(workspace, steps)
 
 
+@pytest.mark.thorough
 def test_without_a_database_it_says_how_to_make_one(tmp_path):
     async def steps(app, pilot):
         await pilot.press("w")

@@ -19,6 +19,7 @@ from fraexp.tui.screens.trial_page import TrialInput, TrialPage
 from fraexp.views.entries import apply_texts, example_spec, parameter_entries, without_defaults
 from fraexp.views.law_trial import STEPS_PER_PERIOD, TRIAL_STUDY, LawTrial, SineMotion, trial_overrides
 from fraexp.workspace.workspace_service import WorkspaceService
+from tests.examples import thorough
 from tests.tui.pilots import pilot_of, screen_text, shows, until
 from tests.tui.test_plugins import LAW, drop
 from tests.waiting import HANG_TIMEOUT_S
@@ -107,9 +108,9 @@ def test_numbers_move_by_a_share_and_stay_within_their_bounds(registry):
     ("line", "complaint"),
     [
         ("return math.nan", r"the law of mine \(mine.py, line \d+\) gives a force of nan"),
-        ("return 1 / (dy - dy)", r"the law of mine \(mine.py, line \d+\) fails on dy"),
-        ("return float('nan') if abs(z[0]) > 0.5 else z_next[0]", "the law gives a force of nan N"),
-        ("return [][1] if abs(z[0]) > 0.5 else z_next[0]", "the law fails: IndexError"),
+        thorough("return 1 / (dy - dy)", r"the law of mine \(mine.py, line \d+\) fails on dy"),
+        thorough("return float('nan') if abs(z[0]) > 0.5 else z_next[0]", "the law gives a force of nan N"),
+        thorough("return [][1] if abs(z[0]) > 0.5 else z_next[0]", "the law fails: IndexError"),
     ],
 )
 def test_a_law_that_raises_or_gives_no_number_is_told_in_one_line(tmp_path, line, complaint):

@@ -6,15 +6,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.data.results import Curve, FrequencyResponse, Result
+from fraexp.data.results import EXTREMUM_CURVES, Curve, FrequencyResponse, Result
 from fraexp.figures.elements.grouping import CurvePlace
 from fraexp.figures.elements.labels import RandomDraw
 
 FITTED_CURVE = "plant fit"
 """Name of the curve with the response of a fitted plant: its magnitude, and its phase if that was fitted."""
-
-EXTREMUM_CURVES = {"resonances": 1.0, "antiresonances": -1.0}
-"""Names of the curves that list extrema of a fitted plant, and their sign in the column ``extremum``."""
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.analysis.confidence import confidence_limits
-from fraexp.data.results import FrequencyResponse, Result
+from fraexp.data.results import EXTREMUM_CURVES, Curve, FrequencyResponse, Result
 from fraexp.figures.export.content import (
     Header,
     channel_units,
@@ -21,7 +21,7 @@ from fraexp.figures.export.content import (
 
 
 def write_csv(result: Result, header: Header, path: Path) -> None:
-    """Write a table under comment lines; without a response, one table per curve."""
+    """Write a table under comment lines, resonances among them; without a response, one table per curve."""
     notes = {**header, "outcome": outcome_name(result), "message": result.message}
     lines = [f"# {key}: {one_line(value)}" for key, value in notes.items()]
     lines += [f"# metric {metric.name}: {metric.value!r} {metric.unit}".rstrip() for metric in result.metrics]
@@ -34,13 +34,19 @@ def write_csv(result: Result, header: Header, path: Path) -> None:
         )
         units = zip(("output", "input"), channel_units(response), strict=True)
         lines += [f"# {name}_amplitude: [{unit}]" for name, unit in units if unit]
+        for curve in result.curves:
+            lines += [f"# {line}" for line in _curve_rows(curve)] if curve.name in EXTREMUM_CURVES else []
         lines += _csv_rows(table_columns(response))
     for curve in () if result.response is not None else result.curves:
-        lines.append(f"# curve: {curve.name}")
-        lines += _csv_rows(
-            {_heading(name, curve.units.get(name, "")): values for name, values in curve.columns.items()}
-        )
+        first, *rest = _curve_rows(curve)
+        lines += [f"# {first}", *rest]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _curve_rows(curve: Curve) -> list[str]:
+    """Return a curve's name, its heading and its rows."""
+    columns = {_heading(name, curve.units.get(name, "")): values for name, values in curve.columns.items()}
+    return [f"curve: {curve.name}", *_csv_rows(columns)]
 
 
 def _heading(name: str, unit: str) -> str:

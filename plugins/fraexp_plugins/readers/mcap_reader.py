@@ -1,7 +1,7 @@
 """MCAP logs of robots, through the package mcap."""
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
@@ -21,11 +21,11 @@ MAX_ITEMS = 64
 """Items of a list that become columns."""
 
 
-class McapReader(RecordReader, name="mcap", version=1):
+class McapReader(RecordReader, name="mcap", version=2):
     """An MCAP log; a column is ``topic.field``, such as ``joints.position.1`` for the first joint of ``/joints``.
 
-    Messages in JSON are read, and those of ROS and Protocol Buffers if the package of their decoder is installed
-    (``mcap-ros2-support``, ``mcap-protobuf-support``). Each topic keeps the log times of its messages.
+    Messages of ROS 2, in Protocol Buffers and in JSON are read, those of ROS 1 if the package ``mcap-ros1-support`` is
+    installed. Each topic keeps the log times of its messages.
     """
 
     suffixes = (".mcap",)
@@ -44,8 +44,8 @@ class McapReader(RecordReader, name="mcap", version=1):
         found, skipped = _columns(path)
         if skipped and not found:
             raise RecordError(
-                f"{path.name}: its messages are in {' and '.join(sorted(skipped))}; pip install mcap-ros2-support or "
-                "mcap-protobuf-support, or log them in JSON"
+                f"{path.name}: its messages are in {' and '.join(sorted(skipped))}, for which no decoder is installed; "
+                "pip install 'fraexp[mcap]' brings those of ROS 2 and Protocol Buffers, mcap-ros1-support that of ROS 1"
             )
         return {name: (values.shape, "") for name, (_, values) in found.items()}
 
@@ -98,12 +98,18 @@ def _leaves(content: Any, name: str, depth: int) -> Iterator[tuple[str, float]]:
     """Yield the numbers in a message, by their path from the topic; items of a list count from 1."""
     if isinstance(content, int | float) and not isinstance(content, bool):
         yield name, float(content)
-    elif depth < MAX_DEPTH and isinstance(content, dict):
-        for key, part in content.items():
+    elif depth < MAX_DEPTH and not isinstance(content, str | bytes | bytearray):
+        for key, part in _parts(content):
             yield from _leaves(part, f"{name}.{key}", depth + 1)
-    elif depth < MAX_DEPTH and isinstance(content, list | tuple):
-        for number, part in enumerate(content[:MAX_ITEMS], start=1):
-            yield from _leaves(part, f"{name}.{number}", depth + 1)
-    elif depth < MAX_DEPTH and hasattr(content, "__slots__"):
-        for key in content.__slots__:
-            yield from _leaves(getattr(content, key, None), f"{name}.{key.lstrip('_')}", depth + 1)
+
+
+def _parts(content: Any) -> Iterator[tuple[str, Any]]:
+    """Yield the parts of a message by name: of JSON, a list, Protocol Buffers, or ROS."""
+    if isinstance(content, Mapping):
+        yield from content.items()
+    elif isinstance(content, Sequence):  # also arrays of ROS, and repeated fields of Protocol Buffers
+        yield from ((str(number), part) for number, part in enumerate(content[:MAX_ITEMS], start=1))
+    elif hasattr(content, "DESCRIPTOR"):
+        yield from ((field.name, getattr(content, field.name)) for field in content.DESCRIPTOR.fields)
+    elif hasattr(content, "__slots__"):
+        yield from ((key.lstrip("_"), getattr(content, key, None)) for key in content.__slots__)

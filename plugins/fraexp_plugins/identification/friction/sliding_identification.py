@@ -1,8 +1,6 @@
 """Mass, Coulomb, viscous and constant friction of a sliding machine, by linear least squares."""
 
-import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -22,9 +20,16 @@ from fraexp_plugins.identification.friction._shared.friction_regression import (
     Observation,
     long_run_variance,
     misfit_variance,
-    pseudo_inverse,
 )
 from fraexp_plugins.identification.friction._shared.friction_report import has_model_error
+from fraexp_plugins.identification.friction._shared.position_force import Regression, Waves, regress
+from fraexp_plugins.identification.friction._shared.sliding_rows import (
+    MIN_ROWS,
+    SlidingRows,
+    disturbed_start,
+    least_squares,
+    rows_after,
+)
 
 TERMS = {
     "mass": "kg",
@@ -34,14 +39,16 @@ TERMS = {
     "viscous asymmetry": "N s/m",
 }
 """Identified terms in this order, with their units."""
+HELD, EVEN = 0.0, 0.5
+"""Samples by which a thrust arrives earlier than a held one: one that is held, and one that is not."""
+MAX_REMAINING_RATIO = 0.7
+"""Error with a force along the stroke over the one without, up to which that force is fitted."""
 MIN_SPEED_RATIO = 0.03
 """Slowest over fast sliding, if the study does not give it."""
 MIN_STEPS_PER_SAMPLE = 4.0
 """Quantisation steps per sample in the slowest sliding: with fewer steps its direction is uncertain."""
 MAX_STANDSTILL_WEIGHT = 1e-3
 """Weight of standstill in a row's low-pass up to which the row counts as sliding."""
-MIN_ROWS = 40
-"""Rows needed in each direction."""
 MIN_MIXED_FRACTION = 0.1
 """Distance from both the held and the interpolated thrust from which a thrust is neither."""
 MIN_VARIANCE = 1e-300
@@ -50,38 +57,12 @@ UNKNOWN_THRUST = (
     "the thrust between samples is unknown: neither a hold (zero_order_hold) nor its absence fits, as in a record with "
     "fewer samples than its controller; the intervals are widened: record every sample of the controller"
 )
-START_FRACTIONS = 0.0, 1 / 64, 1 / 32, 1 / 16, 1 / 8, 1 / 4
-"""Parts of a record between which its start may end; the rest of it is fitted."""
-MIN_START_RATIO, MIN_NEXT_RATIO = 4.0, 2.0
-"""Residual in a part over that in the rest, root mean squares, from which the start is disturbed, and a next part."""
-MIN_START_ERROR = 1e-3
-"""Residual in the start over the thrust, root mean squares, up to which it may be rounding."""
-MIN_START_ROWS = 5
-"""Rows of a start of which the residual tells something."""
 MIN_SPEED_SPREAD = 1.5
 """Fast over slow sliding from which viscous and Coulomb friction are separated."""
 
 
-@dataclass(frozen=True)
-class _Sliding:
-    """The rows of a record in which the machine slides."""
-
-    columns: NDArray[np.float64]
-    """Shape (rows, p)."""
-    force: NDArray[np.float64]
-    """Shape (rows,) [N]."""
-    velocity: NDArray[np.float64]
-    """Shape (rows,) [m/s]."""
-    time: NDArray[np.float64]
-    """Time from the record's begin to the first sample that a row contains [s], shape (rows,)."""
-
-    def rows(self, chosen: NDArray[np.bool_]) -> "_Sliding":
-        """Return some of the rows."""
-        return _Sliding(self.columns[chosen], self.force[chosen], self.velocity[chosen], self.time[chosen])
-
-
 class _Solution(NamedTuple):
-    """The least squares over all records: rows as in `_Sliding`, and their solution."""
+    """The least squares over all records: rows as in `SlidingRows`, and their solution."""
 
     columns: NDArray[np.float64]
     force: NDArray[np.float64]
@@ -90,13 +71,31 @@ class _Solution(NamedTuple):
     """Residuals of each record [N]."""
     values: NDArray[np.float64]
     """Values of TERMS, shape (p,)."""
-    covariance: NDArray[np.float64]
-    """Shape (p, p)."""
+    inverse: NDArray[np.float64]
+    """Covariance of the values over the variance of the residuals, shape (p, p)."""
+    variance: float
+    """Variance of the residuals times their correlation time in rows [N²]."""
+    white_variance: float
+    """The same if the residuals are white but for the low-pass [N²]: it gives the Cramér-Rao bound."""
     error: float
     """Root mean square residual [N]."""
+    stroke_force: float = 0.0
+    """Root mean square force that depends on the position [N]; 0 if none is fitted."""
 
 
-class SlidingIdentification(Estimator, name="sliding_identification", version=4):
+class _Task(NamedTuple):
+    """What is solved: records, and which of their rows."""
+
+    records: Sequence[FrictionRecord]
+    min_sliding_speed: float
+    """Speed from which the machine slides [m/s]."""
+    skipped: float = 0.0
+    """Start of the records that is left out [s]."""
+    waves: Waves | None = None
+    """Waves of a force along the stroke that is fitted too."""
+
+
+class SlidingIdentification(Estimator, name="sliding_identification", version=5):
     """u = M a + F_c sgn(v) + D_v v + F_o (+ D_a |v|) by least squares over the time in which the machine slides.
 
     Any motion in both directions and at several speeds is suitable: moves from point to point, a triangle with sines.
@@ -105,6 +104,12 @@ class SlidingIdentification(Estimator, name="sliding_identification", version=4)
     9(12), 2001 (inverse model and parallel filtering), doi:10.1016/S0967-0661(01)00087-9. The intervals include the
     correlation of the residuals (A. D. Sokal, 1997). A start of the records, up to a quarter of them, that the model of
     the rest does not explain is left out, and the message says so.
+
+    If the terms leave more than noise explains, a force along the stroke, such as cogging or the ripple of a screw, is
+    fitted beside them, one for both directions and one with the sign of the motion; it stays if it explains most of the
+    rest. The metric 'Cramér-Rao bound' is the least 95 % interval of the viscous coefficient that an unbiased estimator
+    has with residuals of that size. An interval near it leaves nothing of the record unused: only another record
+    (longer, faster, less noise) can narrow it.
 
     A mode at f1 adds its part of (max_frequency/f1)² to the mass: set `max_frequency` to a tenth of f1. Half the
     difference of the Coulomb forces of the two directions is part of the offset. Do not use it for motions of the size
@@ -142,85 +147,124 @@ class SlidingIdentification(Estimator, name="sliding_identification", version=4)
     def estimate(self, signals: Signals) -> Result:
         """Return mass, forces and coefficients with 95 % intervals, the forces over velocity, and a Coulomb model."""
         records = friction_records(signals, self.displacement, self.thrust, self.acceleration)
-        min_sliding_speed = self.min_sliding_speed or _min_sliding_speed(records)
-        early = {True: 0.0, False: 0.5}  # samples by which the thrust arrives earlier than a held one
-        sliding = {hold: self._sliding_rows(records, min_sliding_speed, part) for hold, part in early.items()}
+        task = _Task(records, self.min_sliding_speed or _min_sliding_speed(records))
         duration = min(record.displacement.size * record.sample_time for record in records)
-        start = _disturbed_start(list(sliding.values()), duration)
-        solutions = {
-            hold: self._solve(records, _after(rows, start.duration), min_sliding_speed)
-            for hold, rows in sliding.items()
-        }
+        start = disturbed_start([self._rows(task, early) for early in (HELD, EVEN)], duration)
+        task = task._replace(skipped=start.duration)
+        solutions = self._solutions(task)
+        if self._has_model_error(task, min(solutions.values(), key=lambda solution: solution.error)):
+            task, solutions = self._beside_waves(task, solutions)
         zero_order_hold, remarks = detect_zero_order_hold(
             signals, self.zero_order_hold, lambda zero_order_hold: solutions[zero_order_hold].error
         )
         chosen, other = solutions[zero_order_hold], solutions[not zero_order_hold]
-        values, covariance, error = chosen.values, chosen.covariance, chosen.error
-        noise = self._observation(records[0], early[zero_order_hold]).noise(records[0], max(values[0], 0.0))
+        values, covariance = chosen.values, chosen.inverse * chosen.variance
         if values[0] <= 0 or values[1] <= 0:
             raise RecordError(
                 f"the mass is {values[0]:.3g} kg and the Coulomb force {values[1]:.3g} N; expected both above 0: check "
                 "signs and gains of the channels, the dead times and max_frequency"
             )
-        if has_model_error(values[1], error, noise):
-            correlated = self._variance(records, chosen.residuals)
-            covariance = covariance * max(misfit_variance(chosen.force.size, values.size, error) / correlated, 1.0)
+        if self._has_model_error(task, chosen):
+            misfit = misfit_variance(chosen.force.size, values.size, chosen.error)
+            covariance = chosen.inverse * max(misfit, chosen.variance)
         elif not signals.numerics:
-            middle_rows = self._sliding_rows(records, min_sliding_speed, (early[True] + early[False]) / 2)
-            middle = self._solve(records, _after(middle_rows, start.duration), min_sliding_speed)
-            fraction = _hold_fraction(chosen, other, middle)
+            fraction = _hold_fraction(chosen, other, self._solve(task, (HELD + EVEN) / 2))
             error_by_hold = fraction * (other.values - values)
             covariance = covariance + np.outer(error_by_hold, error_by_hold)
             if MIN_MIXED_FRACTION < fraction < 1 - MIN_MIXED_FRACTION:
                 remarks = [UNKNOWN_THRUST]
         return Result(
             signals.outcome,
-            "; ".join([*filter(None, (signals.message, start.remark)), *remarks, *_remarks(error, noise, values)]),
-            metrics=_metrics(values, covariance, error, chosen.columns),
+            "; ".join(
+                [*filter(None, (signals.message, start.remark)), *remarks, *_remarks(chosen, self._noise(task, chosen))]
+            ),
+            metrics=_metrics(chosen, covariance),
             curves=(_curve(chosen),),
             fits=(_fit(values, covariance),),
         )
 
-    def _sliding_rows(
-        self, records: Sequence[FrictionRecord], min_sliding_speed: float, early: float
-    ) -> list[_Sliding]:
-        return [self._sliding(record, min_sliding_speed, early) for record in records]
+    def _solutions(self, task: _Task) -> dict[bool, _Solution]:
+        """Return the solution for a held thrust, and for one that is not."""
+        return {True: self._solve(task, HELD), False: self._solve(task, EVEN)}
 
-    def _solve(
-        self, records: Sequence[FrictionRecord], found: Sequence[_Sliding], min_sliding_speed: float
-    ) -> _Solution:
+    def _beside_waves(self, task: _Task, plain: dict[bool, _Solution]) -> tuple[_Task, dict[bool, _Solution]]:
+        """Return task and solutions with a force along the stroke if it explains most of the error, or as they are."""
+        beside = task._replace(waves=Waves.along(task.records))
+        solutions = self._solutions(beside)
+        errors = [min(solution.error for solution in each.values()) for each in (solutions, plain)]
+        return (beside, solutions) if errors[0] < MAX_REMAINING_RATIO * errors[1] else (task, plain)
+
+    def _has_model_error(self, task: _Task, solution: _Solution) -> bool:
+        return has_model_error(solution.values[1], solution.error, self._noise(task, solution))
+
+    def _noise(self, task: _Task, solution: _Solution) -> float:
+        """Return the error of a row [N] by white noise of the channels."""
+        return self._observation(task.records[0], HELD).noise(task.records[0], max(solution.values[0], 0.0))
+
+    def _rows(self, task: _Task, early: float) -> list[SlidingRows]:
+        found = [self._sliding(record, task.min_sliding_speed, early) for record in task.records]
+        return rows_after(found, task.skipped)
+
+    def _solve(self, task: _Task, early: float) -> _Solution:
+        """Return the solution for a thrust that arrives so many samples earlier than a held one."""
+        found = self._rows(task, early)
         columns, force = np.concatenate([f.columns for f in found]), np.concatenate([f.force for f in found])
         velocity = np.concatenate([f.velocity for f in found])
-        _check(velocity, min_sliding_speed)
-        values, inverse = _least_squares(columns, force)
-        residuals = [f.force - f.columns @ values for f in found]
-        covariance = inverse * self._variance(records, residuals)
-        error = float(np.sqrt(np.add.reduce(np.concatenate(residuals) ** 2) / force.size))
-        return _Solution(columns, force, velocity, residuals, values, covariance, error)
+        _check(velocity, task.min_sliding_speed)
+        if task.waves:
+            waves = [self._wave_columns(*pair, task.waves, early) for pair in zip(task.records, found, strict=True)]
+            fit = regress(columns, np.concatenate(waves), force, 1 / self._rows_per_noise(task))
+        else:
+            fit = Regression(*least_squares(columns, force), np.zeros_like(force), 0.0)
+        remainders = np.split(force - fit.force, np.cumsum([f.force.size for f in found])[:-1])
+        residuals = [rest - f.columns @ fit.values for rest, f in zip(remainders, found, strict=True)]
+        count = columns.shape[1] + fit.waves * self._rows_per_noise(task)
+        white = self._white_variance(task, residuals, count)
+        return _Solution(
+            columns,
+            force - fit.force,
+            velocity,
+            residuals,
+            fit.values,
+            inverse=fit.inverse,
+            variance=max(long_run_variance(residuals, count), white),
+            white_variance=white,
+            error=_root_mean_square(residuals),
+            stroke_force=float(np.std(fit.force)),
+        )
 
-    def _variance(self, records: Sequence[FrictionRecord], residuals: Sequence[NDArray[np.float64]]) -> float:
-        """Return the variance of the residuals [N²] times their correlation time in rows."""
-        count = len(TERMS) if self.fit_asymmetry else len(TERMS) - 1
-        return max(long_run_variance(residuals, count), self._filtered_variance(records[0], residuals), MIN_VARIANCE)
+    def _wave_columns(
+        self, record: FrictionRecord, found: SlidingRows, waves: Waves, early: float
+    ) -> NDArray[np.float64]:
+        """Return the columns of a force along the stroke in the rows of a record, shape (rows, q)."""
+        observation = self._observation(record, early)
+        return np.concatenate(
+            [observation.friction(record, wave[:, None])[found.row] for wave in waves.columns(record)], axis=1
+        )
+
+    def _white_variance(self, task: _Task, residuals: Sequence[NDArray[np.float64]], parameters: float) -> float:
+        """Return the variance of the residuals [N²] times the rows over which the low-pass correlates white noise."""
+        size = sum(each.size for each in residuals)
+        squared = _root_mean_square(residuals) ** 2 * size
+        return max(squared / max(size - parameters, 1.0) * self._rows_per_noise(task), MIN_VARIANCE)
 
     def _observation(self, record: FrictionRecord, early: float) -> Observation:
         """Return the observation of a thrust that arrives so many samples earlier than a held one."""
         delay = self.input_dead_time + self.output_dead_time - early * record.sample_time
         return Observation(inertia=True, delay=delay, max_frequency=self.max_frequency)
 
-    def _filtered_variance(self, record: FrictionRecord, residuals: Sequence[NDArray[np.float64]]) -> float:
-        """Return the variance of the residuals [N²] times their correlation time in rows by the low-pass.
+    def _rows_per_noise(self, task: _Task) -> float:
+        """Return over how many rows the low-pass correlates white noise.
 
         White noise after a Gaussian of standard deviation s is correlated over 2 √π s. Rows that a standstill separates
         do not show this correlation.
         """
+        record = task.records[0]
         std = np.sqrt(np.log(2)) / (2 * np.pi * self.max_frequency)
-        first, second = Observation(inertia=True, max_frequency=self.max_frequency).rows(record, 0)[:2]
-        squares = np.concatenate(residuals) ** 2
-        mean_square = float(np.add.reduce(squares)) / squares.size
-        return mean_square * max(2 * np.sqrt(np.pi) * std / ((second - first) * record.sample_time), 1.0)
+        first, second = self._observation(record, HELD).rows(record, 0)[:2]
+        return float(max(2 * np.sqrt(np.pi) * std / ((second - first) * record.sample_time), 1.0))
 
-    def _sliding(self, record: FrictionRecord, min_sliding_speed: float, early: float) -> _Sliding:
+    def _sliding(self, record: FrictionRecord, min_sliding_speed: float, early: float) -> SlidingRows:
         observation = self._observation(record, early)
         v = record.velocity()
         excluded = (np.abs(v) < min_sliding_speed) | (
@@ -235,68 +279,12 @@ class SlidingIdentification(Estimator, name="sliding_identification", version=4)
         velocity = observation.friction(record, v[:, None])[:, 0]
         samples = observation.rows(record, 0)
         time = (samples - samples[0]) * record.sample_time
-        return _Sliding(columns, observation.force(record)[:, 0], velocity, time).rows(sliding)
+        row = np.arange(samples.size)
+        return SlidingRows(columns, observation.force(record)[:, 0], velocity, time, row).select(sliding)
 
 
-class _Start(NamedTuple):
-    """The beginning of the records that is left out."""
-
-    duration: float
-    """Its duration [s]."""
-    remark: str
-
-
-def _least_squares(
-    columns: NDArray[np.float64], force: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the coefficients of the columns, shape (p,), and (AᵀA)⁻¹, shape (p, p)."""
-    scale = np.sqrt(np.add.reduce(columns**2, axis=0) / len(columns))
-    root = pseudo_inverse(columns / scale)
-    return root @ (root.T @ ((columns / scale).T @ force)) / scale, (root @ root.T) / np.outer(scale, scale)
-
-
-def _after(found: Sequence[_Sliding], time: float) -> list[_Sliding]:
-    """Return the rows that contain no sample before a time [s]."""
-    return [each.rows(each.time >= time) for each in found]
-
-
-def _disturbed_start(assumptions: Sequence[Sequence[_Sliding]], duration: float) -> _Start:
-    """Return the beginning of the records that the model of the rest does not explain; 0 s if it explains all.
-
-    After a jump of the reference, a transient of the drive or of a mode, the beginning differs from the rest. The rows
-    come once for each of several assumptions on the thrust, of which the one counts that fits better. One part more is
-    left out than differs clearly, because such a transient decays.
-    """
-    limits = duration * np.array(START_FRACTIONS)
-    rest, ratios = min((_start_ratios(rows, limits) for rows in assumptions), key=lambda found: found[0])
-    if not np.isfinite(rest) or max(ratios) < MIN_START_RATIO:
-        return _Start(0.0, "")
-    last = int(np.flatnonzero(np.array(ratios) > MIN_NEXT_RATIO)[-1])
-    end = float(limits[min(last + 2, limits.size - 1)])
-    return _Start(
-        end,
-        f"the first {end:.3g} s are left out, because their error is up to {max(ratios):.2g} times that of the rest, "
-        "as after a jump of the reference; to choose that time yourself set skip_time in [record] (--skip-time)",
-    )
-
-
-def _start_ratios(found: Sequence[_Sliding], limits: NDArray[np.float64]) -> tuple[float, list[float]]:
-    """Return the root mean square residual [N] after the last limit [s], and those between the limits over it."""
-    rest = _after(found, float(limits[-1]))
-    columns, force = np.concatenate([f.columns for f in rest]), np.concatenate([f.force for f in rest])
-    if min(np.sum(columns[:, 1] > 0), np.sum(columns[:, 1] < 0)) < MIN_ROWS:
-        return np.inf, [0.0]
-    values, _ = _least_squares(columns, force)
-    error = _root_mean_square(force - columns @ values)
-    time = np.concatenate([f.time for f in found])
-    residual = np.concatenate([f.force - f.columns @ values for f in found])
-    parts = [residual[(time >= low) & (time < high)] for low, high in itertools.pairwise(limits)]
-    sizes = [_root_mean_square(part) if part.size >= MIN_START_ROWS else 0.0 for part in parts]
-    least = MIN_START_ERROR * _root_mean_square(force)
-    return error, [size / error if size > least and error else 0.0 for size in sizes]
-
-
-def _root_mean_square(values: NDArray[np.float64]) -> float:
+def _root_mean_square(residuals: Sequence[NDArray[np.float64]]) -> float:
+    values = np.concatenate(residuals)
     return float(np.sqrt(np.add.reduce(values**2) / values.size))
 
 
@@ -338,29 +326,39 @@ def _hold_fraction(chosen: _Solution, other: _Solution, middle: _Solution) -> fl
     return float(np.clip((3 * first - 4 * half + last) / (4 * curvature), 0, 1)) if curvature > 0 else 0.5
 
 
-def _remarks(error: float, noise: float, values: NDArray[np.float64]) -> list[str]:
-    if values[2] < 0:
+def _remarks(solution: _Solution, noise: float) -> list[str]:
+    error, coulomb = solution.error, solution.values[1]
+    if solution.values[2] < 0:
         return [
             "friction falls with the velocity: a Stribeck effect or a wrong dead time; fit a law with a Stribeck effect"
         ]
-    if not has_model_error(values[1], error, noise):
-        return []
-    return [
-        f"the error is {error / values[1]:.0%} of the Coulomb force, of which noise explains {noise / values[1]:.1g}: "
-        "the intervals are widened, but may not cover the true values; possible causes: another force, a Stribeck "
-        "effect, a mode below ten times max_frequency, a position that was not measured, or a wrong gain or dead time; "
-        "see the curve 'force over velocity'"
-    ]
+    found = []
+    if solution.stroke_force:
+        found.append(
+            f"a force along the stroke of {solution.stroke_force:.2g} N rms, such as cogging or the ripple of a screw, "
+            "is fitted too; the offset contains its mean"
+        )
+    if has_model_error(coulomb, error, noise):
+        found.append(
+            f"the error is {error / coulomb:.0%} of the Coulomb force, of which noise explains {noise / coulomb:.1g}: "
+            "the intervals are widened, but may not cover the true values; possible causes: another force, a Stribeck "
+            "effect, a mode below ten times max_frequency, a position that was not measured, or a wrong gain or dead "
+            "time; see the curve 'force over velocity'"
+        )
+    return found
 
 
-def _metrics(
-    values: NDArray[np.float64], covariance: NDArray[np.float64], error: float, columns: NDArray[np.float64]
-) -> tuple[Metric, ...]:
-    half_widths = NORMAL_QUANTILE * np.sqrt(np.diag(covariance))
+def _metrics(solution: _Solution, covariance: NDArray[np.float64]) -> tuple[Metric, ...]:
+    half_widths, bounds = (
+        NORMAL_QUANTILE * np.sqrt(np.diag(each)) for each in (covariance, solution.inverse * solution.white_variance)
+    )
     found: list[Metric] = []
-    for (name, unit), value, half in zip(TERMS.items(), values, half_widths, strict=False):  # offset last
+    for (name, unit), value, half in zip(TERMS.items(), solution.values, half_widths, strict=False):  # offset last
         found += [Metric(name, float(value), unit), Metric(f"{name}, 95 %", float(half), unit)]
-    return (*found, Metric("rms error", error, "N"), Metric("rows", float(len(columns)), "1"))
+    bound = Metric("viscous coefficient, 95 %, Cramér-Rao bound", float(bounds[2]), TERMS["viscous coefficient"])
+    along = [Metric("force along the stroke, rms", solution.stroke_force, "N")] if solution.stroke_force else []
+    rows = Metric("rows", float(len(solution.columns)), "1")
+    return (*found, bound, *along, Metric("rms error", solution.error, "N"), rows)
 
 
 def _curve(solution: _Solution) -> Curve:

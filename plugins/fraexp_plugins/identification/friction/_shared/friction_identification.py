@@ -40,9 +40,10 @@ MIN_SPEED_RATIO = 1.5
 """Fast over slow sliding from which viscous and Coulomb friction are separated."""
 STANDSTILL_SPEED_RATIO = 0.3
 """Speed over that of sliding below which the machine turns: a jump of friction looks like inertia there."""
-MIN_THRESHOLD_STEPS, MAX_THRESHOLD_SPAN = 0.5, 300.0
+MIN_THRESHOLD_STEPS, MAX_THRESHOLD_SPAN, MAX_SEARCH_SPAN = 0.5, 300.0, 1e5
 """Smallest threshold in quantisation steps (below one step an element acts as Coulomb friction), and the ratio of the
-largest to the smallest threshold."""
+largest to the smallest threshold, and that while the end of the virgin curve is searched: a drive's stroke is thousands
+of times its presliding deflection."""
 MIN_DEFLECTION_STEPS = 10.0
 """Quantisation steps that the presliding deflection should have."""
 MIN_REVERSALS = 3
@@ -227,13 +228,19 @@ class FrictionIdentification(Estimator, ABC):
                 f"{self.max_threshold:g} m"
             )
 
-    def task(self, signals: Signals) -> IdentificationTask:
-        """Return the identification task of the signals; RecordError if they do not suffice."""
+    def task(
+        self, signals: Signals, max_threshold: float | None = None, span: float = MAX_THRESHOLD_SPAN
+    ) -> IdentificationTask:
+        """Return the identification task of the signals; RecordError if they do not suffice.
+
+        Thresholds that the study does not give end at `max_threshold` [m], or at a part of the stroke, and begin at
+        the `span`-th part of that.
+        """
         records = tuple(friction_records(signals, self.displacement, self.thrust or self.force, self.acceleration))
         if not any(np.ptp(record.force) for record in records):
             raise RecordError(f"'{self.thrust or self.force}' does not vary; expected the friction force")
         resolution = self.resolution or quantisation_step(list(records))
-        thresholds = self._grid(records, resolution)
+        thresholds = self._grid(records, resolution, max_threshold, span)
         terms, speed, remarks = self._terms(records, float(thresholds.max()))
         cycles = np.unique(np.concatenate([record.cycle for record in records]))
         every = round(1 / self.holdout_fraction) if self.holdout_fraction else 0
@@ -279,32 +286,24 @@ class FrictionIdentification(Estimator, ABC):
         return Observation(bool(self.thrust), delay - (0.0 if zero_order_hold else sample_time / 2), self.max_frequency)
 
     def _grid(
-        self, records: Sequence[FrictionRecord], resolution: float, max_threshold: float | None = None
+        self, records: Sequence[FrictionRecord], resolution: float, max_threshold: float | None, span: float
     ) -> NDArray[np.float64]:
         """Return the thresholds [m]: those given, or a grid up to `max_threshold`, limited by encoder and study."""
         if self.thresholds:
             return np.array(self.thresholds)
         stroke = max(float(np.ptp(record.displacement)) for record in records)
-        max_threshold = self.max_threshold or max_threshold or MAX_THRESHOLD_RATIO * stroke
-        min_threshold = self.min_threshold or min(
-            max(MIN_THRESHOLD_STEPS * resolution, max_threshold / MAX_THRESHOLD_SPAN), max_threshold / 2
-        )
-        if min_threshold >= max_threshold:
+        widest = self.max_threshold or max_threshold or MAX_THRESHOLD_RATIO * stroke
+        min_threshold = self.min_threshold or min(max(MIN_THRESHOLD_STEPS * resolution, widest / span), widest / 2)
+        if min_threshold >= widest:
             raise RecordError(
                 f"the motion's stroke is {stroke:.3g} m; expected more than twice the smallest threshold, "
                 f"{min_threshold:.3g} m"
             )
         return (
-            np.geomspace(min_threshold, max_threshold, self.threshold_count)
+            np.geomspace(min_threshold, widest, self.threshold_count)
             if self.threshold_count > 1
-            else np.array([max_threshold])
+            else np.array([widest])
         )
-
-    def with_smaller_grid(self, task: IdentificationTask, max_threshold: float) -> IdentificationTask:
-        """Return the task with a grid that ends at `max_threshold` [m], unless the study fixes its range."""
-        if self.thresholds or self.max_threshold or max_threshold >= task.thresholds[-1]:
-            return task
-        return replace(task, thresholds=self._grid(task.records, task.resolution, max_threshold))
 
     def _terms(
         self, records: Sequence[FrictionRecord], max_threshold: float

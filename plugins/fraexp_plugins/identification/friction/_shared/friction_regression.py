@@ -241,7 +241,7 @@ def pseudo_inverse(columns: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.linalg.pinv(np.asarray(np.linalg.qr(columns, mode="r")), rcond=MIN_SINGULAR_VALUE))
 
 
-def long_run_variance(residuals: Sequence[NDArray[np.float64]], parameters: int) -> float:
+def long_run_variance(residuals: Sequence[NDArray[np.float64]], parameters: float) -> float:
     """Return the variance of the residuals [N²] times their correlation time in samples, for slowly varying columns."""
     count = sum(each.size for each in residuals)
     squared = sum(float(np.add.reduce(each**2)) for each in residuals)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from fraexp.api import RecordError, Signals, param
 from fraexp_plugins.identification.friction._shared.friction_identification import (
+    MAX_SEARCH_SPAN,
     FrictionIdentification,
     IdentificationTask,
 )
@@ -61,19 +62,20 @@ class GridIdentification(FrictionIdentification, ABC):
         covariance = _covariance(rows, task, fitted, coefficients, basis)
         return _elements(task, coefficients, covariance), rows, coefficients
 
-    def focused_task(self, signals: Signals) -> IdentificationTask:
+    def focused_task(self, signals: Signals, *, spring_remarks: bool = True) -> IdentificationTask:
         """Return the task with a grid that ends at the end of the virgin curve, which a wide motion hardly resolves."""
-        task = self.task(signals)
+        task = self.task(signals, span=MAX_SEARCH_SPAN)
         if self.thresholds:
             return task
         rows = task.rows(task.thresholds)
         coefficients = CompressedRows(rows, task.cycles).solve(np.ones(rows[0].columns.shape[1], dtype=bool))
-        remarks = (*task.remarks, *_spring_remarks(rows, task, coefficients))
+        remarks = _spring_remarks(rows, task, coefficients)
         force = coefficients[len(task.terms) :] * task.thresholds
         _check_found(force)
         reached = np.searchsorted(np.cumsum(force), CURVE_END_FORCE * force.sum())
-        task = replace(task, remarks=remarks)
-        return self.with_smaller_grid(task, GRID_MARGIN * float(task.thresholds[min(reached, force.size - 1)]))
+        end = GRID_MARGIN * float(task.thresholds[min(reached, force.size - 1)])
+        focused = self.task(signals, min(end, float(task.thresholds[-1])))
+        return replace(focused, remarks=(*focused.remarks, *(remarks if spring_remarks else ())))
 
 
 def _with_neighbours(kept: NDArray[np.bool_], count: int) -> NDArray[np.bool_]:

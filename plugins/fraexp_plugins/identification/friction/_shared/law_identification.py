@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -75,7 +75,7 @@ class LawIdentification(GridIdentification, ABC):
     def estimate(self, signals: Signals) -> Result:
         """Return the law's parameters, errors, forces and the fit."""
         # the law itself shows a spring or a Stribeck effect: no remarks on their effect on the elements
-        task = replace(self.focused_task(signals), remarks=self.task(signals).remarks)
+        task = self.focused_task(signals, spring_remarks=False)
         if "viscous" not in task.terms and task.viscous is None:
             raise RecordError(
                 f"{self.name}: all sliding is at one speed, so the dependence of friction on the velocity is not "
