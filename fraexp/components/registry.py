@@ -19,8 +19,8 @@ import pydantic
 
 import fraexp
 from fraexp.components.kinds import KINDS, Component, nested_kind
-from fraexp.components.local_file import failed_classes, load_file, loaded_source_hash
-from fraexp.components.parameters import Parameters, inherited_from
+from fraexp.components.local_file import DROP_IN, failed_classes, load_file, loaded_source_hash
+from fraexp.components.parameters import Parameters, example_call, inherited_from
 from fraexp.components.position_dependence import positioned_class
 from fraexp.components.providers import Provider, Providers
 from fraexp.data.identity import FileStamp, file_stamps
@@ -116,7 +116,8 @@ class Registry:
         if (kind, name) in self.clashes:
             raise PluginError(self.clashes[kind, name])
         if provider is None:
-            raise PluginError(f"no {kind} is called '{name}'{self.missing_name_remedy(name, self.names(kind))}")
+            remedy = _session_remedy(kind, name) or self.missing_name_remedy(name, self.names(kind))
+            raise PluginError(f"no {kind} is called '{name}'{remedy}")
         return provider
 
     def missing_name_remedy(self, name: str, options: Iterable[str]) -> str:
@@ -193,6 +194,15 @@ class Registry:
             elif nested is not None and isinstance(values.get(key), list | tuple):
                 values[key] = tuple(self._create(nested.kind, part, environment) for part in values[key])
         return values
+
+
+def _session_remedy(kind: str, name: str) -> str:
+    """Return what to do about the name of a class that was defined interactively; empty if there is none."""
+    classes = [of for of in KINDS if of.kind == kind]
+    for cls in classes:  # the list grows while it is read
+        classes += cls.__subclasses__()
+    found = [of for of in classes if of.name == name and not of.__module__.startswith(DROP_IN)]
+    return f"; the class {found[-1].__name__} of this session is: give {example_call(found[-1])}" if found else ""
 
 
 def _preset(cls: type[Component], name: Any) -> Mapping[str, Any]:

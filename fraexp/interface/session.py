@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from fraexp.components.kinds import KINDS, Component, FrictionModel
+from fraexp.components.parameters import example_call
 from fraexp.components.registry import SESSION, create
 from fraexp.errors import FraexpError, ParameterError, StudyError, did_you_mean
 from fraexp.execution.executors import ResourceLimits
@@ -13,6 +14,7 @@ from fraexp.interface.argument_checks import require_mapping, require_path, requ
 from fraexp.interface.callable_law import FrictionLaw
 from fraexp.interface.local_plugins import refresh_plugins, reload_plugins
 from fraexp.interface.overrides import override_texts
+from fraexp.interface.proposed_channels import missing_channels
 from fraexp.interface.recordings import Recording
 from fraexp.interface.result_sets import Results, Run
 from fraexp.interface.run_monitor import follow_run
@@ -199,6 +201,10 @@ class Workspace:
     def friction_law(self, name: str, **parameters: object) -> FrictionLaw:
         """Return a friction law by name with its parameters, such as ``stiffness="17 N/µm"``, to be called."""
         refresh_plugins(self._service)
+        if isinstance(name, type) and issubclass(name, FrictionModel):
+            raise ParameterError(f"name is the class {name.__name__}; expected FrictionLaw({example_call(name)})")
+        if isinstance(name, FrictionModel):
+            raise ParameterError(f"name is a {type(name).__name__}; expected FrictionLaw(...) around it")
         spec = component_spec({"name": require_text(name, "name"), **parameters})
         return FrictionLaw(create(self._service.registry, FrictionModel, spec))
 
@@ -230,7 +236,7 @@ class Workspace:
         return direct_computation.record_signals(sweep.experiment, {}, self._service)
 
     def read_record(
-        self, file: str | Path | Sequence[str | Path], channels: Mapping[str, Any], **keys: Any
+        self, file: str | Path | Sequence[str | Path], channels: Mapping[str, Any] | None = None, **keys: Any
     ) -> Recording:
         """Return the signals of a measured record, without a database.
 
@@ -240,7 +246,8 @@ class Workspace:
             A file, or one for each realisation.
         channels
             Column of each channel by its name, such as ``{"u": "Torque[Nm]", "y": "Position"}``, or its
-            settings. The input is called u and the output y, unless an estimator is told otherwise.
+            settings. The input is called u and the output y, unless an estimator is told otherwise. Without it, the
+            error proposes channels.
         keys
             Other keys of the section ``[record]``, such as ``sample_rate=2000.0`` or ``samples_per_period=4096``.
         """
@@ -248,9 +255,11 @@ class Workspace:
         if not given:
             raise ParameterError("read_record: there is no file; expected one at least")
         files = [str(require_path(one, "file")) for one in given]
+        refresh_plugins(self._service)
+        if channels is None:
+            raise missing_channels(Path(files[0]), self._service.registry)
         columns = dict(require_mapping(channels, "channels", '{"u": "iq [A]", "y": "pos [mm]"}'))
         section = {"file": files if len(files) > 1 else files[0], "channels": columns, **keys}
-        refresh_plugins(self._service)
         settings = RecordSettings.parse(component_spec(section), "record")
         experiment, paths = resolve_record(settings, Path(), self._service.registry)
         return direct_computation.record_signals(experiment, paths, self._service)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from fraexp.components.kinds import Component
+from fraexp.components.parameters import example_call
 from fraexp.components.registry import Registry
 from fraexp.data import toml
 from fraexp.errors import FraexpError, StudyError
@@ -112,6 +113,8 @@ class Study:
 def plain_value(value: Any) -> Any:
     """Return a Python value as TOML has it: numpy's numbers and arrays, tuples, paths and components are converted."""
     match value:
+        case type() if issubclass(value, Component):
+            raise StudyError(f"found the class {value.__name__}; expected an object: {example_call(value)}")
         case FrictionLaw() | Component():
             return (value.model if isinstance(value, FrictionLaw) else value).spec()
         case _ if hasattr(value, "__array__"):  # arrays and numbers of numpy, pandas and xarray
@@ -151,7 +154,10 @@ def component_spec(value: Any) -> dict[str, Any]:
     if isinstance(plain, str):
         return {"name": plain}
     if not isinstance(plain, dict):
-        raise StudyError(f"found {value!r:.60}; expected one component: its name, a table with its name, or an object")
+        several = "; call it for each of them, or vary them in the grid of a Study" if isinstance(plain, list) else ""
+        raise StudyError(
+            f"found {value!r:.60}; expected one component: its name, a table with its name, or an object{several}"
+        )
     return plain
 
 

@@ -99,6 +99,7 @@ def explain_compiler_errors(*laws: Law) -> Iterator[None]:
     except Exception as error:  # the compiler raises errors of many kinds
         message = TERMINAL_CODE.sub("", str(error))
         cause = _error_cause([line.strip() for line in message.splitlines() if line.strip()] or [type(error).__name__])
+        cause += "".join(_unsupported_uses(laws))
         raise LawError(f"{names} ({_error_place(message, laws)}) cannot be compiled: {cause}") from None
 
 
@@ -114,6 +115,16 @@ def _error_cause(lines: list[str]) -> str:
     if lines[at].endswith("found for signature:") and at + 1 < len(lines):  # the signature is in the line after it
         return f"there is no implementation of {lines[at + 1].removeprefix('>>> ')}"
     return lines[at].partition(" Raised from ")[0]
+
+
+def _unsupported_uses(laws: Sequence[Law]) -> Iterator[str]:
+    """Yield what to write for each function of numpy and math that the compiler lacks for numbers, and a law uses."""
+    functions = [each for law in laws for each in used_by(law)]
+    own = {function.__name__ for function in functions}
+    used = dict.fromkeys(name for function in functions for name in function.__code__.co_names)
+    for name in used:
+        if name in INSTEAD and name not in own:
+            yield f"; {name} does not take single numbers there: write {INSTEAD[name]}"
 
 
 def _error_place(message: str, laws: Sequence[Law]) -> str:
@@ -138,6 +149,21 @@ MEANINGS = {
     "Cannot modify readonly array": "it writes z, a parameter or an array of its module; it may write only z_next",
 }
 """What a cause means in the words of a law's author, by how it begins."""
+INSTEAD = {
+    "clip": "min(max(x, low), high)",
+    "heaviside": "1.0 if x > 0 else 0.0",
+    "piecewise": "if and else",
+    "select": "if and else",
+    "norm": "abs(x) or math.hypot(x, y)",
+    "dot": "x * y",
+    "polyval": "(a * x + b) * x + c",
+    "cbrt": "math.copysign(abs(x) ** (1 / 3), x)",
+    "dist": "math.hypot(x, y)",
+    "fmod": "x % y",
+    "fsum": "a sum",
+    "prod": "a product",
+}
+"""What to write instead of functions that the compiler does not have, or has for arrays only."""
 CAUSE_PREFIXES = (
     "NameError",
     "Cannot",

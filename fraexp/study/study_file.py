@@ -55,6 +55,8 @@ class ResolvedStudy:
     """Kind of its figure; empty for the one that fits the results."""
     published: tuple[PublishedNumber, ...] = ()
     """Numbers of a publication to which its own are compared."""
+    repeated: int = 0
+    """Points of the grid that come to the sweep of another point, as those of a value that is given twice."""
 
 
 @dataclass(frozen=True)
@@ -132,8 +134,10 @@ def resolve(
     _check_count(file, len(whole), grid, draws)
     first: dict[str, Sweep] = {}
     hidden: Sweep | None = None
+    points = 0
     with _without_collection():
         for sweep in _all_sweeps(file, whole, grid, draws, registry):
+            points += 1
             other = first.setdefault(sweep.key, sweep)
             if other is not sweep and other.labels.get("case") != sweep.labels.get("case"):
                 hidden = hidden or sweep
@@ -143,7 +147,7 @@ def resolve(
     kept = tuple(first.values())  # points may say the same in two ways
     if study.published and not overrides:  # which may well leave out what is printed
         published_values.check(study.published, kept, str(file))
-    return replace(study, sweeps=kept)
+    return replace(study, sweeps=kept, repeated=points - len(kept))
 
 
 def outline(

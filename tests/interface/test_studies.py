@@ -41,6 +41,20 @@ def test_the_same_study_is_not_computed_again(workspace: fraexp.Workspace) -> No
     assert [of.key for of in run] == [of.key for of in workspace.open_run(1)]
 
 
+def test_a_value_that_is_given_twice_is_said_to_be_one_sweep(
+    workspace: fraexp.Workspace, capfd: pytest.CaptureFixture[str]
+) -> None:
+    study = fraexp.Study(
+        "twice",
+        machine="linear_motor_table",
+        excitation={"name": "stepped_sine", "points": POINTS},
+        estimator={"name": "conventional", "refer_to_plant": True},
+        grid={"excitation.amplitude": [75, 75.0, "75 N"]},
+    )
+    assert len(workspace.run(study)) == 1
+    assert "2 of 3 points of the grid repeat another one, and are one sweep with it" in capfd.readouterr().err
+
+
 @pytest.mark.parametrize("name", some(EXAMPLES, *list(EXAMPLES)[::8]))
 def test_every_example_means_the_same_in_python(name: str, tmp_path: Path) -> None:
     service = WorkspaceService.open(tmp_path)
@@ -68,6 +82,7 @@ def test_a_saved_study_finds_its_records(tmp_path: Path) -> None:
         study.save(tmp_path / "studies" / "bench.toml")
 
 
+@pytest.mark.thorough
 def test_changes_are_those_of_the_command_line(tmp_path: Path) -> None:
     workspace = fraexp.Workspace(tmp_path)
     changes = {"excitation.points": POINTS, "grid.excitation.amplitude": [75.0], "excitation.max_frequency": "150 Hz"}

@@ -3,12 +3,16 @@
 import importlib.util
 import types
 from pathlib import Path
+from typing import Any
 
 import numba
+import numpy as np
 import pytest
 
-from fraexp.kernels.law import Law, called_functions
+from fraexp.kernels.law import INSTEAD, Law, called_functions, explain_compiler_errors
+from fraexp.kernels.law_error import LawError
 from fraexp.kernels.law_fingerprint import fingerprint
+from tests.examples import some
 
 HELPER = """
 def halved(x, times):
@@ -106,3 +110,29 @@ def test_it_is_that_of_the_law_that_was_loaded(tmp_path: Path) -> None:
     before = fingerprint(law)
     (tmp_path / "law.py").write_text(LAW.format(factor="7.0"))
     assert fingerprint(law) == before
+
+
+UNSUPPORTED = {
+    "clip": "np.clip(dy, -1.0, 1.0)",
+    "heaviside": "np.heaviside(dy, 0.5)",
+    "piecewise": "np.piecewise(dy, [dy > 0], [1.0, 0.0])",
+    "select": "np.select([dy > 0], [dy], dt)",
+    "norm": "np.linalg.norm(dy)",
+    "dot": "np.dot(dy, dt)",
+    "polyval": "np.polyval(np.array([1.0, 2.0]), dy)",
+    "cbrt": "math.cbrt(dy)",
+    "dist": "math.dist((dy,), (dt,))",
+    "fmod": "math.fmod(dy, dt)",
+    "fsum": "math.fsum((dy, dt))",
+    "prod": "math.prod((dy, dt))",
+}
+
+
+@pytest.mark.parametrize("name", some(INSTEAD, "clip"))
+def test_a_function_that_the_compiler_lacks_is_named_with_what_to_write(tmp_path: Path, name: str) -> None:
+    text = f"import math\nimport numpy as np\n\ndef law(z, dy, dt, z_next):\n    return {UNSUPPORTED[name]}"
+    law: Any = load(tmp_path / "law.py", text)["law"]
+    compiled: Any = numba.njit()(law)
+    with pytest.raises(LawError) as raised, explain_compiler_errors(law):
+        compiled(np.zeros(1), 0.5, 2.0, np.zeros(1))
+    assert str(raised.value).endswith(f"{name} does not take single numbers there: write {INSTEAD[name]}")

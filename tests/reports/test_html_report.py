@@ -174,6 +174,7 @@ def test_show_and_export_have_the_published_numbers(folder: Path, capsys: pytest
     assert [number["what"] for number in header["published"]] == ["energy at another amplitude", "nobody's"]
 
 
+@pytest.mark.thorough
 def test_stored_runs_make_the_same_report_again(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["run", "loops", "--json"]) == 0
     assert "report figures/loops.html" in capsys.readouterr().err.replace("\\", "/")
