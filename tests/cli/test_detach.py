@@ -89,6 +89,7 @@ def test_what_does_not_fit_is_told_before_anything_is_started(tmp_path, argument
     assert not (tmp_path / ".fraexp").exists()
 
 
+@pytest.mark.thorough
 def test_a_run_that_is_not_there_cannot_be_stopped(workspace, tmp_path):
     told = fraexp(tmp_path, "stop", "7", "--db", str(workspace / "results.db"))
     assert told.returncode == ExitCode.STORE

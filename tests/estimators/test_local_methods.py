@@ -157,6 +157,7 @@ def test_circles_hold_what_they_promise_in_closed_loop_from_rest(method: type, n
     assert np.all(np.abs(ratios.mean(axis=0)) < 0.25 * scatter)  # what 400 experiments can tell is 0.05
 
 
+@pytest.mark.thorough
 def test_realisations_hold_what_they_promise() -> None:
     held, _ = covered(LocalPolynomial, 200, 30e-9, records=3)
     assert abs(held.mean() - 0.95) < 0.02

@@ -11,7 +11,7 @@ from fraexp.store.changes import leases, writing
 from tests.examples import some
 from tests.execution.simulation.world import World
 
-CHUNK = 100
+CHUNK = 50
 SEEDS = 1000
 
 

@@ -193,6 +193,7 @@ def test_one_velocity_alone_is_refused():
         ViscousIdentification().estimate(recorded(excitation, guide()))
 
 
+@pytest.mark.thorough
 def test_friction_that_falls_with_the_velocity_is_refused():
     friction = Coulomb(coulomb_force=15.0, static_force=18.0, stribeck_velocity=12e-3)
     excitation = ConstantVelocities(velocities=(5e-3, 10e-3, 20e-3), travel=20e-3, cycles=2)

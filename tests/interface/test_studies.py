@@ -82,6 +82,7 @@ def test_a_saved_study_finds_its_records(tmp_path: Path) -> None:
         study.save(tmp_path / "studies" / "bench.toml")
 
 
+@pytest.mark.thorough
 def test_changes_are_those_of_the_command_line(tmp_path: Path) -> None:
     workspace = fraexp.Workspace(tmp_path)
     changes = {"excitation.points": POINTS, "grid.excitation.amplitude": [75.0], "excitation.max_frequency": "150 Hz"}

@@ -96,6 +96,7 @@ def test_a_second_process_loads_what_the_first_one_has_compiled(bench: Bench) ->
     assert bench.use() == ("[0.0, 2.0, 4.0]", 0)
 
 
+@pytest.mark.thorough
 def test_an_edited_law_or_constant_is_compiled_again_and_nothing_else(bench: Bench) -> None:
     bench.share_what_all_laws_share()
     bench.use()

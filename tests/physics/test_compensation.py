@@ -68,6 +68,7 @@ def test_the_response_is_that_of_the_friction_left_over(gain: float, amplitude: 
     assert np.abs(error).max() <= 0.2
 
 
+@pytest.mark.thorough
 def test_without_a_share_the_loop_is_that_without_compensation() -> None:
     with_none = simulate_loop(
         Machine(

@@ -23,6 +23,7 @@ PARTS = (
 WALK = np.cumsum(np.random.default_rng(1).normal(0, 3e-6, 3000))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("count", some([1, 2, 3, 4], 3))
 def test_a_composite_is_the_sum_of_its_parts_to_the_last_bit(count):
     parts = PARTS[:count]

@@ -83,6 +83,7 @@ def test_a_creeping_model_says_that_it_has_not_settled(models):
     assert not response.settled.any()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("stop", "farthest"), [(None, 1e-15), thorough(1e-7, 2e-7)])
 def test_coulomb_friction_holds_the_machine_without_chatter(models, stop, farthest):
     friction = models["coulomb"].model_copy(update={"stiction_displacement": stop})

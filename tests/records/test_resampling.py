@@ -119,6 +119,7 @@ def test_rounded_stamps_are_a_uniform_clock() -> None:
     assert sample_rate_of(np.round(np.arange(5000) / 2300, 4), "it") == pytest.approx(2300, rel=1e-6)
 
 
+@pytest.mark.thorough
 def test_too_coarse_stamps_say_the_rate_to_give(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     time = np.arange(int(PERIODS * RATE_HZ)) / RATE_HZ
     rows = np.column_stack([np.floor(time * 100) / 100, *signals(time, 1)])

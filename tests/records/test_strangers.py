@@ -136,6 +136,7 @@ def test_every_layout_of_levels_gives_responses_and_distortions(
     check_levels(found, displacement=False)
 
 
+@pytest.mark.thorough
 def test_an_acceleration_becomes_a_displacement(folder: Path, vibration: Arrays) -> None:
     assert main(["import", *arrays(folder, vibration), "--integrate", "y=2"]) == ExitCode.OK
     found = results(folder, "v")
@@ -143,6 +144,7 @@ def test_an_acceleration_becomes_a_displacement(folder: Path, vibration: Arrays)
     check_levels(found, displacement=True)
 
 
+@pytest.mark.thorough
 def test_realisations_in_files_of_their_own_are_one_experiment(folder: Path, vibration: Arrays) -> None:
     for number in range(REALISATIONS):
         write_level(folder / f"run{number}.csv", *(values[:, :, number : number + 1, 0] for values in vibration))

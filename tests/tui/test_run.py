@@ -74,6 +74,7 @@ def test_failures_are_told_without_commanding_the_terminal(workspace):
     pilot_of(workspace, steps, (120, 30))
 
 
+@pytest.mark.thorough
 def test_a_run_that_is_not_there_is_told(workspace):
     async def steps(app, pilot):
         show_run(app, 9)

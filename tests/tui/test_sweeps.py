@@ -95,6 +95,7 @@ def test_keys_that_come_at_once_take_effect_in_their_order(workspace):
     pilot_of(workspace, steps)
 
 
+@pytest.mark.thorough
 def test_what_is_wrong_with_a_filter_is_told_below_it_and_the_rows_stay(workspace):
     async def steps(app, pilot):
         table = await opened(app, pilot)
@@ -305,6 +306,7 @@ def test_a_database_that_goes_and_comes_back_is_told_of_and_shown_again(workspac
     pilot_of(workspace, steps)
 
 
+@pytest.mark.thorough
 def test_new_sweeps_appear_and_the_cursor_keeps_its_own(workspace):
     async def steps(app, pilot):
         table = await opened(app, pilot)

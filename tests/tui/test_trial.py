@@ -56,6 +56,7 @@ def test_viscous_friction_is_part_of_the_force(registry):
     assert trial.loop().describing_function == pytest.approx(1j * 2 * np.pi * 2.0 * 3.0, rel=1e-3)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("spec", [DAHL, pytest.param(LUGRE, marks=pytest.mark.thorough)])
 def test_the_study_at_the_top_gives_the_same_loop(tmp_path, spec):
     workspace, sine = WorkspaceService.open(tmp_path), SineMotion(amplitude=5e-5, frequency=2.0)
@@ -162,6 +163,7 @@ def test_what_is_typed_is_drawn(workspace):
     pilot_of(workspace, steps)
 
 
+@pytest.mark.thorough
 def test_what_is_wrong_is_told_by_its_field_and_the_curves_stay(workspace):
     async def steps(app, pilot):
         await opened(pilot, "dahl")

@@ -121,6 +121,7 @@ def test_workers_share_tasks_but_none_is_cut_in_two() -> None:
     assert seconds("processes:2", [task(2.0)], [task(1.0)]) == pytest.approx(3.0), "a batch waits for the one before"
 
 
+@pytest.mark.thorough
 def test_the_faster_executor_is_chosen(registry: Registry, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("fraexp.execution.executors.usable_cores", lambda: 2)
     short, long = sweeps(), sweeps(amplitudes(500))
