@@ -102,7 +102,7 @@ def test_every_import_contract_can_be_broken(tmp_path: Path) -> None:
 def test_finding_components_loads_no_heavy_package() -> None:
     loaded = loaded_by("import fraexp.components.registry; assert fraexp.components.registry.discover().providers")
     assert "fraexp_plugins" in loaded
-    assert loaded & {"numba", "llvmlite", "matplotlib", "sqlalchemy", "textual"} == set()
+    assert loaded & {"numba", "llvmlite", "scipy", "pint", "matplotlib", "sqlalchemy", "textual"} == set()
 
 
 def test_a_list_of_runs_loads_neither_parameters_nor_plugins() -> None:

@@ -33,7 +33,7 @@ def execute(arguments: Namespace) -> ExitCode:
     """Print the errors of the responses at some frequencies, and the effort of the estimates."""
     workspace = WorkspaceService.open(arguments.workspace, arguments.db)
     with workspace.open_store() as store:
-        sweeps = choose_sweeps(store, arguments.ids)
+        sweeps = choose_sweeps(store, arguments.ids, arguments.filter)
         results = store.results(sweep.key for sweep in sweeps)
         sweeps = leave_out_damaged(sweeps, results, say)
     shown = workspace.figures.shown_results(sweeps, results)

@@ -47,7 +47,7 @@ def execute(arguments: Namespace) -> ExitCode:
         )
     workspace = workspace_folder(arguments)
     with workspace.open_store() as store:
-        sweeps = choose_sweeps(store, arguments.ids)
+        sweeps = choose_sweeps(store, arguments.ids, arguments.filter)
         if all(find_run_number(store, identifier) is None for identifier in arguments.ids):
             sweeps = with_common_labels(store, sweeps)
         results = store.results(sweep.key for sweep in sweeps)

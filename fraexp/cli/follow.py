@@ -21,6 +21,7 @@ from fraexp.store import RunSummary, StoredSweep, mark_damaged
 from fraexp.views.fields import remedies, run_state_text
 from fraexp.views.pace import expected_time_text
 from fraexp.views.plan import why_document, why_lines
+from fraexp.views.run_progress import counts_text
 from fraexp.views.text_tables import sweep_table
 from fraexp.views.words import duration_text, plural, short_key
 from fraexp.workspace.workspace_service import WorkspaceService
@@ -216,7 +217,7 @@ def _print(finished: FinishedRun, workspace: WorkspaceService, here: str) -> Non
     for remedy in remedies(sweeps):
         say(remedy)
     print()
-    print_line(f"run {run.number} {run_state_text(run)}: {_counts_text(run, sweeps)}")
+    print_line(f"run {run.number} {run_state_text(run)}: {_end_text(run)}")
     for path in ended.figures:
         print_path(path, "figure ")
     say(_next_steps(run, sweeps, results, here))
@@ -243,9 +244,6 @@ def _next_steps(run: RunSummary, sweeps: list[StoredSweep], results: dict[str, R
     return f"next: {', '.join(f'{step}{here}' for step in steps)}"
 
 
-def _counts_text(run: RunSummary, sweeps: list[StoredSweep]) -> str:
-    unusable = sum(sweep.outcome in UNUSABLE_OUTCOMES for sweep in sweeps)
-    without = f", {unusable} without a usable result" if unusable else ""
+def _end_text(run: RunSummary) -> str:
     time = f", {duration_text((run.ended - run.started).total_seconds())}" if run.ended else ""
-    counts = f"{plural(run.total, 'sweep')}, {run.computed} computed, {run.reused} reused, {run.failed} failed"
-    return f"{counts}{without}{time}"
+    return f"{plural(run.total, 'sweep')}, {counts_text(run)}{time}"

@@ -16,16 +16,17 @@ from fraexp.views.listing import listing_columns
 from fraexp.views.sort_fields import complete_field
 from fraexp.views.words import plural, timestamp_text
 
-COLUMNS = ["run", "study", "state", "sweeps", "computed", "reused", "failed", "started", "took"]
+COLUMNS = ["run", "study", "state", "sweeps", "computed", "reused", "failed", "unusable", "started", "took"]
 
 SORT_KEYS: dict[str, Callable[[RunSummary], Any]] = {
     "run": lambda run: run.number,
     "study": lambda run: run.study,
-    "state": lambda run: run.state,
+    "state": run_state_text,
     "sweeps": lambda run: run.total,
     "computed": lambda run: run.computed,
     "reused": lambda run: run.reused,
     "failed": lambda run: run.failed,
+    "unusable": lambda run: run.unusable,
     "started": lambda run: run.started,
     "took": lambda run: (run.ended or run.heartbeat) - run.started,
 }
@@ -66,7 +67,7 @@ def _sort_runs(runs: list[RunSummary], order: str) -> list[RunSummary]:
 
 
 def _run_row(run: RunSummary) -> list[str]:
-    counts = (run.total, run.computed, run.reused, run.failed)
+    counts = (run.total, run.computed, run.reused, run.failed, run.unusable)
     return [
         str(run.number),
         run.study,

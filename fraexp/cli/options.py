@@ -36,6 +36,13 @@ def _terminal(parser: Parser) -> None:
     )
 
 
+def _filter(parser: Parser) -> None:
+    parser.add_argument(
+        "--filter", metavar="FILTER",
+        help="only the sweeps that match a filter, as in fraexp list: 'estimator=effective_input tag:baseline'",
+    )  # fmt: skip
+
+
 def _list(parser: Parser) -> None:
     parser.add_argument(
         "filter", metavar="FILTER", nargs="*",
@@ -195,7 +202,8 @@ def _show(parser: Parser) -> None:
 
 
 def _compare(parser: Parser) -> None:
-    parser.add_argument("ids", metavar="ID", nargs="+", help=ID_HELP + "; the first is the reference")
+    parser.add_argument("ids", metavar="ID", nargs="*", help=ID_HELP + "; the first is the reference")
+    _filter(parser)
     parser.add_argument(
         "--against", metavar="WHAT", choices=("first", "plant"), default="first",
         help="reference: the first sweep, or the simulated plant P(jω) of each response (default: first)",
@@ -220,7 +228,8 @@ def _frequencies(text: str) -> tuple[float, ...]:
 
 
 def _plot(parser: Parser) -> None:
-    parser.add_argument("ids", metavar="ID", nargs="+", help=ID_HELP)
+    parser.add_argument("ids", metavar="ID", nargs="*", help=ID_HELP)
+    _filter(parser)
     parser.add_argument(
         "-o", "--output", metavar="FILE", type=Path, default=None, help="figure to write: .png, .svg or .pdf"
     )

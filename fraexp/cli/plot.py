@@ -27,7 +27,7 @@ def execute(arguments: Namespace) -> ExitCode:
     view = View.parse(arguments.frequency_range, arguments.wrap_phase)
     workspace = WorkspaceService.open(arguments.workspace, arguments.db)
     with workspace.open_store() as store:
-        sweeps = choose_sweeps(store, arguments.ids)
+        sweeps = choose_sweeps(store, arguments.ids, arguments.filter)
         if all(find_run_number(store, identifier) is None for identifier in arguments.ids):
             sweeps = with_common_labels(store, sweeps)
         if arguments.terminal:

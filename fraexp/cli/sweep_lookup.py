@@ -2,13 +2,13 @@
 
 import shlex
 from argparse import Namespace
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from fraexp.cli.output import say
-from fraexp.errors import StoreError
+from fraexp.errors import FraexpError, StoreError
 from fraexp.store import Store, StoredSweep, url_without_password
 from fraexp.workspace.workspace_folder import WorkspaceFolder
 
@@ -71,7 +71,26 @@ def find_sweeps(store: Store, identifier: str) -> list[StoredSweep]:
     return [store.find(identifier)] if number is None else store.sweeps(number)
 
 
-def choose_sweeps(store: Store, identifiers: Iterable[str]) -> list[StoredSweep]:
-    """Return the sweeps of all identifiers, each once, in the given order."""
-    found = (sweep for identifier in identifiers for sweep in find_sweeps(store, identifier))
+def choose_sweeps(store: Store, identifiers: Sequence[str], wanted: str | None = None) -> list[StoredSweep]:
+    """Return the sweeps of all identifiers that match a filter, each once, in the given order.
+
+    Without identifiers these are all sweeps that match it. FraexpError if there is neither, StoreError if nothing
+    matches.
+    """
+    if wanted is None and not identifiers:
+        raise FraexpError("no sweeps are named; give a run number, a study name, a sweep key, or --filter FILTER")
+    if not identifiers:
+        found = list(store.find_all(store.keys(wanted or "")).values())
+    else:
+        found = [sweep for identifier in identifiers for sweep in _matching(store, identifier, wanted)]
+    if wanted is not None and not found:
+        raise StoreError(f"no sweep{' of these' if identifiers else ''} matches {wanted or 'the empty filter'}")
     return list({sweep.key: sweep for sweep in found}.values())
+
+
+def _matching(store: Store, identifier: str, wanted: str | None) -> list[StoredSweep]:
+    sweeps = find_sweeps(store, identifier)
+    if wanted is None:
+        return sweeps
+    keys = set(store.keys(wanted, find_run_number(store, identifier)))
+    return [sweep for sweep in sweeps if sweep.key in keys]

@@ -12,6 +12,7 @@ from pathlib import Path
 from types import CodeType, ModuleType
 
 from fraexp.components.process_guard import harm_refused, settings_restored
+from fraexp.data.identity import content_hash
 from fraexp.errors import PluginError
 from fraexp.kernels.watchdog import LAW_TIME_LIMIT_S, OverdueError, error_location, time_limit
 
@@ -21,6 +22,8 @@ GRACE_S = 2.0
 """Time [s] after the limit in which a file that computes is interrupted, before one that waits is."""
 CLASS_GUARD = "__fraexp_class_guard__"
 """Name in such a module of what is entered around each class."""
+SOURCE_HASH = "__fraexp_source_hash__"
+"""Name in such a module of the content hash of its source as it was loaded: the file may have been edited since."""
 
 
 class _ClassGuard:
@@ -45,6 +48,7 @@ class _LocalFileLoader(SourceFileLoader):
     def get_code(self, fullname: str) -> CodeType:
         """Return the code of the source as it is now, with a guard around each class."""
         source = self.get_data(self.path)
+        self.source_hash = content_hash(source)
         tree = ast.parse(source, self.path)
         tree.body = [_guarded(node) if isinstance(node, ast.ClassDef) else node for node in tree.body]
         return compile(ast.fix_missing_locations(tree), self.path, "exec", dont_inherit=True)
@@ -62,7 +66,8 @@ def load_file(file: Path) -> ModuleType:
     Raises what the file raises, or the first error of a class if none is left.
     """
     name = DROP_IN + file.stem
-    spec = importlib.util.spec_from_file_location(name, file, loader=_LocalFileLoader(name, str(file)))
+    loader = _LocalFileLoader(name, str(file))
+    spec = importlib.util.spec_from_file_location(name, file, loader=loader)
     if spec is None or spec.loader is None:
         raise PluginError(f"{file} is no Python file")
     module = importlib.util.module_from_spec(spec)
@@ -71,6 +76,7 @@ def load_file(file: Path) -> ModuleType:
     try:
         with time_limit(LAW_TIME_LIMIT_S), _wait_limit(), settings_restored(), harm_refused(str(file)):
             spec.loader.exec_module(module)
+        vars(module)[SOURCE_HASH] = loader.source_hash
         if guard.errors and not any(isinstance(value, type) for value in _own_values(module)):
             raise guard.errors[0]
     except OverdueError as error:
@@ -88,6 +94,11 @@ def failed_classes(module: ModuleType) -> list[Exception]:
     """Return the errors of the classes of a dropped-in file that could not be defined."""
     guard = getattr(module, CLASS_GUARD, None)
     return guard.errors if isinstance(guard, _ClassGuard) else []
+
+
+def loaded_source_hash(cls: type) -> str:
+    """Return the content hash of the dropped-in source that defines a class; empty for a class of another module."""
+    return str(vars(sys.modules.get(cls.__module__, sys)).get(SOURCE_HASH, ""))
 
 
 def _own_values(module: ModuleType) -> list[object]:

@@ -71,13 +71,12 @@ class _Constructor(ModelMetaclass, type):
     """What makes a call of a class raise a ParameterError of one line for values that do not fit."""
 
     def __call__(cls, *values: Any, **named: Any) -> Any:
+        owner = cast("type[Parameters]", cls)
         if values:
-            names = ", ".join(f"{name}=..." for name in vars(cls)["__pydantic_fields__"])
-            raise ParameterError(f"{cls.__name__}: found a value without a name; expected {cls.__name__}({names})")
+            raise ParameterError(f"{cls.__name__}: found a value without a name; expected {example_call(owner)}")
         try:
             return super().__call__(**named)
         except ValidationError as error:
-            owner = cast("type[Parameters]", cls)
             raise ParameterError(_validation_sentence(owner, cls.__name__, named, error)) from None
 
 
@@ -165,6 +164,12 @@ class Parameters(BaseModel, metaclass=_Constructor):
         return self.plain()
 
 
+def example_call(cls: type[Parameters]) -> str:
+    """Return how an object of a class is made: with the parameters that it needs, or with any if it needs none."""
+    needed = [name for name, info in cls.model_fields.items() if info.is_required()] or list(cls.model_fields)
+    return f"{cls.__name__}({', '.join(f'{name}=...' for name in needed)})"
+
+
 def _axis_hint(value: Any, field: FieldInfo, info: ValidationInfo) -> str:
     """Return what to do about a unit of the other kind of axis; empty if the value has none."""
     is_rotary = info.context == ROTARY
@@ -229,6 +234,8 @@ def _error_sentence(cls: type[Parameters], title: str, data: Mapping[str, Any], 
             return f"{title}.{place} is {toml.as_text(found['input'])}; the {info.description} must be {bound}"
     expected = found["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
     what = f" ({info.description}, {unit_of(info) or 'text'})" if info is not None else ""
+    if len(loc) == 1 and isinstance(found["input"], list | tuple):
+        expected += "; a study varies it in [grid]"
     return (
         f"{title}.{place} is {toml.as_text(found['input'])}{what}; expected {expected}"
         if place

@@ -26,11 +26,13 @@ class Provider:
     file: Path
     distribution: str
     """Name and version of the installed package, or ``workspace`` for a dropped-in file."""
+    loaded: str = ""
+    """Content hash of a dropped-in source as it was loaded; empty for a module of a package."""
 
     @cached_property
     def source_hash(self) -> str:
-        """Content hash of the file that defines the component."""
-        return file_hash(self.file)
+        """Content hash of the source that defines the component."""
+        return self.loaded or file_hash(self.file)
 
 
 def component_modules(package: str, folders: Iterable[str]) -> dict[str, list[str]]:

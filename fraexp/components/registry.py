@@ -19,10 +19,11 @@ import pydantic
 
 import fraexp
 from fraexp.components.kinds import KINDS, Component, nested_kind
-from fraexp.components.local_file import failed_classes, load_file
-from fraexp.components.parameters import Parameters, inherited_from
+from fraexp.components.local_file import DROP_IN, failed_classes, load_file, loaded_source_hash
+from fraexp.components.parameters import Parameters, example_call, inherited_from
 from fraexp.components.position_dependence import positioned_class
 from fraexp.components.providers import Provider, Providers
+from fraexp.data.identity import FileStamp, file_stamps
 from fraexp.data.rotary_axes import is_rotary
 from fraexp.data.sweep import models_by_contact
 from fraexp.errors import FraexpError, ParameterError, PluginError, did_you_mean
@@ -74,6 +75,8 @@ class Registry:
     clashes: dict[tuple[str, str], str] = field(default_factory=dict)
     failed: list[LoadFailure] = field(default_factory=list)
     """Plugins that failed when they were loaded; there may be others that have not been loaded yet."""
+    local_files: Mapping[str, FileStamp] = field(default_factory=dict)
+    """The dropped-in files as they were before they were loaded."""
 
     @property
     def failures(self) -> list[LoadFailure]:
@@ -83,7 +86,8 @@ class Registry:
 
     def add(self, component: type[Component], distribution: str) -> None:
         """Register a component class; a second one of the same kind and name makes the name unusable."""
-        provider = Provider(component, Path(inspect.getfile(component)).resolve(), distribution)
+        file = Path(inspect.getfile(component)).resolve()
+        provider = Provider(component, file, distribution, loaded_source_hash(component))
         other = self.providers.add(provider)
         if other.component is not component:
             name = f"'{component.name}' ({component.kind})"
@@ -112,7 +116,8 @@ class Registry:
         if (kind, name) in self.clashes:
             raise PluginError(self.clashes[kind, name])
         if provider is None:
-            raise PluginError(f"no {kind} is called '{name}'{self.missing_name_remedy(name, self.names(kind))}")
+            remedy = _session_remedy(kind, name) or self.missing_name_remedy(name, self.names(kind))
+            raise PluginError(f"no {kind} is called '{name}'{remedy}")
         return provider
 
     def missing_name_remedy(self, name: str, options: Iterable[str]) -> str:
@@ -191,6 +196,15 @@ class Registry:
         return values
 
 
+def _session_remedy(kind: str, name: str) -> str:
+    """Return what to do about the name of a class that was defined interactively; empty if there is none."""
+    classes = [of for of in KINDS if of.kind == kind]
+    for cls in classes:  # the list grows while it is read
+        classes += cls.__subclasses__()
+    found = [of for of in classes if of.name == name and not of.__module__.startswith(DROP_IN)]
+    return f"; the class {found[-1].__name__} of this session is: give {example_call(found[-1])}" if found else ""
+
+
 def _preset(cls: type[Component], name: Any) -> Mapping[str, Any]:
     if not isinstance(name, str) or name not in cls.presets:
         raise ParameterError(f"{cls.name} has no preset '{name}'{did_you_mean(str(name), cls.presets)}")
@@ -213,7 +227,7 @@ def discover(folder: Path | None = None) -> Registry:
 
     A plugin that fails is listed in `failures`, with its file, line and reason; all else goes on working.
     """
-    registry = Registry()
+    registry = Registry(local_files=file_stamps(folder) if folder else {})
     manager = pluggy.PluginManager("fraexp")
     manager.add_hookspecs(sys.modules[__name__])
     origins: dict[Any, _Origin] = {}

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,8 @@ The key of a sweep is the hash of its sections' hashes since ``fx2``; it was the
 TAGS = ("fx1", TAG)
 """All that a database may hold."""
 HASH_BYTES = 20
+FileStamp = tuple[int, int]
+"""Time of the last change [ns] and size of a file."""
 
 
 def canonical(data: Any) -> str:
@@ -35,10 +38,25 @@ def key_of(data: Any) -> str:
     return f"{TAG}-{digest_of(data).hex()}"
 
 
+def content_hash(content: bytes) -> str:
+    """Return the content hash of a file that has been read."""
+    return hash_bytes(content).hex()
+
+
 def file_hash(path: Path) -> str:
     """Return the content hash of a file."""
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, lambda: hashlib.blake2b(digest_size=HASH_BYTES)).hexdigest()
+
+
+def file_stamps(folder: Path) -> dict[str, FileStamp]:
+    """Return the stamps of the Python files of a folder, by name."""
+    stamps = {}
+    with suppress(OSError):  # deleted meanwhile: the next look finds out
+        for file in folder.glob("*.py"):
+            state = file.stat()
+            stamps[file.name] = (state.st_mtime_ns, state.st_size)
+    return stamps
 
 
 def key_heads(prefix: str) -> list[str]:

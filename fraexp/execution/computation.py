@@ -20,6 +20,7 @@ from fraexp.execution.database_retry import WAITING_TEXT, Clock, DatabaseRetry
 from fraexp.execution.events import Event, Finished, Noticed, Preparing, Progress
 from fraexp.execution.executors import Answer, WorkerLostError, Workers
 from fraexp.execution.job import Failure, Job
+from fraexp.execution.used_components import component_origins, local_sources
 from fraexp.store import MAX_RUNNING_SHOWN, ComponentOrigin, RunProgress, Store
 
 HEARTBEAT_INTERVAL_S = 5.0
@@ -43,20 +44,6 @@ LOSSES_BEFORE_ISOLATION = 2
 ComputedSweep = tuple[Sweep, Result, Mapping[str, ComponentOrigin]]
 """A sweep with its result and the origins of its components, as the store takes it."""
 Found = TypeVar("Found")
-
-
-def component_origins(sweep: Sweep, registry: Registry) -> dict[str, ComponentOrigin]:
-    """Return source hash and distribution of every component that a sweep uses, under ``kind:name``."""
-    record = sweep.experiment.get("record", {})
-    sections = {**sweep.experiment, "estimator": sweep.estimator, "reader": record.get("reader")}
-    return {
-        f"{provider.component.kind}:{provider.component.name}": ComponentOrigin(
-            provider.source_hash, provider.distribution
-        )
-        for kind, spec in sections.items()
-        if isinstance(spec, Mapping)
-        for provider in registry.used_providers(kind, spec)
-    }
 
 
 def discard(results: Sequence[ComputedSweep]) -> str:
@@ -115,11 +102,12 @@ class _SweepGroup:
     lost_workers: int = 0
     """Workers that were lost while they computed it."""
 
-    def job(self, plugins: str, fits: Callable[[Plain], Plain]) -> Job:
+    def job(self, plugins: str, registry: Registry, fits: Callable[[Plain], Plain]) -> Job:
         """Return the sweeps as one job, in which `fits` replaces the references to fits of other sweeps."""
         first = self.sweeps[0]
         estimators = tuple(fit_references.replace_references(sweep.estimator, fits) for sweep in self.sweeps)
-        return Job(fit_references.replace_references(first.experiment, fits), estimators, first.files, plugins)
+        experiment = fit_references.replace_references(first.experiment, fits)
+        return Job(experiment, estimators, first.files, plugins, local_sources(self.sweeps, registry))
 
 
 class Computation:
@@ -259,7 +247,8 @@ class Computation:
 
     def _submit(self, group: _SweepGroup) -> None:
         self._running[group.number] = group
-        future = self._workers.submit(group.number, group.job(self._context.plugins, self._fits))
+        job = group.job(self._context.plugins, self._context.registry, self._fits)
+        future = self._workers.submit(group.number, job)
         future.add_done_callback(lambda future: self._answers.put((group, future)))
 
     def _collect_answers(self) -> None:

@@ -11,6 +11,7 @@ from fraexp.data.results import UNUSABLE_OUTCOMES
 from fraexp.data.sweep import Plain, Sweep, section_digest
 from fraexp.data.units import with_powers
 from fraexp.execution.events import Why
+from fraexp.execution.used_components import component_sections
 from fraexp.store import RunSummary, Store, StoredState, StoredSweep
 from fraexp.study.paths import unit_at
 
@@ -41,16 +42,12 @@ class Origins:
         return list(dict.fromkeys(texts))
 
     def _current_providers(self, sweep: Sweep) -> Iterator[tuple[str, Provider]]:
-        sections = [*sweep.experiment.items(), ("estimator", sweep.estimator)]
-        if "record" in sweep.experiment:
-            sections.append(("reader", sweep.experiment["record"].get("reader")))
-        for kind, spec in sections:
-            if isinstance(spec, Mapping):
-                key = (kind, section_digest(spec))
-                if key not in self._of:
-                    providers = self._registry.used_providers(kind, spec)
-                    self._of[key] = {f"{of.component.kind}:{of.component.name}": of for of in providers}
-                yield from self._of[key].items()
+        for kind, spec in component_sections(sweep.experiment, [sweep.estimator]):
+            key = (kind, section_digest(spec))
+            if key not in self._of:
+                providers = self._registry.used_providers(kind, spec)
+                self._of[key] = {f"{of.component.kind}:{of.component.name}": of for of in providers}
+            yield from self._of[key].items()
 
 
 def reasons(

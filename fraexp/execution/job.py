@@ -15,7 +15,7 @@ from fraexp.data.results import Result, Timing
 from fraexp.data.rotary_axes import is_rotary, rotary_signals, rotary_text
 from fraexp.data.signals import Signals
 from fraexp.data.sweep import Plain, component_names
-from fraexp.errors import FraexpError
+from fraexp.errors import FraexpError, PluginError
 from fraexp.execution.estimation import apply_estimator
 from fraexp.kernels.announcement import compilation_listener
 from fraexp.kernels.law_error import LawError
@@ -39,6 +39,8 @@ class Job:
     files: Mapping[str, str] = field(default_factory=dict)
     plugins: str = ""
     """Folder of the local plugins; empty if there is none."""
+    sources: Mapping[str, str] = field(default_factory=dict)
+    """Source hashes of the local plugins that are to compute it, under ``kind:name``."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +66,7 @@ def _run_job(job: Job, progress: ReportProgress, begins: ReportEstimator) -> lis
     began, computing = time.perf_counter(), time.thread_time()
     was_warm = _is_warm(job.experiment)
     try:
-        registry = registry_of(job.plugins)
+        registry = job_registry(job)
         for spec in friction_specs([job.experiment, *job.estimators]):
             first_trial(spec, registry)
         signals = load_signals(job, registry, progress)
@@ -104,6 +106,28 @@ def _is_warm(spec: Plain) -> bool:
         return True
     _computed_components.add(names)
     return False
+
+
+def job_registry(job: Job) -> Registry:
+    """Return the components for a job; PluginError if a local plugin that it uses is another than its run has read."""
+    if _changed_source(job, registry_of(job.plugins)):
+        registry_of.cache_clear()  # this process has read them before they were edited
+    registry = registry_of(job.plugins)
+    changed = _changed_source(job, registry)
+    if changed:
+        kind, _, name = changed.partition(":")
+        raise PluginError(f"{kind} '{name}' was changed after the run had read it; run the study again")
+    return registry
+
+
+def _changed_source(job: Job, registry: Registry) -> str:
+    """Return the first component of a job, as ``kind:name``, whose source is another here; empty if there is none."""
+    for name, source in job.sources.items():
+        kind, _, of = name.partition(":")
+        provider = registry.providers.get((kind, of))
+        if provider is None or provider.source_hash != source:
+            return name
+    return ""
 
 
 @cache

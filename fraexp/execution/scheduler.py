@@ -98,7 +98,7 @@ def run(
         lambda: plan(study, store, registry, rerun, executor=executor, limits=limits)
     )
     yield planned
-    for text in filter(None, (store.notice, store.advice)):
+    for text in filter(None, (_repeats_text(study), store.notice, store.advice)):
         yield Noticed(text)
     yield from (yield from retry.call(lambda: list(_notice_new_versions(study, planned, store, registry))))
     lessons = Lessons(registry)
@@ -113,6 +113,14 @@ def run(
         state = yield from compute_recorded(study, missing, context, workers, lessons)
     lessons.save_speeds(planned.executor)
     yield Ended(number, state)
+
+
+def _repeats_text(study: ResolvedStudy) -> str:
+    """Return how many points of a grid are none of their own; empty if all are."""
+    if not study.repeated:
+        return ""
+    points = f"{study.repeated:,} of {len(study.sweeps) + study.repeated:,} points of the grid"
+    return f"{points} repeat another one, and are one sweep with it"
 
 
 def _notice_new_versions(study: ResolvedStudy, planned: Planned, store: Store, registry: Registry) -> Iterator[Noticed]:

@@ -7,9 +7,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fraexp.components.kinds import FrictionModel, Motion
+from fraexp.components.parameters import example_call
 from fraexp.data.results import Curve
 from fraexp.errors import ParameterError
-from fraexp.interface.argument_checks import require_positive
+from fraexp.interface.argument_checks import numbers_of, require_positive, with_unit
 from fraexp.interface.compiled_laws import compiler_errors_as_ours
 from fraexp.interface.html import page_part
 from fraexp.views.words import value_text
@@ -34,6 +35,10 @@ class FrictionLaw:
 
     def __post_init__(self) -> None:
         """Refuse what is no friction model, such as a name."""
+        if isinstance(self.model, type) and issubclass(self.model, FrictionModel):
+            raise ParameterError(
+                f"FrictionLaw: found the class {self.model.__name__}; expected an object: {example_call(self.model)}"
+            )
         if not isinstance(self.model, FrictionModel):
             raise ParameterError(
                 f"FrictionLaw: found {self.model!r:.60}; expected a friction model, such as MyLaw(stiffness=1e6); "
@@ -50,7 +55,9 @@ class FrictionLaw:
         """Values of all parameters, in SI units."""
         return self.model.plain()
 
-    def force(self, displacement: ArrayLike, sample_time: float = 1e-3, periodic: bool = False) -> NDArray[np.float64]:
+    def force(
+        self, displacement: ArrayLike, sample_time: float | str = 1e-3, periodic: bool = False
+    ) -> NDArray[np.float64]:
         """Return the friction force [N] along a displacement [m], shape (n,), viscous friction included.
 
         Parameters
@@ -58,14 +65,15 @@ class FrictionLaw:
         displacement
             Motion from rest, sampled uniformly, shape (n,).
         sample_time
-            Its sample time [s]; it matters for laws that depend on the velocity.
+            Its sample time [s], or a quantity such as ``"1 ms"``; it matters for laws that depend on the velocity.
         periodic
             Whether the displacement is one or more whole periods, of which the periodic force is wanted.
         """
-        require_positive(sample_time, "sample_time")
-        motion = numbers_of(displacement, "displacement")
+        sample_time = require_positive(with_unit(sample_time, "s", "sample_time"), "sample_time")
+        motion = numbers_of(displacement, "displacement", "m")
         if motion.ndim != 1 or motion.size < 2:
-            raise ParameterError(f"force: the displacement has shape {motion.shape}; expected a list of numbers")
+            found = "one sample" if motion.size == 1 else f"the shape {motion.shape}"
+            raise ParameterError(f"force: the displacement has {found}; expected a list of two or more samples")
         if not np.isfinite(motion).all():
             place = int(np.flatnonzero(~np.isfinite(motion))[0])
             raise ParameterError(f"force: displacement[{place}] is {motion[place]}; expected finite numbers")
@@ -75,7 +83,7 @@ class FrictionLaw:
             return force
         return np.asarray(force + self.model.viscous * _velocity(motion, sample_time, periodic))
 
-    def describing_function(self, amplitude: ArrayLike, frequency: float = 1.0) -> NDArray[np.complex128]:
+    def describing_function(self, amplitude: ArrayLike, frequency: float | str = 1.0) -> NDArray[np.complex128]:
         """Return N(A) = F₁/Y₁ [N/m] of sinusoidal motions, shape as `amplitude`, viscous friction included.
 
         F₁ and Y₁ are the fundamentals of force and displacement (A. Gelb and W. E. Vander Velde, 1968, section 2.2).
@@ -83,11 +91,12 @@ class FrictionLaw:
         Parameters
         ----------
         amplitude
-            Amplitudes A of the displacement [m], 1e-12 or more.
+            Amplitudes A of the displacement [m], 1e-12 or more; quantities such as ``"10 um"`` are converted.
         frequency
             Frequency of the motion [Hz]; it matters for laws that depend on the velocity.
         """
-        amplitudes = numbers_of(amplitude, "amplitude")
+        amplitudes = numbers_of(amplitude, "amplitude", "m")
+        frequency = require_positive(with_unit(frequency, "Hz", "frequency"), "frequency")
         sine = np.sin(2 * np.pi * np.arange(SAMPLES_PER_PERIOD) / SAMPLES_PER_PERIOD)
         forces = self._forces(amplitudes.ravel(), frequency, sine)
         fundamental = np.fft.rfft(sine)[1]
@@ -97,10 +106,13 @@ class FrictionLaw:
         viscous = 2j * np.pi * frequency * self.model.viscous
         return np.asarray(ratios, dtype=np.complex128).reshape(amplitudes.shape) + viscous
 
-    def loop(self, amplitude: float, frequency: float = 1.0) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def loop(
+        self, amplitude: float | str, frequency: float | str = 1.0
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return displacement [m] and force [N] over one period of a sinusoidal motion, each of shape (n,)."""
         angle = 2 * np.pi * np.arange(SAMPLES_PER_PERIOD) / SAMPLES_PER_PERIOD
-        require_positive(amplitude, "amplitude")
+        amplitude = require_positive(with_unit(amplitude, "m", "amplitude"), "amplitude")
+        frequency = require_positive(with_unit(frequency, "Hz", "frequency"), "frequency")
         (force,) = self._forces(np.array([amplitude], dtype=float), frequency, np.sin(angle))
         velocity = 2 * np.pi * frequency * amplitude * np.cos(angle)
         return amplitude * np.sin(angle), force + self.model.viscous * velocity
@@ -109,7 +121,6 @@ class FrictionLaw:
         self, amplitudes: NDArray[np.float64], frequency: float, sine: NDArray[np.float64]
     ) -> list[NDArray[np.float64]]:
         """Return the periodic force along sines of these amplitudes, without viscous friction."""
-        require_positive(frequency, "frequency")
         wrong = amplitudes[~(np.isfinite(amplitudes) & (amplitudes >= MIN_AMPLITUDE_M))]
         if wrong.size:
             raise ParameterError(
@@ -120,12 +131,12 @@ class FrictionLaw:
         with compiler_errors_as_ours():
             return self.model.forces([Motion(amplitude * sine, step, periodic=True) for amplitude in amplitudes])
 
-    def plot(self, amplitudes: ArrayLike = SHOWN_AMPLITUDES_M, frequency: float = 1.0) -> "Figure":
+    def plot(self, amplitudes: ArrayLike = SHOWN_AMPLITUDES_M, frequency: float | str = 1.0) -> "Figure":
         """Return a matplotlib figure of the hysteresis loops at some amplitudes [m]."""
         from fraexp.figures.kinds.hysteresis_loops import draw_hysteresis, hysteresis_info
 
         curves = []
-        for amplitude in np.atleast_1d(numbers_of(amplitudes, "amplitudes")):
+        for amplitude in np.atleast_1d(numbers_of(amplitudes, "amplitudes", "m")):
             displacement, force = self.loop(float(amplitude), frequency)
             columns = {"displacement": np.append(displacement, displacement[0]), "force": np.append(force, force[0])}
             curves.append(
@@ -141,16 +152,6 @@ class FrictionLaw:
 
     def _repr_html_(self) -> str:
         return page_part(f"Friction law {self.name}", [self._parameters_text()], self.plot())
-
-
-def numbers_of(values: ArrayLike, what: str) -> NDArray[np.float64]:
-    """Return values as an array of numbers; ParameterError if they are none."""
-    try:
-        if np.iscomplexobj(values):
-            raise ParameterError(f"{what} is complex; expected real numbers")
-        return np.array(values, dtype=float, order="C")
-    except (TypeError, ValueError):
-        raise ParameterError(f"{what} is {values!r:.60}; expected numbers") from None
 
 
 def _velocity(displacement: NDArray[np.float64], sample_time: float, periodic: bool) -> NDArray[np.float64]:

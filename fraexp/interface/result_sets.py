@@ -1,13 +1,13 @@
 """Results of several sweeps: of a run, or of a search in the database."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any, SupportsIndex, overload
 
 from fraexp.data.figure_kinds import check_kind
 from fraexp.data.results import Result
-from fraexp.errors import StudyError
+from fraexp.errors import ParameterError, StudyError
 from fraexp.figures.elements.label_units import label_units
 from fraexp.figures.elements.labels import drawn_labels, label_columns
 from fraexp.interface.argument_checks import frequency_view, require_text
@@ -35,7 +35,10 @@ RESERVED_NAMES = frozenset({"frequency", "part", "other_part", "harmonic", "key"
 
 
 class Results(Sequence[SweepResult]):
-    """Results of sweeps in their order; those without a result, such as failed ones, are in `missing`."""
+    """Results of sweeps in their order; those without a result, such as failed ones, are in `missing`.
+
+    As any sequence it is true if it has an item: one without a single result is false, whatever is missing.
+    """
 
     def __init__(self, sweeps: Sequence[StoredSweep], service: "WorkspaceService", title: str = "") -> None:
         self._sweeps, self._service, self.title = list(sweeps), service, title
@@ -70,6 +73,11 @@ class Results(Sequence[SweepResult]):
     def __getitem__(self, index: int | slice) -> "SweepResult | Results":
         if isinstance(index, slice):
             return Results([of.sweep for of in self._items[index]], self._service, self.title)
+        if not isinstance(index, SupportsIndex):
+            raise ParameterError(
+                f"results: the index is {index!r:.60}; expected a number or a slice, such as [0]; "
+                'one("estimator=conventional") finds a result by what it is'
+            )
         try:
             return self._items[index]
         except IndexError:
@@ -81,18 +89,21 @@ class Results(Sequence[SweepResult]):
     def __iter__(self) -> Iterator[SweepResult]:
         return iter(self._items)
 
-    def filter(self, text: str) -> "Results":
+    def filter(self, text: str = "", **conditions: object) -> "Results":
         """Return the results that match a filter, in the language of ``fraexp list``.
 
-        For example ``estimator=effective_input excitation.amplitude>=12``. FraexpError if it is invalid.
+        For example ``estimator=effective_input excitation.amplitude>=12``. FraexpError if it is invalid, which
+        conditions outside of the text are: most names of fields are none in Python.
         """
+        _refuse_conditions("filter", conditions)
         require_text(text, "filter")
         with self._service.open_store() as store:
             known = set(store.keys(text))
         return Results([of for of in self._sweeps if of.key in known], self._service, self.title)
 
-    def one(self, text: str = "") -> SweepResult:
+    def one(self, text: str = "", **conditions: object) -> SweepResult:
         """Return the only result that matches a filter; StudyError if there is none, or several."""
+        _refuse_conditions("one", conditions)
         found = self.filter(text) if text else self
         if len(found) != 1:
             where = f" match '{text}'" if text else ""
@@ -212,6 +223,15 @@ class Results(Sequence[SweepResult]):
         rows = [[row[index] for index in columns] for row in table.rows]
         figure = self.plot() if drawable else None
         return page_part(self._heading(), notes, figure, [table.columns[index] for index in columns], rows)
+
+
+def _refuse_conditions(method: str, conditions: Mapping[str, object]) -> None:
+    """Raise ParameterError for conditions that are given as arguments instead of in a text."""
+    if conditions:
+        text = " ".join(f"{name}={value}" for name, value in conditions.items())
+        raise ParameterError(
+            f"{method} has no argument '{next(iter(conditions))}'; expected a text: {method}({text!r})"
+        )
 
 
 class Run(Results):

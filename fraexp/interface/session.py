@@ -5,13 +5,16 @@ from pathlib import Path
 from typing import Any
 
 from fraexp.components.kinds import KINDS, Component, FrictionModel
+from fraexp.components.parameters import example_call
 from fraexp.components.registry import SESSION, create
 from fraexp.errors import FraexpError, ParameterError, StudyError, did_you_mean
 from fraexp.execution.executors import ResourceLimits
 from fraexp.interface import direct_computation
 from fraexp.interface.argument_checks import require_mapping, require_path, require_positive, require_text
 from fraexp.interface.callable_law import FrictionLaw
+from fraexp.interface.local_plugins import refresh_plugins, reload_plugins
 from fraexp.interface.overrides import override_texts
+from fraexp.interface.proposed_channels import missing_channels
 from fraexp.interface.recordings import Recording
 from fraexp.interface.result_sets import Results, Run
 from fraexp.interface.run_monitor import follow_run
@@ -66,6 +69,7 @@ class Workspace:
 
     def components(self, kind: str = "friction") -> list[str]:
         """Return the names of all components of a kind: friction, plant, controller, excitation, estimator, reader."""
+        refresh_plugins(self._service)
         known = self._service.registry.names(kind)
         if not known:
             kinds = sorted(of.kind for of in KINDS)
@@ -73,8 +77,11 @@ class Workspace:
         return known
 
     def reload(self) -> None:
-        """Load the plugins again: after one was written or changed."""
-        self._service.reload()
+        """Load the plugins again, and report on standard error which of them are broken, in one line each.
+
+        Calls do so by themselves after a file in ``plugins/`` has changed; a `FrictionLaw` made before keeps its law.
+        """
+        reload_plugins(self._service, is_asked=True)
 
     def run(
         self,
@@ -133,6 +140,7 @@ class Workspace:
         overrides = override_texts(require_mapping(changes or {}, "changes", '{"excitation.points": 30}'))
         if not isinstance(study, str | Path | Study):
             raise ParameterError(f"study is {study!r:.60}; expected its name, its file or a Study")
+        refresh_plugins(self._service)
         if isinstance(study, Study):
             self._register(study.classes)
             resolved = resolve_study(study, self.folder, self._service.registry, overrides)
@@ -192,6 +200,11 @@ class Workspace:
 
     def friction_law(self, name: str, **parameters: object) -> FrictionLaw:
         """Return a friction law by name with its parameters, such as ``stiffness="17 N/µm"``, to be called."""
+        refresh_plugins(self._service)
+        if isinstance(name, type) and issubclass(name, FrictionModel):
+            raise ParameterError(f"name is the class {name.__name__}; expected FrictionLaw({example_call(name)})")
+        if isinstance(name, FrictionModel):
+            raise ParameterError(f"name is a {type(name).__name__}; expected FrictionLaw(...) around it")
         spec = component_spec({"name": require_text(name, "name"), **parameters})
         return FrictionLaw(create(self._service.registry, FrictionModel, spec))
 
@@ -215,6 +228,7 @@ class Workspace:
         if "estimator" in sections:
             raise ParameterError("simulate takes no estimator; give it to estimate()")
         data = {**base, **sections, "excitation": excitation, "estimator": PERIODIC_ESTIMATOR}
+        refresh_plugins(self._service)
         study = Study("simulation", self.folder, **data)
         self._register(study.classes)
         resolved = resolve_study(study, self.folder, self._service.registry, place="simulate")
@@ -222,7 +236,7 @@ class Workspace:
         return direct_computation.record_signals(sweep.experiment, {}, self._service)
 
     def read_record(
-        self, file: str | Path | Sequence[str | Path], channels: Mapping[str, Any], **keys: Any
+        self, file: str | Path | Sequence[str | Path], channels: Mapping[str, Any] | None = None, **keys: Any
     ) -> Recording:
         """Return the signals of a measured record, without a database.
 
@@ -232,7 +246,8 @@ class Workspace:
             A file, or one for each realisation.
         channels
             Column of each channel by its name, such as ``{"u": "Torque[Nm]", "y": "Position"}``, or its
-            settings. The input is called u and the output y, unless an estimator is told otherwise.
+            settings. The input is called u and the output y, unless an estimator is told otherwise. Without it, the
+            error proposes channels.
         keys
             Other keys of the section ``[record]``, such as ``sample_rate=2000.0`` or ``samples_per_period=4096``.
         """
@@ -240,6 +255,9 @@ class Workspace:
         if not given:
             raise ParameterError("read_record: there is no file; expected one at least")
         files = [str(require_path(one, "file")) for one in given]
+        refresh_plugins(self._service)
+        if channels is None:
+            raise missing_channels(Path(files[0]), self._service.registry)
         columns = dict(require_mapping(channels, "channels", '{"u": "iq [A]", "y": "pos [mm]"}'))
         section = {"file": files if len(files) > 1 else files[0], "channels": columns, **keys}
         settings = RecordSettings.parse(component_spec(section), "record")
@@ -250,6 +268,7 @@ class Workspace:
         """Return the signals behind a result: simulated again, or read again from its record."""
         if not isinstance(result, SweepResult):
             raise ParameterError(f"signals: found {type(result).__name__}; expected a SweepResult, such as run[0]")
+        refresh_plugins(self._service)
         return direct_computation.record_signals(
             result.sweep.experiment, self._service.record_files(result.sweep), self._service
         )
@@ -272,6 +291,7 @@ class Workspace:
             raise ParameterError(
                 f"found {type(recording).__name__}; expected a Recording of simulate(), read_record() or signals()"
             )
+        refresh_plugins(recording.service)
         for component in session_classes([estimator, parameters]):
             recording.service.registry.add_from_session(component)
         spec = component_spec({**component_spec(estimator), **parameters})

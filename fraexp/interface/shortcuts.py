@@ -30,7 +30,9 @@ def simulate(
     return Workspace().simulate(machine, excitation, **sections)
 
 
-def read_record(file: str | Path | Sequence[str | Path], channels: Mapping[str, Any], **keys: Any) -> Recording:
+def read_record(
+    file: str | Path | Sequence[str | Path], channels: Mapping[str, Any] | None = None, **keys: Any
+) -> Recording:
     """Return the signals of a measured record, without a database; see `Workspace.read_record`."""
     return Workspace().read_record(file, channels, **keys)
 

@@ -10,20 +10,22 @@ from typing import Any
 import numpy as np
 
 from fraexp.components.kinds import Component
+from fraexp.components.parameters import example_call
 from fraexp.components.registry import Registry
 from fraexp.data import toml
-from fraexp.data.atomic_file import atomic_file
 from fraexp.errors import FraexpError, StudyError
-from fraexp.interface.argument_checks import require_path, require_text
+from fraexp.interface.argument_checks import is_there, require_path, require_text
 from fraexp.interface.callable_law import FrictionLaw
 from fraexp.interface.html import page_part
-from fraexp.records.study_writer import study_text
+from fraexp.records.study_writer import study_text, write_study
 from fraexp.study import study_file
 from fraexp.study.sections import COMPONENTS
 from fraexp.study.study_file import ResolvedStudy
 
 NAME_PATTERN = re.compile(r"[^\W_][\w.-]*(/[^\W_][\w.-]*)*")
 """Names of studies: they become names of files."""
+MAX_NAME_LENGTH = 100
+"""Letters of a name, and of each folder in it: a file system takes 255 bytes, of which endings and signs take some."""
 RECORD_FILE = "record.file"
 """Path of the record's file in a grid."""
 
@@ -47,7 +49,13 @@ class Study:
 
     def __init__(self, name: str = "study", folder: str | Path = ".", **keys: Any) -> None:
         if not NAME_PATTERN.fullmatch(require_text(name, "study name")):
-            raise StudyError(f"study name {name!r}: expected letters, digits, '.', '_' and '-', such as 'amplitudes'")
+            raise StudyError(
+                f"study name {name!r:.60}: expected letters, digits, '.', '_' and '-', such as 'amplitudes'"
+            )
+        if max(map(len, name.split("/"))) > MAX_NAME_LENGTH:
+            raise StudyError(
+                f"study name {name[:20]!r}... has {len(name)} letters; expected {MAX_NAME_LENGTH} or fewer"
+            )
         self.name, self.folder = name, require_path(folder, "folder")
         self.classes = session_classes(keys)
         """Classes of the components that are given as objects."""
@@ -75,15 +83,19 @@ class Study:
     def save(self, path: str | Path, force: bool = False) -> Path:
         """Write the study as a TOML file and return its path; paths of records are rewritten to start there.
 
-        StudyError if the file exists and `force` is not set.
+        A name without an ending gets ``.toml``. StudyError if it has another one, if the file exists and `force` is not
+        set, or if it cannot be written.
         """
         file = require_path(path, "path")
-        if file.exists() and not force:
+        if file.name in ("", ".."):
+            raise StudyError(f"'{file}' is no name of a file; expected one such as studies/{self.name}.toml")
+        file = file if file.suffix else file.with_name(f"{file.name}.toml")
+        if file.suffix != ".toml":
+            raise StudyError(f"{file}: '{file.suffix}' is no ending of a study; expected {file.stem}.toml")
+        if is_there(file) and not force:
             raise StudyError(f"{file}: the file exists; give force=True to replace it, or another name")
         data = _move_records(self.data, lambda record: _path_from(self.folder / record, file.parent))
-        file.parent.mkdir(parents=True, exist_ok=True)
-        with atomic_file(file) as draft:
-            draft.write_text(study_text(data), encoding="utf-8")
+        write_study(file, data)
         return file
 
     def __eq__(self, other: object) -> bool:
@@ -101,6 +113,8 @@ class Study:
 def plain_value(value: Any) -> Any:
     """Return a Python value as TOML has it: numpy's numbers and arrays, tuples, paths and components are converted."""
     match value:
+        case type() if issubclass(value, Component):
+            raise StudyError(f"found the class {value.__name__}; expected an object: {example_call(value)}")
         case FrictionLaw() | Component():
             return (value.model if isinstance(value, FrictionLaw) else value).spec()
         case _ if hasattr(value, "__array__"):  # arrays and numbers of numpy, pandas and xarray
@@ -140,7 +154,10 @@ def component_spec(value: Any) -> dict[str, Any]:
     if isinstance(plain, str):
         return {"name": plain}
     if not isinstance(plain, dict):
-        raise StudyError(f"found {value!r:.60}; expected one component: its name, a table with its name, or an object")
+        several = "; call it for each of them, or vary them in the grid of a Study" if isinstance(plain, list) else ""
+        raise StudyError(
+            f"found {value!r:.60}; expected one component: its name, a table with its name, or an object{several}"
+        )
     return plain
 
 

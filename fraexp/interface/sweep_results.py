@@ -13,7 +13,7 @@ from fraexp.data.results import UNUSABLE_OUTCOMES, FrequencyResponse, Result
 from fraexp.errors import FraexpError, ParameterError, StudyError
 from fraexp.figures.export import export
 from fraexp.figures.export.content import json_value
-from fraexp.interface.argument_checks import frequency_view, require_path
+from fraexp.interface.argument_checks import frequency_view, is_there, require_path
 from fraexp.interface.datasets import curve_dataset, outcome_attributes, response_dataset, response_table
 from fraexp.interface.html import page_part
 from fraexp.interface.optional_packages import import_optional
@@ -185,7 +185,7 @@ class SweepResult:
         To .c, .h or .st the controller of the sweep is written as code, to .mjcf or .urdf its friction.
         """
         target = require_path(path, "path")
-        if target.exists() and not force:
+        if is_there(target) and not force:
             raise FraexpError(f"{target}: the file exists; give force=True to replace it, or another name")
         if target.suffix.lower() in CONTROLLER_SUFFIXES:
             export_controller(self.sweep, self.result, self.service.registry, target, force=force)

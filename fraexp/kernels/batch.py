@@ -54,11 +54,11 @@ from fraexp.kernels.lane_layout import LaneLayout
 from fraexp.kernels.lane_records import deliver_record, keep_trace, make_room
 from fraexp.kernels.law import (
     explain_compiler_errors,
-    fingerprint,
     kernel_source_hash,
     register_law,
 )
 from fraexp.kernels.law_error import LawCallError
+from fraexp.kernels.law_fingerprint import fingerprint
 from fraexp.kernels.loop_laws import Laws, last_call
 from fraexp.kernels.machine_code import compile_kernel, function_address
 from fraexp.kernels.periodic_state import KEPT_WINDOWS, keep_state

@@ -1,4 +1,4 @@
-"""Friction laws, written as plain functions: made known to the compiler, and identified by all that they use."""
+"""Friction laws, written as plain functions: made known to the compiler together with all that they use."""
 
 import contextlib
 import hashlib
@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from pathlib import Path
 
-import numpy as np
 from numba.core import ir, ssa
 from numba.core.errors import NumbaError
 from numba.extending import register_jitable
@@ -68,7 +67,7 @@ def called_functions(law: Law) -> list[Law]:
     """Return the Python functions that a law calls, directly or through others, each once."""
     found = [law]
     for function in found:  # the list grows while it is read: callees of callees are visited as well
-        found += [value for value in _used_values(function) if inspect.isfunction(value) and value not in found]
+        found += [value for value in used_values(function) if inspect.isfunction(value) and value not in found]
     return found[1:]
 
 
@@ -77,25 +76,7 @@ def used_by(law: Law) -> list[Law]:
     return [law, *called_functions(law)]
 
 
-def fingerprint(law: Law) -> str:
-    """Return a hash of everything that decides what the law computes: its file, the constants and functions it uses.
-
-    It is part of a kernel's identity, so that an edited law is compiled again.
-    """
-    digest = hashlib.blake2b(digest_size=16)
-    for function in used_by(law):
-        path = Path(inspect.getfile(function))
-        digest.update(f"{function.__qualname__} {is_built_in(function)}".encode())
-        digest.update(path.read_bytes() if path.is_file() else function.__code__.co_code)
-        for value in _used_values(function):
-            if isinstance(value, np.ndarray):
-                digest.update(value.tobytes())
-            elif isinstance(value, int | float | tuple):
-                digest.update(repr(value).encode())
-    return digest.hexdigest()
-
-
-def _used_values(law: Law) -> list[object]:
+def used_values(law: Law) -> list[object]:
     """Return the values that a law uses beside its arguments: globals of its module, and what it closes over.
 
     A function that its author has compiled already is replaced by the Python function inside.
@@ -118,6 +99,7 @@ def explain_compiler_errors(*laws: Law) -> Iterator[None]:
     except Exception as error:  # the compiler raises errors of many kinds
         message = TERMINAL_CODE.sub("", str(error))
         cause = _error_cause([line.strip() for line in message.splitlines() if line.strip()] or [type(error).__name__])
+        cause += "".join(_unsupported_uses(laws))
         raise LawError(f"{names} ({_error_place(message, laws)}) cannot be compiled: {cause}") from None
 
 
@@ -133,6 +115,16 @@ def _error_cause(lines: list[str]) -> str:
     if lines[at].endswith("found for signature:") and at + 1 < len(lines):  # the signature is in the line after it
         return f"there is no implementation of {lines[at + 1].removeprefix('>>> ')}"
     return lines[at].partition(" Raised from ")[0]
+
+
+def _unsupported_uses(laws: Sequence[Law]) -> Iterator[str]:
+    """Yield what to write for each function of numpy and math that the compiler lacks for numbers, and a law uses."""
+    functions = [each for law in laws for each in used_by(law)]
+    own = {function.__name__ for function in functions}
+    used = dict.fromkeys(name for function in functions for name in function.__code__.co_names)
+    for name in used:
+        if name in INSTEAD and name not in own:
+            yield f"; {name} does not take single numbers there: write {INSTEAD[name]}"
 
 
 def _error_place(message: str, laws: Sequence[Law]) -> str:
@@ -157,6 +149,21 @@ MEANINGS = {
     "Cannot modify readonly array": "it writes z, a parameter or an array of its module; it may write only z_next",
 }
 """What a cause means in the words of a law's author, by how it begins."""
+INSTEAD = {
+    "clip": "min(max(x, low), high)",
+    "heaviside": "1.0 if x > 0 else 0.0",
+    "piecewise": "if and else",
+    "select": "if and else",
+    "norm": "abs(x) or math.hypot(x, y)",
+    "dot": "x * y",
+    "polyval": "(a * x + b) * x + c",
+    "cbrt": "math.copysign(abs(x) ** (1 / 3), x)",
+    "dist": "math.hypot(x, y)",
+    "fmod": "x % y",
+    "fsum": "a sum",
+    "prod": "a product",
+}
+"""What to write instead of functions that the compiler does not have, or has for arrays only."""
 CAUSE_PREFIXES = (
     "NameError",
     "Cannot",

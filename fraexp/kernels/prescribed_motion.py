@@ -18,7 +18,6 @@ from fraexp.kernels.lane_layout import MOTION_LANES, ONE_MACHINE, LaneLayout
 from fraexp.kernels.law import (
     Law,
     explain_compiler_errors,
-    fingerprint,
     is_built_in,
     kernel_source_hash,
     register_law,
@@ -34,6 +33,7 @@ from fraexp.kernels.law_arguments import (
     flatten_arguments,
 )
 from fraexp.kernels.law_error import LawCall, LawCallError, LawError
+from fraexp.kernels.law_fingerprint import fingerprint
 from fraexp.kernels.machine_code import compile_kernel, function_address
 from fraexp.kernels.observed_law import (
     CALL_HALF,

@@ -9,6 +9,7 @@ from pathlib import Path
 from fraexp.components.kinds import Component, Estimator
 from fraexp.components.registry import Registry
 from fraexp.data import toml
+from fraexp.data.atomic_file import atomic_file
 from fraexp.errors import StudyError, did_you_mean
 from fraexp.records.record_settings import INJECTED_CHANNELS
 from fraexp.records.stated_response import INPUT, OUTPUT, is_response
@@ -165,6 +166,18 @@ def is_same_study(path: Path, data: Mapping[str, object]) -> bool:
         return toml.loads(path.read_text(encoding="utf-8")) == toml.loads(study_text(data))
     except ValueError:  # it is not TOML, or not text
         return False
+
+
+def write_study(path: Path, data: Mapping[str, object]) -> None:
+    """Write a study as a TOML file, complete or not at all, into a folder that is made; StudyError if it cannot be."""
+    text = study_text(data)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with atomic_file(path) as draft:
+            draft.write_text(text, encoding="utf-8")
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise StudyError(f"{path}: the study cannot be written: {reason}; choose another place") from None
 
 
 def study_text(data: Mapping[str, object]) -> str:

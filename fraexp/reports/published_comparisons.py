@@ -53,7 +53,7 @@ def read_study(run: RunSummary, folder: Path) -> tuple[ResolvedStudy, list[str]]
     try:
         return describe_study(run.study, _study_file(run, folder)), []
     except FraexpError as error:
-        return bare, [f"title, question and printed numbers are left out: {error}"]
+        return bare, [f"title, question and published numbers are left out: {error}"]
 
 
 def _study_file(run: RunSummary, folder: Path) -> Path:
@@ -69,7 +69,7 @@ def verdict(compared: Sequence[PublishedComparison]) -> str:
     groups = ((origin, [one.is_met for one in compared if one.published.origin == origin]) for origin in ORIGINS)
     counts = [f"{origin} {sum(met)} of {len(met)}" for origin, met in groups if met]
     total, plural = sum(one.is_met for one in compared), "" if len(compared) == 1 else "s"
-    return f"{total} of {len(compared)} printed number{plural} met: {', '.join(counts)}"
+    return f"{total} of {len(compared)} published number{plural} met: {', '.join(counts)}"
 
 
 def comparison_document(one: PublishedComparison) -> dict[str, Any]:

@@ -90,7 +90,7 @@ def _published_row(one: PublishedComparison, study: Sequence[Cell]) -> dict[str,
     link = study[0] if study else Cell("")
     row = {"number": Cell(of.what, detail=of.note), "source": Cell(of.source, may_wrap=True), "study": link}
     row["origin"] = Cell(of.origin)
-    row |= {"unit": Cell(unit_text(of.unit)), "printed": Cell(of.bound_text)}
+    row |= {"unit": Cell(unit_text(of.unit)), "published": Cell(of.bound_text)}
     row |= {"ours": Cell(_ours(one)), "difference": Cell(_difference(one)), "expected": Cell(_expectation(one))}
     return row | {"met": _met(one)}
 

@@ -17,7 +17,7 @@ from fraexp.store.clock import steady_time
 from fraexp.store.interrupts import deferred_interrupt
 from fraexp.store.liveness import this_process
 from fraexp.store.queries import annotations, reading, stored_results, sweep_pages
-from fraexp.store.queries.filter_sql import UnitDeclarations, no_declared_units
+from fraexp.store.queries.known_names import UnitDeclarations, no_declared_units
 from fraexp.store.schema import Schema, check_readable, migrate_database, prepare_database
 from fraexp.store.stored_records import (
     ComponentOrigin,
@@ -233,14 +233,14 @@ class Store:
         """
         with self._reading() as connection:
             if run is not None:
-                reading.read_run(connection, run)
+                reading.check_run(connection, run)
             return sweep_pages.read_page(connection, filter, order, offset, limit, run, self._unit_declarations)
 
     def keys(self, filter: str = "", run: int | None = None) -> list[str]:  # noqa: A002 (the same)
         """Return the keys of all sweeps that match a filter, in the default order of `page`."""
         with self._reading() as connection:
             if run is not None:
-                reading.read_run(connection, run)
+                reading.check_run(connection, run)
             return sweep_pages.matching_keys(connection, filter, run, self._unit_declarations)
 
     def fields(self) -> list[str]:
@@ -281,7 +281,7 @@ class Store:
     def delete_run(self, number: int) -> int:
         """Delete a run that has ended with the sweeps that no other run has, and return the number of these sweeps."""
         with self._writing() as connection:
-            reading.read_run(connection, number)
+            reading.check_run(connection, number)
             return annotations.delete_run(connection, number)
 
     def sources(self) -> dict[str, dict[str, int]]:

@@ -76,6 +76,13 @@ class RunSummary:
     """Progress at the last heartbeat; None if it was not reported."""
     silence: float = 0.0
     """Time since the last heartbeat, by the clock of the database [s]; 0 unless it is running."""
+    unusable: int = 0
+    """Number of results that cannot be used, such as those of diverged sweeps; `failed` ones have none."""
+
+    @property
+    def is_unusable(self) -> bool:
+        """Whether it has ended without a usable result."""
+        return self.state in ("complete", "partial") and 0 < self.total == self.failed + self.unusable
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from fraexp.components.kinds import FrictionModel, nested_kind
 from fraexp.components.parameters import Parameters, unit_of
 from fraexp.components.position_dependence import positioned_class
 from fraexp.components.registry import Registry
-from fraexp.data.rotary_axes import is_rotary, rotary_unit
+from fraexp.data.rotary_axes import is_rotary
 from fraexp.data.sweep import models_by_contact
 from fraexp.errors import StudyError, did_you_mean
 from fraexp.simulation.experiments import Compensation
@@ -115,7 +115,7 @@ def component_of(kind: str, spec: Any, registry: Registry) -> Owner:
 
 
 def units_of(path: str, registry: Registry) -> dict[str, set[str]]:
-    """Return the units that a parameter can have, of either kind of axis, by the component whose path it is.
+    """Return the units that a parameter can have on a straight axis, by the component whose path it is.
 
     The name is empty for a section that is no component. A component without this parameter, or that declares it
     without a unit, is left out.
@@ -123,7 +123,7 @@ def units_of(path: str, registry: Registry) -> dict[str, set[str]]:
     section, *parts = path.split(".")
     owners = {"": SETTINGS[section]} if section in SETTINGS else _components_of_kind(section, registry)
     units = {name: _units_below(owner, parts, registry) for name, owner in owners.items()}
-    return {name: found | {rotary_unit(unit) for unit in found} for name, found in units.items() if found}
+    return {name: found for name, found in units.items() if found}
 
 
 def _units_below(owner: type[Parameters], parts: Sequence[str], registry: Registry) -> set[str]:

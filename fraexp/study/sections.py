@@ -33,6 +33,7 @@ def merge(base: Mapping[str, Any], change: Mapping[str, Any], place: str) -> dic
         if not isinstance(value, Mapping):
             is_name = isinstance(value, str) and key in COMPONENTS
             table = f"{{ name = '{value}' }}" if is_name else f"[{key}]"
+            table += f"; [grid] runs several: {key} = [...]" if isinstance(value, list) else ""
             raise StudyError(f"{place}: {key} is {toml.as_text(value)}; expected a table such as {table}")
         result[key] = overlay(result.get(key, {}), value)
     return result

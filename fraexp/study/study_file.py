@@ -55,6 +55,8 @@ class ResolvedStudy:
     """Kind of its figure; empty for the one that fits the results."""
     published: tuple[PublishedNumber, ...] = ()
     """Numbers of a publication to which its own are compared."""
+    repeated: int = 0
+    """Points of the grid that come to the sweep of another point, as those of a value that is given twice."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +79,10 @@ def find_studies(name: str, folder: Path) -> list[tuple[str, Path]]:
     """Return name and file of a study (or of all in a directory), looked up as a path, in `folder`, in the package."""
     if not name.strip():
         raise StudyError("a study's name is empty; expected a study file, a name, or a folder (. for this one)")
+    try:
+        (folder / name).exists()
+    except (OSError, ValueError) as error:  # such as a name that is too long
+        raise StudyError(f"there is no study '{name:.60}': {getattr(error, 'strerror', error)}") from None
     roots = (folder / "studies", packaged_studies())
     for base in (folder, *roots):
         for path in (base / name, base / f"{name}.toml"):
@@ -128,8 +134,10 @@ def resolve(
     _check_count(file, len(whole), grid, draws)
     first: dict[str, Sweep] = {}
     hidden: Sweep | None = None
+    points = 0
     with _without_collection():
         for sweep in _all_sweeps(file, whole, grid, draws, registry):
+            points += 1
             other = first.setdefault(sweep.key, sweep)
             if other is not sweep and other.labels.get("case") != sweep.labels.get("case"):
                 hidden = hidden or sweep
@@ -139,7 +147,7 @@ def resolve(
     kept = tuple(first.values())  # points may say the same in two ways
     if study.published and not overrides:  # which may well leave out what is printed
         published_values.check(study.published, kept, str(file))
-    return replace(study, sweeps=kept)
+    return replace(study, sweeps=kept, repeated=points - len(kept))
 
 
 def outline(

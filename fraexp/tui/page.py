@@ -37,6 +37,8 @@ MAX_QUOTE_LENGTH = 60
 """Maximum characters of a quoted value in a message."""
 MAX_MESSAGE_LENGTH = 800
 """Maximum characters of a message: it must leave room for the rest of the screen."""
+MAX_COMMAND_LENGTH = 400
+"""Maximum characters of the command line that are drawn, more than the columns of a terminal; it is copied whole."""
 LONG_QUOTE = re.compile(rf"(?<!\w)(['\"])((?:(?!\1).){{{MAX_QUOTE_LENGTH + 1},}})\1", re.DOTALL)
 
 
@@ -69,7 +71,7 @@ class PageHeader(Static):
             parts += _place_parts(name, PLACE_KEYS.get(mode, name[0].lower()), mode == place)
         parts += [(f"  {printable(title)}", "bold")] if title else []
         parts += [(f"  {marked:,} marked", "bold $accent")] if marked else []
-        parts += [("\n$ ", "$accent"), (printable(command), "$text-muted")]
+        parts += [("\n$ ", "$accent"), (printable(command[:MAX_COMMAND_LENGTH]), "$text-muted")]
         self.update(Content.assemble(*parts), layout=False)
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
+from statistics import median
 from typing import Any
 
 from fraexp.components.registry import Registry
@@ -89,15 +90,44 @@ def difference_rows(
     sweeps: Sequence[StoredSweep], results: Mapping[str, Result], registry: Registry
 ) -> list[list[str]]:
     """Return a row for each parameter, metric and fit that differs: its name with its unit, and a text per sweep."""
-    found = [results.get(sweep.key) for sweep in sweeps]
-    parameters = differing_values([parameter_values(sweep) for sweep in sweeps])
-    metrics, fits = (
-        differing_values([metric_values(of) for of in found]),
-        differing_values([fit_texts(of) for of in found]),
-    )
+    return group_difference_rows([[sweep] for sweep in sweeps], results, registry)
+
+
+def group_difference_rows(
+    groups: Sequence[Sequence[StoredSweep]], results: Mapping[str, Result], registry: Registry
+) -> list[list[str]]:
+    """Return the same with a text per group, which may have many sweeps: the median of what differs within it."""
+    sweeps = [group[0] for group in groups]
+    found = [[results.get(sweep.key) for sweep in group] for group in groups]
+    parameters = differing_values([_group_parameters(group) for group in groups])
+    metrics = differing_values([merge_values([metric_values(of) for of in group]) for group in found])
+    fits = differing_values([merge_values([fit_texts(of) for of in group]) for group in found])
     rows = [_parameter_row(path, row, sweeps, registry) for path, row in parameters.items()]
     rows += [_metric_row(name, row) for name, row in metrics.items()]
     return rows + [[path, *(text or ABSENT for text in row)] for path, row in fits.items()]
+
+
+def _group_parameters(group: Sequence[StoredSweep]) -> dict[str, Any]:
+    """Return the parameters of a group by path; those that its first and last two sweeps share are common to all."""
+    some = {of.key: parameter_values(of) for of in (*group[:2], *group[-2:])}
+    varying = differing_values(list(some.values()))
+    values = [{path: _label_value(sweep, path) for path in varying} for sweep in group] if varying else []
+    return next(iter(some.values())) | merge_values(values)
+
+
+def merge_values(values: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return one value for each path: the common one, the median of different numbers, or how many others there are."""
+    paths = dict.fromkeys(path for of in values for path in of)
+    return {path: _merge([of.get(path) for of in values]) for path in paths}
+
+
+def _merge(values: Sequence[Any]) -> object:
+    if all(value == values[0] for value in values):
+        return values[0]
+    known = [value for value in values if value is not None]
+    if all(isinstance(value, int | float) and not isinstance(value, bool) for value in known):
+        return median(known)
+    return f"{len({repr(value) for value in known})} different"
 
 
 def _parameter_row(path: str, row: Sequence[object], sweeps: Sequence[StoredSweep], registry: Registry) -> list[str]:

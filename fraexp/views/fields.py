@@ -8,8 +8,11 @@ from collections.abc import Mapping, Sequence
 from fraexp.data.sweep import DRAW
 from fraexp.figures.elements.labels import label_text, nominal_labels
 from fraexp.store import RunSummary, StoredSweep
+from fraexp.views.run_progress import counts_text
 from fraexp.views.words import duration_text, short_key, timestamp_text
 
+NOTHING_USABLE = "no usable result"
+"""State of a run that has ended, of which each sweep has failed or has an unusable result."""
 MIN_SILENCE_S = 60.0
 """Time without a heartbeat from which a run is called silent: its leases end then, and others compute its sweeps."""
 
@@ -25,7 +28,7 @@ def run_fields(run: RunSummary) -> list[tuple[str, str]]:
         ("file", run.study_file),
         ("command", run.command),
         ("state", run_state_text(run)),
-        ("sweeps", f"{run.total}: {run.computed} computed, {run.reused} reused, {run.failed} failed"),
+        ("sweeps", f"{run.total}: {counts_text(run)}"),
         ("started", timestamp_text(run.started)),
         ("took", run_duration_text(run)),
         ("code", f"fraexp {run.provenance.get('fraexp') or '(version unknown)'}{commit}"),
@@ -35,8 +38,11 @@ def run_fields(run: RunSummary) -> list[tuple[str, str]]:
 def run_state_text(run: RunSummary) -> str:
     """Return the state of a run, with its silence if it has sent no heartbeat for a while.
 
-    A run that was told to end is stopped; one whose process ended without a word is lost.
+    A run that was told to end is stopped; one whose process ended without a word is lost. One that has ended without
+    a usable result, such as after all of its sweeps have diverged, is not called complete.
     """
+    if run.is_unusable:
+        return NOTHING_USABLE
     if run.state == "interrupted":
         return "process lost" if run.ended is None else "stopped"
     if run.silence < MIN_SILENCE_S:

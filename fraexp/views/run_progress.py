@@ -49,7 +49,8 @@ def progress_text(run: RunSummary, rate: float | None, width: int = 20) -> str:
 
 
 def counts_text(run: RunSummary) -> str:
-    """Return how many sweeps were computed and reused, how many failed, and how many are left."""
+    """Return how many sweeps were computed and reused, how many failed or are unusable, and how many are left."""
     pending = run.total - finished_count(run)
     left = f", {pending} to do" if pending else ""
-    return f"{run.computed} computed, {run.reused} reused, {run.failed} failed{left}"
+    unusable = f", {run.unusable} without a usable result" if run.unusable else ""
+    return f"{run.computed} computed, {run.reused} reused, {run.failed} failed{unusable}{left}"

@@ -8,8 +8,9 @@ from fraexp.execution.events import Planned
 from fraexp.store import RunSummary
 from fraexp.study.catalogue import FIRST_STUDY, StudyEntry
 from fraexp.study.sections import SECTIONS
-from fraexp.views.fields import run_duration_text, toml_value
+from fraexp.views.fields import run_duration_text, run_state_text, toml_value
 from fraexp.views.pace import expected_time_text
+from fraexp.views.run_progress import counts_text
 from fraexp.views.words import plural, timestamp_text
 from fraexp.workspace.workspace_service import WorkspaceService
 
@@ -96,7 +97,7 @@ def study_state(entry: StudyEntry, found: StudySurvey | None, last: RunSummary |
 
 def run_text(run: RunSummary | None) -> str:
     """Return number, state and time of a run."""
-    return f"run {run.number} {run.state}, {timestamp_text(run.started)[:16]}" if run else ""
+    return f"run {run.number} {run_state_text(run)}, {timestamp_text(run.started)[:16]}" if run else ""
 
 
 def study_row(entry: StudyEntry, found: StudySurvey | None, last: RunSummary | None) -> list[str]:
@@ -179,6 +180,5 @@ def _cases_text(cases: Sequence[object]) -> str:
 def _last_run_text(run: RunSummary | None) -> str:
     if run is None:
         return ""
-    failed = f", {run.failed} failed" if run.failed else ""
     time = f", took {run_duration_text(run)}" if run.ended else ""
-    return f"{run_text(run)}: {run.computed} computed, {run.reused} reused{failed}{time}"
+    return f"{run_text(run)}: {counts_text(run)}{time}"

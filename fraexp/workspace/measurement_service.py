@@ -4,12 +4,10 @@ from collections.abc import Generator, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from fraexp import records
 from fraexp.components.kinds import Estimator
 from fraexp.components.registry import create
-from fraexp.data.atomic_file import atomic_file
 from fraexp.data.results import Result
 from fraexp.data.rotary_axes import is_rotary, rotary_text
 from fraexp.errors import FraexpError, MachineError, StudyError
@@ -23,7 +21,7 @@ from fraexp.measurement.measurement import Measurement, MeasurementEvent, PointM
 from fraexp.measurement.measurement_plan import MeasurementPlan, plan_measurement
 from fraexp.measurement.point_measurement import noise_band
 from fraexp.measurement.tasks import MeasurementTask, measurement_tasks
-from fraexp.records.study_writer import is_same_study, study_text
+from fraexp.records.study_writer import is_same_study, write_study
 from fraexp.study.study_file import read
 from fraexp.workspace.workspace_service import WorkspaceService
 
@@ -156,9 +154,3 @@ def _words_of_its_axis(task: MeasurementTask) -> Iterator[None]:
         yield
     except MachineError as error:
         raise MachineError(rotary_text(str(error)) if is_rotary(task.experiment) else str(error)) from error
-
-
-def write_study(path: Path, data: dict[str, Any]) -> None:
-    """Write a study as a whole."""
-    with atomic_file(path) as draft:
-        draft.write_text(study_text(data), encoding="utf-8")

@@ -8,6 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, Self
 
+from fraexp.data.identity import file_stamps
 from fraexp.errors import StoreError, StudyError
 
 if TYPE_CHECKING:
@@ -32,7 +33,13 @@ class WorkspaceFolder:
     def open(cls, folder: str | Path, database: str | None = None) -> Self:
         """Open a folder; the database is ``results.db`` in it, unless a path or URL is given."""
         root = Path(folder)
-        if not root.is_dir():
+        try:
+            is_folder, is_file = root.is_dir(), root.is_file()
+        except (OSError, ValueError):  # such as a name that is too long
+            is_folder = is_file = False
+        if is_file:
+            raise StudyError(f"{root}: is a file; expected the folder to work in, such as {root.parent}")
+        if not is_folder:
             raise StudyError(f"{root}: there is no such folder to work in")
         return cls(root, str(database or root / "results.db"))
 
@@ -51,8 +58,14 @@ class WorkspaceFolder:
         """Forget the registry, so that plugins that were added, repaired or broken since are loaded anew."""
         self.__dict__.pop("registry", None)
 
+    def has_current_plugins(self) -> bool:
+        """Return whether the registry is loaded, and from the plugin files as they are now."""
+        if "registry" not in self.__dict__:
+            return False
+        return self.registry.local_files == file_stamps(self.folder / "plugins")
+
     def units(self, path: str) -> dict[str, set[str]]:
-        """Return the units that a parameter can have, by component: for filters."""
+        """Return the units that a parameter can have on a straight axis, by component: for filters."""
         from fraexp.study.paths import units_of
 
         return units_of(path, self.registry)

@@ -10,7 +10,6 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from fraexp.components.kinds import Plant
-from fraexp.data.atomic_file import atomic_file
 from fraexp.data.results import Result
 from fraexp.data.sweep import experiment_key
 from fraexp.errors import FraexpError, StudyError
@@ -19,7 +18,7 @@ from fraexp.execution.database_retry import DatabaseRetry
 from fraexp.execution.estimates.learning import draw_timed
 from fraexp.execution.events import Ended, Event, Noticed, Planned
 from fraexp.execution.executors import ResourceLimits, worker_count
-from fraexp.records.study_writer import ImportRequest, is_same_study, study_data, study_text
+from fraexp.records.study_writer import ImportRequest, is_same_study, study_data, write_study
 from fraexp.reports.figure_titles import run_title
 from fraexp.reports.html_report import gather_chapter, write_report
 from fraexp.reports.stored_figures import StoredFigures
@@ -166,9 +165,7 @@ class WorkspaceService(WorkspaceFolder):
         resolve(path.stem, path, data, self.folder, self.registry)
         if path.exists() and not is_same_study(path, data):
             raise StudyError(f"{path}: a different study is in this file; choose another file with --study")
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with atomic_file(path) as draft:
-            draft.write_text(study_text(data), encoding="utf-8")
+        write_study(path, data)
         if not path.resolve().is_relative_to(self.folder.resolve()):
             yield Noticed(f"the study is written outside the workspace, and is run by its path: {path.resolve()}")
         yield from self.run([str(path.resolve())])

@@ -96,6 +96,7 @@ def test_frequencies_that_nobody_has_are_told(folder: Path, capsys: pytest.Captu
     assert "no response has a settled frequency within 5 % of 30, 60 Hz" in err
 
 
+@pytest.mark.thorough
 def test_the_study_names_its_figure_and_plot_may_ask_for_another(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

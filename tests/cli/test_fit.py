@@ -113,7 +113,7 @@ def test_a_setting_by_its_former_name_is_taken_and_told(computed: Path, capsys: 
         (["1", "--set", "mode=2"], "has no parameter 'mode'; did you mean 'modes'?"),
         thorough(["1", "--set", "modes"], "expected PARAMETER=VALUE"),
         thorough(["1", "--estimator", "modal_fits"], "did you mean 'modal_fit'?"),
-        (["9"], "there is no run 9"),
+        thorough(["9"], "there is no run 9"),
     ],
 )
 def test_a_wrong_wish_is_one_line(

@@ -12,6 +12,7 @@ from fraexp.data.sweep import Sweep
 from fraexp.store import Store
 from fraexp.testing import selftest
 from tests.cli.conftest import fill
+from tests.examples import thorough
 from tests.store.conftest import reseal
 
 GOOD = '''
@@ -79,9 +80,9 @@ def test_doctor_names_a_foreign_database(tmp_path: Path, capsys: pytest.CaptureF
 @pytest.mark.parametrize(
     ("statement", "finding"),
     [
-        ("UPDATE frequency_response SET response = x'00'", "2 of 5 sweeps and 0 of 1 runs are damaged"),
-        ("UPDATE frequency_response SET harmonics = 'text'", "2 of 5 sweeps and 0 of 1 runs are damaged"),
-        ("UPDATE curve_column SET samples = zeroblob(1000)", "1 of 5 sweeps and 0 of 1 runs are damaged"),
+        thorough("UPDATE frequency_response SET response = x'00'", "2 of 5 sweeps and 0 of 1 runs are damaged"),
+        thorough("UPDATE frequency_response SET harmonics = 'text'", "2 of 5 sweeps and 0 of 1 runs are damaged"),
+        thorough("UPDATE curve_column SET samples = zeroblob(1000)", "1 of 5 sweeps and 0 of 1 runs are damaged"),
         ("UPDATE sweep SET outcome = 'ok' WHERE outcome IS NOT NULL", "4 of 5 sweeps and 0 of 1 runs are damaged"),
         ("UPDATE run SET study = 'other'", "0 of 5 sweeps and 1 of 1 runs are damaged"),
     ],

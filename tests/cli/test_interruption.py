@@ -80,6 +80,7 @@ def test_a_run_that_is_asked_to_end_does_so_at_once(executor, number, tmp_path):
     wait_until(lambda: is_gone(process.pid))
 
 
+@pytest.mark.thorough
 def test_workers_end_with_a_scheduler_that_is_killed(tmp_path):
     process = started(tmp_path, "--executor", "processes")
     process.kill()

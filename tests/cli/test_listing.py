@@ -12,6 +12,8 @@ import pytest
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
+from fraexp.data.results import Outcome, Result
+from fraexp.data.sweep import Sweep
 from fraexp.store import Store
 from tests.cli.conftest import ROOT
 from tests.waiting import HANG_TIMEOUT_S
@@ -67,6 +69,37 @@ def test_a_filter_that_finds_nothing_says_so(folder, capsys):
     assert said(capsys, "list", "estimator:nobody") == ("", "no sweep matches estimator:nobody\n")
 
 
+def test_compare_and_plot_take_a_filter_of_a_run_or_of_all_sweeps(folder, capsys):
+    listed = json.loads(said(capsys, "list", "estimator=h1", "--json")[0])["sweeps"]
+    for named in (["1", "--filter", "estimator=h1"], ["--filter", "estimator=h1"]):
+        compared = json.loads(said(capsys, "compare", *named, "--json")[0])["sweeps"]
+        assert {of["key"] for of in compared} == {of["key"] for of in listed}
+    assert len(compared) == 2
+    said(capsys, "plot", "1", "--filter", "estimator=h1", "-o", "some.svg")
+    assert (folder / "some.svg").is_file()
+    said(capsys, "compare", "1", "--filter", "estimator=nobody", code=ExitCode.USAGE)
+    _, err = said(capsys, "plot", "-o", "none.svg", code=ExitCode.USAGE)
+    assert "no sweeps are named" in err
+    assert not (folder / "none.svg").exists()
+
+
+def test_a_run_of_which_nothing_can_be_used_is_not_called_complete(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    sweeps = [Sweep({"source": "loop", "n": n}, {"name": "conventional"}) for n in range(2)]
+    with Store.open("results.db", create=True) as store:
+        for outcome in (Outcome.OK, Outcome.DIVERGED):
+            run = store.begin_run("bench", "bench.toml", "fraexp run bench", {}, sweeps)
+            store.save(run, [(sweeps[0], Result(outcome), {}), (sweeps[1], Result(Outcome.DIVERGED), {})])
+            store.end_run(run, "complete")
+    runs = json.loads(said(capsys, "list", "--json")[0])["runs"]
+    assert [of["unusable"] for of in runs] == [2, 2]
+    assert said(capsys, "list")[0].count("no usable result") == 2
+    assert "2 computed, 0 reused, 0 failed, 2 without a usable result" in said(capsys, "show", "2")[0]
+    with Store.open("results.db") as store:
+        store.save(2, [(sweeps[0], Result(Outcome.OK), {})])
+    assert said(capsys, "list")[0].count("complete") == 2
+
+
 @pytest.mark.parametrize(
     ("arguments", "told", "code"),
     [
@@ -84,6 +117,7 @@ def test_what_is_wrong_is_told_in_one_line(folder, capsys, arguments, told, code
     assert told in err
 
 
+@pytest.mark.thorough
 def test_studies_are_listed_with_their_state(folder, capsys):
     (folder / "studies").mkdir()
     (folder / "studies" / "broken.toml").write_text("title = 1 2", encoding="utf-8")

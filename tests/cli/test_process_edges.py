@@ -59,6 +59,7 @@ def ignore_hang_up() -> None:
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
 
 
+@pytest.mark.thorough
 def test_a_hang_up_that_the_parent_ignores_stays_ignored(tmp_path: Path) -> None:
     process = started(tmp_path, preexec_fn=ignore_hang_up)
     status = Path(f"/proc/{process.pid}/status").read_text(encoding="utf-8")
@@ -229,6 +230,7 @@ def test_the_database_is_taken_from_the_environment(workspace: Path, tmp_path: P
     assert shell("fraexp list --db other.db", tmp_path, FRAEXP_DB=str(workspace / "results.db")).stdout == ""
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("json_option", some(["", "--json"], "--json"))
 def test_a_background_run_that_cannot_start_is_reported(json_option: str, tmp_path: Path) -> None:
     (tmp_path / "results.db").write_text("something else")

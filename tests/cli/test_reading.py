@@ -225,6 +225,7 @@ def test_a_sweep_without_a_label_is_named_by_its_parameters() -> None:
     ]
 
 
+@pytest.mark.thorough
 def test_responses_of_two_units_are_two_figures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     speed = Sweep({"source": "record"}, {"name": "h1", "output": "v"}, {"estimator.output": "v"})
     position = Sweep({"source": "record"}, {"name": "h1", "output": "y"}, {"estimator.output": "y"})

@@ -79,6 +79,7 @@ def test_an_executor_that_cannot_be_had_leaves_no_run(
     assert json.loads(capsys.readouterr().out).get("runs", []) == []
 
 
+@pytest.mark.thorough
 def test_a_study_with_nothing_to_compute_needs_no_executor(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

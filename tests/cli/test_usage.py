@@ -163,6 +163,7 @@ def test_a_reader_that_goes_away_is_no_error(workspace: Path) -> None:
     assert (done.returncode, done.stderr) == (ExitCode.PIPE_CLOSED, "")
 
 
+@pytest.mark.thorough
 def test_a_terminal_without_the_letters_gets_escapes(fraexp: Command, workspace: Path) -> None:
     done = fraexp("plugins", PYTHONIOENCODING="ascii", PYTHONUTF8="0")
     assert "internal error" not in done.stderr

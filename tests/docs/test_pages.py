@@ -62,6 +62,7 @@ def test_every_section_of_a_study_is_explained() -> None:
     assert [key for key in KEYS if f"`{key}`" not in table and f"`[{key}]`" not in table] == []
 
 
+@pytest.mark.thorough
 def test_the_messages_in_troubleshooting_are_those_of_the_code() -> None:
     tables = re.findall(r"^\| message \|.*\n\|-.*\n((?:\|.*\n)+)", read("docs/troubleshooting.md"), re.MULTILINE)
     quoted = [row.split(" | ")[0].strip("| ") for table in tables for row in table.splitlines()]

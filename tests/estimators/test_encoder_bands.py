@@ -100,7 +100,7 @@ def test_rounding_that_repeats_in_every_period_is_in_the_band():
         assert np.all(deviation < 0.03)
 
 
-@pytest.mark.parametrize("noise", [0.0, 10e-9, 30e-9])
+@pytest.mark.parametrize("noise", some([0.0, 10e-9, 30e-9], 10e-9))
 def test_the_conventional_band_covers_rounded_sines(noise):
     """Sines of any amplitude, phase and place, 25 samples a period: the truth is known exactly."""
     generator, inside = np.random.default_rng(4), []

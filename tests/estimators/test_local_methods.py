@@ -18,7 +18,7 @@ from fraexp.data.signals import Segment, Signals
 from fraexp.errors import ParameterError, RecordError
 from fraexp.simulation.loop import simulate_loop
 from fraexp.simulation.machine import ControlLoop, Machine, Numerics
-from tests.examples import thorough
+from tests.examples import some, thorough
 from tests.machines import FRICTIONLESS, LEAD, TABLE
 
 RATE = 2000.0
@@ -157,6 +157,7 @@ def test_circles_hold_what_they_promise_in_closed_loop_from_rest(method: type, n
     assert np.all(np.abs(ratios.mean(axis=0)) < 0.25 * scatter)  # what 400 experiments can tell is 0.05
 
 
+@pytest.mark.thorough
 def test_realisations_hold_what_they_promise() -> None:
     held, _ = covered(LocalPolynomial, 200, 30e-9, records=3)
     assert abs(held.mean() - 0.95) < 0.02
@@ -181,7 +182,7 @@ def test_realisations_separate_distortion_and_noise() -> None:
     assert np.all(response.freedom == 118)
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", some(METHODS, LocalPolynomial))
 def test_an_arbitrary_record_in_closed_loop_needs_its_reference(method: type) -> None:
     """With much noise y over u goes towards -1/C; y and u over the injected signal do not."""
     generator, plant, lines = np.random.default_rng(6), table(), np.arange(300, 1800, 50)

@@ -38,6 +38,7 @@ def errors(response, position="load"):
     return np.abs(decibel(ratio)).max(), np.abs(degrees(ratio)).max()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("amplitude", [20.0, thorough(75.0)])
 def test_from_motor_to_load_with_both_encoders(amplitude):
     """The friction model is driven by the motor's encoder, and the response is that of the load's position."""
@@ -61,6 +62,7 @@ def test_friction_at_both_ends_is_taken_off(channel, position):
     assert phase < 0.1
 
 
+@pytest.mark.thorough
 def test_the_motors_motion_is_reconstructed_from_the_loads():
     frictions = {"motor": MOTOR, "load": LOAD}
     signals = without_motor_encoder(record(frictions, 20.0, position="load"))

@@ -19,7 +19,7 @@ from fraexp.data.results import Outcome
 from fraexp.data.signals import Signals
 from fraexp.simulation.loop import simulate_loop
 from fraexp.simulation.machine import ControlLoop, Machine, Numerics
-from tests.examples import some
+from tests.examples import some, thorough
 from tests.machines import LEAD, TABLE, decibel, guide, simulated, table_models
 
 COULOMB = Coulomb(coulomb_force=17.9, viscous_coefficient=4.69)
@@ -42,7 +42,14 @@ def estimated_error(message):
 
 @pytest.mark.parametrize("resolution", some([0.0, 1e-7], 1e-7))
 @pytest.mark.parametrize(
-    ("friction", "amplitude"), [(COULOMB, 25.0), (STOP, 25.0), (STRIBECK, 40.0), (STRIBECK, 75.0), (COULOMB, 75.0)]
+    ("friction", "amplitude"),
+    [
+        (COULOMB, 25.0),
+        thorough(STOP, 25.0),
+        thorough(STRIBECK, 40.0),
+        thorough(STRIBECK, 75.0),
+        thorough(COULOMB, 75.0),
+    ],
 )
 def test_a_machine_that_sticks_is_not_ok_and_says_how_far_it_is_off(friction, amplitude, resolution):
     """With P the matched model is 10 dB off where the machine stands for half of the time; nothing else shows it."""

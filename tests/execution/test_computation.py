@@ -140,6 +140,7 @@ def test_a_limit_that_is_reached_is_not_tried_again(tmp_path):
     assert len(workers.sent) == 2
 
 
+@pytest.mark.thorough
 def test_what_is_lost_now_and_then_is_never_blamed_on_a_sweep(tmp_path):
     """Workers that are killed at random, one in ten jobs: a sweep is to lose three times to fail."""
     draw = random.Random(1)
@@ -229,6 +230,7 @@ def test_two_runs_at_once_compute_each_sweep_once(tmp_path):
     assert len(list((tmp_path / "notes").iterdir())) == 24
 
 
+@pytest.mark.thorough
 def test_what_a_run_that_is_killed_had_claimed_is_taken_over_at_once(tmp_path):
     notes = notes_of(tmp_path)
     text = study(12, trouble("time.sleep(3600)", folder=str(notes), times=1))

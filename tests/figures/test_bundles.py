@@ -133,6 +133,7 @@ def test_rows_are_filled_up() -> None:
     assert flags.dtype == bool
 
 
+@pytest.mark.thorough
 def test_ten_thousand_sweeps_are_drawn_within_seconds(make_response: ResponseMaker) -> None:
     curves = many(make_response, 10_000)
     began = time.process_time()

@@ -185,8 +185,8 @@ TEXTS = {
     "a line without end": ("u,y\n1,2\n" + "1," * 3_000_000, "more than 4,194,304 characters"),
     "a header without end": ("u [" * 2_000_000 + "\n1,2\n", "more than 4,194,304 characters"),
     "brackets": ("u" + "[" * 100_000 + ",y\n1,2\n", "no column is called"),
-    "a million columns": (
-        ",".join(f"c{n}" for n in range(300_000)) + "\n" + "1," * 299_999 + "1\n",
+    "many columns": (
+        ",".join(f"c{n}" for n in range(30_000)) + "\n" + "1," * 29_999 + "1\n",
         "no column is called 'u'",
     ),
 }

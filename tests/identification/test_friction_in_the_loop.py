@@ -148,6 +148,7 @@ def test_coulomb_friction_mass_viscous_friction_and_offset_come_from_one_record_
     assert found["offset"] == pytest.approx(2.0, rel=0.01)
 
 
+@pytest.mark.thorough
 def test_standstill_that_the_scale_does_not_resolve_is_remarked_on():
     signals = coulomb_machine(1.0, 10e-3, (20e-3, 60e-3))
     message = RollingIdentification(thrust="u", displacement="y").estimate(signals).message
@@ -178,6 +179,7 @@ def test_runs_at_constant_velocity_give_the_viscous_coefficient():
     assert result.fits[0].component["name"] == "coulomb"
 
 
+@pytest.mark.thorough
 def test_a_stribeck_effect_is_remarked_on():
     friction = Coulomb(coulomb_force=15.0, static_force=18.0, stribeck_velocity=12e-3, viscous_coefficient=400.0)
     excitation = ConstantVelocities(velocities=(5e-3, 10e-3, 20e-3, 30e-3), travel=20e-3, cycles=2)
@@ -191,6 +193,7 @@ def test_one_velocity_alone_is_refused():
         ViscousIdentification().estimate(recorded(excitation, guide()))
 
 
+@pytest.mark.thorough
 def test_friction_that_falls_with_the_velocity_is_refused():
     friction = Coulomb(coulomb_force=15.0, static_force=18.0, stribeck_velocity=12e-3)
     excitation = ConstantVelocities(velocities=(5e-3, 10e-3, 20e-3), travel=20e-3, cycles=2)

@@ -51,6 +51,7 @@ def test_the_law_is_found_and_held_out_parts_are_met_to_the_noise(model, estimat
     assert set(result.fits[0].parameters) >= set(RATED)
 
 
+@pytest.mark.thorough
 def test_the_elastoplastic_model_is_found_to_rounding_without_noise():
     found = ElastoplasticIdentification().estimate(varied(BRISTLE)).fits[0].component
     numbers = {key: value for key, value in BRISTLE.spec().items() if isinstance(value, float)}

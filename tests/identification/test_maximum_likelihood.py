@@ -135,6 +135,7 @@ def test_every_law_can_have_other_scales(registry):
         assert changed.viscous == model.viscous
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("force", "displacement"), [thorough(1.2, 0.8), (0.5, 2.0)])
 def test_plant_and_scales_are_found_from_a_wrong_friction_model(record, registry, force, displacement):
     result = estimator(scaled(force, displacement)).estimate(record)
@@ -200,6 +201,7 @@ def test_amplitudes_of_one_experiment_give_one_response(recorded, registry):
     assert np.abs(decibel(ratio)).max() < 0.05
 
 
+@pytest.mark.thorough
 def test_one_period_of_a_multisine_is_enough(recorded, registry):
     multisine = {
         "name": "multisine", "min_frequency": 1, "max_frequency": 200, "line_spacing": 1.0, "points": 20, "rms": 12.0,
@@ -226,6 +228,7 @@ def test_other_parameters_can_be_free(record):
     assert found["viscous_coefficient"] == pytest.approx(MACHINE["friction"]["viscous_coefficient"], rel=0.01)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("assumed", [thorough(0.0), 1.2e-3])
 def test_an_unknown_dead_time_is_found(record, registry, assumed):
     names = ("force_scale", "displacement_scale", "input_dead_time")

@@ -16,6 +16,7 @@ from fraexp.errors import RecordError
 from fraexp.simulation.loop import simulate_loop
 from fraexp.simulation.machine import ControlLoop, Machine, Numerics
 from fraexp.study.study_file import packaged_studies
+from tests.examples import thorough
 
 MACHINE = tomllib.loads((packaged_studies() / "machines" / "linear_motor_table.toml").read_text(encoding="utf-8"))
 SCALE = {"resolution": 0.1e-6, "noise": 30e-9}
@@ -216,7 +217,7 @@ def test_a_wrong_dead_time_is_seen(two_amplitudes):
     [
         (stepped(12.0, points=8), None, "two amplitudes, a factor of 2 apart"),
         (stepped(12.0, 12.0, points=8), None, "use amplitudes a factor of 2 apart"),
-        (stepped(12.0, 24.0, points=8), {"name": "none"}, "there is no friction to identify"),
+        thorough(stepped(12.0, 24.0, points=8), {"name": "none"}, "there is no friction to identify"),
         (multisine(12.0, transient=True, recorded_periods=2), None, "transient = false"),
     ],
     ids=["one amplitude", "equal amplitudes", "no friction", "from rest"],

@@ -66,6 +66,7 @@ def test_no_guess_is_needed(name):
     assert result.fits[0].component["frequencies"] == pytest.approx(plant.frequencies, rel=1e-8)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("known", [thorough(True), False])
 def test_one_percent_of_noise(known):
     """The stated accuracy, and errors that the stated standard deviations explain."""
@@ -121,6 +122,7 @@ def test_the_magnitude_alone_knows_no_dead_time():
     assert "phase" not in result.curves[0].columns
 
 
+@pytest.mark.thorough
 def test_a_viscous_coefficient():
     plant = TWO.model_copy(update={"viscous_coefficient": 40.0})
     found, deviation = values(fitted(measured(plant), modes=2, fit_viscous=True))

@@ -63,8 +63,15 @@ def test_an_amplitude_that_is_none_is_refused(slider: fraexp.FrictionLaw, amplit
 
 @pytest.mark.parametrize("displacement", [[], [1.0], [[1.0, 2.0]], [0.0, np.nan]])
 def test_an_invalid_displacement_is_refused(slider: fraexp.FrictionLaw, displacement: object) -> None:
-    with pytest.raises(fraexp.FraexpError, match=r"expected (a list of|finite) numbers"):
+    with pytest.raises(fraexp.FraexpError, match=r"expected (a list of|finite numbers)"):
         slider.force(displacement)
+
+
+def test_quantities_are_numbers_with_units(slider: fraexp.FrictionLaw) -> None:
+    found = slider.describing_function(["10 um", 2e-5])
+    np.testing.assert_allclose(found, slider.describing_function([1e-5, 2e-5]), rtol=1e-12)
+    np.testing.assert_allclose(slider.loop("10 µm", "2 Hz"), slider.loop(1e-5, 2.0), rtol=1e-12)
+    np.testing.assert_allclose(slider.force(["0 um", "5 um"], "1 ms"), slider.force([0.0, 5e-6], 1e-3), rtol=1e-12)
 
 
 def test_units_are_read_and_names_corrected(workspace: fraexp.Workspace) -> None:

@@ -156,6 +156,7 @@ def test_representations_are_one_line(run: fraexp.Run, workspace: fraexp.Workspa
     assert "\n" not in repr(workspace) + repr(workspace.study("quick"))
 
 
+@pytest.mark.thorough
 def test_sweeps_over_other_frequencies_share_a_dataset(workspace: fraexp.Workspace, tmp_path: Path) -> None:
     excitation = {"name": "stepped_sine", "amplitude": 75.0}
     case = [

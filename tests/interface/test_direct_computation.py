@@ -154,6 +154,7 @@ def test_stored_sweeps_are_found_by_the_language_of_filters(workspace: fraexp.Wo
     assert workspace.sweep(found[0].key).key == found[0].key
 
 
+@pytest.mark.thorough
 def test_functions_work_in_the_current_folder(tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     recording = fraexp.simulate("linear_motor_table", EXCITATION)

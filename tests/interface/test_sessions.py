@@ -18,6 +18,7 @@ from tests.examples import thorough
 from tests.waiting import HANG_TIMEOUT_S
 
 ROOT = Path(__file__).parents[2]
+RECORD = ROOT / "studies/records/table_stepped_sine.csv"
 SCRIPT = """
 import fraexp
 print("begins")
@@ -39,6 +40,7 @@ class Uncompiled(FrictionModel, name="uncompiled_in_session", version=1):
         return z_next[0]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("way", ["file", thorough("standard input")])
 def test_workers_do_not_run_a_script_again(tmp_path: Path, way: str) -> None:
     (tmp_path / "script.py").write_text(SCRIPT)
@@ -71,6 +73,12 @@ def test_a_law_that_cannot_be_compiled_is_one_of_our_errors(tmp_path: Path) -> N
         )
 
 
+def plan(**keys: object) -> dict[str, object]:
+    shown = {"name": "stepped_sine", "amplitude": 12.0, "points": 2}
+    machine = {"machine": "linear_motor_table", "excitation": shown, "estimator": "conventional"}
+    return fraexp.Workspace().plan(fraexp.Study("planned", **{**machine, **keys}))
+
+
 def simulate(plant: dict[str, float] | None = None, **excitation: object) -> fraexp.Recording:
     sections = {"plant": plant} if plant else {}
     shown = {"name": "stepped_sine", "amplitude": 12.0, "points": 2, **excitation}
@@ -86,6 +94,23 @@ def simulate(plant: dict[str, float] | None = None, **excitation: object) -> fra
         (lambda: Uncompiled(stiffnes=1), "has no parameter 'stiffnes'; did you mean 'stiffness'?"),
         (lambda: fraexp.Workspace(None), "folder is None; expected a path"),
         (lambda: fraexp.FrictionLaw(Uncompiled(stiffness=1e6)).force([0, 1j]), "displacement is complex"),
+        (lambda: fraexp.FrictionLaw(Uncompiled(stiffness=1e6)).force([1e-6]), "has one sample; expected a list of two"),
+        (lambda: fraexp.FrictionLaw(Uncompiled(stiffness=1e6)).loop("1 N"), "amplitude: 'N' is not a unit of the same"),
+        (
+            lambda: fraexp.FrictionLaw(Uncompiled),
+            "found the class Uncompiled; expected an object: Uncompiled(stiffness",
+        ),
+        (lambda: fraexp.friction_law(Uncompiled), "is the class Uncompiled; expected FrictionLaw(Uncompiled(stiffness"),
+        (
+            lambda: fraexp.friction_law("uncompiled_in_session"),
+            "; the class Uncompiled of this session is: give Uncomp",
+        ),
+        (lambda: fraexp.Study(friction=Uncompiled), "found the class Uncompiled; expected an object: Uncompiled(stif"),
+        (lambda: plan(friction="uncompiled_in_session"), "the class Uncompiled of this session is: give Uncompiled("),
+        (lambda: plan(estimator=["conventional", "h1_h2_hv"]), "[grid] runs several: estimator = [...]"),
+        (lambda: simulate(amplitude=[12.0, 30.0]), "expected a valid number; a study varies it in [grid]"),
+        (lambda: fraexp.estimate(simulate(), ["a", "b"]), "call it for each of them, or vary them in the grid"),
+        (lambda: fraexp.read_record(RECORD), "probably channels={'u': 'thrust', 'y': 'position'}, time_column='time'"),
         (lambda: fraexp.read_record(None, {}), "file is None; expected a path"),
         (lambda: fraexp.read_record("a.csv", ["u", "y"]), "channels: found ['u', 'y']; expected a table"),
         (lambda: fraexp.read_record("/", {"u": "a"}), "/: is a folder; expected a file"),
@@ -104,8 +129,8 @@ def simulate(plant: dict[str, float] | None = None, **excitation: object) -> fra
         (lambda: simulate(frequencies=[-1.0]), "simulate, [excitation]: stepped_sine.frequencies must be above 0 Hz"),
         (lambda: simulate(plant={"rigid_body_gain": 1e12}), "correct the plant's gain, max_stiffness of the law"),
         (
-            lambda: fraexp.FrictionLaw(Uncompiled(stiffness=1e6)).describing_function(1e-5, "1 Hz"),
-            "frequency is '1 Hz'; expected a finite number above 0",
+            lambda: fraexp.FrictionLaw(Uncompiled(stiffness=1e6)).describing_function(1e-5, "1 m"),
+            "frequency: 'm' is not a unit of the same kind as 'Hz'",
         ),
     ],
 )

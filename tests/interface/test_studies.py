@@ -1,5 +1,6 @@
 """A study in Python is the study in TOML: the same keys, the same sweeps, the same reuse, convertible both ways."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -40,6 +41,20 @@ def test_the_same_study_is_not_computed_again(workspace: fraexp.Workspace) -> No
     assert [of.key for of in run] == [of.key for of in workspace.open_run(1)]
 
 
+def test_a_value_that_is_given_twice_is_said_to_be_one_sweep(
+    workspace: fraexp.Workspace, capfd: pytest.CaptureFixture[str]
+) -> None:
+    study = fraexp.Study(
+        "twice",
+        machine="linear_motor_table",
+        excitation={"name": "stepped_sine", "points": POINTS},
+        estimator={"name": "conventional", "refer_to_plant": True},
+        grid={"excitation.amplitude": [75, 75.0, "75 N"]},
+    )
+    assert len(workspace.run(study)) == 1
+    assert "2 of 3 points of the grid repeat another one, and are one sweep with it" in capfd.readouterr().err
+
+
 @pytest.mark.parametrize("name", some(EXAMPLES, *list(EXAMPLES)[::8]))
 def test_every_example_means_the_same_in_python(name: str, tmp_path: Path) -> None:
     service = WorkspaceService.open(tmp_path)
@@ -67,6 +82,7 @@ def test_a_saved_study_finds_its_records(tmp_path: Path) -> None:
         study.save(tmp_path / "studies" / "bench.toml")
 
 
+@pytest.mark.thorough
 def test_changes_are_those_of_the_command_line(tmp_path: Path) -> None:
     workspace = fraexp.Workspace(tmp_path)
     changes = {"excitation.points": POINTS, "grid.excitation.amplitude": [75.0], "excitation.max_frequency": "150 Hz"}
@@ -106,3 +122,37 @@ def test_a_name_that_is_no_file_name_is_refused(name: str) -> None:
 def test_no_toml_is_refused() -> None:
     with pytest.raises(fraexp.FraexpError, match="no valid TOML"):
         fraexp.Study.from_toml("a = ")
+
+
+@pytest.mark.parametrize(
+    ("path", "expected"),
+    [
+        ("/proc/abc.toml", "/proc/abc.toml: the study cannot be written: "),
+        ("/dev/null/abc", "/dev/null/abc.toml: the study cannot be written: "),
+        ("a" * 300, "the study cannot be written: File name too long; choose another place"),
+        ("abc.txt", "abc.txt: '.txt' is no ending of a study; expected abc.toml"),
+        ("", "'.' is no name of a file; expected one such as studies/x.toml"),
+        ("a\0b", "path is 'a\\x00b'; expected a path"),
+    ],
+)
+def test_a_place_that_cannot_be_written_is_one_line(path: str, expected: str) -> None:
+    with pytest.raises(fraexp.FraexpError, match=re.escape(expected)):
+        fraexp.Study("x").save(path)
+
+
+def test_a_saved_study_gets_its_ending(tmp_path: Path) -> None:
+    file = fraexp.Study("x", machine="linear_motor_table").save(tmp_path / "studies" / "abc")
+    assert file == tmp_path / "studies" / "abc.toml"
+    with pytest.raises(fraexp.FraexpError, match=r"abc.toml: the file exists"):
+        fraexp.Study("x").save(tmp_path / "studies" / "abc")
+
+
+def test_a_long_name_is_refused_before_a_file_system_does() -> None:
+    with pytest.raises(fraexp.FraexpError, match="has 300 letters; expected 100 or fewer"):
+        fraexp.Study("a" * 300)
+    with pytest.raises(fraexp.FraexpError, match=r"there is no study 'a{60}': File name too long"):
+        fraexp.Workspace().run("a" * 300)
+    with pytest.raises(fraexp.FraexpError, match="there is no such folder"):
+        fraexp.Workspace("a" * 300)
+    with pytest.raises(fraexp.FraexpError, match=r"is a file; expected the folder to work in, such as .*interface"):
+        fraexp.Workspace(__file__)

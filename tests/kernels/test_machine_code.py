@@ -96,6 +96,7 @@ def test_a_second_process_loads_what_the_first_one_has_compiled(bench: Bench) ->
     assert bench.use() == ("[0.0, 2.0, 4.0]", 0)
 
 
+@pytest.mark.thorough
 def test_an_edited_law_or_constant_is_compiled_again_and_nothing_else(bench: Bench) -> None:
     bench.share_what_all_laws_share()
     bench.use()
@@ -163,7 +164,7 @@ def test_without_a_folder_to_write_each_process_compiles(bench: Bench) -> None:
 
 @pytest.mark.parametrize(
     ("line", "said"),
-    [("dy = f'{dy:03d}'", FORMAT_FAULT), ("dy.wrong()", "Unknown attribute 'wrong'")],
+    [thorough("dy = f'{dy:03d}'", FORMAT_FAULT), ("dy.wrong()", "Unknown attribute 'wrong'")],
 )
 def test_a_law_that_cannot_be_compiled_is_named_with_its_file_and_line(bench: Bench, line: str, said: str) -> None:
     bench.share_what_all_laws_share()

@@ -47,6 +47,7 @@ def sine_describing_function(amplitude: np.ndarray) -> np.ndarray:
     return np.where(amplitude[:, None] > limit, slipping, stiffness).sum(axis=1)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("amplitude", [12.0, 75.0])
 @pytest.mark.parametrize("gain", some([0.0, 0.5, 0.9, 1.0], 0.9))
 def test_the_response_is_that_of_the_friction_left_over(gain: float, amplitude: float) -> None:
@@ -67,6 +68,7 @@ def test_the_response_is_that_of_the_friction_left_over(gain: float, amplitude: 
     assert np.abs(error).max() <= 0.2
 
 
+@pytest.mark.thorough
 def test_without_a_share_the_loop_is_that_without_compensation() -> None:
     with_none = simulate_loop(
         Machine(

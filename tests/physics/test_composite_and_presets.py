@@ -23,6 +23,7 @@ PARTS = (
 WALK = np.cumsum(np.random.default_rng(1).normal(0, 3e-6, 3000))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("count", some([1, 2, 3, 4], 3))
 def test_a_composite_is_the_sum_of_its_parts_to_the_last_bit(count):
     parts = PARTS[:count]
@@ -42,6 +43,7 @@ def test_a_composite_may_hold_composites_and_the_same_model_twice():
     assert both.viscous == 6.0
 
 
+@pytest.mark.thorough
 def test_composites_of_other_numbers_share_nothing():
     first, second = (Composite(parts=(guide(), Dahl(stiffness=2e5, coulomb_force=c))) for c in (1.0, 5.0))
     assert np.max(np.abs(second.force(WALK, 1e-4) - first.force(WALK, 1e-4))) > 3.0

@@ -16,6 +16,7 @@ from numba import njit
 from fraexp.kernels.law import register_law
 from fraexp.simulation.loop import simulate_loop
 from fraexp.simulation.machine import ControlLoop, Machine, Numerics
+from tests.examples import some
 
 SAMPLE, STEPS = 5e-4, 20
 GMS = GeneralizedMaxwellSlip.parse(GeneralizedMaxwellSlip.presets["reference"], "gms")
@@ -38,7 +39,7 @@ def drift(friction) -> float:
     return found.value
 
 
-@pytest.mark.parametrize("name", HOLDING)
+@pytest.mark.parametrize("name", some(HOLDING, "rolling", "gms"))
 def test_models_with_an_elastic_range_hold(name):
     assert abs(drift(HOLDING[name])) < 1e-11  # m: what is left in the second period of the first one's swinging
 
@@ -73,6 +74,7 @@ def _make_backward_euler(law):
     return run
 
 
+@pytest.mark.thorough
 def test_the_creep_of_lugre_is_the_same_in_a_loop_of_another_kind():
     """Backward Euler with a bisection in each step of 0.1 ms, which shares nothing with fraexp's loop but the law."""
     step = 1e-4

@@ -61,6 +61,7 @@ def test_a_measured_displacement_is_answered_with_the_models_force():
     assert curve.units == {"displacement": "m", "force": "N", "velocity": "m/s"}
 
 
+@pytest.mark.thorough
 def test_a_force_below_static_friction_does_not_move_the_guide_and_moves_a_free_machine():
     open_loop = TransferFunction(numerator=(0.0,))
     machine = Machine(TABLE, guide(), open_loop, ControlLoop(sample_time=SAMPLE), Numerics())

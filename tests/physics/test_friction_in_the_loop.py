@@ -42,6 +42,7 @@ def matched(friction):
     return EffectiveInput(friction=friction, input_dead_time=DEAD_TIME)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("amplitude", some([12.0, 75.0], 75.0))
 @pytest.mark.parametrize("name", some(CARD, "elastoplastic"))
 def test_the_matched_observer_recovers_the_plant(models, name, amplitude):
@@ -82,6 +83,7 @@ def test_a_creeping_model_says_that_it_has_not_settled(models):
     assert not response.settled.any()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("stop", "farthest"), [(None, 1e-15), thorough(1e-7, 2e-7)])
 def test_coulomb_friction_holds_the_machine_without_chatter(models, stop, farthest):
     friction = models["coulomb"].model_copy(update={"stiction_displacement": stop})
@@ -91,6 +93,7 @@ def test_coulomb_friction_holds_the_machine_without_chatter(models, stop, farthe
     assert np.ptp(segment.channels["displacement"][0]) < farthest  # m
 
 
+@pytest.mark.thorough
 def test_a_wrong_observer_is_worse_than_the_right_one(models):
     """A GMS machine seen through the rolling model lies away from P where friction matters, seen through GMS on it."""
     found = signals(models["gms"], (10.0, 20.0, 36.0), 12.0)
@@ -99,7 +102,7 @@ def test_a_wrong_observer_is_worse_than_the_right_one(models):
     assert wrong > 20 * right
 
 
-@pytest.mark.parametrize("machine", some(NAMES, "rolling", "dahl"))
+@pytest.mark.parametrize("machine", some(NAMES, "rolling"))
 def test_any_machine_is_seen_through_any_observer(models, machine):
     found = signals(models[machine], (20.0, 61.0), 75.0, settling_timeout=1.0)
     for observer in NAMES:
@@ -109,9 +112,7 @@ def test_any_machine_is_seen_through_any_observer(models, machine):
 
 
 @pytest.mark.parametrize("amplitude", [12.0, 75.0])
-@pytest.mark.parametrize(
-    "name", some(["rolling", "elastoplastic", "lugre", "dahl", "rolling_force_slider"], "rolling", "lugre")
-)
+@pytest.mark.parametrize("name", some(["rolling", "elastoplastic", "lugre", "dahl", "rolling_force_slider"], "rolling"))
 def test_halving_the_step_changes_no_printed_digit(models, name, amplitude):
     """0.01 dB and 0.1° of what either method stores, at the default five steps per sample; settled frequencies."""
     frequencies = GRID[8:]  # from 5.8 Hz

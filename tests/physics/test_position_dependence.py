@@ -163,6 +163,7 @@ def estimator(registry, name, friction, **settings):
     return create(registry, Estimator, {key: value for key, value in spec.items() if value is not None})
 
 
+@pytest.mark.thorough
 def test_the_proposed_method_finds_the_plant_through_cogging_and_preload(registry):
     friction = positioned(registry, guide(), **STROKE)
     frequencies = (4.0, 10.0, 25.0, 60.0)

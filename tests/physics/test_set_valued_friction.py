@@ -58,6 +58,7 @@ def test_the_error_falls_with_the_square_of_the_step():
     assert 3 < abs(coarse - fine) / abs(halved - fine) < 6
 
 
+@pytest.mark.thorough
 def test_a_stated_stop_is_a_spring_and_converges_to_the_ideal():
     """The law with a stop is solved in displacements, the ideal one in velocities."""
     ideal, *stops = (

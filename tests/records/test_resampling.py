@@ -16,6 +16,7 @@ from fraexp.data.results import FrequencyResponse
 from fraexp.errors import RecordError
 from fraexp.records.resampling import UniformClock, plan_clock, resample
 from fraexp.records.timebase import examine_stamps, sample_rate_of, stamps_text
+from tests.examples import thorough
 from tests.records.strangers_files import results
 
 RATE_HZ, PERIODS = 1000.0, 6
@@ -118,6 +119,7 @@ def test_rounded_stamps_are_a_uniform_clock() -> None:
     assert sample_rate_of(np.round(np.arange(5000) / 2300, 4), "it") == pytest.approx(2300, rel=1e-6)
 
 
+@pytest.mark.thorough
 def test_too_coarse_stamps_say_the_rate_to_give(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     time = np.arange(int(PERIODS * RATE_HZ)) / RATE_HZ
     rows = np.column_stack([np.floor(time * 100) / 100, *signals(time, 1)])
@@ -130,7 +132,7 @@ def test_too_coarse_stamps_say_the_rate_to_give(folder: Path, capsys: pytest.Cap
     assert main([*command, *remedy.groups()]) == ExitCode.OK
 
 
-@pytest.mark.parametrize(("at", "option"), [(1500, "--start-time"), (4500, "--end-time")])
+@pytest.mark.parametrize(("at", "option"), [(1500, "--start-time"), thorough(4500, "--end-time")])
 def test_a_gap_says_which_part_to_use_and_the_part_is_used(
     folder: Path, capsys: pytest.CaptureFixture[str], at: int, option: str
 ) -> None:

@@ -55,6 +55,7 @@ def test_a_drives_motion_gives_mass_and_friction(folder: Path, extra: list[str])
     assert result.fits[0].component["name"] == "coulomb"
 
 
+@pytest.mark.thorough
 def test_what_the_model_does_not_know_is_told(folder: Path) -> None:
     write_drive(folder / "drive.mat", triangle_and_sines(DRIVE.rate))
     command = ["import", "drive.mat", *channels("servo_volt * -31.5 [N]", "enc_cnt * 0.5 [um]")]
@@ -125,7 +126,7 @@ def one_table(folder: Path, vibration: Arrays) -> list[str]:
 LAYOUTS = (arrays, other_order, vectors, struct, files, one_table)
 
 
-@pytest.mark.parametrize("layout", some(LAYOUTS, struct, files))
+@pytest.mark.parametrize("layout", some(LAYOUTS, struct))
 def test_every_layout_of_levels_gives_responses_and_distortions(
     folder: Path, vibration: Arrays, layout: Callable[[Path, Arrays], list[str]]
 ) -> None:
@@ -135,6 +136,7 @@ def test_every_layout_of_levels_gives_responses_and_distortions(
     check_levels(found, displacement=False)
 
 
+@pytest.mark.thorough
 def test_an_acceleration_becomes_a_displacement(folder: Path, vibration: Arrays) -> None:
     assert main(["import", *arrays(folder, vibration), "--integrate", "y=2"]) == ExitCode.OK
     found = results(folder, "v")
@@ -142,6 +144,7 @@ def test_an_acceleration_becomes_a_displacement(folder: Path, vibration: Arrays)
     check_levels(found, displacement=True)
 
 
+@pytest.mark.thorough
 def test_realisations_in_files_of_their_own_are_one_experiment(folder: Path, vibration: Arrays) -> None:
     for number in range(REALISATIONS):
         write_level(folder / f"run{number}.csv", *(values[:, :, number : number + 1, 0] for values in vibration))

@@ -123,7 +123,7 @@ def test_a_folder_of_studies_ends_with_a_report_that_needs_nothing_else(
     assert said.out.splitlines()[-1] == "report figures/loops.html"
     assert said.err.splitlines()[-2:] == [
         "published value 'nobody's': no sweep has a metric 'energy per stroke'",
-        "2 of 3 printed numbers met: predicted 1 of 1, unstated 1 of 2",
+        "2 of 3 published numbers met: predicted 1 of 1, unstated 1 of 2",
     ]
     found = page(folder / "figures/loops.html")
     assert "script" not in found.tags
@@ -159,7 +159,7 @@ def test_show_and_export_have_the_published_numbers(folder: Path, capsys: pytest
     capsys.readouterr()
     assert main(["show", "loops/a"]) == 0
     said = capsys.readouterr()
-    assert said.err.splitlines()[-1] == "2 of 3 printed numbers met: predicted 1 of 1, unstated 1 of 2"
+    assert said.err.splitlines()[-1] == "2 of 3 published numbers met: predicted 1 of 1, unstated 1 of 2"
     row = next(line for line in said.out.splitlines() if line.startswith("energy at another amplitude"))
     assert row.split()[4:] == ["unstated", "mJ", ">", "16", row.split()[8], "above", "16", "yes"]
     assert main(["show", "loops/a", "--json"]) == 0
@@ -174,6 +174,7 @@ def test_show_and_export_have_the_published_numbers(folder: Path, capsys: pytest
     assert [number["what"] for number in header["published"]] == ["energy at another amplitude", "nobody's"]
 
 
+@pytest.mark.thorough
 def test_stored_runs_make_the_same_report_again(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["run", "loops", "--json"]) == 0
     assert "report figures/loops.html" in capsys.readouterr().err.replace("\\", "/")
@@ -203,7 +204,7 @@ def test_a_report_does_without_the_study_and_without_a_figure(folder: Path, monk
     shutil.rmtree(folder / "studies")
     assert main(["report", "loops/a", "-o", "x.html"]) == 0
     text = (folder / "x.html").read_text("utf-8")
-    assert "title, question and printed numbers are left out: there is no study" in text
+    assert "title, question and published numbers are left out: there is no study" in text
     assert len(page(folder / "x.html").sources) == 1
 
     def refuse(*_: object) -> dict[Path, bool]:
@@ -233,7 +234,7 @@ def test_many_sweeps_are_shown_in_part(folder: Path) -> None:
     ("arguments", "code", "complaint"),
     [
         (["1", "-o", "x.doc"], ExitCode.USAGE, "a report cannot be written as '.doc'"),
-        (["9", "-o", "x.html"], ExitCode.STORE, "there is no run 9"),
+        thorough(["9", "-o", "x.html"], ExitCode.STORE, "there is no run 9"),
         thorough(["loop", "-o", "x.html"], ExitCode.USAGE, "no run of 'loop'"),
         thorough(["1", "-o", "studies/loops/a.toml/x.html"], ExitCode.USAGE, "the report cannot be written"),
     ],
@@ -249,6 +250,7 @@ def test_a_wrong_wish_is_one_line(
     assert complaint in said[0]
 
 
+@pytest.mark.thorough
 def test_other_files_are_not_replaced_unless_asked(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["run", "loops/b"]) == 0
     Path("x.html").write_text("<!DOCTYPE html><p>mine</p>", "utf-8")

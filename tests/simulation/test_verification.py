@@ -19,7 +19,7 @@ from fraexp.simulation.loop import drive_friction, simulate_loop
 from fraexp.simulation.loop_setup import prepare_setup
 from fraexp.simulation.machine import ControlLoop, Machine, Numerics
 from fraexp.simulation.verification import _relative_difference, refined_steps
-from tests.examples import some
+from tests.examples import some, thorough
 
 STIFFNESS = (4e5, 2.5e5, 1.2e5, 6e4, 3e4, 1.2e4, 5e3)
 WIDTHS = (2e-6, 5e-6, 12e-6, 25e-6, 45e-6, 80e-6, 140e-6)
@@ -65,7 +65,7 @@ def response(of: Signals) -> np.ndarray:
     return found.response
 
 
-@pytest.mark.parametrize("friction", [NARROW, DAMPED], ids=["narrow", "damped"])
+@pytest.mark.parametrize("friction", [NARROW, thorough(DAMPED)], ids=["narrow", "damped"])
 def test_the_steps_are_those_that_the_tolerance_needs(friction):
     truth, found = response(signals(friction, steps=150)), signals(friction)
     assert np.max(np.abs(response(found) / truth - 1)) < 1e-4
@@ -73,7 +73,7 @@ def test_the_steps_are_those_that_the_tolerance_needs(friction):
 
 
 @pytest.mark.parametrize("steps", some([1, 4, 9], 4))
-@pytest.mark.parametrize("friction", [NARROW, DAMPED], ids=["narrow", "damped"])
+@pytest.mark.parametrize("friction", [NARROW, thorough(DAMPED)], ids=["narrow", "damped"])
 def test_the_estimated_error_is_about_the_true_one(friction, steps):
     truth, found = response(signals(friction, steps=150)), signals(friction, steps=steps)
     error, estimated = np.abs(response(found) / truth - 1).max(), found.verification.step_error.max()
@@ -81,7 +81,7 @@ def test_the_estimated_error_is_about_the_true_one(friction, steps):
 
 
 @pytest.mark.parametrize("steps", some([4, 9], 9))
-@pytest.mark.parametrize("friction", [NARROW, DAMPED], ids=["narrow", "damped"])
+@pytest.mark.parametrize("friction", [NARROW, thorough(DAMPED)], ids=["narrow", "damped"])
 def test_the_estimated_error_of_a_move_is_about_the_true_one(friction, steps):
     truth, found = (signals(friction, steps=each, excitation=MOVE) for each in (150, steps))
     exact, y = (each.segments[0].channels["y"] for each in (truth, found))
@@ -89,6 +89,7 @@ def test_the_estimated_error_of_a_move_is_about_the_true_one(friction, steps):
     assert 0.4 * error <= estimated <= 10 * error
 
 
+@pytest.mark.thorough
 def test_a_move_takes_the_steps_that_the_tolerance_needs():
     exact, y = (
         signals(DAMPED, steps=steps, excitation=MOVE, tolerance=1e-5).segments[0].channels["y"] for steps in (150, 0)

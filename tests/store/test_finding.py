@@ -128,7 +128,10 @@ def test_a_filter_lets_through_what_it_says(filled):
         ('metric."peak force">14kg', "'kg' is not a unit of the same kind as 'N'"),
         ("excitation.amplitude>=12kg", "'kg' is not a unit of the same kind as 'N' or 'm'"),
         ("excitation.amplitude=12kg", "'kg' is not a unit of the same kind as 'N' or 'm'"),
-        ("excitation.amplitude>=20 um", "'excitation.amplitude>=20 um' has a blank before the unit; expected ex"),
+        ("excitation.amplitude >= 20 N m", "20 N m': 'N m' is not a unit of the same kind as 'N' or 'm', or quotes a"),
+        ("excitation.amplitude>=20N m", "'N m' is not a unit of the same kind as 'N' or 'm'"),
+        ("excitation.amplitude >= ", "'excitation.amplitude>=' has no value"),
+        ("excitation.amplitude>=20 =3", "'=3' has no field"),
         ("estimator=propsed", "no sweep has the estimator 'propsed'; did you mean 'proposed'"),
         ("-friction=roling", "no sweep has the friction 'roling'; did you mean 'rolling'"),
     ],
@@ -156,6 +159,43 @@ def test_a_unit_finds_components_that_declare_it_and_is_refused_if_none_is_store
         assert found(reader, "excitation.amplitude>=20mN") == {"thrust"}
         assert found(reader, "-excitation.amplitude>=20mN") == {"motion"}
         assert found(reader, "excitation.amplitude>=1") == {"motion", "thrust"}
+
+
+@pytest.mark.parametrize(
+    ("text", "same"),
+    [
+        ("a.b >= 20 N", ["a.b>=20 N"]),
+        ("a.b> =20 N/m c.d<-3", ["a.b>=20 N/m", "c.d<-3"]),
+        ("a.b = -5 -c.d != 3", ["a.b=-5", "-c.d!=3"]),
+        ("a.b>=20 N coulomb", ["a.b>=20 N", "coulomb"]),
+        ('a.b>=20 "N" x', ["a.b>=20", "N", "x"]),
+        ("a.b>=20 30 um", ["a.b>=20", "30", "um"]),
+        ("a.b>=20 N.m loop.noise", ["a.b>=20 N.m", "loop.noise"]),
+        ("elapsed < 5 s run = 3", ["elapsed<5 s", "run=3"]),
+        ("tag : 12 m", ["tag:12", "m"]),
+        ("key=12 a", ["key=12", "a"]),
+        ("word x=y", ["word", "x=y"]),
+        ('note:"a =" b', ["note:a =", "b"]),
+    ],
+)
+def test_blanks_around_operators_and_before_units_separate_nothing(text, same):
+    assert [condition.term for condition in parse_filter(text)] == same
+
+
+def test_a_torque_finds_rotary_axes_and_a_force_straight_ones(store, url):
+    straight, turning = (
+        replace(of := point(12.0, label=label), experiment={**of.experiment, "loop": {"rotary": rotary}})
+        for label, rotary in (("straight", False), ("turning", True))
+    )
+    store.begin_run("one", "f", "c", {}, [straight])
+    with Store.open(url, read_only=True, units=lambda path: {"stepped_sine": ["N"]}) as reader:
+        with pytest.raises(StoreError, match="'N m' is not a unit of the same kind as 'N', or quotes around a word"):
+            reader.page("excitation.amplitude >= 1 N m")
+        store.begin_run("both", "f", "c", {}, [straight, turning])
+        assert found(reader, "excitation.amplitude >= 1 N m") == {"turning"}
+        assert found(reader, "excitation.amplitude >= 1 N") == {"straight"}
+        assert found(reader, "excitation.amplitude >= 1") == {"straight", "turning"}
+        assert found(reader, "loop.rotary=true") == {"turning"}
 
 
 def test_quotes_and_signs_of_a_filter_are_read():

@@ -110,6 +110,7 @@ def test_two_processes_never_get_the_same_and_a_killed_one_leaves_all(store, url
         assert store.claim(run, one | two) == one
 
 
+@pytest.mark.thorough
 def test_racing_processes_share_without_overlap(store, url):
     code = CLAIMS.replace("sys.stdin.read()", "")
     pipes = {"stdout": subprocess.PIPE, "stdin": subprocess.PIPE, "text": True}

@@ -140,6 +140,7 @@ def test_a_database_that_is_deleted_or_replaced_is_noticed(store, begin, path, w
             watcher.page()
 
 
+@pytest.mark.thorough
 def test_tags_can_be_given_while_a_run_writes(store, begin, sweep, url, program):
     begin([sweep()])
     store.close()

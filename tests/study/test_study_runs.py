@@ -21,7 +21,7 @@ FEWER = {
 """What makes a study smaller where it takes long."""
 
 
-@pytest.mark.parametrize("name", some(STUDIES, "higher_order", "amplitude_map"))
+@pytest.mark.parametrize("name", some(STUDIES, "higher_order"))
 def test_a_study_of_a_method_runs_and_is_drawn(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     changes = [f"--set={text}" for text in FEWER.get(name, [])]

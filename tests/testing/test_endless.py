@@ -72,6 +72,7 @@ def test_the_first_trial_names_the_line_and_the_step(tmp_path: Path) -> None:
     assert "\n" not in str(raised.value)
 
 
+@pytest.mark.thorough
 def test_so_it_is_where_its_maximum_stiffness_is_asked_for(tmp_path: Path) -> None:
     endless = "max_stiffness = property(lambda self: next(x for x in itertools.count() if Mine is None))"
     law = discover(dropped(tmp_path, "", endless) / "plugins").create("friction", {"name": "mine"})
@@ -101,6 +102,7 @@ def test_check_ends_in_one_line(line: str, tmp_path: Path) -> None:
         assert done.stderr.count("\n") == 1
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("line", [thorough(FOREVER), "select.select([], [], [], 1e6)"])
 def test_a_run_ends_in_one_line(line: str, tmp_path: Path) -> None:
     study = 'title = "Mine"\n[loop]\nsample_time = 1e-3\n[friction]\nname = "mine"\n[excitation]\n'

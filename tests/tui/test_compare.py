@@ -47,6 +47,7 @@ def test_without_marks_it_says_how_to_mark(workspace: Path) -> None:
     pilot_of(workspace, steps)
 
 
+@pytest.mark.thorough
 def test_without_a_database_it_says_so(tmp_path: Path) -> None:
     async def steps(app: FraexpApp, pilot: Pilot[None]) -> None:
         app.marks.add(["v1:0000"])
@@ -124,6 +125,7 @@ def test_digits_hide_curves_and_the_command_names_what_is_seen(workspace: Path, 
     pilot_of(workspace, steps)
 
 
+@pytest.mark.thorough
 def test_differences_are_from_the_focused_curve_or_from_the_plant(workspace: Path, keys: list[str]) -> None:
     async def steps(app: FraexpApp, pilot: Pilot[None]) -> None:
         page = await compare(app, pilot, keys)

@@ -11,7 +11,7 @@ from textual.widgets import DataTable
 from fraexp.data.results import Curve, Outcome, Result
 from fraexp.figures.elements.view import View
 from fraexp.tui.app import FraexpApp
-from fraexp.tui.plotting.compared_sweeps import compare_command, plot_command
+from fraexp.tui.plotting.figure_commands import compare_command, plot_command
 from fraexp.tui.plotting.figure_export import file_fault
 from fraexp.tui.screens import compare_page
 from fraexp.views.words import short_key

@@ -92,6 +92,7 @@ def test_a_question_is_answered_with_yes_alone(workspace):
     assert answers == [False, False, False, True]
 
 
+@pytest.mark.thorough
 def test_a_line_that_is_wrong_is_not_taken(workspace):
     answers = []
 

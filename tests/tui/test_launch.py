@@ -268,6 +268,7 @@ def test_many_letters_at_once_are_checked_once_and_a_long_one_leaves_room(tmp_pa
     pilot_of(tmp_path, steps)
 
 
+@pytest.mark.thorough
 def test_what_is_typed_before_the_form_is_there_is_written_in_it(tmp_path, monkeypatch):
     build = LaunchPage._build
 

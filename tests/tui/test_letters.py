@@ -76,6 +76,7 @@ def test_every_screen_is_ascii_where_that_is_wished(workspace, keys, size):
     pilot_of(FraexpApp(workspace, plain=True), steps, size=size)
 
 
+@pytest.mark.thorough
 def test_letters_can_be_changed_while_it_runs(workspace):
     async def steps(app, pilot):
         await app.push_screen(TrialPage("dahl"))

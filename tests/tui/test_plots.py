@@ -19,7 +19,7 @@ from fraexp.data.results import FrequencyResponse, Outcome, Result
 from fraexp.figures.elements.shown import ShownResult
 from fraexp.tui.plotting.braille import BLANK_CODE, DOTS_ACROSS, DOTS_DOWN, dash_dots, dot_bits, line_dots
 from fraexp.tui.plotting.curve_styles import ON_DARK, ON_LIGHT, CurveStyles
-from fraexp.tui.plotting.panel_drawing import ISOLATED_SIGN, RESONANCE_SIGN, UNSETTLED_SIGN, settled_line
+from fraexp.tui.plotting.panel_drawing import ISOLATED_SIGN, RESONANCE_SIGN, UNSETTLED_SIGN, prominences, settled_line
 from fraexp.tui.plotting.plot_stack import BodeView
 from fraexp.tui.plotting.plot_widget import LEFT_CELLS, TOP_CELLS, Plot
 from fraexp.tui.plotting.plotted_curves import PlotTrace, bode_picture
@@ -383,3 +383,14 @@ def test_the_numbers_are_those_of_the_figure() -> None:
         np.testing.assert_array_equal(trace.y, getattr(curve, part))
         np.testing.assert_array_equal(trace.band, getattr(curve, f"{part}_band"))
         np.testing.assert_allclose(10**trace.x, curve.frequency)
+
+
+def test_heights_of_maxima_are_those_of_an_independent_method() -> None:
+    from scipy.signal import find_peaks
+
+    generator = np.random.default_rng(1)
+    for values in (generator.normal(size=60), np.cumsum(generator.normal(size=400)), np.arange(5.0)):
+        places, found = find_peaks(values, prominence=0)
+        heights = prominences(values)
+        assert list(heights) == places.tolist()
+        np.testing.assert_allclose(list(heights.values()), found["prominences"])

@@ -129,6 +129,7 @@ def test_the_filter_goes_before_the_page_does(workspace):
     pilot_of(workspace, steps)
 
 
+@pytest.mark.thorough
 def test_a_workspace_without_plugins_and_database_shows_what_comes_along(tmp_path):
     async def steps(app, pilot):
         await pilot.press("p")
@@ -213,6 +214,7 @@ def test_the_page_of_a_broken_file_follows_the_file(workspace):
     pilot_of(workspace, steps)
 
 
+@pytest.mark.thorough
 def test_a_long_reason_leaves_the_list_its_columns(workspace):
     drop(workspace, f"raise ValueError('{'because ' * 30}')", "bad.py")
 

@@ -13,6 +13,7 @@ from fraexp.execution.background import BackgroundRun
 from fraexp.store import RunProgress, Store
 from fraexp.tui.screens.run_page import RunPage, _launch_arguments, show_run
 from fraexp.tui.screens.runs_page import RunsPage
+from fraexp.tui.services import refresh_budget
 from fraexp.tui.widgets.log_tail import LogTail
 from fraexp.views.run_progress import bar_text, progress_text
 from fraexp.workspace.workspace_service import WorkspaceService
@@ -56,6 +57,7 @@ def test_a_run_that_is_over_shows_its_sweeps_and_that_it_has_no_log(workspace, k
         await pilot.press("c")
         await until(pilot, lambda: list(app.marks) == keys)
         assert app.current_mode == "compare"
+        await until(pilot, lambda: getattr(app.screen, "command", "").startswith("fraexp plot 1 --kind bode"))
 
     pilot_of(workspace, steps)
 
@@ -64,7 +66,7 @@ def test_a_run_that_is_over_shows_its_sweeps_and_that_it_has_no_log(workspace, k
 def test_failures_are_told_without_commanding_the_terminal(workspace):
     async def steps(app, pilot):
         show_run(app, 2)
-        await shows(pilot, "partial", "1 failed", "failed: ValueError: nothing to [bold]divide\\x1b[31m by")
+        await shows(pilot, "no usable result", "1 failed", "failed: ValueError: nothing to [bold]divide\\x1b[31m by")
         await pilot.press("c")
         await settle(pilot)
         assert isinstance(app.screen, RunPage)  # there is nothing to compare
@@ -72,6 +74,7 @@ def test_failures_are_told_without_commanding_the_terminal(workspace):
     pilot_of(workspace, steps, (120, 30))
 
 
+@pytest.mark.thorough
 def test_a_run_that_is_not_there_is_told(workspace):
     async def steps(app, pilot):
         show_run(app, 9)
@@ -229,7 +232,7 @@ def test_while_nothing_ends_or_moves_it_says_that_it_compiles_and_no_time_left(
         page = app.screen
         page.reload = lambda: None
         page.workers.cancel_group(page, "load")
-        page._speed.update(run.heartbeat.timestamp() - 3, 1e-3)
+        page.query_one("#state")._speed.update(run.heartbeat.timestamp() - 3, 1e-3)
         await page._show(run)
         await pilot.pause()
         text = str(page.query_one("#state").render())
@@ -237,3 +240,18 @@ def test_while_nothing_ends_or_moves_it_says_that_it_compiles_and_no_time_left(
         assert not compiles or "left" not in text
 
     pilot_of(workspace, steps)
+
+
+def test_work_that_repeats_itself_rests_for_its_share(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = {"monotonic": 100.0, "process_time": 5.0}
+    monkeypatch.setattr(refresh_budget.time, "monotonic", lambda: now["monotonic"])
+    monkeypatch.setattr(refresh_budget.time, "process_time", lambda: now["process_time"])
+    budget = refresh_budget.RefreshBudget(0.05)
+    budget.end()
+    assert not budget.is_resting
+    budget.begin()
+    now["process_time"] += 0.1
+    budget.end()
+    for passed, rests in ((0.0, True), (1.9, True), (2.1, False)):
+        now["monotonic"] = 100.0 + passed
+        assert budget.is_resting == rests

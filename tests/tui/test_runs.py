@@ -10,7 +10,7 @@ from tests.tui.pilots import pilot_of, screen_text, settle, shows, until
 def test_runs_are_listed_newest_first_and_opened(workspace):
     async def steps(app, pilot):
         await pilot.press("r")
-        await shows(pilot, "$ fraexp list", "partial", "complete", "4/4", "1/1")
+        await shows(pilot, "$ fraexp list", "no usable result", "complete", "4/4", "1/1")
         text = screen_text(app)
         assert text.index("failing") < text.index("quick")
         await pilot.press("j", "enter")

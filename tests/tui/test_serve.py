@@ -18,7 +18,7 @@ import pytest
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
-from fraexp.tui.services.browser_server import is_local
+from fraexp.tui.services.browser_server import is_local, without_foreign_links
 from fraexp.workspace.workspace_folder import DATABASE_VARIABLE
 from tests.waiting import HANG_TIMEOUT_S
 
@@ -184,3 +184,10 @@ def test_a_browser_shows_the_studies_and_takes_keys(served: Served, tmp_path: Pa
     assert set(asked) == {"127.0.0.1"}  # no font, and nothing else, from another host
     assert refused == []  # nor is it asked for, and refused
     assert picture.stat().st_size > 10_000  # an empty page has fewer
+
+
+def test_links_to_other_hosts_are_removed_and_those_of_the_page_itself_kept() -> None:
+    own = '<link rel="stylesheet" href="http://127.0.0.1:8000/static/css/xterm.css" />'
+    font = '<link\n rel="stylesheet"\n href="https://fonts.example/css?family=Roboto%20Mono"\n/>'
+    neighbour = '<link href="http://127.0.0.1:8001/x.css">'
+    assert without_foreign_links(f"<head>{own}{font}{neighbour}</head>", "127.0.0.1:8000") == f"<head>{own}</head>"

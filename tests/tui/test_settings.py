@@ -49,6 +49,7 @@ def test_the_example_of_the_guide_is_taken(workspace, write):
     pilot_of(FraexpApp(workspace), steps)
 
 
+@pytest.mark.thorough
 def test_keys_do_what_they_are_told_and_the_old_ones_no_longer(workspace, write):
     write('[keys]\nsweeps = "S,f2"\n')
 

@@ -19,6 +19,7 @@ def studies(app: FraexpApp) -> StudiesPage:
     return page
 
 
+@pytest.mark.thorough
 def test_without_a_database_it_explains_itself_and_offers_the_quick_study(tmp_path):
     async def steps(app, pilot):
         await shows(pilot, "Enter again launches it", "quick", "fraexp list --studies")
@@ -86,6 +87,7 @@ def test_a_study_that_is_added_is_noticed_and_its_file_can_be_read(workspace):
     pilot_of(workspace, steps)
 
 
+@pytest.mark.thorough
 def test_a_database_that_is_deleted_is_no_traceback(workspace):
     async def steps(app, pilot):
         await shows(pilot, "1 complete")

@@ -155,6 +155,7 @@ def test_brackets_lead_through_the_sections_that_have_something(workspace):
     pilot_of(workspace, steps)
 
 
+@pytest.mark.thorough
 def test_of_digits_typed_at_once_the_last_one_counts(workspace, keys):
     async def steps(app, pilot):
         await opened(app, pilot, keys[1])

@@ -81,6 +81,7 @@ def test_a_command_with_a_term_that_excludes_can_be_typed(workspace, capsys):
     assert "effective_input" not in printed
 
 
+@pytest.mark.thorough
 def test_keys_that_come_at_once_take_effect_in_their_order(workspace):
     async def steps(app, pilot):
         await opened(app, pilot)
@@ -94,6 +95,7 @@ def test_keys_that_come_at_once_take_effect_in_their_order(workspace):
     pilot_of(workspace, steps)
 
 
+@pytest.mark.thorough
 def test_what_is_wrong_with_a_filter_is_told_below_it_and_the_rows_stay(workspace):
     async def steps(app, pilot):
         table = await opened(app, pilot)
@@ -279,6 +281,7 @@ def test_deletion_says_what_is_lost_and_happens_only_if_confirmed(workspace, key
     pilot_of(workspace, steps)
 
 
+@pytest.mark.thorough
 def test_without_a_database_it_says_how_to_make_one(tmp_path):
     async def steps(app, pilot):
         await pilot.press("w")
@@ -303,6 +306,7 @@ def test_a_database_that_goes_and_comes_back_is_told_of_and_shown_again(workspac
     pilot_of(workspace, steps)
 
 
+@pytest.mark.thorough
 def test_new_sweeps_appear_and_the_cursor_keeps_its_own(workspace):
     async def steps(app, pilot):
         table = await opened(app, pilot)

@@ -131,6 +131,7 @@ def test_the_cursor_stays_on_its_row_when_others_come_before_it_and_go():
     drive(100, steps)
 
 
+@pytest.mark.thorough
 def test_a_cursor_at_the_top_stays_at_the_top():
     async def steps(table, pilot):
         table.names.insert(0, "new")

@@ -7,9 +7,12 @@ import subprocess
 import sys
 import threading
 
+import pytest
+
 from tests.waiting import HANG_TIMEOUT_S
 
 
+@pytest.mark.thorough
 def test_the_ui_ends_with_its_terminal_where_no_signal_ends_it(workspace):
     ours, theirs = pty.openpty()
     command = [sys.executable, "-c", IGNORING, str(workspace)]

@@ -19,6 +19,7 @@ from fraexp.tui.screens.trial_page import TrialInput, TrialPage
 from fraexp.views.entries import apply_texts, example_spec, parameter_entries, without_defaults
 from fraexp.views.law_trial import STEPS_PER_PERIOD, TRIAL_STUDY, LawTrial, SineMotion, trial_overrides
 from fraexp.workspace.workspace_service import WorkspaceService
+from tests.examples import thorough
 from tests.tui.pilots import pilot_of, screen_text, shows, until
 from tests.tui.test_plugins import LAW, drop
 from tests.waiting import HANG_TIMEOUT_S
@@ -55,6 +56,7 @@ def test_viscous_friction_is_part_of_the_force(registry):
     assert trial.loop().describing_function == pytest.approx(1j * 2 * np.pi * 2.0 * 3.0, rel=1e-3)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("spec", [DAHL, pytest.param(LUGRE, marks=pytest.mark.thorough)])
 def test_the_study_at_the_top_gives_the_same_loop(tmp_path, spec):
     workspace, sine = WorkspaceService.open(tmp_path), SineMotion(amplitude=5e-5, frequency=2.0)
@@ -107,9 +109,9 @@ def test_numbers_move_by_a_share_and_stay_within_their_bounds(registry):
     ("line", "complaint"),
     [
         ("return math.nan", r"the law of mine \(mine.py, line \d+\) gives a force of nan"),
-        ("return 1 / (dy - dy)", r"the law of mine \(mine.py, line \d+\) fails on dy"),
-        ("return float('nan') if abs(z[0]) > 0.5 else z_next[0]", "the law gives a force of nan N"),
-        ("return [][1] if abs(z[0]) > 0.5 else z_next[0]", "the law fails: IndexError"),
+        thorough("return 1 / (dy - dy)", r"the law of mine \(mine.py, line \d+\) fails on dy"),
+        thorough("return float('nan') if abs(z[0]) > 0.5 else z_next[0]", "the law gives a force of nan N"),
+        thorough("return [][1] if abs(z[0]) > 0.5 else z_next[0]", "the law fails: IndexError"),
     ],
 )
 def test_a_law_that_raises_or_gives_no_number_is_told_in_one_line(tmp_path, line, complaint):
@@ -161,6 +163,7 @@ def test_what_is_typed_is_drawn(workspace):
     pilot_of(workspace, steps)
 
 
+@pytest.mark.thorough
 def test_what_is_wrong_is_told_by_its_field_and_the_curves_stay(workspace):
     async def steps(app, pilot):
         await opened(pilot, "dahl")

@@ -9,6 +9,7 @@ from fraexp_plugins.tuning._shared.loop_margins import LoopFamily
 from fraexp_plugins.tuning._shared.plant_band import PlantBand, _image
 from fraexp_plugins.tuning._shared.sampled_loop import closed_loop_radius, damped_plant
 
+from tests.examples import some
 from tests.tuning.loops import BODY, SAMPLE_TIME_S, lead
 
 TS = SAMPLE_TIME_S
@@ -66,7 +67,7 @@ def test_a_plant_that_may_vanish_is_safe_with_little_gain_only() -> None:
     assert not spring_free.is_safe((0.9 / np.abs(family.band.nominal)).astype(complex) * np.exp(0.3j))
 
 
-@pytest.mark.parametrize("dead_time", [0.0, 0.2e-3, 1e-3, 1.3e-3])
+@pytest.mark.parametrize("dead_time", some([0.0, 0.2e-3, 1e-3, 1.3e-3], 0.2e-3))
 @pytest.mark.parametrize("order", ["lead", "notched"])
 def test_poles_of_the_loop_are_what_it_does_in_time(dead_time: float, order: str) -> None:
     """The impulse response of a loop that is run sample by sample, on a fine grid of time, grows or decays by them."""

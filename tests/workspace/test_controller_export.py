@@ -46,6 +46,7 @@ def moves(tmp_path_factory: pytest.TempPathFactory, checkout: Path) -> tuple[Wor
     return run_study(tmp_path_factory.mktemp("moves"), checkout, "fig08")
 
 
+@pytest.mark.thorough
 @needs_gcc
 @pytest.mark.parametrize("case", [thorough("nominal, P_d = P"), "identification error, 177 mm/(N s²) and 41.9 Hz"])
 def test_exported_c_runs_the_move_of_fig_8_on_a_machine_that_is_written_apart(

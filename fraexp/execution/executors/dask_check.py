@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 from fraexp.components.providers import Provider
 from fraexp.execution.executors.dask_address import first_line
 from fraexp.execution.executors.dask_remote import Requirements, code_hashes, worker_versions
-from fraexp.execution.job import Job, registry_of
+from fraexp.execution.job import Job, job_registry
+from fraexp.execution.used_components import component_sections
 
 COMPARED_PACKAGES = ("fraexp", "numpy", "scipy", "numba")
 """Packages on which results may depend."""
@@ -42,14 +43,9 @@ def split_requirements(job: Job) -> tuple[Job, Requirements]:
 
 
 def _used_components(job: Job) -> Iterator[Provider]:
-    registry = registry_of(job.plugins)
-    sections = dict(job.experiment)
-    sections["reader"] = sections.get("record", {}).get("reader")
-    compensation = sections.pop("compensation", None) or {}
-    pairs = [*sections.items(), *compensation.items(), *(("estimator", spec) for spec in job.estimators)]
-    for kind, spec in pairs:
-        if isinstance(spec, Mapping):
-            yield from registry.used_providers(kind, spec)
+    registry = job_registry(job)
+    for kind, spec in component_sections(job.experiment, job.estimators):
+        yield from registry.used_providers(kind, spec)
 
 
 def _record_files(job: Job) -> frozenset[tuple[str, str]]:

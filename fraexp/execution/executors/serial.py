@@ -8,7 +8,7 @@ from concurrent.futures import Future
 
 from fraexp.execution.executors.limits import ResourceLimits
 from fraexp.execution.executors.workers import Answer, WorkerLostError, Workers
-from fraexp.execution.job import Job, registry_of
+from fraexp.execution.job import Job
 from fraexp.execution.watched_job import run_watched_job
 
 
@@ -34,7 +34,6 @@ class Serial(Workers):
     count = 1
 
     def __init__(self, limits: ResourceLimits) -> None:
-        registry_of.cache_clear()  # an earlier run of this process may have found other plugins
         self._limits = limits
         self._tasks: queue.SimpleQueue[_SerialTask | None] = queue.SimpleQueue()
         self._progress: queue.SimpleQueue[tuple[int, float]] = queue.SimpleQueue()

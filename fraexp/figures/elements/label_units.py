@@ -12,5 +12,6 @@ def label_units(sweeps: Iterable[tuple[Plain, Plain]], registry: Registry) -> di
 
     Each sweep is given by its labels and its sections: its experiment, and its estimator under ``estimator``.
     """
-    units = {path: unit_at(sections, path, registry) for labels, sections in sweeps for path in labels}
+    having = {path: sections for labels, sections in sweeps for path in labels}
+    units = {path: unit_at(sections, path, registry) for path, sections in having.items()}
     return {path: unit for path, unit in units.items() if unit not in ("", "1")}

@@ -1,15 +1,13 @@
 """SQL of a filter: for each term a condition on a sweep and on the run that contains it."""
 
-import difflib
 import json
 import re
-from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from datetime import datetime
 
 from sqlalchemy import (
     ColumnElement,
-    Connection,
     Text,
     and_,
     cast,
@@ -23,6 +21,7 @@ from sqlalchemy import (
 
 from fraexp.data.identity import key_heads
 from fraexp.data.results import UNUSABLE_OUTCOMES, Outcome
+from fraexp.data.rotary_axes import rotary_unit
 from fraexp.errors import FilterError, did_you_mean
 from fraexp.store.queries.filters import Condition
 from fraexp.store.queries.json_sql import (
@@ -38,6 +37,7 @@ from fraexp.store.queries.json_sql import (
     text_at,
     unit_in,
 )
+from fraexp.store.queries.known_names import COMPONENT_COLUMNS, IS_ROTARY_LOOP, METRIC_PREFIX, KnownNames
 from fraexp.store.tables import (
     PARTS,
     STANDING_LATEST,
@@ -56,24 +56,6 @@ Columns = Mapping[str, Expression]
 STATES = ("pending", "computed", "reused", "failed")
 UNUSABLE = "unusable"
 """Word for failed attempts and unusable results alike."""
-METRIC_PREFIX = "metric."
-COMPONENT_COLUMNS = ("estimator", "friction", "plant", "controller", "excitation")
-SWEEP_FIELDS = (
-    "key",
-    "state",
-    "outcome",
-    *COMPONENT_COLUMNS,
-    "source",
-    "study",
-    "run",
-    "tag",
-    "note",
-    "message",
-    "elapsed",
-    "created",
-)
-"""Fields that all sweeps have."""
-
 run_view = run_sweep.alias("run_view")
 """A sweep in one run: the latest one, or the requested one."""
 SWEEP_KEY = sweep.c.key
@@ -91,88 +73,6 @@ SWEEP_COLUMNS: Columns = {
     "created": sweep.c.created,
 }
 """Columns by which a listing can be sorted, beside parameters and metrics."""
-
-
-UnitDeclarations = Callable[[str], Mapping[str, Collection[str]]]
-"""Returns the units of a parameter by the component that declares it: by no name for a section that is no component."""
-MAX_UNIT_SAMPLES = 100
-"""Values of a metric whose units are read."""
-
-
-def no_declared_units(name: str) -> Mapping[str, Collection[str]]:
-    """Return no unit, if the units of parameters are unknown."""
-    return {}
-
-
-@dataclass(frozen=True)
-class KnownNames:
-    """KnownNames that a filter can use in a database."""
-
-    parameters: frozenset[str]
-    labels: frozenset[str]
-    metrics: frozenset[str]
-    connection: Connection
-    declared: UnitDeclarations = no_declared_units
-
-    @classmethod
-    def of(cls, connection: Connection, declared: UnitDeclarations = no_declared_units) -> "KnownNames":
-        """Read the names from a database."""
-        found: dict[str, set[str]] = {"parameter": set(), "label": set(), "metric": set(), "word": set()}
-        for kind, name in connection.execute(select(field.c.kind, field.c.name)):
-            found[kind].add(name)
-        parameters, labels, metrics = (frozenset(found[kind]) for kind in ("parameter", "label", "metric"))
-        return cls(parameters, labels, metrics, connection, declared)
-
-    def units(self, name: str) -> frozenset[str]:
-        """Return the units of the numbers with a name; none if they are unknown."""
-        if not name.startswith(METRIC_PREFIX):
-            return frozenset(unit for of in self.stored_units(name).values() for unit in of)
-        some = (
-            select(metric.c.unit)
-            .where(metric.c.name == name.removeprefix(METRIC_PREFIX))
-            .limit(MAX_UNIT_SAMPLES)
-            .subquery()
-        )
-        return frozenset(self.connection.scalars(select(some.c.unit).distinct()))
-
-    def stored_units(self, name: str) -> Mapping[str, Collection[str]]:
-        """Return the units of a parameter by component, of those that a sweep has; all of them if none has any."""
-        declared, section = self.declared(name), name.partition(".")[0]
-        if section not in COMPONENT_COLUMNS:
-            return declared
-        stored = set(self.connection.scalars(select(sweep.c[f"{section}_name"]).distinct()))
-        return {of: units for of, units in declared.items() if of in stored} or declared
-
-    def of_other_kind(self, name: str, unit: str) -> list[str]:
-        """Return the components whose parameter has no unit of the kind of `unit`."""
-        return [of for of, units in self.stored_units(name).items() if not is_of_a_kind(unit, units)]
-
-    def check_name(self, column: str, value: str) -> None:
-        """Raise FilterError if no sweep has a component of this name, but some have others."""
-        of = sweep.c[f"{column}_name"]
-        if self.connection.scalar(select(of).where(of == value).limit(1)) is not None:
-            return
-        known = [str(name) for name in self.connection.scalars(select(of).where(of.is_not(None)).distinct())]
-        if known:
-            raise FilterError(f"filter: no sweep has the {column} '{value}'{did_you_mean(value, known)}")
-
-    def check_word(self, word: str) -> None:
-        """Raise FilterError for a word that is the path of a parameter, which no sweep is found by."""
-        if "." in word and word in self.parameters | self.labels:
-            raise FilterError(f"filter: '{word}' is a parameter; expected a comparison, such as {word}=VALUE")
-
-    def all(self) -> list[str]:
-        """Return all names that a filter can use."""
-        metrics = {f"{METRIC_PREFIX}{name}" for name in self.metrics}
-        return [*SWEEP_FIELDS, *sorted((self.parameters | self.labels | metrics) - set(SWEEP_FIELDS))]
-
-    def unknown_name_error(self, name: str) -> FilterError:
-        """Return the error for an unknown name."""
-        known = self.all()
-        near = [other for other in known if other.endswith(f".{name}")]
-        near = near or difflib.get_close_matches(name, known, n=1, cutoff=0.5)
-        hint = f"did you mean '{near[0]}'?" if near else "expected one such as estimator, tag or excitation.amplitude"
-        return FilterError(f"filter: nothing in the database has '{name}'; {hint}")
 
 
 def split_parameter(path: str) -> tuple[str, list[str]]:
@@ -221,13 +121,22 @@ def _named_value_sql(condition: Condition, names: KnownNames) -> ColumnElement[b
         fitting = select(part.c.number).where(part.c.section == section, fits).cte().prefix_with("MATERIALIZED")
         found = sweep.c[f"{section}_part"].in_(select(fitting.c.number))  # evaluated once, for each part once
         unit = unit_in(condition.value)
-        if not unit or section not in COMPONENT_COLUMNS:
-            return found
-        component = func.coalesce(sweep.c[f"{section}_name"], "")
-        return and_(found, component.not_in(names.of_other_kind(name, unit)))
+        return and_(found, *_unit_sql(unit, name, names)) if unit else found
     if name in names.labels:
         return _json_value_sql(condition, run_view.c.labels, [name])
     raise names.unknown_name_error(name)
+
+
+def _unit_sql(unit: str, name: str, names: KnownNames) -> Iterator[ColumnElement[bool]]:
+    """Yield the SQL of whether a parameter of a sweep can have a unit: by its component, and by its kind of axis."""
+    section = name.partition(".")[0]
+    if section in COMPONENT_COLUMNS:
+        yield func.coalesce(sweep.c[f"{section}_name"], "").not_in(names.of_other_kind(name, unit))
+    straight = {unit for units in names.declared(name).values() for unit in units}
+    on_straight, on_rotary = is_of_a_kind(unit, straight), is_of_a_kind(unit, set(map(rotary_unit, straight)))
+    if on_straight != on_rotary:
+        turns = sweep.c.loop_part.in_(select(part.c.number).where(IS_ROTARY_LOOP))
+        yield or_(sweep.c.loop_part.is_(None), turns if on_rotary else not_(turns))
 
 
 def _json_value_sql(

@@ -1,9 +1,9 @@
 """The language of filters: ``estimator=effective_input excitation.amplitude>=12 -tag:baseline``."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from itertools import pairwise
+from typing import NamedTuple
 
 from fraexp.data import units
 from fraexp.errors import FilterError, ParameterError
@@ -12,6 +12,8 @@ OPERATORS = ("!=", ">=", "<=", "=", ">", "<", ":")
 """Longer ones first."""
 LONG_WORD = re.compile(r"[^\W\d_]{5}")
 """Five letters, which no symbol of a unit has: coulomb is a friction law."""
+FIELDS_WITH_UNITS = ("elapsed", "run")
+"""Fields beside parameters and metrics whose values may have a unit, if only to be refused."""
 
 
 @dataclass(frozen=True)
@@ -28,19 +30,51 @@ class Condition:
     negated: bool = False
 
 
+Letters = list[tuple[str, bool]]
+"""Letters of a term, each with whether it is quoted."""
+
+
 def parse_filter(text: str) -> list[Condition]:
     """Return the conditions of a filter, which must all hold; FilterError if a term is invalid."""
-    terms = list(_split_terms(text))
-    conditions = [_parse_condition(letters) for letters in terms]
-    for number, (condition, word) in enumerate(pairwise(conditions)):
-        if not any(quoted for _, quoted in terms[number + 1]):
-            _check_blank(condition, word)
-    return conditions
+    return [_parse_condition(letters) for letters in _join_terms(_split_terms(text))]
 
 
-def _split_terms(text: str) -> Iterator[list[tuple[str, bool]]]:
+def _join_terms(terms: Iterable[Letters]) -> list[Letters]:
+    """Return terms in which blanks around an operator, and before a unit, separate nothing."""
+    joined: list[Letters] = []
+    for term in terms:
+        before = _operator_place(joined[-1]) if joined else None
+        lacks_value = before is not None and sum(before) == len(joined[-1])
+        continues_word = bool(joined) and before is None and _operator_place(term, last=0) is not None
+        if lacks_value or continues_word:
+            joined[-1] = [*joined[-1], *term]
+        elif before is not None and _is_unit_of(joined[-1], before, term):
+            joined[-1] = [*joined[-1], (" ", False), *term]
+        else:
+            joined.append(term)
+    return joined
+
+
+def _is_unit_of(term: Letters, place: "OperatorPlace", word: Letters) -> bool:
+    """Return whether a word is the unit, or a further part of the unit, of the number that a term ends with."""
+    field, value, unit = _join_letters(term[: place.start]), _join_letters(term[sum(place) :]), _join_letters(word)
+    number = units.NUMBER.match(value)
+    may_have_unit = "." in field or field.removeprefix("-") in FIELDS_WITH_UNITS
+    if not (number and may_have_unit) or any(quoted for _, quoted in word) or not unit[:1].isalpha():
+        return False
+    return not LONG_WORD.search(unit) and _is_unit(f"{value[number.end() :]} {unit}".strip())
+
+
+def _is_unit(text: str) -> bool:
+    try:
+        return bool(units.si(text))
+    except ParameterError:
+        return False
+
+
+def _split_terms(text: str) -> Iterator[Letters]:
     """Yield the letters of each term, each with whether it is quoted; in quotes a backslash escapes a letter."""
-    letters: list[tuple[str, bool]] = []
+    letters: Letters = []
     quoted = False
     rest = iter(text)
     for letter in rest:
@@ -61,42 +95,44 @@ def _split_terms(text: str) -> Iterator[list[tuple[str, bool]]]:
         yield letters
 
 
-def _parse_condition(letters: list[tuple[str, bool]]) -> Condition:
+def _parse_condition(letters: Letters) -> Condition:
     term = _join_letters(letters)
     negated = letters[0] == ("-", False)
     body = letters[1:] if negated else letters
-    for start in range(len(body)):
-        operator = next((text for text in OPERATORS if _starts_with(body, start, text)), None)
-        if operator:
-            field, value = _join_letters(body[:start]), _join_letters(body[start + len(operator) :])
-            _check_condition(term, field, value)
-            return Condition(term, field, operator.replace("!", ""), value, negated != (operator == "!="))
+    place = _operator_place(body)
+    if place:
+        operator = _join_letters(body[place.start : sum(place)])
+        field, value = _join_letters(body[: place.start]), _join_letters(body[sum(place) :])
+        _check_condition(term, field, value)
+        return Condition(term, field, operator.replace("!", ""), value, negated != (operator == "!="))
     word = _join_letters(body)
     if not word:
         raise FilterError(f"filter: {term!r} is empty; expected a word, or a term such as tag:baseline")
     return Condition(term, "", ":", word, negated)
 
 
-def _starts_with(letters: list[tuple[str, bool]], start: int, text: str) -> bool:
+class OperatorPlace(NamedTuple):
+    """Where the operator of a term is; both together are where its value begins."""
+
+    start: int
+    length: int
+
+
+def _operator_place(letters: Letters, last: int | None = None) -> OperatorPlace | None:
+    """Return the place of the first operator of a term, up to the letter `last`; None for a word."""
+    for start in range(len(letters) if last is None else last + 1):
+        operator = next((text for text in OPERATORS if _starts_with(letters, start, text)), None)
+        if operator:
+            return OperatorPlace(start, len(operator))
+    return None
+
+
+def _starts_with(letters: Letters, start: int, text: str) -> bool:
     return letters[start : start + len(text)] == [(letter, False) for letter in text]
 
 
-def _join_letters(letters: list[tuple[str, bool]]) -> str:
+def _join_letters(letters: Letters) -> str:
     return "".join(letter for letter, _ in letters)
-
-
-def _check_blank(condition: Condition, word: Condition) -> None:
-    """Refuse a unit that a blank separates from its number: it would be a word that is searched everywhere."""
-    if word.field or word.negated or not units.NUMBER.fullmatch(condition.value) or LONG_WORD.search(word.value):
-        return
-    try:
-        units.si(word.value)
-    except ParameterError:
-        return
-    raise FilterError(
-        f"filter: '{condition.term} {word.value}' has a blank before the unit; expected {condition.term}{word.value}, "
-        f'or "{word.value}" in quotes to search for the word'
-    )
 
 
 def _check_condition(term: str, field: str, value: str) -> None:

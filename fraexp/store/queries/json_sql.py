@@ -184,7 +184,8 @@ def _check_unit_kind(unit: str, kinds: Sequence[str]) -> None:
     """Raise FilterError if a unit is of another kind than all of `kinds`."""
     if not kinds or is_of_a_kind(unit, kinds):
         return
-    raise FilterError(" or ".join([_unfit_text(unit, kinds[0]), *(f"'{kind}'" for kind in kinds[1:])]))
+    quoting = ", or quotes around a word to search for" if " " in unit else ""
+    raise FilterError(" or ".join([_unfit_text(unit, kinds[0]), *(f"'{kind}'" for kind in kinds[1:])]) + quoting)
 
 
 def compare_number(column: Expression, operator: str, value: float) -> ColumnElement[bool]:

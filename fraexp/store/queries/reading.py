@@ -8,7 +8,7 @@ from datetime import datetime
 from sqlalchemy import Connection, RowMapping, and_, false, func, or_, select
 
 from fraexp.data.identity import key_heads
-from fraexp.data.results import Outcome
+from fraexp.data.results import UNUSABLE_OUTCOMES, Outcome
 from fraexp.errors import StoreError
 from fraexp.store import shared_sections
 from fraexp.store.clock import now
@@ -58,6 +58,7 @@ class _RunRows:
 
     counts: dict[str, int] = field(default_factory=dict)
     digests: int = 0
+    unusable: int = 0
 
     @property
     def total(self) -> int:
@@ -78,6 +79,8 @@ def read_runs(connection: Connection, number: int | None = None) -> list[RunSumm
     rows: dict[int, _RunRows] = defaultdict(_RunRows)
     for of, state, count, digests in connection.execute(counting):
         rows[of].add(state, count, int(digests))
+    for row in connection.execute(_unusable_query(number)):
+        rows[row.run].unusable = row.unusable
     time_now, host = now(connection), host_of(connection)
     found = read_tolerantly(
         lambda chunk: {
@@ -89,6 +92,14 @@ def read_runs(connection: Connection, number: int | None = None) -> list[RunSumm
     lost = [of for of in rows if of not in found]
     found |= {of: _damaged_run(of, rows[of].total, time_now) for of in lost}
     return [found[of] for of in sorted(found, reverse=True)]
+
+
+def _unusable_query(number: int | None) -> Query:
+    """Return the query of how many results of each run, or of one, are unusable."""
+    names = [name for outcome in UNUSABLE_OUTCOMES for name in outcome.stored_names]
+    unusable = run_sweep.c.key.in_(select(sweep.c.key).where(sweep.c.outcome.in_(names)))
+    query = select(run_sweep.c.run, func.count().label("unusable")).where(unusable, run_sweep.c.state != "failed")
+    return (query if number is None else query.where(run_sweep.c.run == number)).group_by(run_sweep.c.run)
 
 
 def read_studies(connection: Connection, numbers: Iterable[int]) -> dict[int, str]:
@@ -105,9 +116,15 @@ def read_studies(connection: Connection, numbers: Iterable[int]) -> dict[int, st
 
 def read_run(connection: Connection, number: int) -> RunSummary:
     """Return the run with a number; StoreError, with the newest number, if there is none."""
-    found = read_runs(connection, number) if 0 < number <= MAX_COLUMN_INTEGER else []
-    if found:
-        return found[0]
+    check_run(connection, number)
+    return read_runs(connection, number)[0]
+
+
+def check_run(connection: Connection, number: int) -> None:
+    """Raise StoreError, with the newest number, if there is no run with a number."""
+    known = (select(column).where(column == number).limit(1) for column in (run.c.number, run_sweep.c.run))
+    if 0 < number <= MAX_COLUMN_INTEGER and any(connection.scalar(query) is not None for query in known):
+        return
     newest = connection.scalar(select(func.max(run.c.number)))
     hint = f"the newest is run {newest}" if newest else "there is none yet, 'fraexp run STUDY' makes one"
     raise StoreError(f"there is no run {number}; {hint}")
@@ -115,7 +132,7 @@ def read_run(connection: Connection, number: int) -> RunSummary:
 
 def read_sweeps(connection: Connection, number: int) -> list[StoredSweep]:
     """Return the sweeps of a run in grid order, without arrays."""
-    read_run(connection, number)
+    check_run(connection, number)
     places = select(run_sweep.c.position).where(run_sweep.c.run == number)
     found = read_tolerantly(
         lambda chunk: dict(
@@ -282,6 +299,7 @@ def _run_summary(row: RowMapping, rows: _RunRows, time_now: datetime, host: Host
             computed=rows.counts.get("computed", 0),
             reused=rows.counts.get("reused", 0),
             failed=rows.counts.get("failed", 0),
+            unusable=rows.unusable,
             process=process,
             heartbeat=row["heartbeat"],
             silence=silence.total_seconds() if row["state"] == "running" and not dead else 0.0,

@@ -12,20 +12,16 @@ from fraexp.errors import FilterError, StoreError
 from fraexp.store.damage import DAMAGED, RESTORE_HINT, read_tolerantly
 from fraexp.store.digests import LISTED_COLUMNS
 from fraexp.store.queries import annotations
-from fraexp.store.queries.filter_sql import (
-    COMPONENT_COLUMNS,
-    METRIC_PREFIX,
-    SWEEP_COLUMNS,
-    SWEEP_KEY,
-    KnownNames,
-    UnitDeclarations,
-    condition_sql,
-    no_declared_units,
-    run_view,
-    split_parameter,
-)
+from fraexp.store.queries.filter_sql import SWEEP_COLUMNS, SWEEP_KEY, condition_sql, run_view, split_parameter
 from fraexp.store.queries.filters import parse_filter
 from fraexp.store.queries.json_sql import json_value, sorted_at, text_sorted_at
+from fraexp.store.queries.known_names import (
+    COMPONENT_COLUMNS,
+    METRIC_PREFIX,
+    KnownNames,
+    UnitDeclarations,
+    no_declared_units,
+)
 from fraexp.store.queries.reading import DAMAGED_RUN, is_listing_sound, read_studies
 from fraexp.store.stored_records import ListedSweep, ListingPage
 from fraexp.store.tables import (

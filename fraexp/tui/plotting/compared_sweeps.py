@@ -1,9 +1,7 @@
 """The marked sweeps with their results, and the pictures and commands that compare them."""
 
-import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 from fraexp.data.results import Result
 from fraexp.errors import FraexpError
@@ -12,12 +10,11 @@ from fraexp.figures.elements.grouping import CurvePlace, grid_labels
 from fraexp.figures.elements.labels import label_columns
 from fraexp.figures.elements.scales import readable_unit
 from fraexp.figures.elements.shown import ShownResult
-from fraexp.figures.elements.view import View
-from fraexp.store import Store, StoredSweep, leave_out_damaged, url_without_password
+from fraexp.store import Store, StoredSweep, leave_out_damaged
 from fraexp.tui.plotting import plotted_curves
 from fraexp.tui.plotting.plotted_curves import REFERENCE, Picture, Reference
-from fraexp.views.comparison import difference_rows, with_common_labels
-from fraexp.views.words import plural, short_key
+from fraexp.views.comparison import group_difference_rows, with_common_labels
+from fraexp.views.words import plural
 from fraexp.workspace.workspace_service import WorkspaceService
 
 VIEW_NAMES = {
@@ -94,7 +91,7 @@ class ComparedSweeps:
     references: dict[str, Reference]
     """P(jω) by the unit of the responses, where all of them are of one plant."""
     rows: list[list[str]]
-    """The differences: a name, and a text for the first sweep of each curve."""
+    """The differences: a name, and a text for each curve, the median where its sweeps differ."""
     left_out: tuple[str, ...]
 
     @property
@@ -287,9 +284,9 @@ def compare_sweeps(
         curves = curves[:MAX_CURVES]
     leads = [sweeps[curve.members[0]] for curve in curves]
     references = _references(workspace, sweeps if few else leads, results)
-    return ComparedSweeps(
-        tuple(sweeps), named, curves, references, difference_rows(leads, results, workspace.registry), left_out
-    )
+    groups = [[sweeps[index] for index in curve.members] for curve in curves]
+    rows = group_difference_rows(groups, results, workspace.registry)
+    return ComparedSweeps(tuple(sweeps), named, curves, references, rows, left_out)
 
 
 def _references(
@@ -332,34 +329,3 @@ def _curve_label(shown: Sequence[ShownResult], points: Sequence[Sequence[int]]) 
         return first.label
     noun = first.place.sample if len(points) == 1 else "sweep"
     return f"{first.place.group}, {plural(count, noun)}".removeprefix(", ")
-
-
-def compare_command(workspace: WorkspaceService, keys: Sequence[str]) -> str:
-    """Return the command line that prints the differences between sweeps."""
-    return shlex.join(["fraexp", "compare", *map(short_key, keys), *_location_options(workspace)])
-
-
-def plot_command(
-    workspace: WorkspaceService,
-    keys: Sequence[str],
-    kind: str,
-    file: str,
-    view: View,
-    by: Sequence[str] | None = None,
-) -> str:
-    """Return the command line that draws a figure of sweeps."""
-    return shlex.join(["fraexp", *plot_arguments(keys, kind, file, view, by), *_location_options(workspace)])
-
-
-def plot_arguments(keys: Sequence[str], kind: str, file: str, view: View, by: Sequence[str] | None = None) -> list[str]:
-    """Return the arguments that draw a figure of sweeps, or the visible part of it; `by` makes its groups."""
-    grouping = [] if by is None else ["--group-by", *by]
-    return ["plot", *map(short_key, keys), "--kind", kind, *view.options(), *grouping, "-o", file]
-
-
-def _location_options(workspace: WorkspaceService) -> list[str]:
-    """Return the options that name workspace and database, unless they are those of the current folder."""
-    here = workspace.folder.resolve() == Path.cwd()
-    usual = workspace.database == str(workspace.folder / "results.db")
-    folder = [] if here else [f"--workspace={workspace.folder}"]
-    return folder + ([] if usual else [f"--db={url_without_password(workspace.database)}"])

@@ -9,7 +9,7 @@ from pathlib import Path
 from fraexp.errors import FraexpError
 from fraexp.figures.elements.stamp import check_suffix
 from fraexp.figures.elements.view import View
-from fraexp.tui.plotting.compared_sweeps import plot_arguments
+from fraexp.tui.plotting.figure_commands import plot_arguments
 from fraexp.workspace.workspace_service import WorkspaceService
 
 
@@ -30,10 +30,18 @@ def file_fault(text: str) -> str:
 
 
 async def draw_figure(
-    workspace: WorkspaceService, keys: Sequence[str], kind: str, file: Path, view: View, by: Sequence[str] | None = None
+    workspace: WorkspaceService,
+    named: Sequence[str],
+    kind: str,
+    file: Path,
+    view: View,
+    by: Sequence[str] | None = None,
 ) -> tuple[bool, str]:
-    """Draw the visible part of sweeps into a file; return whether it succeeded, and the path or the error."""
-    arguments = [*plot_arguments(keys, kind, str(file), view, by), *workspace.location_options()]
+    """Draw the visible part of sweeps into a file; return whether it succeeded, and the path or the error.
+
+    `named` are the arguments of the command line that name the sweeps.
+    """
+    arguments = [*plot_arguments(named, kind, str(file), view, by), *workspace.location_options()]
     process = await asyncio.create_subprocess_exec(
         sys.executable, "-m", "fraexp", *arguments,
         stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,

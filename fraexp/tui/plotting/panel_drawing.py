@@ -168,12 +168,33 @@ def resonances(panel: PlotPanel, trace: PlotTrace) -> list[int]:
     """Return the indices of the highest maxima of a magnitude [dB] over frequency that stand out."""
     if not panel.resonant or trace.settled.sum() < 3:
         return []
-    from scipy.signal import find_peaks
-
     places = np.flatnonzero(trace.settled & np.isfinite(trace.y))
-    found, of = find_peaks(trace.y[places], prominence=RESONANCE_PROMINENCE_DB)
-    highest = found[np.argsort(-of["prominences"])][:MAX_RESONANCES]
-    return [int(place) for place in places[np.sort(highest)]]
+    heights = prominences(trace.y[places])
+    found = sorted((at for at, height in heights.items() if height >= RESONANCE_PROMINENCE_DB), key=heights.__getitem__)
+    return [int(places[at]) for at in sorted(found[-MAX_RESONANCES:])]
+
+
+def prominences(y: NDArray[np.float64]) -> dict[int, float]:
+    """Return the height of each maximum of y, of shape (n,), above the higher of the valleys at its sides, by index.
+
+    A valley ends where y rises above the maximum, or ends. `scipy.signal` has this too, but its import takes half a
+    second, for which the first picture would wait.
+    """
+    left, right = _valleys(y.tolist()), _valleys(y[::-1].tolist())[::-1]
+    maxima = np.flatnonzero((y[1:-1] > y[:-2]) & (y[1:-1] >= y[2:])) + 1
+    return {int(at): float(y[at] - max(left[at], right[at])) for at in maxima}
+
+
+def _valleys(values: Sequence[float]) -> list[float]:
+    """Return for each value the lowest one between it and the last higher one before it."""
+    found, higher = [], list[tuple[float, float]]()
+    for value in values:
+        low = value
+        while higher and higher[-1][0] <= value:
+            low = min(low, higher.pop()[1])
+        higher.append((value, low))
+        found.append(low)
+    return found
 
 
 def wrap_degrees(phase: Phase) -> Phase:

@@ -21,17 +21,17 @@ from fraexp.tui.plotting.compared_sweeps import (
     VIEW_NAMES,
     ComparedSweeps,
     MarkedSweeps,
-    compare_command,
     compare_sweeps,
-    plot_command,
     read_marked_sweeps,
     split_group,
 )
+from fraexp.tui.plotting.figure_commands import CurveNames, compare_command, plot_command
 from fraexp.tui.plotting.plot_stack import PlotStack
 from fraexp.tui.plotting.plotted_curves import CURVE_KINDS, REFERENCE, Picture
 from fraexp.tui.screens.plot_page import MIN_HIGH_ROWS, PlotPage
 from fraexp.tui.widgets.difference_table import DifferenceTable
 from fraexp.tui.widgets.figure_dialogs import FigureExport
+from fraexp.views.words import short_key
 
 NOTHING_MARKED = """No sweeps are marked.
 
@@ -106,6 +106,7 @@ An exported figure shows the visible curves and frequencies.
         """Keys of the sweeps that were read last."""
         self._gathered: MarkedSweeps | None = None
         self._pictures: dict[tuple[str, str, int], Picture] = {}
+        self._names: CurveNames
         self._turn = asyncio.Lock()
         """Held while a view is made, so that views are shown in the order of the keys."""
 
@@ -133,7 +134,8 @@ An exported figure shows the visible curves and frequencies.
             return
         if self.compared is None:
             self.show_notice("loading the marked sweeps …")
-            self.command = compare_command(self.app.backend.workspace, marked[:FIRST_SWEEPS])
+            named = self.app.marks.origin or list(map(short_key, marked[:FIRST_SWEEPS]))
+            self.command = compare_command(self.app.backend.workspace, named)
             if len(marked) > FIRST_SWEEPS:
                 await self._load_some(marked, FIRST_SWEEPS)
         elif len(marked) > FIRST_SWEEPS and marked == self._loaded:
@@ -187,7 +189,7 @@ An exported figure shows the visible curves and frequencies.
         view_range = self.stack.view_range
         view_range.hidden = {old[place] for place in view_range.hidden if place in old}
         view_range.focus, self.first = old.get(view_range.focus, 0), old.get(self.first, 0)
-        self.compared, self._pictures = found, {}
+        self.compared, self._pictures, self._names = found, {}, CurveNames(found, self.app.marks)
         self.query_one("#both").display = True  # it is laid out while the picture is made
         self._fill_table()
         if not await self._show() and self.view not in ("", found.default_view):
@@ -263,12 +265,13 @@ An exported figure shows the visible curves and frequencies.
         )
         facet = split_group(self.group)[1]
         self.heading += f", {facet}" if facet else ""
-        keys = self._keys() or found.keys_of(found.places(self.view, self.group))
+        places = self._seen() or found.places(self.view, self.group)
+        keys, named = self._names.of(places)
         workspace = self.app.backend.workspace
         self.command = (
-            compare_command(workspace, keys)
+            compare_command(workspace, named)
             if self.has_class("-table") and len(keys) > 1
-            else plot_command(workspace, keys, picture.kind, self._file(), self.stack.view(), self._by)
+            else plot_command(workspace, named, picture.kind, self._file(), self.stack.view(), self._by)
         )
         notes = [f"against {self._reference()}"] if self.view == "difference" else []
         notes += [*self.hints(self.labels()), *found.notes(self.view, self.group), picture.note]
@@ -282,14 +285,14 @@ An exported figure shows the visible curves and frequencies.
         assert self.compared is not None
         return "P(jω)" if self.first == REFERENCE else self.compared.curves[self.first].label
 
-    def _keys(self) -> list[str]:
-        """Return the keys of the visible sweeps; the reference of differences comes first."""
+    def _seen(self) -> list[int]:
+        """Return the places of the visible curves; the reference of differences comes first."""
         assert self.compared is not None
         hidden = self.stack.view_range.hidden
         seen = [place for place in self.compared.places(self.view, self.group) if place not in hidden]
         if self.view == "difference" and self.first != REFERENCE:
             seen = [self.first, *(place for place in seen if place != self.first)]
-        return self.compared.keys_of(seen)
+        return seen
 
     def _file(self) -> str:
         picture = self.stack.picture
@@ -392,5 +395,6 @@ An exported figure shows the visible curves and frequencies.
         """Export the visible curves as a figure by ``fraexp plot``."""
         if self.compared is None or self.stack.picture is None:
             return
-        export = FigureExport(self._keys(), self.stack.picture.kind, self.stack.view(), self._by)
+        keys, named = self._names.of(self._seen())
+        export = FigureExport(len(keys), named, self.stack.picture.kind, self.stack.view(), self._by)
         export.ask(self, self._file())

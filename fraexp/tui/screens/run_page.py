@@ -4,42 +4,34 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
-from rich.text import Text
 from textual import on
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Container, Horizontal
-from textual.widgets import Static
 from textual.worker import Worker
 
-from fraexp.data.results import Outcome
 from fraexp.data.terminal_text import printable
 from fraexp.errors import FraexpError
 from fraexp.execution import background
 from fraexp.execution.background import BackgroundRun
-from fraexp.store import ListedSweep, RunSummary, Store
+from fraexp.store import RunSummary, Store
 from fraexp.study.study_file import find_studies
 from fraexp.tui.dialogs import ConfirmDialog, InputDialog
-from fraexp.tui.page import Page, shorten
-from fraexp.tui.services.themes import state_sign
+from fraexp.tui.page import Page
+from fraexp.tui.services.refresh_budget import RefreshBudget
 from fraexp.tui.widgets.log_tail import LogTail
 from fraexp.tui.widgets.preview_plot import PreviewPlot
+from fraexp.tui.widgets.run_state import RunState
 from fraexp.tui.widgets.sweep_table import SweepTable
-from fraexp.views.fields import elapsed_text, run_duration_text, run_state_text
-from fraexp.views.listing import state_text, time_text
-from fraexp.views.pace import Speed
-from fraexp.views.run_progress import counts_text, done_count, progress_text
-from fraexp.views.words import short_key
 from fraexp.workspace.workspace_service import WorkspaceService
 
 if TYPE_CHECKING:
     from fraexp.tui.app import FraexpApp
 
-LOG_POLL_INTERVAL_S = 0.5
-"""Seconds between two polls of the log."""
-MAX_SHOWN_FAILURES = 2
-"""Maximum number of failures shown above the table, which has all."""
-COMPILING_HINT = "No sweep has finished yet. A friction law is compiled at its first use, which takes some seconds."
+LOG_POLL_INTERVAL_S = 1.0
+"""Seconds between two polls of the log, and steps of the elapsed time."""
+MAX_REFRESH_SHARE = 0.03
+"""Maximum share of a processor that a running run's sweeps and progress take to be drawn again."""
 
 
 class RunPage(Page):
@@ -54,7 +46,6 @@ R runs the study again: stored sweeps are reused, missing ones are computed.
 v shows its curves as they come; f follows the sweep that is being computed, until you move the cursor.
 Enter opens a sweep, Space marks it; c compares the marked sweeps, or all of the run if none is marked."""
     DEFAULT_CSS = """
-    RunPage #state { height: auto; padding: 0 1; }
     RunPage #main { height: 2fr; }
     RunPage #sweeps { width: 1fr; }
     RunPage LogTail { height: 1fr; min-height: 2; max-height: 8; }
@@ -81,7 +72,7 @@ Enter opens a sweep, Space marks it; c compares the marked sweeps, or all of the
         self.number = run if isinstance(run, int) else None
         self.run: RunSummary | None = None
         self.live = True
-        self._speed = Speed()
+        self._budget = RefreshBudget(MAX_REFRESH_SHARE)
         self._stopping = False
         self._follows = True
         """Whether the cursor follows the sweep that is being computed."""
@@ -90,7 +81,7 @@ Enter opens a sweep, Space marks it; c compares the marked sweeps, or all of the
 
     def body(self) -> ComposeResult:
         """Put the state above the sweeps and the log."""
-        yield Static("starting ..." if self.started else "loading ...", id="state")
+        yield RunState("starting ..." if self.started else "loading ...")
         with Horizontal(id="main"):
             yield Container(id="sweeps", classes="-none")
             yield PreviewPlot("Curves")
@@ -108,7 +99,7 @@ Enter opens a sweep, Space marks it; c compares the marked sweeps, or all of the
         if self.number is None and self.live:
             self.reload()
         elif self.run and self.run.state == "running":
-            self.call_later(self._show, self.run)  # update the elapsed time
+            self.query_one(RunState).show(self.run, self._stopping)  # update the elapsed time
 
     async def load(self) -> None:
         """Read the state of the run."""
@@ -121,9 +112,11 @@ Enter opens a sweep, Space marks it; c compares the marked sweeps, or all of the
             self.heading, self.command = f"run {found.number}, {found.study}", f"fraexp show {found.number}"
         self.run = found
         self.live = found.state == "running"
-        await self._show_sweeps(found)
         await self._show(found)
-        await self._show_curves(found)
+        if not (self.live and self._budget.is_resting):
+            self._budget.begin()
+            await self._show_sweeps(found)
+            await self._show_curves(found)
 
     async def _read_run(self, number: int) -> RunSummary | None:
         return await self.fetch(self.app.backend.read(lambda store: store.run(number)))
@@ -144,7 +137,7 @@ Enter opens a sweep, Space marks it; c compares the marked sweeps, or all of the
             self.live = False
             code = started.process.poll()
             how = "stopped before the first sweep" if self._stopping else f"failed to start (exit code {code})"
-            self.query_one("#state", Static).update(Text(how))
+            self.query_one(RunState).show_start_failure(how)
             self.show_error(f"{last}\nNothing was computed. Esc returns to the runs, s to the studies.")
         return found
 
@@ -182,46 +175,9 @@ Enter opens a sweep, Space marks it; c compares the marked sweeps, or all of the
 
     async def _show(self, run: RunSummary) -> None:
         """Show the progress and the last failures."""
-        rate = None
-        if run.state == "running":
-            self._speed.update(run.heartbeat.timestamp(), done_count(run))
-            rate = None if _is_preparing(run) else self._speed.rate
-        wide = max(10, min(40, self.size.width - 66))
-        state = "stopping" if self._stopping and run.state == "running" else run_state_text(run)
-        sign, colour = state_sign(state)
-        text = Text(f"{sign} {state}", style=f"bold {self.app.theme_variables[colour]}")
-        time = f", took {run_duration_text(run)}" if run.ended else ""
-        since = f"  since {time_text(run.started)}, {elapsed_text(run)}"
-        text.append(f"  {time_text(run.started)}{time}" if run.ended else since, "not bold")
-        text.append(f"  {counts_text(run)}\n", "not bold")
-        text.append(progress_text(run, rate, wide), "not bold")
-        if _is_preparing(run):
-            text.append(f"\n{COMPILING_HINT}", "not bold")
-        for line in await self._failures(run):
-            text.append(f"\n{printable(line)}", f"not bold {self.app.theme_variables['error']}")
-        if run.ended and run.computed + run.reused:
-            text.append("\nc shows its figure", f"not bold {self.app.theme_variables['text-muted']}")
-        if run.state == "interrupted":
-            text.append(f"\n{self._interruption_text(run)}", "not bold")
-        self.query_one("#state", Static).update(text)
-
-    def _interruption_text(self, run: RunSummary) -> str:
-        """Return how a run was interrupted: one that was asked to stop has stored its end."""
-        if run.ended or self._stopping:
-            return "It was stopped; finished sweeps are kept. R continues the run."
-        return "Its process ended before all sweeps were finished. R continues the run."
-
-    async def _failures(self, run: RunSummary) -> list[str]:
-        """Return the latest failures with their messages and remedies, and how many more there are."""
-        asked = self.app.backend.read(
-            lambda store: store.page("state:unusable", "-position", 0, MAX_SHOWN_FAILURES, run.number)
-        )
-        page = await self.fetch(asked)
-        if page is None or not page.rows:
-            return []
-        lines = [line for row in page.rows for line in _failure_lines(row)]
-        more = page.total - len(page.rows)
-        return [*lines, f"  {more} more: / state:unusable"] if more > 0 else lines
+        state = self.query_one(RunState)
+        await self.fetch(state.read_failures(run))
+        state.show(run, self._stopping)
 
     def _show_log(self) -> None:
         tail = self.query_one(LogTail)
@@ -233,6 +189,10 @@ Enter opens a sweep, Space marks it; c compares the marked sweeps, or all of the
             return
         tail.show(f"log {file}")
         tail.follow(file)
+
+    @on(SweepTable.Shown)
+    def _end_refresh(self) -> None:
+        self.call_after_refresh(self._budget.end)
 
     @on(SweepTable.Opened)
     def _open_sweep(self, event: SweepTable.Opened) -> None:
@@ -306,7 +266,7 @@ Enter opens a sweep, Space marks it; c compares the marked sweeps, or all of the
             return
         if not any(key in marks for key in keys):
             marks.clear()
-            marks.add(keys)
+            marks.add(keys, (str(number),))
         self.app.action_place("compare")
 
     def action_curves(self) -> None:
@@ -345,20 +305,6 @@ def show_run(app: "FraexpApp", run: int | BackgroundRun) -> Worker[None]:
         await app.push_screen(RunPage(run))
 
     return app.run_worker(go(), group="place")
-
-
-def _failure_lines(row: ListedSweep) -> list[str]:
-    """Return what failed and why, and the remedy."""
-    what = state_text(row)
-    remedy = row.outcome.value if row.outcome else Outcome.ERROR.value
-    lines = [shorten(f"✗ {short_key(row.key)} {what}: {row.message}".removesuffix(": "))]
-    return [*lines, shorten(f"  → {remedy}")] if remedy else lines
-
-
-def _is_preparing(run: RunSummary) -> bool:
-    """Return whether the run may be compiling: no sweep has finished, and none shows progress."""
-    moving = run.progress and any(0 < part < 1 for part in run.progress.running.values())
-    return run.state == "running" and not (run.computed or run.failed or moving)
 
 
 def _find_run_by_log(store: Store, log: Path) -> RunSummary | None:

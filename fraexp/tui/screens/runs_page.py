@@ -40,7 +40,7 @@ class RunTable(PagedTable):
             Column("study", tuple(run.study for run in runs), rank=1),
             Column("state", tuple(_state_text(run) for run in runs), rank=2),
             Column("sweeps", tuple(f"{finished_count(run)}/{run.total}" for run in runs), rank=3),
-            Column("failed", tuple(str(run.failed or "") for run in runs), rank=4),
+            Column("unusable", tuple(str(run.failed + run.unusable or "") for run in runs), rank=4),
             Column("started", tuple(time_text(run.started) for run in runs), rank=5),
             Column("took", tuple(run_duration_text(run) for run in runs), rank=6),
             Column("computed", tuple(str(run.computed) for run in runs), rank=7),
@@ -62,10 +62,12 @@ class RunsPage(Page):
     PLACE: ClassVar[str] = "runs"
     HELP: ClassVar[str] = """\
 Runs, newest first.
-  running      its process is alive
-  complete     all of its sweeps have a result
-  partial      some sweeps failed
-  interrupted  it was stopped, or its process died; finished sweeps are kept
+  running           its process is alive
+  complete          all of its sweeps have a result
+  partial           some sweeps failed
+  no usable result  all sweeps failed, diverged or did not move
+  stopped           it was stopped; finished sweeps are kept
+  process lost      its process died; finished sweeps are kept
 Enter opens a run: its sweeps, its log, and the keys that stop it or start it again."""
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("slash", "filter", "filter", id="runs.filter", tooltip="filter by study, state or command"),
@@ -110,7 +112,9 @@ Enter opens a run: its sweeps, its log, and the keys that stop it or start it ag
     def show(self) -> None:
         """Show the runs that match the filter."""
         line, table = self.query_one(FilterLine), self.query_one(RunTable)
-        table.runs = [run for run in self.runs if line.matches(str(run.number), run.study, run.state, run.command)]
+        table.runs = [
+            run for run in self.runs if line.matches(str(run.number), run.study, run_state_text(run), run.command)
+        ]
         table.reload()
 
     @property

@@ -22,6 +22,7 @@ from fraexp.tui.services.study_survey import SurveyProcess
 from fraexp.tui.widgets.filter_line import FilterLine
 from fraexp.tui.widgets.paged_table import PagedTable, TableRows
 from fraexp.tui.widgets.preview_plot import PreviewPlot
+from fraexp.views.fields import run_state_text
 from fraexp.views.listing import Column
 from fraexp.views.study import StudySurvey, newest_runs, study_fields, study_row
 
@@ -53,7 +54,7 @@ class StudyTable(PagedTable):
         state = tuple(of or PENDING_STATE for of in state)
         sweeps = tuple(f"{int(count):,}" if count else "" for count in sweeps)
         runs = [self.last.get(entry.name) for entry in entries]
-        last = tuple(f"{run.number} {run.state}" if run else "" for run in runs)
+        last = tuple(f"{run.number} {run_state_text(run)}" if run else "" for run in runs)
         columns = [
             Column("study", study, "key"),
             Column("state", state, rank=1),

@@ -25,8 +25,8 @@ CONTENT_POLICY = (
     "img-src 'self' data:; connect-src 'self'; frame-ancestors 'none'"
 )
 """What a page may load: nothing from other hosts."""
-FOREIGN_LINK = re.compile(r"<link[^>]*https?://[^>]*>", re.DOTALL)
-"""A link to another host, such as that of the template to a font; the page then uses a local one."""
+LINK = re.compile(r"<link[^>]*https?://([^/\"'>]*)[^>]*>", re.DOTALL)
+"""A link with a host, which may be that of the page itself."""
 KEYBOARD_SCRIPT = """<script>
   const takeKeyboard = () => {
     const input = document.querySelector("#terminal textarea");
@@ -133,8 +133,13 @@ async def _adapt_page(request: web.Request, handler: Handler) -> web.StreamRespo
     """Return the page without links to other hosts, with the keyboard in the terminal."""
     response = await handler(request)
     if request.path == "/" and isinstance(response, web.Response) and response.text:
-        response.text = FOREIGN_LINK.sub("", response.text).replace("</head>", KEYBOARD_SCRIPT, 1)
+        response.text = without_foreign_links(response.text, request.host).replace("</head>", KEYBOARD_SCRIPT, 1)
     return response
+
+
+def without_foreign_links(page: str, host: str) -> str:
+    """Return a page without the links to hosts other than its own, such as to fonts; the page then uses local ones."""
+    return LINK.sub(lambda link: link[0] if link[1] == host else "", page)
 
 
 async def _wait_for_exit(process: asyncio.subprocess.Process | None) -> None:

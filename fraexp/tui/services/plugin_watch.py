@@ -6,11 +6,10 @@ from typing import TYPE_CHECKING
 
 from textual.message import Message
 
+from fraexp.data.identity import file_stamps
+
 if TYPE_CHECKING:
     from fraexp.workspace.workspace_service import WorkspaceService
-
-FileStamp = tuple[int, int]
-"""Time of the last change [ns] and size of a file."""
 
 
 class PluginsChanged(Message):
@@ -36,24 +35,14 @@ class PluginWatch:
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._seen = self._stamps()
+        self._seen = file_stamps(folder)
 
     def changes(self) -> dict[str, str]:
         """Return the files that have been added, changed or removed since the last call."""
-        before, self._seen = self._seen, self._stamps()
+        before, self._seen = self._seen, file_stamps(self._folder)
         found = {name: "added" if name not in before else "changed" for name in self._seen}
         found = {name: what for name, what in found.items() if before.get(name) != self._seen[name]}
         return found | {name: "removed" for name in before if name not in self._seen}
-
-    def _stamps(self) -> dict[str, FileStamp]:
-        stamps = {}
-        try:
-            for file in self._folder.glob("*.py"):
-                state = file.stat()
-                stamps[file.name] = (state.st_mtime_ns, state.st_size)
-        except OSError:  # deleted while polling; the next poll finds out
-            return stamps
-        return stamps
 
 
 def reload_plugins(workspace: "WorkspaceService", changes: dict[str, str]) -> list[PluginChange]:

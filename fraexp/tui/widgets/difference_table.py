@@ -13,7 +13,7 @@ MIN_NAME_WIDTH = 16
 
 
 class DifferenceTable(DataTable[Text]):
-    """A row for each parameter, metric and fit that differs, and a column for each curve."""
+    """A row for each parameter, metric and fit that differs, and a column for each curve: medians of many sweeps."""
 
     def fill(self, compared: ComparedSweeps, width: int, beside: bool) -> None:
         """Show other curves in a width; `beside` the plots, whose readout shows the names of the curves."""
@@ -22,7 +22,9 @@ class DifferenceTable(DataTable[Text]):
         self.add_column("difference")
         for place, curve in enumerate(compared.curves):
             digit = curve_digit(place)
-            self.add_column(Text(digit if beside else f"{digit} {printable(curve.label)}"))
+            count = len(curve.members)
+            number = f"{digit}, median of {count:,}" if count > 1 else digit
+            self.add_column(Text(number if beside else f"{digit} {printable(curve.label)}"))
         for name, *values in compared.rows:
             cells = (Text(printable(text)) for text in values)
             self.add_row(Text(shorten_name(printable(name), longest).rstrip()), *cells)

@@ -16,7 +16,10 @@ from fraexp.views.words import plural
 class FigureExport:
     """A figure of sweeps that is to be exported."""
 
-    keys: Sequence[str]
+    count: int
+    """Number of its sweeps."""
+    named: Sequence[str]
+    """Arguments of a command line that name them."""
     kind: str
     view: View
     by: Sequence[str] | None
@@ -24,10 +27,10 @@ class FigureExport:
 
     def ask(self, page: Page, proposed: str) -> None:
         """Ask for a file, and draw the figure into it."""
-        if not self.keys:
+        if not self.count:
             page.app.notify("all curves are hidden; press 0 to show them", severity="warning")
             return
-        what = plural(len(self.keys), "sweep")
+        what = plural(self.count, "sweep")
         question = f"Export {what} as a {self.kind} figure to this file (.png, .svg or .pdf):"
 
         def export_to(answer: str | None) -> None:
@@ -46,6 +49,6 @@ class FigureExport:
 
     async def _draw(self, page: Page, file: Path) -> None:
         workspace = page.app.backend.workspace
-        ended, text = await draw_figure(workspace, self.keys, self.kind, file, self.view, self.by)
+        ended, text = await draw_figure(workspace, self.named, self.kind, file, self.view, self.by)
         page.app.notify(printable(text), title="exported" if ended else "not exported",
                         severity="information" if ended else "error", markup=False)  # fmt: skip

@@ -1,13 +1,14 @@
 """A table that holds only the visible page."""
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 from rich.text import Text
 from textual import events
 from textual.binding import Binding, BindingType
+from textual.coordinate import Coordinate
 from textual.message import Message
 from textual.widgets import DataTable
 
@@ -32,6 +33,21 @@ class TableRows:
 
     def __init__(self, keys: tuple[str, ...], columns: list[Column], total: int) -> None:
         self.keys, self.columns, self.total = keys, columns, total
+
+
+@dataclass(frozen=True)
+class _Drawn:
+    """What a table shows."""
+
+    keys: tuple[str, ...]
+    columns: list[tuple[Column, int]]
+    """With their widths."""
+    marked: list[bool]
+
+    def differs_in_cells(self, other: "_Drawn") -> bool:
+        """Return whether another has the same rows, columns and marks, so that the cells alone may differ."""
+        frames = ([(of.title, of.order, width) for of, width in each.columns] for each in (self, other))
+        return (self.keys, self.marked, next(frames)) == (other.keys, other.marked, next(frames))
 
 
 class PagedTable(DataTable[Text]):
@@ -79,7 +95,7 @@ class PagedTable(DataTable[Text]):
         self._first = 0  # offset of the first visible row, once it has been read
         self._at = 0  # offset of the cursor, once its page has been read
         self._turning = False
-        self._drawn: object = None
+        self._drawn: _Drawn | None = None
 
     async def fetch_rows(self, first: int, most: int) -> TableRows:
         """Return rows from an offset; FraexpError if they cannot be read."""
@@ -168,10 +184,13 @@ class PagedTable(DataTable[Text]):
         self.total, self.keys = rows.total, rows.keys
         columns = fit_columns([_with_signs(of) for of in rows.columns], self.size.width - 1 - COLUMN_GAP)
         marked = [self.is_marked(key) for key in rows.keys]
-        wanted = (rows.keys, columns, marked)
+        wanted = _Drawn(rows.keys, columns, marked)
         if wanted != self._drawn:
             with self.app.batch_update():
-                self._draw(rows.keys, columns, marked)
+                if self._drawn is None or not wanted.differs_in_cells(self._drawn):
+                    self._draw(rows.keys, columns, marked)
+                else:
+                    self._update_cells(self._drawn.columns, columns)
         self._drawn = wanted
         if row != self.cursor_row:
             self.move_cursor(row=row)
@@ -185,6 +204,13 @@ class PagedTable(DataTable[Text]):
             self.add_column(title, width=width, key=f"{index}.{column.order}")
         for index, key in enumerate(keys):
             self.add_row(self._mark_cell(marked[index]), *(self._cell(of, index) for of, _ in columns), key=key)
+
+    def _update_cells(self, before: list[tuple[Column, int]], columns: list[tuple[Column, int]]) -> None:
+        """Draw the cells that have changed: other columns or rows would lay out the whole screen."""
+        for place, ((old, _), (column, _)) in enumerate(zip(before, columns, strict=True), start=1):
+            for row, (was, text) in enumerate(zip(old.cells, column.cells, strict=True)):
+                if was != text:
+                    self.update_cell_at(Coordinate(row, place), self._cell(column, row))
 
     def _cell(self, column: Column, index: int) -> Text:
         text = column.cells[index]

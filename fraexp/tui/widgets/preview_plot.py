@@ -1,7 +1,6 @@
 """A small plot of sweeps beside a list, with the names of its curves: what Compare would show first."""
 
 import asyncio
-import time
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import TYPE_CHECKING
@@ -17,6 +16,7 @@ from fraexp.errors import FraexpError
 from fraexp.store import Store
 from fraexp.tui.plotting.compared_sweeps import ComparedSweeps, compare_sweeps, read_marked_sweeps
 from fraexp.tui.plotting.plot_stack import PlotStack
+from fraexp.tui.services.refresh_budget import RefreshBudget
 from fraexp.views.fields import run_fields, sweep_fields
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ MAX_PREVIEWED = 400
 """Maximum number of sweeps that are read for a preview."""
 MAX_NAMES = 6
 """Maximum number of names below the plot."""
-MAX_SHARE = 0.04
+MAX_SHARE = 0.02
 """Maximum share of the time that repeated previews may take: a run needs the processors."""
 
 
@@ -48,7 +48,7 @@ class PreviewPlot(Vertical):
         super().__init__(classes="panel")
         self.border_title = title
         self._keys: tuple[str, ...] = ()
-        self._rest_until = 0.0
+        self._budget = RefreshBudget(MAX_SHARE)
 
     def compose(self) -> ComposeResult:
         """Put the names below the plots."""
@@ -58,7 +58,7 @@ class PreviewPlot(Vertical):
     @property
     def is_resting(self) -> bool:
         """Whether another preview would take more than its share of the time."""
-        return time.monotonic() < self._rest_until
+        return self._budget.is_resting
 
     def preview(self, keys: Sequence[str]) -> None:
         """Show sweeps, unless they are shown or the plot is hidden."""
@@ -68,7 +68,7 @@ class PreviewPlot(Vertical):
             self.run_worker(reading, group="preview", exclusive=True)
 
     async def _preview(self, keys: list[str]) -> None:
-        began = time.monotonic()
+        self._budget.begin()
         backend, stack = self.app.backend, self.query_one(PlotStack)
         try:
             gathered = await backend.read(lambda store: read_marked_sweeps(store, keys, MAX_PREVIEWED))
@@ -83,7 +83,7 @@ class PreviewPlot(Vertical):
         stack.view_range.cursor = None
         stack.display_picture(picture, cursor=False)
         self.query_one("#names", Static).update(self._names(found, view, group))
-        self._rest_until = time.monotonic() + (time.monotonic() - began) / MAX_SHARE
+        self.call_after_refresh(self._budget.end)
 
     def _names(self, found: ComparedSweeps | None, view: str, group: str) -> Text:
         if found is None or not group:

@@ -122,15 +122,16 @@ class SweepTable(PagedTable):
         except FraexpError as error:
             self.show_error(str(error))
             return
+        origin = (*([] if run is None else [str(run)]), *(["--filter", wanted] if wanted or run is None else []))
         if len(keys) > MAX_UNCONFIRMED_MARKS:
             self.app.push_screen(
-                ConfirmDialog(f"Mark all {len(keys):,} sweeps?"), lambda yes: self._mark(keys if yes else [])
+                ConfirmDialog(f"Mark all {len(keys):,} sweeps?"), lambda yes: self._mark(keys, origin) if yes else None
             )
         else:
-            self._mark(keys)
+            self._mark(keys, origin)
 
-    def _mark(self, keys: list[str]) -> None:
-        self.app.marks.add(keys)
+    def _mark(self, keys: list[str], origin: tuple[str, ...]) -> None:
+        self.app.marks.add(keys, origin)
         self.redraw_marks()
 
     def action_unmark_all(self) -> None:

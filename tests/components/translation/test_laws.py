@@ -61,6 +61,7 @@ def test_compiled_c_passes_its_own_test(tmp_path: Path, blocks: list[Block]) -> 
     assert done.stdout.count("relative error") == len(LAWS)
 
 
+@pytest.mark.thorough
 @needs_gcc
 def test_single_precision_passes_its_own_test_within_rounding(tmp_path: Path, blocks: list[Block]) -> None:
     program = compile_c(tmp_path, c_text(blocks, "axis", ["test"], is_single=True), "-Daxis_SELF_TEST")

@@ -65,6 +65,7 @@ def test_a_large_study_is_counted_by_a_sample(registry: Registry) -> None:
     assert (ten.seconds - start.seconds) / (one.seconds - start.seconds) == pytest.approx(499 / 49, rel=0.1)
 
 
+@pytest.mark.thorough
 def test_of_very_many_sweeps_a_few_groups_stand_for_all(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("fraexp.execution.estimates.group_sampling.MAX_GROUPED", 500)
     axis = amplitudes(500)
@@ -90,6 +91,7 @@ def test_what_is_drawn_is_shared_by_estimators_too(most: int, tmp_path: Path, mo
     assert sum(group.weight for group in groups) == pytest.approx(100)
 
 
+@pytest.mark.thorough
 def test_a_few_slow_sweeps_among_many_are_not_overlooked(registry: Registry) -> None:
     (slow,) = (study.sweeps for study in WorkspaceService.open(".").studies(["identification/friction_triangle"]))
     found = sampled_groups([*sweeps(amplitudes(1000)), *slow])
@@ -119,6 +121,7 @@ def test_workers_share_tasks_but_none_is_cut_in_two() -> None:
     assert seconds("processes:2", [task(2.0)], [task(1.0)]) == pytest.approx(3.0), "a batch waits for the one before"
 
 
+@pytest.mark.thorough
 def test_the_faster_executor_is_chosen(registry: Registry, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("fraexp.execution.executors.usable_cores", lambda: 2)
     short, long = sweeps(), sweeps(amplitudes(500))

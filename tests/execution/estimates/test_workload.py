@@ -160,6 +160,7 @@ def test_lanes_are_guessed_as_the_compiler_decides(name: str, registry: Registry
     assert looks_vectorised(model.law) == model.is_vectorisable
 
 
+@pytest.mark.thorough
 def test_a_plan_does_not_load_the_compiler(tmp_path: Path) -> None:
     code = (
         "import sys; from fraexp.workspace.workspace_service import WorkspaceService; "

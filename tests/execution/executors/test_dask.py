@@ -19,9 +19,11 @@ pytest.importorskip("distributed", reason="Dask is not installed: pip install di
 from fraexp.cli.exits import ExitCode
 from fraexp.data.results import Result
 from fraexp.errors import StudyError
+from fraexp.execution.events import Finished
 from fraexp.execution.executors import ResourceLimits, WorkerLostError, create_workers
 from fraexp.execution.job import Job
 from fraexp.store import Store
+from fraexp.workspace.workspace_service import WorkspaceService
 from tests.dask_cluster import Cluster, distribution
 from tests.waiting import HANG_TIMEOUT_S, wait_until
 
@@ -242,6 +244,17 @@ def test_a_worker_without_the_plugin_is_left_out_by_name(doomed, tmp_path):
     doomed.start_worker("equipped", environment=environment)
     told = run(tmp_path, "trials", f"--executor=dask:{doomed.address}", **environment)
     assert told.returncode == 0, told.stderr
+
+
+def test_a_plugin_that_is_edited_between_two_runs_of_a_process_is_computed_as_it_is(cluster, tmp_path):
+    cluster.start_worker("only")
+    service = WorkspaceService.open(workspace(tmp_path), None)
+    for mark in (1, 2):
+        workspace(tmp_path, mark=mark)
+        service.reload()
+        events = list(service.run(["trials"], f"dask:{cluster.address}", rerun="all"))
+        found = [event.result for event in events if isinstance(event, Finished) and event.result is not None]
+        assert [of.value for result in found for of in result.metrics if of.name == "mark"] == [mark] * 3
 
 
 def test_what_workers_cannot_read_is_refused_by_name(cluster, tmp_path):

@@ -72,6 +72,7 @@ def test_a_worker_that_dies_costs_its_own_job_alone(pair: Workers, plugins: str,
     )
 
 
+@pytest.mark.thorough
 def test_the_estimator_that_cost_the_worker_is_known(pair: Workers, plugins: str) -> None:
     who = {"name": "who", "version": 1}
     assert lost(pair, 1, plugins, who, trouble("os._exit(1)"), who).estimator == 1
@@ -98,6 +99,7 @@ def test_what_cannot_be_sent_back_is_a_failure(pair: Workers, plugins: str) -> N
     assert "killed" in str(lost(pair, 2, plugins, trouble("os.kill(os.getpid(), 9)")))  # so that it is a new one
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("executor", "seconds"), [("serial", 3.0), pytest.param("processes:1", 20.0, marks=pytest.mark.thorough)]
 )
@@ -117,6 +119,7 @@ def test_a_job_that_never_returns_is_ended(executor: str, seconds: float, plugin
         assert metrics(first.result(0)) == metrics(last.result(0))
 
 
+@pytest.mark.thorough
 @needs_linux
 def test_memory_is_capped(plugins: str) -> None:
     with create_workers("processes:1", 2, ResourceLimits(memory=10**9)) as workers:
@@ -219,7 +222,7 @@ def test_this_process_caps_no_memory() -> None:
         ResourceLimits(memory=10**9).check("serial")
 
 
-@pytest.mark.parametrize("name", ["serial:2", "processes:0", "processes:x", "threads", "processes:513"])
+@pytest.mark.parametrize("name", ["serial:2", "processes:0", "processes:x", "threads", thorough("processes:513")])
 def test_there_is_no_other_executor(name: str) -> None:
     with pytest.raises(StudyError, match="executor"):
         worker_count(name)

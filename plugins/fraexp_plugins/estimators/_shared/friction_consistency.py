@@ -11,7 +11,6 @@ from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import PchipInterpolator
 
 from fraexp.api import Encoder, FrequencyResponse, Segment, phasor_variance, record_spectrum
 from fraexp_plugins.estimators._shared.effective_input_observer import ObserverEstimator, is_from_rest
@@ -99,6 +98,8 @@ class _PlantCurve(NamedTuple):
 
     def response(self, omega: NDArray[np.float64]) -> NDArray[np.complex128]:
         """Return P(jω) [m/N] by monotone cubic interpolation, shape (k,)."""
+        from scipy.interpolate import PchipInterpolator  # slow to import: listing plugins must stay fast
+
         parts = np.column_stack([self.value.real, self.value.imag])
         size, angle = PchipInterpolator(self.place, parts)(np.log(omega)).T
         return np.asarray(-np.exp(size + 1j * angle) / omega**2)

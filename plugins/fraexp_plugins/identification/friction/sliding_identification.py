@@ -373,9 +373,14 @@ def _metrics(solution: _Solution, covariance: NDArray[np.float64]) -> tuple[Metr
 
 
 def _curve(solution: _Solution) -> Curve:
-    inertia = solution.columns[:, 0] * solution.values[0]
-    model = solution.columns @ solution.values
-    return force_over_velocity(solution.velocity, solution.force - inertia, model - inertia)
+    """Return the law at the velocity of each row, a straight line for each direction, and the residuals around it.
+
+    The filtered sign of a row also depends on what was before it: drawn over velocity it would make the line jagged.
+    """
+    velocity = solution.velocity
+    steady = np.column_stack([np.sign(velocity), velocity, np.ones_like(velocity), np.abs(velocity)])
+    law = steady[:, : len(solution.values) - 1] @ solution.values[1:]
+    return force_over_velocity(velocity, law + solution.force - solution.columns @ solution.values, law)
 
 
 def _fit(values: NDArray[np.float64], covariance: NDArray[np.float64]) -> Fit:

@@ -4,7 +4,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import log_ndtr, ndtr
 
 MIN_CURVATURE = 1e-6
 """Least curvature of a sample's loss, in units of 1/σ²: inside its interval it has hardly any."""
@@ -46,6 +45,8 @@ def interval_loss(residual: NDArray[np.float64], resolution: float, std: float) 
 
 def _log_difference(upper: NDArray[np.float64], lower: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return ln(Φ(upper) - Φ(lower)); logarithms of Φ take several times as long, and are needed far out only."""
+    from scipy.special import log_ndtr, ndtr  # slow to import: listing plugins must stay fast
+
     if upper.min(initial=0.0) > FAR_OUT:
         return np.asarray(np.log(np.maximum(ndtr(upper) - ndtr(lower), 1e-300)))
     log_upper = log_ndtr(upper)

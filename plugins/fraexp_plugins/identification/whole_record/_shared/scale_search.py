@@ -9,7 +9,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from fraexp.api import Segment, phasors
 from fraexp_plugins.estimators.effective_input import EffectiveInput
@@ -49,6 +48,8 @@ class ScaleSearch:
         segments = _spread_segments(segments)
         self.frequency = np.concatenate([segment.frequency for segment in segments])
         self.has_force, self.has_displacement = FORCE_SCALE in free, DISPLACEMENT_SCALE in free
+        from scipy.interpolate import CubicSpline  # slow to import: listing plugins must stay fast
+
         output = [phasors(segment, observer.output).mean(axis=0) for segment in segments]
         linear = [each.mean(axis=0) for each in observer.linear_phasors(segments)]
         self.output, self.linear = np.concatenate(output), np.concatenate(linear)

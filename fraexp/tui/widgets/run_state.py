@@ -1,0 +1,108 @@
+"""The state of a run above its sweeps: progress, rate and time left, the latest failures with their remedies."""
+
+from typing import TYPE_CHECKING
+
+from rich.text import Text
+from textual.widgets import Static
+
+from fraexp.data.results import Outcome
+from fraexp.data.terminal_text import printable
+from fraexp.store import ListedSweep, RunSummary
+from fraexp.tui.page import shorten
+from fraexp.tui.services.themes import state_sign
+from fraexp.views.fields import elapsed_text, run_duration_text, run_state_text
+from fraexp.views.listing import state_text, time_text
+from fraexp.views.pace import Speed
+from fraexp.views.run_progress import counts_text, done_count, progress_text
+from fraexp.views.words import short_key
+
+if TYPE_CHECKING:
+    from fraexp.tui.app import FraexpApp
+
+MAX_SHOWN_FAILURES = 2
+"""Maximum number of failures shown above the table, which has all."""
+COMPILING_HINT = "No sweep has finished yet. A friction law is compiled at its first use, which takes some seconds."
+
+
+class RunState(Static):
+    """The state of a run; while it runs, `show` is called again and again."""
+
+    DEFAULT_CSS = "RunState { height: auto; padding: 0 1; }"
+    app: "FraexpApp"
+
+    def __init__(self, text: str) -> None:
+        super().__init__(text, id="state")
+        self._speed = Speed()
+        self._lines = 0
+        self._failures: list[str] = []
+        self._failure_count = 0
+
+    async def read_failures(self, run: RunSummary) -> None:
+        """Read the latest failures with their messages and remedies, if more have come; FraexpError if that fails."""
+        count = run.failed + run.unusable
+        if count == self._failure_count:
+            return
+        page = await self.app.backend.read(
+            lambda store: store.page("state:unusable", "-position", 0, MAX_SHOWN_FAILURES, run.number)
+        )
+        more = page.total - len(page.rows)
+        lines = [line for row in page.rows for line in _failure_lines(row)]
+        self._failures = [*lines, f"  {more} more: / state:unusable"] if more > 0 else lines
+        self._failure_count = count
+
+    def show(self, run: RunSummary, is_stopping: bool) -> None:
+        """Show the progress and the last failures."""
+        text = self._text(run, is_stopping)
+        lines = text.plain.count("\n")
+        self.update(text, layout=lines != self._lines)  # a layout draws the whole screen
+        self._lines = lines
+
+    def show_start_failure(self, text: str) -> None:
+        """Show how a process ended that has begun no run."""
+        self.update(Text(text))
+
+    def _text(self, run: RunSummary, is_stopping: bool) -> Text:
+        colours, is_running = self.app.theme_variables, run.state == "running"
+        state = "stopping" if is_stopping and is_running else run_state_text(run)
+        sign, colour = state_sign(state)
+        text = Text(f"{sign} {state}", style=f"bold {colours[colour]}")
+        took = f", took {run_duration_text(run)}" if run.ended else ""
+        since = f"since {time_text(run.started)}, {elapsed_text(run)}"
+        text.append(f"  {time_text(run.started)}{took}" if run.ended else f"  {since}", "not bold")
+        text.append(f"  {counts_text(run)}\n", "not bold")
+        text.append(progress_text(run, self._rate(run), max(10, min(40, self.screen.size.width - 66))), "not bold")
+        if _is_preparing(run):
+            text.append(f"\n{COMPILING_HINT}", "not bold")
+        for line in self._failures:
+            text.append(f"\n{printable(line)}", f"not bold {colours['error']}")
+        if run.ended and run.computed + run.reused:
+            text.append("\nc shows its figure", f"not bold {colours['text-muted']}")
+        if run.state == "interrupted":
+            text.append(f"\n{_interruption_text(run, is_stopping)}", "not bold")
+        return text
+
+    def _rate(self, run: RunSummary) -> float | None:
+        if run.state != "running":
+            return None
+        self._speed.update(run.heartbeat.timestamp(), done_count(run))
+        return None if _is_preparing(run) else self._speed.rate
+
+
+def _interruption_text(run: RunSummary, is_stopping: bool) -> str:
+    """Return how a run was interrupted: one that was asked to stop has stored its end."""
+    if run.ended or is_stopping:
+        return "It was stopped; finished sweeps are kept. R continues the run."
+    return "Its process ended before all sweeps were finished. R continues the run."
+
+
+def _failure_lines(row: ListedSweep) -> list[str]:
+    """Return what failed and why, and the remedy."""
+    remedy = row.outcome.value if row.outcome else Outcome.ERROR.value
+    lines = [shorten(f"✗ {short_key(row.key)} {state_text(row)}: {row.message}".removesuffix(": "))]
+    return [*lines, shorten(f"  → {remedy}")] if remedy else lines
+
+
+def _is_preparing(run: RunSummary) -> bool:
+    """Return whether the run may be compiling: no sweep has finished, and none shows progress."""
+    moving = run.progress and any(0 < part < 1 for part in run.progress.running.values())
+    return run.state == "running" and not (run.computed or run.failed or moving)

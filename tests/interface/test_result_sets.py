@@ -1,0 +1,55 @@
+"""Results of several sweeps as a sequence: how they are searched, and what they are when all have failed."""
+
+import pytest
+
+import fraexp
+from fraexp.interface.result_sets import Results
+from tests.interface.conftest import POINTS
+
+
+@pytest.mark.parametrize(
+    ("call", "expected"),
+    [
+        (
+            lambda run: run.filter(estimator="conventional"),
+            "filter has no argument 'estimator'; expected a text: filter(",
+        ),
+        (lambda run: run.one(estimator="a", outcome="ok"), "expected a text: one('estimator=a outcome=ok')"),
+        (
+            lambda run: run["conventional"],
+            "the index is 'conventional'; expected a number or a slice, such as [0]; one(",
+        ),
+        (lambda run: run[1.0], "the index is 1.0; expected a number or a slice"),
+        (lambda run: run.filter("excitation.amplitude >= 20 N m"), "'N m' is not a unit of the same kind as 'N'"),
+    ],
+)
+def test_a_wrong_search_is_one_line_with_the_remedy(run: fraexp.Run, call, expected: str) -> None:
+    with pytest.raises(fraexp.FraexpError) as raised:
+        call(run)
+    assert expected in str(raised.value)
+    assert "\n" not in str(raised.value)
+
+
+def test_a_quantity_may_be_written_with_blanks(run: fraexp.Run) -> None:
+    wanted = [of.key for of in run if of.labels["excitation.amplitude"] >= 20]
+    for text in ("excitation.amplitude>=20", "excitation.amplitude >= 20 N", "excitation.amplitude >=20000 mN"):
+        assert [of.key for of in run.filter(text)] == wanted
+    assert 0 < len(wanted) < len(run)
+
+
+def test_results_are_true_if_there_is_one(run: fraexp.Run, workspace: fraexp.Workspace) -> None:
+    assert run
+    assert not run.filter("estimator=conventional -estimator=conventional")
+    failed = workspace.run(
+        fraexp.Study(
+            "failing",
+            machine="linear_motor_table",
+            excitation={"name": "stepped_sine", "amplitude": 12.0, "points": POINTS},
+            estimator={"name": "conventional", "input": "nothing"},
+        ),
+        executor="serial",
+        progress=False,
+    )
+    assert isinstance(failed, Results)
+    assert not failed
+    assert len(failed.missing) == 1
