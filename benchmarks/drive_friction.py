@@ -4,8 +4,9 @@ python benchmarks/drive_friction.py              30 drawn drives per row
 python benchmarks/drive_friction.py --reduced    6
 
 A drive of 95 kg with 20.4 N of Coulomb friction on three elastic elements, 203.5 N s/m and an encoder of 0.4 µm follows
-its reference for 25 s. Wavelengths and phases of the force along the stroke are drawn. The exit code is 1 if an error
-is above a tenth of the viscous coefficient.
+its reference for 25 s. Wavelengths and phases of the force along the stroke are drawn. Moves that are all at one speed
+are refused, and not counted. The exit code is 1 if an error is above a tenth of the viscous coefficient although the
+interval is not, or if intervals cover less than 80 %.
 """
 
 import argparse
@@ -17,13 +18,14 @@ from numba import njit
 from numpy.typing import NDArray
 
 from fraexp.data.signals import Segment, Signals
+from fraexp.errors import RecordError
 
 SAMPLE_TIME, DURATION, STEPS = 1e-3, 24.8, 40
 MASS, VISCOUS, COULOMB, OFFSET = 95.11, 203.5, 20.39, -3.16
 DEFLECTIONS, FRACTIONS = np.array([5e-6, 20e-6, 80e-6]), np.array([0.3, 0.4, 0.3])
 ENCODER_STEP, NEWTON_PER_VOLT = 0.4e-6, 35.15
 POSITION_GAIN, VELOCITY_GAIN = 160.0, 243.0
-MAX_ERROR = 0.1
+MAX_ERROR, MIN_COVERED = 0.1, 0.8
 ROWS = {
     "ripple of 2.2 N": ((2.0, 1.0), (10e-3, 24e-3), (0.0, 0.0)),
     "ripple of 1.4 N, and of 10 % with the direction": ((1.0, 1.0), (30e-3, 7e-3), (0.1, 0.1)),
@@ -94,7 +96,10 @@ def errors(kind, row, count: int) -> NDArray[np.float64]:
         volts, y = drive(kind(rng), amplitudes, drawn, fractions, rng.uniform(0, 2 * np.pi, wavelengths.size))
         channels = {"u": NEWTON_PER_VOLT * volts[None], "y": y[None]}
         segment = Segment(SAMPLE_TIME, channels, np.array([1]), periodic=False)
-        result = SlidingIdentification().estimate(Signals((segment,), {"u": "N", "y": "m"}))
+        try:
+            result = SlidingIdentification().estimate(Signals((segment,), {"u": "N", "y": "m"}))
+        except RecordError:  # all sliding is at one speed
+            continue
         metrics = {metric.name: metric.value for metric in result.metrics}
         names = ("viscous coefficient, 95 %", "viscous coefficient, 95 %, Cramér-Rao bound")
         found.append([metrics["viscous coefficient"] - VISCOUS, *(metrics[name] for name in names)])
@@ -105,17 +110,18 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--reduced", action="store_true", help="6 drives per row")
     count = 6 if parser.parse_args().reduced else 30
-    worst = 0.0
+    is_good = True
     print(f"{'force along the stroke':<50}{'moves':<8}{'worst':>8}{'rms':>8}{'band':>8}{'bound':>8}{'covered':>9}")
     for name, row in ROWS.items():
         for kind in (moves, same_moves):
             found = errors(kind, row, count)
             size = np.abs(found[:, 0])
-            covered, worst = float(np.mean(size < found[:, 1])), max(worst, float(size.max()))
+            covered = float(np.mean(size < found[:, 1]))
+            is_good &= covered > MIN_COVERED and not np.any((size > MAX_ERROR) & (found[:, 1] < MAX_ERROR))
             figures = (size.max(), np.sqrt(np.mean(size**2)), *np.median(found[:, 1:], axis=0))
             text = "".join(f"{100 * value:>7.2f}%" for value in figures)
             print(f"{name:<50}{'drawn' if kind is moves else 'alike':<8}{text}{covered:>9.0%}", flush=True)
-    return int(worst > MAX_ERROR)
+    return int(not is_good)
 
 
 if __name__ == "__main__":

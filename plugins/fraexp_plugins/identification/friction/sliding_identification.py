@@ -77,6 +77,8 @@ class _Solution(NamedTuple):
     """Variance of the residuals times their correlation time in rows [N²]."""
     white_variance: float
     """The same if the residuals are white but for the low-pass [N²]: it gives the Cramér-Rao bound."""
+    doubt: NDArray[np.float64]
+    """Change of the values by a force along the stroke, as far as that takes the information on them, shape (p,)."""
     error: float
     """Root mean square residual [N]."""
     stroke_force: float = 0.0
@@ -106,10 +108,11 @@ class SlidingIdentification(Estimator, name="sliding_identification", version=5)
     the rest does not explain is left out, and the message says so.
 
     If the terms leave more than noise explains, a force along the stroke, such as cogging or the ripple of a screw, is
-    fitted beside them, one for both directions and one with the sign of the motion; it stays if it explains most of the
-    rest. The metric 'Cramér-Rao bound' is the least 95 % interval of the viscous coefficient that an unbiased estimator
-    has with residuals of that size. An interval near it leaves nothing of the record unused: only another record
-    (longer, faster, less noise) can narrow it.
+    fitted beside them, one for both directions and one with the sign of the motion; it stays if it explains most of
+    the rest. Where all moves are alike, such a force looks like a term; what it changes is then a part of the interval.
+    The metric 'Cramér-Rao bound' is the least 95 % interval of the viscous coefficient that an unbiased estimator has
+    with residuals of that size. An interval near it leaves nothing of the record unused: only another record (longer,
+    faster, less noise) can narrow it.
 
     A mode at f1 adds its part of (max_frequency/f1)² to the mass: set `max_frequency` to a tenth of f1. Half the
     difference of the Coulomb forces of the two directions is part of the offset. Do not use it for motions of the size
@@ -158,7 +161,7 @@ class SlidingIdentification(Estimator, name="sliding_identification", version=5)
             signals, self.zero_order_hold, lambda zero_order_hold: solutions[zero_order_hold].error
         )
         chosen, other = solutions[zero_order_hold], solutions[not zero_order_hold]
-        values, covariance = chosen.values, chosen.inverse * chosen.variance
+        values, covariance = chosen.values, chosen.inverse * chosen.variance + np.outer(chosen.doubt, chosen.doubt)
         if values[0] <= 0 or values[1] <= 0:
             raise RecordError(
                 f"the mass is {values[0]:.3g} kg and the Coulomb force {values[1]:.3g} N; expected both above 0: check "
@@ -166,7 +169,7 @@ class SlidingIdentification(Estimator, name="sliding_identification", version=5)
             )
         if self._has_model_error(task, chosen):
             misfit = misfit_variance(chosen.force.size, values.size, chosen.error)
-            covariance = chosen.inverse * max(misfit, chosen.variance)
+            covariance = covariance + chosen.inverse * max(misfit - chosen.variance, 0.0)
         elif not signals.numerics:
             fraction = _hold_fraction(chosen, other, self._solve(task, (HELD + EVEN) / 2))
             error_by_hold = fraction * (other.values - values)
@@ -211,11 +214,10 @@ class SlidingIdentification(Estimator, name="sliding_identification", version=5)
         columns, force = np.concatenate([f.columns for f in found]), np.concatenate([f.force for f in found])
         velocity = np.concatenate([f.velocity for f in found])
         _check(velocity, task.min_sliding_speed)
+        fit = plain = Regression(*least_squares(columns, force), np.zeros_like(force), 0.0)
         if task.waves:
             waves = [self._wave_columns(*pair, task.waves, early) for pair in zip(task.records, found, strict=True)]
             fit = regress(columns, np.concatenate(waves), force, 1 / self._rows_per_noise(task))
-        else:
-            fit = Regression(*least_squares(columns, force), np.zeros_like(force), 0.0)
         remainders = np.split(force - fit.force, np.cumsum([f.force.size for f in found])[:-1])
         residuals = [rest - f.columns @ fit.values for rest, f in zip(remainders, found, strict=True)]
         count = columns.shape[1] + fit.waves * self._rows_per_noise(task)
@@ -229,6 +231,7 @@ class SlidingIdentification(Estimator, name="sliding_identification", version=5)
             inverse=fit.inverse,
             variance=max(long_run_variance(residuals, count), white),
             white_variance=white,
+            doubt=(fit.values - plain.values) * _lost_information(plain.inverse, fit.inverse),
             error=_root_mean_square(residuals),
             stroke_force=float(np.std(fit.force)),
         )
@@ -281,6 +284,14 @@ class SlidingIdentification(Estimator, name="sliding_identification", version=5)
         time = (samples - samples[0]) * record.sample_time
         row = np.arange(samples.size)
         return SlidingRows(columns, observation.force(record)[:, 0], velocity, time, row).select(sliding)
+
+
+def _lost_information(plain: NDArray[np.float64], beside: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the part of the information on each value that unknown forces beside the terms take, shape (p,).
+
+    It is near 1 where all moves are alike, so that a force along the stroke looks like a term, and small otherwise.
+    """
+    return np.clip(1 - np.diag(plain) / np.diag(beside), 0.0, 1.0)
 
 
 def _root_mean_square(residuals: Sequence[NDArray[np.float64]]) -> float:
