@@ -81,7 +81,8 @@ def _run_row(run: RunSummary) -> list[str]:
 def _list_sweeps(arguments: Namespace) -> None:
     """Print the sweeps that match a filter."""
     wanted = " ".join(arguments.filter)
-    with workspace_folder(arguments).open_store() as store:
+    folder = workspace_folder(arguments)
+    with folder.open_store() as store:
         order = complete_field(arguments.sort, store.fields()) if arguments.sort else "-created"
         page = store.page(wanted, order, arguments.offset, arguments.limit, _asked_run(store, wanted))
     if arguments.json:
@@ -89,7 +90,7 @@ def _list_sweeps(arguments: Namespace) -> None:
             {"total": page.total, "offset": arguments.offset, "sweeps": [json_value(asdict(of)) for of in page.rows]}
         )
         return
-    columns = listing_columns(page.rows, one_run=False, running={})
+    columns = listing_columns(page.rows, one_run=False, running={}, registry=folder.registry if page.rows else None)
     rows = [[column.cells[index] for column in columns] for index in range(len(page.rows))]
     if rows:
         print_table([column.title for column in columns], rows)

@@ -82,7 +82,7 @@ def _show_sweep(store: Store, arguments: Namespace) -> None:
     if arguments.json:
         print_json(sweep_document(sweep, result))
         return
-    print_fields(sweep_fields(sweep))
+    print_fields(sweep_fields(sweep, workspace_folder(arguments).registry))
     print("\nparameters")
     drawn, registry = drawn_labels(sweep.labels), workspace_folder(arguments).registry
     parameters = resolved_parameters(sweep, registry)

@@ -14,6 +14,7 @@ from fraexp.components.registry import Registry
 from fraexp.data.record_table import RecordTable
 from fraexp.errors import RecordError
 from fraexp.records.joined_files import FILE_SIGN
+from fraexp.records.output_signs import opposite_pairs
 from fraexp.records.quantities import UNITLESS_MARKS
 from fraexp.records.repeats import detect_period
 from fraexp.records.resampling import plan_clock, resample
@@ -275,10 +276,25 @@ def _propose_period(
         return
     every = f"every {period} samples" + (f" ({period / rate:.6g} s)" if rate else "")
     proposal.findings.append(f"'{chosen.name}' repeats {every}, by its autocorrelation")
+    if time is None:
+        _find_opposite_outputs(proposal, chosen, table, found, period)
     if "--resample" in proposal.words and rate:
         proposal.words += ["--period-time", f"{period / rate:.6g}"]
     else:
         proposal.words += ["--samples-per-period", str(period)]
+
+
+def _find_opposite_outputs(
+    proposal: Proposal, chosen: FileContent, table: RecordTable, found: Sequence[FileContent], period: int
+) -> None:
+    """Say which outputs move against each other at the lowest frequencies."""
+    alike = [one for one in _inputs_and_outputs(found)[1] if one.column in table.columns]
+    columns = {one.column: table.columns[one.column] for one in (chosen, *alike)}
+    for first, other in opposite_pairs(columns, chosen.column, period):
+        proposal.findings.append(
+            f"'{other}' moves against '{first}' at the lowest frequencies: if both should count in one direction, "
+            f"write '{other} * -1' for it"
+        )
 
 
 def _time_of(

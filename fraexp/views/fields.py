@@ -4,12 +4,17 @@ import json
 import math
 import time
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 from fraexp.data.sweep import DRAW
 from fraexp.figures.elements.labels import label_text, nominal_labels
 from fraexp.store import RunSummary, StoredSweep
+from fraexp.views.quantity_texts import scale_values, with_unit
 from fraexp.views.run_progress import counts_text
 from fraexp.views.words import duration_text, short_key, timestamp_text
+
+if TYPE_CHECKING:
+    from fraexp.components.registry import Registry
 
 NOTHING_USABLE = "no usable result"
 """State of a run that has ended, of which each sweep has failed or has an unusable result."""
@@ -74,15 +79,16 @@ def outcome_text(sweep: StoredSweep) -> str:
     return sweep.outcome.name.lower().replace("_", " ") if sweep.outcome else ""
 
 
-def sweep_fields(sweep: StoredSweep) -> list[tuple[str, str]]:
-    """Return names and values of a sweep."""
+def sweep_fields(sweep: StoredSweep, registry: "Registry | None" = None) -> list[tuple[str, str]]:
+    """Return names and values of a sweep; the labels have units if the registry of components is given."""
     grid = nominal_labels(sweep.labels)
     drawn = {path: value for path, value in sweep.labels.items() if path not in grid}
+    units = _units(sweep, registry) if registry else {}
     return [
         ("sweep", short_key(sweep.key)),
         ("key", sweep.key),
-        ("labels", ", ".join(f"{path} = {label_text(value)}" for path, value in grid.items())),
-        ("drawn", ", ".join(f"{path} = {label_text(value)}" for path, value in drawn.items())),
+        ("labels", _label_list(grid, units)),
+        ("drawn", _label_list(drawn, units)),
         ("state", sweep.state),
         ("outcome", outcome_text(sweep)),
         ("message", sweep.message),
@@ -92,6 +98,20 @@ def sweep_fields(sweep: StoredSweep) -> list[tuple[str, str]]:
         ("tags", ", ".join(sweep.tags)),
         ("note", sweep.note),
     ]
+
+
+def _units(sweep: StoredSweep, registry: "Registry") -> dict[str, str]:
+    from fraexp.figures.elements.label_units import label_units  # it imports what reads studies: not for a list of runs
+
+    return label_units([(sweep.labels, sweep.experiment | {"estimator": sweep.estimator})], registry)
+
+
+def _label_list(labels: Mapping[str, object], units: Mapping[str, str]) -> str:
+    parts = []
+    for path, value in labels.items():
+        (scaled,), unit = scale_values([value], units.get(path, ""))
+        parts.append(f"{path} = {with_unit(label_text(scaled), unit)}")
+    return ", ".join(parts)
 
 
 def drawn_labels(labels: Mapping[str, object]) -> dict[str, str]:

@@ -3,13 +3,18 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from typing import TYPE_CHECKING
 
 from rich.cells import cell_len
 
 from fraexp.data.terminal_text import printable
 from fraexp.figures.elements.labels import label_columns, label_texts
 from fraexp.store import ListedSweep, StoredSweep
+from fraexp.views.quantity_texts import scale_values, with_unit
 from fraexp.views.words import duration_text, short_key
+
+if TYPE_CHECKING:
+    from fraexp.components.registry import Registry
 
 COLUMN_GAP = 2
 """Cells between two columns."""
@@ -55,12 +60,14 @@ class Column:
         return max(map(cell_len, (*self.title.splitlines(), *self.cells)), default=0)
 
 
-def listing_columns(rows: Sequence[ListedSweep], *, one_run: bool, running: Mapping[str, float]) -> list[Column]:
+def listing_columns(
+    rows: Sequence[ListedSweep], *, one_run: bool, running: Mapping[str, float], registry: "Registry | None" = None
+) -> list[Column]:
     """Return all columns with any content; `running` holds the finished fraction of running sweeps by key."""
     columns = [
         _column("sweep", [short_key(row.key) for row in rows], "key"),
         *([] if one_run else [_column("study", [_study_text(row) for row in rows], "study")]),
-        *_label_columns(rows),
+        *_label_columns(rows, _units(rows, registry) if registry else {}),
         _column("estimator", _component_texts(rows, "estimator"), "estimator"),
         _column("friction", _component_texts(rows, "friction"), "friction"),
         _column("outcome", [state_text(row, running.get(row.key)) for row in rows], "outcome"),
@@ -140,14 +147,26 @@ def _component_texts(rows: Sequence[ListedSweep], kind: str) -> list[str]:
     return label_texts([row.labels.get(kind) or getattr(row, kind) for row in rows])
 
 
-def _label_columns(rows: Sequence[ListedSweep]) -> list[Column]:
+def _units(rows: Sequence[ListedSweep], registry: "Registry") -> dict[str, str]:
+    """Return the units of labels by path, which the components declare."""
+    from fraexp.figures.elements.label_units import label_units  # it imports what reads studies: not for a list of runs
+
+    kinds = ("estimator", "friction", "plant", "controller", "excitation")
+    sections = [{kind: {"name": name} for kind in kinds if (name := getattr(row, kind))} for row in rows]
+    return label_units(((row.labels, of) for row, of in zip(rows, sections, strict=True)), registry)
+
+
+def _label_columns(rows: Sequence[ListedSweep], units: Mapping[str, str]) -> list[Column]:
     labels = [{path: value for path, value in row.labels.items() if path not in LABELS_WITH_COLUMN} for row in rows]
     columns = []
     for path, title in label_columns(labels).items():
         values = [of.get(path) for of in labels]
         right = all(isinstance(value, int | float | None) for value in values)
-        cells = tuple(map(printable, label_texts(values)))
-        columns.append(Column(title, cells, path, right_aligned=right, is_label=True))
+        scaled, unit = scale_values(values, units.get(path, ""))
+        cells = tuple(map(printable, label_texts(scaled)))
+        columns.append(
+            Column(with_unit(title, f"[{unit}]" if unit else ""), cells, path, right_aligned=right, is_label=True)
+        )
     return columns
 
 

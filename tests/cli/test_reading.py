@@ -41,7 +41,18 @@ def document(printed: PublishedNumber, *arguments: str) -> Any:
 
 def test_runs_are_listed(printed: PublishedNumber) -> None:
     header, row = printed("list")[0].splitlines()
-    assert header.split() == ["run", "study", "state", "sweeps", "computed", "reused", "failed", "started", "took"]
+    assert header.split() == [
+        "run",
+        "study",
+        "state",
+        "sweeps",
+        "computed",
+        "reused",
+        "failed",
+        "unusable",
+        "started",
+        "took",
+    ]
     assert row.split()[:7] == ["1", "bench", "partial", "5", "4", "0", "1"]
     (run,) = document(printed, "list")["runs"]
     assert (run["number"], run["state"], run["total"]) == (1, "partial", 5)

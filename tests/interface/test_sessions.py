@@ -110,6 +110,7 @@ def simulate(plant: dict[str, float] | None = None, **excitation: object) -> fra
         (lambda: plan(estimator=["conventional", "h1_h2_hv"]), "[grid] runs several: estimator = [...]"),
         (lambda: simulate(amplitude=[12.0, 30.0]), "expected a valid number; a study varies it in [grid]"),
         (lambda: fraexp.estimate(simulate(), ["a", "b"]), "call it for each of them, or vary them in the grid"),
+        (lambda: fraexp.read_record(RECORD, {"u": "-thrust [N]"}), "; to change the sign, write 'thrust * -1'"),
         (lambda: fraexp.read_record(RECORD), "probably channels={'u': 'thrust', 'y': 'position'}, time_column='time'"),
         (lambda: fraexp.read_record(None, {}), "file is None; expected a path"),
         (lambda: fraexp.read_record("a.csv", ["u", "y"]), "channels: found ['u', 'y']; expected a table"),

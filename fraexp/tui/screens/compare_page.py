@@ -265,7 +265,7 @@ An exported figure shows the visible curves and frequencies.
         )
         facet = split_group(self.group)[1]
         self.heading += f", {facet}" if facet else ""
-        places = self._seen() or found.places(self.view, self.group)
+        places = self._visible_places() or found.places(self.view, self.group)
         keys, named = self._names.of(places)
         workspace = self.app.backend.workspace
         self.command = (
@@ -285,7 +285,7 @@ An exported figure shows the visible curves and frequencies.
         assert self.compared is not None
         return "P(jω)" if self.first == REFERENCE else self.compared.curves[self.first].label
 
-    def _seen(self) -> list[int]:
+    def _visible_places(self) -> list[int]:
         """Return the places of the visible curves; the reference of differences comes first."""
         assert self.compared is not None
         hidden = self.stack.view_range.hidden
@@ -395,6 +395,6 @@ An exported figure shows the visible curves and frequencies.
         """Export the visible curves as a figure by ``fraexp plot``."""
         if self.compared is None or self.stack.picture is None:
             return
-        keys, named = self._names.of(self._seen())
+        keys, named = self._names.of(self._visible_places())
         export = FigureExport(len(keys), named, self.stack.picture.kind, self.stack.view(), self._by)
         export.ask(self, self._file())
