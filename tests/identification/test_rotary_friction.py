@@ -14,7 +14,7 @@ pytestmark = pytest.mark.thorough
 
 
 def test_rolling_elements_and_a_law_are_found_in_the_units_of_the_axis(tmp_path: Path) -> None:
-    results = fraexp.Workspace(tmp_path).study(str(STUDY)).run()
+    results = fraexp.Workspace(tmp_path).run(str(STUDY))
     rolling, gms = (sweep.result for sweep in results)
     for result in (rolling, gms):
         assert result.outcome.name == "OK", result.message
