@@ -119,7 +119,8 @@ class SweepResult:
         """Return the response over ``frequency`` with units, covariance and provenance, or the only curve.
 
         Experiment, estimator, metrics and the origin of each component are JSON in the attributes, so that the dataset
-        survives ``to_netcdf`` and ``xarray.open_dataset``. FraexpError if there is neither, or several curves.
+        survives ``to_netcdf`` and ``xarray.open_dataset`` with ``engine="h5netcdf"``. FraexpError if there is neither,
+        or several curves.
         """
         if self.result.response is not None:
             return response_dataset(self.result.response, self._attributes())

@@ -15,6 +15,12 @@ from fraexp.records.channels import Channel
 from fraexp.records.quantities import UNITLESS_MARKS, si_unit
 from fraexp.records.timebase import MAX_JITTER, sample_rate_of
 
+MAX_ODD_STEP = 0.5
+"""Deviation of a step of the time, in steps, from which a sample is lost or written twice."""
+MAX_ODD_SHARE = 0.02
+"""Share of such steps above which the stamps are no clock."""
+NEAR = 20
+"""Stamps on either side of such a step that tell whether it lasts."""
 TIME_NAMES = re.compile(r"time|t|zeit|timestamp", re.IGNORECASE)
 """Names of a column that is the time even if it is uneven."""
 RATE_NAMES = re.compile(r"fs|f_s|f_?samp\w*|sampl(e|ing)_?(rate|freq\w*)|abtastrate", re.IGNORECASE)
@@ -32,17 +38,46 @@ class ColumnReader(Protocol):
         """Return the named columns."""
 
 
-def find_clock(reader: ColumnReader, table: RecordTable, path: Path, even: bool) -> float | None:
+def find_clock(reader: ColumnReader, table: RecordTable, path: Path, stated: float | None) -> float | None:
     """Return the sample rate [Hz] of an unused column that is evidently the time, or None.
 
-    Its unit must be one of time. It must be uniform, or unless `even` have the name of a time and increase.
+    Its unit must be one of time. It must be uniform, or if a rate [Hz] is `stated` have the name of a time and
+    increase; RecordError if it keeps that rate but for a few steps.
     """
     for column, factor in _time_columns(table):
+        rate = None
         with suppress(ParameterError, RecordError):  # such a column is not a clock
             time = reader.read(path, [column]).columns[column] * factor
-            must_be_even = even or not TIME_NAMES.fullmatch(column.strip())
-            return sample_rate_of(time, column) if must_be_even else _mean_rate(time)
+            must_be_even = stated is None or not TIME_NAMES.fullmatch(column.strip())
+            rate = sample_rate_of(time, column) if must_be_even else _mean_rate(time)
+        if rate is not None:
+            if stated is not None:
+                _check_single_steps(time, stated, column, path)
+            return rate
     return None
+
+
+def _check_single_steps(time: NDArray[np.float64], stated: float, column: str, path: Path) -> None:
+    """Raise RecordError if stamps [s] keep the stated rate [Hz] but for a few steps, which no rounding explains."""
+    steps, slip = np.diff(time) * stated, time * stated - np.arange(time.size)
+    usual = float(np.median(steps))
+    odd = np.flatnonzero(np.abs(steps - usual) > MAX_ODD_STEP)
+    if abs(usual - 1) * steps.size > MAX_ODD_STEP or odd.size > MAX_ODD_SHARE * steps.size:
+        return
+    # Jitter is made up for by the next stamps, a lost sample never.
+    lasting = [at for at in odd if abs(_median_change(slip, at)) > MAX_ODD_STEP]
+    if lasting:
+        where, more = int(lasting[0]), f" ({len(lasting)} such steps)" if len(lasting) > 1 else ""
+        raise RecordError(
+            f"{path.name}: the time in column '{column}' goes on by {steps[where] / stated:.4g} s after sample "
+            f"{where + 1}, and by {usual / stated:.4g} s elsewhere{more}: samples are lost or written twice; mend the "
+            f"file, or read its time in place of sample_rate (time_column = \"{column}\", --time '{column}')"
+        )
+
+
+def _median_change(values: NDArray[np.float64], at: int) -> float:
+    """Return by how much values change from those up to an index to those after it."""
+    return float(np.median(values[at + 1 :][:NEAR]) - np.median(values[: at + 1][-NEAR:]))
 
 
 def find_time_column(reader: ColumnReader, table: RecordTable, path: Path) -> Channel | None:

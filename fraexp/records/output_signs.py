@@ -26,7 +26,7 @@ def opposite_pairs(columns: Mapping[str, NDArray[np.float64]], source: str, peri
     """
     whole = {name: values[: values.size // period * period] for name, values in columns.items()}
     spectra = {name: np.fft.rfft(of.reshape(-1, period).mean(0))[1:] for name, of in whole.items() if of.size}
-    if source not in spectra:
+    if source not in spectra or len(spectra) < 2:
         return
     strength = np.abs(spectra.pop(source))
     lines = np.flatnonzero(strength > EXCITED_SHARE * strength.max())[:LOWEST_LINES]

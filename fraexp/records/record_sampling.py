@@ -124,7 +124,7 @@ def _uniform_rate(
         return None
     clock = 1 / table.sample_time if table.sample_time else None
     if clock is None:
-        clock = find_clock(reader, table, path, even=settings.sample_rate is None)
+        clock = find_clock(reader, table, path, settings.sample_rate)
     if settings.sample_rate and clock is None:
         check_stated_rate(settings.sample_rate, reader, path)
     if clock is None and settings.sample_rate is None:

@@ -39,6 +39,7 @@ from fraexp.records.record_settings import RecordSettings
 from fraexp.records.repeats import check_repeats, detect_period, period_hint
 from fraexp.records.stated_response import is_response, load_response, resolve_response, response_columns
 from fraexp.records.timebase import MAX_JITTER
+from fraexp.records.wrong_samples import wrong_sample_questions
 
 MAX_VALUE = 1e100
 """Magnitude of a sample from which a file is damaged: its square could not be computed."""
@@ -147,7 +148,7 @@ def load(experiment: Plain, files: Mapping[str, str], registry: Registry) -> Sig
         own = [plain for plain in record["segments"] if plain.get("part", 0) == number]
         found += [_load_segment(Cut.from_plain(plain), values, part["channels"], path) for plain in own]
     units = {name: str(channel["unit"]) for name, channel in parts[0]["channels"].items()}
-    messages.append(unit_questions(found, units))
+    messages += [unit_questions(found, units), wrong_sample_questions(found, units)]
     return Signals(tuple(found), units, message="; ".join(filter(None, messages)))
 
 

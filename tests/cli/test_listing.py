@@ -69,6 +69,7 @@ def test_a_filter_that_finds_nothing_says_so(folder, capsys):
     assert said(capsys, "list", "estimator:nobody") == ("", "no sweep matches estimator:nobody\n")
 
 
+@pytest.mark.thorough
 def test_compare_and_plot_take_a_filter_of_a_run_or_of_all_sweeps(folder, capsys):
     listed = json.loads(said(capsys, "list", "estimator=h1", "--json")[0])["sweeps"]
     for named in (["1", "--filter", "estimator=h1"], ["--filter", "estimator=h1"]):

@@ -61,6 +61,7 @@ def arguments(folder: Path, **options: bool) -> Namespace:
         "all": False,
         "against": "first",
         "frequencies": None,
+        "filter": None,
     }
     return Namespace(**common | options, id="1", ids=["1"])
 

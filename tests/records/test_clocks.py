@@ -54,3 +54,49 @@ def test_a_number_that_seems_to_be_the_rate_is_named_where_none_is_given(tmp_pat
     write(tmp_path, fs=1000.0)
     with pytest.raises(RecordError, match=r"unknown; give sample_rate = 1000 \(--sample-rate 1000\), if 'fs' in the"):
         rate_of(tmp_path, registry, "moves.mat")
+
+
+JITTER = (1e-4, 1.4e-4, 1.8e-4, 2.4e-4)
+
+
+def write_stamps(folder: Path, stamps: np.ndarray) -> None:
+    rows = np.column_stack([stamps, *np.random.default_rng(1).normal(size=(2, stamps.size))])
+    np.savetxt(folder / "moves.csv", rows, "%.9g", ",", header="time [s],u,y", comments="")
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("fault", ["lost", "doubled"])
+def test_lines_that_are_lost_or_doubled_are_told_though_the_rate_is_stated(
+    tmp_path: Path, registry: Registry, fault: str, seed: int
+) -> None:
+    generator = np.random.default_rng(seed)
+    stamps, lines = np.arange(9000) / 2000, generator.integers(2, 8990, generator.integers(1, 4))
+    write_stamps(tmp_path, np.delete(stamps, lines) if fault == "lost" else np.insert(stamps, lines, stamps[lines]))
+    with pytest.raises(
+        RecordError, match=f"after sample {lines.min() + (fault == 'doubled')}, .*lost or written twice"
+    ):
+        rate_of(tmp_path, registry, "moves.csv", sample_rate=2000)
+
+
+@pytest.mark.parametrize(
+    ("stamps", "rate"),
+    [
+        (np.arange(9000) / 2000, 2000),
+        (np.round(np.arange(9000) / 1001, 3), 1001),
+        (np.round(np.arange(9000) / 999.7, 3), 999.7),
+        *((np.arange(9000) / 2000 + np.random.default_rng(2).uniform(-most, most, 9000), 2000) for most in JITTER),
+    ],
+    ids=["uniform", "rounded, stamps twice", "rounded, stamps left out", *(f"jitter {most} s" for most in JITTER)],
+)
+def test_stamps_that_rounding_or_jitter_explains_are_taken(
+    tmp_path: Path, registry: Registry, stamps: np.ndarray, rate: float
+) -> None:
+    write_stamps(tmp_path, stamps)
+    assert rate_of(tmp_path, registry, "moves.csv", sample_rate=rate) == rate
+
+
+def test_the_remedy_for_lost_lines_is_to_read_the_time_and_resample(tmp_path: Path, registry: Registry) -> None:
+    write_stamps(tmp_path, np.delete(np.arange(9000) / 2000, [2000, 2001]))
+    with pytest.raises(RecordError, match=r"2 of 9000 samples are lost .* resample = \"cubic\""):
+        rate_of(tmp_path, registry, "moves.csv", time_column="time [s]")
+    assert rate_of(tmp_path, registry, "moves.csv", time_column="time [s]", resample="cubic") == pytest.approx(2000)

@@ -22,19 +22,17 @@ COSTLY = {
     ("excitation", "whole-periods"),
     ("machine", "silence"),
     ("machine", "stop"),
-    ("maximum_likelihood", "linear-plant"),
 }
-"""Kinds or names, and checks of theirs that take seconds: in make test, the seeded defects are enough for them."""
-ALIKE = {"composite", "dahl", "elastoplastic", "gms", "lugre", "rolling_force_slider"}
-"""Friction laws that are made like others: in make test, those are enough."""
+"""Kinds, and checks of theirs that take seconds: in make test, the seeded defects are enough for them."""
+ALIKE = {"composite", "dahl", "elastoplastic", "gms", "lugre", "rolling_force_slider", "maximum_likelihood"}
+"""Friction laws that are made like others, and a method that takes long: in make test, the others are enough."""
 
 
 def pairs() -> Iterator[Any]:
     """Yield each component with each of its checks."""
     for component in (provider.component for provider in discover().providers.values()):
         for check in checks_for(component):
-            pairs_of_it = {(component.kind, check.name), (component.name, check.name)}
-            is_costly = bool(pairs_of_it & COSTLY) or component.name in ALIKE
+            is_costly = (component.kind, check.name) in COSTLY or component.name in ALIKE
             yield thorough(component, check) if is_costly else (component, check)
 
 
