@@ -288,12 +288,15 @@ def judge(whole: Reading, reading: Reading) -> Iterator[tuple[str, str]]:
 
 def _judge_listings(whole: Reading, reading: Reading, where: str) -> Iterator[tuple[str, str]]:
     refused = reading.refusals
+    # A damaged sweep is shown as such, and counts as unusable in its runs.
+    shows_damage = any(one["outcome"] == "damaged" for one in reading.listed.values())
+    counted = {"unusable"} if shows_damage else set()
     for number, document in whole.runs.items():
         now = reading.runs.get(number)
         if now is None:
             if "list --json" not in refused:
                 yield "left out without a word", f"{where}run {number}"
-        elif now["state"] != "damaged" and not _is_part(now, document):
+        elif now["state"] != "damaged" and not _is_part(now, {**document, **{name: now.get(name) for name in counted}}):
             yield "changed and shown as sound", f"{where}run {number}: {_difference(document, now)}"
     for number in reading.runs.keys() - whole.runs.keys():
         if reading.runs[number]["state"] != "damaged":
