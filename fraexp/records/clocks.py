@@ -65,9 +65,9 @@ def _check_single_steps(time: NDArray[np.float64], stated: float, column: str, p
     if abs(usual - 1) * steps.size > MAX_ODD_STEP or odd.size > MAX_ODD_SHARE * steps.size:
         return
     # Jitter is made up for by the next stamps, a lost sample never.
-    lasting = [at for at in odd if abs(_median_change(slip, at)) > MAX_ODD_STEP]
+    lasting = [at for at in odd.tolist() if abs(_median_change(slip, at)) > MAX_ODD_STEP]
     if lasting:
-        where, more = int(lasting[0]), f" ({len(lasting)} such steps)" if len(lasting) > 1 else ""
+        where, more = lasting[0], f" ({len(lasting)} such steps)" if len(lasting) > 1 else ""
         raise RecordError(
             f"{path.name}: the time in column '{column}' goes on by {steps[where] / stated:.4g} s after sample "
             f"{where + 1}, and by {usual / stated:.4g} s elsewhere{more}: samples are lost or written twice; mend the "
