@@ -207,25 +207,14 @@ def _merge(found: Reading, file: Path, folder: Path) -> None:
 
 
 def _doctor(found: Reading, place: Sequence[str]) -> str:
-    with Store.open(place[1], read_only=True) if not _refused(place[1]) else contextlib.nullcontext() as store:
-        if store is None:
-            return "cannot be opened"
-        try:
-            finding = store.health()
-        except Exception as error:
-            if type(error).__name__ != "StoreError":
-                found.refusals["doctor"] = f"Traceback {type(error).__name__}: {error}"
-            return str(error)
-    return "" if finding == "sound" else finding
-
-
-def _refused(file: str) -> bool:
-    code, _ = command(["list", "--db", file])
     try:
-        with Store.open(file, read_only=True):
-            return False
-    except Exception:
-        return bool(code)
+        with Store.open(place[1], read_only=True) as store:
+            finding = store.health()
+    except Exception as error:
+        if type(error).__name__ != "StoreError":
+            found.refusals["doctor"] = f"Traceback {type(error).__name__}: {error}"
+        return str(error) or type(error).__name__
+    return "" if finding == "sound" else finding
 
 
 def _document(found: Reading, words: list[str]) -> Any:
