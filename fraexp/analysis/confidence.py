@@ -50,9 +50,11 @@ def interval_factor(freedom: NDArray[np.float64] | float) -> NDArray[np.float64]
 
     A standard deviation that is known has infinitely many degrees of freedom, and a factor of 1.96.
     """
-    from scipy.special import stdtrit  # slow to import: most screens and commands need none of it
-
     freedom = np.asarray(freedom, dtype=float)
+    if np.isinf(freedom).all():
+        return np.full(freedom.shape, NORMAL_FACTOR)
+    from scipy.special import stdtrit  # slow to import: many screens and commands need none of it
+
     finite = np.where(np.isinf(freedom), KNOWN_FREEDOM, freedom)
     with np.errstate(invalid="ignore"):
         return np.where(np.isinf(freedom), NORMAL_FACTOR, stdtrit(finite, T_QUANTILE))

@@ -91,8 +91,13 @@ class Notice(Static):
     Notice.-error { color: $text-error; }
     """
 
+    _shown = ("", False)
+
     def show(self, text: str, error: bool = False) -> None:
         """Show a text; an empty one hides the notice."""
+        if (text, error) == self._shown:
+            return  # an update draws the whole screen anew
+        self._shown = text, error
         self.update(Text("\n".join(printable(line) for line in shorten(text).splitlines())))
         self.set_class(bool(text), "-shown")
         self.set_class(error, "-error")

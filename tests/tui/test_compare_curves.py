@@ -11,6 +11,7 @@ from textual.widgets import DataTable
 from fraexp.data.results import Curve, Outcome, Result
 from fraexp.figures.elements.view import View
 from fraexp.tui.app import FraexpApp
+from fraexp.tui.plotting import compared_sweeps
 from fraexp.tui.plotting.figure_commands import compare_command, plot_command
 from fraexp.tui.plotting.figure_export import file_fault
 from fraexp.tui.screens import compare_page
@@ -155,3 +156,12 @@ def test_commands_do_not_show_a_password(tmp_path: Path) -> None:
     for command in (compare_command(workspace, ["v1:0-1"]), drawn):
         assert "secret" not in command
         assert "lab@host/results" in command
+
+
+def test_the_first_sweeps_of_many_meet_each_point_of_a_grid() -> None:
+    """Every 50th of 10,000 sweeps of a grid of 2 × 4 points would leave out half of it."""
+    for points in (2, 3, 4, 5, 8, 25):
+        some = compared_sweeps._distribute([f"{index}" for index in range(10_000)], 200)
+        counts = np.bincount([int(key) % points for key in some], minlength=points)
+        assert 190 <= len(some) <= 200
+        assert counts.min() >= 0.6 * 200 / points

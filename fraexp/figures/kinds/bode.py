@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,6 +104,21 @@ class BodeInfo:
     title: str
 
 
+class PhaseBranch(NamedTuple):
+    """The continuous phase of a response."""
+
+    frequency: NDArray[np.float64]
+    """Ascending frequency [Hz], shape (n,)."""
+    phase: NDArray[np.float64]
+    """Phase [deg], shape (n,)."""
+    settled: NDArray[np.bool_]
+    """Whether the point had settled, shape (n,)."""
+
+
+PhaseAnchor = BodeCurve | PhaseBranch
+"""What has the phase on whose branch others lie."""
+
+
 def bode_info(
     curves: Sequence[tuple[str, FrequencyResponse]],
     reference: Reference | None = None,
@@ -126,7 +142,7 @@ def bode_info(
     indices = [[known[at] for at in of] for of in points.values()] or [[index] for index in range(len(curves))]
     models = fitted or [None] * len(curves)
     singles = [of[0] for of in indices if len(of) == 1]
-    anchor, drawn = drawn_reference or _first_anchor(curves, factor), []
+    anchor, drawn = drawn_reference or _first_branch(curves), []
     for (label, response), model in ((curves[index], models[index]) for index in singles):
         curve = _bode_curve(label, response, factor, anchor)
         drawn.append(replace(curve, model=_bode_model(model, factor, curve)) if model else curve)
@@ -136,10 +152,17 @@ def bode_info(
     return _wrap_phase(BodeInfo(tuple(drawn), samples, drawn_reference, shown, heading), wrapped)
 
 
-def _first_anchor(curves: Sequence[tuple[str, FrequencyResponse]], factor: float) -> BodeCurve | None:
-    """Return the first response on whose branch the phases of the others lie."""
+def _first_branch(curves: Sequence[tuple[str, FrequencyResponse]]) -> PhaseBranch | None:
+    """Return the phase of the first response, on whose branch those of the others lie."""
     first = next((of for _, of in curves if of.settled.any()), None)
-    return _bode_curve("", first, factor, None) if first is not None else None
+    return _phase_branch(first, None) if first is not None else None
+
+
+def _phase_branch(source: FrequencyResponse, anchor: PhaseAnchor | None) -> PhaseBranch:
+    order = np.argsort(source.frequency, kind="stable")
+    frequency, settled = source.frequency[order], source.settled[order]
+    target = _phase_at(anchor, frequency) if anchor else None
+    return PhaseBranch(frequency, continuous_phase(degrees(source.response[order]), settled, target), settled)
 
 
 def _wrap_phase(info: BodeInfo, wanted: bool) -> BodeInfo:
@@ -177,14 +200,12 @@ def _reference_curve(reference: Reference, factor: float) -> BodeCurve:
     return BodeCurve(label, frequency[order], decibel(factor * response[order]), phase, everywhere, unknown, unknown)
 
 
-def _bode_curve(label: str, source: FrequencyResponse, factor: float, anchor: BodeCurve | None) -> BodeCurve:
+def _bode_curve(label: str, source: FrequencyResponse, factor: float, anchor: PhaseAnchor | None) -> BodeCurve:
     order = np.argsort(source.frequency, kind="stable")
-    frequency, response, settled = source.frequency[order], source.response[order], source.settled[order]
-    target = _phase_at(anchor, frequency) if anchor else None
-    phase = continuous_phase(degrees(response), settled, target)
+    frequency, phase, settled = _phase_branch(source, anchor)
     band, turn = (each[:, order] for each in confidence_limits(source))
     spread = np.clip(np.degrees(turn), -180, 180)
-    magnitude = decibel(factor * response)
+    magnitude = decibel(factor * source.response[order])
     return BodeCurve(
         label, frequency, magnitude, phase, settled, magnitude + decibel_limits(band), phase + spread
     )  # fmt: skip
@@ -202,7 +223,7 @@ def _bode_model(of: Curve, factor: float, anchor: BodeCurve) -> BodeModel:
 
 
 def _bode_sample(
-    responses: Sequence[FrequencyResponse], place: CurvePlace, factor: float, anchor: BodeCurve | None
+    responses: Sequence[FrequencyResponse], place: CurvePlace, factor: float, anchor: PhaseAnchor | None
 ) -> BodeSample:
     orders = [np.argsort(of.frequency, kind="stable") for of in responses]
     pairs = list(zip(responses, orders, strict=True))
@@ -214,7 +235,7 @@ def _bode_sample(
     return BodeSample(place.group, place.sample, frequency, decibel(factor * response), phase, settled)
 
 
-def _phase_at(anchor: BodeCurve, frequency: NDArray[np.float64]) -> NDArray[np.float64] | None:
+def _phase_at(anchor: PhaseAnchor, frequency: NDArray[np.float64]) -> NDArray[np.float64] | None:
     usable = anchor.settled & np.isfinite(anchor.phase)
     if not usable.any():
         return None

@@ -35,6 +35,7 @@ MAX_CURVES = 35
 """Maximum number of curves: each has a digit or a letter."""
 MAX_DRAWN_LINES = 12
 """Maximum number of lines that stand for the sweeps of one point where a view has no bands."""
+GOLDEN_RATIO = (1 + 5**0.5) / 2
 FACET_MARK = "\0"
 """Separates a unit or a kind of curves from the name of a facet."""
 
@@ -246,9 +247,9 @@ def _count_range(counts: Sequence[int]) -> str:
 
 
 def read_marked_sweeps(store: Store, marked: Iterable[str], most: int = MAX_COMPARED_SWEEPS) -> MarkedSweeps:
-    """Read the marked sweeps and their results; of more than `most`, that many evenly distributed ones."""
+    """Read the marked sweeps and their results; of more than `most`, up to that many distributed ones."""
     keys = list(marked)
-    some = keys[:: -(-len(keys) // most)] if len(keys) > most else keys
+    some = _distribute(keys, most) if len(keys) > most else keys
     found = store.find_all(some)
     gone = [key for key in some if key not in found]
     notes = [f"{plural(len(gone), 'marked sweep')} no longer in the database"] if gone else []
@@ -261,6 +262,15 @@ def read_marked_sweeps(store: Store, marked: Iterable[str], most: int = MAX_COMP
     results = store.results(sweep.key for sweep in sweeps)
     sweeps = leave_out_damaged(sweeps, results, notes.append)
     return MarkedSweeps(tuple(sweep for sweep in sweeps if sweep.key in results), results, tuple(notes), tuple(gone))
+
+
+def _distribute(keys: Sequence[str], count: int) -> list[str]:
+    """Return up to `count` of the keys by multiples of the golden ratio.
+
+    Their distances are nearly even, but repeat with no period of a grid: each of its points is met.
+    """
+    places = {int(index * GOLDEN_RATIO % 1 * len(keys)) for index in range(count)}
+    return [keys[place] for place in sorted(places)]
 
 
 def compare_sweeps(

@@ -40,7 +40,7 @@ Marks stay until you remove them; c returns to this screen."""
 
 TABLE_FRACTION = 0.4
 """Fraction of the screen width for the table beside the plots."""
-FIRST_SWEEPS = 400
+FIRST_SWEEPS = 200
 """Number of sweeps from which the first picture is made, so that it appears at once."""
 
 
@@ -145,7 +145,7 @@ An exported figure shows the visible curves and frequencies.
         self._loaded = marked
 
     async def _load_some(self, marked: list[str], most: int) -> None:
-        """Show the sweeps, or evenly distributed ones of them."""
+        """Show the sweeps, or distributed ones of them."""
         gathered = await self.fetch(
             self.app.backend.read(lambda store: read_marked_sweeps(store, marked, most)), self._show_failure
         )

@@ -25,12 +25,15 @@ class LogTail(Log):
         self._file: Path | None = None
         self._read = 0
         self._rest = b""
+        self._title = ""
         self.last = ""
         """The last line that is not blank."""
 
     def show(self, title: str) -> None:
         """Show the title: the path of the log, or why there is none."""
-        self.border_title = printable(title).replace("[", r"\[")
+        escaped = printable(title).replace("[", r"\[")
+        if escaped != self._title:
+            self.border_title = self._title = escaped
 
     def follow(self, file: Path) -> None:
         """Show the end of the file, and lines added since the last call."""

@@ -33,7 +33,7 @@ class RunState(Static):
     def __init__(self, text: str) -> None:
         super().__init__(text, id="state")
         self._speed = Speed()
-        self._lines = 0
+        self._shown = Text()
         self._failures: list[str] = []
         self._failure_count = 0
 
@@ -53,9 +53,10 @@ class RunState(Static):
     def show(self, run: RunSummary, is_stopping: bool) -> None:
         """Show the progress and the last failures."""
         text = self._text(run, is_stopping)
-        lines = text.plain.count("\n")
-        self.update(text, layout=lines != self._lines)  # a layout draws the whole screen
-        self._lines = lines
+        if text != self._shown or text.style != self._shown.style:
+            lines = text.plain.count("\n") != self._shown.plain.count("\n")
+            self.update(text, layout=lines)  # a layout draws the whole screen
+            self._shown = text
 
     def show_start_failure(self, text: str) -> None:
         """Show how a process ended that has begun no run."""
