@@ -144,3 +144,11 @@ def test_curves_are_chosen_where_not_every_result_has_a_loop(make_loop):
     assert draw_figure([alone]).axes[0].get_ylabel() == "Friction force [N]"
     both = draw_figure([alone, ShownResult("other", Result(Outcome.OK, curves=(sliding(),)))])
     assert [axes.get_title(loc="left") for axes in both.axes] == ["Loop", "Force over velocity", ""]
+
+
+def test_a_force_in_newton_metres_is_a_torque_over_an_angle():
+    units = {"displacement": "rad", "friction force": "N m"}
+    curve = Curve("friction force", {"displacement": np.linspace(0, 5e-4, 9), "friction force": np.ones(9)}, units)
+    axes = draw_curves(curves_info([("", curve)], "Study")).axes[0]
+    assert (axes.get_title(loc="left"), axes.get_xlabel()) == ("Friction torque", "Displacement [µrad]")
+    assert axes.get_ylabel() == "Friction torque [N m]"

@@ -33,6 +33,8 @@ LEGEND_CHARACTERS_PER_INCH = 11.5
 """Characters of a legend per width of the figure."""
 LEGEND_ROW_INCH = 0.22
 """Height by which a figure grows for each further row of its legend."""
+NARROW_RATIO = 4.0
+"""Ratio of the limits of a logarithmic axis up to which its ticks are evenly spaced: too few of 1, 2, 5 lie within."""
 RC_PARAMS: Any = {  # matplotlib lists each key with a type of its own
     "font.family": "DejaVu Sans",
     "font.size": 11,
@@ -141,7 +143,8 @@ def set_phase_ticks(axes: Axes) -> None:
 def set_decade_ticks(axes: Axes) -> None:
     """Label a logarithmic y axis with plain numbers."""
     low, high = axes.get_ylim()
-    axes.yaxis.set_major_locator(LogLocator(base=10, subs=(1, 2, 5) if high / low < 1500 else (1,), numticks=50))
+    steps = LogLocator(base=10, subs=(1, 2, 5) if high / low < 1500 else (1,), numticks=50)
+    axes.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]) if high / low < NARROW_RATIO else steps)
     axes.yaxis.set_minor_locator(LogLocator(base=10, subs=range(1, 10), numticks=50))
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes.yaxis.set_minor_formatter(NullFormatter())

@@ -28,7 +28,12 @@ from fraexp.figures.elements.frequency_lines import (
 from fraexp.figures.elements.grouping import CurvePlace, point_indices
 from fraexp.figures.elements.labels import drawable
 from fraexp.figures.elements.line_style import LineStyle
-from fraexp.figures.elements.scales import displacement_unit, readable_unit
+from fraexp.figures.elements.scales import (
+    DISPLACEMENT_UNITS,
+    FORCE_NAMES,
+    displacement_unit,
+    readable_unit,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -154,7 +159,7 @@ def _curve_family(alike: Sequence[LabelledCurve], has_labels: bool) -> CurveFami
     whole = [_curve_panel(alike, abscissa, name, units, name == others[0]) for name in ordinates]
     panels = [part for panel in whole for part in _split_branches(panel)]
     return CurveFamily(
-        _capitalised(names[0]) if len(names) == 1 else "",
+        _capitalised(_force_name(names[0], units[others[0]].stored)) if len(names) == 1 else "",
         _axis_title(abscissa, units),
         (float(x.min()), float(x.max())) if spectral else None,
         tuple(_with_log_axes(panels) if spectral else panels),
@@ -167,12 +172,20 @@ def _full_name(name: str, curve: Curve, also: bool) -> str:
 
 
 def _shown_units(alike: Sequence[LabelledCurve], columns: Sequence[str]) -> dict[str, ShownUnit]:
-    """Return the units in which columns are shown; lengths in a unit that suits the largest of them."""
+    """Return the units in which columns are shown; displacements in a unit that suits the largest of them."""
     stored = {name: unit for _, curve, _ in alike for name, unit in curve.units.items() if name in columns}
-    lengths = [curve.columns[name] for _, curve, _ in alike for name in columns if curve.units.get(name) == "m"]
-    known = np.abs(np.concatenate([[0.0], *lengths]))
-    length = displacement_unit(float(known[np.isfinite(known)].max()))
-    return {name: ShownUnit(*(length if unit == "m" else readable_unit(unit)), unit) for name, unit in stored.items()}
+    known = {unit: _largest_value(alike, columns, unit) for unit in DISPLACEMENT_UNITS}
+    return {
+        name: ShownUnit(*(displacement_unit(known[unit], unit) if unit in known else readable_unit(unit)), unit)
+        for name, unit in stored.items()
+    }
+
+
+def _largest_value(alike: Sequence[LabelledCurve], columns: Sequence[str], unit: str) -> float:
+    """Return the largest finite size of the columns that have a unit."""
+    having = [curve.columns[name] for _, curve, _ in alike for name in columns if curve.units.get(name) == unit]
+    sizes = np.abs(np.concatenate([[0.0], *having]))
+    return float(sizes[np.isfinite(sizes)].max())
 
 
 def _curve_panel(
@@ -239,7 +252,12 @@ def _curve_trace(
 
 
 def _axis_title(name: str, units: Mapping[str, ShownUnit]) -> str:
-    return f"{_capitalised(name)} [{units[name].name}]"
+    return f"{_capitalised(_force_name(name, units[name].stored))} [{units[name].name}]"
+
+
+def _force_name(name: str, unit: str) -> str:
+    """Return a name with "force" called by its unit: a torque in N m."""
+    return name.replace(FORCE_NAMES["N"], FORCE_NAMES.get(unit, FORCE_NAMES["N"]))
 
 
 def _capitalised(name: str) -> str:
