@@ -31,7 +31,7 @@ def test_the_ui_ends_with_its_terminal_where_no_signal_ends_it(workspace):
 def test_keys_that_are_typed_before_the_ui_is_up_count(workspace):
     ours, theirs = pty.openpty()
     with subprocess.Popen(
-        [sys.executable, "-m", "fraexp", "tui", f"--workspace={workspace}"], stdin=theirs, stdout=theirs, stderr=theirs,
+        [sys.executable, "-c", PATIENT, "tui", f"--workspace={workspace}"], stdin=theirs, stdout=theirs, stderr=theirs,
         start_new_session=True,
     ) as ui:  # fmt: skip
         os.close(theirs)
@@ -58,4 +58,13 @@ from fraexp.tui.app import FraexpApp
 
 signal.signal(signal.SIGHUP, signal.SIG_IGN)
 FraexpApp(sys.argv[1]).run()
+"""
+
+# Keys wait only for some seconds until a screen is loaded, which a busy machine may need for the first one.
+PATIENT = f"""
+from fraexp.cli.main import console
+from fraexp.tui import page
+
+page.LOAD_TIMEOUT_S = {HANG_TIMEOUT_S}
+console()
 """
