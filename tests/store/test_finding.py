@@ -65,6 +65,8 @@ FILTERS = [
     ("excitation.amplitude=0.1u", {"c_%"} - {"c_%"}),
     ("excitation.amplitude=0.1um", {"c_%"}),
     ("excitation.amplitude=12", {"a"}),
+    ("amplitude=12", {"a"}),
+    ("-coulomb_force>18 hold=true", {"a", "b", "c_%", "d"}),
     ("excitation.amplitude:fi", {"d"}),
     ("estimator.hold=true", {"a", "b", "c_%", "d"}),
     ("estimator.method=x", set()),
@@ -110,7 +112,10 @@ def test_a_filter_lets_through_what_it_says(filled):
 @pytest.mark.parametrize(
     "text, says",
     [
-        ("amplitude>3", r"nothing in the database has 'amplitude'; did you mean 'excitation.amplitude'\?"),
+        ("amplitud>3", r"nothing in the database has 'amplitud'; did you mean 'excitation.amplitude'\?"),
+        ("name=x", "'name' is ambiguous; expected one of: estimator.name, excitation.name, friction.name"),
+        ("friction.curve.coulomb_force=seventy", "'seventy' is not a number; expected one such as 12, 1e-6 or 0.1um"),
+        ("coulomb_force:70x", "'coulomb_force:70x': '70x' is not a number"),
         ("estimater=x", "did you mean 'estimator'"),
         ("metric.stroke>1", "nothing in the database has 'metric.stroke'"),
         ("state:fialed", "there is no state 'fialed'; did you mean 'failed'"),
@@ -173,6 +178,7 @@ def test_a_unit_finds_components_that_declare_it_and_is_refused_if_none_is_store
         ("a.b>=20 N.m loop.noise", ["a.b>=20 N.m", "loop.noise"]),
         ("elapsed < 5 s run = 3", ["elapsed<5 s", "run=3"]),
         ("tag : 12 m", ["tag:12", "m"]),
+        ("amplitude >= 20 N -study=3 m", ["amplitude>=20 N", "-study=3", "m"]),
         ("key=12 a", ["key=12", "a"]),
         ("word x=y", ["word", "x=y"]),
         ('note:"a =" b', ["note:a =", "b"]),

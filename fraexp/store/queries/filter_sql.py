@@ -90,10 +90,11 @@ def condition_sql(
 
 
 def _positive_sql(condition: Condition, names: KnownNames, now: datetime, number: int | None) -> ColumnElement[bool]:
-    name = condition.field
-    if not name:
+    if not condition.field:
         names.check_word(condition.value)
         return _anywhere_sql(condition.value, number)
+    name = names.full_name(condition.field)
+    condition = replace(condition, field=name)
     if name == "created":
         return _created_sql(condition, now)
     if name == "state":
@@ -117,6 +118,8 @@ def _named_value_sql(condition: Condition, names: KnownNames) -> ColumnElement[b
         return exists().where(metric.c.key == SWEEP_KEY, *chosen)
     if name in names.parameters:
         section, place = split_parameter(name)
+        if _parsed_number(condition, no_units) is None and names.has_only_numbers(section, place):
+            raise _no_number_error(condition)
         fits = _json_value_sql(condition, part.c.content, place, lambda: names.units(name))
         fitting = select(part.c.number).where(part.c.section == section, fits).cte().prefix_with("MATERIALIZED")
         found = sweep.c[f"{section}_part"].in_(select(fitting.c.number))  # evaluated once, for each part once
@@ -170,10 +173,14 @@ def _parsed_number(condition: Condition, kinds: UnitLookup) -> float | None:
 def _required_number(condition: Condition, kinds: UnitLookup = no_units) -> float:
     value = _parsed_number(condition, kinds)
     if value is None:
-        raise FilterError(
-            f"filter: '{condition.term}': '{condition.value}' is not a number; expected one such as 12, 1e-6 or 0.1um"
-        )
+        raise _no_number_error(condition)
     return value
+
+
+def _no_number_error(condition: Condition) -> FilterError:
+    return FilterError(
+        f"filter: '{condition.term}': '{condition.value}' is not a number; expected one such as 12, 1e-6 or 0.1um"
+    )
 
 
 def _check_equality(condition: Condition) -> None:

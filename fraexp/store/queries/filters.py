@@ -12,8 +12,8 @@ OPERATORS = ("!=", ">=", "<=", "=", ">", "<", ":")
 """Longer ones first."""
 LONG_WORD = re.compile(r"[^\W\d_]{5}")
 """Five letters, which no symbol of a unit has: coulomb is a friction law."""
-FIELDS_WITH_UNITS = ("elapsed", "run")
-"""Fields beside parameters and metrics whose values may have a unit, if only to be refused."""
+FIELDS_OF_TEXT = ("key", "state", "outcome", "source", "study", "tag", "note", "message", "created")
+"""Fields whose values have no unit, beside the names of components."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ def _is_unit_of(term: Letters, place: "OperatorPlace", word: Letters) -> bool:
     """Return whether a word is the unit, or a further part of the unit, of the number that a term ends with."""
     field, value, unit = _join_letters(term[: place.start]), _join_letters(term[sum(place) :]), _join_letters(word)
     number = units.NUMBER.match(value)
-    may_have_unit = "." in field or field.removeprefix("-") in FIELDS_WITH_UNITS
+    may_have_unit = field.removeprefix("-") not in FIELDS_OF_TEXT
     if not (number and may_have_unit) or any(quoted for _, quoted in word) or not unit[:1].isalpha():
         return False
     return not LONG_WORD.search(unit) and _is_unit(f"{value[number.end() :]} {unit}".strip())

@@ -1,14 +1,14 @@
 """Names that a filter can use in a database: fields, parameters, labels and metrics, with their units."""
 
 import difflib
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 from sqlalchemy import Connection, and_, or_, select
 
 from fraexp.data.rotary_axes import rotary_unit
 from fraexp.errors import FilterError, did_you_mean
-from fraexp.store.queries.json_sql import is_of_a_kind, json_value, text_at
+from fraexp.store.queries.json_sql import is_of_a_kind, json_value, number_at, text_at
 from fraexp.store.tables import field, metric, part, sweep
 
 METRIC_PREFIX = "metric."
@@ -96,6 +96,30 @@ class KnownNames:
         """Return whether a stored sweep has a rotary axis, or is measured: on an axis of either kind."""
         found = select(part.c.number).where(or_(part.c.section == "record", IS_ROTARY_LOOP)).limit(1)
         return self.connection.scalar(found) is not None
+
+    def full_name(self, name: str) -> str:
+        """Return the name that another one is the last part of, as headings are: of labels, else of parameters.
+
+        A known name is its own. FilterError if several end so.
+        """
+        if name in SWEEP_FIELDS or name in self.parameters | self.labels:
+            return name
+        for known in (self.labels, self.parameters):
+            found = sorted(of for of in known if of.endswith(f".{name}"))
+            if len(found) > 1:
+                raise FilterError(f"filter: '{name}' is ambiguous; expected one of: {', '.join(found)}")
+            if found:
+                return found[0]
+        return name
+
+    def has_only_numbers(self, section: str, place: Sequence[str]) -> bool:
+        """Return whether a parameter is a number wherever it is stored."""
+        number, text = (json_value(kind, part.c.content, place) for kind in (number_at, text_at))
+        stored = select(part.c.number).where(part.c.section == section, text.is_not(None)).limit(1)
+        return (
+            self.connection.scalar(stored) is not None
+            and self.connection.scalar(stored.where(number.is_(None))) is None
+        )
 
     def check_name(self, column: str, value: str) -> None:
         """Raise FilterError if no sweep has a component of this name, but some have others."""

@@ -125,7 +125,7 @@ def _sorted_query(
     conditions: list[ColumnElement[bool]], order: str, names: KnownNames, number: int | None
 ) -> tuple[Query, list[Expression]]:
     """Return the query of the keys, and the expressions by which they are sorted."""
-    name = order.removeprefix("-") or ("created" if number is None else POSITION_ORDER)
+    name = names.full_name(order.removeprefix("-")) or ("created" if number is None else POSITION_ORDER)
     query = select(SWEEP_KEY)
     if name not in names.parameters or name in SWEEP_COLUMNS:
         by = _sort_columns(name, names, number)
