@@ -53,7 +53,10 @@ class InputDialog(ModalScreen[str | None]):
         + BOX_CSS
         + "} InputDialog .wrong { color: $text-error; }"
     )
-    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "leave", "cancel", id="ask.leave")]
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape", "leave", "cancel", id="ask.leave"),
+        Binding("tab", "take", "complete", id="ask.take", priority=True, tooltip="accept the completion"),
+    ]
 
     def __init__(
         self,
@@ -82,6 +85,13 @@ class InputDialog(ModalScreen[str | None]):
     def _submit(self, event: Input.Submitted) -> None:
         if not self._check(event.value):
             self.dismiss(event.value)
+
+    async def action_take(self) -> None:
+        """Accept the completion."""
+        line = self.query_one(Input)
+        offered = await self._suggester.get_suggestion(line.value) if line.value else None
+        if offered:
+            line.value, line.cursor_position = offered, len(offered)
 
     def action_leave(self) -> None:
         """Close without an answer."""

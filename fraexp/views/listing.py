@@ -1,5 +1,6 @@
 """A listing of sweeps: its columns, and how they fit into a width."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -29,7 +30,9 @@ STRETCHED_COLUMNS = ("message", "note")
 MAX_COLUMN_WIDTH = 200
 """Maximum width of any other column."""
 MIN_LABEL_WIDTH = 8
-"""Width to which merged labels are cut before another column is dropped."""
+"""Width to which labels are cut if no other column can be dropped."""
+MIN_LABEL_WIDTHS = {COLUMN_RANKS["created"]: 5 * MIN_LABEL_WIDTH, 1: 3 * MIN_LABEL_WIDTH}
+"""Widths to which labels are cut before another column is dropped, by the least rank of the column."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +51,10 @@ class Column:
     """Maximum width."""
     is_label: bool = False
     """Whether it shows a label of the sweeps: labels are cut or merged before another column is dropped."""
+    unit: str = ""
+    """Unit of its numbers, which its title contains."""
+    is_named: bool = False
+    """Whether its values mean nothing without its title or a unit, as numbers do and names do not."""
 
     @property
     def width(self) -> int:
@@ -83,7 +90,7 @@ def listing_columns(
 def fit_columns(columns: Sequence[Column], width: int) -> list[tuple[Column, int]]:
     """Return the columns that fit, each with its width; others are dropped or cut."""
     kept = [(column, column.width) for column in columns]
-    labels = [column for column, _ in kept if column.is_label]
+    labels = [column for column, _ in kept if column.is_label or column.title == "estimator"]
     if len(labels) > 1 and _total_width([pair for pair in kept if pair[0].rank < COLUMN_RANKS["friction"]]) > width:
         together = _merge_labels(labels)
         at = next(index for index, (column, _) in enumerate(kept) if column in labels)
@@ -93,7 +100,8 @@ def fit_columns(columns: Sequence[Column], width: int) -> list[tuple[Column, int
         cut = max((pair for pair in kept if pair[0].is_label), key=lambda pair: pair[1], default=None)
         least = max((pair for pair in kept if pair[0].rank), key=lambda pair: pair[0].rank, default=None)
         over = _total_width(kept) - width
-        if cut and cut[1] - over >= (3 * MIN_LABEL_WIDTH if least else MIN_LABEL_WIDTH):
+        wanted = next((MIN_LABEL_WIDTHS[rank] for rank in MIN_LABEL_WIDTHS if least and least[0].rank >= rank), 0)
+        if cut and cut[1] - over >= (wanted or MIN_LABEL_WIDTH):
             kept[kept.index(cut)] = (cut[0], cut[1] - over)
         elif least and least[0].title in STRETCHED_COLUMNS and least[1] - over >= 2 * MIN_LABEL_WIDTH:
             kept[kept.index(least)] = (least[0], least[1] - over)
@@ -164,19 +172,25 @@ def _label_columns(rows: Sequence[ListedSweep], units: Mapping[str, str]) -> lis
         right = all(isinstance(value, int | float | None) for value in values)
         scaled, unit = scale_values(values, units.get(path, ""))
         cells = tuple(map(printable, label_texts(scaled)))
-        columns.append(
-            Column(with_unit(title, f"[{unit}]" if unit else ""), cells, path, right_aligned=right, is_label=True)
-        )
+        named = not any(isinstance(value, str | Mapping) for value in values)
+        title = with_unit(title, f"[{unit}]" if unit else "")
+        columns.append(Column(title, cells, path, 0, right, is_label=True, unit=unit, is_named=named))
     return columns
 
 
 def _merge_labels(labels: Sequence[Column]) -> Column:
-    """Return one column for all labels."""
+    """Return one column for all labels: a number needs no title if no other one has its unit."""
+    counts = Counter(column.unit for column in labels)
     cells = [
-        ", ".join(f"{column.title} {column.cells[index]}" for column in labels if column.cells[index])
+        ", ".join(_label_part(column, text, counts) for column in labels if (text := column.cells[index]))
         for index in range(len(labels[0].cells))
     ]
     return Column("labels", tuple(cells), is_label=True)
+
+
+def _label_part(column: Column, text: str, counts: Mapping[str, int]) -> str:
+    is_named = column.is_named and (not column.unit or counts[column.unit] > 1)
+    return with_unit(f"{column.title.partition(' [')[0]} {text}" if is_named else text, column.unit)
 
 
 def _total_width(columns: Sequence[tuple[Column, int]]) -> int:

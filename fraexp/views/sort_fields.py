@@ -8,10 +8,13 @@ HEADINGS = {"sweep": "key", "took": "elapsed"}
 """Headings of a listing of sweeps that are not the name of their field."""
 
 
-def complete_field(wanted: str, fields: Collection[str], headings: Mapping[str, str] = HEADINGS) -> str:
+def complete_field(
+    wanted: str, fields: Collection[str], headings: Mapping[str, str] = HEADINGS, place: str = "list: --sort"
+) -> str:
     """Return the field that a name stands for, with the ``-`` of descending order that it may begin with.
 
-    The name is a field, a heading, the last part of a field, or the beginning of one of them. FraexpError otherwise.
+    The name is a field, a heading, the last part of a field, or the beginning of one of them. FraexpError, which names
+    the `place` of the input, otherwise.
     """
     sign, name = ("-", wanted[1:]) if wanted.startswith("-") else ("", wanted)
     columns = {field: field for field in fields if "." not in field} | dict(headings)
@@ -28,5 +31,5 @@ def complete_field(wanted: str, fields: Collection[str], headings: Mapping[str, 
     if len(found) == 1:
         return sign + found.pop()
     if found:
-        raise FraexpError(f"list: --sort '{name}' is ambiguous; expected one of: {', '.join(sorted(found))}")
-    raise FraexpError(f"list: --sort: there is no '{name}' to sort by{did_you_mean(name, [*fields, *headings])}")
+        raise FraexpError(f"{place}: '{name}' is ambiguous; expected one of: {', '.join(sorted(found))}")
+    raise FraexpError(f"{place}: there is no '{name}' to sort by{did_you_mean(name, [*fields, *headings])}")

@@ -148,19 +148,22 @@ def test_rows_are_sorted_by_a_field_that_is_asked_for_and_turned(workspace):
     async def steps(app, pilot):
         table = await opened(app, pilot)
         await pilot.press("o")
-        await shows(pilot, "Sort by which")
+        await shows(pilot, "Sort by sweep")
         await write(pilot, "nonsense")
-        await shows(pilot, "there is no field 'nonsense'")
-        app.screen.query_one(Input).value = "-peak"
-        await shows(pilot, "there is no field 'peak'; with a name like that: metric.peak force")
+        await shows(pilot, "there is no 'nonsense' to sort by")
         await pilot.press("enter")  # not by that
+        app.screen.query_one(Input).value = "metric"
+        await shows(pilot, "'metric' is ambiguous")
         app.screen.query_one(Input).value = ""
-        await write(pilot, "excitation.amplitude")
+        await shows(pilot, "Sort by sweep, study, amplitude, estimator")
+        await write(pilot, "amp")
+        await pilot.press("tab")
+        assert app.screen.query_one(Input).value == "amplitude"
         await pilot.press("enter")
-        await shows(pilot, "amplitude ▲", "rows 1-5 of 5, by excitation.amplitude", "--sort=excitation.amplitude")
+        await shows(pilot, "amplitude [N] ▲", "rows 1-5 of 5, by excitation.amplitude", "--sort=excitation.amplitude")
         first = table.keys[0]
         await pilot.press("O")
-        await shows(pilot, "amplitude ▼")
+        await shows(pilot, "amplitude [N] ▼")
         assert table.keys[0] != first
 
     pilot_of(workspace, steps, size=(110, 24))

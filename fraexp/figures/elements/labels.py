@@ -187,7 +187,7 @@ def _plain_text(value: object) -> str:
         case list() | tuple():
             texts = label_texts(value)
             return f"[{', '.join(texts if len(texts) <= MAX_LIST_VALUES else [texts[0], '...', texts[-1]])}]"
-    return "" if value is None else str(value)
+    return "" if value is None else MICRO.sub(" µ", str(value))
 
 
 def _label_part(title: str, value: object, text: str, unit: str, alone: bool) -> str:

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from difflib import get_close_matches
 from typing import ClassVar
 
 from textual.binding import Binding, BindingType
@@ -12,14 +11,14 @@ from textual.reactive import reactive
 from textual.widgets import DataTable
 
 from fraexp.errors import FraexpError
+from fraexp.store import ListingPage, Store
 from fraexp.tui.dialogs import ConfirmDialog, InputDialog
 from fraexp.tui.page import Page
 from fraexp.tui.widgets.paged_table import PagedTable, TableRows
-from fraexp.views.listing import listing_columns
+from fraexp.views.listing import Column, listing_columns
+from fraexp.views.sort_fields import complete_field
 
 ASCENDING_SIGN, DESCENDING_SIGN = "▲", "▼"
-MAX_SUGGESTIONS = 4
-"""Maximum number of names suggested for an unknown one."""
 MAX_UNCONFIRMED_MARKS = 50
 """Maximum number of sweeps marked without confirmation."""
 
@@ -54,12 +53,20 @@ class SweepTable(PagedTable):
         """Show the sweeps of a run, or all; `shows_errors` here, such as those of a filter, else the screen does."""
         super().__init__()
         self.run, self.shows_errors = run, shows_errors
+        self._headings: list[Column] = []
 
     async def fetch_rows(self, first: int, most: int) -> TableRows:
         """Return sweeps from an offset."""
-        wanted, order, run = self.filter, self.order, self.run
-        page = await self.app.backend.read(lambda store: store.page(wanted, order, first, most, run))
-        columns = listing_columns(page.rows, one_run=run is not None, running=self.running)
+        wanted, order, run, running = self.filter, self.order, self.run, self.running
+        workspace = self.app.backend.workspace
+
+        def read(store: Store) -> tuple[ListingPage, list[Column]]:
+            page = store.page(wanted, order, first, most, run)
+            registry = workspace.registry if page.rows else None
+            return page, listing_columns(page.rows, one_run=run is not None, running=running, registry=registry)
+
+        page, columns = await self.app.backend.read(read)
+        self._headings = columns
         by, sign = (
             self._applied_order.removeprefix("-"),
             DESCENDING_SIGN if self._applied_order.startswith("-") else ASCENDING_SIGN,
@@ -156,22 +163,28 @@ class SweepTable(PagedTable):
         except FraexpError as error:
             self.show_error(str(error))
             return
-        question = "Sort by which column, parameter or metric? -NAME: descending; empty: default order"
-        ask = InputDialog(
-            question, self.order, lambda text: _field_fault(text, fields), [*fields, *(f"-{name}" for name in fields)]
+        headings = {of.title.partition(" ")[0]: of.order for of in self._headings if of.order}
+        columns = ", ".join(headings)
+        question = f"Sort by {columns}, any parameter, or metric.NAME? -NAME: descending; empty: default order"
+        offered = dict.fromkeys([*headings, *fields])
+
+        def fault(text: str) -> str:
+            try:
+                return _sort_field(text, fields, headings) and ""
+            except FraexpError as error:
+                return str(error)
+
+        ask = InputDialog(question, self.order, fault, [*offered, *(f"-{name}" for name in offered)])
+        self.app.push_screen(
+            ask,
+            lambda text: None if text is None else setattr(self, "order", _sort_field(text, fields, headings)),
         )
-        self.app.push_screen(ask, lambda text: None if text is None else setattr(self, "order", text.strip()))
 
     def action_turn_order(self) -> None:
         """Reverse the order."""
         self.order = self._applied_order[1:] if self._applied_order.startswith("-") else f"-{self._applied_order}"
 
 
-def _field_fault(text: str, known: Sequence[str]) -> str:
-    name = text.strip().removeprefix("-")
-    if not name or name in known:
-        return ""
-    near = [of for of in known if name.lower() in of.lower()] or get_close_matches(name, known, MAX_SUGGESTIONS)
-    return f"there is no field '{name}'" + (
-        f"; with a name like that: {', '.join(near[:MAX_SUGGESTIONS])}" if near else ""
-    )
+def _sort_field(text: str, fields: Sequence[str], headings: Mapping[str, str]) -> str:
+    """Return the field that an answer stands for; empty for an empty one."""
+    return complete_field(text.strip(), fields, headings, "sort") if text.strip() else ""
