@@ -87,11 +87,16 @@ def newest_runs(runs: Iterable[RunSummary]) -> dict[str, RunSummary]:
 
 
 def study_state(entry: StudyEntry, found: StudySurvey | None, last: RunSummary | None) -> str:
-    """Return the state of a study in one word; empty while unknown."""
+    """Return the state of a study in one word; empty while unknown.
+
+    One whose sweeps are all stored is unusable, not complete, if its last run has ended without a usable result.
+    """
     if entry.error:
         return "broken"
     if last and last.state == "running":
         return "running"
+    if found and found.state == "complete" and last and last.is_unusable:
+        return "unusable"
     return found.state if found else ""
 
 

@@ -101,6 +101,25 @@ def test_a_run_of_which_nothing_can_be_used_is_not_called_complete(tmp_path, mon
     assert said(capsys, "list")[0].count("complete") == 2
 
 
+def test_a_study_whose_stored_sweeps_have_all_diverged_is_not_called_complete(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "studies").mkdir()
+    text = """
+        machine = "linear_motor_table"
+        excitation = { name = "stepped_sine", points = 2, amplitude = 75 }
+        estimator = { name = "conventional" }
+        [grid]
+        "controller.proportional" = [PROPORTIONAL]
+    """
+    for name, gains in (("all", "300000, 600000"), ("some", "6000, 300000")):
+        (tmp_path / "studies" / f"{name}.toml").write_text(text.replace("PROPORTIONAL", gains), encoding="utf-8")
+        main(["run", name, "--executor=serial"])
+    capsys.readouterr()
+    states = {line.split()[0]: line for line in said(capsys, "list", "--studies")[0].splitlines()}
+    assert "unusable" in states["all"].split()
+    assert "complete" in states["some"].split()
+
+
 @pytest.mark.parametrize(
     ("arguments", "told", "code"),
     [

@@ -46,7 +46,7 @@ def test_states_come_one_by_one_and_the_preview_tells_what_a_study_asks(workspac
         await until(pilot, lambda: {"quick", "failing"} <= page.found.keys())
         assert page.found["quick"].state == "new"  # thirty points are another thing than five
         assert page.last["quick"].number == 1
-        await shows(pilot, "● 1 complete", "◐ 2 partial", "machine  linear_motor_table", "amplitude  12.0,")
+        await shows(pilot, "● 1 complete", "✗ 2 no usable result", "machine  linear_motor_table", "amplitude  12.0,")
         await pilot.press("slash", *"broken", "enter")
         await until(pilot, lambda: "there is no section or key '[bold]'; known" in preview_text(app))
         assert "quick" not in screen_text(app)

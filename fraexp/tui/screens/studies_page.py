@@ -58,8 +58,8 @@ class StudyTable(PagedTable):
         columns = [
             Column("study", study, "key"),
             Column("state", state, rank=1),
-            Column("sweeps", sweeps, rank=2),
-            Column("last run", last, rank=3),
+            Column("sweeps", sweeps, rank=3),
+            Column("last run", last, rank=2),
             Column("title", title, rank=4),
         ]
         return TableRows(tuple(entry.name for entry in entries), columns, len(self.entries))
@@ -74,6 +74,7 @@ Studies: those of this workspace, then the examples of fraexp.
   new       none of its sweeps are stored
   partial   some of its sweeps are stored; a run computes the others
   complete  all sweeps are stored; a run computes nothing
+  unusable  all are stored, and none of its last run has a usable result
   stale     sweeps are stored, but a plugin has changed since
   running   its newest run has not finished
   broken    it cannot be run, for the reason shown

@@ -96,6 +96,7 @@ class PagedTable(DataTable[Text]):
         self._at = 0  # offset of the cursor, once its page has been read
         self._turning = False
         self._drawn: _Drawn | None = None
+        self._show_subtitle("loading …")
 
     async def fetch_rows(self, first: int, most: int) -> TableRows:
         """Return rows from an offset; FraexpError if they cannot be read."""

@@ -87,7 +87,7 @@ class PreviewPlot(Vertical):
 
     def _names(self, found: ComparedSweeps | None, view: str, group: str) -> Text:
         if found is None or not group:
-            return Text("nothing to draw yet")
+            return Text("loading …" if not self._keys else "nothing to draw: no sweep has a result")
         styles = self.query_one(PlotStack).curve_styles
         labels = found.labels(view, group)
         text = Text(no_wrap=True, overflow="ellipsis")

@@ -1,5 +1,6 @@
 """The state of a run above its sweeps: progress, rate and time left, the latest failures with their remedies."""
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from rich.text import Text
@@ -19,8 +20,10 @@ from fraexp.views.words import short_key
 if TYPE_CHECKING:
     from fraexp.tui.app import FraexpApp
 
-MAX_SHOWN_FAILURES = 2
-"""Maximum number of failures shown above the table, which has all."""
+MAX_SHOWN_REASONS = 2
+"""Maximum number of reasons of failures shown above the table, which has all failures."""
+MAX_READ_FAILURES = 40
+"""Maximum number of the latest failures whose reasons are read."""
 COMPILING_HINT = "No sweep has finished yet. A friction law is compiled at its first use, which takes some seconds."
 
 
@@ -43,11 +46,9 @@ class RunState(Static):
         if count == self._failure_count:
             return
         page = await self.app.backend.read(
-            lambda store: store.page("state:unusable", "-position", 0, MAX_SHOWN_FAILURES, run.number)
+            lambda store: store.page("state:unusable", "-position", 0, MAX_READ_FAILURES, run.number)
         )
-        more = page.total - len(page.rows)
-        lines = [line for row in page.rows for line in _failure_lines(row)]
-        self._failures = [*lines, f"  {more} more: / state:unusable"] if more > 0 else lines
+        self._failures = _failure_lines(page.rows, page.total)
         self._failure_count = count
 
     def show(self, run: RunSummary, is_stopping: bool) -> None:
@@ -96,11 +97,22 @@ def _interruption_text(run: RunSummary, is_stopping: bool) -> str:
     return "Its process ended before all sweeps were finished. R continues the run."
 
 
-def _failure_lines(row: ListedSweep) -> list[str]:
-    """Return what failed and why, and the remedy."""
-    remedy = row.outcome.value if row.outcome else Outcome.ERROR.value
-    lines = [shorten(f"✗ {short_key(row.key)} {state_text(row)}: {row.message}".removesuffix(": "))]
-    return [*lines, shorten(f"  → {remedy}")] if remedy else lines
+def _failure_lines(rows: Sequence[ListedSweep], total: int) -> list[str]:
+    """Return what failed and why, and the remedy, once for all of the latest failures of one reason."""
+    reasons: dict[tuple[str, str], list[ListedSweep]] = {}
+    for row in rows:
+        remedy = row.outcome.value if row.outcome else Outcome.ERROR.value
+        reasons.setdefault((state_text(row), remedy), []).append(row)
+    shown = list(reasons.items())[:MAX_SHOWN_REASONS]
+    lines = []
+    for (state, remedy), failed in shown:
+        latest = failed[0]
+        several = f"{len(failed)}{' or more' if total > len(rows) else ''} {state}, the last"
+        head = f"{several} {short_key(latest.key)}" if len(failed) > 1 else f"{short_key(latest.key)} {state}"
+        lines.append(shorten(f"✗ {head}: {latest.message}".removesuffix(": ")))
+        lines += [shorten(f"  → {remedy}")] if remedy else []
+    more = total - sum(len(failed) for _, failed in shown)
+    return [*lines, f"  {f'{more} more' if more else 'all'}: / state:unusable"] if total > 1 else lines
 
 
 def _is_preparing(run: RunSummary) -> bool:
