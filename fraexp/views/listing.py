@@ -173,8 +173,8 @@ def _label_columns(rows: Sequence[ListedSweep], units: Mapping[str, str]) -> lis
         scaled, unit = scale_values(values, units.get(path, ""))
         cells = tuple(map(printable, label_texts(scaled)))
         named = not any(isinstance(value, str | Mapping) for value in values)
-        title = with_unit(title, f"[{unit}]" if unit else "")
-        columns.append(Column(title, cells, path, 0, right, is_label=True, unit=unit, is_named=named))
+        heading = with_unit(title, f"[{unit}]" if unit else "")
+        columns.append(Column(heading, cells, path, 0, right, is_label=True, unit=unit, is_named=named))
     return columns
 
 

@@ -33,6 +33,21 @@ def test_all_nominal_labels_separate_groups() -> None:
     assert {place.facet for place in places} == {""}
 
 
+def test_labels_with_the_most_values_share_colours_where_nothing_could_distinguish_all() -> None:
+    labels = grid(
+        excitation__amplitude=[8.0, 12.0, 25.0, 50.0, 75.0], plant__rigid_body_gain=[0.1 + n / 100 for n in range(8)],
+        loop__resolution=["0.05 um", "0.1 um", "0.5 um", "1 um"], estimator=["conventional", "effective_input"],
+    )  # fmt: skip
+    places = group_sweeps(labels, UNITS)
+    assert len({of.facet for of in places}) == 8
+    assert {of.group for of in places} == {"8 N", "12 N", "25 N", "50 N", "75 N"}
+    assert all(len(of) == 1 for of in point_indices(places).values())
+    assert not any(of.is_mapped for of in places)
+    assert places == group_sweeps(labels, UNITS, ["amplitude", "resolution", "estimator"])
+    names = [f"bench {n}" for n in range(60)]
+    assert all(of.is_mapped for of in group_sweeps(grid(case=names)))  # of one label none can be left out
+
+
 def test_random_draws_and_realisations_share_a_point() -> None:
     places = group_sweeps(grid(5, case=["a", "b"]))
     assert [len(of) for of in point_indices(places).values()] == [5, 5]

@@ -20,6 +20,8 @@ MAX_FACETS = 9
 """Maximum number of panels side by side that still are large enough to be read."""
 MAX_MAPS = 4
 """Maximum number of maps side by side."""
+MAX_NAMED_ROWS = 40
+"""Maximum number of rows of a map that are known by their names."""
 KEY = "sweep"
 """Label that distinguishes sweeps which share all others."""
 REALISATION = "seed"
@@ -60,7 +62,8 @@ def group_sweeps(
 ) -> list[CurvePlace]:
     """Return the place of each sweep from its labels; `units` are those of the labels, by path.
 
-    `by` are the labels that separate groups, by default all: without one of them, its values share a colour. `keys`
+    `by` are the labels that separate groups: without one of them, its values share a colour. By default all are, but
+    the labels with the most values where neither panels nor rows of a map could distinguish as many groups. `keys`
     distinguish sweeps whose labels do not. FraexpError if a label is unknown.
     """
     nominal = _with_keys([grid_labels(of) for of in labels], labels, keys)
@@ -72,6 +75,10 @@ def group_sweeps(
     points = _names(nominal, varying, units)
     axis = _row_label(nominal, chosen)
     apart = _facet_labels(rows, MAX_GROUPS if axis else MAX_FACETS)
+    if apart is None and by is None and not _can_be_mapped(nominal, chosen, axis, rows):
+        kept = _without_most_values(chosen, rows)
+        if kept:
+            return group_sweeps(labels, units, kept, keys)
     if apart is None:
         places = _map_places(nominal, chosen, axis, points, units or {})
     else:
@@ -148,6 +155,24 @@ def _facet_labels(rows: Sequence[tuple[str, ...]], most: int) -> tuple[int, ...]
         if found:
             return min(found)[1]
     return () if count == 0 else None
+
+
+def _can_be_mapped(
+    nominal: Sequence[Plain], chosen: Sequence[str], axis: str, rows: Sequence[tuple[str, ...]]
+) -> bool:
+    """Return whether groups are rows of maps that can be told apart: by an amount, or by so few names."""
+    others = [path for path in chosen if path != axis]
+    maps = {tuple(map(repr, map(of.get, others))) for of in nominal} if axis else ()
+    return 0 < len(maps) <= MAX_MAPS or len(set(rows)) <= MAX_NAMED_ROWS or KEY in chosen
+
+
+def _without_most_values(chosen: Sequence[str], rows: Sequence[tuple[str, ...]]) -> list[str]:
+    """Return the labels that separate groups in panels, without those with the most values."""
+    counts = [len(set(column)) for column in zip(*rows, strict=True)]
+    kept = sorted(range(len(chosen)), key=lambda index: counts[index])
+    while kept and _facet_labels([tuple(row[index] for index in sorted(kept)) for row in rows], MAX_FACETS) is None:
+        kept.pop()
+    return [chosen[index] for index in sorted(kept)]
 
 
 def _map_places(
