@@ -4,7 +4,8 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from typing import TYPE_CHECKING
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
 
 from rich.cells import cell_len
 
@@ -159,9 +160,20 @@ def _units(rows: Sequence[ListedSweep], registry: "Registry") -> dict[str, str]:
     """Return the units of labels by path, which the components declare."""
     from fraexp.figures.elements.label_units import label_units  # it imports what reads studies: not for a list of runs
 
+    return label_units(((row.labels, _sections(row)) for row in rows), registry)
+
+
+def _sections(row: ListedSweep) -> dict[str, Any]:
+    """Return the components of a sweep by their names, with the groups and lists in which its labels are."""
     kinds = ("estimator", "friction", "plant", "controller", "excitation")
-    sections = [{kind: {"name": name} for kind in kinds if (name := getattr(row, kind))} for row in rows]
-    return label_units(((row.labels, of) for row, of in zip(rows, sections, strict=True)), registry)
+    sections: dict[str, Any] = {kind: {"name": name} for kind in kinds if (name := getattr(row, kind))}
+    for path in row.labels:
+        place, parts = sections, path.split(".")
+        for part, following in pairwise(parts):
+            place = place.setdefault(part, [] if following.isdecimal() else {})
+            if not isinstance(place, dict):
+                break
+    return sections
 
 
 def _label_columns(rows: Sequence[ListedSweep], units: Mapping[str, str]) -> list[Column]:

@@ -14,7 +14,9 @@ from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
 from fraexp.data.results import Outcome, Result
 from fraexp.data.sweep import Sweep
-from fraexp.store import Store
+from fraexp.store import ListedSweep, Store
+from fraexp.views.listing import fit_columns, listing_columns
+from fraexp.workspace.workspace_service import WorkspaceService
 from tests.cli.conftest import ROOT
 from tests.waiting import HANG_TIMEOUT_S
 
@@ -99,6 +101,26 @@ def test_a_run_of_which_nothing_can_be_used_is_not_called_complete(tmp_path, mon
     with Store.open("results.db") as store:
         store.save(2, [(sweeps[0], Result(Outcome.OK), {})])
     assert said(capsys, "list")[0].count("complete") == 2
+
+
+def test_headings_have_the_units_of_parameters_in_groups_and_lists():
+    labels = {
+        "excitation.amplitude": 12.0,
+        "friction.curve.characteristic_displacement": 4e-5,
+        "plant.frequencies.0": 39,
+    }
+    names = {"friction": "rolling", "plant": "modal", "controller": "pid", "excitation": "stepped_sine"}
+    row = ListedSweep(
+        key="fx2-0123456789abcdef", labels=labels, state="computed", outcome=Outcome.OK, message="", source="loop",
+        elapsed=0.5, created=None, run=7, study="bench", tags=(), note="", estimator="conventional", **names,
+    )  # fmt: skip
+    registry = WorkspaceService.open(ROOT, None).registry
+    columns = {of.title: of.cells for of in listing_columns([row], one_run=True, running={}, registry=registry)}
+    wanted = {"amplitude [N]": ("12",), "characteristic_displacement [µm]": ("40",), "frequencies.0 [Hz]": ("39",)}
+    assert columns.items() >= wanted.items()
+    merged = fit_columns(list(listing_columns([row] * 2, one_run=True, running={}, registry=registry)), 60)
+    texts = {column.title: column.cells[0] for column, _ in merged}
+    assert texts["labels"] == "12 N, 40 µm, 39 Hz, conventional"
 
 
 def test_a_study_whose_stored_sweeps_have_all_diverged_is_not_called_complete(tmp_path, monkeypatch, capsys):

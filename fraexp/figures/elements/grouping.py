@@ -157,9 +157,7 @@ def _facet_labels(rows: Sequence[tuple[str, ...]], most: int) -> tuple[int, ...]
     return () if count == 0 else None
 
 
-def _can_be_mapped(
-    nominal: Sequence[Plain], chosen: Sequence[str], axis: str, rows: Sequence[tuple[str, ...]]
-) -> bool:
+def _can_be_mapped(nominal: Sequence[Plain], chosen: Sequence[str], axis: str, rows: Sequence[tuple[str, ...]]) -> bool:
     """Return whether groups are rows of maps that can be told apart: by an amount, or by so few names."""
     others = [path for path in chosen if path != axis]
     maps = {tuple(map(repr, map(of.get, others))) for of in nominal} if axis else ()

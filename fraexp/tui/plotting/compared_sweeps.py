@@ -198,9 +198,11 @@ class ComparedSweeps:
 
     def notes(self, view: str, group: str) -> list[str]:
         """Return notes on what a view does not show, and the key that does."""
-        others = {of: len(self.places(view, of)) for of in self.groups(view) if of != group}
+        groups = self.groups(view)
+        at = groups.index(group) if group in groups else -1
+        others = {of: len(self.places(view, of)) for of in [*groups[at + 1 :], *groups[: max(at, 0)]]}
         if view in RESPONSE_VIEWS:
-            notes = [_other_text(of, count) for of, count in others.items()]
+            notes = [_other_views(others)] if others else []
             without = sum(not self.unit_of(place) for place in range(len(self.curves)))
             notes += [f"{plural(without, 'sweep')} without a response: v shows curves"] if without else []
         else:
@@ -230,11 +232,17 @@ def split_group(group: str) -> tuple[str, str]:
     return head, facet
 
 
+def _other_views(others: Mapping[str, int]) -> str:
+    """Return which views there are beside this one, the next first."""
+    text = _other_text(*next(iter(others.items())))
+    return f"{text} in another view: g" if len(others) == 1 else f"g: {text}, the next of {len(others)} more views"
+
+
 def _other_text(group: str, count: int) -> str:
     unit, facet = split_group(group)
     if facet:
-        return f"{facet} in another view: g"
-    return f"{plural(count, 'response')} in {readable_unit(unit)[1]} in another view: g"
+        return facet
+    return f"{plural(count, 'response')} in {readable_unit(unit)[1]}"
 
 
 def _other_curves(group: str, count: int) -> str:
