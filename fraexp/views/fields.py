@@ -84,11 +84,12 @@ def sweep_fields(sweep: StoredSweep, registry: "Registry | None" = None) -> list
     grid = nominal_labels(sweep.labels)
     drawn = {path: value for path, value in sweep.labels.items() if path not in grid}
     units = _units(sweep, registry) if registry else {}
+    grid_texts, drawn_texts = (", ".join(label_list(of, units)) for of in (grid, drawn))
     return [
         ("sweep", short_key(sweep.key)),
         ("key", sweep.key),
-        ("labels", _label_list(grid, units)),
-        ("drawn", _label_list(drawn, units)),
+        ("labels", grid_texts),
+        ("drawn", drawn_texts),
         ("state", sweep.state),
         ("outcome", outcome_text(sweep)),
         ("message", sweep.message),
@@ -106,12 +107,18 @@ def _units(sweep: StoredSweep, registry: "Registry") -> dict[str, str]:
     return label_units([(sweep.labels, sweep.experiment | {"estimator": sweep.estimator})], registry)
 
 
-def _label_list(labels: Mapping[str, object], units: Mapping[str, str]) -> str:
+def sweep_labels(sweep: StoredSweep, registry: "Registry") -> list[str]:
+    """Return each label of a sweep with its value and unit."""
+    return label_list(sweep.labels, _units(sweep, registry))
+
+
+def label_list(labels: Mapping[str, object], units: Mapping[str, str]) -> list[str]:
+    """Return each label with its value; `units` are those of labels, by path."""
     parts = []
     for path, value in labels.items():
         (scaled,), unit = scale_values([value], units.get(path, ""))
         parts.append(f"{path} = {with_unit(label_text(scaled), unit)}")
-    return ", ".join(parts)
+    return parts
 
 
 def drawn_labels(labels: Mapping[str, object]) -> dict[str, str]:

@@ -118,7 +118,8 @@ def find_labels(labels: Sequence[Plain], names: Sequence[str]) -> list[str]:
             drawn = any(name in of or name == DRAW for of in labels)
             reason = "is drawn at random, and makes no groups" if drawn else "is no label"
             known = f"expected one of: {', '.join(columns.values())}" if columns else "these sweeps have none"
-            raise FraexpError(f"group by: '{name}' {reason}; {known}{did_you_mean(name, paths)}")
+            near = did_you_mean(name, paths).partition("; known")[0]
+            raise FraexpError(f"group by: '{name}' {reason}; {known}{near}")
     return list(dict.fromkeys(paths[name] for name in names))
 
 

@@ -46,6 +46,8 @@ class StudyTable(PagedTable):
         self.entries: Sequence[StudyEntry] = ()
         self.rows_of: list[list[str]] = []
         self.last: Mapping[str, RunSummary] = {}
+        self.is_known = False
+        """Whether the studies have been found."""
 
     async def fetch_rows(self, first: int, most: int) -> TableRows:
         """Return studies from an offset."""
@@ -63,6 +65,10 @@ class StudyTable(PagedTable):
             Column("title", title, rank=4),
         ]
         return TableRows(tuple(entry.name for entry in entries), columns, len(self.entries))
+
+    def position(self) -> str:
+        """Return which rows are visible."""
+        return super().position() if self.is_known else "loading …"
 
 
 class StudiesPage(Page):
@@ -193,7 +199,7 @@ Enter opens a study, to change its values and to launch it."""
         """Show the studies that match the filter."""
         line, table = self.query_one(FilterLine), self.query_one(StudyTable)
         entries = [entry for entry in self.entries if line.matches(entry.name, entry.title)]
-        table.entries, table.last = entries, self.last
+        table.entries, table.last, table.is_known = entries, self.last, True
         table.rows_of = [study_row(of, self.found.get(of.name), self.last.get(of.name)) for of in entries]
         table.reload()
         if self.entries and not entries:

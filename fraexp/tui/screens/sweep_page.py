@@ -1,6 +1,6 @@
 """A sweep: its result, points, parameters, provenance and log."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -14,12 +14,14 @@ from textual.containers import Horizontal, VerticalScroll
 from textual.events import DescendantFocus
 from textual.widgets import Static, TabbedContent, TabPane
 
+from fraexp.components.registry import Registry
 from fraexp.data.results import Result
 from fraexp.data.terminal_text import printable
-from fraexp.figures.elements.labels import label_text
 from fraexp.store import RunSummary, Store, StoredSweep, mark_damaged
+from fraexp.tui.services.themes import state_sign
 from fraexp.tui.widgets.point_table import PointsTable
 from fraexp.tui.widgets.tagging import TaggingPage
+from fraexp.views.fields import sweep_labels
 from fraexp.views.listing import state_text
 from fraexp.views.resolved_parameters import ResolvedParameter, resolved_parameters
 from fraexp.views.words import duration_text, short_key, timestamp_text
@@ -172,8 +174,10 @@ plugins that computed the sweep have changed since.
         self.query_one("#top").display = self.query_one(TabbedContent).display = shown
 
     def _show(self, found: SweepDetails) -> None:
-        self.query_one("#summary", Static).update(_summary_text(found.sweep))
-        self.query_one("#result-text", TextSection).show_parts(*_result_parts(found.result))
+        self.query_one("#summary", Static).update(
+            _summary_text(found.sweep, self.app.backend.workspace.registry, self.app.theme_variables)
+        )
+        self.query_one("#result-text", TextSection).show_parts(*_result_parts(self.key, found.result))
         log = [printable(line) for line in found.log.splitlines()]
         self.query_one("#log-text", TextSection).show_parts(Text("\n".join(log) or "no log, as the sweep did not fail"))
 
@@ -263,10 +267,12 @@ plugins that computed the sweep have changed since.
         self.app.action_place("compare")
 
 
-def _summary_text(sweep: StoredSweep) -> Text:
-    text = Text(state_text(sweep), style="bold")
-    for label, value in sweep.labels.items():
-        text.append(f"\n{printable(label)} = {printable(label_text(value))}", style="none")
+def _summary_text(sweep: StoredSweep, registry: Registry, colours: Mapping[str, str]) -> Text:
+    state = state_text(sweep)
+    sign, colour = state_sign(state)
+    text = Text().append(f"{sign} {state}", style=f"bold {colours[colour]}")
+    for label in sweep_labels(sweep, registry):
+        text.append(f"\n{printable(label)}", style="none")
     if sweep.created:
         text.append(f"\ncomputed {timestamp_text(sweep.created)} in {duration_text(sweep.elapsed)}", style="none")
     told = {"tags": " ".join(sweep.tags), "note": sweep.note}  # before the message, which may be long
@@ -287,7 +293,7 @@ def _parameter_lines(row: ResolvedParameter) -> Iterable[RenderableType]:
         yield Padding(Text(printable(row.meaning), style="dim"), (0, 0, 0, 4))
 
 
-def _result_parts(result: Result | None) -> Iterable[RenderableType]:
+def _result_parts(key: str, result: Result | None) -> Iterable[RenderableType]:
     from fraexp.views.result_rows import FIT_COLUMNS, curve_text, fit_rows, fit_section, metric_fields
 
     if result is None:
@@ -306,7 +312,7 @@ def _result_parts(result: Result | None) -> Iterable[RenderableType]:
     if result.numerics:
         yield Text(f"\nnumerics {printable(result.numerics)}")
     if result.response is not None and not result.fits:
-        yield Text("\nTo fit a plant model to the response: fraexp fit KEY")
+        yield Text(f"\nTo fit a plant model to the response: fraexp fit {short_key(key)}")
 
 
 def _pair_table(pairs: Sequence[tuple[str, str]]) -> Table:

@@ -96,9 +96,9 @@ is searched in all fields. Tab completes names.
     @on(PagedTable.Shown)
     @on(DataTable.RowHighlighted)
     def _preview(self) -> None:
-        key = self.table.key
+        key, workspace = self.table.key, self.app.backend.workspace
         if key:
-            self.query_one(SidePreview).select(lambda store: selected_sweep(store, key))
+            self.query_one(SidePreview).select(lambda store: selected_sweep(store, key, workspace.registry))
 
     @on(PagedTable.Shown)
     def _handle_page(self, event: PagedTable.Shown) -> None:

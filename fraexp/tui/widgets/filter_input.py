@@ -9,6 +9,7 @@ from textual.widgets import Input
 
 from fraexp.data.results import Outcome
 from fraexp.store.queries.filters import OPERATORS
+from fraexp.store.queries.known_names import METRIC_PREFIX
 
 FILTER_EXAMPLE = "estimator=effective_input excitation.amplitude>=12 state:unusable tag:baseline"
 FIELD_VALUES = {
@@ -26,8 +27,11 @@ class FieldSuggester(Suggester):
         self.values: Mapping[str, Iterable[str]] = FIELD_VALUES
 
     def know(self, names: Iterable[str], tags: Iterable[str]) -> None:
-        """Set the known fields and tags."""
-        self.names, self.values = tuple(names), {**FIELD_VALUES, "tag": tuple(tags)}
+        """Set the known fields and tags; the headings of fields, their last parts, complete as well."""
+        known = tuple(names)
+        headings = (name.rpartition(".")[2] for name in known if not name.startswith(METRIC_PREFIX))
+        self.names = tuple(dict.fromkeys([*known, *headings]))
+        self.values = {**FIELD_VALUES, "tag": tuple(tags)}
 
     async def get_suggestion(self, value: str) -> str | None:
         """Return the filter with its last term completed; None without a match."""

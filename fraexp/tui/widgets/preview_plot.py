@@ -11,6 +11,7 @@ from textual.containers import Vertical
 from textual.timer import Timer
 from textual.widgets import Static
 
+from fraexp.components.registry import Registry
 from fraexp.data.terminal_text import printable
 from fraexp.errors import FraexpError
 from fraexp.store import Store
@@ -147,6 +148,6 @@ def selected_run(store: Store, number: int) -> Selected:
     return store.keys("-state=pending -state=failed", number), run_fields(store.run(number))
 
 
-def selected_sweep(store: Store, key: str) -> Selected:
+def selected_sweep(store: Store, key: str, registry: Registry) -> Selected:
     """Return a sweep, and its details."""
-    return [key], sweep_fields(store.find(key))
+    return [key], sweep_fields(store.find(key), registry)

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 MAX_SHOWN_REASONS = 2
 """Maximum number of reasons of failures shown above the table, which has all failures."""
+FAILURE_SIGN = "✗"
 MAX_READ_FAILURES = 40
 """Maximum number of the latest failures whose reasons are read."""
 COMPILING_HINT = "No sweep has finished yet. A friction law is compiled at its first use, which takes some seconds."
@@ -67,20 +68,20 @@ class RunState(Static):
         colours, is_running = self.app.theme_variables, run.state == "running"
         state = "stopping" if is_stopping and is_running else run_state_text(run)
         sign, colour = state_sign(state)
-        text = Text(f"{sign} {state}", style=f"bold {colours[colour]}")
+        text = Text().append(f"{sign} {state}", style=f"bold {colours[colour]}")
         took = f", took {run_duration_text(run)}" if run.ended else ""
         since = f"since {time_text(run.started)}, {elapsed_text(run)}"
-        text.append(f"  {time_text(run.started)}{took}" if run.ended else f"  {since}", "not bold")
-        text.append(f"  {counts_text(run)}\n", "not bold")
-        text.append(progress_text(run, self._rate(run), max(10, min(40, self.screen.size.width - 66))), "not bold")
+        text.append(f"  {time_text(run.started)}{took}" if run.ended else f"  {since}")
+        text.append(f"  {counts_text(run)}\n")
+        text.append(progress_text(run, self._rate(run), max(10, min(40, self.screen.size.width - 66))))
         if _is_preparing(run):
-            text.append(f"\n{COMPILING_HINT}", "not bold")
+            text.append(f"\n{COMPILING_HINT}")
         for line in self._failures:
-            text.append(f"\n{printable(line)}", f"not bold {colours['error']}")
+            text.append(f"\n{printable(line)}", colours["error"] if line.startswith(FAILURE_SIGN) else "")
         if run.ended and run.computed + run.reused:
-            text.append("\nc shows its figure", f"not bold {colours['text-muted']}")
+            text.append("\nc shows its figure", colours["text-muted"])
         if run.state == "interrupted":
-            text.append(f"\n{_interruption_text(run, is_stopping)}", "not bold")
+            text.append(f"\n{_interruption_text(run, is_stopping)}")
         return text
 
     def _rate(self, run: RunSummary) -> float | None:
@@ -109,7 +110,7 @@ def _failure_lines(rows: Sequence[ListedSweep], total: int) -> list[str]:
         latest = failed[0]
         several = f"{len(failed)}{' or more' if total > len(rows) else ''} {state}, the last"
         head = f"{several} {short_key(latest.key)}" if len(failed) > 1 else f"{short_key(latest.key)} {state}"
-        lines.append(shorten(f"✗ {head}: {latest.message}".removesuffix(": ")))
+        lines.append(shorten(f"{FAILURE_SIGN} {head}: {latest.message}".removesuffix(": ")))
         lines += [shorten(f"  → {remedy}")] if remedy else []
     more = total - sum(len(failed) for _, failed in shown)
     return [*lines, f"  {f'{more} more' if more else 'all'}: / state:unusable"] if total > 1 else lines
