@@ -49,7 +49,7 @@ def drive(count: int, steps: Callable[[Numbers, Pilot[None]], Awaitable[None]]) 
     async def run() -> None:
         app = Alone(count)
         async with app.run_test(size=(40, 12)) as pilot:
-            await until(pilot, lambda: app.table.keys or app.table.border_subtitle)
+            await until(pilot, lambda: app.table.keys or "loading" not in str(app.table.border_subtitle))
             await steps(app.table, pilot)
 
     asyncio.run(run())
