@@ -107,7 +107,7 @@ def _show_result(result: Result, rows: int | None) -> None:
     if result.response is not None:
         print()
         print_line(f"response {result.response.output}/{result.response.input}")
-        print_table(*response_table(result.response, rows))
+        print_table(*response_table(result.response, rows, result.parity_levels))
         left_out = len(result.response.frequency) - (rows or len(result.response.frequency))
         if left_out > 0:
             say(f"{plural(left_out, 'more frequency', 'more frequencies')}; --points shows all")

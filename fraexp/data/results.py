@@ -44,6 +44,8 @@ UNUSABLE_OUTCOMES = (Outcome.NO_MOTION, Outcome.DIVERGED, Outcome.ERROR, Outcome
 """Outcomes of sweeps from which nothing can be learnt."""
 EXTREMUM_CURVES = {"resonances": 1.0, "antiresonances": -1.0}
 """Names of the curves that list extrema of a fitted plant, and their sign in what is drawn of them."""
+DISTORTION_CURVE, PARITIES = "distortion levels", ("odd", "even")
+"""Name of the curve with the levels of distortions in the output of one realisation, and its columns."""
 
 
 @dataclass(frozen=True)
@@ -172,3 +174,19 @@ class Result:
     """Computing time [s] of this sweep (its share, where sweeps share an experiment)."""
     timing: Timing | None = field(default=None, compare=False)
     """Its processor time; None for a stored result."""
+
+    @property
+    def parity_levels(self) -> dict[str, NDArray[np.float64]]:
+        """Odd and even distortions with noise, by name, over the output, at the frequencies of the response [1], (n,).
+
+        Empty if they are not told apart, which needs detection lines.
+        """
+        found = [curve.columns for curve in self.curves if curve.name == DISTORTION_CURVE]
+        needed = ("frequency", "output", *PARITIES)
+        if self.response is None or not found or not all(set(needed) <= set(columns) for columns in found):
+            return {}
+        joined = {name: np.concatenate([columns[name] for columns in found]) for name in needed}
+        if not np.array_equal(joined["frequency"], self.response.frequency):
+            return {}
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return {name: joined[name] / joined["output"] for name in PARITIES}

@@ -225,7 +225,7 @@ class SweepResult:
         metrics = [f"{metric.name}: {number_text(metric.value)} {metric.unit}" for metric in self.result.metrics]
         table = text_tables.TextTable([], [])
         if self.result.response is not None and self.is_usable:
-            table = text_tables.response_table(self.result.response, SHOWN_POINTS)
+            table = text_tables.response_table(self.result.response, SHOWN_POINTS, self.result.parity_levels)
         has_figure = self.is_usable and (self.result.response is not None or bool(self.result.curves))
         figure = self.plot() if has_figure else None
         return page_part(f"Sweep {self.key}", [*notes, *metrics], figure, table.columns, table.rows)

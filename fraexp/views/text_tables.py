@@ -130,13 +130,17 @@ def magnitude_near(response: FrequencyResponse, spot: float) -> float:
     return float(level) if near and response.settled[index] else np.nan
 
 
-def response_table(response: FrequencyResponse, rows: int | None) -> TextTable:
+def response_table(
+    response: FrequencyResponse, rows: int | None, parities: Mapping[str, NDArray[np.float64]] | None = None
+) -> TextTable:
     """Return the points of a response: about `rows` of them, spread evenly, or all.
 
     Numerical is the error by the computation itself, as estimated; it is part of the 95 %. Noise is the standard
     deviation of the response by noise alone, nonlinear that of one realisation by stochastic
-    nonlinear distortions, both relative to the response.
+    nonlinear distortions, both relative to the response. `parities` are the levels of odd and even distortions, if
+    they are told apart (see `Result.parity_levels`), which then have a column each.
     """
+    parities = parities or {}
     factor, shown = readable_unit(response.unit)
     output_unit, input_unit = (f" [{unit}]" if unit else "" for unit in channel_units(response))
     level, phase = decibel(factor * response.response), continuous_phase(degrees(response.response), response.settled)
@@ -148,9 +152,10 @@ def response_table(response: FrequencyResponse, rows: int | None) -> TextTable:
     numerical = unknown if response.numerical_error is None else decibel(1 + response.numerical_error)
     columns = [
         "frequency [Hz]", f"magnitude [dB re 1 {shown}]", "phase [deg]", "± 95 % [dB]", "± 95 % [deg]",
-        "numerical [dB]", "noise [dB]", "nonlinear [dB]", "coherence",
+        "numerical [dB]", "noise [dB]", "nonlinear [dB]", *(f"{name} [dB]" for name in parities), "coherence",
         f"input{input_unit}", f"output{output_unit}", "distortion [%]", "settled", "after [s]",
     ]  # fmt: skip
+    apart = [decibel(level) for level in parities.values()]
     count = len(response.frequency)
     indices = range(count) if rows is None or count <= rows else np.linspace(0, count - 1, rows).round().astype(int)
     cells = [
@@ -163,6 +168,7 @@ def response_table(response: FrequencyResponse, rows: int | None) -> TextTable:
             _optional_number(numerical[index]),
             _optional_fixed(noise[index], 1),
             _optional_fixed(nonlinear[index], 1),
+            *(_optional_fixed(level[index], 1) for level in apart),
             _optional_fixed(coherence[index], 4),
             number_text(response.input_amplitude[index], 4),
             number_text(response.output_amplitude[index], 4),

@@ -3,14 +3,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fraexp.data.results import Outcome, Result
+from fraexp.data.results import Curve, Outcome, Result
 from fraexp.errors import FraexpError
 from fraexp.figures.elements.shown import ShownResult
 from fraexp.figures.kinds.levels import QUANTITIES, draw_levels, levels_info
+from fraexp.views.text_tables import response_table
 from tests.figures.conftest import ResponseMaker
 
 FREQUENCY = np.array([1.0, 3.0, 2.0])
-RESPONSE, TOTAL, NOISE, NONLINEAR = QUANTITIES
+RESPONSE, TOTAL, NOISE, NONLINEAR, ODD, EVEN = QUANTITIES
 
 
 def shown(make_response: ResponseMaker, name: str = "a", **known) -> ShownResult:
@@ -33,6 +34,30 @@ def test_levels_are_standard_deviations_on_the_scale_of_the_response(make_respon
     np.testing.assert_allclose(panel.quantities[TOTAL], -40 + 10 * np.log10(2))  # real and imaginary part
     np.testing.assert_allclose(panel.quantities[NOISE], [-60, np.nan, -80])
     np.testing.assert_allclose(panel.quantities[NONLINEAR], -20)
+
+
+def test_odd_and_even_distortions_are_drawn_and_listed_where_detection_lines_tell_them_apart(
+    make_response: ResponseMaker,
+) -> None:
+    plain = shown(make_response, deviation=np.full(3, 1e-5))
+    columns = {
+        "frequency": FREQUENCY,
+        "output": np.full(3, 2e-6),
+        "odd": np.array([2e-7, 2e-6, 2e-7]),
+        "even": np.full(3, 2e-9),
+    }
+    curve = Curve("distortion levels", columns, {"frequency": "Hz", "output": "m", "odd": "m", "even": "m"})
+    result = replace(plain.result, curves=(curve,))
+    (panel,) = levels_info([replace(plain, result=result)]).panels
+    np.testing.assert_allclose(panel.quantities[ODD], [-20, -20, -20], atol=1e-9)  # |Ĝ| of 0, 0 and -20 dB
+    np.testing.assert_allclose(panel.quantities[EVEN], [-60, -60, -80], atol=1e-9)
+    assert result.response is not None
+    titles, rows, _ = response_table(result.response, None, result.parity_levels)
+    assert [[row[titles.index(f"{name} [dB]")] for name in ("odd", "even")] for row in rows] == [
+        ["-20.0", "-60.0"], ["0.0", "-60.0"], ["-20.0", "-60.0"],
+    ]  # fmt: skip
+    elsewhere = replace(curve, columns={**columns, "frequency": FREQUENCY + 1})
+    assert replace(result, curves=(elsewhere,)).parity_levels == {}, "levels of other frequencies"
 
 
 def test_only_what_is_known_is_drawn(make_response: ResponseMaker) -> None:

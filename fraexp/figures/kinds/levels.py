@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.data.results import FrequencyResponse
+from fraexp.data.results import PARITIES, FrequencyResponse, Result
 from fraexp.errors import FraexpError
 from fraexp.figures.elements.frequency_lines import draw_line
 from fraexp.figures.elements.labels import drawable
@@ -22,8 +22,14 @@ MAX_PANELS = 12
 """Maximum number of panels in a figure."""
 MAX_COLUMNS = 3
 """Maximum number of panels side by side."""
-QUANTITIES = ("response", "total, of the mean", "noise, of the mean", "nonlinear, of one realisation")
-"""Quantities that are drawn: |Ĝ|, and standard deviations √E|dG|²."""
+QUANTITIES = (
+    "response",
+    "total, of the mean",
+    "noise, of the mean",
+    "nonlinear, of one realisation",
+    *(f"{parity} distortions, of one realisation" for parity in PARITIES),
+)
+"""Quantities that are drawn: |Ĝ|, and standard deviations √E|dG|²; those of odd and even distortions have its noise."""
 
 
 @dataclass(frozen=True)
@@ -51,8 +57,8 @@ class LevelsInfo:
 
 def levels_info(shown: Sequence[ShownResult], title: str = "") -> LevelsInfo:
     """Return the levels of the responses whose noise or nonlinear distortion is known; FraexpError if there is none."""
-    responses = [(of.label, of.response) for of in shown if of.response is not None]
-    known = [(label, response) for label, response in responses if _has_levels(response)]
+    responses = [(of.label, of.response, of.result) for of in shown if of.response is not None]
+    known = [(label, response, result) for label, response, result in responses if _has_levels(response)]
     if not known:
         raise FraexpError(
             "levels: no response has noise or nonlinear distortions; record several periods, or several "
@@ -62,11 +68,11 @@ def levels_info(shown: Sequence[ShownResult], title: str = "") -> LevelsInfo:
         raise FraexpError(
             f"levels: found {len(known)} responses; no more than {MAX_PANELS} panels fit; choose fewer sweeps"
         )
-    units = {response.unit for _, response in known}
+    units = {response.unit for _, response, _ in known}
     if len(units) > 1:
         raise FraexpError(f"levels: found responses in {' and '.join(sorted(units))}; choose sweeps that share a unit")
     factor, unit = readable_unit(units.pop())
-    panels = tuple(_levels_panel(label, response, factor) for label, response in known)
+    panels = tuple(_levels_panel(*of, factor) for of in known)
     return LevelsInfo(panels, unit, title or "Levels of noise and distortion")
 
 
@@ -75,14 +81,17 @@ def _has_levels(response: FrequencyResponse) -> bool:
     return any(part is not None for part in apart) or bool(np.isfinite(response.standard_deviation).any())
 
 
-def _levels_panel(label: str, response: FrequencyResponse, factor: float) -> LevelsPanel:
+def _levels_panel(label: str, response: FrequencyResponse, result: Result, factor: float) -> LevelsPanel:
     order = np.argsort(response.frequency, kind="stable")
-    sizes = {
+    sizes: dict[str, NDArray[np.float64] | None] = {
         QUANTITIES[0]: np.abs(response.response),
         QUANTITIES[1]: response.standard_deviation,
         QUANTITIES[2]: _standard_deviation(response.noise_variance),
         QUANTITIES[3]: _standard_deviation(response.nonlinear_variance),
     }
+    for of, name in zip(QUANTITIES[4:], PARITIES, strict=True):
+        if name in result.parity_levels:  # they say more than their sum, which would hide the greater one
+            sizes[of], sizes[QUANTITIES[3]] = result.parity_levels[name] * np.abs(response.response), None
     levels = {name: decibel(factor * size[order]) for name, size in sizes.items() if size is not None}
     levels = {name: level for name, level in levels.items() if np.isfinite(level).any()}
     return LevelsPanel(label, response.frequency[order], response.settled[order], levels)
@@ -130,7 +139,8 @@ def draw_levels(info: LevelsInfo) -> "Figure":
 def _draw_panel(axes: "Axes", panel: LevelsPanel) -> None:
     from fraexp.figures.elements import canvas
 
-    for name, style in zip(QUANTITIES, canvas.line_styles(len(QUANTITIES)), strict=True):
+    styles = canvas.line_styles(len(QUANTITIES) - 1)
+    for name, style in zip(QUANTITIES, (*styles[:4], *styles[3:]), strict=True):  # nonlinear, or odd and even
         if name in panel.quantities:
             levels = panel.quantities[name]
             draw_line(axes, panel.frequency, levels, panel.settled & np.isfinite(levels), name, style)

@@ -186,6 +186,7 @@ plugins that computed the sweep have changed since.
         from fraexp.views.text_tables import response_table
 
         response = found.result.response if found.result else None
+        parities = found.result.parity_levels if found.result else {}
         table, bode = self.query_one(PointsTable), self.query_one(BodeView)
         self.query_one(TabbedContent).get_tab("points").disabled = response is None
         bode.set_class(response is not None, "-drawn")
@@ -193,7 +194,9 @@ plugins that computed the sweep have changed since.
             table.show_points([], [])
             return
         bode.show([(short_key(self.key), response)])
-        columns, rows, _ = await self.wait_for(self.app.backend.work(lambda _: response_table(response, None)))
+        columns, rows, _ = await self.wait_for(
+            self.app.backend.work(lambda _: response_table(response, None, parities))
+        )
         table.show_points(columns, rows)
 
     async def _show_parameters(self, found: SweepDetails) -> None:
