@@ -196,6 +196,11 @@ def _excite(parser: Parser) -> None:
 def _show(parser: Parser) -> None:
     parser.add_argument("id", metavar="ID", help=ID_HELP)
     parser.add_argument("--points", action="store_true", help="show every frequency of the response")
+    parser.add_argument(
+        "--controller",
+        metavar="STUDY",
+        help="study or machine (machines/NAME) whose controller closes the loop around a measured response",
+    )
     parser.add_argument("--all", action="store_true", help=ALL_HELP)
     _terminal(parser)
     _json(parser)

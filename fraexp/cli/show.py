@@ -3,22 +3,33 @@
 from argparse import Namespace
 from collections.abc import Sequence
 
-from fraexp.cli.documents import run_document, sweep_document
+from fraexp.cli.documents import json_value, run_document, sweep_document
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.output import print_fields, print_json, print_line, print_table, say
 from fraexp.cli.summary import needs_summary, print_summary
 from fraexp.cli.sweep_lookup import find_run_number, workspace_folder
 from fraexp.cli.terminal_figure import print_figure
 from fraexp.data.results import Fit, Result
+from fraexp.data.rotary_axes import is_rotary
+from fraexp.data.sweep import Plain
+from fraexp.errors import FraexpError
 from fraexp.store import RunSummary, Store, StoredSweep, mark_damaged
+from fraexp.study.stated_controller import stated_controller
 from fraexp.views.fields import drawn_labels, remedies, run_fields, sweep_fields
+from fraexp.views.loop_margins_table import LOOP_COLUMNS, LOOP_UNITS, loop_margins, loop_rows
 from fraexp.views.resolved_parameters import resolved_parameters
-from fraexp.views.result_rows import FIT_COLUMNS, curve_table, curve_text, fit_rows, fit_section, metric_fields
+from fraexp.views.result_rows import (
+    FIT_COLUMNS,
+    MAX_CURVE_ROWS,
+    curve_table,
+    curve_text,
+    fit_rows,
+    fit_section,
+    metric_fields,
+)
 from fraexp.views.text_tables import response_table, sweep_table
 from fraexp.views.words import plural
 
-MAX_CURVE_ROWS = 12
-"""Number of points up to which a curve is printed as a table."""
 MAX_RESPONSE_ROWS = 12
 """Maximum number of response rows without ``--points``."""
 
@@ -44,6 +55,8 @@ def _show_run(store: Store, number_: int, arguments: Namespace) -> None:
     from fraexp.cli.published import print_published, published_documents  # reads studies: a sweep does without
     from fraexp.reports.published_comparisons import compare_run
 
+    if arguments.controller:
+        raise FraexpError("--controller closes the loop around the response of one sweep; give the key of a sweep")
     run, sweeps = store.run(number_), store.sweeps(number_)
     results = store.results(sweep.key for sweep in sweeps)
     sweeps = mark_damaged(sweeps, results)
@@ -79,8 +92,10 @@ def _show_sweep(store: Store, arguments: Namespace) -> None:
     results, log = store.results([sweep.key]), store.log(sweep.key)
     result = results.get(sweep.key)
     (sweep,) = mark_damaged([sweep], results)
+    around = _controller_around(arguments, result)
     if arguments.json:
-        print_json(sweep_document(sweep, result))
+        figures = loop_margins(sweep, result, workspace_folder(arguments).registry, around)
+        print_json({**sweep_document(sweep, result), "loop": [json_value(figure._asdict()) for figure in figures]})
         return
     print_fields(sweep_fields(sweep, workspace_folder(arguments).registry))
     print("\nparameters")
@@ -91,19 +106,44 @@ def _show_sweep(store: Store, arguments: Namespace) -> None:
     sources = sweep.sources.items()
     print_fields([(name, f"{of.distribution}, source {of.source_hash[:12]}") for name, of in sources], indent=2)
     if result is not None:
-        _show_result(result, None if arguments.points else MAX_RESPONSE_ROWS)
+        _show_result(
+            result,
+            None if arguments.points else MAX_RESPONSE_ROWS,
+            loop_rows(loop_margins(sweep, result, registry, around)),
+        )
     if log:
         print("\nlog")
         for line in log.splitlines():
             print_line(line)
 
 
-def _show_result(result: Result, rows: int | None) -> None:
+def _controller_around(arguments: Namespace, result: Result | None) -> Plain | None:
+    """Return controller and loop of the study or machine that was given; FraexpError if the sweep has no plant."""
+    if not arguments.controller:
+        return None
+    unit = result.response.unit if result and result.response else ""
+    if unit not in LOOP_UNITS:
+        raise FraexpError(
+            f"--controller: the sweep has {f'a response in {unit}' if unit else 'no response'}; expected one in "
+            f"{' or '.join(LOOP_UNITS)}, from thrust to position"
+        )
+    folder = workspace_folder(arguments)
+    sections = stated_controller(arguments.controller, folder.folder, folder.registry)
+    if is_rotary(sections) != unit.startswith("rad"):
+        kinds = "turns" if is_rotary(sections) else "moves straight", unit
+        raise FraexpError(f"--controller: {arguments.controller} {kinds[0]}; the response is in {kinds[1]}")
+    return sections
+
+
+def _show_result(result: Result, rows: int | None, loop: Sequence[Sequence[str]]) -> None:
     if result.numerics:
         print_fields([("numerics", result.numerics)])
     if result.metrics:
         print("\nmetrics")
         print_fields(metric_fields(result), indent=2)
+    if loop:
+        print()
+        print_table(LOOP_COLUMNS, loop)
     if result.response is not None:
         print()
         print_line(f"response {result.response.output}/{result.response.input}")

@@ -11,6 +11,8 @@ from fraexp.views.quantity_texts import with_unit
 from fraexp.views.words import number_text
 
 FIT_COLUMNS = ["parameter", "value", "± 95 %", "unit"]
+MAX_CURVE_ROWS = 12
+"""Number of points up to which a curve is listed as a table."""
 
 
 def metric_fields(result: Result) -> list[tuple[str, str]]:

@@ -107,7 +107,7 @@ def test_every_curve_has_a_style_of_its_own_and_a_place_in_the_legend(count: int
 
 PLANT = Modal(rigid_body_gain=0.132, frequencies=(38.8,), damping_ratios=(0.005,), modal_gain_ratios=(0.34,))
 """A resonance far narrower than the points are apart."""
-MARKS = ["resonance", "antiresonance", "rigid body (apparent mass)"]
+MARKS = ["resonance", "antiresonance", "rigid body (apparent mass 7.576 kg)"]
 
 
 def fitted(make_response: ResponseMaker, **given: object) -> Result:
@@ -157,3 +157,29 @@ def test_a_response_without_a_fit_has_no_model(make_response: ResponseMaker) -> 
     plain = ShownResult("a", Result(Outcome.OK, response=make_response([1.0, 2.0], [1.0, 1.0])))
     assert plain.fitted is None
     assert [text.get_text() for text in draw_figure([plain]).legends[0].get_texts()] == ["a"]
+
+
+@pytest.mark.parametrize(("unit", "texts"), [
+    ("m/N", ["rigid body (apparent mass 7.576 kg)", "stiffness 0.05 N/µm"]),
+    ("rad/(N m)", ["rigid body (apparent inertia 7.576 kg m²)", "stiffness 50000 N m/rad"]),
+])  # fmt: skip
+def test_a_spring_below_the_fitted_range_has_its_line(
+    make_response: ResponseMaker, unit: str, texts: list[str]
+) -> None:
+    """The table on the spring of its presliding, with 20 % of loss: k0/s² beside K, so flat up to √(K k0)."""
+    frequency = np.geomspace(1, 150, 80)
+    s = 2j * np.pi * frequency
+    stiff = 1 / (5e4 * (1 + 0.2j) * (frequency < 25) + 1 / PLANT.response(s.imag))
+    response: FrequencyResponse = make_response(frequency, stiff, unit=unit)
+    result = ModalFit(method=Conventional(), modes=1, lowest=30).fit_response(response)
+    info = bode_info([("a", response)], fitted=[ShownResult("a", result).fitted])
+    model = info.curves[0].model
+    assert model is not None
+    assert model.spring is not None
+    assert 1 / model.spring.magnitude == pytest.approx(5e4, rel=0.03)  # Re(1/P) of the first mode is not that of 1/k0
+    assert model.spring.frequency == pytest.approx([1, np.sqrt(5e4 * 0.132) / (2 * np.pi)], rel=0.03)
+    assert [text.get_text() for text in draw_bode(info).legends[0].get_texts()][-2:] == texts
+    plain: FrequencyResponse = make_response(frequency, PLANT.response(s.imag), unit=unit)
+    without = bode_info([("a", plain)], fitted=[ShownResult("a", fitted(make_response)).fitted]).curves[0].model
+    assert without is not None
+    assert without.spring is None, "it moves freely"

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from fraexp.analysis.confidence import confidence_limits
 from fraexp.data.results import Curve, FrequencyResponse
 from fraexp.errors import FraexpError
+from fraexp.figures.elements.asymptotes import Spring, spring_line
 from fraexp.figures.elements.branches import continuous_phases
 from fraexp.figures.elements.bundles import Bundle, stack_padded
 from fraexp.figures.elements.frequency_lines import with_gaps
@@ -60,6 +61,12 @@ class BodeModel:
     """1 at a resonance, -1 at an antiresonance, otherwise 0, shape (n,)."""
     rigid_body: NDArray[np.float64]
     """Magnitude of the rigid body alone [dB], the line of its apparent mass, shape (n,); NaN if it is unknown."""
+    rigid_body_gain: float = np.nan
+    """Its gain k0 = 1/M [unit of the response/s²]; NaN if it is unknown."""
+    spring: Spring | None = None
+    """The stiffness that the response shows below; None if it shows none."""
+    spring_level: float = np.nan
+    """Magnitude of that spring [dB]."""
 
     @property
     def has_phase(self) -> bool:
@@ -102,6 +109,8 @@ class BodeInfo:
     unit: str
     """Unit that is 0 dB, such as ``mm/N``."""
     title: str
+    source_unit: str = ""
+    """Unit of the responses, such as ``m/N``."""
 
 
 class PhaseBranch(NamedTuple):
@@ -145,11 +154,11 @@ def bode_info(
     anchor, drawn = drawn_reference or _first_branch(curves), []
     for (label, response), model in ((curves[index], models[index]) for index in singles):
         curve = _bode_curve(label, response, factor, anchor)
-        drawn.append(replace(curve, model=_bode_model(model, factor, curve)) if model else curve)
+        drawn.append(replace(curve, model=_bode_model(model, factor, curve, response)) if model else curve)
     samples = tuple(
         _bode_sample([curves[index][1] for index in of], places[of[0]], factor, anchor) for of in indices if len(of) > 1
     )
-    return _wrap_phase(BodeInfo(tuple(drawn), samples, drawn_reference, shown, heading), wrapped)
+    return _wrap_phase(BodeInfo(tuple(drawn), samples, drawn_reference, shown, heading, unit), wrapped)
 
 
 def _first_branch(curves: Sequence[tuple[str, FrequencyResponse]]) -> PhaseBranch | None:
@@ -211,14 +220,23 @@ def _bode_curve(label: str, source: FrequencyResponse, factor: float, anchor: Ph
     )  # fmt: skip
 
 
-def _bode_model(of: Curve, factor: float, anchor: BodeCurve) -> BodeModel:
+def _bode_model(of: Curve, factor: float, anchor: BodeCurve, source: FrequencyResponse) -> BodeModel:
     frequency = of.columns["frequency"]
     phase = of.columns.get("phase", np.full(len(frequency), np.nan))
     phase = continuous_phase(phase, np.ones(len(frequency), dtype=bool), _phase_at(anchor, frequency))
     rigid_body = of.columns.get("rigid body", np.full(len(frequency), np.nan))
     extremum = of.columns.get("extremum", np.zeros(len(frequency)))
+    gain = float(rigid_body[0] * (2 * np.pi * frequency[0]) ** 2)
+    spring = spring_line(source, gain)
     return BodeModel(
-        frequency, decibel(factor * of.columns["magnitude"]), phase, extremum, decibel(factor * rigid_body)
+        frequency,
+        decibel(factor * of.columns["magnitude"]),
+        phase,
+        extremum,
+        decibel(factor * rigid_body),
+        gain,
+        spring,
+        float(decibel(np.array([factor * spring.magnitude]))[0]) if spring else np.nan,
     )
 
 

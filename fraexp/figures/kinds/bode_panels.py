@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fraexp.figures.elements.asymptotes import mass_text, stiffness_text
 from fraexp.figures.elements.bundles import draw_bundles
 from fraexp.figures.elements.facets import facet_panels
 from fraexp.figures.elements.frequency_lines import (
@@ -31,6 +32,8 @@ UNSETTLED_STYLE: LineStyle = {
 """Style of the points of a sample that had not settled."""
 RIGID_BODY_STYLE: LineStyle = {"color": "0.5", "linestyle": (0, (1, 2)), "linewidth": 0.9, "zorder": 1.8}
 """Style of the line of the apparent mass."""
+SPRING_STYLE: LineStyle = {**RIGID_BODY_STYLE, "linestyle": (0, (5, 2, 1, 2))}
+"""Style of the line of a constant stiffness."""
 
 
 def draw_bode(info: BodeInfo) -> "Figure":
@@ -92,24 +95,30 @@ def _draw_part(axes: "Axes", info: BodeInfo, part: str, styles: Mapping[str, Lin
             if part == "magnitude":
                 draw_extrema(axes, model.frequency, model.magnitude, model.extremum, style)
                 axes.plot(model.frequency, model.rigid_body, **RIGID_BODY_STYLE)
+                if model.spring:
+                    axes.plot(model.spring.frequency, [model.spring_level] * 2, **SPRING_STYLE)
             add_fitted_legend(axes, curve.label if model.has_phase else f"{curve.label} (fit of the magnitude)", style)
         bands.append((curve.frequency, curve.with_gaps(getattr(curve, f"{part}_band")), str(style["color"])))
     if any(curve.model for curve in info.curves):
         add_model_legend(axes, "fitted plant")
-        _add_plant_legend(axes, [curve.model for curve in info.curves if curve.model])
+        _add_plant_legend(axes, [curve.model for curve in info.curves if curve.model], info.source_unit)
     if info.reference is not None:
         of = info.reference
         draw_line(axes, of.frequency, getattr(of, part), of.settled, of.label, canvas.REFERENCE_STYLE)
     draw_bands(axes, bands)
 
 
-def _add_plant_legend(axes: "Axes", models: Sequence[BodeModel]) -> None:
-    """Add the entries of what is marked: extrema, and the line of the apparent mass."""
+def _add_plant_legend(axes: "Axes", models: Sequence[BodeModel], unit: str) -> None:
+    """Add the entries of what is marked: extrema, and the lines of apparent mass and stiffness."""
     for sign, marker, label in ((1, "v", "resonance"), (-1, "^", "antiresonance")):
         if any((model.extremum == sign).any() for model in models):
             axes.plot([], [], marker, color=LEGEND_GREY, markersize=EXTREMUM_SIZE, label=label)
-    if any(np.isfinite(model.rigid_body).any() for model in models):
-        axes.plot([], [], label="rigid body (apparent mass)", **RIGID_BODY_STYLE)
+    gains = [model.rigid_body_gain for model in models if np.isfinite(model.rigid_body_gain)]
+    if gains:
+        axes.plot([], [], label=mass_text(gains, unit), **RIGID_BODY_STYLE)
+    springs = [model.spring for model in models if model.spring]
+    if springs:
+        axes.plot([], [], label=stiffness_text(springs, unit), **SPRING_STYLE)
 
 
 def _draw_unsettled(axes: "Axes", samples: Sequence[BodeSample], part: str) -> None:

@@ -11,8 +11,8 @@ from fraexp.tui.plotting.braille import Window
 from fraexp.tui.plotting.curve_styles import CurveStyles, curve_digit
 from fraexp.tui.plotting.plotted_curves import REFERENCE, PlotPanel, PlotTrace
 
-UNSETTLED_SIGN, ISOLATED_SIGN, CURSOR_SIGN, RESONANCE_SIGN = "○", "•", "◉", "▼"
-"""Signs of an unsettled point, of an isolated point, of the cursor on a curve, and of a resonance."""
+UNSETTLED_SIGN, ISOLATED_SIGN, CURSOR_SIGN, RESONANCE_SIGN, ANTIRESONANCE_SIGN = "○", "•", "◉", "▼", "▲"
+"""Signs of an unsettled point, an isolated point, the cursor on a curve, a resonance, and an antiresonance."""
 DIGITS_PER_CURVE = 3
 """Number of digits along a curve where colours do not distinguish curves."""
 MAX_POINTS = 2000
@@ -131,11 +131,15 @@ class PanelDrawing:
 
     def _draw_signs(self, canvas: PlotCanvas, traces: Sequence[PlotTrace]) -> None:
         """Draw the resonances of the focused curve, and digits where colours do not distinguish curves."""
-        for trace in traces:
-            if trace.curve == self.view_range.focus and self.view_range.resonances and not trace.model:
-                for at in resonances(self.panel, trace):
-                    text = f"{RESONANCE_SIGN}{trace.at[at]:.3g}"
-                    canvas.note(trace.x[at], trace.y[at], text, f"bold {self.styles.style(trace.curve)}")
+        focused = [trace for trace in traces if trace.curve == self.view_range.focus and self.view_range.resonances]
+        fitted = [extremum for trace in focused for extremum in trace.extrema]
+        for trace in focused:
+            style = f"bold {self.styles.style(trace.curve)}"
+            for extremum in trace.extrema:
+                sign = RESONANCE_SIGN if extremum.is_peak else ANTIRESONANCE_SIGN
+                canvas.note(extremum.x, extremum.y, f"{sign}{extremum.text}", style)
+            for at in resonances(self.panel, trace) if not (trace.model or fitted) else ():
+                canvas.note(trace.x[at], trace.y[at], f"{RESONANCE_SIGN}{trace.at[at]:.3g}", style)
         for place, trace in enumerate(traces):
             if self.styles.digits and trace.curve != REFERENCE and not trace.model:
                 self._draw_digits(canvas, trace, (place + 0.5) / len(traces))

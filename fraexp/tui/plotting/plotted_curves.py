@@ -2,11 +2,12 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.data.results import Curve
+from fraexp.data.results import EXTREMUM_CURVES, Curve
 from fraexp.errors import FraexpError
 from fraexp.figures.elements.bundles import Bundle
 from fraexp.figures.elements.grouping import CurvePlace, point_indices
@@ -18,6 +19,16 @@ Reference = tuple[str, NDArray[np.float64], NDArray[np.complex128]]
 """Label, frequency [Hz] and response of what all are compared with."""
 CURVE_KINDS = {"positioning": "motions", "hysteresis": "hysteresis loops", "curves": "other curves"}
 """The kinds of figure that show curves, with the names of the curves."""
+
+
+class PlotExtremum(NamedTuple):
+    """A resonance or an antiresonance of a fitted plant."""
+
+    x: float
+    y: float
+    text: str
+    """Its frequency [Hz] with the 95 % interval."""
+    is_peak: bool
 
 
 @dataclass(frozen=True, eq=False)  # each is itself alone, and the key of what is drawn of it
@@ -36,6 +47,8 @@ class PlotTrace:
     """Lower and upper 95 % limit of y, shape (2, n); None if unknown."""
     model: bool = False
     """Whether it is a fitted model instead of a measured result."""
+    extrema: "tuple[PlotExtremum, ...]" = ()
+    """Resonances and antiresonances of a fitted model."""
 
 
 @dataclass(frozen=True)
@@ -104,8 +117,14 @@ def bode_picture(
         drawn: list[tuple[int, BodeCurve]] = list(zip(singles, info.curves, strict=True))
         drawn += [(REFERENCE, info.reference)] if info.reference else []
         models = [(index, curve.model) for index, curve in drawn if curve.model is not None]
-        lines = [_line_trace(index, curve.frequency, getattr(curve, part), model=True) for index, curve in models
-                 if getattr(curve, part) is not None]  # fmt: skip
+        lines = [
+            replace(
+                _line_trace(index, curve.frequency, getattr(curve, part), model=True),
+                extrema=_extrema(shown[index], curve.frequency, curve.magnitude) if part == "magnitude" else (),
+            )
+            for index, curve in models
+            if getattr(curve, part) is not None
+        ]
         bundles = [
             (of[at[0]], sample.bundle(getattr(sample, part))) for at, sample in zip(samples, info.samples, strict=True)
         ]
@@ -119,6 +138,21 @@ def bode_picture(
         PlotPanel(f"Magnitude [dB re 1 {info.unit}]", "dB", "Hz", traces("magnitude"), spectral=True, resonant=True),
         PlotPanel("Phase [deg]", "deg", "Hz", traces("phase"), spectral=True, angle=True),
     ))  # fmt: skip
+
+
+def _extrema(
+    of: ShownResult, frequency: NDArray[np.float64], magnitude: NDArray[np.float64]
+) -> tuple[PlotExtremum, ...]:
+    """Return the extrema that a fit lists, on the line of its magnitude [dB]."""
+    found = []
+    for curve in of.result.curves:
+        if curve.name in EXTREMUM_CURVES:
+            half_widths = curve.columns.get("frequency, ± 95 %", np.full(len(curve.columns["frequency"]), np.nan))
+            for at, half in zip(curve.columns["frequency"].tolist(), half_widths.tolist(), strict=True):
+                text = f"{at:.4g}" + (f"±{half:.2g}" if np.isfinite(half) else "")
+                level = float(np.interp(np.log(at), np.log(frequency), magnitude))
+                found.append(PlotExtremum(float(np.log10(at)), level, text, EXTREMUM_CURVES[curve.name] > 0))
+    return tuple(found)
 
 
 def _bundle_traces(of: int, bundle: Bundle) -> list[PlotTrace]:
@@ -224,7 +258,8 @@ def curve_kinds(shown: ShownResult) -> list[str]:
 
 def curves_picture(shown: Sequence[ShownResult], kind: str) -> Picture:
     """Return the curves of a kind (see `curve_kinds`) of results."""
-    found = [(str(index), curve) for index, one in enumerate(shown) for curve in one.result.curves]
+    curves = [(str(index), curve) for index, one in enumerate(shown) for curve in one.result.curves]
+    found = [(label, curve) for label, curve in curves if curve.name not in EXTREMUM_CURVES]  # marks, of a Bode plot
     if not found:
         raise FraexpError("curves: these sweeps have no curves")
     match kind:

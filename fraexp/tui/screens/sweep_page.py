@@ -147,6 +147,7 @@ plugins that computed the sweep have changed since.
         self._show_content(True)
         self._found = found
         self._show(found)
+        await self._show_loop(found)
         await self._show_points(found)
         await self._show_parameters(found)
 
@@ -180,6 +181,19 @@ plugins that computed the sweep have changed since.
         self.query_one("#result-text", TextSection).show_parts(*_result_parts(self.key, found.result))
         log = [printable(line) for line in found.log.splitlines()]
         self.query_one("#log-text", TextSection).show_parts(Text("\n".join(log) or "no log, as the sweep did not fail"))
+
+    async def _show_loop(self, found: SweepDetails) -> None:
+        """Add bandwidth and margins of the loop to the result, if the sweep has a controller."""
+        from fraexp.views.loop_margins_table import loop_margins, loop_rows
+
+        if found.result is None or not found.sweep.experiment.get("controller"):
+            return
+        figures = await self.wait_for(
+            self.app.backend.work(lambda workspace: loop_margins(found.sweep, found.result, workspace.registry))
+        )
+        self.query_one("#result-text", TextSection).show_parts(
+            *_result_parts(self.key, found.result, loop_rows(figures))
+        )
 
     async def _show_points(self, found: SweepDetails) -> None:
         from fraexp.tui.plotting.plot_stack import BodeView
@@ -296,8 +310,17 @@ def _parameter_lines(row: ResolvedParameter) -> Iterable[RenderableType]:
         yield Padding(Text(printable(row.meaning), style="dim"), (0, 0, 0, 4))
 
 
-def _result_parts(key: str, result: Result | None) -> Iterable[RenderableType]:
-    from fraexp.views.result_rows import FIT_COLUMNS, curve_text, fit_rows, fit_section, metric_fields
+def _result_parts(key: str, result: Result | None, loop: Sequence[Sequence[str]] = ()) -> Iterable[RenderableType]:
+    from fraexp.views.loop_margins_table import LOOP_COLUMNS
+    from fraexp.views.result_rows import (
+        FIT_COLUMNS,
+        MAX_CURVE_ROWS,
+        curve_table,
+        curve_text,
+        fit_rows,
+        fit_section,
+        metric_fields,
+    )
 
     if result is None:
         yield Text("no result; the summary above and the log show the reason")
@@ -305,13 +328,22 @@ def _result_parts(key: str, result: Result | None) -> Iterable[RenderableType]:
     if result.metrics:
         yield Text("metrics", style="bold")
         yield _pair_table(metric_fields(result))
+    if loop:
+        yield Text("\nloop", style="bold")
+        yield _table(["", *LOOP_COLUMNS[1:]], loop)
     for fit in result.fits:
         yield Text(f"\nfit of the {printable(fit.kind)}", style="bold")
         yield _table(FIT_COLUMNS, fit_rows(fit))
         yield Text("\n".join(["", *map(printable, fit_section(fit))]))
     if result.curves:
         yield Text("\ncurves", style="bold")
-        yield Text("\n".join(f"  {printable(curve_text(curve))}" for curve in result.curves))
+        tables = [(curve, *curve_table(curve)) for curve in result.curves]
+        longer = [curve for curve, _, points in tables if len(points) > MAX_CURVE_ROWS]
+        yield Text("\n".join(f"  {printable(curve_text(curve))}" for curve in longer))
+        for curve, heading, points in tables:
+            if len(points) <= MAX_CURVE_ROWS:
+                yield Text(f"\n{printable(curve.name)}", style="bold")
+                yield _table(heading, points)
     if result.numerics:
         yield Text(f"\nnumerics {printable(result.numerics)}")
     if result.response is not None and not result.fits:
