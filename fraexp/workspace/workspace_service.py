@@ -5,6 +5,7 @@ import shlex
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
+from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -164,7 +165,8 @@ class WorkspaceService(WorkspaceFolder):
         data = study_data(request, path.parent, self.registry)
         resolve(path.stem, path, data, self.folder, self.registry)
         if path.exists() and not is_same_study(path, data):
-            raise StudyError(f"{path}: a different study is in this file; choose another file with --study")
+            free = next(other for n in count(2) if not (other := path.with_stem(f"{path.stem}-{n}")).exists())
+            raise StudyError(f"{path}: a different study is in this file; choose another one, such as --study {free}")
         write_study(path, data)
         if not path.resolve().is_relative_to(self.folder.resolve()):
             yield Noticed(f"the study is written outside the workspace, and is run by its path: {path.resolve()}")

@@ -83,7 +83,8 @@ class ReferencedEstimator(BroadbandEstimator, ABC):
         if self.excitation_channel not in signals.units:
             raise RecordError(
                 f"{self.name}: the signals have no channel '{self.excitation_channel}'; set excitation_channel to that "
-                f"of the excitation, or to the input, '{self.input}', if no feedback acts on it"
+                f"of the excitation, or to the input, '{self.input}', if no feedback acts on it "
+                f"(--set estimator.excitation_channel={self.input})"
             )
 
     def relative_phasors(self, signals: Signals, group: Group) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
