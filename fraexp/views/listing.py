@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.cells import cell_len
 
+from fraexp.data.sweep import DRAW
 from fraexp.data.terminal_text import printable
 from fraexp.figures.elements.labels import label_columns, label_texts
 from fraexp.store import ListedSweep, StoredSweep
@@ -192,6 +193,8 @@ def _label_columns(rows: Sequence[ListedSweep], units: Mapping[str, str]) -> lis
 
 def _merge_labels(labels: Sequence[Column]) -> Column:
     """Return one column for all labels: a number needs no title if no other one has its unit."""
+    drawn = next((index for index, column in enumerate(labels) if column.order == DRAW), len(labels))
+    labels = sorted(labels, key=lambda column: column in labels[drawn:] and column.is_label)  # random values come last
     counts = Counter(column.unit for column in labels)
     cells = [
         ", ".join(_label_part(column, text, counts) for column in labels if (text := column.cells[index]))

@@ -6,6 +6,7 @@ import pty
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -121,6 +122,10 @@ def test_headings_have_the_units_of_parameters_in_groups_and_lists():
     merged = fit_columns(list(listing_columns([row] * 2, one_run=True, running={}, registry=registry)), 60)
     texts = {column.title: column.cells[0] for column, _ in merged}
     assert texts["labels"] == "12 N, 40 µm, 39 Hz, conventional"
+    drawn = replace(row, labels={"excitation.amplitude": 12.0, "draw": 3, "friction.curve.coulomb_force": 17.5})
+    merged = fit_columns(list(listing_columns([drawn], one_run=True, running={}, registry=registry)), 72)
+    texts = {column.title: column.cells[0] for column, _ in merged}
+    assert texts["labels"] == "amplitude 12 N, conventional, draw 3, coulomb_force 17.5 N"
 
 
 def test_a_study_whose_stored_sweeps_have_all_diverged_is_not_called_complete(tmp_path, monkeypatch, capsys):

@@ -50,6 +50,7 @@ Enter opens a sweep, Space marks it; c compares the marked sweeps, or all of the
     RunPage #sweeps { width: 1fr; }
     RunPage LogTail { height: 1fr; min-height: 2; max-height: 8; }
     RunPage.-low LogTail { max-height: 4; }
+    RunPage.-low RunState { max-height: 50vh; }
     RunPage LogTail.-empty { height: 1; min-height: 1; }
     RunPage #sweeps.-none { display: none; }
     RunPage.-wide PreviewPlot { display: block; width: 1fr; }
