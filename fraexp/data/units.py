@@ -74,8 +74,10 @@ NAMED = ("N", "V", "N*m", "W", "Pa", "N/m", "V/m")
 """Units that keep the name they have in the field: N, not kg·m/s²."""
 
 
-SPELLINGS = {"": "dimensionless", "1": "dimensionless", "Nm": "N*m", "mNm": "mN*m"}
-"""What people write, and pint reads otherwise (its Nm is a measure of yarn)."""
+SPELLINGS = {"": "dimensionless", "1": "dimensionless", "U/min": "rpm"}
+"""What people write, and pint reads otherwise (its U is that of enzymes)."""
+TORQUE = re.compile(r"(?<![A-Za-z])([kMmuµμ]?N)([cm]?m)(?![A-Za-z])")
+"""A torque without a sign between its units, such as Nm or kNm: to pint, measures of yarn."""
 
 
 def with_powers(unit: str) -> str:
@@ -108,7 +110,7 @@ def _ends_power(text: str, start: int) -> bool:
 
 
 def _quantity(unit: str) -> Any:
-    written = SPELLINGS.get(unit, unit)
+    written = TORQUE.sub(r"(\1*\2)", SPELLINGS.get(unit, unit))
     try:
         if not _is_short_unit(written):
             raise ValueError("no unit is written so")

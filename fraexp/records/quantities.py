@@ -1,6 +1,7 @@
 """Conversion of columns to quantities: units that agree with the file, and samples in SI units."""
 
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,8 @@ PlainTable = dict[str, Any]
 """A table of plain data."""
 UNITLESS_MARKS = ("-", "–", "1", "")
 """Units with which instruments mark pure numbers."""
+GRAD = re.compile(r"(?<![A-Za-z])grad(?![A-Za-z])", re.IGNORECASE)
+"""A word that German drives write for degrees, and others for a hundredth of a right angle."""
 
 
 def resolve_channel(name: str, channel: Channel, table: RecordTable, path: Path, default: str = "") -> PlainTable:
@@ -74,6 +77,10 @@ def si_unit(unit: str, place: str) -> tuple[float, str]:
     """Return the factor to SI and the SI unit of a unit that a study or a file states."""
     if unit.strip() == "g":
         raise ParameterError(f"{place}: 'g' is the gram; write g_0 for an acceleration in standard gravities")
+    if GRAD.search(unit):
+        raise ParameterError(
+            f"{place}: '{unit}' may be degrees, as in German, or gradians; give unit = deg or gon ('NAME=COLUMN [deg]')"
+        )
     try:
         return units.si("1" if unit.strip() in UNITLESS_MARKS else unit.strip())
     except ParameterError as error:

@@ -11,7 +11,7 @@ import numpy as np
 from fraexp.data.units import si
 from fraexp.errors import FraexpError
 from fraexp.records.clocks import RATE_NAMES, SAMPLE_TIME_NAMES, TIME_NAMES
-from fraexp.records.quantities import UNITLESS_MARKS
+from fraexp.records.quantities import UNITLESS_MARKS, si_unit
 
 EXACT_ROLES = {
     "u": "u", "y": "y", "r": "r", "x": "y", "input": "u", "output": "y", "reference": "r", "excitation": "excitation",
@@ -52,6 +52,8 @@ UNIT_ROLES = {
 RATE_UNITS = ("m/s", "rad/s")
 ACCELERATION_UNITS = ("m/s**2", "rad/s**2")
 WORDS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
+NAMESAKE = re.compile(r" #\d+$")
+"""Number of a column among those of the same name."""
 UNREADABLE = "unreadable"
 """What stands in place of the role of a variable that holds no numbers, or cannot be read."""
 CLOCK_ROLES = tuple(CLOCK_PATTERNS)
@@ -118,8 +120,8 @@ NAME_ENDING_UNITS |= {"g": "g_0", "mps2": "m/s^2", "mps": "m/s", "rpm": "rpm", "
 def is_usable_unit(unit: str) -> bool:
     """Say whether a unit that a file states is one: instruments also write words there, such as inc."""
     with suppress(FraexpError):
-        si("1" if unit.strip() in UNITLESS_MARKS else unit.strip())
-        return bool(unit.strip()) and unit.strip() != "g"
+        si_unit(unit, "")
+        return bool(unit.strip())
     return False
 
 
@@ -131,7 +133,8 @@ def guess_role(name: str, unit: str, shape: Sequence[int]) -> Role:
     """
     if 0 in shape:
         return Role(UNREADABLE, 0)
-    short = next((part.strip() for part in reversed(name.split(".")) if not part.isdigit()), name)
+    plain = NAMESAKE.sub("", name)
+    short = next((part.strip() for part in reversed(plain.split(".")) if not part.isdigit()), plain)
     words = [word.lower() for word in WORDS.findall(short.partition("(")[0])]
     if int(np.prod(shape)) <= 1:
         return Role(_matching(CLOCK_PATTERNS, [short.lower(), *words]), 0)

@@ -119,7 +119,7 @@ def detect_layout(path: Path) -> TextLayout:
             f"{path.name}: no line of numbers in the first {MAX_HEADER_LINES}; expected columns of numbers"
         )
     start, delimiter, text_columns = found
-    cells = split_cells(lines[start], delimiter)
+    cells = _first_row(lines[start : start + 2], delimiter)
     decimal_comma = delimiter != "," and any("," in cell for cell in _numeric_cells(lines[start:], delimiter))
     header = lines[:start]
     headings, units = _headings(path, header, delimiter, cells, decimal_comma)
@@ -169,12 +169,25 @@ def _pure_table(lines: Sequence[str]) -> tuple[int, str | None, set[int]] | None
     return None
 
 
+def _first_row(lines: Sequence[str], delimiter: str | None) -> list[str]:
+    """Return the cells of the first line without a remark at its end, for which the second one has no cell."""
+    first, *others = (split_cells(line, delimiter) for line in lines)
+    has_remark = _numeric(first[:-1], delimiter) and not is_number(first[-1], decimal_comma=True)
+    return first[:-1] if has_remark and others and len(others[0]) == len(first) - 1 else first
+
+
 def _first_row_above(lines: Sequence[str], start: int, delimiter: str | None, width: int) -> int:
-    """Return the first of the lines directly above that begin with a number: another column contains text there."""
+    """Return the first of the lines directly above that begin with a number: another column contains text there.
+
+    The first row of a LabVIEW file may end with a remark, in a column that the others do not have.
+    """
     first = start
     for number in range(start - 1, -1, -1):
         cells = split_cells(lines[number], delimiter)
-        if _is_comment(lines[number]) or len(cells) != width or not is_number(cells[0], delimiter != ","):
+        has_remark = len(cells) == width + 1 and _numeric(cells[:-1], delimiter)
+        if _is_comment(lines[number]) or not (len(cells) == width or has_remark):
+            break
+        if not is_number(cells[0], delimiter != ","):
             break
         first = number
     return first
@@ -282,7 +295,7 @@ def _check_no_broken_row(
 
 def _is_time(heading: str) -> bool:
     name, unit = name_and_unit(heading)
-    return (unit or "").strip() in TIME_FACTORS or name.strip().lower() in ("t", "time", "zeit", "timestamp")
+    return (unit or "").strip() in TIME_FACTORS or name.strip().lower() in ("t", "time", "zeit", "timestamp", "x_value")
 
 
 def _stated_sample_time(header: Sequence[str]) -> float | None:
