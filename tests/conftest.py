@@ -1,6 +1,8 @@
 """What all tests share: the checkout, the installed components, and how hypothesis searches."""
 
+import gc
 import os
+from collections.abc import Generator, Iterator
 from pathlib import Path
 
 # Each test process has a processor to itself: the threads of linear algebra would only wait for each other.
@@ -11,12 +13,29 @@ from hypothesis import settings
 
 from fraexp.components.registry import Registry, discover
 from tests.examples import QUICK, THOROUGH
+from tests.ready_schema import repeated_schema
 
 # The first example compiles the law, so that no deadline fits; elsewhere a search that differs each time finds more.
 COMMON = settings(deadline=None, **({"derandomize": True, "print_blob": True} if os.environ.get("CI") else {}))
 settings.register_profile("quick", COMMON, max_examples=QUICK)
 settings.register_profile("thorough", COMMON, max_examples=THOROUGH)
 settings.load_profile("quick")
+
+
+ALLOCATION_THRESHOLD = 20_000
+"""Allocations until a collection of new objects: by default hundreds, which takes an eighth of all processor time."""
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """Spare the garbage collector what is imported for all tests, and look less often for what tests leave behind."""
+    gc.disable()
+    gc.set_threshold(ALLOCATION_THRESHOLD, 10, 10)
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -26,6 +45,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 # What tests compile, and teach about the machine's speed, is not for the user's own runs.
 os.environ.setdefault("FRAEXP_CACHE_DIR", str(Path(__file__).parents[1] / ".pytest_cache" / "fraexp"))
+
+
+@pytest.fixture(scope="session", autouse=True)
+def schema_that_is_made_once() -> Iterator[None]:
+    """New databases have the tables that the migrations have made once in this process."""
+    with repeated_schema():
+        yield
 
 
 @pytest.fixture(scope="session")

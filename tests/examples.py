@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
-THOROUGH, QUICK = 100, 20
+THOROUGH, QUICK = 100, 12
 """Examples of a property by default; those of others keep the same ratio."""
 LEAST = 5
 

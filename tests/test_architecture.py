@@ -23,6 +23,7 @@ from fraexp.components.parameters import Parameters, unit_of
 from fraexp.components.providers import Provider
 from fraexp.components.registry import Registry
 from fraexp.data import units
+from tests.source_trees import syntax_tree
 from tests.waiting import HANG_TIMEOUT_S
 
 ROOT = Path(__file__).parents[1]
@@ -150,7 +151,7 @@ def test_no_file_is_too_long() -> None:
 
 
 def test_every_module_says_what_it_is() -> None:
-    assert relative([file for file in SOURCES if not ast.get_docstring(ast.parse(file.read_text("utf-8")))]) == []
+    assert relative([file for file in SOURCES if not ast.get_docstring(syntax_tree(file))]) == []
 
 
 def test_the_top_can_be_held_in_mind() -> None:
@@ -166,7 +167,7 @@ def test_no_name_has_two_meanings() -> None:
     classes = [
         node.name
         for file in SOURCES
-        for node in ast.parse(file.read_text("utf-8")).body
+        for node in syntax_tree(file).body
         if isinstance(node, ast.ClassDef) and not node.name.startswith("_")
     ]
     assert sorted(name for name, count in Counter(named + classes).items() if count > 1) == []
@@ -206,7 +207,7 @@ def test_every_built_in_component_is_found(registry: Registry, built_in: list[Pr
         (str(file), node.name)
         for file in SOURCES
         if file.is_relative_to(ROOT / "plugins")
-        for node in ast.walk(ast.parse(file.read_text("utf-8")))
+        for node in ast.walk(syntax_tree(file))
         if isinstance(node, ast.ClassDef) and any(keyword.arg == "name" for keyword in node.keywords)
     }
     assert registry.failures == []

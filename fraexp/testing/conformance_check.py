@@ -60,10 +60,15 @@ def class_check(body: Callable[[Any], None], is_compiled: bool = False) -> Check
 
 
 def example_check(
-    body: Callable[[Any], None], make_strategy: StrategyMaker, examples: int, quick: int = 0, is_compiled: bool = False
+    body: Callable[[Any], None],
+    make_strategy: StrategyMaker,
+    examples: int,
+    quick: int = 0,
+    is_compiled: bool = False,
+    shrinks: bool = True,
 ) -> Check:
     """Return a check of drawn examples; its name and meaning are those of the function and its docstring."""
-    return Check(_check_name(body), _check_meaning(body), body, make_strategy, examples, quick, is_compiled)
+    return Check(_check_name(body), _check_meaning(body), body, make_strategy, examples, quick, is_compiled, shrinks)
 
 
 def _check_name(body: Callable[..., None]) -> str:

@@ -86,6 +86,7 @@ def test_doctor_names_a_cache_that_cannot_be_used(
     assert f"cache: {tmp_path}/file/cache cannot be written (Not a directory)" in capsys.readouterr().err
 
 
+@pytest.mark.thorough
 def test_a_run_says_why_nothing_is_reused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     settings = ["excitation.points=2", "excitation.min_frequency=20"]
     workspace = WorkspaceService.open(tmp_path)

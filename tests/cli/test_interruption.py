@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from fraexp.cli.exits import ExitCode
+from fraexp.cli.main import main
 from fraexp.store import Store
 from tests.examples import thorough
 from tests.waiting import HANG_TIMEOUT_S, wait_until
@@ -27,8 +28,8 @@ OTHER_SIGNALS = [
 @pytest.fixture(scope="module", autouse=True)
 def compiled(tmp_path_factory):
     """Have the law compiled: the compiler listens to nobody for some seconds, once on a machine."""
-    command = [sys.executable, "-m", "fraexp", "run", "quick", "--set=excitation.points=2"]
-    subprocess.run(command, cwd=tmp_path_factory.mktemp("compiled"), capture_output=True, check=True)
+    place = f"--workspace={tmp_path_factory.mktemp('compiled')}"
+    assert main(["run", "quick", "--set=excitation.points=2", "--executor=serial", place]) == ExitCode.OK
 
 
 def started(folder: Path, *more: str) -> subprocess.Popen[str]:

@@ -63,6 +63,7 @@ def recorded(frequencies: tuple[float, ...], friction: Rolling) -> Signals:
     return simulated(friction, frequencies, steps=40, tolerance=1e-9, **given)
 
 
+@pytest.mark.thorough
 def test_damped_elements_are_compensated_between_the_samples():
     """The interpolated samples alone are 4e-5 to 2e-4 off, at any number of points and steps."""
     signals = recorded((2.0, 5.0, 10.0, 30.0, 40.0, 80.0, 350.0, 400.0), FRICTION)
@@ -76,6 +77,7 @@ def test_damped_elements_are_compensated_between_the_samples():
     assert np.all(error[below] < band[below])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("degree", "is_said"), [(0, True), (2, False)])
 def test_a_band_that_hidden_terms_make_too_narrow_says_so(degree, is_said):
     """Noise hides terms of the motion that damped elements feel: unless the plant tells them, the message does."""
@@ -84,6 +86,7 @@ def test_a_band_that_hidden_terms_make_too_narrow_says_so(degree, is_said):
     assert ("band may cover less than 95 % at 1 of 2 frequencies (5 Hz)" in method.estimate(record).message) == is_said
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("friction", [FRICTION, UNDAMPED], ids=["damped", "undamped"])
 def test_terms_that_noise_hides_bias_nothing(friction):
     """Without the plant at the harmonics the mean at 5 Hz was 0.5 and 1.5 bands of one sweep off."""

@@ -91,11 +91,17 @@ def test_the_band_contains_what_a_wrong_nominal_plant_costs():
     assert inside >= 0.87 * draws * 4  # 95 % less two and a half standard deviations
 
 
-def test_friction_at_the_thrust_needs_no_plant():
+@pytest.fixture(scope="module")
+def rubbing_motor():
+    """The signals of a drive whose motor alone has friction."""
+    return record({"motor": MOTOR, "load": FRICTIONLESS}, 20.0)
+
+
+def test_friction_at_the_thrust_needs_no_plant(rubbing_motor):
     """Whatever the nominal plant is, friction at the motor acts as its thrust does."""
     frictions = {"motor": MOTOR, "load": FRICTIONLESS}
     wrong = TwoMass(motor_mass=1.0, load_mass=9.0, stiffness=5e4)
-    found = observer(frictions, nominal_plant=wrong, output="y.load").estimate(record(frictions, 20.0)).response
+    found = observer(frictions, nominal_plant=wrong, output="y.load").estimate(rubbing_motor).response
     assert errors(found)[0] < 0.02
 
 
@@ -107,16 +113,12 @@ def test_friction_at_the_thrust_needs_no_plant():
         ({"thrust": "lod"}, "the plant has no thrust 'lod'"),
     ],
 )
-def test_what_does_not_fit_is_named(changes, message):
-    frictions = {"motor": MOTOR, "load": LOAD}
-    signals = record(frictions, 75.0, frequencies=(25.0,))
+def test_what_does_not_fit_is_named(rubbing_motor, changes, message):
     with pytest.raises(ParameterError, match=message):
-        observer(**{"frictions": frictions, **changes}).estimate(signals)
+        observer(**{"frictions": {"motor": MOTOR, "load": LOAD}, **changes}).estimate(rubbing_motor)
 
 
-def test_two_unknown_displacements_are_too_many():
-    frictions = {"motor": MOTOR, "load": LOAD}
-    signals = record(frictions, 75.0, frequencies=(25.0,))
-    units = {name: unit for name, unit in signals.units.items() if not name.startswith("y")}
+def test_two_unknown_displacements_are_too_many(rubbing_motor):
+    units = {name: unit for name, unit in rubbing_motor.units.items() if not name.startswith("y")}
     with pytest.raises(ParameterError, match=r"do not give the displacements of the contacts motor and load"):
-        observer(frictions).estimate(replace(signals, units=units))
+        observer({"motor": MOTOR, "load": LOAD}).estimate(replace(rubbing_motor, units=units))

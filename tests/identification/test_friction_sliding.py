@@ -75,6 +75,7 @@ def test_a_thrust_that_is_neither_held_nor_even_widens_the_intervals(hold: bool 
     assert "the thrust between samples is unknown" in result.message
 
 
+@pytest.mark.thorough
 def test_an_error_of_a_few_percent_is_reported_where_it_is_no_noise() -> None:
     (segment,) = record().segments
     beat = 0.6 * np.sin(2 * np.pi * 1.7 * np.arange(20000) / RATE)  # a force of 7.5 % that nobody knows of

@@ -124,6 +124,7 @@ def test_the_joint_step_is_that_of_a_minimiser_that_knows_no_blocks():
     np.testing.assert_allclose(step.covariances[1][:2, :2], covariance[:2, :2], rtol=0.01)
 
 
+@pytest.mark.thorough
 def test_every_law_can_have_other_scales(registry):
     models = [*table_models(registry).values(), create(registry, FrictionModel, LUGRE)]
     motion = 1e-4 * np.sin(np.linspace(0, 20, 500)) * np.linspace(0, 1, 500)

@@ -55,6 +55,7 @@ def test_one_move_again_and_again_leaves_doubt(seed: int) -> None:
     assert found["force along the stroke, rms"] > 0.2
 
 
+@pytest.mark.thorough
 def test_the_bound_is_the_information_in_the_samples() -> None:
     """White noise of 1 N on a known motion: (AᵀA)⁻¹ over all samples, of which turns and low-pass cost some."""
     time = np.arange(int(20 * RATE)) / RATE

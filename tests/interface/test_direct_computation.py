@@ -66,13 +66,14 @@ def test_signals_of_a_stored_result_are_simulated_again(workspace: fraexp.Worksp
     assert abs(gain) == pytest.approx(magnitude, rel=1e-2)  # refer_to_plant takes off the dead time only
 
 
+@pytest.mark.thorough
 def test_a_law_of_this_session_is_simulated_and_its_new_definition_counts(workspace: fraexp.Workspace) -> None:
     peaks = []
     for factor in (1.0, 0.5):
         law = fraexp.FrictionLaw(law_class(factor)(stiffness=1e6, coulomb_force=10.0))
         recording = workspace.simulate("linear_motor_table", {**EXCITATION, "amplitude": 75.0}, friction=law)
         peaks.append(float(abs(recording.to_xarray().friction).max()))
-        assert workspace.estimate(recording, "effective_input").outcome == "ok"
+    assert workspace.estimate(recording, "effective_input").outcome == "ok"
     assert peaks == pytest.approx([10.0, 5.0])
 
 

@@ -11,7 +11,8 @@ from fraexp_plugins.friction.lugre import LuGre
 
 from fraexp.components.kinds import FrictionModel
 from fraexp.components.registry import create
-from tests.examples import some
+from fraexp.testing.interpreted_model import interpreted_class
+from tests.examples import some, thorough
 from tests.machines import FRICTIONLESS, guide
 
 PARTS = (
@@ -36,9 +37,10 @@ def test_a_composite_is_the_sum_of_its_parts_to_the_last_bit(count):
     assert composite.max_stiffness == pytest.approx(sum(part.max_stiffness for part in parts))
 
 
-def test_a_composite_may_hold_composites_and_the_same_model_twice():
+@pytest.mark.parametrize("made", [interpreted_class(Composite), thorough(Composite)], ids=["in Python", "compiled"])
+def test_a_composite_may_hold_composites_and_the_same_model_twice(made):
     inner = Composite(parts=(PARTS[1], PARTS[1]))
-    both = Composite(parts=(inner, FRICTIONLESS, inner))
+    both = made(parts=(inner, FRICTIONLESS, inner))
     assert np.allclose(both.force(WALK, 1e-4), 4 * PARTS[1].force(WALK, 1e-4), rtol=1e-13)
     assert both.viscous == 6.0
 

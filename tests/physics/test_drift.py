@@ -44,6 +44,7 @@ def test_models_with_an_elastic_range_hold(name):
     assert abs(drift(HOLDING[name])) < 1e-11  # m: what is left in the second period of the first one's swinging
 
 
+@pytest.mark.thorough
 def test_lugre_creeps_by_its_known_amount():
     assert drift(LUGRE) == pytest.approx(118e-6, rel=0.05)
 

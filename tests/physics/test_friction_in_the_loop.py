@@ -102,10 +102,12 @@ def test_a_wrong_observer_is_worse_than_the_right_one(models):
     assert wrong > 20 * right
 
 
-@pytest.mark.parametrize("machine", some(NAMES, "rolling"))
-def test_any_machine_is_seen_through_any_observer(models, machine):
+@pytest.mark.parametrize(
+    ("machine", "observers"), [("rolling", ("rolling", "dahl")), *(thorough(name, NAMES) for name in NAMES)]
+)
+def test_any_machine_is_seen_through_any_observer(models, machine, observers):
     found = signals(models[machine], (20.0, 61.0), 75.0, settling_timeout=1.0)
-    for observer in NAMES:
+    for observer in observers:
         response = matched(models[observer]).estimate(found).response
         assert np.isfinite(response.response).all(), observer
         assert np.abs(decibel(response.response / TABLE.response(2 * np.pi * response.frequency))).max() < 20, observer

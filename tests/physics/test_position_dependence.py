@@ -179,6 +179,7 @@ def test_the_proposed_method_finds_the_plant_through_cogging_and_preload(registr
         assert np.abs(decibel(apparent.response / plant)).max() > 3
 
 
+@pytest.mark.thorough
 def test_the_certificate_covers_the_dependence(registry):
     """The estimated error of y/u is about the true one, which a fine simulation shows, and within the tolerance."""
     friction = positioned(registry, guide(17.9, 40e-6, 4.69, elements=6), **STROKE)

@@ -36,15 +36,9 @@ def expected(frequency, seconds):
     return (y @ turns) / (u @ turns)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
-    ("frequency", "seconds"),
-    [
-        (6.37, 2.0),
-        pytest.param(2.94, 3.0, marks=pytest.mark.thorough),
-        pytest.param(20.0, 3.0, marks=pytest.mark.thorough),
-        pytest.param(140.0, 15.0, marks=pytest.mark.thorough),
-        pytest.param(205.9, 15.0, marks=pytest.mark.thorough),
-    ],
+    ("frequency", "seconds"), [(6.37, 2.0), (2.94, 3.0), (20.0, 3.0), (140.0, 15.0), (205.9, 15.0)]
 )
 def test_coulomb_friction_is_set_valued_in_the_loop(frequency, seconds):
     """A stop of 0.1 µm is 7 dB off at 205.9 Hz, and 3 dB at 140 Hz; one of 1e-10 m still 0.09 dB."""

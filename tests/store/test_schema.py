@@ -16,9 +16,11 @@ from fraexp.store.backends.sqlite import SqliteFile
 from fraexp.store.migrations import FOLDER, HISTORY
 from fraexp.store.schema import Schema, check_readable, prepare_database
 from fraexp.store.tables import metadata
+from tests.ready_schema import MIGRATE
 
 ASSETS = Path(__file__).parent / "assets"
 ROOT = Path(__file__).parents[2]
+PRAGMAS = ("application_id", "user_version", "journal_mode", "page_size", "auto_vacuum", "encoding")
 
 NEXT = """
 import sqlalchemy as sa
@@ -50,14 +52,34 @@ def columns(path: Path, table: str) -> list[str]:
         return [row[1] for row in connection.execute(f"PRAGMA table_info({table})")]
 
 
-def test_the_revisions_make_the_tables_that_the_code_uses(store, path):
+@pytest.fixture
+def migrated(tmp_path, monkeypatch):
+    """A new database that the migrations have made."""
+    with monkeypatch.context() as patch:
+        patch.setattr(Schema, "upgrade", MIGRATE)
+        Store.open(str(tmp_path / "migrated.db"), create=True).close()
+    return tmp_path / "migrated.db"
+
+
+def test_the_revisions_make_the_tables_that_the_code_uses(migrated):
     from alembic.autogenerate import compare_metadata
     from alembic.migration import MigrationContext
 
-    engine = SqliteFile(path, 1.0).reader()
+    engine = SqliteFile(migrated, 1.0).reader()
     with engine.connect() as connection:
         assert compare_metadata(MigrationContext.configure(connection), metadata) == []
     engine.dispose()
+
+
+def test_the_databases_of_other_tests_are_those_that_the_migrations_make(migrated, tmp_path):
+    def contents(path):
+        with closing(sqlite3.connect(path)) as connection:
+            pragmas = [connection.execute(f"PRAGMA {name}").fetchone() for name in PRAGMAS]
+            return sorted(connection.iterdump()), pragmas
+
+    for number in range(2):
+        Store.open(str(tmp_path / f"{number}.db"), create=True).close()
+        assert contents(tmp_path / f"{number}.db") == contents(migrated)
 
 
 def test_the_history_names_every_revision():

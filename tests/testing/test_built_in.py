@@ -20,6 +20,9 @@ COSTLY = {
     ("excitation", "refuses"),
     ("excitation", "plain-data"),
     ("excitation", "whole-periods"),
+    ("excitation", "repeatable"),
+    ("excitation", "schedule"),
+    ("machine", "description"),
     ("machine", "silence"),
     ("machine", "stop"),
 }

@@ -32,6 +32,7 @@ def test_every_check_of_friction_has_a_defect_that_it_catches() -> None:
     assert [check.name for check in FRICTION if check.name not in caught] == []
 
 
+@pytest.mark.thorough
 def test_the_observer_check_catches_what_depends_on_the_step() -> None:
     (finding,) = run_checks(defects.Leaking, only(defects.Leaking, "observer")).findings
     assert finding.verdict is Verdict.FAILED

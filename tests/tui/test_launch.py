@@ -226,6 +226,7 @@ def test_enter_enter_launches_and_the_run_comes_to_its_end(tmp_path):
         page = app.screen
         await until(pilot, lambda: page.run and page.run.state != "running")
         await shows(pilot, "complete", "4 of 4 sweeps", "100 %", "4 computed")
+        await until(pilot, page.started.has_ended)  # it still draws and reports when the run is complete
         await pilot.press("escape")
         await shows(pilot, "$ fraexp list", "complete")
 

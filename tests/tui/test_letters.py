@@ -119,6 +119,7 @@ def test_the_terminal_decides_unless_told(workspace, monkeypatch, environment, p
     assert FraexpApp(workspace, plain=not plain).plain is not plain
 
 
+@pytest.mark.thorough
 def test_without_colours_all_is_still_told(workspace, keys, monkeypatch):
     monkeypatch.setenv("NO_COLOR", "1")
 

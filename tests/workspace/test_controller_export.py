@@ -67,7 +67,7 @@ def test_exported_c_runs_the_move_of_fig_8_on_a_machine_that_is_written_apart(
 
 
 @needs_gcc
-def test_c_and_structured_text_of_a_whole_controller_agree_with_plain_python(
+def test_c_of_a_whole_controller_agrees_with_plain_python(
     tmp_path: Path, moves: tuple[WorkspaceService, Sweeps]
 ) -> None:
     workspace, sweeps = moves
@@ -78,6 +78,14 @@ def test_c_and_structured_text_of_a_whole_controller_agree_with_plain_python(
     for block in blocks:
         difference = compiled.run(block.name, block.test_inputs) - block.test_outputs
         assert np.abs(difference).max() <= 1e-12 * np.abs(block.test_outputs).max()
+
+
+@pytest.mark.thorough
+def test_structured_text_of_a_whole_controller_agrees_with_plain_python(
+    tmp_path: Path, moves: tuple[WorkspaceService, Sweeps]
+) -> None:
+    workspace, sweeps = moves
+    sweep, result = sweeps["nominal, P_d = P"]
     export_controller(sweep, result, workspace.registry, tmp_path / "axis.st")
     plc = Machine((tmp_path / "axis.st").read_text("utf-8"))
     program = plc.create("axis_self_test")

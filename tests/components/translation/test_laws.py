@@ -78,6 +78,7 @@ def test_the_own_test_notices_a_changed_constant(tmp_path: Path, blocks: list[Bl
     assert subprocess.run([program], capture_output=True, check=False, timeout=60).returncode == 1
 
 
+@pytest.mark.thorough
 def test_structured_text_gives_the_forces_of_the_law(blocks: list[Block]) -> None:
     plc = Machine(st_text(blocks, "axis", ["*) a note (*"]))
     program = plc.create("axis_self_test")
