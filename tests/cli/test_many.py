@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fraexp.cli.arguments import parse
 from fraexp.cli.compare import execute as compare
 from fraexp.cli.follow import MAX_REPORTED_FAILURES, MAX_TABLE_SWEEPS, RunEvents, follow, print_outcome
 from fraexp.cli.show import execute as show
@@ -51,19 +52,8 @@ def terminal(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
     monkeypatch.setattr(type(sys.stdout), "isatty", lambda _: True)
 
 
-def arguments(folder: Path, **options: bool) -> Namespace:
-    common = {
-        "db": None,
-        "workspace": folder,
-        "json": False,
-        "points": False,
-        "terminal": False,
-        "all": False,
-        "against": "first",
-        "frequencies": None,
-        "filter": None,
-    }
-    return Namespace(**common | options, id="1", ids=["1"])
+def arguments(command: str, folder: Path, *options: str) -> Namespace:
+    return parse([command, "1", "--workspace", str(folder), *options])
 
 
 def row(text: str, *beginning: str) -> list[str]:
@@ -73,7 +63,7 @@ def row(text: str, *beginning: str) -> list[str]:
 
 @pytest.mark.usefixtures("terminal")
 def test_a_terminal_gets_the_range_of_a_grid_by_group(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    show(arguments(folder))
+    show(arguments("show", folder))
     printed = capsys.readouterr()
     assert "outcomes   59 ok, 1 diverged\nestimator  30 h1, 30 h2\n" in printed.out
     assert row(printed.out, "gain", "1") == ["30"], "the label, of all sweeps"
@@ -86,14 +76,14 @@ def test_a_terminal_gets_the_range_of_a_grid_by_group(folder: Path, capsys: pyte
 
 @pytest.mark.usefixtures("terminal")
 def test_all_shows_each_sweep_on_a_terminal(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    show(arguments(folder, all=True))
+    show(arguments("show", folder, "--all"))
     printed = capsys.readouterr()
     assert printed.out.count(" ok ") == COUNT - 1
     assert "--all" not in printed.err
 
 
 def test_elsewhere_every_sweep_is_a_row(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    show(arguments(folder))
+    show(arguments("show", folder))
     printed = capsys.readouterr()
     assert printed.out.count(" ok ") == COUNT - 1
     assert "--all" not in printed.err
@@ -117,13 +107,13 @@ def test_a_run_elsewhere_ends_with_rows(folder: Path, capsys: pytest.CaptureFixt
 
 @pytest.mark.usefixtures("terminal")
 def test_a_comparison_has_the_range_of_what_differs(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    compare(arguments(folder))
+    compare(arguments("compare", folder))
     printed = capsys.readouterr()
     assert "estimator.name  30 h1, 30 h2" in printed.out
     assert row(printed.out, "gain", "1") == ["30"]
     assert row(printed.out, "max [dB]")[-1] == "49.25", "20 lg 290"
     assert "--all shows each sweep" in " ".join(printed.err.split())
-    compare(arguments(folder, all=True))
+    compare(arguments("compare", folder, "--all"))
     assert len(capsys.readouterr().out.splitlines()) > COUNT
 
 
