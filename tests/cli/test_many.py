@@ -91,7 +91,7 @@ def test_elsewhere_every_sweep_is_a_row(folder: Path, capsys: pytest.CaptureFixt
 
 @pytest.mark.usefixtures("terminal")
 def test_a_run_ends_with_the_summary(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    print_outcome(RunEvents(ended=[Ended(1, "complete")]), arguments(folder), WorkspaceService.open(folder))
+    print_outcome(RunEvents(ended=[Ended(1, "complete")]), arguments("show", folder), WorkspaceService.open(folder))
     printed = capsys.readouterr()
     assert "outcomes   59 ok, 1 diverged" in printed.out
     assert f"fraexp show 1 --all --workspace {folder} shows each sweep" in " ".join(printed.err.split())
@@ -99,7 +99,7 @@ def test_a_run_ends_with_the_summary(folder: Path, capsys: pytest.CaptureFixture
 
 
 def test_a_run_elsewhere_ends_with_rows(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    print_outcome(RunEvents(ended=[Ended(1, "complete")]), arguments(folder), WorkspaceService.open(folder))
+    print_outcome(RunEvents(ended=[Ended(1, "complete")]), arguments("show", folder), WorkspaceService.open(folder))
     printed = capsys.readouterr()
     assert printed.out.count(" ok ") == MAX_TABLE_SWEEPS
     assert "10 more sweeps; see fraexp show 1" in printed.err
