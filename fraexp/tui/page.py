@@ -200,6 +200,12 @@ class Page(Screen[None]):
             if not (self.is_running and self.is_attached and self.display):  # it ends, or is being removed
                 raise asyncio.CancelledError  # there is nothing to show it in
 
+    async def wait_for_paint(self) -> None:
+        """Return when what has changed is drawn."""
+        painted = asyncio.Event()
+        self.call_after_refresh(painted.set)
+        await self.wait_for(painted.wait())
+
     def show_error(self, text: str) -> None:
         """Show an error in place of the content; notifications then appear at the bottom, not over it."""
         self.query_one(Notice).show(text, error=True)

@@ -138,6 +138,7 @@ An exported figure shows the visible curves and frequencies.
             self.command = compare_command(self.app.backend.workspace, named)
             if len(marked) > FIRST_SWEEPS:
                 await self._load_some(marked, FIRST_SWEEPS)
+                await self.wait_for_paint()  # reading all sweeps would take the processor from it
         elif len(marked) > FIRST_SWEEPS and marked == self._loaded:
             self.show_header()  # reading thousands of sweeps again at each change would slow down a run
             return
@@ -295,8 +296,7 @@ An exported figure shows the visible curves and frequencies.
         return seen
 
     def _file(self) -> str:
-        picture = self.stack.picture
-        return f"{picture.kind if picture else 'figure'}.png"
+        return f"{self.stack.picture.kind if self.stack.picture else 'figure'}.png"
 
     def _fill_table(self) -> None:
         assert self.compared is not None

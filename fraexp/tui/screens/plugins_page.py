@@ -138,6 +138,7 @@ Enter on a friction model opens a trial: force loop and describing function, upd
         self._all: list[Offer] = []
         self._later = False
         self._words: list[str] = []
+        self._described: object = None
 
     def body(self) -> ComposeResult:
         """Show the filter, the list, and the description of the selected row."""
@@ -194,6 +195,10 @@ Enter on a friction model opens a trial: force loop and describing function, upd
         except NoMatches:  # the screen is closing
             return
         offer = table.current
+        shown = (offer, offer.uses(table.sources) if offer else bool(self._all))
+        if shown == self._described:
+            return  # an update lays out the whole screen
+        self._described = shown
         nothing = Text("No component matches; Esc clears the filter." if self._all else "")
         detail.query_one(Static).update(description(offer, table.sources, PREVIEW_PARAGRAPHS) if offer else nothing)
 
