@@ -17,7 +17,7 @@ from fraexp.execution.background import BackgroundRun
 from fraexp.store import RunSummary, Store
 from fraexp.study.study_file import find_studies
 from fraexp.tui.dialogs import ConfirmDialog, InputDialog
-from fraexp.tui.page import Page
+from fraexp.tui.page import DatabaseChanged, Page
 from fraexp.tui.services.refresh_budget import RefreshBudget
 from fraexp.tui.widgets.log_tail import LogTail
 from fraexp.tui.widgets.preview_plot import PreviewPlot
@@ -74,7 +74,7 @@ Enter opens a sweep, Space marks it; c compares the marked sweeps, or all of the
         self.run: RunSummary | None = None
         self.live = True
         self._budget = RefreshBudget(MAX_REFRESH_SHARE)
-        self._stopping = False
+        self._stopping = self._changed = False
         self._follows = True
         """Whether the cursor follows the sweep that is being computed."""
         self._positions: dict[str, int] = {}
@@ -94,10 +94,17 @@ Enter opens a sweep, Space marks it; c compares the marked sweeps, or all of the
         self.command = f"fraexp show {self.number}" if self.number else "fraexp list"
         self.set_interval(LOG_POLL_INTERVAL_S, self._follow)
 
+    def on_database_changed(self, event: DatabaseChanged) -> None:
+        """Load again; at the next poll of the log while the run is computing, which needs the processors."""
+        self._changed = True
+        if not self.live:
+            super().on_database_changed(event)
+
     def _follow(self) -> None:
-        """Update the log; the run may not be in the database yet."""
+        """Update the log and what has changed; the run may not be in the database yet."""
         self._show_log()  # also after the run: its process still draws and reports
-        if self.number is None and self.live:
+        if self.live and (self.number is None or self._changed):
+            self._changed = False
             self.reload()
         elif self.run and self.run.state == "running":
             self.query_one(RunState).show(self.run, self._stopping)  # update the elapsed time
