@@ -13,10 +13,11 @@ from fraexp.data.results import Fit, Result
 from fraexp.data.rotary_axes import is_rotary
 from fraexp.data.sweep import Plain
 from fraexp.errors import FraexpError
+from fraexp.figures.elements.scales import PLANT_UNITS
 from fraexp.store import RunSummary, Store, StoredSweep, mark_damaged
 from fraexp.study.stated_controller import stated_controller
 from fraexp.views.fields import drawn_labels, remedies, run_fields, sweep_fields
-from fraexp.views.loop_margins_table import LOOP_COLUMNS, LOOP_UNITS, loop_margins, loop_rows
+from fraexp.views.loop_margins_table import LOOP_COLUMNS, loop_margins, loop_rows
 from fraexp.views.resolved_parameters import resolved_parameters
 from fraexp.views.result_rows import (
     FIT_COLUMNS,
@@ -122,10 +123,10 @@ def _controller_around(arguments: Namespace, result: Result | None) -> Plain | N
     if not arguments.controller:
         return None
     unit = result.response.unit if result and result.response else ""
-    if unit not in LOOP_UNITS:
+    if unit not in PLANT_UNITS:
         raise FraexpError(
             f"--controller: the sweep has {f'a response in {unit}' if unit else 'no response'}; expected one in "
-            f"{' or '.join(LOOP_UNITS)}, from thrust to position"
+            f"{' or '.join(PLANT_UNITS)}, from thrust to position"
         )
     folder = workspace_folder(arguments)
     sections = stated_controller(arguments.controller, folder.folder, folder.registry)

@@ -14,13 +14,11 @@ from fraexp.components.registry import Registry, create
 from fraexp.data.results import FrequencyResponse, Result
 from fraexp.data.sweep import Plain
 from fraexp.errors import FraexpError
-from fraexp.figures.elements.scales import decibel
+from fraexp.figures.elements.scales import PLANT_UNITS, decibel
 from fraexp.simulation.machine import ControlLoop
 from fraexp.store import StoredSweep
 from fraexp.views.words import number_text
 
-LOOP_UNITS = ("m/N", "rad/(N m)")
-"""Units of responses from thrust to position."""
 CONTROL_INPUT = "u"
 """Input of a response that contains hold and delays, unless it was referred to the plant."""
 PLANT_RELATIVE_DEGREE = 2
@@ -40,7 +38,7 @@ def loop_margins(
     """
     response = result.response if result else None
     sections = around or sweep.experiment
-    if response is None or response.unit not in LOOP_UNITS or not sections.get("controller"):
+    if response is None or response.unit not in PLANT_UNITS or not sections.get("controller"):
         return []
     try:
         controller = create(registry, Controller, sections["controller"])
