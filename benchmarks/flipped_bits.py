@@ -277,11 +277,12 @@ def judge(whole: Reading, reading: Reading) -> Iterator[tuple[str, str]]:
 
 def _judge_listings(whole: Reading, reading: Reading, where: str) -> Iterator[tuple[str, str]]:
     refused = reading.refusals
-    # A damaged sweep is shown as such, and counts as unusable in its runs.
-    shows_damage = any(one["outcome"] == "damaged" for one in reading.listed.values())
-    counted = {"unusable"} if shows_damage else set()
+    # A damaged sweep is shown as such, and counts as unusable in its runs, or no longer.
+    is_listed = any(one["outcome"] == "damaged" for one in reading.listed.values())
+    shows = {number for (number, _), one in reading.shown.items() if one["outcome"] == "damaged"}
     for number, document in whole.runs.items():
         now = reading.runs.get(number)
+        counted = {"unusable"} if is_listed or number in shows else set()
         if now is None:
             if "list --json" not in refused:
                 yield "left out without a word", f"{where}run {number}"

@@ -152,8 +152,12 @@ class Page(Screen[None]):
         self.reload()
 
     def on_database_changed(self, event: DatabaseChanged) -> None:
-        """Load again; without a change only if the content is live."""
-        if event.data or self.live:
+        """Follow the database; a subclass overrides `follow`, as Textual calls the handlers of all base classes."""
+        self.follow(event.data)
+
+    def follow(self, changed: bool) -> None:
+        """Load again; if the database has not `changed`, only if the content is live."""
+        if changed or self.live:
             self.reload()
 
     @property

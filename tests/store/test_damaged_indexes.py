@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from fraexp.data.results import Outcome
+from fraexp.errors import StoreError
 from fraexp.store import Store
 from fraexp.store.tables import IN_RUNS, WITHOUT_RUN
 
@@ -55,6 +56,26 @@ def lose_entries(path: Path, condition: str) -> None:
         connection.execute(f"{sql} WHERE {condition}")
         connection.execute("PRAGMA writable_schema = ON")
         connection.execute("UPDATE sqlite_master SET sql = ? WHERE name = ?", (sql, KEY_INDEX))
+
+
+def lose_last_entry(path: Path, index: str) -> None:
+    """Let the only page of an index count one entry less than it has."""
+    with closing(sqlite3.connect(path)) as connection:
+        (page,) = connection.execute("SELECT rootpage FROM sqlite_master WHERE name = ?", (index,)).fetchone()
+        (size,) = connection.execute("PRAGMA page_size").fetchone()
+    data = bytearray(path.read_bytes())
+    data[(page - 1) * size + 4] -= 1
+    path.write_bytes(bytes(data))
+
+
+@pytest.mark.parametrize("index", ["ix_sweep_created", "ix_sweep_estimator_name", "sqlite_autoindex_sweep_1"])
+def test_a_listing_from_which_an_index_hides_a_sweep_is_refused(filled, index):
+    """The page and its count come from the same index, so that both lack the sweep."""
+    lose_last_entry(filled, index)
+    with Store.open(str(filled), read_only=True) as store:
+        for asked in (store.page, store.keys, lambda: store.page("estimator:effective")):
+            with pytest.raises(StoreError, match="an index does not fit its table"):
+                asked()
 
 
 def test_a_run_of_which_a_row_is_read_twice_is_damaged(filled):

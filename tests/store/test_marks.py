@@ -122,7 +122,7 @@ def test_a_watcher_survives_hours_and_holds_no_lock(store, begin, sweep, path):
             watcher.version()
             watcher.page("friction")
             store.beat(run)
-        assert open_files() == files
+        assert open_files() <= files  # what earlier tests have left open may be closed meanwhile
         with closing(sqlite3.connect(path)) as connection:  # nothing keeps the log from being emptied
             assert connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()[0] == 0
 

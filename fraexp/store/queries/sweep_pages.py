@@ -2,9 +2,9 @@
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from datetime import datetime
+from datetime import UTC, datetime
 
-from sqlalchemy import ColumnElement, Connection, FromClause, RowMapping, Table, and_, func, select
+from sqlalchemy import ColumnElement, Connection, FromClause, RowMapping, Table, and_, func, or_, select
 from sqlalchemy.sql.visitors import iterate
 
 from fraexp.data.results import Outcome
@@ -38,6 +38,8 @@ from fraexp.store.validation import check_types
 
 POSITION_ORDER, NEWEST_ORDER = "position", "-created"
 """Default orders: of a run's sweeps, and of all sweeps."""
+OLDEST = datetime(1, 1, 2, tzinfo=UTC)
+"""Before all moments, in any time zone."""
 COUNT_FIRST_OFFSET = 10_000
 """Offset from which it is faster to count the rows and to read a page from the nearer end."""
 
@@ -52,6 +54,8 @@ def read_page(
     declared: UnitDeclarations = no_declared_units,
 ) -> ListingPage:
     """Return a page of a listing, with the total number of rows."""
+    if number is None:
+        _check_indexes(connection)
     names = KnownNames.of(connection, declared)
     order = order or (NEWEST_ORDER if number is None else POSITION_ORDER)
     conditions = _filter_conditions(filter_text, names, number)
@@ -75,12 +79,31 @@ def read_page(
     return _checked_page(connection, [row[0] for row in rows], number, total, min(size, max(total - start, 0)))
 
 
+def _check_indexes(connection: Connection) -> None:
+    """Raise StoreError unless each index has all sweeps; a page and its count often come from the same one."""
+    created, estimator = sweep.c.created, sweep.c.estimator_name
+    each_index = (
+        sweep.c.key >= "",
+        or_(created.is_(None), created >= OLDEST),
+        or_(estimator.is_(None), estimator >= ""),
+    )
+    counts = connection.execute(
+        select(*(select(func.count()).select_from(sweep).where(one).scalar_subquery() for one in each_index))
+    ).one()
+    if len(set(counts)) > 1:
+        raise _damaged_index_error()
+
+
+def _damaged_index_error() -> StoreError:
+    return StoreError(f"the database is damaged (an index does not fit its table); {RESTORE_HINT}")
+
+
 def _checked_page(
     connection: Connection, keys: list[str], number: int | None, total: int, expected: int
 ) -> ListingPage:
     """Return the page of these sweeps; StoreError if an index has lost or doubled some of the `expected` ones."""
     if len(keys) != expected or len(set(keys)) != expected:
-        raise StoreError(f"the database is damaged (an index does not fit its table); {RESTORE_HINT}")
+        raise _damaged_index_error()
     return ListingPage(_read_rows(connection, keys, number), total)
 
 
@@ -101,6 +124,8 @@ def matching_keys(
     connection: Connection, filter_text: str, number: int | None, declared: UnitDeclarations = no_declared_units
 ) -> list[str]:
     """Return the keys of all sweeps that match a filter: newest first, or in the order of a run."""
+    if number is None:
+        _check_indexes(connection)
     names = KnownNames.of(connection, declared)
     query, by = _sorted_query(_filter_conditions(filter_text, names, number), "", names, number)
     return list(connection.scalars(query.order_by(*_order_clauses(by, "" if number else NEWEST_ORDER, SWEEP_KEY))))

@@ -121,7 +121,6 @@ An exported figure shows the visible curves and frequencies.
 
     def on_mount(self) -> None:
         """Apply the user's setting of the phase."""
-        super().on_mount()
         self.add_class("-beside")
         self.stack.view_range.wrapped = self.app.settings.phase == "wrapped"
         self.query_one("#both").display = False

@@ -97,7 +97,6 @@ The run is a separate process: it continues if you quit or the connection is los
 
     def on_mount(self) -> None:
         """Show the study."""
-        super().on_mount()
         self.heading = self.entry.name
         self._show_command()
 

@@ -15,7 +15,7 @@ from textual.widgets import DataTable, Input, Static
 
 from fraexp.components.kinds import FrictionModel
 from fraexp.data.terminal_text import printable
-from fraexp.tui.page import DatabaseChanged, Page
+from fraexp.tui.page import Page
 from fraexp.tui.services.plugin_watch import PluginsChanged
 from fraexp.tui.widgets.paged_table import PagedTable, TableRows
 from fraexp.views.components import (
@@ -164,9 +164,9 @@ Enter on a friction model opens a trial: force loop and describing function, upd
         self.query_one(PluginTable).sources = used or {}  # empty without a database
         self._apply_filter()
 
-    def on_database_changed(self, event: DatabaseChanged) -> None:
+    def follow(self, changed: bool) -> None:
         """Count again after a delay, not at each sweep of a run."""
-        if event.data and not self._later:
+        if changed and not self._later:
             self._later = True
             self.set_timer(RECOUNT_DELAY_S, self._reload_later)
 

@@ -17,7 +17,7 @@ from fraexp.execution.background import BackgroundRun
 from fraexp.store import RunSummary, Store
 from fraexp.study.study_file import find_studies
 from fraexp.tui.dialogs import ConfirmDialog, InputDialog
-from fraexp.tui.page import DatabaseChanged, Page
+from fraexp.tui.page import Page
 from fraexp.tui.services.refresh_budget import RefreshBudget
 from fraexp.tui.widgets.log_tail import LogTail
 from fraexp.tui.widgets.preview_plot import PreviewPlot
@@ -90,17 +90,16 @@ Enter opens a sweep, Space marks it; c compares the marked sweeps, or all of the
 
     def on_mount(self) -> None:
         """Show the command, and follow the log."""
-        super().on_mount()
         self.command = f"fraexp show {self.number}" if self.number else "fraexp list"
-        self.set_interval(LOG_POLL_INTERVAL_S, self._follow)
+        self.set_interval(LOG_POLL_INTERVAL_S, self._poll_log)
 
-    def on_database_changed(self, event: DatabaseChanged) -> None:
+    def follow(self, changed: bool) -> None:
         """Load again; at the next poll of the log while the run is computing, which needs the processors."""
         self._changed = True
         if not self.live:
-            super().on_database_changed(event)
+            super().follow(changed)
 
-    def _follow(self) -> None:
+    def _poll_log(self) -> None:
         """Update the log and what has changed; the run may not be in the database yet."""
         self._show_log()  # also after the run: its process still draws and reports
         if self.live and (self.number is None or self._changed):

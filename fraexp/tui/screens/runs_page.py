@@ -91,7 +91,6 @@ Enter opens a run: its sweeps, its log, and the keys that stop it or start it ag
 
     def on_mount(self) -> None:
         """Show the list."""
-        super().on_mount()
         self.command = "fraexp list"
 
     async def load(self) -> None:

@@ -127,7 +127,6 @@ Enter opens a study, to change its values and to launch it."""
 
     def on_mount(self) -> None:
         """Show the command."""
-        super().on_mount()
         self.command = "fraexp list --studies"
 
     async def load(self) -> None:

@@ -111,13 +111,14 @@ class SidePreview(Vertical):
     def __init__(self) -> None:
         super().__init__()
         self._timer: Timer | None = None
+        self._plot = PreviewPlot()
+        self._details = Static(id="details", classes="panel")
+        self._details.border_title = "Details"
 
     def compose(self) -> ComposeResult:
         """Put the plot above the details."""
-        yield PreviewPlot()
-        details = Static(id="details", classes="panel")
-        details.border_title = "Details"
-        yield details
+        yield self._plot
+        yield self._details
 
     def select(self, read: Callable[[Store], Selected]) -> None:
         """Show what `read` returns, once the selection rests."""
@@ -136,11 +137,11 @@ class SidePreview(Vertical):
         except FraexpError:  # deleted meanwhile
             keys, fields = [], []
         if self.is_attached:
-            self.query_one(PreviewPlot).preview(keys)
+            self._plot.preview(keys)
             text = Text("\n").join(
                 Text(f"{name}  ", "bold").append(printable(value), "not bold") for name, value in fields if value
             )
-            self.query_one("#details", Static).update(text)
+            self._details.update(text)
 
 
 def selected_run(store: Store, number: int) -> Selected:
