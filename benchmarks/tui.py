@@ -51,11 +51,11 @@ estimator = { name = "conventional" }
 "excitation.amplitude" = [6, 12, 25, 75]
 
 [monte_carlo]
-count = 200
+count = 2500
 seed = 1
 draw = [{ paths = "friction.curve.coulomb_force", relative = 0.1 }]
 """
-"""A run of 800 sweeps."""
+"""A run of 10,000 sweeps, which takes some minutes."""
 Row = tuple[str, float, float, float]
 """What was measured, median and slowest wall time, and median processor time [s]."""
 
@@ -171,7 +171,7 @@ def store_draws(folder: Path, count: int, points: int = 30) -> list[str]:
     return [sweep.key for sweep, _ in pairs]
 
 
-def watch_run(repetitions: int = 3) -> int:
+def watch_run(repetitions: int) -> int:
     """Print how much longer a run takes while its screen is open, and return 1 if that is too much.
 
     The two kinds of runs alternate. The processor time of the UI beside that of the run depends less on other work of
@@ -180,7 +180,7 @@ def watch_run(repetitions: int = 3) -> int:
     pairs = np.array([[_time_run(watched) for watched in (False, True)] for _ in range(repetitions)])
     (alone, *_), (watched, computing, watching) = np.median(pairs, axis=0)
     cost, share = watched / alone - 1, watching / computing
-    print(f"a run of 800 sweeps: {alone:.1f} s alone, {watched:.1f} s watched: {100 * cost:.1f} % more")
+    print(f"a run of {MANY} sweeps: {alone:.1f} s alone, {watched:.1f} s watched: {100 * cost:.1f} % more")
     print(f"processor: run {computing:.1f} s, watching it {watching:.1f} s: {100 * share:.1f} %")
     return int(min(cost, share) > WATCHING_BOUND)
 

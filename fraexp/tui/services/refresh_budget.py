@@ -2,8 +2,10 @@
 
 import time
 
-MAX_REST_S = 10.0
-"""Longest rest, such as after the first turn, which imports what it needs."""
+MAX_REST_S = 60.0
+"""Longest rest."""
+MAX_FIRST_REST_S = 10.0
+"""Longest rest after the first turn, which also imports what it needs."""
 
 
 class RefreshBudget:
@@ -13,6 +15,7 @@ class RefreshBudget:
         self._share = share
         self._began: float | None = None
         self._rest_until = 0.0
+        self._longest_rest = MAX_FIRST_REST_S
 
     @property
     def is_resting(self) -> bool:
@@ -27,5 +30,5 @@ class RefreshBudget:
         """Note that a turn is done, with all that it made the process do."""
         if self._began is not None:
             rest = (time.process_time() - self._began) / self._share
-            self._rest_until = time.monotonic() + min(rest, MAX_REST_S)
-            self._began = None
+            self._rest_until = time.monotonic() + min(rest, self._longest_rest)
+            self._began, self._longest_rest = None, MAX_REST_S
