@@ -30,7 +30,7 @@ from fraexp.views.comparison import (
     parameter_values,
     with_common_labels,
 )
-from fraexp.views.words import fixed_text, number_text, short_key
+from fraexp.views.words import fixed_text, number_text, plural, short_key
 from fraexp.workspace.workspace_service import WorkspaceService
 
 
@@ -67,10 +67,11 @@ def execute(arguments: Namespace) -> ExitCode:
         _print_summary(sweeps, parameters | metrics, differences)
     else:
         rows = difference_rows(sweeps, results, workspace.registry)
-        shown, folded = (rows, []) if arguments.all else fold_incomparable(rows)
+        shown, folded = (rows, {}) if arguments.all else fold_incomparable(rows)
         _print(sweeps, shown, differences, workspace.registry)
         if folded:
-            say(f"left out: {', '.join(folded)}; --all shows them")
+            counts = (f"{plural(count, 'parameter')} of {owner}" for owner, count in folded.items())
+            say(f"left out: {', '.join(counts)} that not all sweeps have; --all shows them")
     if arguments.terminal and not arguments.json:
         service = WorkspaceService.open(arguments.workspace, arguments.db)
         with service.open_store() as store:

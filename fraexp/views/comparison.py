@@ -13,7 +13,7 @@ from fraexp.figures.kinds.difference import Difference, response_difference
 from fraexp.store import Store, StoredSweep
 from fraexp.study.paths import unit_at
 from fraexp.views.quantity_texts import scale_values, with_unit
-from fraexp.views.words import flatten, number_text, plural, short_key, value_text
+from fraexp.views.words import flatten, number_text, short_key, value_text
 
 ABSENT = "-"
 MAX_SINGLE_QUERIES = 50
@@ -153,8 +153,8 @@ def _metric_text(value: object) -> str:
     return number_text(value if isinstance(value, int | float) else None)
 
 
-def fold_incomparable(rows: Sequence[Sequence[str]]) -> tuple[list[Sequence[str]], list[str]]:
-    """Return the rows without those that only some sweeps have because their components differ, and notes on these.
+def fold_incomparable(rows: Sequence[Sequence[str]]) -> tuple[list[Sequence[str]], dict[str, int]]:
+    """Return the rows without those that only some sweeps have, and how many these are by differing component.
 
     Parameters of two friction laws have nothing to be compared with; their names say all.
     """
@@ -169,8 +169,7 @@ def fold_incomparable(rows: Sequence[Sequence[str]]) -> tuple[list[Sequence[str]
             folded[owner] = folded.get(owner, 0) + 1
         else:
             kept.append(row)
-    notes = [f"{plural(count, 'parameter')} of {owner} that not all sweeps have" for owner, count in folded.items()]
-    return kept, notes
+    return kept, folded
 
 
 def _texts(row: Sequence[object]) -> list[str]:

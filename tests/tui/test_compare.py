@@ -194,6 +194,19 @@ def test_the_table_has_only_what_differs(workspace: Path, keys: list[str]) -> No
 
 
 @pytest.mark.thorough
+def test_what_only_some_curves_have_is_folded(workspace: Path, keys: list[str]) -> None:
+    async def steps(app: FraexpApp, pilot: Pilot[None]) -> None:
+        await compare(app, pilot, keys[:2])  # one amplitude, two estimators
+        await pilot.press("i")
+        await shows(pilot, "difference", "estimator.name", "estimator.…", "not in all")
+        table = app.screen.query_one(DataTable)
+        rows = [[str(cell) for cell in table.get_row_at(row)] for row in range(table.row_count)]
+        assert not any(name.startswith("estimator.") and "-" in cells for name, *cells in rows)
+
+    pilot_of(workspace, steps)
+
+
+@pytest.mark.thorough
 def test_the_command_draws_the_band_and_the_phase_that_are_seen(workspace: Path, keys: list[str]) -> None:
     async def steps(app: FraexpApp, pilot: Pilot[None]) -> None:
         page = await compare(app, pilot, keys)

@@ -13,7 +13,7 @@ from fraexp.figures.elements.shown import ShownResult
 from fraexp.store import Store, StoredSweep, leave_out_damaged
 from fraexp.tui.plotting import plotted_curves
 from fraexp.tui.plotting.plotted_curves import REFERENCE, Picture, Reference
-from fraexp.views.comparison import group_difference_rows, with_common_labels
+from fraexp.views.comparison import fold_incomparable, group_difference_rows, with_common_labels
 from fraexp.views.words import plural
 from fraexp.workspace.workspace_service import WorkspaceService
 
@@ -91,8 +91,10 @@ class ComparedSweeps:
     curves: tuple[ComparedCurve, ...]
     references: dict[str, Reference]
     """P(jω) by the unit of the responses, where all of them are of one plant."""
-    rows: list[list[str]]
+    rows: list[Sequence[str]]
     """The differences: a name, and a text for each curve, the median where its sweeps differ."""
+    folded: dict[str, int]
+    """Number of parameters that are left out of the rows, as not all curves have them, by component."""
     left_out: tuple[str, ...]
 
     @property
@@ -303,8 +305,8 @@ def compare_sweeps(
     leads = [sweeps[curve.members[0]] for curve in curves]
     references = _references(workspace, sweeps if few else leads, results)
     groups = [[sweeps[index] for index in curve.members] for curve in curves]
-    rows = group_difference_rows(groups, results, workspace.registry)
-    return ComparedSweeps(tuple(sweeps), named, curves, references, rows, left_out)
+    rows, folded = fold_incomparable(group_difference_rows(groups, results, workspace.registry))
+    return ComparedSweeps(tuple(sweeps), named, curves, references, rows, folded, left_out)
 
 
 def _references(

@@ -28,5 +28,7 @@ class DifferenceTable(DataTable[Text]):
         for name, *values in compared.rows:
             cells = (Text(printable(text)) for text in values)
             self.add_row(Text(shorten_name(printable(name), longest).rstrip()), *cells)
+        for owner, count in compared.folded.items():
+            self.add_row(Text(shorten_name(f"{owner}.… ({count})", longest).rstrip()), Text("not in all"))
         if not compared.rows:
             self.add_row(Text("none" if len(compared.curves) > 1 else "only one curve; mark other sweeps"))
