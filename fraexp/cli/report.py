@@ -23,7 +23,7 @@ def execute(arguments: Namespace) -> ExitCode:
     workspace = WorkspaceService.open(arguments.workspace, arguments.db)
     with workspace.open_store() as store:
         runs = list(dict.fromkeys(number for text in arguments.ids for number in _run_numbers(store, text)))
-        title = arguments.title or f"Report: {', '.join(arguments.ids)}"
+        title = arguments.title or (f"Report: {', '.join(arguments.ids)}" if len(runs) > 1 else "")
         compared = _write(workspace, store, runs, arguments.output, title)
     return ExitCode.INCOMPLETE if any(one.remark for one in compared) else ExitCode.OK
 

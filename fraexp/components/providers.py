@@ -4,6 +4,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from inspect import cleandoc
 from pathlib import Path
 from threading import RLock
 
@@ -33,6 +34,12 @@ class Provider:
     def source_hash(self) -> str:
         """Content hash of the source that defines the component."""
         return self.loaded or file_hash(self.file)
+
+    @property
+    def paragraphs(self) -> list[str]:
+        """The paragraphs of the component's description, each as one line."""
+        text = cleandoc(self.component.__doc__ or "")
+        return [" ".join(part.split()) for part in text.split("\n\n") if part.strip()]
 
 
 def component_modules(package: str, folders: Iterable[str]) -> dict[str, list[str]]:

@@ -121,9 +121,10 @@ def check_target(path: Path, force: bool = False) -> None:
 
 def write_report(path: Path, title: str, chapters: Sequence[RunChapter]) -> None:
     """Write a report; the file appears complete or not at all."""
-    text = render_report(title, chapters)
+    prints = path.suffix.lower() == ".pdf"
+    text = render_report(title, chapters, unfolded=prints)
     try:
-        if path.suffix.lower() == ".pdf":
+        if prints:
             print_page(text, path)
             return
         with atomic_file(path) as draft:
@@ -132,8 +133,11 @@ def write_report(path: Path, title: str, chapters: Sequence[RunChapter]) -> None
         raise FraexpError(f"{path}: the report cannot be written: {error.strerror or error}") from None
 
 
-def render_report(title: str, chapters: Sequence[RunChapter]) -> str:
-    """Return the report as HTML. The same runs give the same text."""
+def render_report(title: str, chapters: Sequence[RunChapter], unfolded: bool = False) -> str:
+    """Return the report as HTML, titled like its only chapter unless there is a title.
+
+    The same runs give the same text. In an `unfolded` one all details are open, as paper cannot open them.
+    """
     import jinja2  # only a report needs it
 
     environment = jinja2.Environment(
@@ -149,15 +153,17 @@ def render_report(title: str, chapters: Sequence[RunChapter]) -> str:
     compared = [one for chapter in chapters for one in chapter.compared]
     hrefs = {run.number: f"#{anchor}" for run, anchor in zip(runs, anchors, strict=True)}
     links = [Cell(of.run.study, hrefs[of.run.number]) for of in chapters for _ in of.compared]
+    rendered = [_RenderedChapter.of(anchor, chapter) for anchor, chapter in zip(anchors, chapters, strict=True)]
     return environment.get_template(TEMPLATE).render(
         generator=GENERATOR,
-        title=title,
+        title=title or ", ".join(chapter.title for chapter in rendered),
+        unfolded=unfolded,
         date=_date(runs),
         about=_about(runs),
         summary=_tables_by_origin(compared, links),
         methods=list(dict.fromkeys(method for chapter in chapters for method in chapter.methods)),
         verdict=verdict(compared),
-        chapters=[_RenderedChapter.of(anchor, chapter) for anchor, chapter in zip(anchors, chapters, strict=True)],
+        chapters=rendered,
         packages=_packages(runs),
     )
 

@@ -1,12 +1,12 @@
 """What a report says in words: the verdict on a run, and the methods that it used."""
 
-import inspect
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from fraexp.components.registry import Registry
 from fraexp.data.results import Outcome
+from fraexp.data.terminal_text import printable
 from fraexp.errors import FraexpError
 from fraexp.reports.published_comparisons import verdict
 from fraexp.reports.report_tables import Cell, ReportTable, outcome_text
@@ -22,8 +22,8 @@ class Method(NamedTuple):
 
     kind: str
     name: str
-    paragraph: str
-    """What it does, with its reference in the literature."""
+    paragraphs: tuple[str, ...]
+    """What it does, with its reference in the literature; code is between backticks."""
 
 
 def verdict_text(run: RunSummary, sweeps: Sequence[StoredSweep], compared: Sequence[PublishedComparison]) -> str:
@@ -54,9 +54,11 @@ def describe_methods(sweeps: Sequence[StoredSweep], registry: Registry) -> list[
     for sweep in sweeps:
         for provider in registry.used_providers("estimator", sweep.estimator):
             component = provider.component
-            text = " ".join((inspect.getdoc(component) or "").split())
-            found[component.kind, component.name] = Method(component.kind, component.name.replace("_", " "), text)
-    return [method for key, method in found.items() if key[0] == "estimator" and method.paragraph]
+            words = component.name.replace("_", " ")
+            found[component.kind, component.name] = Method(
+                component.kind, words, tuple(map(printable, provider.paragraphs))
+            )
+    return [method for key, method in found.items() if key[0] == "estimator" and method.paragraphs]
 
 
 def input_table(sweeps: Sequence[StoredSweep], registry: Registry) -> ReportTable | None:

@@ -1,6 +1,5 @@
 """Components as plugins declare them: plain data, and a row of text for each parameter."""
 
-import inspect
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -67,12 +66,6 @@ def usage_text(used: int, stale: int) -> str:
         if stale
         else what
     )
-
-
-def description_paragraphs(provider: Provider, most: int | None = None) -> list[str]:
-    """Return the paragraphs of a component's description, each as one line; only the first `most` if given."""
-    text = inspect.cleandoc(provider.component.__doc__ or "")
-    return [" ".join(part.split()) for part in text.split("\n\n") if part.strip()][:most]
 
 
 def component_document(provider: Provider) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -9,7 +10,10 @@ import pytest
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
+from fraexp.components.registry import Registry
 from fraexp.errors import FraexpError
+from fraexp.reports.html_report import gather_chapter, render_report
+from fraexp.reports.report_words import Method
 from fraexp.reports.stored_figures import StoredFigures
 from fraexp.store import Store
 from fraexp.workspace.workspace_service import WorkspaceService
@@ -214,6 +218,28 @@ def test_a_report_does_without_the_study_and_without_a_figure(folder: Path, monk
     assert main(["report", "1", "-o", "x.html"]) == 0
     assert "no figure: nothing to draw" in (folder / "x.html").read_text("utf-8")
     assert page(folder / "x.html").sources == []
+
+
+@pytest.mark.thorough
+def test_a_report_of_one_run_is_titled_like_its_study(folder: Path) -> None:
+    assert main(["run", "loops/a"]) == 0
+    assert main(["report", "1", "-o", "x.html"]) == ExitCode.INCOMPLETE
+    text = (folder / "x.html").read_text("utf-8")
+    title = "Loops of one element &lt;script&gt;alert(&#39;&amp;&#39;)&lt;/script&gt;"
+    assert f"<h1>{title}</h1>" in text
+    assert f"<h2>{title}</h2>" not in text
+    assert "Summary" not in text
+
+
+@pytest.mark.thorough
+def test_code_of_a_method_is_code_and_details_are_open_on_paper(folder: Path, registry: Registry) -> None:
+    assert main(["run", "loops/a"]) == 0
+    with WorkspaceService.open(".").open_store() as store:
+        chapter = gather_chapter(store, 1, folder, registry, lambda *_: ())
+    method = Method("estimator", "mine", ("the `method<b>` is <i>", "twice"))
+    screen, paper = (render_report("", [replace(chapter, methods=[method])], unfolded) for unfolded in (False, True))
+    assert "<p>the <code>method&lt;b&gt;</code> is &lt;i&gt;</p>\n<p>twice</p>" in screen
+    assert screen.count("<details><summary>") == paper.count("<details open><summary>") == 3
 
 
 @pytest.mark.thorough

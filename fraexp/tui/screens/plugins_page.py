@@ -21,7 +21,6 @@ from fraexp.tui.widgets.paged_table import PagedTable, TableRows
 from fraexp.views.components import (
     Offer,
     component_document,
-    description_paragraphs,
     list_offers,
     parameter_row,
     usage_text,
@@ -89,7 +88,7 @@ def description(offer: Offer, sources: SourceCounts, most: int | None = None) ->
         lines.append(Text(printable(f"broken: {offer.reason}"), style="bold"))
     if offer.provider is None:
         return Group(*lines, Text("\nThe file is reloaded when it is saved."))
-    lines += [Text(printable(part)) for part in description_paragraphs(offer.provider, most)]
+    lines += [Text(printable(part)) for part in offer.provider.paragraphs[:most]]
     document = component_document(offer.provider)
     table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
     for title in ("parameter", "unit", "default", "bounds", "meaning"):
@@ -245,7 +244,7 @@ Enter on a friction model opens a trial: force loop and describing function, upd
 
 
 def _search_text(offer: Offer) -> str:
-    meaning = " ".join(description_paragraphs(offer.provider, 1)) if offer.provider else ""
+    meaning = " ".join(offer.provider.paragraphs[:1]) if offer.provider else ""
     return f"{offer.kind} {offer.name} {offer.origin} {offer.reason} {meaning}".lower()
 
 

@@ -1,6 +1,7 @@
 """A run: progress, sweeps and log, and the keys that stop it or start it again."""
 
 import shlex
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
@@ -30,6 +31,8 @@ if TYPE_CHECKING:
 
 LOG_POLL_INTERVAL_S = 1.0
 """Seconds between two polls of the log, and steps of the elapsed time."""
+READING_REST_S = 2.5e-4
+"""Seconds for which a running run is not read again, for each of its sweeps: reading counts all of them."""
 MAX_REFRESH_SHARE = 0.03
 """Maximum share of a processor that a running run's sweeps and progress take to be drawn again."""
 
@@ -74,6 +77,7 @@ Enter opens a sweep, Space marks it; c compares the marked sweeps, or all of the
         self.run: RunSummary | None = None
         self.live = True
         self._budget = RefreshBudget(MAX_REFRESH_SHARE)
+        self._rest_until = 0.0
         self._stopping = self._changed = False
         self._follows = True
         """Whether the cursor follows the sweep that is being computed."""
@@ -94,7 +98,7 @@ Enter opens a sweep, Space marks it; c compares the marked sweeps, or all of the
         self.set_interval(LOG_POLL_INTERVAL_S, self._poll_log)
 
     def follow(self, changed: bool) -> None:
-        """Load again; at the next poll of the log while the run is computing, which needs the processors."""
+        """Load again; at a later poll of the log while the run is computing, which needs the processors."""
         self._changed = True
         if not self.live:
             super().follow(changed)
@@ -102,7 +106,7 @@ Enter opens a sweep, Space marks it; c compares the marked sweeps, or all of the
     def _poll_log(self) -> None:
         """Update the log and what has changed; the run may not be in the database yet."""
         self._show_log()  # also after the run: its process still draws and reports
-        if self.live and (self.number is None or self._changed):
+        if self.live and (self.number is None or (self._changed and time.monotonic() > self._rest_until)):
             self._changed = False
             self.reload()
         elif self.run and self.run.state == "running":
@@ -119,6 +123,7 @@ Enter opens a sweep, Space marks it; c compares the marked sweeps, or all of the
             self.heading, self.command = f"run {found.number}, {found.study}", f"fraexp show {found.number}"
         self.run = found
         self.live = found.state == "running"
+        self._rest_until = time.monotonic() + READING_REST_S * found.total
         await self._show(found)
         if not (self.live and self._budget.is_resting):
             self._budget.begin()
