@@ -27,7 +27,7 @@ from fraexp_plugins.estimators._shared.hold_images import HoldImages, gain_above
 from fraexp_plugins.estimators._shared.model_covariance import inverse_response, outer_parts, with_model_covariance
 from fraexp_plugins.estimators._shared.motion_above_nyquist import UnsampledErrors
 from fraexp_plugins.estimators._shared.parameter_uncertainty import Deviation, check_deviations, perturbations
-from fraexp_plugins.estimators._shared.plant_above_modes import PlantAboveModes
+from fraexp_plugins.estimators._shared.plant_above_modes import MAX_ERROR, PlantAboveModes
 from fraexp_plugins.estimators._shared.response_doubts import (
     MAX_STANDSTILL_ERROR,
     check_encoder,
@@ -52,7 +52,7 @@ MIN_STIFFENING = 1.001
 """Stiffness of a friction model in a sample, over that at rest, from which its elements damp."""
 
 
-class EffectiveInput(EncoderAwareObserver, name="effective_input", version=5):
+class EffectiveInput(EncoderAwareObserver, name="effective_input", version=6):
     """P̂ = y'/û_e with û_e = G_di G_do u - f̂: the effective control input observer, eqs (2)-(5).
 
     y' drives the friction model in the time domain; the delays act at each frequency. With the right friction model P̂
@@ -84,7 +84,8 @@ class EffectiveInput(EncoderAwareObserver, name="effective_input", version=5):
     exceed 10 % is not ok.
 
     The images of the held input are taken off the measured position where they falsify the response by more than the
-    tolerance. Their size follows from the response at the highest frequencies, which should lie above the modes.
+    tolerance. Their size follows from the motion at harmonics, if noise or resolution is stated and enough of them are
+    clear; else from the response at the highest frequencies, which should lie above the modes.
     """
 
     takes_responses: ClassVar[bool] = True
@@ -160,8 +161,24 @@ class EffectiveInput(EncoderAwareObserver, name="effective_input", version=5):
             return None
         if any(is_from_rest(segment) or not segment.periodic for segment in signals.segments):
             return None
-        images = hold_images(self, signals.segments, found.response)
-        return images if images.error.max(initial=0.0) > self.interpolation_tolerance else None
+        guess = gain_above_modes(found.response, self.relative_degree)
+        images = hold_images(self, signals.segments, found.response, guess)
+        if images.error.max(initial=0.0) <= self.interpolation_tolerance:
+            return None
+        gain = self._gain_by_harmonics(signals, guess)
+        return images if gain == guess else hold_images(self, signals.segments, found.response, gain)
+
+    def _gain_by_harmonics(self, signals: Signals, guess: float) -> float:
+        """Return c of the plant above its modes, as the motion at harmonics shows it; the guess if it does not.
+
+        The highest frequencies of a response may lie below a mode, where its c is another one.
+        """
+        is_single = any(len(segment.channels[self.output]) == 1 for segment in signals.segments)
+        if is_single or not (self.friction.state_size and self._encoder_matters(signals)):
+            return guess
+        plant, _ = self.likely_motions(signals.segments, PlantAboveModes.of_gain(guess, self.relative_degree))
+        sample_time = min(segment.sample_time for segment in signals.segments)
+        return plant.limit if plant.error(np.pi / sample_time) < MAX_ERROR else guess
 
     def _completed(
         self, signals: Signals, forces: Sequence[NDArray[np.float64]], found: Result, relative_degree: int

@@ -34,8 +34,10 @@ class HoldImages(NamedTuple):
         return tuple(_remove_lines(segment, channel, part) for segment, part in zip(segments, parts, strict=True))
 
 
-def hold_images(observer: DelayedEstimator, segments: Sequence[Segment], response: FrequencyResponse) -> HoldImages:
-    """Return the images in all segments, from the response without friction."""
+def hold_images(
+    observer: DelayedEstimator, segments: Sequence[Segment], response: FrequencyResponse, gain: float
+) -> HoldImages:
+    """Return the images in all segments, from the response without friction and the plant's c above its modes."""
     degree = observer.relative_degree
     omega = 2 * np.pi * np.concatenate([segment.frequency for segment in segments])
     sample_time = np.concatenate([np.full(segment.lines.size, segment.sample_time) for segment in segments])
@@ -48,7 +50,7 @@ def hold_images(observer: DelayedEstimator, segments: Sequence[Segment], respons
     delays = observer.input_dead_time + observer.output_dead_time
     lags = observer.input_time_constants + observer.output_time_constants
     folded = direct * (image_factor(omega, sample_time, delays, lags, degree) - 1)
-    images = gain_above_modes(response, degree) / (1j * omega) ** degree * folded
+    images = gain / (1j * omega) ** degree * folded
     order = np.argsort(response.frequency)
     plant = np.interp(omega, 2 * np.pi * response.frequency[order], response.response[order])
     with np.errstate(divide="ignore", invalid="ignore"):  # where nothing moves

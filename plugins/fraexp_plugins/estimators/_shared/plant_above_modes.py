@@ -55,6 +55,11 @@ class PlantAboveModes(NamedTuple):
         """Return a plant of constant c that is no more than a guess."""
         return cls(np.zeros(1), np.array([gain + 0j]), np.ones(1), relative_degree)
 
+    @property
+    def limit(self) -> float:
+        """C at frequencies far above the last one [m/(N s^r)]."""
+        return float(self.gain[-1].real)
+
     def response(self, omega: NDArray[np.float64]) -> NDArray[np.complex128]:
         """Return P(jω) [m/N], shape (n,), at ω > 0 [rad/s]."""
         if not self.relative_degree:
