@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from fraexp.components.kinds import FrictionModel, Period, Schedule
 from fraexp.components.ports import Ports
-from fraexp.simulation.discretisation import SignalPath, discretise, split_dead_time
+from fraexp.simulation.discretisation import DiscreteLoop, SignalPath, discretise, split_dead_time
 from fraexp.simulation.experiment_run import run_experiments
 from fraexp.simulation.experiments import Experiment, Setup, set_valued_law
 from fraexp.simulation.loop_setup import accurate_steps, is_friction_soft
@@ -144,17 +144,9 @@ def _experiment(run: Replay, number: int) -> Experiment:
 def _setup(model: ReplayModel, crossover: float) -> Setup:
     """Return the loop of a model that is pulled with a crossover frequency [Hz]."""
     sample_time, inward, outward = model.sample_time, SignalPath(*model.input_path), SignalPath(*model.output_path)
-    ports, viscous = _scaled(model)
-    discrete = discretise(
-        ports,
-        viscous,
-        _pull(ports, crossover, sample_time),
-        sample_time=sample_time,
-        steps=model.steps,
-        is_force_held=set_valued_law(model.frictions) is not None,
-        input_path=inward,
-        output_path=outward,
-    )
+    ports, _ = _scaled(model)
+    numerator, denominator = _pull(ports, crossover, sample_time)
+    discrete = _open_loop(model)._replace(numerator=numerator, denominator=denominator)
     lags = sum(inward.lags) + sum(outward.lags)
     return Setup(
         frictions=model.frictions,
@@ -171,6 +163,22 @@ def _setup(model: ReplayModel, crossover: float) -> Setup:
         divergence_limit=MAX_DISPLACEMENT_M,
         is_vectorised=is_friction_soft(model.frictions, discrete, sample_time)
         and all(friction.is_vectorisable for friction in model.frictions.values()),
+    )
+
+
+@lru_cache(maxsize=4096)
+def _open_loop(model: ReplayModel) -> DiscreteLoop:
+    """Return the constants of a model that nothing pulls: those of all crossover frequencies but for the controller."""
+    ports, viscous = _scaled(model)
+    return discretise(
+        ports,
+        viscous,
+        (np.zeros(1), np.ones(1)),
+        sample_time=model.sample_time,
+        steps=model.steps,
+        is_force_held=set_valued_law(model.frictions) is not None,
+        input_path=SignalPath(*model.input_path),
+        output_path=SignalPath(*model.output_path),
     )
 
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp_plugins.identification.whole_record._shared.interval_likelihood import interval_loss
+from fraexp_plugins.identification.whole_record._shared.interval_likelihood import Loss, interval_loss
 
 MAX_NEWTON_STEPS, MAX_HALVINGS = 40, 30
 CONVERGED = 1e-3
@@ -56,8 +56,25 @@ class FitStep(NamedTuple):
     """Change of each record's own ones, shape (m,) each."""
     gain: float
     """Log-likelihood that the linearised records gain."""
-    covariances: tuple[NDArray[np.float64], ...]
-    """Inverse of the information about shared parameters, then those of one record, shape (p + m, p + m) each."""
+    problem: "_Problem"
+    """Linearised records, and what holds their parameters."""
+    point: "_Point"
+    """Where it ends."""
+
+    @property
+    def covariances(self) -> tuple[NDArray[np.float64], ...]:
+        """Inverse of the information about shared parameters, then those of one record, shape (p + m, p + m) each."""
+        p, blocks = self.shared.size, self.problem.blocks(self.point)
+        mixed = [_solution(block.hessian[p:, p:], block.hessian[p:, :p]) for block in blocks]
+        information = self.problem.prior.information
+        for block, each in zip(blocks, mixed, strict=True):
+            information = information + block.hessian[:p, :p] - block.hessian[:p, p:] @ each
+        shared = np.linalg.inv(information)
+        found = []
+        for block, each in zip(blocks, mixed, strict=True):
+            of_own = np.linalg.inv(block.hessian[p:, p:]) + each @ shared @ each.T
+            found.append(np.block([[shared, -shared @ each.T], [-each @ shared, of_own]]))
+        return tuple(found)
 
 
 class _Blocks(NamedTuple):
@@ -79,21 +96,20 @@ def fit_linear(
     each record's own ones are eliminated before the shared ones are solved for.
     """
     problem = _Problem(records, _combine_priors(shared_radius, prior), own_radius)
-    x, own = np.zeros(shared_radius.size), [np.zeros(radius.size) for radius in own_radius]
-    loss = before = problem.loss(x, own)
+    point = before = problem.at(np.zeros(shared_radius.size), [np.zeros(radius.size) for radius in own_radius])
     for _ in range(MAX_NEWTON_STEPS):
-        step, own_steps, slope = problem.newton_step(x, own)
+        step, own_steps, slope = problem.newton_step(point)
         length = 1.0
         for _ in range(MAX_HALVINGS):
-            moved = x + length * step, [a + length * b for a, b in zip(own, own_steps, strict=True)]
-            tried = problem.loss(*moved)
-            if tried <= loss + SUFFICIENT * length * slope:
+            own = [a + length * b for a, b in zip(point.own, own_steps, strict=True)]
+            tried = problem.at(point.shared + length * step, own)
+            if tried.loss <= point.loss + SUFFICIENT * length * slope:
                 break
             length /= 2
-        (x, own), loss = moved, tried
+        point = tried
         if -slope <= CONVERGED:
             break
-    return FitStep(x, tuple(own), before - loss, problem.covariances(x, own))
+    return FitStep(point.shared, tuple(point.own), before.loss - point.loss, problem, point)
 
 
 def _combine_priors(radius: NDArray[np.float64], prior: Prior | None) -> Prior:
@@ -109,6 +125,17 @@ def _solution(matrix: NDArray[np.float64], right: NDArray[np.float64]) -> NDArra
     return np.asarray(np.linalg.solve(matrix, right), dtype=float)
 
 
+class _Point(NamedTuple):
+    """Values of all parameters, and what the records are there."""
+
+    shared: NDArray[np.float64]
+    own: Sequence[NDArray[np.float64]]
+    losses: Sequence[Loss]
+    """Loss of the samples of each record, with its derivatives by them."""
+    loss: float
+    """Loss of all records and of what holds the parameters."""
+
+
 class _Problem(NamedTuple):
     """Linearised records, and what holds their parameters."""
 
@@ -116,23 +143,21 @@ class _Problem(NamedTuple):
     prior: Prior
     own_radius: Sequence[NDArray[np.float64]]
 
-    def loss(self, x: NDArray[np.float64], own: Sequence[NDArray[np.float64]]) -> float:
-        total = self.prior.loss(x)
+    def at(self, shared: NDArray[np.float64], own: Sequence[NDArray[np.float64]]) -> _Point:
+        losses, total = [], self.prior.loss(shared)
         for record, values, radius in zip(self.records, own, self.own_radius, strict=True):
-            residual = record.residual - record.shared @ x - record.own @ values
-            total += float(interval_loss(residual, record.resolution, record.std).value.sum())
-            total += 0.5 * float(np.sum((values / radius) ** 2))
-        return total
+            residual = record.residual - record.shared @ shared - record.own @ values
+            losses.append(interval_loss(residual, record.resolution, record.std))
+            total += float(losses[-1].value.sum()) + 0.5 * float(np.sum((values / radius) ** 2))
+        return _Point(shared, own, losses, total)
 
-    def blocks(self, x: NDArray[np.float64], own: Sequence[NDArray[np.float64]]) -> list[_Blocks]:
-        weights = [np.concatenate([np.zeros(x.size), radius**-2.0]) for radius in self.own_radius]
-        return [_blocks(record, x, *each) for record, *each in zip(self.records, own, weights, strict=True)]
+    def blocks(self, point: _Point) -> list[_Blocks]:
+        parts = zip(self.records, point.losses, point.own, self.own_radius, strict=True)
+        return [_blocks(record, loss, own, radius) for record, loss, own, radius in parts]
 
-    def newton_step(
-        self, x: NDArray[np.float64], own: Sequence[NDArray[np.float64]]
-    ) -> tuple[NDArray[np.float64], list[NDArray[np.float64]], float]:
+    def newton_step(self, point: _Point) -> tuple[NDArray[np.float64], list[NDArray[np.float64]], float]:
         """Return the step of shared and own parameters, and the slope of the loss along it."""
-        p, blocks = x.size, self.blocks(x, own)
+        x, p, blocks = point.shared, point.shared.size, self.blocks(point)
         hessian = self.prior.information
         gradient: NDArray[np.float64] = self.prior.information @ (x - self.prior.mean)
         shared_gradient = gradient
@@ -149,29 +174,9 @@ class _Problem(NamedTuple):
             slope += float(block.gradient[p:] @ own_steps[-1])
         return step, own_steps, slope
 
-    def covariances(
-        self, x: NDArray[np.float64], own: Sequence[NDArray[np.float64]]
-    ) -> tuple[NDArray[np.float64], ...]:
-        """Return the covariance of shared and own parameters, record by record."""
-        p, blocks = x.size, self.blocks(x, own)
-        mixed = [_solution(block.hessian[p:, p:], block.hessian[p:, :p]) for block in blocks]
-        information = self.prior.information
-        for block, each in zip(blocks, mixed, strict=True):
-            information = information + block.hessian[:p, :p] - block.hessian[:p, p:] @ each
-        shared = np.linalg.inv(information)
-        found = []
-        for block, each in zip(blocks, mixed, strict=True):
-            of_own = np.linalg.inv(block.hessian[p:, p:]) + each @ shared @ each.T
-            found.append(np.block([[shared, -shared @ each.T], [-each @ shared, of_own]]))
-        return tuple(found)
 
-
-def _blocks(
-    record: LinearRecord, x: NDArray[np.float64], own: NDArray[np.float64], weights: NDArray[np.float64]
-) -> _Blocks:
-    residual = record.residual - record.shared @ x - record.own @ own
-    loss = interval_loss(residual, record.resolution, record.std)
-    jacobian = np.hstack([record.shared, record.own])
-    values = np.concatenate([np.zeros(x.size), own])
-    gradient = -(jacobian.T @ loss.slope) + weights * values
+def _blocks(record: LinearRecord, loss: Loss, own: NDArray[np.float64], radius: NDArray[np.float64]) -> _Blocks:
+    p = record.shared.shape[1]
+    jacobian, weights = np.hstack([record.shared, record.own]), np.concatenate([np.zeros(p), radius**-2.0])
+    gradient = -(jacobian.T @ loss.slope) + weights * np.concatenate([np.zeros(p), own])
     return _Blocks(gradient, (jacobian.T * loss.curvature) @ jacobian + np.diag(weights))
