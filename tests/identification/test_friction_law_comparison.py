@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fraexp_plugins.identification.whole_record._shared.free_parameters import FreeParameters
 from fraexp_plugins.identification.whole_record._shared.scaled_friction import shape_parameters
 
 from fraexp.components.kinds import Estimator, FrictionModel
@@ -61,12 +62,20 @@ def test_law_numbers_and_plant_are_found_of_a_machine_of_which_nothing_is_known(
     assert found["verdict"] == 1
     assert found["rolling: held-out residual"] < 1.1
     assert found["dahl: held-out residual"] > 20
+    assert found["Coulomb force"] == pytest.approx(curve["coulomb_force"], abs=found["Coulomb force, 95 %"])
+    assert found["Coulomb force, 95 %"] < 1e-3 * curve["coulomb_force"]
     assert found["rolling: log-likelihood"] > found["dahl: log-likelihood"] + 1
     friction = create(registry, FrictionModel, result.fits[1].component)
     assert friction.curve.coulomb_force == pytest.approx(curve["coulomb_force"], rel=1e-4)
     ratio = result.response.response / plant_at(registry, result)
     assert np.abs(decibel(ratio)).max() < 0.1
     assert np.abs(degrees(ratio)).max() < 1.5
+
+
+def test_a_parameter_that_records_do_not_tell_stays_within_limits():
+    free = FreeParameters(("force_scale", "viscous_coefficient", "input_dead_time"))
+    np.testing.assert_array_equal(free.limit(np.array([0.3, 800.0, 7.0])), [0.3, 5.0, 7.0])
+    np.testing.assert_array_equal(free.limit(np.array([-800.0, -0.1, -7.0])), [-5.0, -0.1, -7.0])
 
 
 @pytest.mark.thorough

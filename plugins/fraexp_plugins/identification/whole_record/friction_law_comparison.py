@@ -10,6 +10,7 @@ from fraexp.api import Curve, FrictionModel, Metric, Outcome, Plant, RecordError
 from fraexp_plugins.estimators._shared.delayed_estimator import DelayedEstimator
 from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.friction.none import Frictionless
+from fraexp_plugins.identification._shared.friction_curves import NORMAL_QUANTILE
 from fraexp_plugins.identification._shared.usable_signals import usable_signals
 from fraexp_plugins.identification.whole_record._shared.free_parameters import DEAD_TIME, SCALES
 from fraexp_plugins.identification.whole_record._shared.law_starts import rough_friction
@@ -24,9 +25,11 @@ MAX_HELD_OUT_RATIO = 1.3
 """Residual of held-out records over what noise and rounding explain, up to which a law fits."""
 EQUAL_RATIO = 1.05
 """Ratio of two such residuals up to which the simpler law is taken."""
+COULOMB_PARAMETERS = ("coulomb_force", "limit_force")
+"""Parameters of a friction law whose sum is its force in gross sliding."""
 
 
-class FrictionLawComparison(DelayedEstimator, name="friction_law_comparison", version=2):
+class FrictionLawComparison(DelayedEstimator, name="friction_law_comparison", version=3):
     """Plant, friction law and its parameters, from records alone: the law that predicts records it has not seen.
 
     Every candidate is fitted to three quarters of the records by maximum likelihood, as `maximum_likelihood` does,
@@ -40,12 +43,14 @@ class FrictionLawComparison(DelayedEstimator, name="friction_law_comparison", ve
     that the observer finds from the records: nothing but units need be known of the machine. A dead time is estimated,
     too, if `estimate_dead_time` is set.
 
-    Metrics: for each law the residual of held-out records and the log-likelihood per sample of the others. `verdict` is
-    1 if a law fits. If none does the outcome is not ok, and the message gives what each of them leaves.
+    Metrics: the Coulomb force with its 95 % interval, and for each law the residual of held-out records and the
+    log-likelihood per sample of the others. `verdict` is 1 if a law fits. If none does the outcome is not ok, and the
+    message gives what each of them leaves.
 
     Take some 16 frequencies or more, from presliding to gross sliding, or two amplitudes (`concatenated`). Laws that
     differ only in what the records do not show, such as the Stribeck effect without slow sliding, are not told apart.
-    It takes some seconds for each law, minutes for those that are not replayed in lanes (elastoplastic, GMS).
+    It takes some seconds where one of the laws fits. If none does, several starts are tried for each of them, and those
+    that are not replayed in lanes (elastoplastic, GMS) take minutes; they are tried last, if no other law fits.
     """
 
     candidates: tuple[FrictionModel, ...] = param(
@@ -87,10 +92,29 @@ class FrictionLawComparison(DelayedEstimator, name="friction_law_comparison", ve
                 f"friction_law_comparison: there are {len(used.segments)} records; expected {MIN_SEGMENTS} or more, a "
                 "quarter of which is held out: record more frequencies"
             )
-        trials = [self._trial(model, used) for model in self.candidates or self._starts(used)]
+        trials, untried = self._trials(used)
         least = min(trial.ratio for trial in trials)
         best = min((t for t in trials if t.ratio <= EQUAL_RATIO * least), key=lambda t: len(t.method.free))
-        return _report(best.method.estimate(signals), trials, best)
+        return _report(best.method.estimate(signals), trials, best, untried)
+
+    def _trials(self, signals: Signals) -> tuple[list["_LawTrial"], list[str]]:
+        """Return how the laws fit, and the names of those that were not tried.
+
+        A law that leaves what noise and rounding explain cannot be beaten. If there is one, the others are not tried
+        from several starts, and not at all if they are slow.
+        """
+        models = list(self.candidates or self._starts(signals))
+        for is_thorough in (False, True):
+            trials: list[_LawTrial] = []
+            untried = []
+            for model in sorted(models, key=lambda each: not each.is_vectorisable):
+                if model.is_vectorisable or not any(trial.ratio <= EQUAL_RATIO for trial in trials):
+                    trials.append(self._trial(model, signals, is_thorough))
+                else:
+                    untried.append(model.name)
+            if min(trial.ratio for trial in trials) <= EQUAL_RATIO:
+                break
+        return trials, untried
 
     def _common_parameters(self) -> dict[str, object]:
         names = set(type(self).model_fields) & set(MaximumLikelihood.model_fields)
@@ -109,12 +133,12 @@ class FrictionLawComparison(DelayedEstimator, name="friction_law_comparison", ve
     def _noise(self, signals: Signals) -> float:
         return noise_in_records(signals, self.output, self.resolution) if self.noise is None else self.noise
 
-    def _trial(self, model: FrictionModel, signals: Signals) -> "_LawTrial":
+    def _trial(self, model: FrictionModel, signals: Signals, is_thorough: bool) -> "_LawTrial":
         """Return how a law fits the records, and predicts those that are held out."""
         method, noise = self._method(model), self._noise(signals)
         places = np.arange(len(signals.segments)) % HELD_OUT_STEP == FIRST_HELD_OUT
         kept = replace(signals, segments=_select(signals, ~places))
-        fit = method.staged_fit(kept, noise, method.free)
+        fit = replace(method.staged_fit(kept, noise, method.free), is_thorough=is_thorough)
         found = fit.joint()
         held_out = replace(signals, segments=_select(signals, places))
         ratios = fit.predicted_ratios(found, held_out)
@@ -158,16 +182,18 @@ def _fitted_model(found: Fitted) -> FrictionModel | None:
     return scaled_friction(fit.free.applied_to(fit.start, logs).friction, fit.free.scales(logs), stroke)
 
 
-def _report(result: Result, trials: Sequence[_LawTrial], best: _LawTrial) -> Result:
+def _report(result: Result, trials: Sequence[_LawTrial], best: _LawTrial, untried: Sequence[str]) -> Result:
     """Return the result of the best law with what all of them leave."""
     fits, labels = best.ratio <= MAX_HELD_OUT_RATIO, _labels(trials)
     left = ", ".join(f"{label} {trial.ratio:.3g}" for label, trial in zip(labels, trials, strict=True))
     verdict = f"{labels[trials.index(best)]} predicts the records best" if fits else f"none of {len(trials)} laws fits"
     text = f"{verdict}; residual of held-out records over what noise and rounding explain: {left}"
+    if untried:
+        text += f"; not tried, as a law explains the records: {', '.join(untried)}"
     outcome = Outcome.INACCURATE if result.outcome is Outcome.OK and not fits else result.outcome
     curves = [_held_out_curve(label, trial) for label, trial in zip(labels, trials, strict=True)]
     is_right = float(fits and outcome is Outcome.OK)
-    metrics = (Metric("verdict", is_right, "1"), *_table(labels, trials), *result.metrics)
+    metrics = (Metric("verdict", is_right, "1"), *_coulomb_force(result), *_table(labels, trials), *result.metrics)
     message = "; ".join(filter(None, (text, result.message)))
     return replace(result, outcome=outcome, message=message, metrics=metrics, curves=(*curves, *result.curves))
 
@@ -181,6 +207,18 @@ def _table(labels: Sequence[str], trials: Sequence[_LawTrial]) -> Iterator[Metri
     for label, trial in zip(labels, trials, strict=True):
         yield Metric(f"{label}: held-out residual", trial.ratio, "1")
         yield Metric(f"{label}: log-likelihood", trial.log_likelihood, "1")
+
+
+def _coulomb_force(result: Result) -> Iterator[Metric]:
+    """Yield the force of gross sliding in the friction model that was found, with its 95 % interval."""
+    for fit in result.fits:
+        names = [name.removeprefix("curve.").split(".")[0] for name in fit.parameters]
+        is_force = np.array([name in COULOMB_PARAMETERS for name in names], dtype=bool)
+        if fit.kind == "friction" and is_force.any():
+            std = float(np.sqrt(fit.covariance[np.ix_(is_force, is_force)].sum()))
+            unit = fit.units[int(np.argmax(is_force))]
+            yield Metric("Coulomb force", float(fit.values[is_force].sum()), unit)
+            yield Metric("Coulomb force, 95 %", NORMAL_QUANTILE * std, unit)
 
 
 def _labels(trials: Sequence[_LawTrial]) -> list[str]:

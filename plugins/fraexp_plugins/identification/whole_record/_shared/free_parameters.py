@@ -13,6 +13,8 @@ SCALES = (FORCE_SCALE, DISPLACEMENT_SCALE)
 """Factors on the friction model's force, and on its deflections at the same force."""
 DEAD_TIME = "input_dead_time"
 """The dead time before the thrust, which counts for all of the loop: others before and after cannot be told apart."""
+MAX_LOG, MAX_DEAD_TIME_SAMPLES = 5.0, 100.0
+"""Greatest logarithm of a factor, and greatest change of the dead time in samples."""
 
 
 @dataclass(frozen=True)
@@ -109,6 +111,12 @@ class FreeParameters:
         slopes = self.values(start, logs)
         slopes[self._dead_time_places] = start.replay.sample_time
         return slopes
+
+    def limit(self, logs: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the logarithms within limits: what the records do not tell runs off, until numbers overflow."""
+        limits = np.full(logs.size, MAX_LOG)
+        limits[self._dead_time_places] = MAX_DEAD_TIME_SAMPLES
+        return np.asarray(np.clip(logs, -limits, limits))
 
     @property
     def _dead_time_places(self) -> list[int]:

@@ -179,7 +179,7 @@ class RecordFit:
     def _state_along(self, state: State, step: FitStep, length: float) -> State:
         columns = [self._columns(record) for record in self.records]
         own = tuple(a + length * c.T @ b for a, c, b in zip(state.own, columns, step.own, strict=True))
-        return State(state.shared + length * step.shared, own)
+        return State(self.free.limit(state.shared + length * step.shared), own)
 
     def _loss(self, residuals: Sequence[NDArray[np.float64]], linear: LinearisedFit, state: State) -> float:
         total = 0.0 if self.prior is None else self.prior.loss(state.shared)

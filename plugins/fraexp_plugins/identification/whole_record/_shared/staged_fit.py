@@ -127,6 +127,8 @@ class StagedFit:
     free: FreeParameters
     nominal_plant: Plant | None
     modes: int | None
+    is_thorough: bool = True
+    """Whether several starts and numbers of modes are tried where the first ones do not explain the records."""
 
     @property
     def sample_time(self) -> float:
@@ -163,7 +165,7 @@ class StagedFit:
         found: list[Fitted] = []
         for start in self._starts():
             found.append(self._first_fits(start))
-            if found[-1].mean_ratio < MAX_START_RATIO:
+            if found[-1].mean_ratio < MAX_START_RATIO or not self.is_thorough:
                 break
         return min(found, key=lambda each: each.mean_ratio), len(found)
 
@@ -221,7 +223,7 @@ class StagedFit:
             fit = self._fit(plant, records)
             start = self.free.with_dead_time(logs, dead_time, self.sample_time)
             tried.append(self._converged(fit, start, STAGE_GAIN))
-            if not MAX_PLANT_RATIO < tried[-1].mean_ratio < WRONG_LAW_RATIO:
+            if not (self.is_thorough and MAX_PLANT_RATIO < tried[-1].mean_ratio < WRONG_LAW_RATIO):
                 return tried[-1]
         tried.append(_without_plant(fit, logs, [observed.effective[place] for place in places]))
         return min(tried, key=lambda each: each.mean_ratio)
