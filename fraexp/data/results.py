@@ -21,7 +21,9 @@ class Outcome(Enum):
     OK = ""
     NOT_SETTLED = "raise excitation.settling_timeout, or loosen excitation.settling_tolerance"
     INACCURATE = "use the numbers at the frequencies that the message does not name, or do what it advises"
-    NO_MOTION = "raise excitation.amplitude, or use an encoder of finer resolution"
+    NO_MOTION = (
+        "raise excitation.amplitude, or use an encoder of finer resolution; of a record, state excited frequencies only"
+    )
     DIVERGED = (
         "the loop is unstable, or moves beyond loop.divergence_limit; lower the controller gain, the dead time, the "
         "amplitude, or the distance"

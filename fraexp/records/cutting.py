@@ -186,7 +186,8 @@ def played_cuts(settings: RecordSettings, rate: float, length: int, place: str) 
         if stop > length:
             raise RecordError(f"{here}: it ends at sample {stop}; the record has {length}: record to the end")
         if not one.harmonics or min(one.harmonics) < 1 or 2 * max(one.harmonics) >= one.samples:
-            raise RecordError(f"{here}: expected harmonics from 1 to below {one.samples / 2:g}")
+            stated = f"{min(one.harmonics)} to {max(one.harmonics)}" if one.harmonics else "none"
+            raise RecordError(f"{here}: its harmonics are {stated}; expected some from 1 to below {one.samples / 2:g}")
         if one.rest is not None and one.rest > one.start:
             raise RecordError(f"{here}: rest is sample {one.rest}; expected one before its start, {one.start}")
         lines = tuple(sorted(one.harmonics))

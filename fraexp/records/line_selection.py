@@ -89,8 +89,8 @@ def _check_share(lines: Sequence[int], blocks: NDArray[np.float64], name: str, p
     if share < MIN_POWER_SHARE:
         raise RecordError(
             f"{place}: '{name}' has {share:.0%} of its power at the {len(lines)} lines of 'reference': something else "
-            f"excites the machine; give that as channel 'excitation', or input = '{name}' (--input {name}) to look for "
-            "lines there"
+            f"excites the machine; give that as channel 'excitation', or line_channel = '{name}' (--input {name}) to "
+            "look for lines there"
         )
 
 
@@ -157,13 +157,14 @@ def check_step_frequencies(
     """Raise RecordError if in most steps the input is strongest at another frequency than the stated one."""
     wrong = []
     for cut in cuts:
-        spectrum = np.abs(np.fft.rfft(cut.blocks_of(channel).mean(axis=0)))
+        samples = cut.blocks_of(channel).ravel()  # not the mean block, in which half of the stated frequency cancels
+        spectrum = np.abs(np.fft.rfft(samples - np.linspace(samples[0], samples[-1], samples.size)))
         strongest = int(np.argmax(spectrum[1:])) + 1
-        if spectrum[strongest] > 2 * spectrum[cut.lines[0]]:
-            wrong.append((cut, strongest))
+        if spectrum[strongest] > 2 * spectrum[cut.lines[0] * cut.blocks]:
+            wrong.append((cut, strongest / cut.blocks))
     if len(wrong) > len(cuts) / 2:
-        cut, strongest = wrong[0]
-        stated, found = (line * rate / cut.samples for line in (cut.lines[0], strongest))
+        cut, strongest_line = wrong[0]
+        stated, found = (line * rate / cut.samples for line in (cut.lines[0], strongest_line))
         raise RecordError(
             f"{place}: '{name}' is strongest at {found:.4g} Hz where {stated:.4g} Hz is stated, and so in "
             f"{len(wrong)} of {len(cuts)} steps; check sample_rate and the steps"

@@ -38,7 +38,7 @@ def _refuse_condition(select: str, place: str) -> tuple[str, float]:
 
 
 def select_runs(settings: RecordSettings, table: RecordTable, size: int, place: str) -> list[SampleRun]:
-    """Return the runs of samples that `where` selects and `segment` separates; by default one run of all samples."""
+    """Return the runs of samples of `select`, separated by `segment_column`; by default one run of all samples."""
     chosen = parse_condition(settings.select, place)
     if chosen is None and settings.segment_column is None:
         return [(place, (0, size))]
@@ -71,6 +71,6 @@ def check_levels(cuts: Sequence[Cut], inputs: Sequence[NDArray[np.float64]], nam
         if max(found) > MAX_LEVEL_RATIO * min(found):
             raise RecordError(
                 f"{place}: the rms of '{name}' is {min(found):.3g} to {max(found):.3g} in segments that would be "
-                "averaged as realisations; analyse each level by itself, with {level} in a column, a file or where, "
+                "averaged as realisations; analyse each level by itself, with {level} in a column, a file or select, "
                 "and level (--level)"
             )

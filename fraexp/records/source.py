@@ -39,6 +39,7 @@ from fraexp.records.record_settings import RecordSettings
 from fraexp.records.repeats import check_repeats, detect_period, period_hint
 from fraexp.records.stated_response import is_response, load_response, resolve_response, response_columns
 from fraexp.records.timebase import MAX_JITTER
+from fraexp.records.unused_keys import check_response_keys, check_sample_keys
 from fraexp.records.wrong_samples import wrong_sample_questions
 
 MAX_VALUE = 1e100
@@ -83,7 +84,9 @@ def resolve(settings: RecordSettings, base_folder: Path, registry: Registry) -> 
     describes them. All faults of a record are found here, as RecordError or ParameterError in one line.
     """
     if is_response(settings.channels):
+        check_response_keys(settings)
         return _resolve_response(settings, base_folder, registry)
+    check_sample_keys(settings)
     parts = [_resolve_part(one, base_folder, files, registry) for files, one in settings.parts()]
     _check_alike(parts)
     cuts = [cut for part in parts for cut in part.cuts]
@@ -291,7 +294,7 @@ def _plan_cuts(
 ) -> list[Cut]:
     name = settings.reference
     if name not in values:
-        raise RecordError(f"{path.name}: input is '{name}', which is not a channel{did_you_mean(name, values)}")
+        raise RecordError(f"{path.name}: line_channel is '{name}', which is not a channel{did_you_mean(name, values)}")
     channel = values[name]
     keys = ("samples_per_period", "period_time", "steps", "frequency_column", "segments")
     ways = [key for key in keys if getattr(settings, key)]
@@ -344,5 +347,6 @@ def _missing_period_error(ways: list[str], channel: NDArray[np.float64], rate: f
     seems = f": {period_hint(found, rate)}" if found else ", as samples_per_period = N (--samples-per-period N)"
     return RecordError(
         f"{place}: give samples_per_period or period_time (s) of a periodic record{seems}; "
-        "steps or frequency of a stepped sine; or periodic = false (--aperiodic) if it does not repeat itself"
+        "steps or frequency_column (--frequency) of a stepped sine; or periodic = false (--aperiodic) if it "
+        "does not repeat itself"
     )

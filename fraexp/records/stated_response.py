@@ -214,7 +214,10 @@ def _split_unit(text: str, path: Path) -> tuple[tuple[float, str], tuple[float, 
 
 
 def _input_amplitude(given: float | str, unit: str) -> float:
-    value = units.number(given, unit) if isinstance(given, str) else given
+    try:
+        value = units.number(given, unit) if isinstance(given, str) else given
+    except ParameterError as error:
+        raise ParameterError(f"input_amplitude: {error}") from None
     if not value > 0:
         raise ParameterError(f"input_amplitude is {given}; expected a number above 0 {unit}")
     return float(value)

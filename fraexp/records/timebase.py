@@ -150,7 +150,7 @@ def sample_rate_of(time: NDArray[np.float64], place: str) -> float:
             rate = f"{1 / found.period:.6g}"
             raise RecordError(
                 f"{place} is rounded to {found.digit:g} s, more than a step, so that a lost sample does not show; if "
-                f"none is lost, leave out time and give sample_rate = {rate} (--sample-rate {rate})"
+                f"none is lost, leave out time_column and give sample_rate = {rate} (--sample-rate {rate})"
             )
     check_ascending(time, place)
     raise RecordError(f"{place} {uneven_text(time)}")
@@ -190,7 +190,11 @@ def uneven_text(time: NDArray[np.float64]) -> str:
         f"expected {step:.4g} s within {MAX_JITTER:.1%}: "
     )
     is_uneven = found.lost_count or found.drifts
-    rate = "" if is_uneven else f", or leave out time and give sample_rate = {1 / step:.6g} if only the stamps are off"
+    rate = (
+        ""
+        if is_uneven
+        else f", or leave out time_column and give sample_rate = {1 / step:.6g} if only the stamps are off"
+    )
     return f"{finding}{stamps_text(found)}; {RESAMPLING_HINT}{rate}"
 
 

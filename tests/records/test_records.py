@@ -259,7 +259,7 @@ REFUSED = {
         {"lines": [2], "every": 2},
         r"expected either harmonics, or min_frequency, max_frequency and harmonic_step",
     ),
-    "no such input": ({"input": "v"}, r"input is 'v', which is not a channel"),
+    "no such input": ({"input": "v"}, r"line_channel is 'v', which is not a channel"),
     "constant": ({"file": "still.csv"}, r"channel 'y' \(column 'Position'\) is constant, 3"),
     "jitter": (
         {"file": "jitter.csv"},

@@ -226,7 +226,7 @@ CASES = [
         "jitter of the stamps only",
         stamped(jittered),
         [*UY, *TIMED],
-        r"leave out time and give sample_rate = ([\d.]+)",
+        r"leave out time_column and give sample_rate = ([\d.]+)",
         without("--time", "--sample-rate", "1000"),
     ),
     Case("drift", stamped(drifting), [*UY, *TIMED], r"\(--resample (cubic)\)", append("--resample", "{1}")),

@@ -127,7 +127,7 @@ def test_too_coarse_stamps_say_the_rate_to_give(folder: Path, capsys: pytest.Cap
     command = ["import", "a.csv", "--channel", "u=force", "--channel", "y=position", "--period-time", "1"]
     assert main([*command, "--time", "time"]) == ExitCode.USAGE
     said = capsys.readouterr().err
-    remedy = re.search(r"leave out time and give sample_rate = \S+ \((--sample-rate) (1000\.\d+)\)", said)
+    remedy = re.search(r"leave out time_column and give sample_rate = \S+ \((--sample-rate) (1000\.\d+)\)", said)
     assert remedy is not None
     assert main([*command, *remedy.groups()]) == ExitCode.OK
 
