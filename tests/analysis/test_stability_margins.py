@@ -7,8 +7,11 @@ import pytest
 from scipy.optimize import brentq, minimize_scalar
 
 from fraexp.analysis.stability_margins import LoopFigure, LoopResponse, loop_figures
+from tests.examples import some
 
 DELAY = 2e-3
+MIN_COVERAGE = 0.9
+"""Of 100 loops, with 95 % expected: less happens by chance once in 35 figures."""
 FREQUENCY = np.geomspace(0.5, 400, 4000)
 
 
@@ -63,18 +66,46 @@ def test_what_the_frequencies_do_not_show_is_left_out() -> None:
     assert loop_figures(LoopResponse(FREQUENCY[:1], lead_loop(FREQUENCY[:1]), unknown[:1], unknown[:1])) == []
 
 
-def test_the_intervals_cover_noisy_responses() -> None:
-    rng = np.random.default_rng(1)
+def drawn_loop(rng: np.random.Generator) -> Callable[[np.ndarray], np.ndarray]:
+    """Return a loop of drawn lead, integral action, delay and resonance around a mass, with a drawn crossover [Hz]."""
+    crossover, delay = 2 * np.pi * rng.uniform(5, 20), rng.uniform(0, 3e-3)
+    lead, lag, integral = rng.uniform(0.25, 0.5), rng.uniform(3, 8), rng.uniform(0, 0.15)
+    mode, damping, share = 2 * np.pi * rng.uniform(30, 90), rng.uniform(0.03, 0.2), rng.uniform(0, 0.3)
+
+    def opened(s: np.ndarray) -> np.ndarray:
+        control = (1 + s / (lead * crossover)) / (1 + s / (lag * crossover)) * (1 + integral * crossover / s)
+        return control * (1 / s**2 + share / (s**2 + 2 * damping * mode * s + mode**2)) * np.exp(-s * delay)
+
+    size = abs(opened(np.array(1j * crossover)))
+    return lambda frequency: opened(2j * np.pi * np.asarray(frequency)) / size
+
+
+@pytest.mark.parametrize("deviation", some((0.0, 1e-3, 1e-2), 1e-3))
+def test_the_intervals_cover_the_closed_form_on_any_grid(deviation: float) -> None:
+    """20 to 60 lines in 2.3 decades: the error of the interpolation is in the interval, with or without noise."""
+    rng, fine = np.random.default_rng(1), np.geomspace(1, 200, 801)
     hits: dict[str, list[bool]] = {}
-    for lines in (30, 45, 60):
-        grid = np.geomspace(1, 200, lines)
-        spread = np.full(lines, 1.96 * 0.003)
-        clean = LoopResponse(grid, lead_loop(grid), spread, spread)
-        truth = {of.name: of.value for of in loop_figures(clean)}
-        for _ in range(400):
-            error = rng.normal(0, 0.003, (2, lines))
-            for of in loop_figures(clean._replace(response=clean.response * np.exp(error[0] + 1j * error[1]))):
-                hits.setdefault(of.name, []).append(abs(of.value - truth[of.name]) < of.half_width)
-    assert {name: len(of) for name, of in hits.items()} == dict.fromkeys(truth, 1200)
+    for _ in range(100):
+        loop, lines = drawn_loop(rng), int(rng.integers(20, 61))
+        grid, spread = np.geomspace(1, 200, lines), np.full(lines, 1.96 * deviation)
+        error = rng.normal(0, 1, (2, lines)) * deviation
+        noisy = loop(grid) * np.exp(error[0] + 1j * error[1])
+        found = {of.name: of for of in loop_figures(LoopResponse(grid, noisy, spread, spread))}
+        for true in loop_figures(LoopResponse(fine, loop(fine), 0 * fine, 0 * fine)):
+            one = found.get(true.name)
+            hits.setdefault(true.name, []).append(one is not None and abs(one.value - true.value) <= one.half_width)
+    assert len(hits) == 6
     for name, of in hits.items():
-        assert np.mean(of) == pytest.approx(0.95, abs=0.025), name
+        assert np.mean(of) > MIN_COVERAGE, name
+
+
+def test_the_intervals_are_no_wider_than_the_noise_asks_for() -> None:
+    """On a grid that shows the loop, the half width is that of the scatter."""
+    rng, grid = np.random.default_rng(1), np.geomspace(1, 200, 120)
+    spread = np.full(grid.size, 1.96 * 0.003)
+    error = rng.normal(0, 0.003, (100, 2, grid.size))
+    noisy = [lead_loop(grid) * np.exp(one[0] + 1j * one[1]) for one in error]
+    found = [{of.name: of for of in loop_figures(LoopResponse(grid, one, spread, spread))} for one in noisy]
+    for name in ("crossover", "bandwidth", "phase margin"):
+        scatter = 1.96 * np.std([of[name].value for of in found])
+        assert np.median([of[name].half_width for of in found]) < 1.4 * scatter
