@@ -18,7 +18,7 @@ from fraexp.records.output_signs import opposite_pairs
 from fraexp.records.quantities import UNITLESS_MARKS
 from fraexp.records.repeats import detect_period
 from fraexp.records.resampling import plan_clock, resample
-from fraexp.records.roles import CLOCK_ROLES, FileContent, is_usable_unit
+from fraexp.records.roles import CLOCK_ROLES, FileContent, is_auxiliary, is_usable_unit
 from fraexp.records.source import existing_file, find_reader, read_columns
 from fraexp.records.timebase import examine_stamps, sample_rate_of, stamps_text
 
@@ -162,7 +162,7 @@ def _longest(signals: Sequence[FileContent]) -> list[FileContent]:
 def _inputs_and_outputs(alike: Sequence[FileContent]) -> tuple[list[FileContent], list[FileContent]]:
     """Return probable inputs and outputs; the only variable of an unknown role is what the other one lacks."""
     inputs, outputs = _best(alike, "u"), _best(alike, "y")
-    unknown = [one for one in alike if not one.guess]
+    unknown = [one for one in alike if not one.guess and not is_auxiliary(one.name)]
     if len(unknown) == 1 and bool(inputs) != bool(outputs):
         return (inputs, unknown) if inputs else (unknown, outputs)
     return inputs, outputs

@@ -52,6 +52,8 @@ UNIT_ROLES = {
 RATE_UNITS = ("m/s", "rad/s")
 ACCELERATION_UNITS = ("m/s**2", "rad/s**2")
 WORDS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
+DRIVE_PARAMETER = re.compile(r"^[rp]\d+(?:\[\d+\])?\s*:?\s+(?=\S)")
+"""Number of a drive's parameter before its name, such as ``r482[0]: Encoder 1``."""
 NAMESAKE = re.compile(r" #\d+$")
 """Number of a column among those of the same name."""
 UNREADABLE = "unreadable"
@@ -117,6 +119,18 @@ NAME_ENDING_UNITS |= {"g": "g_0", "mps2": "m/s^2", "mps": "m/s", "rpm": "rpm", "
 """Units at the end of names, such as ``force_N``."""
 
 
+def is_auxiliary(name: str) -> bool:
+    """Say whether a name is that of a counter, a state or another column that is no signal."""
+    return any(re.fullmatch(NAME_PATTERNS["ignored"], word) for word in _words(name))
+
+
+def _words(name: str) -> list[str]:
+    """Return the words of a name in lower case, without the structures that contain it and a drive's parameter."""
+    plain = DRIVE_PARAMETER.sub("", NAMESAKE.sub("", name))
+    short = next((part.strip() for part in reversed(plain.split(".")) if not part.isdigit()), plain)
+    return [word.lower() for word in WORDS.findall(short.partition("(")[0])]
+
+
 def is_usable_unit(unit: str) -> bool:
     """Say whether a unit that a file states is one: instruments also write words there, such as inc."""
     with suppress(FraexpError):
@@ -133,16 +147,16 @@ def guess_role(name: str, unit: str, shape: Sequence[int]) -> Role:
     """
     if 0 in shape:
         return Role(UNREADABLE, 0)
-    plain = NAMESAKE.sub("", name)
+    plain = DRIVE_PARAMETER.sub("", NAMESAKE.sub("", name))
     short = next((part.strip() for part in reversed(plain.split(".")) if not part.isdigit()), plain)
-    words = [word.lower() for word in WORDS.findall(short.partition("(")[0])]
+    words = _words(name)
     if int(np.prod(shape)) <= 1:
         return Role(_matching(CLOCK_PATTERNS, [short.lower(), *words]), 0)
     by_unit = _unit_role(unit)
     if short.lower() in EXACT_ROLES:
         return Role(EXACT_ROLES[short.lower()], NAME_SCORE)
     by_name = _matching(NAME_PATTERNS, [short.lower(), *words])
-    if any(re.fullmatch(NAME_PATTERNS["ignored"], word) for word in words):
+    if is_auxiliary(name):
         return Role("", 0)
     return _joint_role(by_name, by_unit, unit, words)
 

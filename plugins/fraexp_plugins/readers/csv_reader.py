@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from fraexp.api import RecordError, RecordReader, RecordTable
 from fraexp_plugins.readers._shared.text_layout import COMMENTS, TextLayout, detect_layout
 from fraexp_plugins.readers._shared.text_lines import is_number, split_cells, text_lines
+from fraexp_plugins.readers._shared.thousands import check_thousands
 
 
 class CsvReader(RecordReader, name="csv", version=1):
@@ -28,12 +29,14 @@ class CsvReader(RecordReader, name="csv", version=1):
     def read(self, path: Path, columns: Sequence[str]) -> RecordTable:
         layout = detect_layout(path)
         positions = [layout.position(path, column) for column in columns]
+        if layout.decimal_comma:
+            check_thousands(path, _rows(path, layout), layout.delimiter, positions, layout.headings)
         owners = [layout.time_position(position) for position in positions]
         values = _numbers(path, layout, positions)
         own_times = {}
         if None not in owners and len(set(owners)) > 1:
             stamps = dict(zip(owners, _numbers(path, layout, [at for at in owners if at is not None]), strict=True))
-            own_times = {c: stamps[at] * layout.time_factor(at) for c, at in zip(columns, owners, strict=True)}
+            own_times = {c: stamps[at] * layout.time_factor(path, at) for c, at in zip(columns, owners, strict=True)}
         units = dict(zip(layout.names, layout.units, strict=False))  # of all columns: another one may be the clock
         units |= {column: layout.units[position] for column, position in zip(columns, positions, strict=True)}
         return RecordTable(

@@ -52,6 +52,10 @@ MAX_ENTRY_CHARACTERS = 200
 """Characters of a line of metadata that are looked at."""
 RATE_FACTORS = {"": 1.0, "k": 1e3, "m": 1e6}
 TIME_FACTORS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6}
+CLOCK_FACTORS = TIME_FACTORS | {
+    "sec": 1.0, "msec": 1e-3, "usec": 1e-6, "μs": 1e-6, "ns": 1e-9, "nsec": 1e-9, "min": 60.0, "h": 3600.0,
+}  # fmt: skip
+"""Units of a column of time."""
 
 
 @dataclass(frozen=True)
@@ -89,10 +93,15 @@ class TextLayout:
         before = [at for at in times if at < position]
         return before[-1] if len(times) > 1 and before and position not in times else None
 
-    def time_factor(self, position: int | None) -> float:
-        """Return the factor to seconds of a column of time."""
-        unit = (self.units[position] if position is not None else None) or "s"
-        return TIME_FACTORS.get(unit.strip(), 1.0)
+    def time_factor(self, path: Path, position: int | None) -> float:
+        """Return the factor to seconds of a column of time; RecordError if its unit is unknown."""
+        unit = ((self.units[position] if position is not None else None) or "s").strip()
+        if unit not in CLOCK_FACTORS:
+            known = ", ".join(CLOCK_FACTORS)
+            raise RecordError(
+                f"{path.name}: a column of time is in '{unit}'; expected one of {known}: give time_column"
+            )
+        return CLOCK_FACTORS[unit]
 
     def number(self, cell: str) -> float:
         """Return the number in a cell; ValueError if it is not a number."""
