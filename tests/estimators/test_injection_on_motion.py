@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fraexp_plugins.estimators.injection_on_motion import _Modulation
 
 from fraexp.analysis.confidence import circle_factor, degrees_of_freedom
 from fraexp.cli.exits import ExitCode
@@ -23,6 +24,8 @@ from tests.records.strangers_files import results
 DRIVE, PERIOD, AMPLITUDE_N = Drive(), 200, 4.0
 LINES = np.arange(4, 20, 3)
 MAX_MASS_ERROR = 0.001
+MAX_RMS_DEVIATIONS = 1.6
+"""Of 8 masses, with 1 expected: more than that happens by chance once in 200 times."""
 MIN_COVERAGE = 0.9
 """Of 72 lines per kind of move, with 95 % expected: less than that happens by chance once in 25 kinds."""
 REPEATED_INCREMENTS = 0.02
@@ -129,6 +132,34 @@ def test_bands_cover_the_plant_on_drawn_drives_and_moves(kind: str) -> None:
             radius += REPEATED_INCREMENTS * drive.count / found.response.input_amplitude
             inside.append(np.abs(found.response.response - 1 / (drive.mass * s**2 + damping * s)) <= radius)
     assert np.mean(inside) >= MIN_COVERAGE
+
+
+@pytest.mark.thorough
+def test_the_masss_interval_covers_it_where_one_move_is_repeated() -> None:
+    """The increments of the encoder repeat themselves with the move: the scatter alone gave 2.3 deviations."""
+    deviations = []
+    for seed in range(8):
+        rng = np.random.default_rng(300 + seed)
+        drive = Drive(mass=rng.uniform(2, 8), coulomb=rng.uniform(3, 12), viscous=rng.uniform(5, 40))
+        s = np.linspace(0, 1, 600)
+        there = rng.uniform(0.02, 0.05) * (10 * s**3 - 15 * s**4 + 6 * s**5)
+        one = np.concatenate([there, np.full(PERIOD, there[-1]), there[::-1], np.zeros(PERIOD)])
+        found = estimate(record(drive, np.tile(one, 15), seed), name="injection_on_motion", refer_to_plant=True)
+        values = {metric.name: metric.value for metric in found.metrics}
+        deviations.append((values["apparent mass"] - drive.mass) / values["apparent mass deviation"])
+    assert np.sqrt(np.mean(np.square(deviations))) < MAX_RMS_DEVIATIONS
+
+
+def test_blocks_with_equal_residuals_are_one_block() -> None:
+    """Equal blocks count once, independent ones each, and those in which a line has the opposite phase cancel there."""
+    modulation = _Modulation.of(np.array([4, 7]), 200, 2)
+    noise = np.random.default_rng(0).normal(size=8000)
+    starts = list(range(0, 8000, 200))
+    assert modulation.repetition(noise, starts) == pytest.approx(1.0, abs=0.25)
+    assert modulation.repetition(np.tile(noise[:200], 40), starts) == pytest.approx(40.0)
+    turns = np.array([4, 7]) * 225 / 200
+    expected = 1 + np.cos(2 * np.pi * turns)
+    assert modulation.repetition(np.tile(noise[:225], 2), [0, 225]) == pytest.approx(expected, abs=1e-9)
 
 
 def test_a_record_of_moves_gives_the_mass_by_one_command(

@@ -24,7 +24,7 @@ MIN_SPACING = 2
 """Least distance of two lines, and of the lowest one from 0, in periods per block: closer ones share their window."""
 
 
-class InjectionOnMotion(PlantReferredEstimator, name="injection_on_motion", version=2):
+class InjectionOnMotion(PlantReferredEstimator, name="injection_on_motion", version=3):
     """P̂ = y'/u at the lines of a known periodic signal that is injected while the axis moves as its task demands.
 
     The record is cut into blocks in which the axis slides without reversal, wherever they begin; consecutive ones
@@ -129,6 +129,10 @@ class _Modulation(NamedTuple):
     """Shape (lines, samples)."""
     angle: NDArray[np.float64]
     """Angle of each line per sample [rad], shape (lines,)."""
+    window: NDArray[np.float64]
+    """Root of the weights of the samples, shape (samples,)."""
+    fitted: NDArray[np.float64]
+    """Orthonormal basis of what is fitted to the windowed samples, shape (samples, parameters)."""
 
     @classmethod
     def of(cls, lines: NDArray[np.int64], block: int, order: int) -> "_Modulation":
@@ -137,14 +141,28 @@ class _Modulation(NamedTuple):
         turning = np.exp(1j * np.outer(np.arange(block), angle))
         powers = np.polynomial.legendre.legvander(np.linspace(-1, 1, block), order)
         basis = np.hstack([turning.real, -turning.imag, powers])
-        weighted = basis * np.sin(np.pi * (np.arange(block) + 0.5) / block)[:, None] ** 4
+        window = np.sin(np.pi * (np.arange(block) + 0.5) / block) ** 2
+        weighted = basis * window[:, None] ** 2
         rows = np.linalg.solve(basis.T @ weighted, weighted.T)
-        return cls(rows[: lines.size] + 1j * rows[lines.size : 2 * lines.size], angle)
+        fitted = np.linalg.qr(basis * window[:, None])[0]
+        return cls(rows[: lines.size] + 1j * rows[lines.size : 2 * lines.size], angle, window, fitted)
 
     def phasors(self, values: NDArray[np.float64], starts: list[int]) -> NDArray[np.complex128]:
         """Return the phasors of the blocks that begin there, on the clock of the record, shape (blocks, lines)."""
         blocks = values[np.add.outer(starts, np.arange(self.rows.shape[1]))]
         return np.asarray(blocks @ self.rows.T * np.exp(-1j * np.outer(starts, self.angle)))
+
+    def repetition(self, values: NDArray[np.float64], starts: list[int]) -> NDArray[np.float64]:
+        """Return the variance of the mean of the blocks' phasors over that of independent blocks, shape (lines,).
+
+        It is the sum of the correlations of the blocks' residuals, each turned by the line's angle between the blocks:
+        where a move repeats itself, so does the pattern of the encoder's increments, in the residual as at the lines.
+        """
+        blocks = values[np.add.outer(starts, np.arange(self.rows.shape[1]))] * self.window
+        residual = blocks - (blocks @ self.fitted) @ self.fitted.T
+        residual /= np.maximum(np.linalg.norm(residual, axis=1), 1e-300)[:, None]
+        turned = np.exp(-1j * np.outer(self.angle, starts)) @ residual
+        return np.asarray(np.sum(np.abs(turned) ** 2, axis=1) / len(starts))
 
 
 def _block_phasors(
@@ -160,6 +178,7 @@ def _block_phasors(
         modulation.phasors(force, starts) / hold,
         modulation.phasors(acceleration, starts) / (2 * np.cos(angle) - 2),
         slide,
+        modulation.repetition(acceleration, starts),
     )
 
 
@@ -170,21 +189,25 @@ class _Phasors(NamedTuple):
     output: NDArray[np.complex128]
     slide: NDArray[np.int64]
     """Number of the slide to which each block belongs, shape (blocks,)."""
+    repetition: NDArray[np.float64]
+    """Variance of the mean over that of independent blocks by the blocks' residuals, shape (lines,)."""
 
     @property
     def variance_factor(self) -> NDArray[np.float64]:
         """Variance of the ratio of the means over that of independent blocks, shape (lines,).
 
         Half overlapping blocks correlate; and within a slide they share the pattern of the encoder's increments, which
-        the scatter of the slides' sums shows (K.-Y. Liang and S. L. Zeger, Biometrika 73(1), 1986).
+        the scatter of the slides' sums shows (K.-Y. Liang and S. L. Zeger, Biometrika 73(1), 1986). What all slides
+        have in common does not scatter: the residuals show it.
         """
+        least = np.maximum(self.repetition, OVERLAP_VARIANCE)
         error = self.output - self.output.mean(axis=0) / self.input.mean(axis=0) * self.input
         sums = np.array([error[self.slide == number].sum(axis=0) for number in range(self.slide[-1] + 1)])
         if len(sums) < MIN_SLIDES:
-            return np.full(error.shape[1], OVERLAP_VARIANCE)
+            return least
         squares = np.sum(np.abs(error) ** 2, axis=0) * len(error) / (len(error) - 1)
         between = np.sum(np.abs(sums) ** 2, axis=0) * len(sums) / (len(sums) - 1)
-        return np.asarray(np.maximum(between / np.maximum(squares, 1e-300), OVERLAP_VARIANCE))
+        return np.asarray(np.maximum(between / np.maximum(squares, 1e-300), least))
 
 
 def with_variance_factor(response: FrequencyResponse, factor: NDArray[np.float64]) -> FrequencyResponse:
