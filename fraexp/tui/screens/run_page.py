@@ -33,7 +33,7 @@ LOG_POLL_INTERVAL_S = 1.0
 """Seconds between two polls of the log, and steps of the elapsed time."""
 READING_REST_S = 2.5e-4
 """Seconds for which a running run is not read again, for each of its sweeps: reading counts all of them."""
-MAX_REFRESH_SHARE = 0.03
+MAX_REFRESH_SHARE = 0.02
 """Maximum share of a processor that a running run's sweeps and progress take to be drawn again."""
 
 

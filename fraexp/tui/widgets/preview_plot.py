@@ -31,7 +31,7 @@ MAX_PREVIEWED = 400
 """Maximum number of sweeps that are read for a preview."""
 MAX_NAMES = 6
 """Maximum number of names below the plot."""
-MAX_SHARE = 0.02
+MAX_SHARE = 0.015
 """Maximum share of the time that repeated previews may take: a run needs the processors."""
 
 
