@@ -96,13 +96,13 @@ def fit_linear(
     each record's own ones are eliminated before the shared ones are solved for.
     """
     problem = _Problem(records, _combine_priors(shared_radius, prior), own_radius)
-    point = before = problem.at(np.zeros(shared_radius.size), [np.zeros(radius.size) for radius in own_radius])
+    point = before = problem.evaluate(np.zeros(shared_radius.size), [np.zeros(radius.size) for radius in own_radius])
     for _ in range(MAX_NEWTON_STEPS):
         step, own_steps, slope = problem.newton_step(point)
         length = 1.0
         for _ in range(MAX_HALVINGS):
             own = [a + length * b for a, b in zip(point.own, own_steps, strict=True)]
-            tried = problem.at(point.shared + length * step, own)
+            tried = problem.evaluate(point.shared + length * step, own)
             if tried.loss <= point.loss + SUFFICIENT * length * slope:
                 break
             length /= 2
@@ -143,7 +143,7 @@ class _Problem(NamedTuple):
     prior: Prior
     own_radius: Sequence[NDArray[np.float64]]
 
-    def at(self, shared: NDArray[np.float64], own: Sequence[NDArray[np.float64]]) -> _Point:
+    def evaluate(self, shared: NDArray[np.float64], own: Sequence[NDArray[np.float64]]) -> _Point:
         losses, total = [], self.prior.loss(shared)
         for record, values, radius in zip(self.records, own, self.own_radius, strict=True):
             residual = record.residual - record.shared @ shared - record.own @ values
