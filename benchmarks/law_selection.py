@@ -162,7 +162,7 @@ def main() -> int:
         what = f"{machine.number} {machine.law}, {machine.relative_amplitude:.2g} of sliding"
         print(f"{what:36s} {verdict:18s} {texts}; {seconds:.0f} CPU-s", flush=True)
     print(f"\nright: {right} of {count}; 'none fits': {silent}; a wrong law called right: {count - right - silent}")
-    return int(count - right > max(MAX_WRONG_SHARE * count, 0))
+    return int(count - right > MAX_WRONG_SHARE * count)
 
 
 if __name__ == "__main__":

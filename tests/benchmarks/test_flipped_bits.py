@@ -8,7 +8,7 @@ from benchmarks.flipped_bits import attack
 from fraexp.store import Store
 from tests.cli.conftest import fill
 
-DATABASES = 20
+DATABASES = 3
 SEED = 20261123
 
 
@@ -29,3 +29,8 @@ def base(tmp_path: Path) -> Path:
 @pytest.mark.thorough
 def test_nothing_changed_is_shown_as_sound(base: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert attack(base, DATABASES, SEED, base.parent) == 0, capsys.readouterr().out
+
+
+@pytest.mark.thorough
+def test_nothing_changed_is_shown_as_sound_in_many(base: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert attack(base, 60, SEED + 1, base.parent) == 0, capsys.readouterr().out

@@ -1,5 +1,6 @@
 """Tags, notes, deletion, progress, and watching a database that changes."""
 
+import gc
 import os
 import sqlite3
 from contextlib import closing
@@ -117,6 +118,7 @@ def test_a_watcher_survives_hours_and_holds_no_lock(store, begin, sweep, path):
     run = begin([sweep()])
     with Store.open(str(path), read_only=True, timeout=0.1) as watcher:
         watcher.page()
+        gc.collect()  # closes what earlier tests have left open
         files = open_files()
         for _ in range(300):
             watcher.version()
