@@ -38,6 +38,8 @@ from fraexp.store.validation import check_types
 
 POSITION_ORDER, NEWEST_ORDER = "position", "-created"
 """Default orders: of a run's sweeps, and of all sweeps."""
+INDEXES_CHECKED = "indexes checked"
+"""What is noted of a connection whose indexes have all sweeps."""
 OLDEST = datetime(1, 1, 2, tzinfo=UTC)
 """Before all moments, in any time zone."""
 COUNT_FIRST_OFFSET = 10_000
@@ -80,7 +82,12 @@ def read_page(
 
 
 def _check_indexes(connection: Connection) -> None:
-    """Raise StoreError unless each index has all sweeps; a page and its count often come from the same one."""
+    """Raise StoreError unless each index has all sweeps; a page and its count often come from the same one.
+
+    Counting takes time: it is done at the first listing by a connection to the database.
+    """
+    if INDEXES_CHECKED in connection.info:
+        return
     created, estimator = sweep.c.created, sweep.c.estimator_name
     each_index = (
         sweep.c.key >= "",
@@ -92,6 +99,7 @@ def _check_indexes(connection: Connection) -> None:
     ).one()
     if len(set(counts)) > 1:
         raise _damaged_index_error()
+    connection.info[INDEXES_CHECKED] = True
 
 
 def _damaged_index_error() -> StoreError:
