@@ -75,6 +75,31 @@ def test_unsettled_points_are_gaps_in_the_line(make_response: ResponseMaker) -> 
     assert [list(line.get_xdata()) for line in hollow] == [[2, 4]]
 
 
+def test_no_line_crosses_a_gap_in_which_a_mode_could_hide(make_response: ResponseMaker) -> None:
+    frequency = [1.0, 2.0, 4.0, 8.0, 9.0, 10.0]
+    response = make_response(frequency, np.full(6, 1e-3), deviation=np.full(6, 1e-5))
+    axes = draw_bode(bode_info([("P", response)])).axes[0]
+    points, lines = (
+        [of for of in axes.lines if of.get_marker() == "o"],
+        [of for of in axes.lines if of.get_marker() != "o"],
+    )
+    assert [list(of.get_xdata()) for of in points] == [[1, 2, 4]]
+    (line,) = lines
+    np.testing.assert_array_equal(
+        np.isnan(line.get_ydata()), [False, True, False, True, False, True, False, False, False]
+    )
+    (bars,) = [of for of in axes.collections if hasattr(of, "get_segments")]
+    np.testing.assert_allclose([each[:, 0] for each in bars.get_segments()], [[1, 1], [2, 2], [4, 4]])
+
+
+def test_a_response_of_points_alone_stands_in_the_legend(make_response: ResponseMaker) -> None:
+    response = make_response([1.0, 2.0, 4.0], np.full(3, 1e-3))
+    figure = draw_bode(bode_info([("few", response)]))
+    (handle,) = figure.legends[0].legend_handles
+    assert [of.get_text() for of in figure.legends[0].get_texts()] == ["few"]
+    assert (handle.get_marker(), handle.get_linestyle()) == ("o", "None")
+
+
 def test_a_response_that_never_settled_can_be_drawn(make_response: ResponseMaker) -> None:
     never = make_response([1.0, 2.0], [1e-3, 1e-3], settled=[False, False])
     info = bode_info([("a", never), ("b", make_response([1.0, 2.0], [1e-3, 1e-3j]))])

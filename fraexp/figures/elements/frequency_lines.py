@@ -1,4 +1,4 @@
-"""Lines over frequency: settled points are joined, others are hollow; models through points; confidence bands."""
+"""Lines over frequency: settled points near each other are joined, unsettled ones hollow; models; confidence bands."""
 
 from typing import TYPE_CHECKING, Literal
 
@@ -15,16 +15,25 @@ if TYPE_CHECKING:
 
 BAND_OPACITY = 0.22
 """Opacity of a band."""
+BAR_OPACITY, BAR_WIDTH = 0.55, 1.6
+"""Opacity of a bar, and its width in points."""
 BAND_MARGIN = 0.25
 """Share of its span by which an axis grows at each end for bands beyond the lines."""
 LIMIT_COLUMNS = ("lower 95 %", "upper 95 %")
 """Columns of a curve that are the 95 % limits of its first ordinate."""
 POINT_SIZE = 3.2
 """Size of the points through which a model is drawn."""
+LONE_POINT_SIZE = 5.5
+"""Size of those that are too far apart for a line."""
 MODEL_LINE_WIDTH = 1.1
 """Width of the line of a model."""
 EXTREMUM_SIZE, EXTREMUM_OFFSET = 5.0, 5.0
 """Size of the mark of a resonance or antiresonance, and its distance from the line, in points."""
+MAX_JOINED_RATIO = 1.25
+"""Ratio of neighbouring frequencies up to which a line joins them.
+
+A mode of 10 % damping has a width of about this ratio: between points farther apart a line would hide one.
+"""
 LEGEND_GREY = "0.35"
 """Colour of legend entries that stand for all curves."""
 Fill = Literal["full", "none"]
@@ -35,11 +44,28 @@ def with_gaps(values: NDArray[np.float64], settled: NDArray[np.bool_]) -> NDArra
     return np.where(settled, values, np.nan)
 
 
-def isolated_points(settled: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return whether a settled point has no settled neighbour, shape (n,): it is drawn as a point."""
-    neighbours = np.zeros(len(settled) + 2, dtype=bool)
-    neighbours[1:-1] = settled
-    return settled & ~neighbours[:-2] & ~neighbours[2:]
+def isolated_points(settled: NDArray[np.bool_], joined: NDArray[np.bool_] | None = None) -> NDArray[np.bool_]:
+    """Return whether a settled point is joined to no neighbour, shape (n,): it is drawn as a point.
+
+    `joined` says whether each point may be joined to the next one, shape (n - 1,); all may if it is not given.
+    """
+    links = np.zeros(settled.size + 1, dtype=bool)  # before each point, and after the last one
+    links[1:-1] = settled[:-1] & settled[1:] & (True if joined is None else joined)
+    return settled & ~links[:-1] & ~links[1:]
+
+
+def near_neighbours(frequency: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return whether each frequency is so near to the next one that a line may join them, shape (n - 1,)."""
+    return np.asarray(frequency[1:] <= MAX_JOINED_RATIO * frequency[:-1])
+
+
+def split_line(
+    frequency: NDArray[np.float64], values: NDArray[np.float64], joined: NDArray[np.bool_]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return frequencies (n,) and values (..., n) with a NaN value between neighbours that are not joined."""
+    gaps = np.flatnonzero(~joined) + 1
+    between = np.sqrt(frequency[gaps] * frequency[gaps - 1])
+    return np.insert(frequency, gaps, between), np.insert(values, gaps, np.nan, axis=-1)
 
 
 def draw_line(
@@ -49,10 +75,19 @@ def draw_line(
     settled: NDArray[np.bool_],
     label: str,
     style: LineStyle,
+    joined: NDArray[np.bool_] | None = None,
 ) -> None:
-    """Draw values of shape (n,): a line through settled points, hollow points for the others."""
-    axes.plot(frequency, with_gaps(values, settled), label=drawable(label), **style)
-    _draw_points(axes, frequency, values, isolated_points(settled), str(style["color"]), "full")
+    """Draw values of shape (n,): a line through settled points, hollow points for the others.
+
+    `joined` says which neighbours the line joins, shape (n - 1,); all if it is not given. Points that it does not
+    reach are drawn, and stand in the legend if there is no line at all.
+    """
+    line, alone = with_gaps(values, settled), isolated_points(settled, joined)
+    x, y = (frequency, line) if joined is None else split_line(frequency, line, joined)
+    has_line = joined is None or not alone.any() or bool((settled & ~alone).any())
+    if has_line:
+        axes.plot(x, y, label=drawable(label), **style)
+    _draw_points(axes, frequency, values, alone, str(style["color"]), "full", label="" if has_line else label)
     _draw_points(axes, frequency, values, ~settled, str(style["color"]), "none")
 
 
@@ -64,9 +99,11 @@ def _draw_points(
     colour: str | Colour,
     fill: Fill,
     size: float = 5,
+    label: str = "",
 ) -> None:
     if chosen.any():
-        axes.plot(x[chosen], values[chosen], "o", color=colour, fillstyle=fill, markersize=size, mew=0.24 * size)
+        look: LineStyle = {"color": colour, "fillstyle": fill, "markersize": size, "mew": 0.24 * size}
+        axes.plot(x[chosen], values[chosen], "o", label=drawable(label) or None, **look)
 
 
 def draw_points_and_model(
@@ -75,13 +112,17 @@ def draw_points_and_model(
     settled: NDArray[np.bool_],
     model: tuple[NDArray[np.float64], ...],
     style: LineStyle,
+    joined: NDArray[np.bool_] | None = None,
 ) -> None:
     """Draw points x, y of shape (n,), those that are not settled hollow, and a model x, y as a thin line over them.
 
+    Points that a line would not reach if it joined these neighbours (see `draw_line`) are larger: they are few.
     NaN is a gap in the line. The legend takes its entry from `add_fitted_legend`.
     """
     colour = str(style["color"])
-    _draw_points(axes, *points, settled, mix_grey(colour, 1.0, TINT_SHARE), "full", POINT_SIZE)
+    alone, tint = isolated_points(settled, joined) & (joined is not None), mix_grey(colour, 1.0, TINT_SHARE)
+    _draw_points(axes, *points, settled & ~alone, tint, "full", POINT_SIZE)
+    _draw_points(axes, *points, alone, tint, "full", LONE_POINT_SIZE)
     _draw_points(axes, *points, ~settled & np.isfinite(points[1]), colour, "none")
     axes.plot(*model, color=colour, linestyle=style["linestyle"], linewidth=MODEL_LINE_WIDTH, zorder=3.5)
 
@@ -135,7 +176,8 @@ def draw_bands(
 ) -> None:
     """Draw bands, each with frequency (n,), limits (2, n) and colour; the lines must have been drawn.
 
-    If limits are infinite or far from all lines, the band ends at the edge of the axis.
+    If limits are infinite or far from all lines, the band ends at the edge of the axis. A point between gaps, which are
+    NaN, has a bar.
     """
     known = [band for band in bands if not np.isnan(band[1]).all()]
     if not known:
@@ -144,6 +186,9 @@ def draw_bands(
     for frequency, limits, colour in known:
         low, high = np.clip(limits, *edges)
         axes.fill_between(frequency, low, high, color=colour, alpha=opacity, linewidth=0)
+        alone = isolated_points(np.asarray(~np.isnan(limits).any(axis=0)))
+        if alone.any():
+            axes.vlines(frequency[alone], low[alone], high[alone], color=colour, alpha=BAR_OPACITY, linewidth=BAR_WIDTH)
     is_shared = len(axes.get_shared_y_axes().get_siblings(axes)) > 1
     axes.set_ylim(edges, auto=None if is_shared else False)  # lines of further facets may need more
 

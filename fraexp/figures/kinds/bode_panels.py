@@ -17,6 +17,8 @@ from fraexp.figures.elements.frequency_lines import (
     draw_extrema,
     draw_line,
     draw_points_and_model,
+    near_neighbours,
+    split_line,
 )
 from fraexp.figures.elements.line_style import LineStyle
 from fraexp.figures.elements.view import PHASE_LABEL
@@ -39,7 +41,8 @@ SPRING_STYLE: LineStyle = {**RIGID_BODY_STYLE, "linestyle": (0, (5, 2, 1, 2))}
 def draw_bode(info: BodeInfo) -> "Figure":
     """Draw a Bode plot; unsettled points are hollow and not joined, the reference is dashed and dark.
 
-    A response to which a plant was fitted is points, the plant a thin line. Samples are drawn as bundles.
+    Neighbours between which a mode could hide are not joined, and their band is a bar at each point. A response
+    to which a plant was fitted is points, the plant a thin line. Samples are drawn as bundles.
     """
     return draw_bode_facets({"": info})
 
@@ -86,19 +89,20 @@ def _draw_part(axes: "Axes", info: BodeInfo, part: str, styles: Mapping[str, Lin
     bands = []
     for curve in info.curves:
         values, model, style = getattr(curve, part), curve.model, styles[curve.label]
+        joined = near_neighbours(curve.frequency)
         if model is None:
-            draw_line(axes, curve.frequency, values, curve.settled, curve.label, style)
+            draw_line(axes, curve.frequency, values, curve.settled, curve.label, style, joined)
         else:
-            draw_points_and_model(
-                axes, (curve.frequency, values), curve.settled, (model.frequency, getattr(model, part)), style
-            )
+            points, line = (curve.frequency, values), (model.frequency, getattr(model, part))
+            draw_points_and_model(axes, points, curve.settled, line, style, joined)
             if part == "magnitude":
                 draw_extrema(axes, model.frequency, model.magnitude, model.extremum, style)
                 axes.plot(model.frequency, model.rigid_body, **RIGID_BODY_STYLE)
                 if model.spring:
                     axes.plot(model.spring.frequency, [model.spring_level] * 2, **SPRING_STYLE)
             add_fitted_legend(axes, curve.label if model.has_phase else f"{curve.label} (fit of the magnitude)", style)
-        bands.append((curve.frequency, curve.with_gaps(getattr(curve, f"{part}_band")), str(style["color"])))
+        band = curve.with_gaps(getattr(curve, f"{part}_band"))
+        bands.append((*split_line(curve.frequency, band, joined), str(style["color"])))
     if any(curve.model for curve in info.curves):
         add_model_legend(axes, "fitted plant")
         _add_plant_legend(axes, [curve.model for curve in info.curves if curve.model], info.source_unit)

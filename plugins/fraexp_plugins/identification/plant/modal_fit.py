@@ -32,6 +32,7 @@ from fraexp_plugins.identification.plant._shared.modal_order import (
     mode_limit,
 )
 from fraexp_plugins.identification.plant._shared.modal_solver import WHITENESS_PROBABILITY, Solution, count_text
+from fraexp_plugins.identification.plant._shared.parameter_symbols import parameter_symbol
 from fraexp_plugins.identification.plant._shared.whiteness import whiteness
 
 PLANT_UNIT = "m/N"
@@ -244,7 +245,7 @@ class ModalFit(Estimator, name="modal_fit", version=5):
     def _metrics(self, solution: Solution, unit: str) -> Iterator[Metric]:
         model, data = solution.model, solution.data
         for name, value, own_unit in zip(model.names(), model.values(solution.p), _units(model, unit), strict=True):
-            yield Metric(_symbol(name), float(value), own_unit)
+            yield Metric(parameter_symbol(name), float(value), own_unit)
         yield Metric("modes", float(model.modes), "1")
         yield Metric("points", float(data.frequency.size), "1")
         yield Metric("residual", solution.residual, "1")
@@ -277,14 +278,6 @@ def _units(model: ModalModel, unit: str) -> tuple[str, ...]:
     plant = unit == PLANT_UNIT
     ends = ["N s/m" if plant else f"s/({unit})"] * model.fit_viscous + ["s"] * (model.dead_time is None)
     return ("m/(N s**2)" if plant else f"({unit})/s**2", *["Hz", "1", "1"] * model.modes, *ends)
-
-
-def _symbol(name: str) -> str:
-    """Return the literature's letter for a parameter, such as f1 for frequencies.0."""
-    head, _, number = name.partition(".")
-    letters = {"rigid_body_gain": "k0", "frequencies": "f", "damping_ratios": "ζ", "modal_gain_ratios": "r"}
-    letters |= {"viscous_coefficient": "D", "dead_time": "L"}
-    return letters[head] + (str(int(number) + 1) if number else "")
 
 
 def _relative_errors(solution: Solution) -> NDArray[np.float64]:

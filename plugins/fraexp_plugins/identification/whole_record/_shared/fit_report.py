@@ -11,6 +11,7 @@ from fraexp_plugins.estimators._shared.effective_input_observer import EFFECTIVE
 from fraexp_plugins.estimators._shared.parameter_uncertainty import parameter_unit, parameter_value
 from fraexp_plugins.estimators._shared.realisations import Part, combine_parts, realisation_groups
 from fraexp_plugins.identification._shared.friction_curves import NORMAL_QUANTILE
+from fraexp_plugins.identification.plant._shared.parameter_symbols import parameter_symbol
 from fraexp_plugins.identification.plant._shared.whiteness import whiteness
 from fraexp_plugins.identification.whole_record._shared.free_parameters import DEAD_TIME, SCALES
 from fraexp_plugins.identification.whole_record._shared.noise_level import NOISE, NoiseLevel
@@ -31,6 +32,8 @@ MIN_WHITENESS = 1e-3
 """Probability of white noise as coloured as a residual, below which it is not white."""
 MAX_WRONG_SHARE = 0.2
 """Share of records that are not repeated, above which the model is wrong."""
+CURVE_POINTS = 400
+"""Frequencies of the curve of the fitted plant."""
 RESIDUAL_RATIO = "residual over expectation"
 
 
@@ -58,7 +61,7 @@ class FitReport:
             outcome=outcome,
             message=message,
             metrics=tuple(self._metrics()),
-            curves=(self._curve(),),
+            curves=(*self._plant_curves(), self._curve()),
             fits=tuple(self._fits()),
         )
 
@@ -145,7 +148,8 @@ class FitReport:
         values, units = fit.free.values(fit.start, state.shared), fit.free.units(fit.start)
         std = np.sqrt(np.diag(self.found.covariances[0]))[: values.size]
         std = std * np.abs(fit.free.slopes(fit.start, state.shared))
-        for name, value, unit, each in zip(fit.free.friction, values, units, std, strict=False):
+        names = (*fit.free.friction, *(parameter_symbol(name) for name in fit.free.plant))
+        for name, value, unit, each in zip(names, values, units, std, strict=True):
             yield Metric(name, float(value), unit)
             yield Metric(f"{name}, 95 %", float(NORMAL_QUANTILE * each), unit)
         if self.noise is not None:
@@ -153,6 +157,25 @@ class FitReport:
             yield Metric(f"{NOISE}, 95 %", NORMAL_QUANTILE * self.noise.std, self.signals.unit(fit.records[0].output))
         yield Metric(RESIDUAL_RATIO, self.found.mean_ratio, "1")
         yield Metric("starts", float(self.starts), "1")
+
+    def _plant_curves(self) -> Iterator[Curve]:
+        """Yield the plant that all records share, over their frequencies; none if it was given, or explains too little.
+
+        A response of a dozen points does not show the modes between them.
+        """
+        fit, logs = self.found.fit, self.found.state.shared
+        if not fit.free.plant:
+            return
+        plant = fit.free.applied_to(fit.start, logs).plant
+        lines = np.concatenate([record.frequency for record in fit.records])
+        low, high = float(lines.min()), float(lines.max())
+        modes = [each for each in getattr(plant, "frequencies", ()) if low < each < high]
+        frequency = np.unique(np.concatenate([np.geomspace(low, high, CURVE_POINTS), modes]))
+        response = plant.response(2 * np.pi * frequency)
+        columns = {"frequency": frequency, "magnitude": np.abs(response), "phase": np.angle(response, deg=True)}
+        record = fit.records[0]
+        unit = f"{self.signals.unit(record.output)}/{self.signals.unit(record.input)}"
+        yield Curve("plant fit", columns, {"frequency": "Hz", "magnitude": unit, "phase": "deg"})
 
     def _curve(self) -> Curve:
         frequency = np.array([record.frequency.min() for record in self.found.fit.records])
