@@ -38,6 +38,12 @@ ENTRIES = [
         "[Concepts](concepts.md#the-loop-and-its-signals)",
     ),
     Entry(
+        "paper/fig14_likelihood",
+        "fig14_likelihood.png",
+        "Bode plot: with ΣF_m 10 % wrong the proposed response is 40 dB off at 1 Hz, maximum likelihood on the plant",
+        "[Methods](methods.md#a-friction-model-that-need-not-be-right)",
+    ),
+    Entry(
         "methods/comparison",
         "comparison.png",
         "Error of each method against the plant over frequency, and a table with stroke, force and time",
