@@ -37,6 +37,9 @@ LOCAL = "workspace"
 SESSION = "session"
 """Distribution of classes that were defined interactively: no other process knows them."""
 
+MIN_CONTACTS = 2
+"""Contacts from which a machine's friction is no single model."""
+
 
 @hookspec
 def fraexp_components() -> Iterable[type[Component]]:
@@ -190,10 +193,29 @@ class Registry:
                     for of, part in models_by_contact(values.get(key)).items()
                 }
             elif nested is not None and isinstance(values.get(key), Mapping):
+                self._check_one_model(cls, nested, values[key])
                 values[key] = self._create(nested.kind, values[key], environment)
             elif nested is not None and isinstance(values.get(key), list | tuple):
                 values[key] = tuple(self._create(nested.kind, part, environment) for part in values[key])
         return values
+
+    def _check_one_model(self, cls: type[Parameters], nested: type[Component], spec: Mapping[str, Any]) -> None:
+        """Raise ParameterError for models of several contacts, such as a machine's, where one model is taken."""
+        contacts, kind = list(models_by_contact(spec)), getattr(cls, "kind", "")
+        if len(contacts) < MIN_CONTACTS:
+            return
+        known = [name for name in self.names(kind) if (kind, name) not in self.clashes]
+        able = [name for name in known if _takes_contacts(self.provider(kind, name).component, nested)]
+        raise ParameterError(
+            f"{getattr(cls, 'name', cls.__name__)} takes one {nested.kind} model, and there is one for each of "
+            f"{len(contacts)} contacts ({', '.join(contacts)}); use {' or '.join(able) or 'a machine with one contact'}"
+        )
+
+
+def _takes_contacts(cls: type[Parameters], nested: type[Component]) -> bool:
+    """Say whether a component takes a model of this kind for each contact."""
+    infos = [info for info in cls.model_fields.values() if get_origin(info.annotation) is dict]
+    return any(nested_kind(info) is nested for info in infos)
 
 
 def _session_remedy(kind: str, name: str) -> str:

@@ -9,7 +9,9 @@ from fraexp_plugins.estimators.conventional import Conventional
 from fraexp_plugins.estimators.multi_contact_effective_input import MultiContactEffectiveInput
 from fraexp_plugins.plants.two_mass import TwoMass
 
-from fraexp.errors import ParameterError
+from fraexp.components.kinds import Estimator
+from fraexp.components.registry import create
+from fraexp.errors import ParameterError, RecordError
 from tests.examples import thorough
 from tests.machines import FRICTIONLESS, decibel, degrees, guide, simulated
 
@@ -122,3 +124,22 @@ def test_two_unknown_displacements_are_too_many(rubbing_motor):
     units = {name: unit for name, unit in rubbing_motor.units.items() if not name.startswith("y")}
     with pytest.raises(ParameterError, match=r"do not give the displacements of the contacts motor and load"):
         observer({"motor": MOTOR, "load": LOAD}).estimate(replace(rubbing_motor, units=units))
+
+
+@pytest.mark.parametrize("estimator", ["maximum_likelihood", "friction_law_comparison"])
+def test_methods_for_one_contact_refuse_the_record_of_several(estimator, registry):
+    spec = {"name": estimator, "input_dead_time": DEAD_TIME}
+    if estimator == "maximum_likelihood":
+        spec["friction"] = MOTOR.spec()
+    method, few = create(registry, Estimator, spec), (20.0, 40.0)
+    both = record({"motor": MOTOR, "load": LOAD}, 60.0, frequencies=few)
+    with pytest.raises(RecordError, match=r"friction at 2 contacts \(motor, load\).*multi_contact_effective_input"):
+        method.estimate(both)
+
+
+def test_a_method_for_one_contact_refuses_a_model_for_each(registry):
+    frictions = {"motor": MOTOR.spec(), "load": LOAD.spec()}
+    with pytest.raises(ParameterError, match=r"^effective_input takes one friction model.*2 contacts \(motor, load\)"):
+        registry.create("estimator", {"name": "effective_input"}, {"friction": frictions})
+    with pytest.raises(ParameterError, match=r"use multi_contact_effective_input$"):
+        registry.create("estimator", {"name": "maximum_likelihood", "friction": frictions})

@@ -12,6 +12,7 @@ from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.friction.none import Frictionless
 from fraexp_plugins.identification._shared.friction_curves import NORMAL_QUANTILE
 from fraexp_plugins.identification._shared.usable_signals import usable_signals
+from fraexp_plugins.identification.whole_record._shared.contact_check import check_one_contact
 from fraexp_plugins.identification.whole_record._shared.free_parameters import DEAD_TIME, SCALES
 from fraexp_plugins.identification.whole_record._shared.law_starts import rough_friction
 from fraexp_plugins.identification.whole_record._shared.noise_level import likely_noise, noise_in_records
@@ -86,6 +87,7 @@ class FrictionLawComparison(DelayedEstimator, name="friction_law_comparison", ve
         signals.unit(self.input), signals.unit(self.output)
         if not signals.segments:
             return Result(signals.outcome, signals.message)
+        check_one_contact(signals, self.name)
         used = usable_signals(signals, self.output, self.name)
         if len(used.segments) < MIN_SEGMENTS:
             raise RecordError(

@@ -15,6 +15,7 @@ from fraexp.api import (
 from fraexp_plugins.estimators._shared.delayed_estimator import DelayedEstimator
 from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.identification._shared.usable_signals import usable_signals
+from fraexp_plugins.identification.whole_record._shared.contact_check import check_one_contact
 from fraexp_plugins.identification.whole_record._shared.fit_report import FitReport
 from fraexp_plugins.identification.whole_record._shared.free_parameters import SCALES, FreeParameters
 from fraexp_plugins.identification.whole_record._shared.noise_level import NOISE, likely_noise, noise_in_records
@@ -98,6 +99,7 @@ class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=2):
         signals.unit(self.input), signals.unit(self.output)
         if not signals.segments:
             return Result(signals.outcome, signals.message)
+        check_one_contact(signals, self.name)
         used = usable_signals(signals, self.output, self.name)
         _check_segments(used)
         noise = noise_in_records(used, self.output, self.resolution) if self.noise is None else self.noise

@@ -1,0 +1,24 @@
+"""The refusal of records of machines with friction at several contacts."""
+
+from fraexp.api import RecordError, Signals
+
+FRICTION_PREFIX = "friction."
+"""Start of the name of a simulated channel with the friction force at a contact, if the plant has several."""
+
+
+def check_one_contact(signals: Signals, estimator: str) -> None:
+    """Raise RecordError if a simulated record shows friction at more than one contact.
+
+    A measured record does not say so; what the model leaves of it does.
+    """
+    forces = [name for name in signals.units if name.startswith(FRICTION_PREFIX)]
+    contacts = [
+        name.removeprefix(FRICTION_PREFIX)
+        for name in forces
+        if any(segment.channels[name].any() for segment in signals.segments)
+    ]
+    if len(contacts) > 1:
+        raise RecordError(
+            f"{estimator}: the machine has friction at {len(contacts)} contacts ({', '.join(contacts)}); expected one, "
+            "as the plant that is fitted has it: use multi_contact_effective_input"
+        )
