@@ -7,12 +7,11 @@ from typing import Any
 
 from fraexp.cli.output import say
 from fraexp.cli.progress import make_bar
-from fraexp.data.results import Result
 from fraexp.execution.events import Event
-from fraexp.figures.elements.scales import decibel, degrees, readable_unit
 from fraexp.measurement.measurement import MeasurementBegun, MeasurementNotice
 from fraexp.measurement.point_measurement import PointProgress
-from fraexp.views.words import duration_text, fixed_text, plural
+from fraexp.views.measurement_texts import begin_text, point_text
+from fraexp.views.words import duration_text, plural
 from fraexp.workspace.measurement_service import PointEstimated
 
 
@@ -49,11 +48,8 @@ class MeasurementMeter:
                 self._end_point(event)
 
     def _begin(self, event: MeasurementBegun) -> None:
-        plan, kept = event.plan, len(event.kept)
-        self._done, self._total, self._left = kept, len(plan.points), plan.seconds
-        name = f"{plan.task.study} ({plan.task.label})" if plan.task.label else plan.task.study
-        before = f", {kept} kept" if kept else ""
-        say(f"{name}: {plural(self._total, 'point')}{before}, about {duration_text(plan.seconds)} of machine time")
+        self._done, self._total, self._left = len(event.kept), len(event.plan.points), event.plan.seconds
+        say(begin_text(event))
 
     def _move(self, event: PointProgress) -> None:
         if self._bar is None or self._task is None:
@@ -67,26 +63,6 @@ class MeasurementMeter:
         )
 
     def _end_point(self, event: PointEstimated) -> None:
-        measured, point = event.measured, event.measured.point
+        measured = event.measured
         self._done, self._total, self._left = measured.done, measured.total, measured.seconds_left
-        settled = "settled" if point.settled else "not settled"
-        band = "" if point.band is None else f", band ±{point.band:.2g} dB"
-        factor = "" if point.amplitude == 1 else f", amplitude × {point.amplitude:.2f}"
-        found = "".join(f", {_response_text(result)}" for result in event.results if isinstance(result, Result))
-        left = f", about {duration_text(self._left)} left" if self._left else ""
-        say(
-            f"{self._done}/{self._total}  {point.frequency}: {settled}, {plural(point.periods, 'period')}{band}{factor}"
-            f"{found}; {duration_text(point.machine_time)}{left}"
-        )
-
-
-def _response_text(result: Result) -> str:
-    """Return a response at one frequency, or how many frequencies a response has."""
-    response = result.response
-    if response is None:
-        return result.message or "no response"
-    if response.frequency.size > 1:
-        return f"{response.output}/{response.input} at {plural(response.frequency.size, 'frequency', 'frequencies')}"
-    factor, unit = readable_unit(response.unit)
-    level, phase = decibel(factor * response.response)[0], degrees(response.response)[0]
-    return f"{response.output}/{response.input} {fixed_text(level, 2)} dB re 1 {unit}, {fixed_text(phase, 1)}°"
+        say(point_text(event))

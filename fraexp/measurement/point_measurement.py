@@ -19,6 +19,7 @@ from fraexp.measurement.measured_points import MeasuredPoint
 from fraexp.measurement.measurement_plan import PlannedPoint
 from fraexp.measurement.motion_guard import MotionGuard
 from fraexp.measurement.settling_monitor import SettlingMonitor
+from fraexp.simulation.motion_limits import Demand
 
 MIN_BAND_PERIODS = 4
 """Least number of periods whose scatter is taken for a band."""
@@ -51,6 +52,8 @@ class PointProgress:
     """Half-width of the 95 % band by the scatter of the periods [dB]; None as long as it is not known."""
     used: float
     """Greatest part of a limit that has been reached."""
+    demand: Demand
+    """The greatest motion and force of the play so far."""
 
 
 class RecordAim(NamedTuple):
@@ -114,14 +117,19 @@ class PointMeasurement:
             self._evaluate()
             if self._is_enough:
                 self._session.stop()
-            used = self._guard.nearest()
-            yield PointProgress(self._point, self.seconds, self._monitor.is_settled, self._periods, self.band, used)
+            yield self._progress()
         if fault:
             raise LimitExceededError(
                 f"{fault} at {self._point.frequency}; the machine was stopped", self._guard.nearest()
             )
         if self._monitor.record_start is None or not self._periods:
             raise ConnectionLostError(f"the play ended after {self._count} samples, before its record was complete")
+
+    def _progress(self) -> PointProgress:
+        guard, settled = self._guard, self._monitor.is_settled
+        return PointProgress(
+            self._point, self.seconds, settled, self._periods, self.band, guard.nearest(), guard.of_play
+        )
 
     def _store(self, chunk: Chunk) -> None:
         """Store a chunk before it is used."""

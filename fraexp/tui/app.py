@@ -1,5 +1,6 @@
 """The application: its screens, the keys that work everywhere, and the polling of database and plugins."""
 
+import asyncio
 import os
 import sys
 from collections.abc import Callable, Iterable, Sequence
@@ -19,6 +20,7 @@ from textual.screen import Screen
 
 from fraexp.data.terminal_text import printable
 from fraexp.errors import FraexpError, did_you_mean
+from fraexp.tui.dialogs import ConfirmDialog
 from fraexp.tui.key_queue import KeyQueue
 from fraexp.tui.page import PLACES, DatabaseChanged, Page, shorten
 from fraexp.tui.services import user_settings
@@ -31,6 +33,7 @@ from fraexp.tui.services.themes import DARK, DEFAULT_THEME, LIGHT
 
 if TYPE_CHECKING:
     from fraexp.tui.services.database_access import Backend
+    from fraexp.tui.services.live_measurement import LiveMeasurement
     from fraexp.tui.widgets.field_list import FormDraft
 
 SWITCH_INTERVAL_S = 0.5e-3
@@ -41,6 +44,10 @@ POLLS_PER_REFRESH = 4
 """Polls after which a screen refreshes even without a change: a run whose process dies changes nothing."""
 PLUGIN_POLL_INTERVAL_S = 2.0
 """Seconds between two polls of the plugins folder."""
+MEASUREMENT_POLL_INTERVAL_S = 0.2
+"""Seconds between two looks at a measurement that is running."""
+STOP_TIMEOUT_S = 10.0
+"""Seconds that quitting waits for the machine to come to rest."""
 GC_INTERVAL_S = 15.0
 """Seconds between two attempts to collect garbage."""
 SCREENS = {
@@ -84,7 +91,7 @@ class FraexpApp(App[None]):
         Binding("c", "place('compare')", "Compare", show=False, id="compare", tooltip="compare the marked sweeps"),
         Binding("p", "place('plugins')", "Plugins", show=False, id="plugins", tooltip="components and their state"),
         Binding("colon", "command_palette", "commands", show=False, id="palette", tooltip="search for a command"),
-        Binding("q", "quit", "quit", show=False, id="quit", tooltip="quit; runs continue"),
+        Binding("q", "quit", "quit", show=False, id="quit", tooltip="quit; runs continue, a measurement is stopped"),
     ]
 
     def __init__(
@@ -98,6 +105,9 @@ class FraexpApp(App[None]):
         self.settings = user_settings.read_settings(user_settings.settings_file())
         self._place = (folder, database)
         self.marks = Selection()
+        self.measurement: LiveMeasurement | None = None
+        """The measurement that is running, or the last one."""
+        self._measuring_text = ""
         self.drafts: dict[str, FormDraft] = {}
         """Unlaunched changes in the forms of studies, by study."""
         self._plugins = PluginWatch(Path(folder) / "plugins")
@@ -163,6 +173,7 @@ class FraexpApp(App[None]):
         self.set_interval(POLL_INTERVAL_S, self.poll_database)
         self.set_interval(PLUGIN_POLL_INTERVAL_S, self.poll_plugins)
         self.set_interval(GC_INTERVAL_S, self._collector.collect_if_idle)
+        self.set_interval(MEASUREMENT_POLL_INTERVAL_S, self.poll_measurement)
 
     async def on_event(self, event: events.Event) -> None:
         """Handle an event of the terminal."""
@@ -202,6 +213,72 @@ class FraexpApp(App[None]):
         broken = any(change.reason for change in found)
         self.notify(text, title="plugins", severity="warning" if broken else "information", markup=False)
         self._post_to_page(PluginsChanged())
+
+    @property
+    def measuring_text(self) -> str:
+        """What every screen says of a measurement that is running."""
+        live = self.measurement
+        return f"▶ {live.state} {live.done}/{live.total}" if live and live.is_moving else ""
+
+    def open_measurement(self, study: str, overrides: Sequence[str]) -> None:
+        """Show the measurement that is running, or plan that of a study."""
+        from fraexp.tui.screens.measurement_page import MeasurementPage
+        from fraexp.tui.screens.measurement_plan_page import MeasurementPlanPage
+
+        live = self.measurement
+        if live is None or not live.is_moving:
+            self.push_screen(MeasurementPlanPage(study, list(overrides)))
+            return
+        if live.study != study:
+            self.notify(f"{live.study} is being measured; x stops it", severity="warning", markup=False)
+        self.push_screen(MeasurementPage(live))
+
+    async def poll_measurement(self) -> None:
+        """Show on every screen that a machine moves; at the end of its measurement, run the study of the record."""
+        live, text = self.measurement, self.measuring_text
+        if text != self._measuring_text:
+            self._measuring_text = text
+            if self.screen_stack and isinstance(self.screen, Page):
+                self.screen.show_header()
+        if live is None or live.is_end_shown or not live.has_ended:
+            return
+        live.is_end_shown = True
+        if live.state == "complete":
+            await self._analyse(live)
+        else:
+            self.notify(printable(f"{live.study}: {live.state}; {live.message}"), severity="warning", markup=False)
+
+    async def _analyse(self, live: "LiveMeasurement") -> None:
+        """Run the study of a record, and show the run where its measurement was being watched."""
+        from fraexp.tui.screens.measurement_page import MeasurementPage
+        from fraexp.tui.screens.run_page import show_run
+
+        try:
+            started = await self.backend.work(lambda workspace: workspace.launch(live.result_study))
+        except FraexpError as error:
+            self.notify(printable(str(error)), title="not analysed", severity="error", markup=False)
+            return
+        if isinstance(self.screen, MeasurementPage) and self.screen.measurement is live:
+            show_run(self, started)
+        else:
+            self.notify(f"{live.study} is measured; r shows the run that analyses it", markup=False)
+
+    async def action_quit(self) -> None:
+        """Quit; a machine that moves is stopped first, after a question."""
+        if self.measurement is None or not self.measurement.is_moving:
+            self.exit()
+            return
+        question = f"{self.measurement.study} is being measured. Stop the machine and quit? Measured points are kept."
+        self.push_screen(ConfirmDialog(question), lambda yes: self._stop_and_quit() if yes else None)
+
+    def _stop_and_quit(self) -> None:
+        async def stop() -> None:
+            if self.measurement is not None:
+                self.measurement.stop()
+                await asyncio.to_thread(self.measurement.join, STOP_TIMEOUT_S)
+            self.exit()
+
+        self.run_worker(stop(), group="quit")
 
     def action_place(self, place: str) -> None:
         """Switch to a place: to its list, as the user left it."""
@@ -249,7 +326,7 @@ class FraexpApp(App[None]):
                 yield SystemCommand(key.description, text, lambda action=key.action: self._act(action))
         yield SystemCommand("Theme", "choose colours", self.action_change_theme)
         yield SystemCommand("ASCII", "switch between ASCII and Unicode characters", self.action_ascii)
-        yield SystemCommand("Quit", "quit; runs continue", self.exit)
+        yield SystemCommand("Quit", "quit; runs continue, a measurement is stopped", self.action_quit)
 
     def _act(self, action: str) -> None:
         self.call_later(self.screen.run_action, action)
@@ -274,5 +351,7 @@ class FraexpApp(App[None]):
         self.panic(Text(f"fraexp: internal error: {what}; {advice}"))
 
     def on_unmount(self) -> None:
-        """Close the database."""
+        """Stop a machine that moves, and close the database."""
+        if self.measurement is not None:
+            self.measurement.stop()
         self.backend.close()

@@ -64,11 +64,12 @@ class PageHeader(Static):
     PageHeader { height: 2; dock: top; background: $panel; padding: 0 1; text-wrap: nowrap; text-overflow: ellipsis; }
     """
 
-    def show(self, place: str, title: str, marked: int, command: str) -> None:
-        """Show place, title, marks and command."""
+    def show(self, place: str, title: str, marked: int, command: str, measuring: str = "") -> None:
+        """Show place, title, marks, the measurement that is running, and command."""
         parts: list[tuple[str, str]] = [("fraexp ", "bold $primary")]
         for mode, name in PLACES.items():
             parts += _place_parts(name, PLACE_KEYS.get(mode, name[0].lower()), mode == place)
+        parts += [(f" {measuring} ", "bold $warning")] if measuring else []
         parts += [(f"  {printable(title)}", "bold")] if title else []
         parts += [(f"  {marked:,} marked", "bold $accent")] if marked else []
         parts += [("\n$ ", "$accent"), (printable(command[:MAX_COMMAND_LENGTH]), "$text-muted")]
@@ -223,7 +224,8 @@ class Page(Screen[None]):
     def show_header(self) -> None:
         """Show place, title, marks and command."""
         if self.is_mounted:
-            self.query_one(PageHeader).show(self.PLACE, self.heading, len(self.app.marks), self.command)
+            measuring = self.app.measuring_text
+            self.query_one(PageHeader).show(self.PLACE, self.heading, len(self.app.marks), self.command, measuring)
 
     def watch_command(self) -> None:
         """Show the new command."""

@@ -66,16 +66,24 @@ class MeasurementService:
 
         What an interrupted measurement has stored is kept, unless `fresh`. Closing the generator stops the machine.
         """
-        self._check_target()
-        for task in self.tasks:
-            if task.settings is None:
-                raise StudyError(f"{task.study}: lacks the section [measurement], which names the machine")
+        yield from self.measure_points(fresh)
+        yield from self._service.run([str(self.path.resolve())])
+
+    def measure_points(self, fresh: bool = False) -> Generator[MeasurementEvent | PointEstimated, None, None]:
+        """Do the same without running the study of the record."""
+        self.check()
         try:
             for task in self.tasks:
                 yield from self._measure(task, fresh)
         finally:
             self._write_study()
-        yield from self._service.run([str(self.path.resolve())])
+
+    def check(self) -> None:
+        """Raise StudyError if the study names no machine, or if that of the record would replace another one."""
+        self._check_target()
+        for task in self.tasks:
+            if task.settings is None:
+                raise StudyError(f"{task.study}: lacks the section [measurement], which names the machine")
 
     def write_record_study(self, record: Path, table: ExcitationTable, force: bool) -> Path:
         """Write the study that analyses the record of an excitation that was written to a file; return its path."""
@@ -101,7 +109,7 @@ class MeasurementService:
             files.remove()
 
         def judge(point: MeasuredPoint) -> float | None:
-            results[:] = self._estimates(task, files, point)
+            results[:] = self.estimate_point(task, point)
             responses = [one.response for one in results if isinstance(one, Result) and one.response is not None]
             return max((noise_band(response) for response in responses), default=None)
 
@@ -111,10 +119,10 @@ class MeasurementService:
             for event in events:
                 yield PointEstimated(event, tuple(results)) if isinstance(event, PointMeasured) else event
 
-    def _estimates(self, task: MeasurementTask, files: MeasurementFiles, point: MeasuredPoint) -> list[Result | str]:
-        """Return what each estimator finds at one point, read from its file like any record."""
+    def estimate_point(self, task: MeasurementTask, point: MeasuredPoint) -> list[Result | str]:
+        """Return what each estimator finds at one point, read from its file like any record; else why it does not."""
         registry = self._service.registry
-        section = record_section(files.samples, [point], self.path.parent)
+        section = record_section(self.files(task).samples, [point], self.path.parent)
         experiment, paths = records.resolve(records.RecordSettings.parse(section, "record"), self.path.parent, registry)
         signals = records.load(experiment, paths, registry)
         found: list[Result | str] = []

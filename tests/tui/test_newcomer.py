@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import pytest
 
+from fraexp.measurement.measured_points import MeasurementFiles
 from fraexp.store import Store
 from tests.waiting import HANG_TIMEOUT_S, wait_until
 
@@ -74,6 +75,25 @@ def test_the_first_minute_is_as_the_readme_tells(terminal: Terminal, tmp_path: P
     with Store.open(str(tmp_path / "results.db"), read_only=True) as store:
         assert [run.state for run in store.runs()] == ["complete"]
         assert store.runs()[0].computed == 4
+
+
+def test_a_measurement_is_watched_and_stopped_by_a_key(terminal: Terminal, tmp_path: Path) -> None:
+    terminal.shows("quick", "Enter opens 'quick'")
+    terminal.type("/", *"simulated_axis", "Enter", "m")
+    terminal.shows("12 points, about", "of 20 mm", "150 Hz")
+    terminal.type("Enter")
+    terminal.shows("Is it clear?")
+    terminal.type("y")
+    terminal.until(lambda shown: "last  2/12" in shown or "3 of 12 points" in shown)
+    terminal.until(lambda shown: sum("⠁" <= letter <= "⣿" for letter in shown) > 50)
+    terminal.type("x")
+    # a machine that waits for nobody may have been done before
+    shown = terminal.until(lambda shown: "R continues" in shown or "axis-measured" in shown)
+    terminal.type("q")
+    terminal.shows("left with 0")
+    kept = MeasurementFiles(tmp_path / "measurements", "simulated_axis").points()
+    assert len(kept) >= 2
+    assert (len(kept) == 12) == ("axis-measured" in shown)
 
 
 def test_a_closed_terminal_ends_nothing(terminal: Terminal, tmp_path: Path) -> None:

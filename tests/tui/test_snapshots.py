@@ -13,8 +13,20 @@ import pytest
 from textual.pilot import Pilot
 
 from fraexp.tui.app import FraexpApp
+from fraexp.tui.screens.measurement_page import MeasurementPage
+from fraexp.tui.services.measurement_feed import (
+    BeginReport,
+    LimitedMotion,
+    NoticeReport,
+    PlanReport,
+    PlansReport,
+    PointReport,
+    ProgressReport,
+)
+from fraexp.tui.services.reported_measurement import ReportedMeasurement
 from fraexp.tui.services.themes import DARK, LIGHT
-from tests.tui.pilots import pilot_of, settle, shows
+from fraexp.tui.widgets.measured_bode import MeasuredBode
+from tests.tui.pilots import pilot_of, settle, shows, until
 from tests.tui.responses import found, loop, resonant, store_results
 
 FOLDER = Path(__file__).with_name("snapshots")
@@ -39,6 +51,7 @@ SCREENS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "help": (("w", "question_mark"), ("previous row",)),
     "question": (("w", "D"), ("y yes",)),
     "empty": (("w", "A", "c"), ("No sweeps are marked",)),
+    "measurement-plan": (("s", "slash", *"simulated_axis", "enter", "m"), ("Measure", "rows 1-12 of 12")),
 }
 """Keys that lead to each screen, and the texts that are there when it has come."""
 
@@ -50,6 +63,26 @@ def screen_lines(app: FraexpApp) -> str:
         lines.append(CHANGING.sub(" x ", strip.text).rstrip())
         looks.append(" ".join(_look(segment) for segment in strip if segment.text.strip()))
     return "\n".join([*lines, "", *looks, ""])
+
+
+def example_measurement() -> ReportedMeasurement:
+    """Return a measurement in which 20 of 60 points were measured, and the next one is being recorded."""
+    motions = (LimitedMotion("stroke", "m", 0.02, 0.0078, 0), LimitedMotion("force", "N", 150.0, 53.8, 3))
+    plan = PlanReport("", "simulated", motions, 0.1, (), (), 100.0, "60 points", (1.0, 200.0), 0.1, 0, False)
+    live = ReportedMeasurement("axis")
+    live.add(PlansReport((plan,)))
+    live.change_state("planned", "measuring")
+    live.add(BeginReport(plan, 60))
+    for done, place in enumerate(range(59, 39, -1), start=1):
+        responses = (
+            ("conventional", resonant(GRID[place : place + 1], at=60.0)),
+            ("effective_input", resonant(GRID[place : place + 1])),
+        )
+        live.add(PointReport(f"{done}/60  {GRID[place]:.4g} Hz: settled", done, 60.0, responses))
+    live.add(NoticeReport("62.2 Hz: samples 177 to 265 were lost, and sent again"))
+    demand = (0.0012, 0.0, 0.0, 141.0, 0.0)
+    live.add(ProgressReport("33 Hz", 33.0, "40 N", 1.2, True, 6, 0.21, demand, (0.0031, 0.0, 0.0, 52.0, 0.0)))
+    return live
 
 
 def _look(segment) -> str:
@@ -76,6 +109,11 @@ def test_each_screen_looks_as_it_was_approved(tmp_path: Path, theme: str, monkey
             await shows(pilot, *texts)
             await settle(pilot)
             drawn[name] = screen_lines(app)
+        measured = MeasurementPage(example_measurement())  # type: ignore[arg-type]
+        await app.push_screen(measured)
+        await until(pilot, lambda: measured.query_one(MeasuredBode).has_class("-drawn"))
+        await settle(pilot)
+        drawn["measurement"] = screen_lines(app)
 
     pilot_of(tmp_path, steps, size=(100, 30))
     FOLDER.mkdir(exist_ok=True)

@@ -4,6 +4,7 @@ import asyncio
 from collections.abc import Sequence
 
 import numpy as np
+from rich.text import Text
 from textual import on
 from textual.app import ComposeResult
 from textual.containers import Vertical
@@ -11,10 +12,11 @@ from textual.events import Resize
 from textual.message import Message
 
 from fraexp.data.results import FrequencyResponse, Outcome, Result
+from fraexp.data.terminal_text import printable
 from fraexp.figures.elements.shown import ShownResult
 from fraexp.figures.elements.view import FREQUENCY_KINDS, View
 from fraexp.tui.plotting.braille import DOTS_ACROSS, DOTS_DOWN, Window
-from fraexp.tui.plotting.curve_styles import CurveStyles
+from fraexp.tui.plotting.curve_styles import CurveStyles, curve_digit
 from fraexp.tui.plotting.panel_drawing import ViewRange, finite_span, nearest_point, settled_line
 from fraexp.tui.plotting.plot_widget import LEFT_CELLS, RIGHT_CELLS, TOP_CELLS, Plot
 from fraexp.tui.plotting.plotted_curves import Picture, PlotPanel, PlotTrace, Reference, bode_picture
@@ -47,6 +49,9 @@ class PlotStack(Vertical):
         self.view_range = ViewRange()
         self.first = 0
         """Index of the first visible panel, if not all fit."""
+        self.min_panel_rows = MIN_PANEL_ROWS
+        self.whole_x: Span | None = None
+        """Range of x in which all is seen; None for that of the curves."""
         self._x: dict[int, Span] = {}
         self._y: dict[int, Span] = {}
 
@@ -85,9 +90,17 @@ class PlotStack(Vertical):
         theme = self.app.current_theme
         return CurveStyles.of_theme(theme.dark, self.app.no_color or plain, self.app.theme_variables)
 
+    def legend(self, labels: Sequence[str]) -> Text:
+        """Return the names of curves by their places, each after a sample of its line, in one line."""
+        styles, text = self.curve_styles, Text(no_wrap=True, overflow="ellipsis")
+        for place, label in enumerate(labels):
+            digit = f"{curve_digit(place)} " if styles.digits else ""
+            text.append("   " if place else "").append(f"━━ {digit}", styles.style(place)).append(printable(label))
+        return text
+
     def panels(self) -> list[tuple[int, PlotPanel]]:
         """Return the panels that fit, with their indices."""
-        fitting = max(1, min(MAX_PANELS, self.size.height // MIN_PANEL_ROWS))
+        fitting = max(1, min(MAX_PANELS, self.size.height // self.min_panel_rows))
         every = list(enumerate(self.picture.panels if self.picture else ()))
         self.first = max(0, min(self.first, len(every) - fitting))
         return every[self.first : self.first + fitting]
@@ -119,7 +132,8 @@ class PlotStack(Vertical):
         assert self.picture is not None
         panel = self.picture.panels[index]
         alike = [of for of in self.picture.panels if of.axis == panel.axis]
-        x = self._x.get(panel.axis) or _full_x_span([trace for of in alike for trace in self._visible_traces(of)])
+        x = self._x.get(panel.axis) or self.whole_x
+        x = x or _full_x_span([trace for of in alike for trace in self._visible_traces(of)])
         y = self._y.get(index) or self._full_y_span(panel)
         if self.picture.equal and panel.axis not in self._x and index not in self._y:
             x, y = self._equal_scales(x, y)

@@ -47,6 +47,7 @@ Each line is a parameter by its path, as --set takes it; a value (in brackets) i
 Write values as in a study: 12, "1 um", [12, 75]. The line at the top is the command that will run.
 A grid axis is a list: the run covers all combinations of the values of all axes.
 Another component name shows the parameters of that component. --executor and --rerun are options of fraexp run.
+F6 measures the study with these values on its machine, if it names one: first the plan, then a question.
 The run is a separate process: it continues if you quit or the connection is lost."""
     DEFAULT_CSS = """
     LaunchPage #start { height: auto; padding: 0 1; }
@@ -58,6 +59,7 @@ The run is a separate process: it continues if you quit or the connection is los
     """
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("f5", "launch", "launch", id="launch.start", tooltip="launch, from any line"),
+        Binding("f6", "measure", "measure", id="launch.measure", tooltip="measure with these values, from any line"),
         Binding("down,enter", "next(1)", "next", show=False, id="launch.next", tooltip="next line"),
         Binding("up", "next(-1)", "previous", show=False, id="launch.before", tooltip="previous line"),
         Binding("pagedown", "next(8)", "on", show=False, id="launch.on", tooltip="eight lines down"),
@@ -280,6 +282,14 @@ The run is a separate process: it continues if you quit or the connection is los
                 await show_run(self.app, started).wait()
             elif started is not None:  # an earlier key has switched to another screen
                 self.app.notify(f"{self.entry.name} launched; r shows the runs", markup=False)
+
+    def action_measure(self) -> None:
+        """Plan the measurement of the study with these values, or show the one that is running."""
+        fault = next(iter(self.written.faults.values()), "")
+        if fault:
+            self.app.notify(printable(fault), title="not planned", severity="error", markup=False)
+        else:
+            self.app.open_measurement(self.entry.name, self._overrides)
 
     async def _launch(self) -> BackgroundRun | None:
         """Start the run, unless a value is invalid, which is reported."""

@@ -18,6 +18,7 @@ from fraexp.errors import FraexpError
 from fraexp.store import RunSummary
 from fraexp.study.catalogue import FIRST_STUDY, StudyEntry
 from fraexp.tui.page import Page
+from fraexp.tui.services.launch_form import override_texts
 from fraexp.tui.services.study_survey import SurveyProcess
 from fraexp.tui.widgets.filter_line import FilterLine
 from fraexp.tui.widgets.paged_table import PagedTable, TableRows
@@ -85,7 +86,8 @@ Studies: those of this workspace, then the examples of fraexp.
   running   its newest run has not finished
   broken    it cannot be run, for the reason shown
   ...       the state is being determined
-Enter opens a study, to change its values and to launch it."""
+Enter opens a study, to change its values and to launch it. m measures it on its machine: first the plan, then a
+question; while a machine is measured, m shows it."""
     DEFAULT_CSS = """
     StudiesPage #split { layout: vertical; height: 1fr; }
     StudiesPage.-wide #split { layout: horizontal; }
@@ -100,6 +102,7 @@ Enter opens a study, to change its values and to launch it."""
     """
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("slash", "filter", "filter", id="studies.filter", tooltip="filter by name or title"),
+        Binding("m", "measure", "measure", id="studies.measure", tooltip="measure the study on its machine"),
         Binding("e", "file", "file", id="studies.file", tooltip="show the study's file"),
     ]
     live = True  # files may be added or changed
@@ -262,6 +265,12 @@ Enter opens a study, to change its values and to launch it."""
         """Clear the filter."""
         if not self.query_one(FilterLine).clear_away():
             super().action_back()
+
+    def action_measure(self) -> None:
+        """Plan the study's measurement with the values of its form, or show the one that is running."""
+        if self.entry is not None:
+            written = self.app.drafts.get(self.entry.name)
+            self.app.open_measurement(self.entry.name, override_texts(written.changes) if written else [])
 
     def action_file(self) -> None:
         """Show the study's file."""

@@ -8,6 +8,8 @@ from fraexp.tui.widgets.paged_table import PagedTable, TableRows
 from fraexp.views.listing import Column
 
 COLUMN_RANKS = {
+    "force rate": 12,
+    "acceleration": 11,
     "after": 10,
     "numerical": 9,
     "input": 8,

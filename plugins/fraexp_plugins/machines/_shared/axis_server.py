@@ -79,14 +79,14 @@ class AxisServer:
         self._sent, self._total, self._is_cut, self._quits = 0, 0, order["cut_after"] == 0, False
 
     def serve(self) -> None:
-        """Serve until asked to quit, or until nobody is connected to a machine at rest."""
-        while not self._quits:
+        """Serve until the machine rests and either was asked to quit, or nobody is connected any more."""
+        while True:
             self._hear()
             self._watch()
             self._move()
             self._send_due()
             is_lonely = self._stream is None and time.monotonic() - self._connected > LINGER_S
-            if is_lonely and (self._play is None or self._play.has_rested):
+            if (is_lonely or self._quits) and (self._play is None or self._play.has_rested):
                 return
 
     def _note(self, event: str, **more: object) -> None:
@@ -131,6 +131,8 @@ class AxisServer:
                 play.halt("")
             case "quit":
                 self._quits = True
+                if play:
+                    play.halt("")
 
     def _begin(self, table: dict[str, Any], waveform: NDArray[np.float64]) -> None:
         shape = (table["repetitions"], table["amplitude_rise"], table["ramp_out"])

@@ -1,0 +1,145 @@
+"""The plan of a measurement: what will be played and what that asks of the machine, before anything moves."""
+
+from typing import ClassVar
+
+from rich.text import Text
+from textual import on
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Horizontal
+from textual.widgets import Button, Static
+
+from fraexp.data.terminal_text import printable
+from fraexp.tui.dialogs import ConfirmDialog
+from fraexp.tui.page import Page
+from fraexp.tui.screens.measurement_page import MeasurementPage
+from fraexp.tui.services.live_measurement import LiveMeasurement
+from fraexp.tui.services.measurement_feed import PlanReport
+from fraexp.tui.widgets.limit_gauges import LimitGauges
+from fraexp.tui.widgets.point_table import PointsTable
+from fraexp.views.words import plural
+
+REFRESH_INTERVAL_S = 0.05
+"""Time between two looks whether the plan has come."""
+
+
+class MeasurementPlanPage(Page):
+    """The plan of a study's measurement."""
+
+    PLACE: ClassVar[str] = "studies"
+    HELP: ClassVar[str] = """\
+The plan of a measurement: each point in the order in which it is played, with its peak, its time, and the motion that
+is predicted for the study's machine, in the linear loop and with friction, whichever is greater.
+The bars show the greatest motion beside each limit; │ is where the margin begins that measurement.margin leaves free.
+Nothing has been played yet. Enter on Measure, or F5 from anywhere, asks once more, and then the machine moves.
+What an earlier, interrupted measurement has stored is kept and continued; F discards it.
+To change amplitudes, frequencies or limits, open the study with Enter in Studies, and press F6 there."""
+    DEFAULT_CSS = """
+    MeasurementPlanPage #start { height: auto; padding: 0 1; }
+    MeasurementPlanPage #start Button { min-width: 12; margin: 0 2 0 0; }
+    MeasurementPlanPage #plan { width: 1fr; height: auto; max-height: 4; }
+    MeasurementPlanPage PointsTable { height: 1fr; }
+    MeasurementPlanPage.-none LimitGauges, MeasurementPlanPage.-none PointsTable { display: none; }
+    MeasurementPlanPage.-none #start Button { display: none; }
+    """
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("f5", "measure(False)", "measure", id="plan.measure", tooltip="measure, after a question"),
+        Binding("F", "measure(True)", "afresh", id="plan.fresh", tooltip="discard what was recorded, and measure anew"),
+    ]
+    AUTO_FOCUS = "Button"
+
+    def __init__(self, study: str, overrides: list[str]) -> None:
+        super().__init__()
+        self.study, self.overrides = study, overrides
+        self.measurement: LiveMeasurement | None = None
+        self._has_begun = False
+
+    def body(self) -> ComposeResult:
+        """Put the summary above motion and points."""
+        with Horizontal(id="start"):
+            yield Button("Measure", variant="primary", compact=True)
+            yield Static("planning: the excitation is simulated ...", id="plan")
+        yield LimitGauges("Greatest motion that is predicted")
+        yield PointsTable()
+
+    def on_mount(self) -> None:
+        """Start the process that plans."""
+        self.add_class("-none")
+        live = LiveMeasurement(self.app.backend.workspace, self.study, self.overrides)
+        self.measurement = live
+        self.heading, self.command = f"measure {self.study}", f"{live.command} --dry-run"
+        self._timer = self.set_interval(REFRESH_INTERVAL_S, self.show_plan)
+
+    def show_plan(self) -> None:
+        """Show the plan once it has come, or why there is none."""
+        live = self.measurement
+        if live is None or live.state == "planning":
+            return
+        self._timer.stop()
+        if live.state != "planned":
+            self.query_one("#plan", Static).update("")
+            self.show_error(f"{live.message}\nNothing was played. Esc goes back.")
+            return
+        self.command = live.command
+        self.remove_class("-none")
+        self.query_one("#plan", Static).update(Text(printable(summary_text(live.plans))))
+        greatest = max(live.plans, key=lambda plan: max(of.predicted / of.limit for of in plan.motions))
+        self.query_one(LimitGauges).show(greatest.motions, greatest.margin, (), ())
+        labelled = len(live.plans) > 1
+        heads = [*(["case"] if labelled else []), *greatest.heads]
+        rows = [[*([plan.label] if labelled else []), *row] for plan in live.plans for row in plan.rows]
+        self.query_one(PointsTable).show_points(heads, rows)
+        self.query_one(Button).focus()
+
+    @on(Button.Pressed)
+    def _ask_to_measure(self) -> None:
+        self.action_measure(False)
+
+    def action_measure(self, fresh: bool) -> None:
+        """Ask whether the machine may move, and measure."""
+        live = self.measurement
+        if live is None or live.state != "planned":
+            self.app.notify("there is no plan yet" if live and live.state == "planning" else "nothing can be measured")
+            return
+        if not fresh and any(plan.is_other_stored for plan in live.plans):
+            text = "a measurement with another machine, excitation or setting is stored; F discards it"
+            self.app.notify(text, severity="warning", markup=False)
+            return
+        self.app.push_screen(ConfirmDialog(question_text(live, fresh)), lambda yes: self._begin(fresh) if yes else None)
+
+    def _begin(self, fresh: bool) -> None:
+        live = self.measurement
+        if live is None or self._has_begun:
+            return
+        self._has_begun = True
+        live.begin(fresh)
+        self.app.measurement = live
+        self.app.pop_screen()
+        self.app.push_screen(MeasurementPage(live))
+
+    def on_unmount(self) -> None:
+        """End the process, unless it measures."""
+        if self.measurement is not None and not self._has_begun:
+            self.measurement.discard()
+
+
+def summary_text(plans: tuple[PlanReport, ...]) -> str:
+    """Return what is going to be measured, and what is stored already."""
+    text = "; ".join(f"{plan.label}: {plan.total}" if plan.label else plan.total for plan in plans)
+    first = plans[0]
+    text += f" on machine '{first.machine}'"
+    text += f", each until its band is ±{first.band:g} dB" if first.band else ""
+    kept = sum(plan.kept for plan in plans)
+    if any(plan.is_other_stored for plan in plans):
+        return f"{text}\n! a measurement with another machine, excitation or setting is stored: F discards it"
+    return f"{text}\n{plural(kept, 'point')} of an earlier measurement kept: F discards them" if kept else text
+
+
+def question_text(live: LiveMeasurement, fresh: bool) -> str:
+    """Return the question before the machine moves."""
+    motions = [of for plan in live.plans for of in plan.motions]
+    nearest = max(motions, key=lambda motion: motion.predicted / motion.limit)
+    share = f"{100 * nearest.predicted / nearest.limit:.0f} % of the limit of {nearest.name}"
+    lost = "What was recorded before is discarded. " if fresh else ""
+    seconds = "; ".join(plan.total for plan in live.plans)
+    return f"{lost}The machine '{live.plans[0].machine}' will move: {seconds}, up to {share}. Is it clear?"

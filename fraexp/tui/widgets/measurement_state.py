@@ -1,0 +1,70 @@
+"""The state of a measurement above its plot: progress, the point that is played, and the last one that was measured."""
+
+from typing import TYPE_CHECKING
+
+from rich.text import Text
+from textual.widgets import Static
+
+from fraexp.data.terminal_text import printable
+from fraexp.tui.services.live_measurement import LiveMeasurement
+from fraexp.tui.services.measurement_feed import ProgressReport
+from fraexp.tui.services.themes import state_sign
+from fraexp.views.run_progress import bar_text
+from fraexp.views.words import duration_text, plural
+
+if TYPE_CHECKING:
+    from fraexp.tui.app import FraexpApp
+
+MIN_BAR, MAX_BAR = 10, 40
+"""Least and most cells of the bar of progress."""
+OTHER_CELLS = 62
+"""Cells of the other texts in its line."""
+
+
+class MeasurementState(Static):
+    """A line on the progress, one on the point that is played, and one on the last point that was measured."""
+
+    DEFAULT_CSS = "MeasurementState { height: 3; padding: 0 1; }"
+    app: "FraexpApp"
+
+    def __init__(self) -> None:
+        super().__init__("starting ...")
+
+    def show(self, live: LiveMeasurement) -> None:
+        """Show the state; of a measurement that has ended, how."""
+        colours = self.app.theme_variables
+        sign, colour = state_sign("running" if live.state == "measuring" else live.state)
+        text = Text(no_wrap=True, overflow="ellipsis").append(f"{sign} {live.state}", f"bold {colours[colour]}")
+        text.append(f"  {self._progress_text(live)}")
+        for line in (self._point_text(live), live.last_point and f"last  {live.last_point}"):
+            text.append(f"\n{printable(line)}")
+        self.update(text, layout=False)
+
+    def _progress_text(self, live: LiveMeasurement) -> str:
+        if not live.total:
+            return "connecting to the machine ..." if live.state == "measuring" else ""
+        width = min(max(self.screen.size.width - OTHER_CELLS, MIN_BAR), MAX_BAR)
+        played = live.progress.seconds if live.progress else 0.0
+        left = max(live.seconds_left - played, 0.0)
+        name = f"{live.plan.label}: " if live.plan and live.plan.label else ""
+        time = f", about {duration_text(left)} left" if live.is_moving and left else ""
+        bar = bar_text(live.done / live.total, width)
+        return f"{bar} {name}{live.done} of {plural(live.total, 'point')}{time}"
+
+    def _point_text(self, live: LiveMeasurement) -> str:
+        """Return what is played now, or why nothing is played any more."""
+        if live.has_ended:
+            advice = "" if live.state == "complete" else "; R continues with the point that was lost"
+            return f"{live.message}{advice}".lstrip("; ")
+        if live.progress is None:
+            return "" if not live.total else "between two points: what was recorded is evaluated"
+        return progress_text(live.progress, live.plan.band if live.plan else None)
+
+
+def progress_text(progress: ProgressReport, target: float | None) -> str:
+    """Return the point that is played: frequency, amplitude, settled or not, periods, band and its target."""
+    state = "settled" if progress.is_settled else "settling"
+    band = "" if progress.band is None else f", band ±{progress.band:.2g} dB"
+    aim = "" if target is None else f", target ±{target:g} dB"
+    counted = f"{state}, {plural(progress.periods, 'period')}"
+    return f"now   {progress.frequency}, {progress.peak} peak: {counted}{band}{aim}, {progress.seconds:.1f} s"

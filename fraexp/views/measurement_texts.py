@@ -1,0 +1,81 @@
+"""Texts of a measurement that command line and terminal UI share: its plan, and what was found at its points."""
+
+from fraexp.data.results import Result
+from fraexp.data.rotary_axes import is_rotary, rotary_unit
+from fraexp.figures.elements.scales import decibel, degrees, readable_unit
+from fraexp.measurement.measurement import MeasurementBegun
+from fraexp.measurement.measurement_plan import MeasurementPlan, PlannedPoint
+from fraexp.simulation.motion_limits import DEMAND_UNITS, Demand
+from fraexp.views.words import duration_text, fixed_text, number_text, plural
+from fraexp.workspace.measurement_service import PointEstimated
+
+FORCE_PLACE = Demand._fields.index("force")
+"""Place of the force in a demand."""
+
+
+def demand_names() -> list[str]:
+    """Return the names of what a motion asks for, as users read them."""
+    return [name.replace("_", " ") for name in Demand._fields]
+
+
+def demand_units(plan: MeasurementPlan) -> list[str]:
+    """Return the units of a demand, in which a rotary axis has angles and torques."""
+    rotary = is_rotary(plan.task.experiment)
+    return [rotary_unit(unit) if rotary else unit for unit in DEMAND_UNITS]
+
+
+def plan_heads(plan: MeasurementPlan) -> list[str]:
+    """Return the titles of a plan's columns."""
+    units = demand_units(plan)
+    heads = [f"{name} [{unit}]" for name, unit in zip(demand_names(), units, strict=True)]
+    return ["frequency", f"peak [{units[FORCE_PLACE]}]", "time [s]", *heads]
+
+
+def plan_cells(point: PlannedPoint) -> list[str]:
+    """Return the row of a point in a plan."""
+    time = (point.settling + point.counts.record + point.ramp_out) * point.sample_time
+    return [point.frequency, *(number_text(value, 3) for value in (peak_of(point), time, *point.demand))]
+
+
+def peak_of(point: PlannedPoint) -> float:
+    """Return the peak [N] of the excitation at a point."""
+    return point.amplitude * float(abs(point.period.waveform).max())
+
+
+def plan_total(plan: MeasurementPlan) -> str:
+    """Return how many points a plan has, and how long they take."""
+    return f"{plural(len(plan.points), 'point')}, about {duration_text(plan.seconds)} of machine time"
+
+
+def begin_text(event: MeasurementBegun) -> str:
+    """Return which study is measured, and how much of it."""
+    plan, kept = event.plan, len(event.kept)
+    name = f"{plan.task.study} ({plan.task.label})" if plan.task.label else plan.task.study
+    before = f", {kept} kept" if kept else ""
+    return f"{name}: {plural(len(plan.points), 'point')}{before}, about {duration_text(plan.seconds)} of machine time"
+
+
+def point_text(event: PointEstimated) -> str:
+    """Return what was found at a point, in a line."""
+    measured, point = event.measured, event.measured.point
+    settled = "settled" if point.settled else "not settled"
+    band = "" if point.band is None else f", band ±{point.band:.2g} dB"
+    factor = "" if point.amplitude == 1 else f", amplitude × {point.amplitude:.2f}"
+    found = "".join(f", {response_text(result)}" for result in event.results if isinstance(result, Result))
+    left = f", about {duration_text(measured.seconds_left)} left" if measured.seconds_left else ""
+    return (
+        f"{measured.done}/{measured.total}  {point.frequency}: {settled}, {plural(point.periods, 'period')}"
+        f"{band}{factor}{found}; {duration_text(point.machine_time)}{left}"
+    )
+
+
+def response_text(result: Result) -> str:
+    """Return a response at one frequency, or how many frequencies a response has."""
+    response = result.response
+    if response is None:
+        return result.message or "no response"
+    if response.frequency.size > 1:
+        return f"{response.output}/{response.input} at {plural(response.frequency.size, 'frequency', 'frequencies')}"
+    factor, unit = readable_unit(response.unit)
+    level, phase = decibel(factor * response.response)[0], degrees(response.response)[0]
+    return f"{response.output}/{response.input} {fixed_text(level, 2)} dB re 1 {unit}, {fixed_text(phase, 1)}°"
