@@ -24,7 +24,10 @@ OTHER_CELLS = 62
 class MeasurementState(Static):
     """A line on the progress, one on the point that is played, and one on the last point that was measured."""
 
-    DEFAULT_CSS = "MeasurementState { height: 3; padding: 0 1; }"
+    DEFAULT_CSS = """
+    MeasurementState { height: 3; padding: 0 1; }
+    MeasurementState.-ended { height: auto; min-height: 3; max-height: 8; }
+    """
     app: "FraexpApp"
 
     def __init__(self) -> None:
@@ -38,7 +41,8 @@ class MeasurementState(Static):
         text.append(f"  {self._progress_text(live)}")
         for line in (self._point_text(live), live.last_point and f"last  {live.last_point}"):
             text.append(f"\n{printable(line)}")
-        self.update(text, layout=False)
+        self.set_class(live.has_ended, "-ended")  # a reason may be long
+        self.update(text, layout=live.has_ended)
 
     def _progress_text(self, live: LiveMeasurement) -> str:
         if not live.total:
@@ -54,8 +58,8 @@ class MeasurementState(Static):
     def _point_text(self, live: LiveMeasurement) -> str:
         """Return what is played now, or why nothing is played any more."""
         if live.has_ended:
-            advice = "" if live.state == "complete" else "; R continues with the point that was lost"
-            return f"{live.message}{advice}".lstrip("; ")
+            advice = "R continues with the point that was lost" if live.state == "stopped" else "R tries again"
+            return "" if live.state == "complete" else f"{live.message}; {advice}"
         if live.progress is None:
             return "" if not live.total else "between two points: what was recorded is evaluated"
         return progress_text(live.progress, live.plan.band if live.plan else None)
