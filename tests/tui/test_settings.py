@@ -137,4 +137,4 @@ def test_names_of_keys(text):
 
 def test_a_key_that_another_one_gives_up_may_be_taken():
     key_bindings.check_keys({"sweeps": "r", "runs": "w"}, "settings")
-    key_bindings.check_keys({"launch.start": "f6"}, "settings")  # of another screen's
+    key_bindings.check_keys({"trial.plots": "f5"}, "settings")  # of another screen's
