@@ -82,7 +82,7 @@ def test_a_measurement_is_watched_and_stopped_by_a_key(terminal: Terminal, tmp_p
     terminal.type("/", *"simulated_axis", "Enter", "m")
     terminal.shows("12 points, about", "of 20 mm", "150 Hz")
     terminal.type("Enter")
-    terminal.shows("Is it clear?")
+    terminal.shows("will move", "y yes")
     terminal.type("y")
     terminal.until(lambda shown: "last  2/12" in shown or "3 of 12 points" in shown)
     terminal.until(lambda shown: sum("⠁" <= letter <= "⣿" for letter in shown) > 50)
