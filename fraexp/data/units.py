@@ -74,8 +74,15 @@ NAMED = ("N", "V", "N*m", "W", "Pa", "N/m", "V/m")
 """Units that keep the name they have in the field: N, not kg·m/s²."""
 
 
-SPELLINGS = {"": "dimensionless", "1": "dimensionless", "U/min": "rpm"}
-"""What people write, and pint reads otherwise (its U is that of enzymes)."""
+SPELLINGS = {
+    "": "dimensionless", "1": "dimensionless", "U/min": "rpm", "Sec": "s",
+    "amp": "A", "amps": "A", "Amp": "A", "Amps": "A",
+}  # fmt: skip
+"""What people write, and pint reads otherwise (its U is that of enzymes, its amps an am/s)."""
+COUNTED = re.compile(r"(?<![A-Za-z])([kMmuµμn]?[AV])(?:[ _]?(?:rms|RMS|eff|pk|peak)|p|\([pP]\))(?![A-Za-z])")
+"""Amperes and volts with a remark on how they are counted, ``Arms`` or ``A(p)``: the remark changes no number."""
+WRITTEN_OUT = re.compile(r"(?:Volt|Ampere|Newton|Hertz|Second|Degree|Meter|Radian)s?")
+"""Units of instruments that begin with a capital letter."""
 TORQUE = re.compile(r"(?<![A-Za-z])([kMmuµμ]?N)([cm]?m)(?![A-Za-z])")
 """A torque without a sign between its units, such as Nm or kNm: to pint, measures of yarn."""
 
@@ -110,7 +117,9 @@ def _ends_power(text: str, start: int) -> bool:
 
 
 def _quantity(unit: str) -> Any:
-    written = TORQUE.sub(r"(\1*\2)", SPELLINGS.get(unit, unit))
+    written = COUNTED.sub(r"\1", TORQUE.sub(r"(\1*\2)", SPELLINGS.get(unit, unit)))
+    if WRITTEN_OUT.fullmatch(written):
+        written = written.lower()
     try:
         if not _is_short_unit(written):
             raise ValueError("no unit is written so")

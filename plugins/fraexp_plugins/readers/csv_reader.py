@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import RecordError, RecordReader, RecordTable
-from fraexp_plugins.readers._shared.text_layout import COMMENTS, TextLayout, detect_layout
-from fraexp_plugins.readers._shared.text_lines import is_number, split_cells, text_lines
+from fraexp_plugins.readers._shared.text_layout import TextLayout, detect_layout
+from fraexp_plugins.readers._shared.text_lines import is_comment, is_number, split_cells, text_lines
 from fraexp_plugins.readers._shared.thousands import check_thousands
 
 
@@ -24,7 +24,7 @@ class CsvReader(RecordReader, name="csv", version=1):
     since the beginning of its first day. A column may end before the others; columns of text are not read.
     """
 
-    suffixes = (".csv", ".txt", ".tsv", ".dat", ".asc", ".lvm", ".prn")
+    suffixes = (".csv", ".txt", ".tsv", ".dat", ".asc", ".lvm", ".prn", ".ascii", ".log")
 
     def read(self, path: Path, columns: Sequence[str]) -> RecordTable:
         layout = detect_layout(path)
@@ -66,8 +66,8 @@ class CsvReader(RecordReader, name="csv", version=1):
 def _rows(path: Path, layout: TextLayout) -> Iterator[tuple[int, str]]:
     with path.open(encoding=layout.encoding, errors="replace") as stream:
         for number, line in enumerate(text_lines(path, stream), start=1):
-            if number > layout.start and line.strip() and not line.lstrip().startswith(COMMENTS):
-                yield number, layout.without_dates(line) if layout.days else line
+            if number > layout.start and line.strip() and not is_comment(line):
+                yield number, layout.rewrite(line) if layout.is_rewritten else line
 
 
 def _lengths(path: Path, layout: TextLayout) -> list[int]:

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import RecordReader, RecordTable
+from fraexp_plugins.readers._shared.column_headings import name_and_unit
 from fraexp_plugins.readers._shared.outside_formats import NUMERIC_KINDS, format_errors, load_package, real_vector
 from fraexp_plugins.readers._shared.record_checks import check_size, missing_column
-from fraexp_plugins.readers._shared.text_layout import name_and_unit
 
 UNIT_KEYS = (b"unit", b"units")
 """Keys of a column's metadata."""

@@ -13,6 +13,8 @@ from fraexp_plugins.readers._shared.record_checks import missing_column
 
 ENCODING_PEEK_BYTES = 65536
 """Bytes from which the encoding is detected."""
+COMMENTS = ("#", "%")
+"""What a line begins with that is a comment."""
 MAX_HEADER_LINES = 1000
 """Lines among which the first line of numbers must be."""
 MAX_LINE_CHARACTERS = 1 << 22
@@ -55,6 +57,11 @@ def text_lines(path: Path, stream: TextIO) -> Iterator[str]:
             )
         yield line
         number += 1
+
+
+def is_comment(line: str) -> bool:
+    """Say whether a line is a comment."""
+    return line.lstrip().startswith(COMMENTS)
 
 
 def split_cells(line: str, delimiter: str | None) -> list[str]:
