@@ -16,6 +16,8 @@ SCALED_COLUMN = re.compile(
 )
 """A column with a gain, such as ``volts * 31.5`` or ``counts / 4096 + 0.5``; blanks separate signs from names."""
 COLUMN_SUM = re.compile(r"^(?P<column>\S.*?)\s+(?P<sign>[+-])\s+(?P<other>\S.*)$")
+QUOTED = re.compile(r'^"(?P<column>[^"]+)"$')
+"""A column whose name contains signs, such as ``"Amplitude - Force"``."""
 MAX_TEXT_LENGTH = 1000
 """Maximum length of a channel's text: longer ones take long to parse."""
 FORMULA_HINT = (
@@ -67,7 +69,7 @@ def parse_channel(value: object, place: str) -> Channel:
 
 def _parse_formula(text: str, place: str) -> dict[str, Any]:
     """Return columns, scale and offset of a text such as ``(a - b) * 0.5 + 3``; other texts are names of columns."""
-    scaled = SCALED_COLUMN.match(text)
+    scaled = None if QUOTED.match(text) else SCALED_COLUMN.match(text)
     if not scaled:
         return _parse_sum(_without_parentheses(text), 1.0)
     gain = float(scaled["gain"])
@@ -75,7 +77,8 @@ def _parse_formula(text: str, place: str) -> dict[str, Any]:
         raise ParameterError(f"{place}: '{text}' divides by {gain:g}; {FORMULA_HINT}")
     scale = gain if scaled["operator"] == "*" else 1 / gain
     inner = scaled["inner"]
-    if (_without_parentheses(inner) == inner and COLUMN_SUM.match(inner)) or SCALED_COLUMN.match(inner):
+    is_sum = _without_parentheses(inner) == inner and not QUOTED.match(inner) and COLUMN_SUM.match(inner)
+    if is_sum or SCALED_COLUMN.match(inner):
         raise ParameterError(f"{place}: '{text}' is ambiguous; {FORMULA_HINT}")
     found = _parse_sum(_without_parentheses(inner), scale)
     offset = float(f"{scaled['sign']}1") * float(scaled["offset"]) if scaled["offset"] else 0.0
@@ -88,7 +91,18 @@ def _without_parentheses(text: str) -> str:
     return text[1:-1].strip() if text.startswith("(") and text.endswith(")") else text
 
 
+def column_text(name: str) -> str:
+    """Return how a column is written in a channel's text: in quotes if its name would be taken for a formula."""
+    try:
+        is_plain = parse_channel(name, "") == Channel(column=name)
+    except ParameterError:
+        is_plain = False
+    return name if is_plain or '"' in name else f'"{name}"'
+
+
 def _parse_sum(text: str, scale: float) -> dict[str, Any]:
+    if quoted := QUOTED.match(text):
+        return {"column": quoted["column"]}
     found = COLUMN_SUM.match(text)
     if not found:
         return {"column": text}

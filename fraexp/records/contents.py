@@ -29,3 +29,10 @@ def list_contents(file: Path, registry: Registry, reader: str = "") -> list[File
     if not contents:
         raise RecordError(f"{path.name}: nothing in the file can be read; expected columns or variables of numbers")
     return contents
+
+
+def list_remarks(file: Path, registry: Registry, reader: str = "") -> list[str]:
+    """Return in sentences what the reader of a file cannot know from it."""
+    path = existing_file(file)
+    remarks: Callable[[Path], list[str]] | None = getattr(find_reader(reader, path, registry), "remarks", None)
+    return remarks(path) if remarks else []

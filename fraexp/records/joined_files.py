@@ -10,7 +10,7 @@ from fraexp.components.kinds import RecordReader
 from fraexp.data.record_table import RecordTable
 from fraexp.errors import RecordError, did_you_mean
 from fraexp.records.clocks import find_time_column
-from fraexp.records.quantities import resolve_channel
+from fraexp.records.quantities import clock_unit, resolve_channel
 
 FILE_SIGN = ":"
 """Separates the name of the file from that of the column, where several files have a column of that name."""
@@ -72,7 +72,7 @@ def _file_times(reader: RecordReader, table: RecordTable, path: Path) -> dict[st
     column = find_time_column(reader, table, path)
     if column is not None:
         stamps = reader.read(path, [column.column])
-        scale = resolve_channel("time", column, stamps, path, "s")["scale"]
+        scale = resolve_channel("time", column, stamps, path, clock_unit(column.column))["scale"]
         return dict.fromkeys(table.columns, stamps.columns[column.column] * scale)
     if table.sample_time:
         return {name: np.arange(values.size, dtype=float) * table.sample_time for name, values in table.columns.items()}

@@ -13,9 +13,11 @@ from fraexp.components.kinds import RecordReader
 from fraexp.components.registry import Registry
 from fraexp.data.record_table import RecordTable
 from fraexp.errors import RecordError
+from fraexp.records.channels import column_text
+from fraexp.records.contents import list_remarks
 from fraexp.records.joined_files import FILE_SIGN
 from fraexp.records.output_signs import opposite_pairs
-from fraexp.records.quantities import UNITLESS_MARKS
+from fraexp.records.quantities import UNITLESS_MARKS, clock_unit, si_unit
 from fraexp.records.repeats import detect_period
 from fraexp.records.resampling import plan_clock, resample
 from fraexp.records.roles import CLOCK_ROLES, FileContent, is_auxiliary, is_usable_unit
@@ -25,6 +27,10 @@ from fraexp.records.timebase import examine_stamps, sample_rate_of, stamps_text
 NUMBERED_NAME = re.compile(r"^(?P<head>.*?)(?P<number>\d+)(?P<tail>\D*)$")
 MAX_OUTPUTS = 4
 """Largest number of outputs that are proposed."""
+ANGULAR_FREQUENCY = re.compile(r"w|omega|OMEGA|Omega|ω")
+"""Names of a frequency in rad/s, as python-control and MATLAB return it."""
+MAX_RADIANS, MIN_DEGREES = 7.0, 30.0
+"""Largest phase up to which it is in radians, and from which it is in degrees, if nothing states its unit."""
 POLAR, CARTESIAN = ("magnitude", "phase"), ("real", "imaginary")
 
 
@@ -55,8 +61,9 @@ def propose_import(file: Path, found: Sequence[FileContent], registry: Registry)
     """Return the command that imports a file, as far as names, units and values support one."""
     proposal = Proposal(["fraexp", "import", str(file)])
     signals = [one for one in found if one.size > 1]
-    if not _propose_response(proposal, signals):
+    if not _propose_response(proposal, file, signals, registry):
         _propose_record(proposal, file, signals, found, registry)
+    proposal.findings += list_remarks(file, registry)
     return proposal
 
 
@@ -81,7 +88,7 @@ def propose_join(found: Mapping[Path, Sequence[FileContent]]) -> Proposal:
     return proposal
 
 
-def _propose_response(proposal: Proposal, signals: Sequence[FileContent]) -> bool:
+def _propose_response(proposal: Proposal, file: Path, signals: Sequence[FileContent], registry: Registry) -> bool:
     """Propose the import of a response over frequency; False if the file has no such columns."""
     best = {role: _best(signals, role) for role in ("frequency", *POLAR, *CARTESIAN, "coherence")}
     pair = next((pair for pair in (POLAR, CARTESIAN) if all(best[role] for role in pair)), None)
@@ -89,16 +96,41 @@ def _propose_response(proposal: Proposal, signals: Sequence[FileContent]) -> boo
         return False
     for role in ("frequency", *pair, *(("coherence",) if best["coherence"] else ())):
         one = best[role][0]
-        named = {"frequency": "Hz", "phase": "deg"}.get(role, "")
-        if role == "magnitude" and "db" in one.name.lower():
-            named = "dB"
-        text = (
-            one.name if is_usable_unit(one.unit) or one.unit.lower() == "db" or not named else f"{one.name} [{named}]"
-        )
-        proposal.add_channel(role, text)
+        unit = "" if _states_unit(one) else _response_unit(proposal, role, one, file, registry)
+        written = column_text(one.name)
+        proposal.add_channel(role, f"{written} [{unit}]" if unit else written, one if unit == "UNIT" else None)
     proposal.words += ["--unit", "OUTPUT/INPUT"]
     proposal.needs.append("the unit of the response is unknown: replace OUTPUT/INPUT, such as mm/N")
     return True
+
+
+def _states_unit(one: FileContent) -> bool:
+    return is_usable_unit(one.unit) or one.unit.lower() == "db"
+
+
+def _response_unit(proposal: Proposal, role: str, one: FileContent, file: Path, registry: Registry) -> str:
+    """Return the unit of a column of a response that states none; empty for a ratio, UNIT if nothing shows it.
+
+    The values show it where the name does not: a ratio is not negative, and degrees are more than a few.
+    """
+    ending = re.split(r"[_ ]", one.name.lower())[-1]
+    if role == "frequency":
+        by_name = "Hz" if ending in ("hz", "f") else "kHz" if ending == "khz" else ""
+        return by_name or ("rad/s" if ANGULAR_FREQUENCY.fullmatch(one.name.rpartition(".")[2]) else "UNIT")
+    if role not in POLAR:
+        return ""
+    path = existing_file(file)
+    values = find_reader("", path, registry).read(path, [one.name]).columns[one.name]
+    if role == "magnitude":
+        is_decibel = "db" in one.name.lower() or bool((values < 0).any())
+        return "dB" if is_decibel else ""
+    if ending in ("deg", "rad"):
+        return ending
+    largest = float(np.abs(values).max())
+    unit = "rad" if largest < MAX_RADIANS else "deg" if largest > MIN_DEGREES else "UNIT"
+    if unit != "UNIT":
+        proposal.findings.append(f"'{one.name}' reaches {largest:.3g}: it is taken for {unit}")
+    return unit
 
 
 def _best(signals: Sequence[FileContent], role: str) -> list[FileContent]:
@@ -306,8 +338,8 @@ def _time_of(
     of = _time_column(found, chosen.size)
     if of is None or table.sample_time is not None:
         return None
-    factor = {"ms": 1e-3, "us": 1e-6, "µs": 1e-6}.get(of.unit.strip() or of.name.rpartition("_")[2], 1.0)
-    return np.asarray(reader.read(path, [of.name]).columns[of.name] * factor)
+    unit = of.unit.strip() if is_usable_unit(of.unit) else clock_unit(of.name)
+    return np.asarray(reader.read(path, [of.name]).columns[of.name] * si_unit(unit, path.name)[0])
 
 
 def _even_values(

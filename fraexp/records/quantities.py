@@ -20,6 +20,15 @@ UNITLESS_MARKS = ("-", "–", "1", "")
 """Units with which instruments mark pure numbers."""
 GRAD = re.compile(r"(?<![A-Za-z])grad(?![A-Za-z])", re.IGNORECASE)
 """A word that German drives write for degrees, and others for a hundredth of a right angle."""
+CLOCK_ENDINGS = dict.fromkeys(("s", "sec"), "s") | dict.fromkeys(("ms", "msec", "millis"), "ms") | {
+    "us": "us", "usec": "us", "micros": "us", "ns": "ns",
+}  # fmt: skip
+"""Units of a time by the last word of its name, such as ``time_us`` or ``millis``."""
+
+
+def clock_unit(column: str) -> str:
+    """Return the unit of a column of time for which neither the file nor the study states one."""
+    return CLOCK_ENDINGS.get(re.split(r"[_ .]", column)[-1], "s")
 
 
 def resolve_channel(name: str, channel: Channel, table: RecordTable, path: Path, default: str = "") -> PlainTable:

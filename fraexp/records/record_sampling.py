@@ -12,7 +12,7 @@ from fraexp.data.sweep import Plain
 from fraexp.errors import RecordError
 from fraexp.records.channels import Channel
 from fraexp.records.clocks import ColumnReader, check_stated_rate, find_clock, find_time_column, unknown_rate_error
-from fraexp.records.quantities import PlainTable, auxiliary_values, resolve_channel
+from fraexp.records.quantities import PlainTable, auxiliary_values, clock_unit, resolve_channel
 from fraexp.records.record_settings import RecordSettings
 from fraexp.records.resampling import UniformClock, hold_values, plan_clock, resample, resampling_text
 from fraexp.records.timebase import RESAMPLING_HINT, agreed_rate, examine_stamps, sample_rate_of
@@ -41,8 +41,9 @@ def plan_sampling(
         table = _with_column(reader, table, column, path)
     plain: PlainTable = {}
     if column is not None:
-        auxiliary_values("time", column, table, "s", path)  # refuses another unit
-        plain["time"] = {"column": column.column, "scale": resolve_channel("time", column, table, path, "s")["scale"]}
+        unit = clock_unit(column.column)
+        auxiliary_values("time", column, table, unit, path)  # refuses a unit that is none of time
+        plain["time"] = {"column": column.column, "scale": resolve_channel("time", column, table, path, unit)["scale"]}
     has_one_rate = table.sample_time is not None and not plain and not settings.resample
     stamps = {} if has_one_rate else _stamps(table, plain, path)
     rate = None if settings.resample else _uniform_rate(settings, reader, table, stamps, path)

@@ -10,12 +10,13 @@ import numpy as np
 
 from fraexp.data.units import si
 from fraexp.errors import FraexpError
+from fraexp.records.channels import column_text
 from fraexp.records.clocks import RATE_NAMES, SAMPLE_TIME_NAMES, TIME_NAMES
-from fraexp.records.quantities import UNITLESS_MARKS, si_unit
+from fraexp.records.quantities import UNITLESS_MARKS, clock_unit, si_unit
 
 EXACT_ROLES = {
     "u": "u", "y": "y", "r": "r", "x": "y", "input": "u", "output": "y", "reference": "r", "excitation": "excitation",
-    "response": "y",
+    "response": "y", "w": "frequency", "millis": "time", "micros": "time",
 }  # fmt: skip
 """Names that are a role themselves."""
 CLOCK_PATTERNS = {
@@ -24,7 +25,7 @@ CLOCK_PATTERNS = {
 }
 """Names of single numbers."""
 NAME_PATTERNS = {
-    "time": rf"{TIME_NAMES.pattern}|x_?values?",
+    "time": rf"{TIME_NAMES.pattern}|x_?values?|x-axis",
     "coherence": r"coh\w*|gamma2?",
     "magnitude": r"mag|magnitude|gain|ampl?itude_?ratio|betrag|db",
     "phase": r"pha(se)?|phi|arg",
@@ -49,6 +50,8 @@ UNIT_ROLES = {
     "N*m": "u", "s": "time", "1/s": "frequency",
 }  # fmt: skip
 """Probable role by the SI unit."""
+COUNT_UNITS = ("sequence", "samples", "sample")
+"""What oscilloscopes write as the unit of a column that counts samples."""
 RATE_UNITS = ("m/s", "rad/s")
 ACCELERATION_UNITS = ("m/s**2", "rad/s**2")
 WORDS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
@@ -107,14 +110,17 @@ class FileContent:
     def quantity(self) -> str:
         """Text of a channel with it, with a unit if the file has none."""
         ending = self.name.rpartition("_")[2]
-        guessed = NAME_ENDING_UNITS.get(ending, ROLE_UNITS.get(self.guess, "UNIT"))
-        return self.column if is_usable_unit(self.unit) else f"{self.column} [{guessed}]"
+        usual = clock_unit(self.name) if self.guess == "time" else ROLE_UNITS.get(self.guess, "UNIT")
+        guessed = NAME_ENDING_UNITS.get(ending, usual)
+        written = column_text(self.column)
+        return written if is_usable_unit(self.unit) else f"{written} [{guessed}]"
 
 
-ROLE_UNITS = {"time": "s", "frequency": "Hz", "segment": "1"}
+ROLE_UNITS = {"segment": "1"}
 NAME_ENDING_UNITS = {
     unit: unit for unit in ("mm", "um", "nm", "m", "N", "mN", "Nm", "V", "mV", "A", "mA", "rad", "deg", "s", "ms")
 }
+NAME_ENDING_UNITS |= {unit: unit for unit in ("us", "ns", "kN", "mNm", "uV", "mrad", "urad", "Hz", "kHz", "dB")}
 NAME_ENDING_UNITS |= {"g": "g_0", "mps2": "m/s^2", "mps": "m/s", "rpm": "rpm", "radps": "rad/s"}
 """Units at the end of names, such as ``force_N``."""
 
@@ -153,11 +159,15 @@ def guess_role(name: str, unit: str, shape: Sequence[int]) -> Role:
     if int(np.prod(shape)) <= 1:
         return Role(_matching(CLOCK_PATTERNS, [short.lower(), *words]), 0)
     by_unit = _unit_role(unit)
-    if short.lower() in EXACT_ROLES:
+    if short.lower() in EXACT_ROLES and unit.strip().lower() not in COUNT_UNITS:
         return Role(EXACT_ROLES[short.lower()], NAME_SCORE)
     by_name = _matching(NAME_PATTERNS, [short.lower(), *words])
+    if by_name == "magnitude" and by_unit != "magnitude" and _matching({"phase": NAME_PATTERNS["phase"]}, words):
+        by_name = "phase"  # such as Gain: Phase
     if is_auxiliary(name):
         return Role("", 0)
+    if unit.strip().lower() in COUNT_UNITS:
+        return Role("index", 0)
     return _joint_role(by_name, by_unit, unit, words)
 
 
@@ -204,8 +214,6 @@ def _unit_role(unit: str) -> str:
 
 
 def _matching(patterns: dict[str, str], words: Sequence[str]) -> str:
-    for word in words:
-        for role, pattern in patterns.items():
-            if re.fullmatch(pattern, word):
-                return role
-    return ""
+    """Return the role of the first word that has one; one that numbers segments counts if no other word has a role."""
+    roles = [role for word in words for role, pattern in patterns.items() if re.fullmatch(pattern, word)]
+    return next((role for role in roles if role != "segment"), next(iter(roles), ""))

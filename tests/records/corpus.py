@@ -4,6 +4,7 @@ import numpy as np
 from scipy.io import savemat
 
 from tests.records.corpus_drives import DRIVE_LAYOUTS
+from tests.records.corpus_instruments import INSTRUMENT_LAYOUTS
 from tests.records.corpus_responses import RESPONSE_LAYOUTS
 from tests.records.corpus_writers import (
     COLUMNS,
@@ -45,6 +46,7 @@ __all__ = ["LAYOUTS", "Layout", "plant"]
 LAYOUTS = (
     RESPONSE_LAYOUTS
     | DRIVE_LAYOUTS
+    | INSTRUMENT_LAYOUTS
     | {
         "comma": Layout(
             "logger",

@@ -27,9 +27,17 @@ WAVE = np.tile(np.random.default_rng(0).normal(size=200), COUNT // 200)
         ("U/min", np.pi / 30, "rad/s"),
         ("nm", 1e-9, "m"),
         ("mN", 1e-3, "N"),
+        ("Arms", 1.0, "A"),
+        ("mArms", 1e-3, "A"),
+        ("A(p)", 1.0, "A"),
+        ("Vpk", 1.0, "V"),
+        ("Amps", 1.0, "A"),
+        ("Volts", 1.0, "V"),
+        ("Sec", 1.0, "s"),
+        ("Degrees", np.pi / 180, "rad"),
     ],
 )
-def test_torques_and_speeds_are_not_yarn_and_enzymes(written: str, factor: float, unit: str) -> None:
+def test_what_drives_write_is_not_yarn_enzymes_and_speeds(written: str, factor: float, unit: str) -> None:
     assert si(written) == (pytest.approx(factor), unit)
 
 

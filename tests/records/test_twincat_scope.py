@@ -85,6 +85,36 @@ def test_stamps_that_are_rounded_are_accepted(tmp_path):
     assert TwinCatScope().read(written(tmp_path, text), ["Torque"]).sample_time == pytest.approx(1e-3)
 
 
+def test_full_time_stamps_and_exports_without_any_give_the_stated_clock(tmp_path):
+    whole = export(shared=True)
+    full, none = whole, whole
+    for k in range(4):
+        full = full.replace(f"\n{k}\t", f"\n{132959733843760000 + 10000 * k}\t", 1)
+        none = none.replace(f"\n{k}\t", "\n\t", 1)
+    for text in (full, none):
+        table = TwinCatScope().read(written(tmp_path, text), ["Torque", "ActPos"])
+        assert table.columns["ActPos"].tolist() == CHANNELS["ActPos"][2]
+        assert table.sample_time == pytest.approx(1e-3)
+
+
+def test_full_time_stamps_with_a_gap_are_refused(tmp_path):
+    full = export(shared=True)
+    for k in range(4):
+        full = full.replace(f"\n{k}\t", f"\n{132959733843760000 + 10000 * (k + (k > 1))}\t", 1)
+    with pytest.raises(RecordError, match=r"steps by 0\.002 s after sample 2"):
+        TwinCatScope().read(written(tmp_path, full), ["Torque"])
+
+
+def test_a_factor_that_may_be_in_the_values_or_not_is_said(tmp_path, registry):
+    plain = export(shared=True)
+    assert TwinCatScope().remarks(written(tmp_path, plain)) == []
+    factor = plain.replace("Unit\t", "Offset\t0\t2\nScaleFactor\t1\t0,5\nUnit\t", 1)
+    path = written(tmp_path, factor)
+    (remark,) = propose_import(path, list_contents(path, registry), registry).findings[-1:]
+    assert remark.startswith("Scope states ScaleFactor 0,5, Offset 2 for 'ActPos': its values count as scaled, unless")
+    assert TwinCatScope().read(path, ["ActPos"]).columns["ActPos"].tolist() == CHANNELS["ActPos"][2]
+
+
 BROKEN = {
     "no sample time": (export().replace("SampleTime[ms]", "Sample"), ["Torque"], r"no line 'SampleTime\[ms\]'"),
     "a sample time that is text": (
@@ -142,3 +172,7 @@ def test_a_strangers_exports_are_read(registry, name):
     scaled, unscaled = table.columns["func_units_scaled"], table.columns["func_units_unscaled"]
     assert np.isfinite(scaled).all()
     assert scaled.shape == unscaled.shape == (1000,)
+    assert scaled == pytest.approx(10 - 10 * unscaled)  # Unit ScaleFactor and Unit Offset are in the values already
+    factor = TwinCatScope().read(path, ["func_scaled", "var_REAL32"]).columns
+    assert factor["func_scaled"] == pytest.approx(1 - factor["var_REAL32"])
+    assert len(TwinCatScope().remarks(path)) == 3

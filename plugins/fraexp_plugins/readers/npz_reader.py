@@ -19,7 +19,8 @@ SINGLE_NAME = "data"
 class NpzReader(RecordReader, name="npz", version=1):
     """Arrays of NumPy by name; ``name.2`` is a column of a matrix, ``name(:,1)`` a part as in MATLAB.
 
-    The array of a ``.npy`` file is called ``data``. Arrays of objects are never loaded.
+    Complex numbers are two arrays, ``name.real`` and ``name.imaginary``. The array of a ``.npy`` file is called
+    ``data``. Arrays of objects are never loaded.
     """
 
     suffixes = (".npz", ".npy")
@@ -64,5 +65,13 @@ def _load(path: Path, names: Sequence[str] | None) -> tuple[dict[str, NDArray[np
 
 
 def _real_arrays(arrays: Mapping[str, NDArray[np.float64]]) -> tuple[dict[str, NDArray[np.float64]], dict[str, str]]:
-    real = {name: values for name, values in arrays.items() if values.dtype.kind in NUMERIC_KINDS}
-    return real, {name: str(values.dtype) for name, values in arrays.items() if name not in real}
+    parts: dict[str, NDArray[np.float64]] = {}
+    others = {}
+    for name, values in arrays.items():
+        if values.dtype.kind in NUMERIC_KINDS:
+            parts[name] = values
+        elif np.iscomplexobj(values):
+            parts |= {f"{name}.real": np.real(values), f"{name}.imaginary": np.imag(values)}
+        else:
+            others[name] = str(values.dtype)
+    return parts, others

@@ -1,7 +1,7 @@
 """Text exports of TwinCAT 3 Scope: a block of properties, then columns of times and values side by side."""
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from fraexp.api import RecordError, RecordReader, RecordTable
 from fraexp_plugins.readers._shared.record_checks import check_size
 from fraexp_plugins.readers._shared.text_lines import (
     column_position,
+    is_number,
     split_cells,
     text_encoding,
     text_lines,
@@ -26,6 +27,10 @@ MAX_PROPERTY_LINES = 64
 NO_UNIT = "(None)"
 END_OF_FILE = "EOF"
 BYTE_ORDER_MARKS = b"\xef\xbb\xbf\xff\xfe"
+SCALINGS = (("ScaleFactor", "Offset"), ("Unit ScaleFactor", "Unit Offset"))
+"""Factor and offset that a channel has, and those of its unit."""
+TICK_S, LEAST_TICKS = 1e-7, 1e15
+"""Full time stamps count ticks since 1601 [s]; numbers above the least are such."""
 MAX_TIME_ERROR = 1e-3
 """Largest deviation of a time step from the stated sample time, relative to it, besides the rounding of its stamps."""
 
@@ -34,7 +39,8 @@ class TwinCatScope(RecordReader, name="twincat_scope", version=1):
     """An export of TwinCAT 3 Scope as text, with any delimiter, with a column of time for each channel or shared ones.
 
     A channel is asked for by its name; equal names are numbered, ``Position #2``. Channels of one record must have the
-    same sample time, unless they are resampled. Units are those that Scope states, as it scales the values.
+    same sample time, unless they are resampled. Units are those that Scope states, as it scales the values. Full time
+    stamps are read as well; an export without columns of time has the clock that it states.
     """
 
     suffixes = (".csv", ".txt", ".tsv")
@@ -68,6 +74,19 @@ class TwinCatScope(RecordReader, name="twincat_scope", version=1):
         found = zip(export.names, lengths, export.units, export.time_positions, strict=True)
         return {name: ((length,), unit) for place, (name, length, unit, time) in enumerate(found) if place != time}
 
+    def remarks(self, path: Path) -> list[str]:
+        """Return what the file leaves open: whether the values of a channel with a factor are scaled already.
+
+        Scope exports scaled values unless its option "Scale values before export" is off, which the file does not say.
+        """
+        export = _read_properties(path)
+        return [
+            f"Scope states {scaling} for '{name}': its values count as scaled, unless 'Scale values before export' "
+            "was off: then write its gain"
+            for name, scaling in zip(export.names, export.scalings, strict=True)
+            if name and scaling
+        ]
+
 
 @dataclass(frozen=True)
 class _Export:
@@ -83,6 +102,8 @@ class _Export:
     units: list[str]
     time_positions: list[int]
     """Position of each column's time; its own for a column of time."""
+    scalings: list[str]
+    """Factors and offsets of each column as text; empty if they change nothing."""
 
     @property
     def names(self) -> list[str]:
@@ -111,7 +132,9 @@ def _read_properties(path: Path) -> _Export:
     owner = [max(time for time in times if time <= number) for number in range(len(name_row))]
     steps = [_sample_time(path, rows[at], number) for number in range(len(name_row))]
     plain = [cell if number != owner[number] else "" for number, cell in enumerate(name_row)]
-    return _Export(encoding, after, start + 1, plain, steps, (units + [""] * len(plain))[: len(plain)], owner)
+    units = (units + [""] * len(plain))[: len(plain)]
+    scalings = [_scaling(properties, number) for number in range(len(plain))]
+    return _Export(encoding, after, start + 1, plain, steps, units, owner, scalings)
 
 
 def _property_row(path: Path, rows: Sequence[list[str]], key: str, width: int) -> list[str]:
@@ -128,6 +151,30 @@ def _property_row(path: Path, rows: Sequence[list[str]], key: str, width: int) -
 def _unit(cell: str) -> str:
     """Return the symbol of a unit, such as V of ``V (Voltage)``."""
     return "" if cell in (NO_UNIT, UNIT_KEY) else cell.partition(" (")[0].strip()
+
+
+def _scaling(properties: Mapping[str, Sequence[str]], position: int) -> str:
+    """Return the factors and offsets of a column as text; empty if they change nothing."""
+    parts = []
+    for keys in SCALINGS:
+        cells = [properties[key][position] if position < len(properties.get(key, ())) else key for key in keys]
+        if any(
+            is_number(cell, True) and _as_float(cell) != neutral for cell, neutral in zip(cells, (1, 0), strict=True)
+        ):
+            parts += [f"{key} {cell}" for key, cell in zip(keys, cells, strict=True) if cell != key]
+    return ", ".join(parts)
+
+
+def _as_float(cell: str) -> float:
+    return float(cell.replace(",", "."))
+
+
+def _seconds(stamps: Sequence[str]) -> NDArray[np.float64]:
+    """Return time stamps [s]: of milliseconds, or of ticks since 1601 as seconds since the first one."""
+    if stamps and _as_float(stamps[0]) >= LEAST_TICKS and all(stamp.isdigit() for stamp in stamps):
+        first = int(stamps[0])  # a tick is lost in the number as a whole
+        return np.array([int(stamp) - first for stamp in stamps], dtype=float) * TICK_S
+    return np.array(stamps, dtype=float) * 1e-3
 
 
 def _sample_time(path: Path, row: Sequence[str], position: int) -> float:
@@ -171,8 +218,16 @@ def _read_values(
             cells[position].append(cell.replace(",", "."))
     for position in positions:
         _check_column(path, export, position, cells)
-    stamps = [np.array(cells[export.time_positions[position]], dtype=float) * 1e-3 for position in positions]
+    stamps = [_stamps(export, position, cells) for position in positions]
     return [np.array(cells[position], dtype=float) for position in positions], stamps
+
+
+def _stamps(export: _Export, position: int, cells: Mapping[int, Sequence[str]]) -> NDArray[np.float64]:
+    """Return the time stamps [s] of a column; those of its sample time in an export without columns of time."""
+    stamps = cells[export.time_positions[position]]
+    if not any(cells[time] for time in export.time_positions if time in cells):
+        return np.arange(len(cells[position])) * export.sample_times[position]
+    return _seconds(stamps)
 
 
 def _cell_error(path: Path, number: int, export: _Export, position: int, finding: str) -> RecordError:
@@ -184,14 +239,14 @@ def _cell_error(path: Path, number: int, export: _Export, position: int, finding
 def _check_column(path: Path, export: _Export, position: int, cells: dict[int, list[str]]) -> None:
     """Raise RecordError unless a channel has a value at each time, and the times are those of its sample time."""
     name, step = export.names[position], export.sample_times[position]
-    stamps, values = cells[export.time_positions[position]], cells[position]
-    time = np.array(stamps, dtype=float) * 1e-3
+    values, time = cells[position], _stamps(export, position, cells)
     if len(values) != time.size or time.size < 2:
         raise RecordError(
             f"{path.name}: channel '{name}' has {len(values)} values at {time.size} times; expected as many: "
             "export it again"
         )
-    last_digit = 1e-3 * 10.0 ** -max(len(stamp.partition(".")[2]) for stamp in stamps)
+    stamps = cells[export.time_positions[position]]
+    last_digit = 1e-3 * 10.0 ** -max(len(stamp.partition(".")[2]) for stamp in stamps or [""])
     allowed = MAX_TIME_ERROR * step + (last_digit if last_digit < step else 0.0)
     uneven = np.flatnonzero(~(np.abs(np.diff(time) - step) <= allowed))
     if uneven.size:

@@ -43,7 +43,7 @@ def names_and_units(headings: Sequence[str]) -> list[tuple[str, str | None]]:
     ``F/kN`` counts only if the table has another such heading: a name may contain a slash.
     """
     found = [name_and_unit(heading) for heading in headings]
-    if any(unit for _, unit in found):
+    if any(unit and not name.endswith("/") for name, unit in found):
         return found
     joined = [JOINED_UNIT.fullmatch(heading) for heading in headings]
     pairs = [(match["name"], match["unit"]) for match in joined if match]

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 from fraexp.api import RecordError
 
 INDEXED_NAME = re.compile(r"^(?P<name>.+?)\((?P<indices>[\d:,\s]+)\)$")
+COMPLEX_PARTS = ("real", "imaginary")
+"""What the names of the two parts of a complex array end with, behind a point."""
 
 
 def split_indices(column: str) -> tuple[str, tuple[str, ...]]:

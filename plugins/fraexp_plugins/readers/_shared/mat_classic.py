@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import RecordError
+from fraexp_plugins.readers._shared.mat_arrays import COMPLEX_PARTS
 from fraexp_plugins.readers._shared.mat_elements import read_matrix
 from fraexp_plugins.readers._shared.record_checks import MAX_SIZE_BYTES, check_size, missing_column
 
@@ -184,6 +185,8 @@ def _array_at(path: Path, column: str, content: Mapping[str, Any], sizes: Mappin
 
 
 def _field(value: NDArray[np.void], name: str) -> Any:
+    if np.iscomplexobj(value) and name in COMPLEX_PARTS:
+        return value.real if name == COMPLEX_PARTS[0] else value.imag
     if value.dtype.names and name in value.dtype.names and value.size == 1:
         return _as_array(value[name].flat[0])
     return None
@@ -213,5 +216,7 @@ def _leaves(value: object, parent: str, depth: int = 0) -> list[str]:
     elif value.dtype.names or value.dtype == object:
         parts = [(str(number + 1), _item(value, str(number + 1))) for number in range(min(value.size, MAX_DEPTH))]
     else:
+        if np.iscomplexobj(value) and value.size:
+            return [f"{parent}.{part}" for part in COMPLEX_PARTS]
         return [parent] if value.dtype.kind in "biuf" and value.size else []
     return [leaf for name, part in parts for leaf in _leaves(part, f"{parent}.{name}", depth + 1)]

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import RecordError
+from fraexp_plugins.readers._shared.mat_arrays import COMPLEX_PARTS
 from fraexp_plugins.readers._shared.record_checks import check_size, missing_column
 
 Answer = TypeVar("Answer")
@@ -76,7 +77,7 @@ def _apply(path: Path, action: Callable[[Any], Answer]) -> Answer:
         raise RecordError(f"{path.name}: this cannot be read as HDF5 (MATLAB 7.3): {text}; save it again") from None
 
 
-def _read(path: Path, column: str, node: Any, number: int | None) -> NDArray[np.generic]:
+def _read(path: Path, column: str, node: Any, number: int | str | None) -> NDArray[np.generic]:
     if not _is_numeric(node):
         leaves = ", ".join(_leaves(node, column)) or "nothing readable"
         raise RecordError(f"{path.name}: '{column}' is a struct, cell, text or object, not numbers; it holds {leaves}")
@@ -86,20 +87,28 @@ def _read(path: Path, column: str, node: Any, number: int | None) -> NDArray[np.
         return np.empty(0)
     if number is None:
         return np.asarray(node[()])
+    if isinstance(number, str):
+        values = np.asarray(node[()])
+        real, imaginary = (
+            (values[name] for name in values.dtype.names) if values.dtype.names else (values.real, values.imag)
+        )
+        return np.asarray(real if number == COMPLEX_PARTS[0] else imaginary)
     # HDF5 shows MATLAB's matrices transposed; the longer dimension is time either way.
     return np.asarray(node[number - 1] if node.shape[1] >= node.shape[0] else node[:, number - 1])
 
 
-def _node_at(path: Path, column: str, file: Any) -> tuple[Any, int | None]:
+def _node_at(path: Path, column: str, file: Any) -> tuple[Any, int | str | None]:
     """Return the node at a path, and the number of the column if the path leads to one of a matrix."""
     node: Any = file
-    number: int | None = None
+    number: int | str | None = None
     for part in column.split("."):
-        if part.isdigit() and number is None:
+        if part in COMPLEX_PARTS and number is None and _is_complex(node):
+            number = part
+        elif part.isdigit() and number is None:
             node, number = _item(node, int(part))
         else:
             node = _child(node, part)
-            if number is not None and _is_dataset(node):  # a field of one element of a struct array
+            if isinstance(number, int) and _is_dataset(node):  # a field of one element of a struct array
                 node, number = _item(node, number)
         if node is None:
             raise missing_column(path, column, _leaves(file, ""))
@@ -123,6 +132,11 @@ def _is_numeric(node: Any) -> bool:
     return _is_dataset(node) and node.dtype.kind in "biufcV" and node.attrs.get("MATLAB_class", b"") != b"char"
 
 
+def _is_complex(node: Any) -> bool:
+    """Say whether a dataset contains complex numbers, as h5py or as MATLAB writes them."""
+    return _is_dataset(node) and (node.dtype.kind == "c" or node.dtype.names == ("real", "imag"))
+
+
 def _child(node: Any, name: str) -> Any:
     if node is None or _is_dataset(node):
         return None
@@ -130,7 +144,7 @@ def _child(node: Any, name: str) -> Any:
     return node[name] if type(node.get(name, getlink=True)).__name__ == "HardLink" else None
 
 
-def _item(node: Any, number: int) -> tuple[Any, int | None]:
+def _item(node: Any, number: int) -> tuple[Any, int | str | None]:
     if not _is_dataset(node):
         return node, number  # the fields of a struct array are tables of references: they are indexed one level below
     if _is_reference_table(node):
@@ -153,7 +167,7 @@ def _search(node: Any, parent: str, seen: set[object], depth: int) -> Iterator[s
         children = ((str(number), _item(node, number)[0]) for number in range(1, min(node.size, MAX_DEPTH) + 1))
     elif _is_dataset(node):
         if _is_numeric(node):
-            yield parent
+            yield from (f"{parent}.{part}" for part in COMPLEX_PARTS) if _is_complex(node) else (parent,)
         return
     else:
         names = itertools.islice((name for name in node if not name.startswith("#")), MAX_SEARCHED_NODES)
