@@ -8,14 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fraexp_plugins.estimators.injection_on_motion import _Modulation
+from fraexp_plugins.estimators.injection_on_motion import _Modulation, apparent_mass_metrics
 
 from fraexp.analysis.confidence import circle_factor, degrees_of_freedom
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
 from fraexp.components.kinds import Estimator
 from fraexp.components.registry import create, discover
-from fraexp.data.results import Result
+from fraexp.data.results import FrequencyResponse, Result
 from fraexp.data.signals import Segment, Signals
 from fraexp.errors import RecordError
 from tests.records.strangers import Drive, point_to_point
@@ -137,7 +137,7 @@ def test_bands_cover_the_plant_on_drawn_drives_and_moves(kind: str) -> None:
 @pytest.mark.thorough
 def test_the_masss_interval_covers_it_where_one_move_is_repeated() -> None:
     """The increments of the encoder repeat themselves with the move: the scatter alone gave 2.3 deviations."""
-    deviations = []
+    deviations, covered = [], []
     for seed in range(8):
         rng = np.random.default_rng(300 + seed)
         drive = Drive(mass=rng.uniform(2, 8), coulomb=rng.uniform(3, 12), viscous=rng.uniform(5, 40))
@@ -147,7 +147,33 @@ def test_the_masss_interval_covers_it_where_one_move_is_repeated() -> None:
         found = estimate(record(drive, np.tile(one, 15), seed), name="injection_on_motion", refer_to_plant=True)
         values = {metric.name: metric.value for metric in found.metrics}
         deviations.append((values["apparent mass"] - drive.mass) / values["apparent mass deviation"])
+        covered.append(abs(values["apparent mass"] - drive.mass) < values["apparent mass, 95 %"])
     assert np.sqrt(np.mean(np.square(deviations))) < MAX_RMS_DEVIATIONS
+    assert sum(covered) >= 7
+
+
+def test_the_masss_interval_covers_it_with_few_blocks_per_line() -> None:
+    """Lines drawn with deviations that are estimated from 6 blocks: weights by estimates make 1/sqrt(sum) too small."""
+    rng = np.random.default_rng(1)
+    frequency, freedom, trials = np.linspace(20, 95, 6), np.full(6, 10.0), 1500
+    true = 1 / (2j * np.pi * frequency) ** 2
+    unused = np.full(6, np.nan)
+    relative = 1e-4 * np.linspace(1, 2, 6)
+    inside, inside_by_weights = [], []
+    for _ in range(trials):
+        noise = relative * (rng.normal(size=6) + 1j * rng.normal(size=6)) / np.sqrt(2)
+        variance = (relative * np.abs(true)) ** 2 * rng.chisquare(freedom) / freedom
+        covariance = np.eye(2) * variance[:, None, None] / 2
+        found = FrequencyResponse(
+            frequency, true * (1 + noise), covariance, "m/N", "u", "y", unused, unused, np.full(6, True), unused,
+            unused, np.zeros((6, 6), complex), freedom,
+        )  # fmt: skip
+        values = {metric.name: metric.value for metric in apparent_mass_metrics(found)}
+        inside.append(abs(values["apparent mass"] - 1) < values["apparent mass, 95 %"])
+        weights = 1 / (variance / np.abs(true) ** 2 / 2)
+        inside_by_weights.append(abs(values["apparent mass"] - 1) < 1.96 / np.sqrt(weights.sum()))
+    assert 0.935 < np.mean(inside) < 0.965
+    assert np.mean(inside_by_weights) < 0.92
 
 
 def test_blocks_with_equal_residuals_are_one_block() -> None:

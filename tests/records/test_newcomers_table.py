@@ -27,6 +27,12 @@ KINDS = {
     "TwinCAT Scope": "TwinCAT, tab",
     "Sinumerik trace": "Sinumerik trace",
     "Sinumerik frequency measurement": "Sinumerik measurement",
+    "oscilloscope whose settings stand beside the samples": "settings beside the samples",
+    "oscilloscope with channels called by numbers": "channels called by numbers",
+    "headings such as `F/kN`": "quotients as headings",
+    "servo drive with a current in Arms": "currents counted",
+    "table whose first column contains labels": "labelled rows",
+    "columns whose names contain signs, dates with AM and PM": "American dates",
     "MATLAB": "MATLAB 5",
     "HDF5": "HDF5 with attributes",
     "NumPy": "npz",
@@ -38,6 +44,10 @@ KINDS = {
     "Parquet": "Parquet",
     "Bode table in dB and degrees": "Bode in dB and degrees",
     "response of python-control as arrays": "response in NumPy",
+    "response of python-control as complex numbers": "frd in python-control",
+    "response of MATLAB as complex numbers": "frd in MATLAB",
+    "response as text with complex numbers": "complex numbers of Python",
+    "network analyser with names of traces": "names of traces",
 }
 """Layout of the corpus by the kind of file that the page names."""
 

@@ -7,7 +7,18 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import Curve, FrequencyResponse, Metric, RecordError, Result, Segment, Signals, param, response_result
+from fraexp.api import (
+    Curve,
+    FrequencyResponse,
+    Metric,
+    RecordError,
+    Result,
+    Segment,
+    Signals,
+    degrees_of_freedom,
+    param,
+    response_result,
+)
 from fraexp_plugins.estimators._shared.delayed_estimator import PlantReferredEstimator
 
 SMOOTHING_SHARE = 0.1
@@ -20,11 +31,13 @@ MIN_SLIDES = 5
 OVERLAP_VARIANCE = 1 + 2 * 3 / 35
 """Variance of a mean of half overlapping blocks over that of independent ones: sin⁴ and its neighbour correlate by 3/35
 (P. D. Welch, IEEE Trans. Audio and Electroacoustics 15(2), 1967, doi 10.1109/TAU.1967.1161901)."""
+MIN_INDEPENDENT = 2.0
+"""Least number of blocks that count as independent: fewer have no scatter."""
 MIN_SPACING = 2
 """Least distance of two lines, and of the lowest one from 0, in periods per block: closer ones share their window."""
 
 
-class InjectionOnMotion(PlantReferredEstimator, name="injection_on_motion", version=3):
+class InjectionOnMotion(PlantReferredEstimator, name="injection_on_motion", version=4):
     """P̂ = y'/u at the lines of a known periodic signal that is injected while the axis moves as its task demands.
 
     The record is cut into blocks in which the axis slides without reversal, wherever they begin; consecutive ones
@@ -71,8 +84,9 @@ class InjectionOnMotion(PlantReferredEstimator, name="injection_on_motion", vers
         )
         if result.response is None:
             return result
-        factors = [one.variance_factor for one in found]
-        response = with_variance_factor(result.response, np.concatenate(factors))
+        factors = np.concatenate([one.variance_factor for one in found])
+        blocks = np.concatenate([np.full(one.output.shape[1], float(len(one.output))) for one in found])
+        response = with_variance_factor(result.response, factors, blocks)
         count = Metric("blocks", float(min(len(one.output) for one in found)), "1")
         return Result(
             result.outcome,
@@ -210,9 +224,17 @@ class _Phasors(NamedTuple):
         return np.asarray(np.maximum(between / np.maximum(squares, 1e-300), least))
 
 
-def with_variance_factor(response: FrequencyResponse, factor: NDArray[np.float64]) -> FrequencyResponse:
-    """Return a response whose covariance is so many times as large, shape (lines,)."""
-    return replace(response, covariance=response.covariance * factor[:, None, None])
+def with_variance_factor(
+    response: FrequencyResponse, factor: NDArray[np.float64], blocks: NDArray[np.float64]
+) -> FrequencyResponse:
+    """Return a response whose covariance is so many times that of independent blocks, each of shape (lines,).
+
+    So many fewer blocks are independent: their scatter about their own mean tells less, and has fewer degrees of
+    freedom.
+    """
+    independent = np.maximum(blocks / factor, MIN_INDEPENDENT)
+    larger = factor * (1 - 1 / blocks) / (1 - 1 / independent)
+    return replace(response, covariance=response.covariance * larger[:, None, None], freedom=2 * (independent - 1))
 
 
 def _apparent_mass(response: FrequencyResponse) -> NDArray[np.complex128]:
@@ -221,14 +243,25 @@ def _apparent_mass(response: FrequencyResponse) -> NDArray[np.complex128]:
 
 
 def apparent_mass_metrics(response: FrequencyResponse) -> tuple[Metric, ...]:
-    """Return the apparent mass, the mean of the real part of F/a weighted by its variance, with its deviation."""
+    """Return the apparent mass, the mean of the real part of F/a weighted by its variance, with its deviation.
+
+    The weights are estimates themselves: the mean of several lines with few degrees of freedom ν deviates by
+    1 + 4 Σ w (1 - w)/ν more in variance, with 1/Σ(w²/ν) degrees of freedom for weights of the sum 1 (P. Meier,
+    Biometrics 9(1), 1953, 59-73, doi 10.2307/3001633). The 95 % interval follows from both.
+    """
     mass = _apparent_mass(response)
     variance = np.maximum((response.standard_deviation / np.abs(response.response) * np.abs(mass)) ** 2 / 2, 1e-300)
-    weights = 1 / variance
+    total = float(np.sum(1 / variance))
+    weights = 1 / variance / total
+    from scipy.special import stdtrit  # slow to import
+
+    freedom = degrees_of_freedom(response)
+    deviation = float(np.sqrt((1 + 4 * np.sum(weights * (1 - weights) / freedom)) / total))
     unit = _mass_unit(response.unit)
     return (
-        Metric("apparent mass", float(np.sum(weights * mass.real) / np.sum(weights)), unit),
-        Metric("apparent mass deviation", float(1 / np.sqrt(np.sum(weights))), unit),
+        Metric("apparent mass", float(np.sum(weights * mass.real)), unit),
+        Metric("apparent mass deviation", deviation, unit),
+        Metric("apparent mass, 95 %", deviation * float(stdtrit(1 / np.sum(weights**2 / freedom), 0.975)), unit),
     )
 
 
