@@ -3,6 +3,7 @@
 The axis is a mass with viscous friction and a controller, whose response is known in closed form.
 """
 
+import re
 import socket
 import struct
 from collections.abc import Callable, Iterator
@@ -20,9 +21,10 @@ from fraexp.workspace.workspace_service import WorkspaceService
 from tests.measurement.test_excitation_files import StructuredText
 from tests.waiting import wait_until
 
-pyads = pytest.importorskip("pyads", reason="pyads is not installed: pip install 'fraexp[ads]'", exc_type=ImportError)
-testserver = pytest.importorskip("pyads.testserver.testserver")
-handler = pytest.importorskip("pyads.testserver.handler")
+try:
+    from pyads.testserver import handler, testserver
+except (ImportError, OSError) as error:  # not installed, or its library is not made for this platform
+    pytest.skip(f"pyads cannot be used here ({error}); pip install 'fraexp[ads]'", allow_module_level=True)
 
 NET_ID, SAMPLE_TIME = "127.0.0.1.1.1", 0.5e-3
 GROUP, NAME_INFO = 0x4040, 0xF009
@@ -39,7 +41,8 @@ class FunctionBlock(StructuredText):
     def __init__(self, text: str) -> None:
         super().__init__(text)
         self.values |= {"LREAL_TO_DINT": int}
-        self.values |= {"Wave": [0.0] * 20_000, "Record": [0.0] * 12_000, "Order": [0.0] * 5, "Status": [0] * 4}
+        for name, last, kind in re.findall(r"(\w+) : ARRAY\[0\.\.(\d+)\] OF (\w+);", text):
+            self.values[name] = [0.0 if kind == "LREAL" else 0] * (int(last) + 1)
 
     def cycle(self, position: float, feedback: float) -> float:
         self.values |= {"Position": position, "Feedback": feedback}
@@ -249,6 +252,12 @@ def test_samples_that_are_taken_too_slowly_stop_it(plc: ControllerHandler) -> No
             plc.cycle()
         with pytest.raises(ConnectionLostError, match="taken too slowly: lengthen Record and RingSize"):
             list(chunks)
+
+
+def test_the_block_states_the_lengths_of_its_arrays() -> None:
+    values = FunctionBlock(BLOCK_SOURCE.read_text(encoding="utf-8")).values
+    assert (len(values["Wave"]), len(values["Record"])) == (values["WaveSize"], 3 * values["RingSize"])
+    assert (len(values["Order"]), len(values["Status"])) == (5, 4)
 
 
 def test_what_does_not_fit_is_refused_before_anything_moves(plc: ControllerHandler) -> None:
