@@ -72,7 +72,9 @@ def _file_times(reader: RecordReader, table: RecordTable, path: Path) -> dict[st
     column = find_time_column(reader, table, path)
     if column is not None:
         stamps = reader.read(path, [column.column])
-        scale = resolve_channel("time", column, stamps, path, clock_unit(column.column))["scale"]
+        scale = resolve_channel("time", column, stamps, path, clock_unit(column.column, stamps.columns[column.column]))[
+            "scale"
+        ]
         return dict.fromkeys(table.columns, stamps.columns[column.column] * scale)
     if table.sample_time:
         return {name: np.arange(values.size, dtype=float) * table.sample_time for name, values in table.columns.items()}

@@ -265,7 +265,8 @@ def _propose_rate(
     size = used[0].size if used else max(one.size for one in found)
     time = _time_column(found, size)
     if time is not None:
-        proposal.words += ["--time", time.quantity]
+        unit = clock_unit(time.name, reader.read(path, [time.column]).columns[time.column])
+        proposal.words += ["--time", column_text(time.column) + ("" if is_usable_unit(time.unit) else f" [{unit}]")]
         return
     for one in found:
         if one.guess in CLOCK_ROLES:
@@ -338,8 +339,9 @@ def _time_of(
     of = _time_column(found, chosen.size)
     if of is None or table.sample_time is not None:
         return None
-    unit = of.unit.strip() if is_usable_unit(of.unit) else clock_unit(of.name)
-    return np.asarray(reader.read(path, [of.name]).columns[of.name] * si_unit(unit, path.name)[0])
+    values = reader.read(path, [of.column]).columns[of.column]
+    unit = of.unit.strip() if is_usable_unit(of.unit) else clock_unit(of.name, values)
+    return np.asarray(values * si_unit(unit, path.name)[0])
 
 
 def _even_values(
@@ -356,7 +358,7 @@ def _even_values(
         try:
             clock = plan_clock({"input": time}, None, None, "cubic", "the file")
         except RecordError:
-            proposal.findings.append(str(error))
+            proposal.needs.append(str(error))
             return values, None
         proposal.findings.append(stamps_text(examine_stamps(time)))
         values, rate = resample(values, time, clock), clock.rate

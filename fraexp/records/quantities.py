@@ -26,9 +26,15 @@ CLOCK_ENDINGS = dict.fromkeys(("s", "sec"), "s") | dict.fromkeys(("ms", "msec", 
 """Units of a time by the last word of its name, such as ``time_us`` or ``millis``."""
 
 
-def clock_unit(column: str) -> str:
-    """Return the unit of a column of time for which neither the file nor the study states one."""
-    return CLOCK_ENDINGS.get(re.split(r"[_ .]", column)[-1], "s")
+EPOCH_UNITS = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
+"""Units of time stamps since 1970 by their size: in seconds they are about 2e9."""
+
+
+def clock_unit(column: str, values: NDArray[np.float64] | None = None) -> str:
+    """Return the unit of a column of time for which neither the file nor the study states one: by name, then size."""
+    named = CLOCK_ENDINGS.get(re.split(r"[_ .]", column)[-1])
+    largest = float(np.abs(values).max()) if values is not None and values.size else 0.0
+    return named or next((unit for size, unit in EPOCH_UNITS if largest > size), "s")
 
 
 def resolve_channel(name: str, channel: Channel, table: RecordTable, path: Path, default: str = "") -> PlainTable:

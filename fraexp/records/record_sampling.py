@@ -41,7 +41,7 @@ def plan_sampling(
         table = _with_column(reader, table, column, path)
     plain: PlainTable = {}
     if column is not None:
-        unit = clock_unit(column.column)
+        unit = clock_unit(column.column, table.columns[column.column])
         auxiliary_values("time", column, table, unit, path)  # refuses a unit that is none of time
         plain["time"] = {"column": column.column, "scale": resolve_channel("time", column, table, path, unit)["scale"]}
     has_one_rate = table.sample_time is not None and not plain and not settings.resample

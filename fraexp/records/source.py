@@ -260,7 +260,10 @@ def find_reader(name: str, path: Path, registry: Registry) -> RecordReader:
         which = f"readers {', '.join(fitting)} all read" if fitting else "no reader reads"
         ending = f"{which} '{path.suffix}'" if path.suffix else "its name has no ending that tells its format"
         known = ", ".join(registry.names(RecordReader.kind))
-        raise RecordError(f"{path.name}: {ending}; give reader = one of {known}")
+        raise RecordError(
+            f"{path.name}: {ending}; give reader = one of {known}; rename it to .csv if it is text in columns, or "
+            "export it as CSV"
+        )
     return create(registry, RecordReader, {"name": name or fitting[0]}, place=path.name)
 
 

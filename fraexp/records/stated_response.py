@@ -198,7 +198,10 @@ def _plain_column(name: str, channel: Channel, table: RecordTable) -> PlainTable
         unit = DECIBEL
     elif name in ("magnitude", *CARTESIAN):
         unit = ""
-    return {"column": channel.column, "unit": unit, "scale": channel.scale}
+    scale = channel.scale
+    if name == "coherence" and unit == "%":
+        unit, scale = "", scale / 100
+    return {"column": channel.column, "unit": unit, "scale": scale}
 
 
 def _split_unit(text: str, path: Path) -> tuple[tuple[float, str], tuple[float, str]]:

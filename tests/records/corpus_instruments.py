@@ -9,6 +9,7 @@ from tests.records.corpus_writers import FORCE, PERIODIC, POSITION, TIME, Layout
 
 NUMBER = range(TIME.size)
 MILLISECONDS, MICROSECONDS = 1e3 * TIME, 1e6 * TIME
+EPOCH_NS = [1_709_547_133_000_000_000 + 1_000_000 * k for k in NUMBER]
 SETTINGS = (
     "Record Length,1.000000e+03", "Sample Interval,1.000000e-03", "Trigger Point,5.0e+02", ",", ",", ",", "Source,CH1",
     "Vertical Units,V", "Vertical Scale,5.0", "Vertical Offset,0.0", "Horizontal Units,s", "Horizontal Scale,2.5e-4",
@@ -62,6 +63,12 @@ def counted_samples(folder: Path) -> None:
     head = "X,CH1,CH2,Start,Increment\nSequence,Volt,Volt,0.000000e+00,1.000000e-03\n"
     text = "".join(f"{k},{u:.10g},{y:.10g},,\n" for k, u, y in rows)
     (folder / "a.csv").write_text(head + text, encoding="utf-8")
+
+
+def time_of_day(folder: Path) -> None:
+    rows = zip(NUMBER, FORCE, POSITION, strict=True)
+    text = "".join(f"10:12:13,{k:03d};{u:.10g};{y:.10g}\n".replace(".", ",") for k, u, y in rows)
+    (folder / "a.csv").write_text(f"Uhrzeit;Kraft [N];Weg [um]\n{text}Ende der Messung;;\n", encoding="utf-8")
 
 
 def channels(u: str, y: str, *more: str) -> list[str]:
@@ -209,5 +216,25 @@ INSTRUMENT_LAYOUTS = {
         ),
         channels("force", "position"),
         ("u=force ", "y=position ", "--time time "),
+    ),
+    "time of day and a footer": Layout(
+        "logger",
+        ["a.csv"],
+        time_of_day,
+        channels("Kraft", "Weg"),
+        ("u=Kraft ", "y=Weg ", "--time Uhrzeit "),
+        tolerance=1e-3,
+    ),
+    "nanoseconds since 1970": Layout(
+        "robot log",
+        ["a.csv"],
+        text_file(
+            "a.csv",
+            "timestamp|force [N]|position [um]\n",
+            "".join(f"{t}|{u:.10g}|{y:.10g}\n" for t, u, y in zip(EPOCH_NS, FORCE, POSITION, strict=True)),
+        ),
+        channels("force", "position", "--time", "timestamp"),
+        ("u=force ", "y=position ", "'timestamp [ns]'"),
+        tolerance=1e-3,
     ),
 }

@@ -50,8 +50,8 @@ RESPONSE_LAYOUTS = {
         ["a.csv"],
         text_file(
             "a.csv",
-            "freq [Hz];re;im;coherence\n",
-            lines_of("%.10g", FREQUENCY, RESPONSE.real, RESPONSE.imag, np.full(40, 0.99), separator=";"),
+            "freq [Hz];re;im;coherence [%]\n",
+            lines_of("%.10g", FREQUENCY, RESPONSE.real, RESPONSE.imag, np.full(40, 99.0), separator=";"),
         ),
         [
             "--channel",

@@ -64,10 +64,22 @@ class CsvReader(RecordReader, name="csv", version=1):
 
 
 def _rows(path: Path, layout: TextLayout) -> Iterator[tuple[int, str]]:
+    """Yield numbers and text of the lines of a table, without lines of text behind the last line with a number."""
+    held: list[tuple[int, str]] = []
     with path.open(encoding=layout.encoding, errors="replace") as stream:
         for number, line in enumerate(text_lines(path, stream), start=1):
             if number > layout.start and line.strip() and not is_comment(line):
-                yield number, layout.rewrite(line) if layout.is_rewritten else line
+                row = (number, layout.rewrite(line) if layout.is_rewritten else line)
+                if line.lstrip(' "')[0].isalpha() and _has_no_number(line, layout):
+                    held.append(row)
+                    continue
+                yield from held
+                held.clear()
+                yield row
+
+
+def _has_no_number(line: str, layout: TextLayout) -> bool:
+    return not any(is_number(cell, layout.decimal_comma) for cell in split_cells(line, layout.delimiter))
 
 
 def _lengths(path: Path, layout: TextLayout) -> list[int]:

@@ -226,7 +226,7 @@ def _stamps(export: _Export, position: int, cells: Mapping[int, Sequence[str]]) 
     """Return the time stamps [s] of a column; those of its sample time in an export without columns of time."""
     stamps = cells[export.time_positions[position]]
     if not any(cells[time] for time in export.time_positions if time in cells):
-        return np.arange(len(cells[position])) * export.sample_times[position]
+        return np.arange(len(cells[position]), dtype=np.float64) * export.sample_times[position]
     return _seconds(stamps)
 
 

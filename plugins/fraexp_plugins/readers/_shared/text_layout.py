@@ -26,7 +26,7 @@ from fraexp_plugins.readers._shared.text_lines import (
     unique_names,
 )
 
-DELIMITERS = ("\t", ";", ",", None)
+DELIMITERS = ("\t", ";", "|", ",", None)
 """Delimiters in the order in which they are tried; None is any run of blanks."""
 SAMPLED_ROWS = 200
 """Last lines of the head that decide which columns contain numbers."""
