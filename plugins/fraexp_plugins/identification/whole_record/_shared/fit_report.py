@@ -90,6 +90,13 @@ class FitReport:
         """Whether the model does not repeat a record, shape (records,)."""
         return self.found.ratios > MAX_RATIO + MAX_RATIO_STDS * RATIO_STD / np.sqrt(self.found.fit.freedom)
 
+    @property
+    def _shared_covariance(self) -> NDArray[np.float64]:
+        """Covariance of the shared parameters, as the fit sees them, with the error of the replay's steps, (p, p)."""
+        assert self.found.error is not None
+        count, error = self.found.state.shared.size, self.found.error.shared
+        return np.asarray(self.found.covariances[0][:count, :count] + np.outer(error, error))
+
     def _complaint(self) -> str:
         """Return what is wrong with the model; empty if it repeats the records."""
         allowed = MAX_MEAN_RATIO + MAX_RATIO_STDS * RATIO_STD / np.sqrt(self.found.fit.freedom.sum())
@@ -146,7 +153,7 @@ class FitReport:
         """Yield friction's parameters with their intervals, and how well they repeat the records."""
         fit, state = self.found.fit, self.found.state
         values, units = fit.free.values(fit.start, state.shared), fit.free.units(fit.start)
-        std = np.sqrt(np.diag(self.found.covariances[0]))[: values.size]
+        std = np.sqrt(np.diag(self._shared_covariance))
         std = std * np.abs(fit.free.slopes(fit.start, state.shared))
         names = (*fit.free.friction, *(parameter_symbol(name) for name in fit.free.plant))
         for name, value, unit, each in zip(names, values, units, std, strict=True):
@@ -187,7 +194,7 @@ class FitReport:
         """Yield plant and friction as components; a law whose parameters do not scale gives none."""
         fit, logs = self.found.fit, self.found.state.shared
         models, count = fit.free.applied_to(fit.start, logs), len(fit.free.friction)
-        covariance = self.found.covariances[0][: logs.size, : logs.size]
+        covariance = self._shared_covariance
         if fit.free.plant:
             values, units = fit.free.values(fit.start, logs)[count:], fit.free.units(fit.start)[count:]
             spread = np.outer(values, values) * covariance[count:, count:]
