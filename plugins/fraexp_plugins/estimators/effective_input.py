@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import (
+    Encoder,
     Estimator,
     FrequencyResponse,
     ParameterError,
@@ -22,7 +23,7 @@ from fraexp.api import (
 from fraexp_plugins.estimators._shared.effective_input_observer import EFFECTIVE_INPUT, ObserverEstimator, is_from_rest
 from fraexp_plugins.estimators._shared.encoder_aware_observer import EncoderAwareObserver
 from fraexp_plugins.estimators._shared.encoder_errors import EncoderErrors, with_error_vectors
-from fraexp_plugins.estimators._shared.friction_consistency import model_error
+from fraexp_plugins.estimators._shared.friction_consistency import ContactFriction, model_error
 from fraexp_plugins.estimators._shared.hold_images import HoldImages, gain_above_modes, hold_images
 from fraexp_plugins.estimators._shared.model_covariance import inverse_response, outer_parts, with_model_covariance
 from fraexp_plugins.estimators._shared.motion_above_nyquist import UnsampledErrors
@@ -196,7 +197,9 @@ class EffectiveInput(EncoderAwareObserver, name="effective_input", version=6):
             found = replace(found, response=with_model_covariance(found.response, covariance))
         if found.response is None or any(hidden):  # what standstill hides is no error of the model
             return found
-        return check_friction_model(found, model_error(self, signals.segments, forces, found.response))
+        encoder, segments = Encoder(self.noise, self.resolution), signals.segments
+        contact = ContactFriction.of_output(self, segments, forces)
+        return check_friction_model(found, model_error(self, encoder, segments, [contact], found.response))
 
     def _estimate_with_model(self, signals: Signals) -> Result:
         """Return the response to û_e with this friction model."""

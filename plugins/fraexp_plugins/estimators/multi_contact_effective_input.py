@@ -1,13 +1,14 @@
 """The proposed FRA method for machines with friction at several contacts, or away from the measured position."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import (
+    Encoder,
     FrictionModel,
     ParameterError,
     Plant,
@@ -23,15 +24,25 @@ from fraexp.api import (
 )
 from fraexp_plugins.estimators._shared.delayed_estimator import DelayedEstimator
 from fraexp_plugins.estimators._shared.effective_input_observer import EFFECTIVE_INPUT
+from fraexp_plugins.estimators._shared.friction_consistency import ContactFriction, StatedDeviation, model_error
 from fraexp_plugins.estimators._shared.model_covariance import inverse_response, outer_parts, with_model_covariance
 from fraexp_plugins.estimators._shared.parameter_uncertainty import Deviation, check_deviations, perturbations
+from fraexp_plugins.estimators._shared.response_doubts import check_friction_models
+from fraexp_plugins.estimators._shared.standstill import hidden_forces
 from fraexp_plugins.estimators.effective_input import DIFFERENCE_STEP_STDS, EffectiveInput
 
 MIN_WEIGHT = 1e-9
 """Weight of a position in a displacement that counts as none."""
 
 
-class MultiContactEffectiveInput(DelayedEstimator, name="multi_contact_effective_input", version=1):
+class _Compensation(NamedTuple):
+    """A record with the displacements of its contacts, and the friction force at each."""
+
+    signals: Signals
+    contacts: tuple[ContactFriction, ...]
+
+
+class MultiContactEffectiveInput(DelayedEstimator, name="multi_contact_effective_input", version=2):
     """P̂ = y'/û_e with û_e = G_di G_do u - Σ R_c f̂_c: eqs (2)-(5), with a friction model for each contact c.
 
     A friction model is driven by the displacement of its contact, as far as measured positions give it: one of them, or
@@ -42,6 +53,10 @@ class MultiContactEffectiveInput(DelayedEstimator, name="multi_contact_effective
     The displacement of one contact may be unknown. It is then reconstructed from the position that is fed back, by the
     nominal plant. Both uses of the nominal plant cost what it is wrong. With standard deviations of its parameters,
     `plant_deviations`, the confidence band contains that: they move the nominal plant, and with it 1/P̂.
+
+    At harmonics of a sine friction alone moves the plant. Where they lie within the measured frequencies and contradict
+    the friction models by more than encoder and plant explain, the sweep is not ok, and says how wrong they are. What
+    is wrong at one contact counts by its share of the friction force, and a wrong nominal plant counts too.
 
     `output` chooses the position of the response: `y.load` for the one called load.
     """
@@ -81,23 +96,78 @@ class MultiContactEffectiveInput(DelayedEstimator, name="multi_contact_effective
         """Return y'/û_e at each frequency, with a band that contains the stated deviations of the nominal plant."""
         if not signals.segments:
             return Result(signals.outcome, signals.message)
-        found = self._estimate_with_plant(signals)
-        if found.response is None or not self.plant_deviations:
+        compensation = self._compensation(signals)
+        found = self._estimate_along(compensation)
+        if found.response is None:
             return found
-        covariance = np.zeros((found.response.frequency.size, 2, 2))
-        for above, below, steps in perturbations(self.nominal_plant, self.plant_deviations, (), DIFFERENCE_STEP_STDS):
-            pair = [self.model_copy(update={"nominal_plant": plant}) for plant in (above, below)]
-            inverses = [inverse_response(each._estimate_with_plant(signals)) for each in pair]
-            covariance += outer_parts((inverses[0] - inverses[1]) / (2 * steps))
-        return replace(found, response=with_model_covariance(found.response, covariance))
+        others = self._neighbours(signals)
+        if others:
+            covariance = np.zeros((found.response.frequency.size, 2, 2))
+            for above, below, steps in others:
+                inverses = [inverse_response(self._estimate_along(each)) for each in (above, below)]
+                covariance += outer_parts((inverses[0] - inverses[1]) / (2 * steps))
+            found = replace(found, response=with_model_covariance(found.response, covariance))
+        return self._check_models(found, compensation, others)
 
-    def _estimate_with_plant(self, signals: Signals) -> Result:
-        """Return y'/û_e with this nominal plant."""
+    def _neighbours(self, signals: Signals) -> list[tuple[_Compensation, _Compensation, float]]:
+        """Return, for each stated deviation of the nominal plant, the compensation above and below, and its steps."""
+        found = []
+        for above, below, steps in perturbations(self.nominal_plant, self.plant_deviations, (), DIFFERENCE_STEP_STDS):
+            upper, lower = (self.model_copy(update={"nominal_plant": plant}) for plant in (above, below))
+            found.append((upper._compensation(signals), lower._compensation(signals), steps))
+        return found
+
+    def _check_models(
+        self,
+        found: Result,
+        compensation: _Compensation,
+        others: Sequence[tuple[_Compensation, _Compensation, float]],
+    ) -> Result:
+        """Return a result that is not ok where the harmonics of the motion contradict the friction models."""
+        segments, contacts = compensation.signals.segments, compensation.contacts
+        if found.response is None or any(any(hidden_forces(each.observer, segments)) for each in contacts):
+            return found  # what standstill hides is no error of a model
+        encoder = Encoder(self.noise, self.resolution)
+        stated = [StatedDeviation(above.contacts, below.contacts, steps) for above, below, steps in others]
+        return check_friction_models(found, model_error(self, encoder, segments, contacts, found.response, stated))
+
+    def _compensation(self, signals: Signals) -> _Compensation:
+        """Return the displacement of each contact that has friction, and the force of its friction model."""
         ports = self.nominal_plant.ports().closed_by(self.thrust, self.position)
         models, target = self._models(ports), self._position_of(self.output, ports)
-        signals = self._with_displacements(signals, ports, models)
+        weights = self._displacement_weights(signals, ports, models)
+        signals = self._with_displacements(signals, ports, models, weights)
+        contacts = [self._contact(name, model, ports, signals, target, weights[name]) for name, model in models.items()]
+        return _Compensation(signals, tuple(contacts))
+
+    def _contact(
+        self,
+        name: str,
+        model: FrictionModel,
+        ports: Ports,
+        signals: Signals,
+        target: str,
+        weights: Mapping[str, float] | None,
+    ) -> ContactFriction:
+        """Return the friction force of a contact whose displacement is a channel of the signals."""
+        observer = self._observer(name, model, ports, signals.segments)
+
+        def thrust_ratio(omega: NDArray[np.float64]) -> NDArray[np.complex128]:
+            return np.broadcast_to(np.asarray(ports.share(name, omega, target), dtype=complex), omega.shape)
+
+        def error_ratio(omega: NDArray[np.float64]) -> NDArray[np.float64]:
+            if weights is None:
+                return np.abs(_reconstruction_ratio(ports, name, omega))
+            return np.full(omega.size, np.abs(list(weights.values())).sum())
+
+        forces = observer._forces(signals.segments)
+        return ContactFriction(observer, signals.segments, forces, thrust_ratio, error_ratio)
+
+    def _estimate_along(self, compensation: _Compensation) -> Result:
+        """Return y'/û_e with these friction forces."""
+        signals, contacts = compensation
         units = (signals.unit(self.input), signals.unit(self.output))
-        inputs = self._effective_phasors(signals.segments, ports, models, target)
+        inputs = self._effective_phasors(signals.segments, contacts)
         outputs = [phasors(segment, self.output) for segment in signals.segments]
         return response_result(signals, inputs, outputs, names=(EFFECTIVE_INPUT, self.output), units=units)
 
@@ -127,7 +197,7 @@ class MultiContactEffectiveInput(DelayedEstimator, name="multi_contact_effective
         return observer.resolve_oversampling(segments)
 
     def _effective_phasors(
-        self, segments: Sequence[Segment], ports: Ports, models: Mapping[str, FrictionModel], target: str
+        self, segments: Sequence[Segment], contacts: Sequence[ContactFriction]
     ) -> list[NDArray[np.complex128]]:
         """Return the phasors of û_e [N] per segment, each of shape (periods, lines)."""
         omegas = [2 * np.pi * segment.frequency for segment in segments]
@@ -135,10 +205,10 @@ class MultiContactEffectiveInput(DelayedEstimator, name="multi_contact_effective
             self.input_path(omega, segment.sample_time) * self.output_path(omega) * phasors(segment, self.input)
             for omega, segment in zip(omegas, segments, strict=True)
         ]
-        for contact, model in models.items():
-            forces = self._observer(contact, model, ports, segments).friction_phasors(segments)
+        for contact in contacts:
+            forces = contact.observer.friction_phasors(segments, contact.forces)
             for number, (omega, force) in enumerate(zip(omegas, forces, strict=True)):
-                found[number] = found[number] - ports.share(contact, omega, target) * force
+                found[number] = found[number] - contact.thrust_ratio(omega) * force
         return found
 
     def _position_of(self, channel: str, ports: Ports) -> str:
@@ -149,17 +219,30 @@ class MultiContactEffectiveInput(DelayedEstimator, name="multi_contact_effective
             raise ParameterError(f"{self.name}.output is '{channel}'; expected the channel of a position: {known}")
         return names[channel]
 
-    def _with_displacements(self, signals: Signals, ports: Ports, models: Mapping[str, FrictionModel]) -> Signals:
-        """Return the signals with a channel for the displacement of each contact that has friction."""
+    def _displacement_weights(
+        self, signals: Signals, ports: Ports, contacts: Iterable[str]
+    ) -> dict[str, dict[str, float] | None]:
+        """Return the weights by which channels add up to each contact's displacement; None if they do not."""
         measured = {channel: name for channel, name in _position_channels(ports).items() if channel in signals.units}
         rows = np.array([ports.positions[name] for name in measured.values()]).reshape(-1, ports.a.shape[0])
-        hidden = []
-        for contact in models:
+        found: dict[str, dict[str, float] | None] = {}
+        for contact in contacts:
             weights = _weights(rows, ports.contacts[contact].displacement)
-            if weights is None:
-                hidden.append(contact)
-            else:
-                signals = _with_combination(signals, contact, dict(zip(measured, weights, strict=True)))
+            found[contact] = None if weights is None else dict(zip(measured, weights.tolist(), strict=True))
+        return found
+
+    def _with_displacements(
+        self,
+        signals: Signals,
+        ports: Ports,
+        models: Mapping[str, FrictionModel],
+        weights: Mapping[str, Mapping[str, float] | None],
+    ) -> Signals:
+        """Return the signals with a channel for the displacement of each contact that has friction."""
+        for contact, own in weights.items():
+            if own is not None:
+                signals = _with_combination(signals, contact, own)
+        hidden = [contact for contact, own in weights.items() if own is None]
         return self._with_reconstruction(signals, ports, models, hidden) if hidden else signals
 
     def _with_reconstruction(
@@ -202,8 +285,7 @@ class MultiContactEffectiveInput(DelayedEstimator, name="multi_contact_effective
         samples = segment.channels["y"]
         omega = np.asarray(2 * np.pi * np.fft.rfftfreq(samples.size, segment.sample_time)[1:], dtype=float)
         own, fed_back = ports.contacts[contact], ports.measured[0]
-        to_position = ports.transfer(own.force, fed_back, omega)
-        ratio = ports.transfer(own.force, own.displacement, omega) / to_position
+        ratio = _reconstruction_ratio(ports, contact, omega)
 
         def part(column: NDArray[np.float64]) -> NDArray[np.complex128]:
             """Return how a force moves the contact while the position stays where it was measured."""
@@ -227,6 +309,12 @@ def _position_channels(ports: Ports) -> dict[str, str]:
 
 def _contact_channel(contact: str) -> str:
     return f"displacement by {contact}"
+
+
+def _reconstruction_ratio(ports: Ports, contact: str, omega: NDArray[np.float64]) -> NDArray[np.complex128]:
+    """Return P_mm/P_ym: how far the contact moves if its force alone moves the position that is fed back."""
+    own, fed_back = ports.contacts[contact], ports.measured[0]
+    return ports.transfer(own.force, own.displacement, omega) / ports.transfer(own.force, fed_back, omega)
 
 
 def _weights(rows: NDArray[np.float64], row: NDArray[np.float64]) -> NDArray[np.float64] | None:

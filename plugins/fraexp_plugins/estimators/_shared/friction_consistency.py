@@ -4,15 +4,18 @@ A sine excites its own frequency only. What the axis does at a multiple of it, f
 among the measured frequencies the plant is known there, so y'/P, the force that must have moved the axis, is compared
 with the effective input û_e, in which the friction model's force is most of what there is. Their difference over the
 friction force is the relative error of the model. Neither the amplitude nor the plant needs to be known.
+
+Friction may act at several contacts. Each force counts as the thrust that moves the output as it does.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import Encoder, FrequencyResponse, Segment, phasor_variance, record_spectrum
+from fraexp_plugins.estimators._shared.delayed_estimator import DelayedEstimator
 from fraexp_plugins.estimators._shared.effective_input_observer import ObserverEstimator, is_from_rest
 
 MAX_ORDER = 25
@@ -28,6 +31,8 @@ MAX_UNCERTAINTY = 0.05
 which it counts."""
 MIN_MODEL_ERROR = 0.005
 """Relative error of a friction model that counts as one: below it are the numerics of the motion."""
+STATED_STDS = 2.0
+"""Standard deviations of what is stated as uncertain that count as uncertainty of the force."""
 CLEAR_STDS = 3.0
 """Size of a harmonic, in its standard deviations by the encoder, from which it is examined."""
 MAX_FREQUENCY_RATIO = 1.5
@@ -50,6 +55,61 @@ class ModelError(NamedTuple):
             return np.nan_to_num(self.size * self.force / found.input_amplitude, posinf=np.inf)
 
 
+class ContactFriction(NamedTuple):
+    """The friction model's force at a contact along a record, and how it acts on the measured position."""
+
+    observer: ObserverEstimator
+    """Its `output` is the channel of the contact's displacement."""
+    segments: Sequence[Segment]
+    """The record with that channel."""
+    forces: Sequence[NDArray[np.float64]]
+    """The model's force along each segment, as the observer gives it."""
+    thrust_ratio: Callable[[NDArray[np.float64]], NDArray[np.complex128] | NDArray[np.float64]]
+    """Returns the thrust that moves the output as a unit of the force does, at ω [rad/s]."""
+    error_ratio: Callable[[NDArray[np.float64]], NDArray[np.float64]]
+    """Returns the error of the displacement over that of a measured position, at ω [rad/s]."""
+
+    @classmethod
+    def of_output(
+        cls, observer: ObserverEstimator, segments: Sequence[Segment], forces: Sequence[NDArray[np.float64]]
+    ) -> Self:
+        """Return it for the one contact of a machine, whose displacement is the output."""
+
+        def one(omega: NDArray[np.float64]) -> NDArray[np.float64]:
+            return np.ones(omega.size)
+
+        return cls(observer, segments, forces, one, one)
+
+    def terms(self, number: int, lines: NDArray[np.int64]) -> NDArray[np.complex128]:
+        """Return the Fourier terms of all its friction as thrust [N] in the segment of this number, shape (k,)."""
+        observer, segment, force = self.observer, self.segments[number], self.forces[number]
+        mean = force[0] if len(force) == 1 else np.add.reduce(force, axis=0) / len(force)
+        omega = _omega(segment, lines)
+        found = np.fft.rfft(mean)[lines] * (2 / mean.size) * observer.force_factor(omega)
+        found += 1j * omega * observer.friction.viscous * _terms(segment, observer.output, lines)
+        return np.asarray(self.thrust_ratio(omega) * found)
+
+    def force_deviation(self, omega: NDArray[np.float64], deviation: float) -> NDArray[np.float64]:
+        """Return the standard deviation of the terms [N], from that of a position's term [m], shape (k,)."""
+        observer = self.observer
+        stiffness = observer.friction.max_stiffness * observer.force_scale / observer.displacement_scale
+        return np.asarray(np.abs(self.thrust_ratio(omega)) * stiffness * self.error_ratio(omega) * deviation)
+
+
+class StatedDeviation(NamedTuple):
+    """Friction as it would be if something stated as uncertain were greater, and less."""
+
+    above: Sequence[ContactFriction]
+    below: Sequence[ContactFriction]
+    steps: float
+    """How many standard deviations greater and less."""
+
+    def deviation(self, number: int, lines: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Return the standard deviation of the terms of all friction [N] in the segment of this number, shape (k,)."""
+        above, below = (np.add.reduce(_contact_terms(each, number, lines), axis=0) for each in self[:2])
+        return np.asarray(np.abs(above - below) / (2 * self.steps))
+
+
 class _Harmonics(NamedTuple):
     """Harmonics of a motion that friction causes, shape (k,) each."""
 
@@ -62,15 +122,24 @@ class _Harmonics(NamedTuple):
     input: NDArray[np.complex128]
     """Terms of the control input [N]."""
     force: NDArray[np.complex128]
-    """Terms of all friction [N]."""
-    deviation: NDArray[np.float64]
+    """Terms of all friction as thrust [N]."""
+    motion_deviation: NDArray[np.float64]
     """Standard deviation of the terms of y' [m]."""
-    fundamental: NDArray[np.float64]
-    """Size of the friction force at the fundamental [N]."""
+    force_deviation: NDArray[np.float64]
+    """Standard deviation of the terms of all friction [N]."""
+    shares: NDArray[np.float64]
+    """Size of each contact's force over that of all friction, shape (k, contacts)."""
 
 
-REAL, COMPLEX = (0, 1, 5, 6), (2, 3, 4)
-"""Places of its real and its complex fields."""
+class _ForceErrors(NamedTuple):
+    """How far the friction force is off at harmonics, shape (k,)."""
+
+    error: NDArray[np.float64]
+    """Relative to the force."""
+    uncertainty: NDArray[np.float64]
+    """What encoder and plant contribute to it."""
+    shares: NDArray[np.float64]
+    """Size of each contact's force over that of all friction, shape (k, contacts)."""
 
 
 class _PlantCurve(NamedTuple):
@@ -110,27 +179,33 @@ class _PlantCurve(NamedTuple):
 
 
 def model_error(
-    observer: ObserverEstimator,
+    estimator: DelayedEstimator,
+    encoder: Encoder,
     segments: Sequence[Segment],
-    forces: Sequence[NDArray[np.float64]],
+    contacts: Sequence[ContactFriction],
     found: FrequencyResponse,
+    stated: Sequence[StatedDeviation] = (),
 ) -> ModelError | None:
     """Return how wrong the friction model is; None if the harmonics agree with it, or do not tell.
 
-    `forces` are the model's along the segments, as the observer gives them. Each segment must be a periodic sine.
+    `encoder` is that of the estimator's `output`. Each segment must be a periodic sine. What is stated as uncertain
+    besides the friction model counts as uncertainty of the force.
     """
-    if not observer.friction.state_size or any(not _is_sine(segment) for segment in segments):
+    has_friction = any(contact.observer.friction.state_size for contact in contacts)
+    if not has_friction or any(not _is_sine(segment) for segment in segments):
         return None
     plant = _PlantCurve.of(found)
     if plant.place.size < MIN_HARMONICS:
         return None
-    each = [_harmonics(observer, segments[at], forces[at]) for at in _examined(segments)]
-    error, uncertainty = _force_errors(observer, each, plant) if each else (np.empty(0), np.empty(0))
-    surest = np.argsort(uncertainty)[: max(MIN_HARMONICS, error.size // SUREST_SHARE)]
-    if error.size < MIN_HARMONICS or np.median((error - uncertainty)[surest]) <= MIN_MODEL_ERROR:
+    parts = [_harmonics(estimator, encoder, segments[at], at, contacts, stated) for at in _examined(segments)]
+    if not parts:
         return None
-    friction = observer.friction_phasors(segments, forces)
-    return ModelError(float(np.median(error[surest])), np.array([np.abs(part.mean()) for part in friction]))
+    errors = _force_errors(estimator, parts, plant)
+    size = max(_clear_error(errors, shares) for shares in errors.shares.T)
+    if not size:
+        return None
+    each = [_contact_terms(contacts, number, segment.lines) for number, segment in enumerate(segments)]
+    return ModelError(size, np.abs(np.add.reduce(np.concatenate(each, axis=1), axis=0)))
 
 
 def _is_sine(segment: Segment) -> bool:
@@ -138,60 +213,97 @@ def _is_sine(segment: Segment) -> bool:
 
 
 def _examined(segments: Sequence[Segment]) -> list[int]:
-    """Return the numbers of the segments that are examined, of those whose harmonics may lie within the others."""
+    """Return the numbers of the segments that are examined, of those whose harmonics may lie within the others.
+
+    A motion that has not settled contains more than what friction does.
+    """
     frequency = np.array([segment.frequency[0] for segment in segments])
-    able = np.flatnonzero(2 * frequency <= frequency.max())
+    settled = np.array([segment.settling is None or segment.settling.settled for segment in segments])
+    able = np.flatnonzero(settled & (2 * frequency <= frequency.max()))
     able = able[np.argsort(frequency[able], kind="stable")]
     chosen = np.unique(np.linspace(0, able.size - 1, min(MAX_SEGMENTS, able.size)).round().astype(int))
     return [int(number) for number in able[chosen]]
 
 
-def _harmonics(observer: ObserverEstimator, segment: Segment, force: NDArray[np.float64]) -> _Harmonics:
-    """Return the harmonics of a segment below its Nyquist frequency."""
-    y, line = segment.channels[observer.output], int(segment.lines[0])
+def _harmonics(
+    estimator: DelayedEstimator,
+    encoder: Encoder,
+    segment: Segment,
+    number: int,
+    contacts: Sequence[ContactFriction],
+    stated: Sequence[StatedDeviation],
+) -> _Harmonics:
+    """Return the harmonics of a segment below its Nyquist frequency that stand out of the noise."""
+    line = int(segment.lines[0])
     lines = line * np.arange(1, min(MAX_ORDER, (segment.samples - 1) // (2 * line)) + 1)
-    motion, thrust = (
-        record_spectrum(segment, name)[lines * len(y)] * (2 / y.size) for name in (observer.output, observer.input)
-    )
-    omega = np.asarray(2 * np.pi / (segment.samples * segment.sample_time) * lines, dtype=np.float64)
-    mean = force[0] if len(force) == 1 else np.add.reduce(force, axis=0) / len(force)
-    friction = np.fft.rfft(mean)[lines] * (2 / mean.size) * observer.force_factor(omega)
-    friction += 1j * omega * observer.friction.viscous * motion
-    alike = (segment.sample_time, _term_deviation(observer, segment), abs(friction[0]))
-    sample_time, deviation, fundamental = np.multiply.outer(alike, np.ones(lines.size - 1))
-    return _Harmonics(omega[1:], sample_time, motion[1:], thrust[1:], friction[1:], deviation, fundamental)
+    motion = _terms(segment, estimator.output, lines)
+    each = _contact_terms(contacts, number, lines)
+    force = np.add.reduce(each, axis=0)
+    deviation = _term_deviation(segment, estimator.output, encoder)
+    is_clear = (np.abs(motion) > CLEAR_STDS * deviation) & (np.abs(force) > MIN_FORCE_RATIO * abs(force[0]))
+    is_clear[0] = False
+    lines, motion, force, each = lines[is_clear], motion[is_clear], force[is_clear], each[:, is_clear]
+    omega, force_deviation = _omega(segment, lines), np.zeros(lines.size)
+    for contact in contacts:
+        force_deviation += contact.force_deviation(omega, deviation)
+    for other in stated:
+        force_deviation += STATED_STDS * other.deviation(number, lines)
+    sample_time, motion_deviation = np.multiply.outer((segment.sample_time, deviation), np.ones(lines.size))
+    given = _terms(segment, estimator.input, lines)
+    shares = (np.abs(each) / np.abs(force)).T  # exactly 1 for a single contact
+    return _Harmonics(omega, sample_time, motion, given, force, motion_deviation, force_deviation, shares)
 
 
-def _force_errors(
-    observer: ObserverEstimator, parts: Sequence[_Harmonics], plant: _PlantCurve
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the relative errors of the friction force at harmonics, and what encoder and plant contribute to them.
-
-    Those count that stand out of the noise, at frequencies at which the plant is known.
-    """
-    omega, sample_time, deviation, fundamental = (np.concatenate([part[at] for part in parts]).real for at in REAL)
-    motion, thrust, force = (np.concatenate([part[at] for part in parts]) for at in COMPLEX)
-    is_clear = (np.abs(motion) > CLEAR_STDS * deviation) & (np.abs(force) > MIN_FORCE_RATIO * fundamental)
-    known = np.flatnonzero(is_clear & plant.is_known(omega))
-    omega, motion, force, deviation = omega[known], motion[known], force[known], deviation[known]
+def _force_errors(estimator: DelayedEstimator, parts: Sequence[_Harmonics], plant: _PlantCurve) -> _ForceErrors:
+    """Return how far the friction force at harmonics is off, where the plant is known."""
+    joined = [np.concatenate(each) for each in zip(*parts, strict=True)]
+    known = plant.is_known(joined[0])
+    omega, _, motion, _, force, motion_deviation, force_deviation, _ = (each[known] for each in joined)
     response, size = plant.response(omega), np.abs(force)
-    stiffness = observer.friction.max_stiffness * observer.force_scale / observer.displacement_scale
     between = np.abs(motion * (1 / response - 1 / plant.straight(omega)))
-    uncertainty = (between + deviation * (1 / np.abs(response) + stiffness)) / size
+    uncertainty = (between + motion_deviation / np.abs(response) + force_deviation) / size
     counts = np.flatnonzero(uncertainty < MAX_UNCERTAINTY)
-    at, times = omega[counts], sample_time[known[counts]]
-    linear = observer.input_path(at, times) * observer.output_path(at) * thrust[known[counts]]
-    lacking = linear - force[counts] - motion[counts] / response[counts]
-    return np.abs(lacking) / size[counts], uncertainty[counts]
+    omega, sample_time, motion, given, force, _, _, shares = (each[known][counts] for each in joined)
+    thrust = estimator.input_path(omega, sample_time) * estimator.output_path(omega) * given
+    lacking = thrust - force - motion / response[counts]
+    return _ForceErrors(np.abs(lacking) / size[counts], uncertainty[counts], shares)
 
 
-def _term_deviation(observer: ObserverEstimator, segment: Segment) -> float:
+def _clear_error(errors: _ForceErrors, shares: NDArray[np.float64]) -> float:
+    """Return the error that those harmonics show in which a contact has the greater shares; 0 if it is not clear."""
+    chosen = np.flatnonzero(shares >= np.median(shares)) if shares.size else np.empty(0, dtype=int)
+    error, uncertainty = errors.error[chosen], errors.uncertainty[chosen]
+    surest = np.argsort(uncertainty)[: max(MIN_HARMONICS, error.size // SUREST_SHARE)]
+    if error.size < MIN_HARMONICS or np.median((error - uncertainty)[surest]) <= MIN_MODEL_ERROR:
+        return 0.0
+    return float(np.median(error[surest]))
+
+
+def _contact_terms(
+    contacts: Sequence[ContactFriction], number: int, lines: NDArray[np.int64]
+) -> NDArray[np.complex128]:
+    """Return the terms of the friction at each contact as thrust [N], shape (contacts, k)."""
+    return np.stack([contact.terms(number, lines) for contact in contacts])
+
+
+def _terms(segment: Segment, channel: str, lines: NDArray[np.int64]) -> NDArray[np.complex128]:
+    """Return the Fourier terms of a channel at lines of a period, shape (k,)."""
+    periods = segment.channels[channel]
+    return record_spectrum(segment, channel)[lines * len(periods)] * (2 / periods.size)
+
+
+def _omega(segment: Segment, lines: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return the frequencies of lines of a period [rad/s], shape (k,)."""
+    return np.asarray(2 * np.pi / (segment.samples * segment.sample_time) * lines, dtype=np.float64)
+
+
+def _term_deviation(segment: Segment, channel: str, encoder: Encoder) -> float:
     """Return the standard deviation of a term of y' [m]: of the stated encoder, or as the record shows it if greater.
 
     Between the terms of a periodic motion is noise alone; of a single period the upper half of the terms is mostly so.
     """
-    y = segment.channels[observer.output]
-    stated = phasor_variance(segment, Encoder(observer.noise / np.sqrt(len(y)), observer.resolution))[0]
-    power = np.abs(record_spectrum(segment, observer.output) * (2 / y.size)) ** 2
+    y = segment.channels[channel]
+    stated = phasor_variance(segment, encoder._replace(noise=encoder.noise / np.sqrt(len(y))))[0]
+    power = np.abs(record_spectrum(segment, channel) * (2 / y.size)) ** 2
     shown = power[power.size // 2 :] if len(y) == 1 else power[np.arange(power.size) % len(y) != 0]
     return float(np.sqrt(max(stated, shown.mean())))

@@ -79,25 +79,38 @@ def standstill_text(frequency: NDArray[np.float64], error: NDArray[np.complex128
 
 def check_friction_model(found: Result, error: ModelError | None) -> Result:
     """Return a result that is not ok where the harmonics contradict the friction model by more than its band says."""
+    suspect = "the friction model, or the delays,"
+    remedy = (
+        "estimate friction too (maximum_likelihood), or state the model's uncertainty (force_std, displacement_std)"
+    )
+    return _check_suspects(found, error, suspect, remedy)
+
+
+def check_friction_models(found: Result, error: ModelError | None) -> Result:
+    """Return the same for friction models at several contacts, and the plant by which they act at a distance."""
+    suspect = "the friction models, the nominal plant or the delays"
+    remedy = (
+        "identify the friction of each contact again, raise the amplitude, or state the uncertainty of the nominal "
+        "plant (plant_deviations)"
+    )
+    return _check_suspects(found, error, suspect, remedy)
+
+
+def _check_suspects(found: Result, error: ModelError | None, suspect: str, remedy: str) -> Result:
     if found.response is None or error is None:
         return found
     response, size = found.response, error.response_error(found.response)
     known = np.hypot(np.nan_to_num(_band_radius(response), posinf=np.inf), _stated_model_error(response))
     wrong = size > np.maximum(MAX_MODEL_ERROR, known)
-    return with_doubt(found, _model_text(response.frequency, error.size, size, wrong)) if wrong.any() else found
-
-
-def _model_text(
-    frequency: NDArray[np.float64], size: float, error: NDArray[np.float64], wrong: NDArray[np.bool_]
-) -> str:
-    worst = int(np.argmax(np.where(wrong, error, 0.0)))
-    off = f"by {20 * np.log10(1 + error[worst]):.2g} dB" if error[worst] < 1 else "by any amount"
-    places = f"{wrong.sum()} of {wrong.size} frequencies ({frequency_text(frequency[wrong])})"
-    return (
-        f"the harmonics of the motion contradict the friction model, or the delays, by about {size:.2g} of the "
-        f"friction force: at {places} the response depends on it, and at {frequency[worst]:.4g} Hz it may be off "
-        f"{off}; estimate friction too (maximum_likelihood), or state the model's uncertainty (force_std, "
-        "displacement_std)"
+    if not wrong.any():
+        return found
+    worst = int(np.argmax(np.where(wrong, size, 0.0)))
+    off = f"by {20 * np.log10(1 + size[worst]):.2g} dB" if size[worst] < 1 else "by any amount"
+    places = f"{wrong.sum()} of {wrong.size} frequencies ({frequency_text(response.frequency[wrong])})"
+    return with_doubt(
+        found,
+        f"the harmonics of the motion contradict {suspect} by about {error.size:.2g} of the friction force: at "
+        f"{places} the response depends on it, and at {response.frequency[worst]:.4g} Hz it may be off {off}; {remedy}",
     )
 
 
