@@ -17,16 +17,20 @@ from numpy.typing import NDArray
 from fraexp.api import Encoder, FrequencyResponse, Segment, phasor_variance, record_spectrum
 from fraexp_plugins.estimators._shared.delayed_estimator import DelayedEstimator
 from fraexp_plugins.estimators._shared.effective_input_observer import ObserverEstimator, is_from_rest
+from fraexp_plugins.estimators._shared.model_covariance import relative_radius
 
 MAX_ORDER = 25
 """Highest harmonic that is examined."""
-MIN_HARMONICS = 6
+MIN_HARMONICS = 3
 """Number of harmonics, at least, from which a friction model is judged."""
+MIN_CONTRADICTIONS, CONTRADICTING_SHARE = 2, 0.25
+"""Harmonics that contradict a friction model, at least, and their share of those that count: a few may be wrong by
+a mode between two frequencies."""
+UNCERTAINTIES = 2.0
+"""Error of the force at a harmonic, over its uncertainty, from which it contradicts."""
 MAX_SEGMENTS = 10
 """Segments that are examined, at most."""
-SUREST_SHARE = 4
-"""One of so many harmonics, those with the least uncertainty, tell the error."""
-MAX_UNCERTAINTY = 0.05
+MAX_UNCERTAINTY = 0.1
 """Relative uncertainty of the force at a harmonic, by encoder and by the plant between two measured frequencies, up to
 which it counts."""
 MIN_MODEL_ERROR = 0.005
@@ -37,6 +41,8 @@ CLEAR_STDS = 3.0
 """Size of a harmonic, in its standard deviations by the encoder, from which it is examined."""
 MAX_FREQUENCY_RATIO = 1.5
 """Ratio of two neighbouring frequencies, at most, between which the plant is interpolated: more may hide a mode."""
+MAX_BEND = 0.5
+"""Distance of ln P from the straight line between the frequencies beside it, from which there may be a mode."""
 MIN_FORCE_RATIO = 1e-3
 """Friction force at a harmonic over that at the fundamental, from which it is examined."""
 
@@ -147,6 +153,8 @@ class _PlantCurve(NamedTuple):
 
     place: NDArray[np.float64]
     value: NDArray[np.complex128]
+    radius: NDArray[np.float64]
+    """Relative radius of the confidence band; 0 where it is unknown."""
 
     @classmethod
     def of(cls, found: FrequencyResponse) -> Self:
@@ -155,27 +163,51 @@ class _PlantCurve(NamedTuple):
         order = np.argsort(omega, kind="stable")
         omega, ratio = omega[order], ratio[order]
         value = np.log(np.abs(ratio) * omega**2) + 1j * np.unwrap(np.angle(-ratio))
+        radius = np.nan_to_num(relative_radius(found)[usable][order], nan=0.0, posinf=np.inf)
         place, first = np.unique(np.log(omega), return_index=True)
-        return cls(place, value[first])
+        return cls(place, value[first], radius[first])
+
+    @property
+    def has_close_frequencies(self) -> bool:
+        """Whether the plant is known between any two frequencies, with others beside them."""
+        return self.place.size > 2 and float(np.diff(self.place).min()) <= np.log(MAX_FREQUENCY_RATIO)
 
     def is_known(self, omega: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return whether frequencies [rad/s] lie between two that are close to each other, shape (k,)."""
-        place, right = np.log(omega), np.searchsorted(self.place, np.log(omega))
-        inside = (right > 0) & (place <= self.place[-1])
-        spacing = np.diff(self.place, prepend=-np.inf, append=np.inf)[right]
-        return np.asarray(inside & (spacing <= np.log(MAX_FREQUENCY_RATIO)))
+        """Return whether frequencies [rad/s] lie between two that are close to each other, without a mode, shape (k,).
+
+        A mode between two frequencies bends the curve at both.
+        """
+        place = np.log(omega)
+        inside = (place >= self.place[0]) & (place <= self.place[-1])
+        left, right = self._ends(omega)
+        is_close = self.place[right] - self.place[left] <= np.log(MAX_FREQUENCY_RATIO)
+        share = (self.place[1:-1] - self.place[:-2]) / (self.place[2:] - self.place[:-2])
+        bend = np.abs(self.value[1:-1] - (1 - share) * self.value[:-2] - share * self.value[2:])
+        is_smooth = np.concatenate([[True], bend <= MAX_BEND, [True]])
+        return np.asarray(inside & is_close & is_smooth[left] & is_smooth[right])
 
     def response(self, omega: NDArray[np.float64]) -> NDArray[np.complex128]:
-        """Return P(jω) [m/N] by monotone cubic interpolation, shape (k,)."""
-        from scipy.interpolate import PchipInterpolator  # slow to import: listing plugins must stay fast
+        """Return P(jω) [m/N] by cubics whose slopes at both ends are those of parabolas, shape (k,)."""
+        left, right = self._ends(omega)
+        slope, step = np.gradient(self.value, self.place), self.place[right] - self.place[left]
+        part = (np.log(omega) - self.place[left]) / step
+        rise = self.value[right] - self.value[left]
+        bend = (1 - part) * (step * slope[left] - rise) - part * (step * slope[right] - rise)
+        return np.asarray(-np.exp(self.value[left] + part * rise + part * (1 - part) * bend) / omega**2)
 
-        parts = np.column_stack([self.value.real, self.value.imag])
-        size, angle = PchipInterpolator(self.place, parts)(np.log(omega)).T
-        return np.asarray(-np.exp(size + 1j * angle) / omega**2)
+    def error(self, omega: NDArray[np.float64], response: NDArray[np.complex128]) -> NDArray[np.float64]:
+        """Return the relative error of the interpolated response, shape (k,).
 
-    def straight(self, omega: NDArray[np.float64]) -> NDArray[np.complex128]:
-        """Return the same by straight lines: how far they are off bounds how far the cubic is."""
-        return np.asarray(-np.exp(np.interp(np.log(omega), self.place, self.value)) / omega**2)
+        It is the band's, and the distance to straight lines: how far they are off bounds how far the cubic is.
+        """
+        straight = -np.exp(np.interp(np.log(omega), self.place, self.value)) / omega**2
+        left, right = self._ends(omega)
+        return np.asarray(np.abs(response / straight - 1) + np.maximum(self.radius[left], self.radius[right]))
+
+    def _ends(self, omega: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return the numbers of the frequencies between which others lie."""
+        right = np.clip(np.searchsorted(self.place, np.log(omega)), 1, self.place.size - 1)
+        return right - 1, right
 
 
 def model_error(
@@ -195,7 +227,7 @@ def model_error(
     if not has_friction or any(not _is_sine(segment) for segment in segments):
         return None
     plant = _PlantCurve.of(found)
-    if plant.place.size < MIN_HARMONICS:
+    if not plant.has_close_frequencies:
         return None
     parts = [_harmonics(estimator, encoder, segments[at], at, contacts, stated) for at in _examined(segments)]
     if not parts:
@@ -260,8 +292,8 @@ def _force_errors(estimator: DelayedEstimator, parts: Sequence[_Harmonics], plan
     known = plant.is_known(joined[0])
     omega, _, motion, _, force, motion_deviation, force_deviation, _ = (each[known] for each in joined)
     response, size = plant.response(omega), np.abs(force)
-    between = np.abs(motion * (1 / response - 1 / plant.straight(omega)))
-    uncertainty = (between + motion_deviation / np.abs(response) + force_deviation) / size
+    by_plant = np.abs(motion / response) * plant.error(omega, response)
+    uncertainty = (by_plant + motion_deviation / np.abs(response) + force_deviation) / size
     counts = np.flatnonzero(uncertainty < MAX_UNCERTAINTY)
     omega, sample_time, motion, given, force, _, _, shares = (each[known][counts] for each in joined)
     thrust = estimator.input_path(omega, sample_time) * estimator.output_path(omega) * given
@@ -273,10 +305,10 @@ def _clear_error(errors: _ForceErrors, shares: NDArray[np.float64]) -> float:
     """Return the error that those harmonics show in which a contact has the greater shares; 0 if it is not clear."""
     chosen = np.flatnonzero(shares >= np.median(shares)) if shares.size else np.empty(0, dtype=int)
     error, uncertainty = errors.error[chosen], errors.uncertainty[chosen]
-    surest = np.argsort(uncertainty)[: max(MIN_HARMONICS, error.size // SUREST_SHARE)]
-    if error.size < MIN_HARMONICS or np.median((error - uncertainty)[surest]) <= MIN_MODEL_ERROR:
+    contradicting = np.count_nonzero(error > UNCERTAINTIES * uncertainty + MIN_MODEL_ERROR)
+    if error.size < MIN_HARMONICS or contradicting < max(MIN_CONTRADICTIONS, CONTRADICTING_SHARE * error.size):
         return 0.0
-    return float(np.median(error[surest]))
+    return float(np.median(error))
 
 
 def _contact_terms(

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import FrequencyResponse, Result
+from fraexp.api import FrequencyResponse, Result, circle_factor, degrees_of_freedom
 
 
 def inverse_response(result: Result) -> NDArray[np.complex128]:
@@ -27,3 +27,11 @@ def with_model_covariance(response: FrequencyResponse, covariance: NDArray[np.fl
     if freedom is not None:
         freedom = np.where(np.isfinite(response.covariance).all(axis=(1, 2)), freedom, np.inf)
     return replace(response, freedom=freedom, model_covariance=covariance)
+
+
+def relative_radius(response: FrequencyResponse) -> NDArray[np.float64]:
+    """Return the radius of the 95 % circle relative to the response, shape (n,); NaN where it is unknown."""
+    with np.errstate(divide="ignore", invalid="ignore"):  # where nothing moves
+        return np.asarray(
+            circle_factor(degrees_of_freedom(response)) * response.standard_deviation / np.abs(response.response)
+        )

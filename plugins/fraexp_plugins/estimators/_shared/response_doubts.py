@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from fraexp.api import FrequencyResponse, Outcome, Result, circle_factor, degrees_of_freedom, frequency_text
 from fraexp_plugins.estimators._shared.friction_consistency import ModelError
+from fraexp_plugins.estimators._shared.model_covariance import relative_radius
 
 MAX_STANDSTILL_ERROR = 0.01
 """Relative error of the response by standstill from which it is not ok."""
@@ -22,7 +23,7 @@ def check_encoder(found: Result) -> Result:
     if found.response is None:
         return found
     response = found.response
-    error = _band_radius(response)
+    error = relative_radius(response)
     error = np.where(np.isfinite(error), error, 0.0)
     wrong = response.frequency[error > MAX_ENCODER_ERROR]
     if not wrong.size:
@@ -100,7 +101,7 @@ def _check_suspects(found: Result, error: ModelError | None, suspect: str, remed
     if found.response is None or error is None:
         return found
     response, size = found.response, error.response_error(found.response)
-    known = np.hypot(np.nan_to_num(_band_radius(response), posinf=np.inf), _stated_model_error(response))
+    known = np.hypot(np.nan_to_num(relative_radius(response), posinf=np.inf), _stated_model_error(response))
     wrong = size > np.maximum(MAX_MODEL_ERROR, known)
     if not wrong.any():
         return found
@@ -112,14 +113,6 @@ def _check_suspects(found: Result, error: ModelError | None, suspect: str, remed
         f"the harmonics of the motion contradict {suspect} by about {error.size:.2g} of the friction force: at "
         f"{places} the response depends on it, and at {response.frequency[worst]:.4g} Hz it may be off {off}; {remedy}",
     )
-
-
-def _band_radius(response: FrequencyResponse) -> NDArray[np.float64]:
-    """Return the radius of the 95 % circle relative to the response, shape (n,); NaN where it is unknown."""
-    with np.errstate(divide="ignore", invalid="ignore"):  # where nothing moves
-        return np.asarray(
-            circle_factor(degrees_of_freedom(response)) * response.standard_deviation / np.abs(response.response)
-        )
 
 
 def _stated_model_error(response: FrequencyResponse) -> NDArray[np.float64]:
