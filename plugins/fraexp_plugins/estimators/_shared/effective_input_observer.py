@@ -143,16 +143,18 @@ class ObserverEstimator(DelayedEstimator, ABC):
         """Return the estimator with the points per sample that its friction model needs along these segments."""
         if self.oversampling:
             return self
-        points = choose_oversampling(segments, TOLERANCE_RATIO * self.interpolation_tolerance, self._phasors_with)
+
+        def friction(points: int, examined: Sequence[Segment]) -> list[NDArray[np.complex128]]:
+            return self._oversampled(points)._friction_phasors(examined)
+
+        tolerance = TOLERANCE_RATIO * self.interpolation_tolerance
+        points = choose_oversampling(segments, tolerance, self.linear_phasors, friction)
         return self._oversampled(points)
 
     def resolve_for(self, signals: Signals) -> Self:
         """Return the estimator with the points per sample that it takes: its certificate is that of the same points."""
         is_sampled = signals.segments and not signals.are_stated
         return self.resolve_oversampling(signals.segments) if is_sampled else self
-
-    def _phasors_with(self, points: int, segments: Sequence[Segment]) -> list[NDArray[np.complex128]]:
-        return self._oversampled(points).effective_phasors(segments)
 
     def _oversampled(self, points: int) -> Self:
         """Return the same estimator with a number of points per sample."""

@@ -16,24 +16,31 @@ friction turns."""
 MAX_EXAMINED = 3
 """Maximum number of segments that are tried with several numbers of points."""
 
-Phasors = Callable[[int, Sequence[Segment]], list[NDArray[np.complex128]]]
-"""Returns the phasors of the effective input per segment, with a number of points per sample."""
+Phasors = Callable[[Sequence[Segment]], list[NDArray[np.complex128]]]
+"""Returns the phasors of the input without friction per segment."""
+FrictionPhasors = Callable[[int, Sequence[Segment]], list[NDArray[np.complex128]]]
+"""Returns the phasors of the friction force per segment, with a number of points per sample."""
 
 
-def choose_oversampling(segments: Sequence[Segment], tolerance: float, phasors: Phasors) -> int:
+def choose_oversampling(
+    segments: Sequence[Segment], tolerance: float, linear: Phasors, friction: FrictionPhasors
+) -> int:
     """Return the points per sample with which the effective input errs by less than a relative tolerance.
 
     How many that are follows from the widths of the friction model's elements and from the motion, and is tried on a
     few segments.
     """
     waiting, points = _examined(segments), LEAST
-    coarse = phasors(points // 2, waiting)
+    given, coarse = linear(waiting), friction(points // 2, waiting)
     while points < MOST:
-        fine = phasors(points, waiting)
-        is_coarse = [ERROR_RATIO * _relative_change(*pair) > tolerance for pair in zip(coarse, fine, strict=True)]
+        fine = friction(points, waiting)
+        is_coarse = [
+            ERROR_RATIO * _relative_change(*forces) > tolerance for forces in zip(given, coarse, fine, strict=True)
+        ]
         if not any(is_coarse):
             break
-        waiting, coarse = list(compress(waiting, is_coarse)), list(compress(fine, is_coarse))
+        waiting = list(compress(waiting, is_coarse))
+        given, coarse = list(compress(given, is_coarse)), list(compress(fine, is_coarse))
         points *= 2
     return points
 
@@ -46,8 +53,10 @@ def _examined(segments: Sequence[Segment]) -> list[Segment]:
     return [segments[number] for number in numbers]
 
 
-def _relative_change(coarse: NDArray[np.complex128], fine: NDArray[np.complex128]) -> float:
-    """Return the relative change of the means over periods, over all lines."""
-    first, second = coarse.mean(axis=0), fine.mean(axis=0)
-    size = float(np.linalg.norm(second))
-    return float(np.linalg.norm(first - second)) / size if size else 0.0
+def _relative_change(
+    linear: NDArray[np.complex128], coarse: NDArray[np.complex128], fine: NDArray[np.complex128]
+) -> float:
+    """Return the relative change of the mean effective input over periods, over all lines, by the friction force."""
+    change, effective = (coarse - fine).mean(axis=0), (linear - fine).mean(axis=0)
+    size = float(np.linalg.norm(effective))
+    return float(np.linalg.norm(change)) / size if size else 0.0
