@@ -56,3 +56,13 @@ def test_where_harmonics_do_not_show_it_nothing_is_likely(guess):
     likely = plant.likely_terms(parts[0].omega, parts[0].force)
     assert not likely.mean.any()
     assert np.isnan(likely.deviation).all()
+
+
+def test_an_uncertain_prediction_counts_by_its_variance():
+    """Near a mode the plant is uncertain by more than half: without a prediction weak terms were missed on one side."""
+    plant = PlantAboveModes(np.array([10.0, 100.0]), np.array([1.0 + 0j, 1.0]), np.array([1.5, 2.5]), 2)
+    omega, force = np.array([11.0, 99.0]), np.array([1.0 + 0j, 1.0])
+    likely = plant.likely_terms(omega, force)
+    np.testing.assert_allclose(likely.mean, [1 / 121, 0])
+    np.testing.assert_allclose(likely.deviation[0] / np.abs(likely.mean[0]), 1.5, rtol=0.01)
+    assert np.isnan(likely.deviation[1])

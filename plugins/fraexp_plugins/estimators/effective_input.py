@@ -53,7 +53,7 @@ MIN_STIFFENING = 1.001
 """Stiffness of a friction model in a sample, over that at rest, from which its elements damp."""
 
 
-class EffectiveInput(EncoderAwareObserver, name="effective_input", version=6):
+class EffectiveInput(EncoderAwareObserver, name="effective_input", version=7):
     """P̂ = y'/û_e with û_e = G_di G_do u - f̂: the effective control input observer, eqs (2)-(5).
 
     y' drives the friction model in the time domain; the delays act at each frequency. With the right friction model P̂

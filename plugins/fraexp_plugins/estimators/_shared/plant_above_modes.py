@@ -19,8 +19,11 @@ GRID_SPACING = 0.05
 """Natural logarithm of the ratio of frequencies at which the plant is found."""
 MIN_CLEAR_HARMONICS = 8
 """Number of harmonics within the bandwidth, which stand out of the noise, from which the plant is known."""
+MAX_PREDICTED_ERROR = 2.0
+"""Relative error of the plant from which a motion is not predicted. An uncertain prediction counts by its variance. The
+power of neighbouring terms, which would take its place, is no better near a mode, and misses in one direction."""
 MAX_ERROR = 0.5
-"""Relative error of the plant from which a motion is not predicted."""
+"""Relative error of the plant from which its c at high frequencies counts as unknown."""
 
 
 class Harmonics(NamedTuple):
@@ -76,7 +79,8 @@ class PlantAboveModes(NamedTuple):
     def likely_terms(self, omega: NDArray[np.float64], force: NDArray[np.complex128]) -> LikelyTerms:
         """Return what a friction force [N] makes likely of the motion, shape (n,), at ω [rad/s]."""
         likely, error = LikelyTerms.unknown(omega.size), self.error(omega)
-        known = (force != 0) & (error < MAX_ERROR)
+        is_guess = not self.omega[-1]
+        known = (force != 0) & (error < MAX_PREDICTED_ERROR) & (not is_guess)
         likely.mean[known] = -force[known] * self.response(omega[known])
         likely.deviation[known] = error[known] * np.abs(likely.mean[known])
         return likely
