@@ -94,12 +94,15 @@ def _response_of(matched: Estimator, signals: Signals, verification: Verificatio
 
 
 def _relative_error(found: FrequencyResponse, verification: Verification) -> NDArray[np.float64] | None:
-    """Return the relative difference to the plant, shape (n,); None for a response at other frequencies."""
+    """Return the difference to the plant, shape (n,), relative to what was found; None at other frequencies.
+
+    Bands are drawn around what was found: a plant 1.7 dB below it is 18 % off, one 1.7 dB above it 22 %.
+    """
     plant = verification.plants[found.output]
     if found.response.shape != plant.shape:
         return None
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(found.settled, np.abs(found.response / plant - 1), np.nan)
+        return np.where(found.settled, np.abs(plant / found.response - 1), np.nan)
 
 
 def spread_error(

@@ -90,7 +90,7 @@ def test_friction_that_the_sampled_motion_does_not_show_is_said(registry: Regist
     (result,) = run_job(Job(sweep.experiment, (sweep.estimator,)), lambda _: None)
     response = result.response
     truth = create(registry, Plant, sweep.experiment["plant"]).response(2 * np.pi * response.frequency)
-    error = np.abs(response.response / truth - 1)
+    error = np.abs(truth / response.response - 1)
     assert result.outcome is Outcome.INACCURATE
     assert "the motion does not show the friction force at standstill and reversal at 5 of 5" in result.message
     assert error.max() > 1
