@@ -23,7 +23,7 @@ MAX_ORDER = 25
 """Highest harmonic that is examined."""
 MIN_HARMONICS = 3
 """Number of harmonics, at least, from which a friction model is judged."""
-MIN_CONTRADICTIONS, CONTRADICTING_SHARE = 2, 0.25
+MIN_CONTRADICTIONS, CONTRADICTING_SHARE = 2, 0.15
 """Harmonics that contradict a friction model, at least, and their share of those that count: a few may be wrong by
 a mode between two frequencies."""
 UNCERTAINTIES = 2.0
