@@ -66,14 +66,17 @@ class DrawnMachine:
         }  # fmt: skip
 
 
-def drawn_machine(number: int, seed: int = SEED) -> DrawnMachine:
-    """Return a machine that a PID controller stabilises, stuck and sliding: the first one of those drawn."""
-    attempts = (_machine_or_none(number, np.random.default_rng([seed, number, attempt])) for attempt in range(100))
+def drawn_machine(number: int, seed: int = SEED, law: str = "") -> DrawnMachine:
+    """Return a machine that a PID controller stabilises, stuck and sliding: the first one of those drawn.
+
+    Its law is the one that is given, or the next one in turn.
+    """
+    attempts = (_machine_or_none(number, np.random.default_rng([seed, number, attempt]), law) for attempt in range(100))
     return next(machine for machine in attempts if machine)
 
 
-def _machine_or_none(number: int, random: np.random.Generator) -> DrawnMachine | None:
-    law = "none" if number % 20 == 19 else LAWS[number % len(LAWS)]
+def _machine_or_none(number: int, random: np.random.Generator, law: str = "") -> DrawnMachine | None:
+    law = law or ("none" if number % 20 == 19 else LAWS[number % len(LAWS)])
     mass = _log(random, 0.5, 30)
     modes = _modes(random)
     sample_time = float(random.choice([1e-4, 1.25e-4, 2e-4, 2.5e-4, 4e-4, 5e-4, 8e-4, 1e-3]))

@@ -2,13 +2,16 @@
 
 from argparse import Namespace
 from collections.abc import Generator
+from typing import Any
 
 from fraexp.cli.exits import ExitCode
-from fraexp.cli.follow import RunEvents, follow, print_outcome
+from fraexp.cli.follow import follow, print_outcome
 from fraexp.cli.measurement_meter import MeasurementMeter
 from fraexp.cli.output import print_json, say
 from fraexp.cli.plan_output import plan_document, print_plan
+from fraexp.errors import StudyError
 from fraexp.execution.events import Event
+from fraexp.workspace.autonomous_service import AutonomousService
 from fraexp.workspace.measurement_service import MeasurementService
 from fraexp.workspace.workspace_service import WorkspaceService
 
@@ -16,6 +19,8 @@ from fraexp.workspace.workspace_service import WorkspaceService
 def execute(arguments: Namespace) -> ExitCode:
     """Measure, run the study of the record, and print its sweeps."""
     workspace = WorkspaceService.open(arguments.workspace, arguments.db)
+    if arguments.autonomous:
+        return _measure_autonomously(arguments, workspace)
     service = MeasurementService(workspace, arguments.study, arguments.overrides)
     if arguments.dry_run:
         plans = service.plans()
@@ -25,8 +30,21 @@ def execute(arguments: Namespace) -> ExitCode:
             for plan in plans:
                 print_plan(plan)
         return ExitCode.OK
-    meter, followed = MeasurementMeter(), RunEvents()
-    events = service.measure(arguments.fresh)
+    return _follow(service.measure(arguments.fresh), arguments, workspace)
+
+
+def _measure_autonomously(arguments: Namespace, workspace: WorkspaceService) -> ExitCode:
+    """Measure an axis of which only the limits are known; the exit code says whether the verdict is ok."""
+    if arguments.dry_run:
+        raise StudyError("--dry-run: an autonomous measurement plans each stage by the one before; leave it out")
+    service = AutonomousService(workspace, arguments.study, arguments.overrides)
+    code = _follow(service.measure(arguments.fresh), arguments, workspace)
+    return ExitCode.INCOMPLETE if code is ExitCode.OK and not service.is_good else code
+
+
+def _follow(events: Generator[Any, None, None], arguments: Namespace, workspace: WorkspaceService) -> ExitCode:
+    """Show a measurement and the run of its record; return the exit code."""
+    meter = MeasurementMeter()
     try:
         first = meter.follow(events)
     except KeyboardInterrupt:

@@ -171,6 +171,10 @@ def _measure(parser: Parser) -> None:
         "--dry-run", action="store_true", help="show the points, their durations and the predicted motion; play nothing"
     )
     parser.add_argument(
+        "--autonomous", action="store_true",
+        help="of the study take sample time, limits and machine alone, and find plant and friction in stages",
+    )  # fmt: skip
+    parser.add_argument(
         "--fresh", action="store_true", help="measure anew: discard what an earlier measurement of the study recorded"
     )
     _json(parser)

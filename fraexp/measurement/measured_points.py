@@ -1,7 +1,7 @@
 """What was measured: points with their place in the file of samples, and the files in which it is kept."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -41,6 +41,8 @@ class MeasuredPoint:
     """What was repeated, and why."""
     band: float | None = None
     """Half-width of the 95 % band by the scatter of the periods [dB]; None if there are too few."""
+    used: float = 0.0
+    """Greatest part of a limit that its last play reached."""
 
     def as_segment(self) -> dict[str, Any]:
         """Return what the section [record] of a study says of it."""
@@ -87,6 +89,16 @@ class MeasurementFiles:
         """Note a point whose samples are in the file."""
         with self.log.open("a", encoding="utf-8") as stream:
             stream.write(json.dumps({"point": asdict(point)}) + "\n")
+
+    def note(self, name: str, values: Mapping[str, Any]) -> None:
+        """Note what was found by the way, under a name."""
+        with self.log.open("a", encoding="utf-8") as stream:
+            stream.write(json.dumps({name: dict(values)}) + "\n")
+
+    def noted(self, name: str) -> dict[str, Any] | None:
+        """Return what was noted under a name; None if nothing was."""
+        found = [line[name] for line in self._lines() if name in line]
+        return dict(found[-1]) if found else None
 
     def points(self) -> list[MeasuredPoint]:
         """Return the points that were measured, in the order of the excitation; of a repeated one the last."""

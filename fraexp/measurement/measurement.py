@@ -76,13 +76,18 @@ class Measurement:
         self._task, self._settings, self._files, self._folder = task, settings, files, folder
         self._session: MachineSession
 
-    def events(self, registry: Registry, judge: JudgeBand) -> Generator[MeasurementEvent, None, None]:
-        """Measure and yield what happens; closing the generator stops the machine, and measured points are kept."""
+    def events(
+        self, registry: Registry, judge: JudgeBand, planned: MeasurementPlan | None = None
+    ) -> Generator[MeasurementEvent, None, None]:
+        """Measure and yield what happens; closing the generator stops the machine, and measured points are kept.
+
+        The plan is that of the task, unless another one is given.
+        """
         self._session = self._settings.machine.connect(self._folder)
         try:
             description = self._session.description
             check_description(description, self._task)
-            plan = plan_measurement(self._task, registry, description.limits)
+            plan = planned or plan_measurement(self._task, registry, description.limits)
             header = SampleHeader(description.sample_time, {PLAY_COLUMN: "", **description.channels})
             with closing(self._files.open(self._task, header)) as writer:
                 yield from self._all_points(plan, writer, judge)
@@ -90,13 +95,14 @@ class Measurement:
             self._session.close()
 
     def _all_points(self, plan: MeasurementPlan, writer: SampleWriter, judge: JudgeBand) -> Iterator[MeasurementEvent]:
-        kept = self._files.points()
+        numbers = {point.number for point in plan.points}
+        kept = [point for point in self._files.points() if point.number in numbers]
         yield MeasurementBegun(plan, tuple(kept))
-        self._guard = MotionGuard(plan.limits, writer.header.sample_time)
+        self._guard = MotionGuard(plan.limits, writer.header.sample_time, plan.limit_share)
         self._plays, self._limits = writer.last_play(), plan.limits
         spent, total = sum(point.machine_time for point in kept), len(plan.points)
-        numbers = {point.number for point in kept}
-        waiting = [point for point in plan.points if point.number not in numbers]
+        done = {point.number for point in kept}
+        waiting = [point for point in plan.points if point.number not in done]
         played = expected = 0.0
         for place, point in enumerate(waiting):
             found = yield from self._point(point, writer, judge)

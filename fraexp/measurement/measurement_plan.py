@@ -86,6 +86,8 @@ class MeasurementPlan:
     points: tuple[PlannedPoint, ...]
     limits: MotionLimits
     """Limits of study and machine together."""
+    limit_share: float = 1.0
+    """Part of each limit that may be reached while it is played: less than 1 where no motion was predicted."""
 
     @property
     def demand(self) -> Demand:

@@ -15,8 +15,10 @@ MAX_CYCLES = 0.4
 class MotionGuard:
     """Compares recorded motion with limits; what it has seen goes on from one play to the next."""
 
-    def __init__(self, limits: MotionLimits, sample_time: float) -> None:
+    def __init__(self, limits: MotionLimits, sample_time: float, share: float = 1.0) -> None:
         self.limits, self._sample_time = limits, sample_time
+        self.share = share
+        """Part of each limit that may be reached."""
         self._low, self._high = np.inf, -np.inf
         self.seen = Demand(0.0, 0.0, 0.0, 0.0, 0.0)
         """The greatest motion and force so far."""
@@ -42,8 +44,12 @@ class MotionGuard:
         self.of_play, self.seen = self.of_play.maximum_with(found), self.seen.maximum_with(found)
         for name, value, unit in zip(Demand._fields, found, DEMAND_UNITS, strict=True):
             allowed = getattr(self.limits, name)
-            if allowed is not None and value > allowed:
-                return f"the {name.replace('_', ' ')} was {value:.4g} {unit}; limits.{name} is {allowed:g} {unit}"
+            if allowed is not None and value > self.share * allowed:
+                part = "" if self.share == 1 else f"{self.share:.0%} of "
+                return (
+                    f"the {name.replace('_', ' ')} was {value:.4g} {unit}; {part}limits.{name} is "
+                    f"{self.share * allowed:.4g} {unit}"
+                )
         return ""
 
     def nearest(self) -> float:

@@ -193,6 +193,7 @@ class PointMeasurement:
             machine_time=machine_time + self.seconds,
             repeats=(*repeats, *self.notes),
             band=self.band,
+            used=self._guard.nearest(),
         )
 
 

@@ -12,7 +12,7 @@ def stop_operators(displacement: NDArray[np.float64], thresholds: NDArray[np.flo
     deflection = np.empty((displacement.size, thresholds.size))
     state = np.zeros(thresholds.size)
     deflection[0] = state
-    ends = _reversals(displacement)
+    ends = reversals(displacement)
     for begin, end in zip([0, *ends[:-1]], ends, strict=True):
         monotone = deflection[begin + 1 : end + 1]
         np.subtract(displacement[begin + 1 : end + 1, None], displacement[begin] - state, out=monotone)
@@ -21,7 +21,7 @@ def stop_operators(displacement: NDArray[np.float64], thresholds: NDArray[np.flo
     return deflection
 
 
-def _reversals(displacement: NDArray[np.float64]) -> list[int]:
+def reversals(displacement: NDArray[np.float64]) -> list[int]:
     """Return the samples at which monotone parts of the motion end, the last sample included."""
     change = np.diff(displacement)
     moving = np.flatnonzero(change)
@@ -40,7 +40,7 @@ def threshold_sensitivity(deflection: NDArray[np.float64], thresholds: NDArray[n
 
 def turning_points(displacement: NDArray[np.float64], swing: float) -> NDArray[np.int64]:
     """Return the samples at which the motion turns by more than `swing` [m], ascending, shape (turns,)."""
-    ends = np.array([0, *_reversals(displacement)])
+    ends = np.array([0, *reversals(displacement)])
     found: list[int] = []
     highest = lowest = 0
     direction = 0

@@ -24,6 +24,7 @@ from fraexp_plugins.identification.autonomous._shared.autonomous_elements import
 from fraexp_plugins.identification.autonomous._shared.autonomous_lines import (
     ElementObserver,
     SpectralLines,
+    StopElements,
     noise_variances,
     spectral_lines,
 )
@@ -162,7 +163,7 @@ class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=2):
         """Return the records at each line, and the elements in them."""
         bare = self._observer(Frictionless())
         grid = self._grid(signals, bare)
-        lines = spectral_lines(signals, bare, grid)
+        lines = spectral_lines(signals, bare, StopElements(grid))
         if not lines.equations:
             raise RecordError(
                 "plant_and_friction: each line is in one record; expected several: record two amplitudes, a factor of "
@@ -178,7 +179,7 @@ class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=2):
 
     def _grid(self, signals: Signals, observer: ElementObserver) -> NDArray[np.float64]:
         """Return thresholds [m] from below the smallest line's amplitude to the largest motion."""
-        bare = spectral_lines(signals, observer, np.empty(0))
+        bare = spectral_lines(signals, observer, StopElements(np.empty(0)))
         largest = _largest_swing(signals, self.output)
         smallest = max(float(np.abs(bare.motion[bare.known]).min()), 2 * self.resolution, 2 * self.noise)
         return np.geomspace(

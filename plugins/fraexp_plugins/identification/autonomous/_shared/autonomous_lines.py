@@ -1,7 +1,7 @@
 """The records of a joint identification at each line: thrust, motion, and the deflections of friction elements."""
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,30 @@ SegmentPlaces = tuple[int, ...]
 """Places of the segments with the same frequencies: records of the same lines at several amplitudes or phases."""
 
 
+class DrivenElements(Protocol):
+    """Friction elements that a motion drives."""
+
+    @property
+    def widths(self) -> NDArray[np.float64]:
+        """Factor [m] that makes a stiffness [N/m] of each element its force, shape (N,)."""
+
+    def columns(self, motion: NDArray[np.float64], time_step: float) -> NDArray[np.float64]:
+        """Return the deflection [m] of each element along a period of motion [m], in the steady state, shape (n, N)."""
+
+
+@dataclass(frozen=True)
+class StopElements:
+    """Elasto-slide elements."""
+
+    widths: NDArray[np.float64]
+    """Their thresholds [m], shape (N,)."""
+
+    def columns(self, motion: NDArray[np.float64], time_step: float) -> NDArray[np.float64]:
+        """Return z_i [m] along a period of motion [m], shape (n, N)."""
+        # the state before the first slip has no effect after one period
+        return stop_operators(np.concatenate([motion, motion]), self.widths)[motion.size :]
+
+
 class ElementObserver(EffectiveInput):
     """The effective control input observer, and the deflections of elements with given thresholds."""
 
@@ -33,14 +57,13 @@ class ElementObserver(EffectiveInput):
         path = self.input_path(omega, segment.sample_time) * self.output_path(omega)
         return path * mean(phasors(segment, self.input))
 
-    def deflections(self, segment: Segment, thresholds: NDArray[np.float64]) -> NDArray[np.complex128]:
-        """Return the phasors [m] of the deflections of elements with these thresholds [m], shape (lines, N)."""
+    def deflections(self, segment: Segment, elements: DrivenElements) -> NDArray[np.complex128]:
+        """Return the phasors [m] of the deflections of elements, shape (lines, N)."""
         y = mean(segment.channels[self.output])
         periods = len(segment.channels[self.output])
         quieter = self.model_copy(update={"noise": self.noise / np.sqrt(periods)})
         motion = quieter.motion(replace(segment, channels={self.output: y[None]})).displacement
-        # the state before the first slip has no effect after one period
-        periodic = stop_operators(np.concatenate([motion, motion]), thresholds)[motion.size :]
+        periodic = elements.columns(motion, segment.sample_time / self.oversampling)
         return fourier_sums(np.ascontiguousarray(periodic.T), segment.lines).T
 
 
@@ -80,19 +103,19 @@ def _groups(signals: Signals) -> tuple[SegmentPlaces, ...]:
     return tuple(tuple(group) for group in found)
 
 
-def spectral_lines(signals: Signals, observer: ElementObserver, thresholds: NDArray[np.float64]) -> SpectralLines:
-    """Return thrust and motion of all records at each line, and the deflections of elements of these thresholds [m]."""
+def spectral_lines(signals: Signals, observer: ElementObserver, elements: DrivenElements) -> SpectralLines:
+    """Return thrust and motion of all records at each line, and the deflections of elements."""
     groups = _groups(signals)
     records = max(len(group) for group in groups)
     parts = []
     for group in groups:
         lines = signals.segments[group[0]].lines.size
         u, y = np.zeros((2, lines, records), dtype=complex)
-        z = np.zeros((lines, records, thresholds.size), dtype=complex)
+        z = np.zeros((lines, records, elements.widths.size), dtype=complex)
         for record, place in enumerate(group):
             segment = signals.segments[place]
             u[:, record], y[:, record] = observer.thrust(segment), mean(phasors(segment, observer.output))
-            z[:, record] = observer.deflections(segment, thresholds)
+            z[:, record] = observer.deflections(segment, elements)
         frequency, known = signals.segments[group[0]].frequency, (u != 0) & (y != 0)
         if not known.any(axis=1).all():
             raise RecordError(

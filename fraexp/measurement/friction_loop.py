@@ -1,0 +1,145 @@
+"""The friction loop of an unknown axis: a slow sine that grows until the axis slides, or comes near a limit."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fraexp.components.kinds import Period
+from fraexp.components.machine_session import MachineSession, PlayRequest
+from fraexp.data.sample_file import SampleWriter
+from fraexp.errors import ConnectionLostError, MachineError
+from fraexp.measurement.motion_guard import MotionGuard
+from fraexp.measurement.unknown_axis import UnknownAxis
+
+LOOP_HZ = 2.0
+"""Frequency of the slow sine."""
+SILENCE_S, RISE_S = 0.5, 20.0
+"""Time at rest in which the noise shows, and time in which the force would rise to its limit."""
+CLOSED_RATIO, SLIDING_RATIO = 0.5, 0.5
+"""Friction over the peak force that a loop reaches before it slides, and below which it falls when it slides."""
+MIN_MOTION = 30.0
+"""Motion over noise from which a loop is looked at."""
+FREE_RATIO = 1 / 6
+"""Greatest amplitude that is taken for friction where no loop closes, over that at which a limit came near."""
+
+GRID_TOLERANCE = 0.01
+"""Part of a step by which differences of rounded positions may miss a whole number of steps."""
+
+
+@dataclass(frozen=True)
+class FrictionLoop:
+    """What the slow sine shows."""
+
+    force: float
+    """Friction force in sliding [N]; where no loop closes, the amplitude that stands for it."""
+    has_closed: bool
+    """Whether the axis slides against friction."""
+    noise: float
+    """Standard deviation of the position at rest [m]."""
+    resolution: float
+    """Least step of the recorded position [m]; 0 if it has none."""
+    amplitude: float
+    """Amplitude that was reached [N]."""
+
+
+def measure_friction_loop(
+    axis: UnknownAxis, session: MachineSession, writer: SampleWriter, period: Period
+) -> FrictionLoop:
+    """Play a slow sine from nothing on until the friction loop has closed; all of it is stored first.
+
+    Raises MachineError where the axis does not move at all within its limits.
+    """
+    if not session.description.is_live:
+        raise MachineError("an unknown axis is measured only on a machine whose samples arrive while it plays")
+    rest = _recorded(axis, session, writer, PlayRequest(0, np.zeros(round(SILENCE_S / axis.sample_time)), 1), None)
+    noise, resolution = float(np.std(rest[0])), _step(rest[0])
+    force_limit = axis.limits.force
+    assert force_limit is not None
+    size = period.waveform.size
+    rise = axis.sample_time / RISE_S
+    cycles = int(np.ceil(RISE_S / (size * axis.sample_time)))
+    request = PlayRequest(1, axis.share * force_limit * period.waveform, cycles, rise, axis.ramp_out)
+    watch = _LoopWatch(size, max(noise, resolution))
+    _recorded(axis, session, writer, request, watch)
+    return watch.loop(noise, resolution)
+
+
+class _LoopWatch:
+    """Looks at each whole cycle of the growing sine."""
+
+    def __init__(self, size: int, noise: float) -> None:
+        self._size, self._noise = size, noise
+        self.forces: list[float] = []
+        """Friction force of each cycle, by the energy that it takes [N]."""
+        self.peaks: list[float] = []
+        """Peak control input of each cycle [N]."""
+
+    def look(self, position: NDArray[np.float64], force: NDArray[np.float64]) -> bool:
+        """Take note of complete cycles; return whether the loop has closed."""
+        while (len(self.peaks) + 1) * self._size <= position.size:
+            part = slice(len(self.peaks) * self._size, (len(self.peaks) + 1) * self._size)
+            y, u = position[part], force[part]
+            swing = float(np.ptp(y))
+            energy = abs(float(np.sum(0.5 * (u[1:] + u[:-1]) * np.diff(y))))
+            self.forces.append(energy / (2 * swing) if swing > MIN_MOTION * self._noise else 0.0)
+            self.peaks.append(float(np.abs(u).max()))
+        return self.has_closed
+
+    @property
+    def ratios(self) -> NDArray[np.float64]:
+        """Friction over peak force of each cycle, shape (n,)."""
+        return np.array(self.forces) / np.maximum(self.peaks, 1e-300)
+
+    @property
+    def has_closed(self) -> bool:
+        """Whether friction took most of the force in an earlier cycle, and takes less than half of it now."""
+        ratios = self.ratios
+        return ratios.size > 1 and bool(ratios.max() > CLOSED_RATIO) and bool(0 < ratios[-1] < SLIDING_RATIO)
+
+    def loop(self, noise: float, resolution: float) -> FrictionLoop:
+        """Return what all cycles show."""
+        if not self.peaks or not any(self.forces):
+            raise MachineError(
+                "the axis does not move within its limits: nothing but noise was recorded up to "
+                f"{max(self.peaks, default=0.0):.4g} N; raise limits.force, or check the drive"
+            )
+        slides = bool(self.ratios.max() > CLOSED_RATIO)
+        force = self.forces[-1] if slides else FREE_RATIO * self.peaks[-1]
+        return FrictionLoop(force, slides, noise, resolution, self.peaks[-1])
+
+
+def _recorded(
+    axis: UnknownAxis, session: MachineSession, writer: SampleWriter, request: PlayRequest, watch: _LoopWatch | None
+) -> NDArray[np.float64]:
+    """Return position and control input of a play, shape (2, n), which ends when the watch is content or at a limit."""
+    guard, play = MotionGuard(axis.limits, axis.sample_time, axis.share), writer.last_play() + 1
+    guard.begin(LOOP_HZ)
+    names = [name for name in writer.header.units if name in session.description.channels]
+    found, count, is_over = [np.empty((2, 0))], 0, False
+    for chunk in session.play(request):
+        if chunk.start != count:
+            raise ConnectionLostError(f"samples {count} to {chunk.start} are missing")
+        rows = np.array([chunk.channels[name] for name in names])
+        writer.append(np.vstack([np.full(chunk.size, float(play)), rows]).T)
+        count += chunk.size
+        found.append(np.array([chunk.channels["y"], chunk.channels["u"]]))
+        if guard.look(chunk):
+            is_over = True
+        if not is_over and watch is not None:
+            whole = np.concatenate(found, axis=1)
+            is_over = watch.look(whole[0], whole[1])
+        if is_over:
+            session.stop()
+    return np.concatenate(found, axis=1)
+
+
+def _step(position: NDArray[np.float64]) -> float:
+    """Return the least step between different recorded positions; 0 if they are as good as continuous."""
+    values = np.unique(position)
+    if values.size < 2:
+        return 0.0
+    steps = np.diff(values)
+    least = float(steps.min())
+    is_grid = bool(np.all(np.abs(steps / least - np.round(steps / least)) < GRID_TOLERANCE))
+    return least if is_grid else 0.0

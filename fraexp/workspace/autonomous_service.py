@@ -1,0 +1,209 @@
+"""An autonomous measurement: from an axis with limits to plant, friction, bands and a verdict, stage by stage."""
+
+from collections.abc import Generator, Sequence
+from contextlib import closing
+from dataclasses import asdict, replace
+from typing import Any
+
+from fraexp.components.measurement_settings import MeasurementSettings
+from fraexp.data.results import Result
+from fraexp.data.sample_file import SampleHeader
+from fraexp.errors import StudyError
+from fraexp.execution.events import Event, Finished, Noticed
+from fraexp.measurement.autonomous_points import LEVEL_RATIOS, PointDesign
+from fraexp.measurement.friction_loop import LOOP_HZ, FrictionLoop, measure_friction_loop
+from fraexp.measurement.measured_points import PLAY_COLUMN, MeasuredPoint, MeasurementFiles
+from fraexp.measurement.measured_study import record_section, record_study
+from fraexp.measurement.measurement import Measurement, MeasurementEvent, MeasurementNotice, check_description
+from fraexp.measurement.measurement_plan import PlannedPoint
+from fraexp.measurement.tasks import MeasurementTask
+from fraexp.measurement.unknown_axis import UnknownAxis
+from fraexp.records.study_writer import write_study
+from fraexp.simulation.motion_limits import MotionLimits
+from fraexp.study.study_file import describe_study, find_studies, outline
+from fraexp.workspace.workspace_service import WorkspaceService
+
+ESTIMATOR = "dictionary_identification"
+"""Estimator that needs to know nothing of a machine but units."""
+SUMMARY = ("k0", "f1", "Coulomb force", "input_dead_time", "validation error")
+"""Metrics in the line of a stage."""
+NOTE = "friction loop"
+"""Name under which the log has what the friction loop shows."""
+
+AutonomousEvent = MeasurementEvent | Event
+
+
+class AutonomousService:
+    """The autonomous measurement of one study.
+
+    Of the study it takes sample time, kind of axis, limits and the machine; plant, friction and controller that the
+    study may state are for a simulated machine alone.
+    """
+
+    def __init__(self, service: WorkspaceService, study: str, overrides: Sequence[str] = ()) -> None:
+        found = find_studies(study, service.folder)
+        if len(found) != 1:
+            raise StudyError(f"{study}: it is a folder of {len(found)} studies; measure one at a time")
+        (self._name, self._file), self._service = found[0], service
+        cases, grid = outline(self._file, service.folder, service.registry, overrides)
+        if len(cases) > 1 or grid:
+            raise StudyError(f"{self._file}: an autonomous measurement has one machine; leave out cases and grid")
+        self._sections = cases[0]
+        for name in ("loop", "limits", "measurement"):
+            if name not in self._sections:
+                raise StudyError(f"{self._file}: lacks the section [{name}]; an autonomous measurement needs it")
+        if "sample_time" not in self._sections["loop"]:
+            raise StudyError(f"{self._file}, [loop]: lacks sample_time")
+        self._settings = self._parsed_settings()
+        stem = f"{self._name.replace('/', '-')}-autonomous"
+        self.files = MeasurementFiles(service.folder / "measurements", stem)
+        self.path = service.folder / "studies" / f"{stem}.toml"
+        """The study of the record."""
+        self.result: Result | None = None
+        """What the last measurement has found."""
+
+    @property
+    def is_good(self) -> bool:
+        """Whether the last measurement has ended with a verdict of 1."""
+        return _is_good(self.result)
+
+    def measure(self, fresh: bool = False) -> Generator[AutonomousEvent, None, None]:
+        """Measure in stages, and yield what happens; the events of the last run end it.
+
+        What an interrupted measurement has stored is kept, unless `fresh`. Closing the generator stops the machine.
+        """
+        if fresh:
+            self.files.remove()
+        axis, task, loop = self._begin()
+        axis = replace(axis, noise=loop.noise)
+        closes = f"closes at {loop.force:.4g} N" if loop.has_closed else f"does not close up to {loop.amplitude:.4g} N"
+        yield MeasurementNotice(f"friction loop: {closes}; noise {loop.noise:.2g}, encoder {loop.resolution:.2g}")
+        design = PointDesign(axis, loop, self._service.registry)
+        coarse = design.coarse()
+        yield from self._levels(axis, task, design, coarse, 0)
+        rough = yield from self._analysed(task, loop, "coarse frequencies")
+        modes = _modes(rough)
+        near = design.fine(*modes)
+        first = len(LEVEL_RATIOS) * len(coarse)
+        yield from self._levels(axis, task, design, near, first)
+        number = first + len(LEVEL_RATIOS) * len(near)
+        what = "validation: a multisine with random phases"
+        yield from self._play(axis, task, [design.validation(number)], what)
+        yield from self._final(task, loop)
+
+    def _parsed_settings(self) -> MeasurementSettings:
+        registry, sections = self._service.registry, self._sections
+        rotary = bool(sections["loop"].get("rotary", False))
+        filled = registry.fill_inherited(MeasurementSettings, sections["measurement"], sections)
+        return MeasurementSettings.parse(filled, "measurement", rotary=rotary)
+
+    def _begin(self) -> tuple[UnknownAxis, MeasurementTask, FrictionLoop]:
+        """Connect, check what the machine says of itself, and measure the friction loop unless it is known already."""
+        rotary = bool(self._sections["loop"].get("rotary", False))
+        limits = MotionLimits.parse(self._sections["limits"], "limits", rotary=rotary)
+        title = describe_study(self._name, self._file).title
+        with self._settings.machine.connect(self._service.folder) as session:
+            description = session.description
+            sample_time = description.sample_time
+            loop = {"sample_time": sample_time, "rotary": rotary}
+            axis = UnknownAxis.stated(self._name, title, loop, limits, description.limits, self._settings)
+            task = axis.task([{"name": ESTIMATOR}])
+            check_description(description, task)
+            header = SampleHeader(sample_time, {PLAY_COLUMN: "", **description.channels})
+            with closing(self.files.open(task, header)) as writer:
+                noted = self.files.noted(NOTE)
+                if noted is not None:
+                    return axis, task, FrictionLoop(**noted)
+                (period,) = axis.sines([LOOP_HZ], self._service.registry)
+                found = measure_friction_loop(axis, session, writer, period)
+        self.files.note(NOTE, asdict(found))
+        return axis, task, found
+
+    def _levels(
+        self, axis: UnknownAxis, task: MeasurementTask, design: PointDesign, frequencies: Sequence[float], first: int
+    ) -> Generator[MeasurementEvent, None, None]:
+        """Measure frequencies at all levels, each by what the one below has shown."""
+        below: dict[int, MeasuredPoint] = {}
+        for level in range(len(LEVEL_RATIOS) if frequencies else 0):
+            begin = first + level * len(frequencies)
+            what = f"{len(frequencies)} frequencies at up to {LEVEL_RATIOS[level]:g} times friction"
+            yield from self._play(axis, task, design.level(frequencies, level, begin, below), what)
+            below = {point.number - begin: point for point in self.files.points() if point.number >= begin}
+
+    def _play(
+        self, axis: UnknownAxis, task: MeasurementTask, points: Sequence[PlannedPoint], what: str
+    ) -> Generator[MeasurementEvent, None, None]:
+        kept = {point.number for point in self.files.points()}
+        if all(point.number in kept for point in points):
+            return
+        yield MeasurementNotice(what)
+        measurement = Measurement(task, axis.settings, self.files, self._service.folder)
+        plan = axis.plan(task, points)
+        with closing(measurement.events(self._service.registry, lambda _: None, plan)) as events:
+            yield from events
+
+    def _analysed(
+        self, task: MeasurementTask, loop: FrictionLoop, stage: str
+    ) -> Generator[MeasurementEvent, None, Result | None]:
+        """Run the study of what was recorded so far, and return its result; None if it has failed."""
+        self._write_study(task, loop, 0)
+        result = None
+        for event in self._service.run([str(self.path.resolve())]):
+            if isinstance(event, Finished):
+                result = self._result_of(event)
+                yield MeasurementNotice(f"{stage}: {_summary(result, event.error)}")
+        return result
+
+    def _final(self, task: MeasurementTask, loop: FrictionLoop) -> Generator[AutonomousEvent, None, None]:
+        """Run the study of all that was recorded, and say what was found."""
+        self._write_study(task, loop, 1)
+        for event in self._service.run([str(self.path.resolve())]):
+            yield event
+            if isinstance(event, Finished):
+                self.result = self._result_of(event)
+                yield Noticed(f"verdict: {_summary(self.result, event.error)}")
+
+    def _result_of(self, event: Finished) -> Result | None:
+        """Return the result of a sweep; one that is reused is in the store alone."""
+        if event.result is not None or event.state != "reused":
+            return event.result
+        with self._service.open_store() as store:
+            return store.result(event.sweep.key)
+
+    def _write_study(self, task: MeasurementTask, loop: FrictionLoop, validation: int) -> None:
+        points = self.files.points()
+        spec: dict[str, Any] = {"name": ESTIMATOR, "resolution": loop.resolution, "noise": loop.noise}
+        if validation:
+            spec["validation"] = validation
+        section = record_section(self.files.samples, points, self.path.parent)
+        data = record_study([replace(task, estimators=(spec,))], [section], f"{task.title}, measured autonomously")
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        write_study(self.path, data)
+
+
+def _modes(result: Result | None) -> tuple[list[float], list[float]]:
+    """Return natural frequencies [Hz] and damping ratios of the plant in a result; none if there is no plant."""
+    fits = [fit for fit in result.fits if fit.kind == "plant"] if result else []
+    if not fits:
+        return [], []
+    component = fits[0].component
+    return list(component.get("frequencies", ())), list(component.get("damping_ratios", ()))
+
+
+def _is_good(result: Result | None) -> bool:
+    """Return whether the verdict of a result is 1."""
+    metrics = result.metrics if result else ()
+    return any(metric.name == "verdict" and metric.value == 1 for metric in metrics)
+
+
+def _summary(result: Result | None, error: str) -> str:
+    """Return what was found in one line."""
+    if result is None:
+        return f"not ok; {error}"
+    metrics = {metric.name: metric for metric in result.metrics}
+    texts = [
+        f"{name} {metrics[name].value:.5g} {metrics[name].unit}".removesuffix(" 1")
+        for name in SUMMARY
+        if name in metrics
+    ]
+    return "; ".join(filter(None, ["ok" if _is_good(result) else "not ok", ", ".join(texts), result.message]))

@@ -1,0 +1,127 @@
+"""Friction of a dictionary, 1/P̂ and the dead time, such that P̂ is the same at all amplitudes."""
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fraexp.api import Signals, phasors
+from fraexp_plugins.identification.autonomous._shared.autonomous_elements import AutonomousElements, fit_elements
+from fraexp_plugins.identification.autonomous._shared.autonomous_lines import ElementObserver, SpectralLines
+from fraexp_plugins.identification.autonomous._shared.force_dictionary import ForceDictionary
+
+REWEIGHTINGS = 2
+"""Passes in which a record counts the less, the more the one before has left of it."""
+RESIDUAL_SHARE = 1.5
+"""Variance of a record over what is left of its square: the response of its line has taken a part of it."""
+MAX_DEAD_TIME = 8
+"""Largest dead time that is tried [samples]."""
+
+
+@dataclass(frozen=True)
+class DictionaryFit:
+    """A friction force for each column, and the inverse plant beside them at each line."""
+
+    lines: SpectralLines
+    dictionary: ForceDictionary
+    elements: AutonomousElements
+    dead_time: float
+    """Dead time in addition to that of the observer [s]."""
+
+    @property
+    def forces(self) -> NDArray[np.float64]:
+        """Force of each column [N], shape (N,)."""
+        return self.elements.stiffness * self.dictionary.widths
+
+    @property
+    def force_covariance(self) -> NDArray[np.float64]:
+        """Covariance of the forces [N²], shape (N, N)."""
+        return self.elements.covariance * np.outer(self.dictionary.widths, self.dictionary.widths)
+
+    @property
+    def coulomb(self) -> tuple[float, float]:
+        """Force in gross sliding [N] and its standard deviation."""
+        chosen = self.dictionary.is_coulomb
+        return float(self.forces[chosen].sum()), float(np.sqrt(self.force_covariance[np.ix_(chosen, chosen)].sum()))
+
+    def virgin_curve(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the force [N] of a first slow displacement x [m] and its standard deviation, shape (n,) each."""
+        columns = self.dictionary.virgin_columns(x)
+        variance = np.einsum("ij,jk,ik->i", columns, self.force_covariance, columns)
+        return columns @ self.forces, np.sqrt(np.maximum(variance, 0.0))
+
+
+class Weights(NamedTuple):
+    """What the records are weighted by."""
+
+    noise: NDArray[np.float64]
+    """Variance of the thrust by the scatter of the periods [N²], shape (L, M)."""
+    model_error: float
+    """Relative error of the thrust that is allowed for besides."""
+    peak: float
+    """Peak thrust [N]."""
+
+
+def fit_dictionary(
+    lines: SpectralLines, dictionary: ForceDictionary, weights: Weights, dead_time: float
+) -> DictionaryFit:
+    """Return the fit of the records at all lines, with a dead time [s] in addition to that of the observer."""
+    delayed = delayed_lines(lines, dead_time)
+    total = _variances(lines, weights)
+    elements = fit_elements(delayed, dictionary.widths, total, weights.peak)
+    for _ in range(REWEIGHTINGS):
+        left = np.abs(residuals(delayed, elements)) ** 2
+        elements = fit_elements(delayed, dictionary.widths, total + RESIDUAL_SHARE * left, weights.peak)
+    return DictionaryFit(delayed, dictionary, elements, dead_time)
+
+
+def rough_dead_time(lines: SpectralLines, dictionary: ForceDictionary, weights: Weights, sample_time: float) -> float:
+    """Return the dead time [s], of whole samples, with which friction explains most of what amplitudes change."""
+    total = _variances(lines, weights)
+
+    def cost(samples: int) -> float:
+        delayed = delayed_lines(lines, samples * sample_time)
+        left = np.abs(residuals(delayed, fit_elements(delayed, dictionary.widths, total, weights.peak))) ** 2
+        # the logarithm lets no record decide alone
+        return float(np.sum(np.log1p(left[lines.known] / total[lines.known])))
+
+    return min(range(MAX_DEAD_TIME + 1), key=cost) * sample_time
+
+
+def _variances(lines: SpectralLines, weights: Weights) -> NDArray[np.float64]:
+    return weights.noise + weights.model_error**2 * np.abs(lines.thrust) ** 2
+
+
+def delayed_lines(lines: SpectralLines, dead_time: float) -> SpectralLines:
+    """Return the lines with a thrust that comes later by a dead time [s]."""
+    turn = np.exp(-2j * np.pi * lines.frequency * dead_time)
+    return replace(lines, thrust=lines.thrust * turn[:, None])
+
+
+def residuals(lines: SpectralLines, elements: AutonomousElements) -> NDArray[np.complex128]:
+    """Return G U - F̂ - Y/P̂ [N], complex, shape (L, M); 0 where there is no record."""
+    left = lines.thrust - lines.deflection @ elements.stiffness - elements.inverse[:, None] * lines.motion
+    return np.where(lines.known, left, 0.0)
+
+
+def scatter_noise(
+    signals: Signals, lines: SpectralLines, observer: ElementObserver, inverse: NDArray[np.complex128]
+) -> NDArray[np.float64]:
+    """Return the variance [N²] of G U - Y/P̂ by the scatter of the periods and by rounding, shape (L, M)."""
+    found = np.zeros(lines.thrust.shape)
+    begin = 0
+    for group in lines.groups:
+        end = begin + signals.segments[group[0]].lines.size
+        for record, place in enumerate(group):
+            segment = signals.segments[place]
+            path = observer.input_path(2 * np.pi * segment.frequency, segment.sample_time)
+            error = path * phasors(segment, observer.input) - inverse[begin:end] * phasors(segment, observer.output)
+            periods = len(error)
+            if periods > 1:
+                scatter = np.add.reduce(np.abs(error - error.mean(axis=0)) ** 2, axis=0)
+                found[begin:end, record] = scatter / (periods * (periods - 1))
+            rounding = observer.resolution**2 / 6 / (segment.samples * periods)
+            found[begin:end, record] += np.abs(inverse[begin:end]) ** 2 * rounding
+        begin = end
+    return found
