@@ -24,7 +24,6 @@ from fraexp.components.kinds import FrictionModel
 from fraexp.components.registry import create, discover
 from fraexp.data.results import Result
 from fraexp.errors import FraexpError
-from fraexp.measurement.measurement import PointMeasured
 from fraexp.workspace.autonomous_service import AutonomousService
 from fraexp.workspace.workspace_service import WorkspaceService
 
@@ -95,12 +94,13 @@ machine = {as_toml({"name": "simulated", **sections})}
     (root / "studies").mkdir(exist_ok=True)
     (root / "studies" / f"machine{number}.toml").write_text(text, encoding="utf-8")
     service = AutonomousService(WorkspaceService.open(root), f"machine{number}")
-    missing, spent = {"k0": np.nan, "f1": np.nan, "F": np.nan}, 0.0
+    missing = {"k0": np.nan, "f1": np.nan, "F": np.nan}
     try:
-        for event in service.measure(fresh=True):
-            spent = event.machine_time if isinstance(event, PointMeasured) else spent
+        for _ in service.measure(fresh=True):
+            pass
     except FraexpError as error:
-        return Outcome(missing, False, str(error), spent)
+        return Outcome(missing, False, str(error), 0.0)
+    spent = sum(point.machine_time for point in service.files.points())
     result = service.result
     if result is None:
         return Outcome(missing, False, "no result", spent)

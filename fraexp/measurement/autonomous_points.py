@@ -55,7 +55,7 @@ class PointDesign:
         """
         points = []
         for place, period in enumerate(self._axis.sines(frequencies, self._registry)):
-            amplitude = self._allowed(LEVEL_RATIOS[level] * self._loop.force, below.get(place))
+            amplitude = self._safe_amplitude(LEVEL_RATIOS[level] * self._loop.force, below.get(place))
             points.append(self._axis.point(first + place, period, amplitude))
         return points[::-1]
 
@@ -65,7 +65,7 @@ class PointDesign:
         period = self._axis.multisine(low, ratio * self._axis.top, VALIDATION_SEED, self._registry)
         return self._axis.point(number, period, VALIDATION_RATIO * self._loop.force)
 
-    def _allowed(self, amplitude: float, below: MeasuredPoint | None) -> float:
+    def _safe_amplitude(self, amplitude: float, below: MeasuredPoint | None) -> float:
         """Return an amplitude [N] that by the level below comes no nearer to a limit than `NEAR_LIMIT`."""
         limit = self._axis.limits.force
         assert limit is not None

@@ -18,6 +18,9 @@ SILENCE_S, RISE_S = 0.5, 20.0
 """Time at rest in which the noise shows, and time in which the force would rise to its limit."""
 CLOSED_RATIO, SLIDING_RATIO = 0.5, 0.5
 """Friction over the peak force that a loop reaches before it slides, and below which it falls when it slides."""
+MIN_CYCLES, MIN_FORCE_RATIO = 6, 1e-5
+"""Cycles within which no limit may come near, or the sine grows again, more slowly; and the least force for that, over
+its limit."""
 MIN_MOTION = 30.0
 """Motion over noise from which a loop is looked at."""
 FREE_RATIO = 1 / 6
@@ -52,17 +55,22 @@ def measure_friction_loop(
     """
     if not session.description.is_live:
         raise MachineError("an unknown axis is measured only on a machine whose samples arrive while it plays")
-    rest = _recorded(axis, session, writer, PlayRequest(0, np.zeros(round(SILENCE_S / axis.sample_time)), 1), None)
+    rest = _record_play(axis, session, writer, PlayRequest(0, np.zeros(round(SILENCE_S / axis.sample_time)), 1), None)
     noise, resolution = float(np.std(rest[0])), _step(rest[0])
     force_limit = axis.limits.force
     assert force_limit is not None
     size = period.waveform.size
     rise = axis.sample_time / RISE_S
     cycles = int(np.ceil(RISE_S / (size * axis.sample_time)))
-    request = PlayRequest(1, axis.share * force_limit * period.waveform, cycles, rise, axis.ramp_out)
-    watch = _LoopWatch(size, max(noise, resolution))
-    _recorded(axis, session, writer, request, watch)
-    return watch.loop(noise, resolution)
+    greatest = axis.share * force_limit
+    while True:
+        request = PlayRequest(1, greatest * period.waveform, cycles, rise, axis.ramp_out)
+        watch = _LoopWatch(size, max(noise, resolution))
+        _record_play(axis, session, writer, request, watch)
+        reached = greatest * (len(watch.peaks) + 1) / cycles
+        if watch.has_closed or len(watch.peaks) >= min(MIN_CYCLES, cycles) or reached < MIN_FORCE_RATIO * force_limit:
+            return watch.loop(noise, resolution)
+        greatest = reached  # a limit came near at once: grow more slowly
 
 
 class _LoopWatch:
@@ -109,7 +117,7 @@ class _LoopWatch:
         return FrictionLoop(force, slides, noise, resolution, self.peaks[-1])
 
 
-def _recorded(
+def _record_play(
     axis: UnknownAxis, session: MachineSession, writer: SampleWriter, request: PlayRequest, watch: _LoopWatch | None
 ) -> NDArray[np.float64]:
     """Return position and control input of a play, shape (2, n), which ends when the watch is content or at a limit."""

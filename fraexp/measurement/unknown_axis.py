@@ -50,7 +50,7 @@ class UnknownAxis:
     """Standard deviation of the position at rest [m], which includes rounding."""
 
     @classmethod
-    def stated(
+    def from_sections(
         cls,
         study: str,
         title: str,

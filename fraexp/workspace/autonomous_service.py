@@ -106,7 +106,7 @@ class AutonomousService:
             description = session.description
             sample_time = description.sample_time
             loop = {"sample_time": sample_time, "rotary": rotary}
-            axis = UnknownAxis.stated(self._name, title, loop, limits, description.limits, self._settings)
+            axis = UnknownAxis.from_sections(self._name, title, loop, limits, description.limits, self._settings)
             task = axis.task([{"name": ESTIMATOR}])
             check_description(description, task)
             header = SampleHeader(sample_time, {PLAY_COLUMN: "", **description.channels})

@@ -1,0 +1,105 @@
+"""Plant and friction whatever the law is: the dictionary, accuracy on simulated machines, and what is refused."""
+
+import tomllib
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from fraexp_plugins.friction.dahl import Dahl
+from fraexp_plugins.identification.autonomous._shared.force_dictionary import ForceDictionary, dahl_bristles
+from fraexp_plugins.identification.autonomous.dictionary_identification import DictionaryIdentification
+
+from fraexp.components.kinds import Controller, Excitation, FrictionModel, Plant
+from fraexp.components.registry import create
+from fraexp.data.results import Outcome
+from fraexp.data.signals import Signals
+from fraexp.errors import RecordError
+from fraexp.simulation.loop import simulate_loop
+from fraexp.simulation.machine import ControlLoop, Machine, Numerics
+from fraexp.study.study_file import packaged_studies
+
+MACHINE = tomllib.loads((packaged_studies() / "machines" / "linear_motor_table.toml").read_text(encoding="utf-8"))
+FORCE, VISCOUS = 17.9, 4.69
+DAHL = {"name": "dahl", "stiffness": 0.4e6, "coulomb_force": FORCE, "viscous_coefficient": VISCOUS}
+LUGRE = {
+    "name": "lugre", "bristle_stiffness": 0.4e6, "bristle_damping": 100.0, "viscous_coefficient": VISCOUS,
+    "coulomb_force": FORCE, "static_force": 1.2 * FORCE, "stribeck_velocity": 1e-3,
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def recorded(registry: Any) -> Any:
+    """Return what records the paper's machine with a friction law at amplitudes [N], and a multisine after them."""
+
+    def record(friction: dict[str, Any], amplitudes: tuple[float, ...]) -> Signals:
+        machine = Machine(
+            create(registry, Plant, MACHINE["plant"]),
+            create(registry, FrictionModel, friction),
+            create(registry, Controller, MACHINE["controller"]),
+            ControlLoop.parse({**MACHINE["loop"], "noise": 30e-9}, "loop"),
+            Numerics(),
+        )
+        sine = {"name": "stepped_sine", "points": 16, "recorded_periods": 2, "min_record_time": 0.3, "ramp": 0.5}
+        fresh = {"name": "multisine", "rms": 2 * FORCE, "line_spacing": 1.0, "max_frequency": 100, "points": 12,
+                 "detection_group_size": 0}  # fmt: skip
+        parts = [{**sine, "amplitude": amplitude} for amplitude in amplitudes]
+        excitation = {"name": "concatenated", "parts": [*parts, fresh]}
+        return simulate_loop(machine, create(registry, Excitation, excitation), lambda _: None)
+
+    return record
+
+
+def test_bristles_are_dahls_law_sample_by_sample() -> None:
+    y = np.cumsum(np.random.default_rng(3).normal(size=400)) * 1e-6
+    width, force = 20e-6, 5.0
+    model, state, expected = Dahl(stiffness=force / width, coulomb_force=force), np.zeros(1), [0.0]
+    for step in np.diff(y):
+        after = np.zeros(1)
+        expected.append(model.advance(state, step, 1e-3, after, force / width, force))
+        state = after
+    np.testing.assert_allclose(force * dahl_bristles(y, np.array([width]))[:, 0], expected, rtol=1e-9, atol=1e-12)
+
+
+def test_columns_are_periodic_and_coulomb_forces_reach_their_size() -> None:
+    dictionary = ForceDictionary.spanning(1e-7, 1e-3, 0.1)
+    motion = 1e-3 * np.sin(2 * np.pi * np.arange(2000) / 2000)
+    columns = dictionary.columns(motion, 1e-4)
+    assert columns.shape == (2000, dictionary.widths.size)
+    relative = np.abs(columns / dictionary.widths).max(axis=0)[dictionary.is_coulomb]
+    assert relative == pytest.approx(np.ones(relative.size), abs=1e-3)
+    x = np.array([0.0, 1.0])
+    np.testing.assert_allclose(dictionary.virgin_columns(x)[:, dictionary.is_coulomb], [[0] * 220, [1] * 220])
+
+
+def test_one_amplitude_is_refused(recorded: Any) -> None:
+    with pytest.raises(RecordError, match="record each frequency at three amplitudes"):
+        DictionaryIdentification().estimate(recorded(MACHINE["friction"], (40.0,)))
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("friction", [MACHINE["friction"], DAHL, LUGRE], ids=lambda each: each["name"])
+def test_plant_and_force_are_found_whatever_the_law(friction: dict[str, Any], recorded: Any) -> None:
+    signals = recorded(friction, (0.9 * FORCE, 1.4 * FORCE, 2.5 * FORCE, 6 * FORCE))
+    result = DictionaryIdentification(resolution=1e-7, noise=30e-9, validation=1).estimate(signals)
+    metrics = {metric.name: metric.value for metric in result.metrics}
+    assert (result.outcome, metrics["verdict"]) == (Outcome.OK, 1.0), result.message
+    assert metrics["k0"] == pytest.approx(0.132, rel=0.01)
+    assert metrics["f1"] == pytest.approx(38.8, abs=0.2)
+    assert metrics["Coulomb force"] == pytest.approx(FORCE, rel=0.03)
+    assert metrics["input_dead_time"] == pytest.approx(1e-3, abs=0.2 * 5e-4)
+    assert metrics["validation error"] < 0.03
+
+
+@pytest.mark.thorough
+def test_a_wrong_channel_has_no_good_verdict(recorded: Any) -> None:
+    signals = recorded(MACHINE["friction"], (0.9 * FORCE, 1.4 * FORCE, 2.5 * FORCE, 6 * FORCE))
+    gains = np.linspace(0.7, 1.3, len(signals.segments))  # a drive that applies another force than it reports
+    order = np.random.default_rng(1).permutation(gains.size)
+    segments = tuple(
+        replace(segment, channels={**segment.channels, "u": gain * segment.channels["u"]})
+        for segment, gain in zip(signals.segments, gains[order], strict=True)
+    )
+    result = DictionaryIdentification(validation=1).estimate(replace(signals, segments=segments))
+    assert result.outcome is Outcome.INACCURATE
+    assert next(metric.value for metric in result.metrics if metric.name == "verdict") == 0
