@@ -14,13 +14,15 @@ from fraexp.measurement.unknown_axis import UnknownAxis
 
 LOOP_HZ = 2.0
 """Frequency of the slow sine."""
-SILENCE_S, RISE_S = 0.5, 20.0
-"""Time at rest in which the noise shows, and time in which the force would rise to its limit."""
+SILENCE_S = 0.5
+"""Time at rest in which the noise shows."""
+CYCLES, START_RATIO = 48, 1e-3
+"""Cycles in which the sine grows to the limit of the force, and its part of that at the start: it grows by 16 % in a
+cycle, and by little until a limit that comes near has stopped it."""
+GROWTH_CYCLES, MAX_GROWTH = 4, 1.1
+"""Cycles over which friction is compared, and its growth up to which it has reached its end."""
 CLOSED_RATIO, SLIDING_RATIO = 0.5, 0.5
 """Friction over the peak force that a loop reaches before it slides, and below which it falls when it slides."""
-MIN_CYCLES, MIN_FORCE_RATIO = 6, 1e-5
-"""Cycles within which no limit may come near, or the sine grows again, more slowly; and the least force for that, over
-its limit."""
 MIN_MOTION = 30.0
 """Motion over noise from which a loop is looked at."""
 FREE_RATIO = 1 / 6
@@ -59,18 +61,16 @@ def measure_friction_loop(
     noise, resolution = float(np.std(rest[0])), _step(rest[0])
     force_limit = axis.limits.force
     assert force_limit is not None
-    size = period.waveform.size
-    rise = axis.sample_time / RISE_S
-    cycles = int(np.ceil(RISE_S / (size * axis.sample_time)))
-    greatest = axis.share * force_limit
-    while True:
-        request = PlayRequest(1, greatest * period.waveform, cycles, rise, axis.ramp_out)
-        watch = _LoopWatch(size, max(noise, resolution))
-        _record_play(axis, session, writer, request, watch)
-        reached = greatest * (len(watch.peaks) + 1) / cycles
-        if watch.has_closed or len(watch.peaks) >= min(MIN_CYCLES, cycles) or reached < MIN_FORCE_RATIO * force_limit:
-            return watch.loop(noise, resolution)
-        greatest = reached  # a limit came near at once: grow more slowly
+    watch = _LoopWatch(period.waveform.size, max(noise, resolution))
+    wave = axis.share * force_limit * growing_wave(period.waveform)
+    _record_play(axis, session, writer, PlayRequest(1, wave, 1, ramp_out=axis.ramp_out), watch)
+    return watch.loop(noise, resolution)
+
+
+def growing_wave(cycle: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return repetitions of a cycle that grow by the same factor in equal times, to the size of the given one."""
+    growth = np.linspace(np.log(START_RATIO), 0.0, CYCLES * cycle.size)
+    return np.tile(cycle, CYCLES) * np.exp(growth)
 
 
 class _LoopWatch:
@@ -101,9 +101,15 @@ class _LoopWatch:
 
     @property
     def has_closed(self) -> bool:
-        """Whether friction took most of the force in an earlier cycle, and takes less than half of it now."""
+        """Whether friction took most of the force in some cycle, and now takes less than half of it, or grows no more.
+
+        It grows no more, although the excitation does, where the feedback takes the rest of the excitation.
+        """
         ratios = self.ratios
-        return ratios.size > 1 and bool(ratios.max() > CLOSED_RATIO) and bool(0 < ratios[-1] < SLIDING_RATIO)
+        if ratios.size <= GROWTH_CYCLES or ratios.max() <= CLOSED_RATIO:
+            return False
+        before, now = self.forces[-1 - GROWTH_CYCLES], self.forces[-1]
+        return bool(0 < ratios[-1] < SLIDING_RATIO) or 0 < now < MAX_GROWTH * before
 
     def loop(self, noise: float, resolution: float) -> FrictionLoop:
         """Return what all cycles show."""

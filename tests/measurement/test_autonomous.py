@@ -101,19 +101,16 @@ def test_the_loop_closes_at_the_friction_force(tmp_path: Path, components: Regis
     session = MasslessSession()
     found = loop_of(session, limits, tmp_path, components)
     assert found.has_closed
-    assert found.force == pytest.approx(FORCE, rel=0.02)
-    assert max(session.played) < 0.9 * 200
+    assert found.force == pytest.approx(FORCE, rel=0.1)
+    assert max(session.played) < 4 * FORCE
 
 
-def test_a_growing_sine_stops_at_its_share_of_a_limit_and_grows_again_more_slowly(
-    tmp_path: Path, components: Registry
-) -> None:
-    limits = MotionLimits(stroke=1e-3, velocity=1.0, force=200.0)
-    session = MasslessSession(force=1e-3)
+def test_a_growing_sine_stops_at_its_share_of_a_limit(tmp_path: Path, components: Registry) -> None:
+    limits = MotionLimits(stroke=0.1e-3, velocity=1.0, force=200.0)
+    session = MasslessSession(force=1e9)  # it stays in presliding: a spring
     found = loop_of(session, limits, tmp_path, components)
-    assert found.has_closed
-    assert found.force == pytest.approx(1e-3, rel=0.02)
-    assert 0.9e-3 < np.ptp(session.positions) < 1e-3  # the first sine is stopped in its first cycle
+    assert not found.has_closed
+    assert 0.09e-3 < np.ptp(session.positions) < 0.1e-3
 
 
 def test_an_axis_that_does_not_move_is_refused(tmp_path: Path, components: Registry) -> None:
