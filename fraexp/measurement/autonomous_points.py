@@ -1,6 +1,7 @@
 """Which points an autonomous measurement plays, each stage by what those before it have shown."""
 
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -44,6 +45,10 @@ class PointDesign:
             width = max(ratio, MIN_HALF_WIDTH) * frequency
             found += [frequency + offset * width for offset in MODE_OFFSETS]
         return sorted(f for f in found if LOWEST_HZ <= f <= self._axis.top)
+
+    def between(self, frequencies: Sequence[float]) -> list[float]:
+        """Return the frequencies [Hz] halfway between others, where these do not show the plant."""
+        return [float(np.sqrt(low * high)) for low, high in pairwise(frequencies)]
 
     def level(
         self, frequencies: Sequence[float], level: int, first: int, below: Mapping[int, MeasuredPoint]

@@ -19,13 +19,21 @@ class MotionGuard:
         self.limits, self._sample_time = limits, sample_time
         self.share = share
         """Part of each limit that may be reached."""
-        self._low, self._high = np.inf, -np.inf
+        self._low, self._high = self._range_before = np.inf, -np.inf
+        self._was_exceeded = False
         self.seen = Demand(0.0, 0.0, 0.0, 0.0, 0.0)
         """The greatest motion and force so far."""
         self.begin(0.0)
 
     def begin(self, highest_frequency: float) -> None:
-        """Begin a play, of which the highest frequency [Hz] is given."""
+        """Begin a play, of which the highest frequency [Hz] is given.
+
+        The range of positions goes on from those before, but for plays that exceeded a limit: played again with a lower
+        amplitude, a point would exceed it at once.
+        """
+        if self._was_exceeded:
+            self._low, self._high = self._range_before
+        self._range_before, self._was_exceeded = (self._low, self._high), False
         lag = max(round(DIFFERENCE_TIME_S / self._sample_time), 1)
         if highest_frequency:
             lag = max(min(lag, int(MAX_CYCLES / (highest_frequency * self._sample_time))), 1)
@@ -45,6 +53,7 @@ class MotionGuard:
         for name, value, unit in zip(Demand._fields, found, DEMAND_UNITS, strict=True):
             allowed = getattr(self.limits, name)
             if allowed is not None and value > self.share * allowed:
+                self._was_exceeded = True
                 part = "" if self.share == 1 else f"{self.share:.0%} of "
                 return (
                     f"the {name.replace('_', ' ')} was {value:.4g} {unit}; {part}limits.{name} is "

@@ -82,8 +82,9 @@ class AutonomousService:
         coarse = design.coarse()
         yield from self._levels(axis, task, design, coarse, 0)
         rough = yield from self._analysed(task, loop, "coarse frequencies")
-        modes = _modes(rough)
-        near = design.fine(*modes)
+        near = design.fine(*_modes(rough))
+        if not _is_good(rough):
+            near = sorted([*near, *design.between(coarse)])
         first = len(LEVEL_RATIOS) * len(coarse)
         yield from self._levels(axis, task, design, near, first)
         number = first + len(LEVEL_RATIOS) * len(near)

@@ -16,6 +16,7 @@ from fraexp.measurement import autonomous_points
 from fraexp.measurement.autonomous_points import PointDesign
 from fraexp.measurement.friction_loop import LOOP_HZ, FrictionLoop, measure_friction_loop
 from fraexp.measurement.measured_points import MeasuredPoint
+from fraexp.measurement.motion_guard import MotionGuard
 from fraexp.measurement.unknown_axis import UnknownAxis
 from fraexp.simulation.motion_limits import MotionLimits
 from fraexp.workspace.autonomous_service import AutonomousService
@@ -157,7 +158,6 @@ def test_what_is_missing_is_said_at_once(text: str, message: str, tmp_path: Path
 
 @pytest.mark.thorough
 def test_plant_and_friction_are_found_behind_the_socket(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(autonomous_points, "COARSE_POINTS", 12)
     monkeypatch.setattr(autonomous_points, "MODE_OFFSETS", (-1.0, 1.0))
     workspace = workspace_with(STUDY, tmp_path)
     service = AutonomousService(workspace, "axis")
@@ -172,3 +172,17 @@ def test_plant_and_friction_are_found_behind_the_socket(tmp_path: Path, monkeypa
     again = AutonomousService(workspace, "axis")
     assert len(list(again.measure())) < len(events) / 10  # nothing is played twice
     assert again.is_good
+
+
+def test_a_stroke_that_was_exceeded_does_not_count_for_the_next_play() -> None:
+    guard = MotionGuard(MotionLimits(stroke=1e-3, velocity=10.0, force=10.0), 1e-3)
+    guard.begin(0.0)
+    assert "stroke" in guard.look(chunk_to(2e-3))
+    guard.begin(0.0)
+    assert guard.look(chunk_to(0.6e-3)) == ""
+    guard.begin(0.0)
+    assert "stroke" in guard.look(chunk_to(-0.6e-3))  # but that of a play within the limits does
+
+
+def chunk_to(position: float) -> Chunk:
+    return Chunk(0, {"y": np.linspace(0.0, position, 100), "u": np.zeros(100)})
