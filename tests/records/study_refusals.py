@@ -50,7 +50,7 @@ def write_levels_in_a_column(folder: Path) -> None:
 
 
 def write_log(folder: Path) -> None:
-    write_columns(folder / "a.log", "u [N],y [um]", *pair(wave()))
+    write_columns(folder / "a.trc", "u [N],y [um]", *pair(wave()))
 
 
 def put(key: str, value: Any = None, place: str = "") -> Mend:
@@ -223,7 +223,7 @@ CASES = [
         remove(),
     ),
     RefusedSection(
-        "a file of another ending", write_log, periodic(file="a.log"), r"give reader = one of (csv)", put("reader")
+        "a file of another ending", write_log, periodic(file="a.trc"), r"give reader = one of (csv)", put("reader")
     ),
     RefusedSection("another reader", PLAIN, periodic(reader="csvv"), r"did you mean '(csv)'", put("reader")),
     RefusedSection(
