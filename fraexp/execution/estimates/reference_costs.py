@@ -35,6 +35,10 @@ class EstimatorCost(NamedTuple):
     """For each excited line [s]."""
     sample: float
     """For each recorded sample [s]."""
+    noisy_segment: float
+    """For each segment of several periods with noise or rounding, whose effect an observer finds by draws [s]."""
+    noisy_sample: float
+    """For each recorded sample of such segments [s]."""
 
 
 def run_cost(name: str) -> float:
@@ -63,7 +67,7 @@ def estimator_cost(name: str, fits: bool) -> EstimatorCost:
     """Return the time of an estimator; `fits` says whether one that is not listed identifies a component."""
     estimators = _table()["estimator"]
     found = estimators.get(name, estimators[FIT_ENTRY if fits else DEFAULT_ENTRY])
-    return EstimatorCost(*(MICROSECOND * found[key] for key in EstimatorCost._fields))
+    return EstimatorCost(*(MICROSECOND * found.get(key, 0.0) for key in EstimatorCost._fields))
 
 
 @cache

@@ -84,6 +84,8 @@ def _estimator_parts(spec: Plain, experiment: Plain, shape: RecordShape, registr
         component = registry.provider(Estimator.kind, part["name"]).component
         found = estimator_cost(part["name"], bool(getattr(component, "fits", "")))
         parts = found.segment * shape.segments + found.line * shape.lines + found.sample * shape.recorded
+        if _has_scatter(experiment, shape):
+            parts += found.noisy_segment * shape.segments + found.noisy_sample * shape.recorded
         names.append((f"{part['name']}{_list_counts(part)}", found.sweep + parts))
     yield Work(f"estimate/{'+'.join(name for name, _ in names)}", sum(seconds for _, seconds in names))
     for part in _nested_specs(Estimator.kind, spec, registry):
@@ -104,8 +106,7 @@ def _is_table(value: object) -> bool:
 def _observer_work(spec: Plain, experiment: Plain, shape: RecordShape, registry: Registry) -> Work:
     """Return the work to drive an estimator's friction model by the recorded motion."""
     friction = create(registry, FrictionModel, spec[FrictionModel.kind])
-    noisy = any(experiment.get("loop", {}).get(key) for key in ("noise", "resolution"))
-    repeats = 2 if noisy and shape.repeated else 1  # each period is also evaluated separately
+    repeats = 2 if _has_scatter(experiment, shape) else 1  # each period is also evaluated separately
     points = DRIVE_PASSES * repeats * shape.recorded * float(spec.get("oversampling", 1) or CHOSEN_OVERSAMPLING)
     points += 0 if friction.has_unique_periodic_force else shape.lead_in
     motions = shape.segments * (2 if repeats > 1 else 1)
@@ -113,6 +114,11 @@ def _observer_work(spec: Plain, experiment: Plain, shape: RecordShape, registry:
     law = "+".join(component_names(spec[FrictionModel.kind]))
     rows = points / min(LANES, motions) if is_wide else points
     return Work(f"drive/{law}/{VECTOR if is_wide else SCALAR}", cost("drive", "setup") + rows * _driven_cost(friction))
+
+
+def _has_scatter(experiment: Plain, shape: RecordShape) -> bool:
+    """Whether the periods of a simulated record differ."""
+    return shape.repeated and any(experiment.get("loop", {}).get(key) for key in ("noise", "resolution"))
 
 
 def _nested_specs(kind: str, spec: Plain, registry: Registry) -> Iterator[Plain]:

@@ -94,23 +94,38 @@ def fit_above_modes(parts: Sequence[Harmonics], guess: PlantAboveModes) -> Plant
     omega, motion, force, scatter, is_clear = map(np.concatenate, zip(*parts, strict=True))
     if is_clear.sum() < MIN_CLEAR_HARMONICS or not guess.relative_degree:
         return guess
+    order = np.argsort(omega, kind="stable")
+    omega, motion, force, scatter, is_clear = (each[order] for each in (omega, motion, force, scatter, is_clear))
     cause = -force / (1j * omega) ** guess.relative_degree
-    weight = 1 / (scatter + (LEAST_ERROR * np.abs(motion)) ** 2)
     place, clear = np.log(omega), np.log(omega[is_clear])
     grid = np.arange(clear.min(), clear.max(), GRID_SPACING)
-    away = (place - grid[:, None]) / BANDWIDTH
-    kernel = np.maximum(1 - np.abs(away) ** 3, 0.0) ** 3
-    is_known = np.sum((kernel > 0) & is_clear, axis=1) >= MIN_CLEAR_HARMONICS
-    if not is_known.any():
+    begins, ends = (np.searchsorted(clear, grid + side * BANDWIDTH) for side in (-1, 1))
+    grid = grid[ends - begins >= MIN_CLEAR_HARMONICS]
+    if not grid.size:
         return guess
-    grid, away, kernel = grid[is_known], away[is_known], kernel[is_known]
+    begins, ends = (np.searchsorted(place, grid + side * BANDWIDTH) for side in (-1, 1))
+    fits = [
+        _fit_line((place[near] - middle) / BANDWIDTH, cause[near], motion[near], scatter[near])
+        for middle, near in zip(grid, map(slice, begins, ends), strict=True)
+    ]
+    gain, error = map(np.array, zip(*fits, strict=True))
+    return PlantAboveModes(np.exp(grid), gain, error, guess.relative_degree)
+
+
+def _fit_line(
+    away: NDArray[np.float64],
+    cause: NDArray[np.complex128],
+    motion: NDArray[np.complex128],
+    scatter: NDArray[np.float64],
+) -> tuple[complex, float]:
+    """Return c in the middle of a window, by a line c0 + c1 x through terms at -1 < x < 1, and its relative error."""
+    weight = (1 - np.abs(away) ** 3) ** 3 / (scatter + (LEAST_ERROR * np.abs(motion)) ** 2)
     power, product = weight * np.abs(cause) ** 2, weight * motion * cause.conj()
-    zeroth, first, second = (np.sum(kernel * away**order * power, axis=1) for order in range(3))
-    direct, sloped = (np.sum(kernel * away**order * product, axis=1) for order in range(2))
+    zeroth, first, second = (np.sum(away**order * power) for order in range(3))
+    direct, sloped = (np.sum(away**order * product) for order in range(2))
     determinant = zeroth * second - first**2
     gain, slope = (second * direct - first * sloped) / determinant, (zeroth * sloped - first * direct) / determinant
-    found = (gain[:, None] + slope[:, None] * away) * cause
-    excess = np.sum(kernel * weight * (np.abs(motion - found) ** 2 - scatter), axis=1)
-    size = np.sum(kernel * weight * np.abs(found) ** 2, axis=1)
-    error = np.sqrt(np.maximum(excess, 0.0) / size + second / determinant / np.abs(gain) ** 2)
-    return PlantAboveModes(np.exp(grid), gain, error, guess.relative_degree)
+    found = (gain + slope * away) * cause
+    excess = np.sum(weight * (np.abs(motion - found) ** 2 - scatter))
+    size = np.sum(weight * np.abs(found) ** 2)
+    return gain, float(np.sqrt(max(excess, 0.0) / size + second / determinant / np.abs(gain) ** 2))
