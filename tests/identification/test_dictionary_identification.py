@@ -7,7 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 from fraexp_plugins.friction.dahl import Dahl
+from fraexp_plugins.friction.gms import GeneralizedMaxwellSlip
+from fraexp_plugins.identification.autonomous._shared import force_dictionary
 from fraexp_plugins.identification.autonomous._shared.force_dictionary import ForceDictionary, dahl_bristles
+from fraexp_plugins.identification.autonomous._shared.force_interval import sum_interval
 from fraexp_plugins.identification.autonomous.dictionary_identification import DictionaryIdentification
 
 from fraexp.components.kinds import Controller, Excitation, FrictionModel, Plant
@@ -26,6 +29,12 @@ LUGRE = {
     "name": "lugre", "bristle_stiffness": 0.4e6, "bristle_damping": 100.0, "viscous_coefficient": VISCOUS,
     "coulomb_force": FORCE, "static_force": 1.2 * FORCE, "stribeck_velocity": 1e-3,
 }  # fmt: skip
+WEAKENING = {
+    "name": "gms", "stiffness": [0.1 * FORCE / (3e-6 * i) for i in range(1, 11)], "force_fractions": [0.1] * 10,
+    "coulomb_force": FORCE, "static_force": 1.06 * FORCE, "stribeck_velocity": 0.1, "attraction_rate": 13 * FORCE,
+    "viscous_coefficient": VISCOUS,
+}  # fmt: skip
+"""Friction that falls by 6 % in sliding, at velocities that the axis hardly reaches."""
 
 
 @pytest.fixture(scope="module")
@@ -72,6 +81,48 @@ def test_columns_are_periodic_and_coulomb_forces_reach_their_size() -> None:
     np.testing.assert_allclose(dictionary.virgin_columns(x)[:, dictionary.is_coulomb], [[0] * 220, [1] * 220])
 
 
+@pytest.mark.parametrize("lag", [0, 1])
+def test_what_weakens_is_the_first_order_of_maxwell_slip(lag: int) -> None:
+    dictionary = ForceDictionary.spanning(1e-7, 1e-3, 0.1)
+    place, velocity, rise, step = 4, 3, 1e-4, 2.5e-5
+    width = dictionary.stops[place * force_dictionary.WEAKENING_STEP]
+    count = 4000
+    motion = 20 * width * np.sin(2 * np.pi * np.arange(count) / count)
+    rate = 1 / force_dictionary.WEAKENING_LAG_S if lag else 1e7
+
+    def force(static: float) -> Any:
+        model = GeneralizedMaxwellSlip(
+            stiffness=(1 / width,), force_fractions=(1.0,), coulomb_force=1.0, static_force=static,
+            stribeck_velocity=dictionary.weakening[velocity], attraction_rate=rate,
+        )  # fmt: skip
+        state, after, found = np.zeros(3), np.zeros(3), []
+        parameters = (
+            np.array([1 / width]), np.ones(1), 1.0, static, model.stribeck_velocity, 2.0, rate,
+        )  # fmt: skip
+        for change in np.diff(np.tile(motion, 2), prepend=0.0):
+            found.append(model.advance(state, change, step, after, *parameters))
+            state, after = after.copy(), np.zeros(3)
+        return np.array(found[count:])
+
+    expected = (force(1 + rise) - force(1.0)) / rise
+    weakening = dictionary.columns(motion, step)[:, dictionary.parts[3]][:, dictionary.peaks.size :]
+    column = weakening.reshape(count, -1, 2, dictionary.weakening.size)[:, place, lag, velocity] / width
+    assert np.sqrt(np.mean((column - expected) ** 2)) < 0.02 * np.sqrt(np.mean(expected**2))
+
+
+def test_a_sum_that_others_may_replace_has_a_wide_interval() -> None:
+    columns = np.array([[3.0, 3.0, 0.0], [4.0, 4.0, 0.0], [0.0, 0.0, 2.0]])
+    target, rise = columns @ [1.0, 1.0, 4.0], 1.0
+    # the first two columns are equal: together 2 +- 1/5, of which the first may have any part
+    low, high = sum_interval(columns, target, np.array([True, False, False]), rise)
+    assert (low, high) == (0.0, pytest.approx(2.2, abs=0.01))
+    assert sum_interval(columns, target, np.array([True, True, False]), rise) == pytest.approx((1.8, 2.2), abs=0.01)
+    assert sum_interval(columns, target, np.array([False, False, True]), rise) == pytest.approx((3.5, 4.5), abs=0.01)
+    # both sums together: 6 +- sqrt(1/5² + 1/2²)
+    sides = sum_interval(columns, target, np.ones(3, dtype=bool), rise)
+    assert sides == pytest.approx((6 - np.hypot(0.2, 0.5), 6 + np.hypot(0.2, 0.5)), abs=0.01)
+
+
 def test_one_amplitude_is_refused(recorded: Any) -> None:
     with pytest.raises(RecordError, match="record each frequency at three amplitudes"):
         DictionaryIdentification().estimate(recorded(MACHINE["friction"], (40.0,)))
@@ -103,3 +154,14 @@ def test_a_wrong_channel_has_no_good_verdict(recorded: Any) -> None:
     result = DictionaryIdentification(validation=1).estimate(replace(signals, segments=segments))
     assert result.outcome is Outcome.INACCURATE
     assert next(metric.value for metric in result.metrics if metric.name == "verdict") == 0
+
+
+@pytest.mark.thorough
+def test_coulomb_force_that_the_axis_is_too_slow_for_is_not_promised(recorded: Any) -> None:
+    signals = recorded(WEAKENING, (0.9 * FORCE, 1.4 * FORCE, 2.5 * FORCE, 6 * FORCE))
+    result = DictionaryIdentification(resolution=1e-7, noise=30e-9, validation=1).estimate(signals)
+    metrics = {metric.name: metric.value for metric in result.metrics}
+    error = abs(metrics["Coulomb force"] - FORCE)
+    assert error <= metrics["Coulomb force, 95 %"]
+    assert metrics["verdict"] == float(metrics["Coulomb force, 95 %"] <= 0.03 * metrics["Coulomb force"])
+    assert metrics["validation error"] < 0.03  # which does not see it

@@ -94,6 +94,33 @@ class AutonomousElements:
         return float(force[0]), float(std[0])
 
 
+@dataclass(frozen=True)
+class ProjectedProblem:
+    """The weighted equations of all records in the coefficients alone: 1/P̂ is linear, and projected out."""
+
+    matrix: NDArray[np.float64]
+    """Shape (2 L M, N)."""
+    target: NDArray[np.float64]
+    """Shape (2 L M,)."""
+    offset: NDArray[np.complex128]
+    """1/P̂ without friction [N/m], complex, shape (L,)."""
+    slopes: NDArray[np.complex128]
+    """Its derivative by the coefficients, complex, shape (L, N)."""
+    power: NDArray[np.float64]
+    """Sum of the weighted squares of the motion, shape (L,)."""
+
+    @classmethod
+    def of_lines(cls, lines: SpectralLines, total: NDArray[np.float64]) -> "ProjectedProblem":
+        """Return the problem with variances `total` [N²], shape (L, M)."""
+        weight = np.where(lines.known, 1 / np.sqrt(np.where(lines.known, total, 1.0)), 0.0)
+        u, y, z = weight * lines.thrust, weight * lines.motion, weight[..., None] * lines.deflection
+        power = np.sum(np.abs(y) ** 2, axis=1)
+        projection = np.conj(y) / power[:, None]
+        slopes, offset = -np.einsum("la,lan->ln", projection, z), np.sum(projection * u, axis=1)
+        matrix = _real_and_imaginary((z + y[..., None] * slopes[:, None]).reshape(-1, z.shape[-1]))
+        return cls(matrix, _real_and_imaginary((u - y * offset[:, None]).ravel()), offset, slopes, power)
+
+
 def fit_elements(
     lines: SpectralLines, thresholds: NDArray[np.float64], total: NDArray[np.float64], peak: float
 ) -> AutonomousElements:
@@ -106,18 +133,13 @@ def fit_elements(
     """
     from scipy.optimize import nnls  # slow to import: only when something is estimated
 
-    weight = np.where(lines.known, 1 / np.sqrt(np.where(lines.known, total, 1.0)), 0.0)
-    u, y, z = weight * lines.thrust, weight * lines.motion, weight[..., None] * lines.deflection
-    power = np.sum(np.abs(y) ** 2, axis=1)
-    projection = np.conj(y) / power[:, None]
-    slopes = -np.einsum("la,lan->ln", projection, z)
-    matrix = _real_and_imaginary((z + y[..., None] * slopes[:, None]).reshape(-1, thresholds.size))
-    target = _real_and_imaginary((u - y * np.sum(projection * u, axis=1)[:, None]).ravel())
+    problem = ProjectedProblem.of_lines(lines, total)
+    slopes, matrix, target = problem.slopes, problem.matrix, problem.target
     prior = PRIOR_FORCE_RATIO * peak / np.sqrt(thresholds.size) / thresholds
     scaled = np.concatenate([matrix * prior, np.eye(thresholds.size)])
     relative, _ = nnls(scaled, np.append(target, np.zeros(thresholds.size)), maxiter=100 * thresholds.size)
     stiffness = relative * prior
-    inverse = np.sum(projection * u, axis=1) + slopes @ stiffness
+    inverse = problem.offset + slopes @ stiffness
     inner = scaled[: len(matrix)].T @ scaled[: len(matrix)]
     used = float(np.trace(np.linalg.solve(inner + np.eye(thresholds.size), inner)))  # effective number of parameters
     cost = float(np.sum((matrix @ stiffness - target) ** 2))
@@ -134,7 +156,7 @@ def fit_elements(
         posterior * np.outer(prior, prior),
         inverse,
         slopes,
-        max(excess, 1.0) / power,
+        max(excess, 1.0) / problem.power,
         excess,
         relative_scatter(lines, effective),
         _noise_floor(lines, effective, total),

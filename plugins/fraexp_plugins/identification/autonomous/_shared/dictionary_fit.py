@@ -1,15 +1,22 @@
 """Friction of a dictionary, 1/P̂ and the dead time, such that P̂ is the same at all amplitudes."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import Signals, phasors
-from fraexp_plugins.identification.autonomous._shared.autonomous_elements import AutonomousElements, fit_elements
+from fraexp_plugins.identification._shared.friction_curves import NORMAL_QUANTILE
+from fraexp_plugins.identification.autonomous._shared.autonomous_elements import (
+    AutonomousElements,
+    ProjectedProblem,
+    fit_elements,
+)
 from fraexp_plugins.identification.autonomous._shared.autonomous_lines import ElementObserver, SpectralLines
 from fraexp_plugins.identification.autonomous._shared.force_dictionary import ForceDictionary
+from fraexp_plugins.identification.autonomous._shared.force_interval import sum_interval
 
 REWEIGHTINGS = 2
 """Passes in which a record counts the less, the more the one before has left of it."""
@@ -28,6 +35,8 @@ class DictionaryFit:
     elements: AutonomousElements
     dead_time: float
     """Dead time in addition to that of the observer [s]."""
+    variance: NDArray[np.float64]
+    """Variance by which the last pass has weighted the records [N²], shape (L, M)."""
 
     @property
     def forces(self) -> NDArray[np.float64]:
@@ -40,10 +49,26 @@ class DictionaryFit:
         return self.elements.covariance * np.outer(self.dictionary.widths, self.dictionary.widths)
 
     @property
-    def coulomb(self) -> tuple[float, float]:
-        """Force in gross sliding [N] and its standard deviation."""
-        chosen = self.dictionary.is_coulomb
-        return float(self.forces[chosen].sum()), float(np.sqrt(self.force_covariance[np.ix_(chosen, chosen)].sum()))
+    def coulomb(self) -> float:
+        """Force in gross sliding [N]."""
+        return float(self.forces[self.dictionary.is_coulomb].sum())
+
+    @cached_property
+    def coulomb_interval(self) -> tuple[float, float]:
+        """Least and greatest force in gross sliding [N] of a dictionary that explains the records as well, by 95 %.
+
+        A covariance does not contain it: forces that weaken in sliding may be in the place of Coulomb force although
+        the fit has found none of them.
+        """
+        problem = ProjectedProblem.of_lines(self.lines, self.variance)
+        rise = NORMAL_QUANTILE**2 * max(self.elements.excess, 1.0)
+        return sum_interval(problem.matrix / self.dictionary.widths, problem.target, self.dictionary.is_coulomb, rise)
+
+    @property
+    def coulomb_error(self) -> float:
+        """Distance from the force in gross sliding to the farther end of its interval [N]."""
+        low, high = self.coulomb_interval
+        return max(high - self.coulomb, self.coulomb - low)
 
     def virgin_curve(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the force [N] of a first slow displacement x [m] and its standard deviation, shape (n,) each."""
@@ -69,11 +94,11 @@ def fit_dictionary(
     """Return the fit of the records at all lines, with a dead time [s] in addition to that of the observer."""
     delayed = delayed_lines(lines, dead_time)
     total = _variances(lines, weights)
-    elements = fit_elements(delayed, dictionary.widths, total, weights.peak)
+    elements, variance = fit_elements(delayed, dictionary.widths, total, weights.peak), total
     for _ in range(REWEIGHTINGS):
-        left = np.abs(residuals(delayed, elements)) ** 2
-        elements = fit_elements(delayed, dictionary.widths, total + RESIDUAL_SHARE * left, weights.peak)
-    return DictionaryFit(delayed, dictionary, elements, dead_time)
+        variance = total + RESIDUAL_SHARE * np.abs(residuals(delayed, elements)) ** 2
+        elements = fit_elements(delayed, dictionary.widths, variance, weights.peak)
+    return DictionaryFit(delayed, dictionary, elements, dead_time, variance)
 
 
 def rough_dead_time(lines: SpectralLines, dictionary: ForceDictionary, weights: Weights, sample_time: float) -> float:
