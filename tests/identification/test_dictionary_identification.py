@@ -31,10 +31,10 @@ LUGRE = {
 }  # fmt: skip
 WEAKENING = {
     "name": "gms", "stiffness": [0.1 * FORCE / (3e-6 * i) for i in range(1, 11)], "force_fractions": [0.1] * 10,
-    "coulomb_force": FORCE, "static_force": 1.06 * FORCE, "stribeck_velocity": 0.1, "attraction_rate": 13 * FORCE,
+    "coulomb_force": FORCE, "static_force": 1.06 * FORCE, "stribeck_velocity": 0.04, "attraction_rate": 13 * FORCE,
     "viscous_coefficient": VISCOUS,
 }  # fmt: skip
-"""Friction that falls by 6 % in sliding, at velocities that the axis hardly reaches."""
+"""Friction that falls by 6 % in sliding, at velocities that few records reach, and with a lag of 77 ms."""
 
 
 @pytest.fixture(scope="module")
@@ -134,7 +134,10 @@ def test_plant_and_force_are_found_whatever_the_law(friction: dict[str, Any], re
     signals = recorded(friction, (0.9 * FORCE, 1.4 * FORCE, 2.5 * FORCE, 6 * FORCE))
     result = DictionaryIdentification(resolution=1e-7, noise=30e-9, validation=1).estimate(signals)
     metrics = {metric.name: metric.value for metric in result.metrics}
-    assert (result.outcome, metrics["verdict"]) == (Outcome.OK, 1.0), result.message
+    # Coulomb force beside elements of many widths is not known to 3 % on this axis: the verdict must say so
+    assert metrics["verdict"] == float(friction["name"] == "dahl"), result.message
+    assert (result.outcome is Outcome.OK) == (metrics["verdict"] == 1)
+    assert abs(metrics["Coulomb force"] - FORCE) <= metrics["Coulomb force, 95 %"]
     assert metrics["k0"] == pytest.approx(0.132, rel=0.01)
     assert metrics["f1"] == pytest.approx(38.8, abs=0.2)
     assert metrics["Coulomb force"] == pytest.approx(FORCE, rel=0.03)
@@ -157,7 +160,7 @@ def test_a_wrong_channel_has_no_good_verdict(recorded: Any) -> None:
 
 
 @pytest.mark.thorough
-def test_coulomb_force_that_the_axis_is_too_slow_for_is_not_promised(recorded: Any) -> None:
+def test_the_interval_contains_a_coulomb_force_that_few_records_reach(recorded: Any) -> None:
     signals = recorded(WEAKENING, (0.9 * FORCE, 1.4 * FORCE, 2.5 * FORCE, 6 * FORCE))
     result = DictionaryIdentification(resolution=1e-7, noise=30e-9, validation=1).estimate(signals)
     metrics = {metric.name: metric.value for metric in result.metrics}

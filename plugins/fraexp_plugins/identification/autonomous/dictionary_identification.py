@@ -73,7 +73,7 @@ class DictionaryIdentification(DelayedEstimator, name="dictionary_identification
     Friction that weakens in sliding and Coulomb force can be told apart only where the axis slides faster than the
     Stribeck velocity. The interval of the Coulomb force is therefore a profile: the least and the greatest force with
     which some other friction explains the records as well. Friction that weakens only above the largest velocity that
-    was measured counts as Coulomb force.
+    was measured, or at velocities that last for less than its lag, counts as Coulomb force.
 
     The verdict is 1 if the plant explains P̂, the validation error is not above `validation_tolerance`, and the 95 %
     intervals are within 1 % for k0, 0.2 Hz for f1 and 3 % for ΣF_m. Otherwise it is 0, the outcome is inaccurate, and
