@@ -158,7 +158,8 @@ def test_what_is_installed_here_is_what_pyproject_declares() -> None:
 def test_the_wheel_holds_the_code_the_plugins_and_the_studies_and_nothing_else(wheel: Path) -> None:
     names = set(zipfile.ZipFile(wheel).namelist())
     wanted = {path.relative_to(ROOT) for name in ("fraexp", "studies") for path in (ROOT / name).rglob("*.*")}
-    wanted |= {path.relative_to(ROOT / "plugins") for path in (ROOT / "plugins").rglob("*.py")}
+    code = [path for kind in ("*.py", "*.st") for path in (ROOT / "plugins").rglob(kind)]
+    wanted |= {path.relative_to(ROOT / "plugins") for path in code}
     expected = {f"fraexp/{path}" if path.parts[0] == "studies" else str(path) for path in wanted if path.suffix}
     shipped = {name for name in names if ".dist-info/" not in name}
     assert {name for name in expected if "__pycache__" not in name} == shipped

@@ -1,6 +1,7 @@
 """The first minute as the README tells it, in a real terminal: launch the quick study, watch it, compare its sweeps."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -15,6 +16,7 @@ from fraexp.measurement.measured_points import MeasurementFiles
 from fraexp.store import Store
 from tests.waiting import HANG_TIMEOUT_S, wait_until
 
+ROOT = Path(__file__).parents[2]
 TMUX = shutil.which("tmux")
 pytestmark = [pytest.mark.thorough, pytest.mark.skipif(TMUX is None, reason="there is no tmux on this machine")]
 
@@ -78,22 +80,24 @@ def test_the_first_minute_is_as_the_readme_tells(terminal: Terminal, tmp_path: P
 
 
 def test_a_measurement_is_watched_and_stopped_by_a_key(terminal: Terminal, tmp_path: Path) -> None:
+    axis = (ROOT / "studies/simulated_axis.toml").read_text("utf-8")
+    studies = tmp_path / "studies"
+    studies.mkdir()
+    in_real_time = axis.replace('{ name = "simulated" }', '{ name = "simulated", speed = 1 }')
+    (studies / "slow_axis.toml").write_text(in_real_time, "utf-8")
     terminal.shows("quick", "Enter opens 'quick'")
-    terminal.type("/", *"simulated_axis", "Enter", "m")
+    terminal.type("/", *"slow_axis", "Enter", "m")
     terminal.shows("12 points, about", "of 20 mm", "150 Hz")
     terminal.type("Enter")
     terminal.shows("will move", "y yes")
     terminal.type("y")
-    terminal.until(lambda shown: "last  2/12" in shown or "3 of 12 points" in shown)
+    terminal.until(lambda shown: re.search(r"last +[2-9]/12|[3-9] of 12 points", shown) is not None)
     terminal.until(lambda shown: sum("⠁" <= letter <= "⣿" for letter in shown) > 50)
     terminal.type("x")
-    # a machine that waits for nobody may have been done before
-    shown = terminal.until(lambda shown: "R continues" in shown or "axis-measured" in shown)
+    terminal.shows("R continues")
     terminal.type("q")
     terminal.shows("left with 0")
-    kept = MeasurementFiles(tmp_path / "measurements", "simulated_axis").points()
-    assert len(kept) >= 2
-    assert (len(kept) == 12) == ("axis-measured" in shown)
+    assert 2 <= len(MeasurementFiles(tmp_path / "measurements", "slow_axis").points()) < 12
 
 
 def test_a_closed_terminal_ends_nothing(terminal: Terminal, tmp_path: Path) -> None:
