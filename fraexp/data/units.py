@@ -14,7 +14,9 @@ if TYPE_CHECKING:
 def _registry() -> "pint.UnitRegistry[float]":
     import pint  # slow to import, needed only where somebody writes a unit
 
-    return pint.UnitRegistry(cache_folder=None)
+    registry: pint.UnitRegistry[float] = pint.UnitRegistry(cache_folder=None)
+    registry.define("@alias turn = rev")
+    return registry
 
 
 def factor(unit: str, expected: str) -> float:
@@ -75,16 +77,22 @@ NAMED = ("N", "V", "N*m", "W", "Pa", "N/m", "V/m")
 
 
 SPELLINGS = {
-    "": "dimensionless", "1": "dimensionless", "U/min": "rpm", "Sec": "s",
-    "amp": "A", "amps": "A", "Amp": "A", "Amps": "A",
+    "": "dimensionless", "1": "dimensionless", "U/min": "rpm", "r/min": "rpm", "U/s": "rev/s", "r/s": "rev/s",
+    "Sec": "s", "amp": "A", "amps": "A", "Amp": "A", "Amps": "A",
 }  # fmt: skip
 """What people write, and pint reads otherwise (its U is that of enzymes, its amps an am/s)."""
 COUNTED = re.compile(r"(?<![A-Za-z])([kMmuµμn]?[AV])(?:[ _]?(?:rms|RMS|eff|pk|peak)|p|\([pP]\))(?![A-Za-z])")
 """Amperes and volts with a remark on how they are counted, ``Arms`` or ``A(p)``: the remark changes no number."""
 WRITTEN_OUT = re.compile(r"(?:Volt|Ampere|Newton|Hertz|Second|Degree|Meter|Radian)s?")
 """Units of instruments that begin with a capital letter."""
-TORQUE = re.compile(r"(?<![A-Za-z])([kMmuµμ]?N)([cm]?m)(?![A-Za-z])")
-"""A torque without a sign between its units, such as Nm or kNm: to pint, measures of yarn."""
+TORQUE = re.compile(r"(?<![A-Za-z])((?:da|[kMcdmuµμ])?N)[-.·⋅]?([cm]?m)(?![A-Za-z])")
+"""A torque such as Nm, kNm or N-m: to pint, measures of yarn or a difference."""
+POUNDS = {"lb": "force_pound", "lbs": "force_pound", "lbf": "force_pound", "oz": "force_ounce", "ozf": "force_ounce"}
+LENGTH_BY_POUND = re.compile(r"(?<![A-Za-z])(in|ft)[-.·⋅* ]?(lbs|lbf|lb|ozf|oz)(?![A-Za-z])")
+POUND_BY_LENGTH = re.compile(r"(?<![A-Za-z])(lbs|lbf|lb|ozf|oz)[-.·⋅* ]?(in|ft)(?![A-Za-z])")
+"""A torque such as in-lb or ft lb, whose pound is a force: to pint, it is a mass."""
+PLAIN_POWER = re.compile(r"(?<=[A-Za-z])(-[123]|[23])(?![\d.*^A-Za-z])")
+"""A power without its sign, such as those of rad/s2 or min-1."""
 
 
 def with_powers(unit: str) -> str:
@@ -116,8 +124,20 @@ def _ends_power(text: str, start: int) -> bool:
     return found is not None and not SIGNS.match(text[found.end() :].lstrip())
 
 
+def _spell_torque(unit: str) -> str:
+    """Return a unit whose torques are products of a force and a length."""
+    unit = TORQUE.sub(r"(\1*\2)", unit)
+    unit = LENGTH_BY_POUND.sub(lambda found: f"({POUNDS[found[2]]}*{_length(found[1])})", unit)
+    return POUND_BY_LENGTH.sub(lambda found: f"({POUNDS[found[1]]}*{_length(found[2])})", unit)
+
+
+def _length(name: str) -> str:
+    return {"in": "inch", "ft": "foot"}[name]
+
+
 def _quantity(unit: str) -> Any:
-    written = COUNTED.sub(r"\1", TORQUE.sub(r"(\1*\2)", SPELLINGS.get(unit, unit)))
+    written = _spell_torque(COUNTED.sub(r"\1", SPELLINGS.get(unit, unit)))
+    written = PLAIN_POWER.sub(r"**\1", written)
     if WRITTEN_OUT.fullmatch(written):
         written = written.lower()
     try:

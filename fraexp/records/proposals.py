@@ -226,7 +226,7 @@ def _common_levels(
 
 
 def _with_level(text: str, level: Sequence[str]) -> str:
-    match = NUMBERED_NAME.match(text.partition("(")[0].partition(" [")[0]) if level else None
+    match = NUMBERED_NAME.match(re.split(r"\(| \[| \* ", text)[0]) if level else None
     return text if match is None else f"{match['head']}{{level}}{match['tail']}{text[match.end() :]}"
 
 

@@ -2,6 +2,7 @@
 
 import math
 import re
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from fraexp.data import units
 from fraexp.data.record_table import RecordTable
 from fraexp.data.sweep import Plain
 from fraexp.errors import ParameterError, RecordError
-from fraexp.records.channels import Channel
+from fraexp.records.channels import Channel, column_text
 
 PlainTable = dict[str, Any]
 """A table of plain data."""
@@ -20,6 +21,10 @@ UNITLESS_MARKS = ("-", "–", "1", "")
 """Units with which instruments mark pure numbers."""
 GRAD = re.compile(r"(?<![A-Za-z])grad(?![A-Za-z])", re.IGNORECASE)
 """A word that German drives write for degrees, and others for a hundredth of a right angle."""
+PER_MINUTE = re.compile(r"(?:1\s*/\s*min|/min|min\s*(?:\^|\*\*)?\s*\(?-1\)?|min⁻¹)")
+"""Revolutions per minute as DIN 1301 and drives write them: as a bare number per minute they would be 2π off."""
+REMARK = re.compile(r"(?:un)?filtered|actual|measured|command(?:ed)?|ist|soll|ch(?:annel)?[ .]?\d+", re.IGNORECASE)
+"""What people write in the brackets behind a name, and is no unit."""
 CLOCK_ENDINGS = dict.fromkeys(("s", "sec"), "s") | dict.fromkeys(("ms", "msec", "millis"), "ms") | {
     "us": "us", "usec": "us", "micros": "us", "ns": "ns",
 }  # fmt: skip
@@ -68,24 +73,53 @@ def channel_columns(channel: Plain) -> set[str]:
 
 
 def _check_unit(name: str, channel: Channel, column: str, stated: str, path: Path) -> None:
-    if stated.strip() in UNITLESS_MARKS:
-        return
-    try:
-        theirs = si_unit(stated, "")
-    except ParameterError:  # the brackets contain a remark
+    if _is_remark(stated):
         return
     place = f"{path.name}, channel '{name.strip()}'"
-    ours = si_unit(channel.unit, place)
-    if ours[1] != theirs[1]:
+    ours, theirs = si_unit(channel.unit, place), _readings(stated)
+    if not theirs:
+        _check_unknown_unit(channel, column, stated, place)
+        return
+    if all(ours[1] != short for _, short in theirs):
         raise RecordError(
             f"{place}: the unit is given as {channel.unit}, but the file says {stated} for column "
             f"'{column}'; choose the other column, or correct the unit"
         )
-    if not math.isclose(ours[0], theirs[0], rel_tol=1e-9):
+    if not any(math.isclose(ours[0], factor, rel_tol=1e-9) for factor, _ in theirs):
         raise RecordError(
             f"{place}: the unit is given as {channel.unit}, but the file says {stated}; "
             "leave the unit out or correct it"
         )
+
+
+def is_unknown_unit(stated: str) -> bool:
+    """Say whether a file states a unit that is not known here, such as inc."""
+    return not _is_remark(stated) and not _readings(stated)
+
+
+def _is_remark(stated: str) -> bool:
+    return stated.strip() in UNITLESS_MARKS or bool(REMARK.fullmatch(stated.strip()))
+
+
+def _readings(stated: str) -> list[tuple[float, str]]:
+    """Return what the unit that a file states may mean: factors to SI with SI units; none if it is not known."""
+    texts = ["g_0"] if stated.strip() == "g" else list(dict.fromkeys(GRAD.sub(unit, stated) for unit in ("deg", "gon")))
+    found = []
+    for text in texts:
+        with suppress(ParameterError):
+            found.append(si_unit(text, ""))
+    return found
+
+
+def _check_unknown_unit(channel: Channel, column: str, stated: str, place: str) -> None:
+    """Refuse a unit beside one of the file that is not known, unless a factor, if only 1, says how the numbers are."""
+    if channel.unit.strip() in UNITLESS_MARKS or "scale" in channel.model_fields_set:
+        return
+    raise RecordError(
+        f"{place}: the unit is given as {channel.unit}, but the file says '{stated}' for column '{column}', which is "
+        f"no known unit; state the factor, such as '{column_text(column)} * 1 [{channel.unit}]' where the numbers are "
+        f"in {channel.unit}"
+    )
 
 
 def si_unit(unit: str, place: str) -> tuple[float, str]:
@@ -96,6 +130,8 @@ def si_unit(unit: str, place: str) -> tuple[float, str]:
         raise ParameterError(
             f"{place}: '{unit}' may be degrees, as in German, or gradians; give unit = deg or gon ('NAME=COLUMN [deg]')"
         )
+    if PER_MINUTE.fullmatch(unit.strip()):
+        unit = "rpm"
     try:
         return units.si("1" if unit.strip() in UNITLESS_MARKS else unit.strip())
     except ParameterError as error:

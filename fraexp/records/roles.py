@@ -8,11 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fraexp.data.units import si
 from fraexp.errors import FraexpError
 from fraexp.records.channels import column_text
 from fraexp.records.clocks import RATE_NAMES, SAMPLE_TIME_NAMES, TIME_NAMES
-from fraexp.records.quantities import UNITLESS_MARKS, clock_unit, si_unit
+from fraexp.records.quantities import UNITLESS_MARKS, clock_unit, is_unknown_unit, si_unit
 
 EXACT_ROLES = {
     "u": "u", "y": "y", "r": "r", "x": "y", "input": "u", "output": "y", "reference": "r", "excitation": "excitation",
@@ -113,7 +112,9 @@ class FileContent:
         usual = clock_unit(self.name) if self.guess == "time" else ROLE_UNITS.get(self.guess, "UNIT")
         guessed = NAME_ENDING_UNITS.get(ending, usual)
         written = column_text(self.column)
-        return written if is_usable_unit(self.unit) else f"{written} [{guessed}]"
+        if is_usable_unit(self.unit):
+            return written
+        return f"{written} * 1 [{guessed}]" if is_unknown_unit(self.unit) else f"{written} [{guessed}]"
 
 
 ROLE_UNITS = {"segment": "1"}
@@ -194,7 +195,7 @@ def _rate_penalty(unit: str, words: Sequence[str]) -> int:
     """Return what a velocity or an acceleration loses against a position."""
     short = ""
     with suppress(FraexpError):
-        short = si(unit.strip())[1]
+        short = si_unit(unit, "")[1]
     if short in ACCELERATION_UNITS or any(word.startswith("acc") for word in words):
         return ACCELERATION_PENALTY
     is_rate = short in RATE_UNITS or any(
@@ -209,7 +210,7 @@ def _unit_role(unit: str) -> str:
         return "magnitude"
     with suppress(FraexpError):
         if text and text not in UNITLESS_MARKS and text != "g":
-            return "frequency" if text in ("Hz", "kHz") else UNIT_ROLES.get(si(text)[1], "")
+            return "frequency" if text in ("Hz", "kHz") else UNIT_ROLES.get(si_unit(text, "")[1], "")
     return "y" if text in ("g", "inc", "counts", "cts") else ""
 
 

@@ -1,8 +1,10 @@
 """Numbers with units, as people write them."""
 
+import math
+
 import pytest
 
-from fraexp.data.units import number
+from fraexp.data.units import number, si
 from fraexp.errors import ParameterError
 
 
@@ -27,3 +29,25 @@ def test_a_blank_before_the_unit_may_be_left_out(text, unit, value):
 def test_what_is_no_number_with_such_a_unit_is_refused(text):
     with pytest.raises(ParameterError):
         number(text, "m")
+
+
+@pytest.mark.parametrize(
+    ("unit", "value", "expected"),
+    [
+        ("rev", 2 * math.pi, "rad"),
+        ("rev/s", 2 * math.pi, "rad/s"),
+        ("rev/min", math.pi / 30, "rad/s"),
+        ("r/min", math.pi / 30, "rad/s"),
+        ("rad/s2", 1.0, "rad/s**2"),
+        ("N-m", 1.0, "N*m"),
+        ("cNm", 0.01, "N*m"),
+        ("in lb", 4.4482216152605 * 0.0254, "N*m"),
+        ("lb-in", 4.4482216152605 * 0.0254, "N*m"),
+        ("ft lb", 4.4482216152605 * 0.3048, "N*m"),
+        ("oz-in", 4.4482216152605 / 16 * 0.0254, "N*m"),
+    ],
+)
+def test_units_of_rotary_axes_are_read_as_drives_write_them(unit, value, expected):
+    factor, short = si(unit)
+    assert short == expected
+    assert factor == pytest.approx(value, rel=1e-12)

@@ -40,6 +40,24 @@ def test_the_studys_unit_is_used_where_the_file_tells_none(tmp_path: Path, signa
         np.testing.assert_allclose(signals.segments[0].channels["y"].ravel(), 1e-6 * rows[:, 2], rtol=1e-15)
 
 
+def test_a_unit_beside_an_unknown_one_of_the_file_needs_a_factor(tmp_path: Path, signals_of: Read, bench: Any) -> None:
+    rows = bench.rows(3)
+    bench.write(tmp_path / "bench.csv", rows, "Time [s],iq [A],Position [inc]")
+    with pytest.raises(RecordError, match=r"the file says 'inc'.*'Position \* 1 \[um\]'"):
+        signals_of(channels={"u": "iq", "y": "Position [um]"})
+    signals = signals_of(channels={"u": "iq", "y": "Position * 1 [um]"})
+    np.testing.assert_allclose(signals.segments[0].channels["y"].ravel(), 1e-6 * rows[:, 2], rtol=1e-15)
+
+
+@pytest.mark.parametrize("heading", ["1/min", "min-1", "min^-1", "rpm", "U/min"])
+def test_a_number_per_minute_is_a_rotary_speed(tmp_path: Path, signals_of: Read, bench: Any, heading: str) -> None:
+    rows = bench.rows(3)
+    bench.write(tmp_path / "bench.csv", rows, f"Time [s],iq [A],n_ist [{heading}]")
+    signals = signals_of(channels={"u": "iq", "y": "n_ist"})
+    assert signals.units["y"] == "rad/s"
+    np.testing.assert_allclose(signals.segments[0].channels["y"].ravel(), np.pi / 30 * rows[:, 2], rtol=1e-12)
+
+
 def test_a_scale_turns_one_quantity_into_another(tmp_path: Path, signals_of: Read, bench: Any) -> None:
     rows = bench.rows(3)
     bench.write(tmp_path / "bench.csv", rows)
