@@ -22,6 +22,7 @@ from fraexp.records.repeats import detect_period
 from fraexp.records.resampling import plan_clock, resample
 from fraexp.records.roles import CLOCK_ROLES, FileContent, is_auxiliary, is_usable_unit
 from fraexp.records.source import existing_file, find_reader, read_columns
+from fraexp.records.stated_response import is_response_unit
 from fraexp.records.timebase import examine_stamps, sample_rate_of, stamps_text
 
 NUMBERED_NAME = re.compile(r"^(?P<head>.*?)(?P<number>\d+)(?P<tail>\D*)$")
@@ -99,6 +100,10 @@ def _propose_response(proposal: Proposal, file: Path, signals: Sequence[FileCont
         unit = "" if _states_unit(one) else _response_unit(proposal, role, one, file, registry)
         written = column_text(one.name)
         proposal.add_channel(role, f"{written} [{unit}]" if unit else written, one if unit == "UNIT" else None)
+    stated = best[pair[0]][0].unit.strip()
+    if is_response_unit(stated):
+        proposal.words += ["--unit", stated]
+        return True
     proposal.words += ["--unit", "OUTPUT/INPUT"]
     proposal.needs.append("the unit of the response is unknown: replace OUTPUT/INPUT, such as mm/N")
     return True

@@ -46,7 +46,7 @@ def resolve_channel(name: str, channel: Channel, table: RecordTable, path: Path,
     """Return column, SI unit and factor of a channel as plain data; `default` is the unit of a column without one."""
     stated = {column: table.units[column] for column in channel.columns if table.units.get(column)}
     for column, unit in stated.items() if channel.unit and abs(channel.scale) == 1 else ():
-        _check_unit(name, channel, column, unit, path)  # another scale converts one quantity into another
+        check_unit(name, channel, column, unit, path)  # another scale converts one quantity into another
     unit = channel.unit or next(iter(stated.values()), default)
     if len({text.strip() for text in stated.values()}) > 1 and not channel.unit:
         raise RecordError(
@@ -72,7 +72,8 @@ def channel_columns(channel: Plain) -> set[str]:
     return {channel[key] for key in ("column", "plus", "minus") if key in channel}
 
 
-def _check_unit(name: str, channel: Channel, column: str, stated: str, path: Path) -> None:
+def check_unit(name: str, channel: Channel, column: str, stated: str, path: Path) -> None:
+    """Refuse a channel whose unit contradicts the one that the file states for a column, by RecordError."""
     if _is_remark(stated):
         return
     place = f"{path.name}, channel '{name.strip()}'"

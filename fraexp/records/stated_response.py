@@ -5,8 +5,10 @@ response as well: it is shown and compared, freed from dead time, fitted, and fr
 function of a friction model.
 """
 
+import math
 import re
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,8 +20,8 @@ from fraexp.data.record_table import RecordTable
 from fraexp.data.signals import Segment, Signals, StatedLine
 from fraexp.data.sweep import Plain
 from fraexp.errors import ParameterError, RecordError
-from fraexp.records.channels import Channel
-from fraexp.records.quantities import PlainTable, auxiliary_values, si_unit
+from fraexp.records.channels import Channel, column_text
+from fraexp.records.quantities import PlainTable, auxiliary_values, check_unit, si_unit
 from fraexp.records.record_settings import RecordSettings
 
 POLAR, CARTESIAN = ("magnitude", "phase"), ("real", "imaginary")
@@ -63,7 +65,11 @@ def response_columns(settings: RecordSettings) -> set[str]:
 
 def resolve_response(settings: RecordSettings, table: RecordTable, path: Path) -> PlainTable:
     """Return a response as plain data: its columns with their units, its segments and its unit."""
-    output, entry = _split_unit(settings.response_unit, path)
+    for name in ("frequency", "phase"):
+        one = settings.channels.get(name)
+        if one is not None and one.unit and abs(one.scale) == 1 and table.units.get(one.column):
+            check_unit(name, one, one.column, table.units[one.column], path)
+    output, entry = _split_unit(_response_unit(settings, table, path), path)
     channels = {name: _plain_column(name, of, table) for name, of in settings.channels.items()}
     integrals = next((of.integrate for name, of in settings.channels.items() if name in (POLAR[0], CARTESIAN[0])), 0)
     plain: PlainTable = {"columns": channels, "factor": output[0] / entry[0]}
@@ -137,7 +143,7 @@ def _read_points(plain: Plain, table: RecordTable, path: Path) -> _Points:
     frequency = _frequency(columns["frequency"], table, path)
     used = frequency > 0
     order = np.flatnonzero(used)[np.argsort(frequency[used])]
-    response = (_response(columns, table) * plain["factor"])[order]
+    response = (_response(columns, table, path) * plain["factor"])[order]
     found = frequency[order]
     response = response / (2j * np.pi * found) ** plain.get("integrals", 0)
     coherence = _column(columns["coherence"], table)[order] if "coherence" in columns else None
@@ -176,15 +182,26 @@ def _frequency(column: Plain, table: RecordTable, path: Path) -> NDArray[np.floa
     return auxiliary_values("frequency", Channel(column=column["column"], unit=given), table, "Hz", path)
 
 
-def _response(columns: Mapping[str, Plain], table: RecordTable) -> NDArray[np.complex128]:
+def _response(columns: Mapping[str, Plain], table: RecordTable, path: Path) -> NDArray[np.complex128]:
     """Return the response in the unit that the record states, shape (n,)."""
     if "real" in columns:
         return np.asarray(_column(columns["real"], table) + 1j * _column(columns["imaginary"], table))
     size = _column(columns["magnitude"], table)
     if columns["magnitude"]["unit"] == DECIBEL:
         size = 10 ** (size / 20)
+    else:
+        _check_magnitude(columns["magnitude"]["column"], table, path)
     angle = _column(columns["phase"], table) * units.factor(columns["phase"]["unit"] or "deg", "rad")
     return np.asarray(size * np.exp(1j * angle))
+
+
+def _check_magnitude(column: str, table: RecordTable, path: Path) -> None:
+    smallest = float(table.columns[column].min(initial=0.0))
+    if smallest < 0:
+        raise RecordError(
+            f"{path.name}: column '{column}' contains the magnitude {smallest:g}; expected 0 or more, or "
+            f"dB: 'magnitude={column_text(column)} [dB]'"
+        )
 
 
 def _column(column: Plain, table: RecordTable) -> NDArray[np.float64]:
@@ -202,6 +219,50 @@ def _plain_column(name: str, channel: Channel, table: RecordTable) -> PlainTable
     if name == "coherence" and unit == "%":
         unit, scale = "", scale / 100
     return {"column": channel.column, "unit": unit, "scale": scale}
+
+
+def is_response_unit(text: str) -> bool:
+    """Say whether a text is a unit of an output over that of an input, such as deg/Nm."""
+    with suppress(ParameterError):
+        return bool(_split_unit(text, Path()))
+    return False
+
+
+def _response_unit(settings: RecordSettings, table: RecordTable, path: Path) -> str:
+    """Return the unit of the response: the study's, or that of its channels or their columns."""
+    unit = settings.response_unit
+    for name in (POLAR[0], *CARTESIAN):
+        channel = settings.channels.get(name)
+        if channel is None:
+            continue
+        heading = table.units.get(channel.column, "")
+        _check_decibel(name, channel, heading, path)
+        for stated in (channel.unit, heading) if abs(channel.scale) == 1 else ():
+            if not is_response_unit(stated):
+                continue
+            unit = unit or stated
+            if not _is_same_unit(unit, stated, path):
+                raise RecordError(
+                    f"{path.name}: the unit of the response is given as {unit}, but {stated} is stated for column "
+                    f"'{channel.column}'; leave it out (response_unit, --unit) or correct it"
+                )
+    return unit
+
+
+def _check_decibel(name: str, channel: Channel, heading: str, path: Path) -> None:
+    given = channel.unit.strip().lower()
+    if given and given != DECIBEL.lower() and heading.strip().lower() == DECIBEL.lower():
+        raise RecordError(
+            f"{path.name}, channel '{name}': the unit is given as {channel.unit}, but the file says dB; "
+            "leave the unit out"
+        )
+
+
+def _is_same_unit(one: str, other: str, path: Path) -> bool:
+    """Say whether two units of responses are equal, of whatever kind."""
+    (output, entry), (other_output, other_entry) = _split_unit(one, path), _split_unit(other, path)
+    kinds = (output[1], entry[1]) == (other_output[1], other_entry[1])
+    return kinds and math.isclose(output[0] / entry[0], other_output[0] / other_entry[0], rel_tol=1e-9)
 
 
 def _split_unit(text: str, path: Path) -> tuple[tuple[float, str], tuple[float, str]]:

@@ -154,3 +154,35 @@ def test_what_needs_samples_or_an_amplitude_says_so(bode: Path) -> None:
         fraexp.estimate(recording, "local_polynomial")
     with pytest.raises(FraexpError, match=r"friction depends on the amplitude.* give record.input_amplitude"):
         fraexp.estimate(recording, "effective_input", friction={"name": "coulomb", "coulomb_force": 1.0})
+
+
+def write_table(path: Path, header: str, magnitude: np.ndarray) -> Path:
+    rows = np.column_stack([FREQUENCY, magnitude, np.full(FREQUENCY.size, -90.0)])
+    np.savetxt(path, rows, delimiter=",", header=header, comments="", fmt="%.12g")
+    return path
+
+
+def test_the_unit_in_the_heading_is_that_of_the_response(tmp_path: Path) -> None:
+    table = write_table(tmp_path / "t.csv", "f (Hz),mag (deg/Nm),phase (deg)", 1 / FREQUENCY)
+    found = fraexp.estimate(fraexp.read_record(table, CHANNELS), "conventional")
+    assert found.unit == "rad/(N m)"
+    np.testing.assert_allclose(np.abs(found.response), np.pi / 180 / FREQUENCY, rtol=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("header", "size", "change", "message"),
+    [
+        ("f (Hz),mag (deg/Nm),phase (deg)", 1.0, {"response_unit": "rad/Nm"}, "given as rad/Nm, but deg/Nm is stated"),
+        ("f (Hz),mag (rad/Nm),phase (deg)", 1.0, {"response_unit": "mm/N"}, "given as mm/N, but rad/Nm is stated"),
+        ("f (Hz),mag,phase (rad)", 1.0, {"channels": CHANNELS | {"phase": "phase [deg]"}}, "but the file says rad"),
+        ("f (Hz),mag,phase (deg)", -1.0, {}, r"magnitude -1; expected 0 or more, or dB: 'magnitude=mag \[dB\]'"),
+        ("f (Hz),mag (dB),phase (deg)", 1.0, {"channels": CHANNELS | {"magnitude": "mag [1]"}}, "the file says dB"),
+    ],
+)
+def test_a_unit_that_contradicts_the_heading_is_refused(
+    tmp_path: Path, header: str, size: float, change: dict, message: str
+) -> None:
+    table = write_table(tmp_path / "t.csv", header, np.full(FREQUENCY.size, size))
+    keys = {"channels": CHANNELS, "response_unit": "mm/N", **change}
+    with pytest.raises(FraexpError, match=message):
+        fraexp.read_record(table, **keys)
