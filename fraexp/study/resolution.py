@@ -104,6 +104,18 @@ class Resolver:
                 estimator, all_labels = point.resolved[ESTIMATOR], {**labels, **at_point} if labels else at_point
                 yield Sweep(experiment, estimator, all_labels, point.files), written
 
+    def machine(self, sections: Plain, place: str) -> dict[str, dict[str, Any]]:
+        """Return what sections state of a machine, resolved; what refers to a fit is left out."""
+        written = {
+            name: as_section(sections[name])
+            for name in (*MACHINE, "numerics")
+            if name in sections and not fit_references.mentions_fit({name: sections[name]}, {})
+        }
+        point = _Point(written, {}, {}, NO_FILES)
+        for name in point.order:
+            self._complete(point, name, place)
+        return {name: dict(section) for name, section in point.resolved.items()}
+
     def _row(self, row: grids.Row, refers: bool, place: str) -> Iterator[tuple[_Point, tuple[Any, ...], Plain | None]]:
         """Yield the points of a row with the values of the axes, and what was written if that refers to a fit."""
         if refers:

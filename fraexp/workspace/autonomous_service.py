@@ -7,6 +7,7 @@ from typing import Any
 
 from fraexp.components.measurement_settings import MeasurementSettings
 from fraexp.data.results import Result
+from fraexp.data.rotary_axes import rotary_text
 from fraexp.data.sample_file import SampleHeader
 from fraexp.errors import StudyError
 from fraexp.execution.events import Event, Finished, Noticed
@@ -20,6 +21,7 @@ from fraexp.measurement.tasks import MeasurementTask
 from fraexp.measurement.unknown_axis import UnknownAxis
 from fraexp.records.study_writer import write_study
 from fraexp.simulation.motion_limits import MotionLimits
+from fraexp.study.resolution import Resolver
 from fraexp.study.study_file import describe_study, find_studies, outline
 from fraexp.workspace.workspace_service import WorkspaceService
 
@@ -54,6 +56,7 @@ class AutonomousService:
                 raise StudyError(f"{self._file}: lacks the section [{name}]; an autonomous measurement needs it")
         if "sample_time" not in self._sections["loop"]:
             raise StudyError(f"{self._file}, [loop]: lacks sample_time")
+        self._sections = {**self._sections, **Resolver(self._file, service.registry).machine(cases[0], str(self._file))}
         self._settings = self._parsed_settings()
         stem = f"{self._name.replace('/', '-')}-autonomous"
         self.files = MeasurementFiles(service.folder / "measurements", stem)
@@ -77,7 +80,8 @@ class AutonomousService:
         axis, task, loop = self._begin()
         axis = replace(axis, noise=loop.noise)
         closes = f"closes at {loop.force:.4g} N" if loop.has_closed else f"does not close up to {loop.amplitude:.4g} N"
-        yield MeasurementNotice(f"friction loop: {closes}; noise {loop.noise:.2g}, encoder {loop.resolution:.2g}")
+        text = f"friction loop: {closes}; noise {loop.noise:.2g}, encoder {loop.resolution:.2g}"
+        yield MeasurementNotice(rotary_text(text) if axis.is_rotary else text)
         design = PointDesign(axis, loop, self._service.registry)
         coarse = design.coarse()
         yield from self._levels(axis, task, design, coarse, 0)

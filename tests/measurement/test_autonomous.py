@@ -156,6 +156,25 @@ def test_what_is_missing_is_said_at_once(text: str, message: str, tmp_path: Path
         AutonomousService(workspace_with(text, tmp_path), "axis")
 
 
+def test_units_of_the_machine_are_read_before_it_starts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    text = STUDY.replace("linear_motor_table", "rotary_table").replace('noise = "30 nm"', 'sample_time = "0.5 ms"')
+    for straight, turning in (("40 mm", "1.5 rad"), ("1 m/s", "10 rad/s"), ("force = 150", 'force = "6 N m"')):
+        text = text.replace(straight, turning)
+    service = workspace_with(text, tmp_path)
+    started: list[Any] = []
+
+    def start(driver: Any, folder: Path) -> MachineSession:
+        started.append(driver)
+        raise MachineError("started")
+
+    monkeypatch.setattr("fraexp_plugins.machines.simulated.SimulatedMachine.connect", start)
+    with pytest.raises(MachineError, match="started"):
+        next(AutonomousService(service, "axis").measure())
+    assert started[0].loop["sample_time"] == 0.5e-3
+    assert started[0].loop["rotary"] is True
+    assert started[0].plant["rigid_body_gain"] == 20.0
+
+
 @pytest.mark.thorough
 def test_plant_and_friction_are_found_behind_the_socket(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(autonomous_points, "MODE_OFFSETS", (-1.0, 1.0))
