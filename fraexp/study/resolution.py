@@ -23,7 +23,7 @@ from fraexp.simulation.machine import Numerics, build_machine
 from fraexp.simulation.motion_limits import MotionLimits
 from fraexp.study import grid as grids
 from fraexp.study.paths import component_of
-from fraexp.study.sections import MACHINE, SETTINGS, overlay
+from fraexp.study.sections import MACHINE, SETTINGS, is_for_autonomous, overlay
 
 COMPENSATION = "compensation"
 """Optional section of an experiment on the loop."""
@@ -135,6 +135,11 @@ class Resolver:
     def _resolve(self, sections: Plain, place: str) -> _Point:
         """Return all sections of a point, resolved."""
         written = {name: as_section(value) for name, value in sections.items()}
+        if is_for_autonomous(written):
+            raise StudyError(
+                f"{place}: has no [excitation] and no [estimator], as a study for an autonomous measurement: "
+                f"fraexp measure --autonomous {self._file}"
+            )
         if ESTIMATOR not in written:
             known = ", ".join(self._registry.names(ESTIMATOR))
             raise StudyError(f"{place}: lacks the section [estimator]; known: {known}")

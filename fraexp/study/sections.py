@@ -19,9 +19,16 @@ SETTINGS: dict[str, type[Parameters]] = {
 }
 SECTIONS = (*COMPONENTS, *SETTINGS, "record")
 MACHINE = ("plant", "friction", "controller", "loop")
+SIGNAL_SECTIONS = ("excitation", "estimator", "record", "case", "grid", "monte_carlo")
+"""Sections of which an autonomous measurement needs none, and each other study some."""
 WORDS = ("title", "question", "machine", "figure")
 GRID = "grid."
 """How the path of an axis begins where the command line gives its values."""
+
+
+def is_for_autonomous(sections: Mapping[str, Any]) -> bool:
+    """Say whether a study is one for an autonomous measurement alone: limits and machine, but nothing to be run."""
+    return {"limits", "measurement"} <= sections.keys() and not sections.keys() & set(SIGNAL_SECTIONS)
 
 
 def merge(base: Mapping[str, Any], change: Mapping[str, Any], place: str) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from fraexp.errors import FraexpError, StoreError
 from fraexp.execution.events import Planned
 from fraexp.store import RunSummary
 from fraexp.study.catalogue import FIRST_STUDY, StudyEntry
-from fraexp.study.sections import SECTIONS
+from fraexp.study.sections import SECTIONS, is_for_autonomous
 from fraexp.views.fields import run_duration_text, run_state_text, toml_value
 from fraexp.views.pace import expected_time_text
 from fraexp.views.run_progress import counts_text
@@ -34,12 +34,16 @@ class StudySurvey:
     """Part of it in which friction laws are compiled [s]."""
     error: str = ""
     """Why the study cannot be run; empty if it can."""
+    command: str = ""
+    """The command that executes a study which is measured instead of run; empty for one that is run."""
 
     @property
     def state(self) -> str:
-        """``new``, ``partial``, ``complete``, ``stale`` or ``broken``."""
+        """``new``, ``partial``, ``complete``, ``stale``, ``broken``, or ``measure`` where it is measured only."""
         if self.error:
             return "broken"
+        if self.command:
+            return "measure"
         if self.stale:
             return "stale"
         return "complete" if not self.missing else "partial" if self.reused else "new"
@@ -52,6 +56,8 @@ def survey_study(workspace: WorkspaceService, entry: StudyEntry) -> StudySurvey:
     """
     if entry.error:
         return StudySurvey(entry.name, error=entry.error)
+    if is_for_autonomous(entry.data):
+        return StudySurvey(entry.name, command=f"fraexp measure --autonomous {entry.name}")
     try:
         planned = workspace.plan(str(entry.file.absolute()))[1][0]
     except StoreError:
@@ -107,12 +113,13 @@ def run_text(run: RunSummary | None) -> str:
 
 def study_row(entry: StudyEntry, found: StudySurvey | None, last: RunSummary | None) -> list[str]:
     """Return the cells of a study under `STUDY_COLUMNS`."""
+    is_measured = found is not None and bool(found.command)
     total = found.total if found and not found.error else entry.size
     return [
         entry.name,
         entry.title,
         study_state(entry, found, last),
-        "" if entry.error else str(total),
+        "" if entry.error or is_measured else str(total),
         run_text(last),
     ]
 
@@ -149,7 +156,7 @@ def study_fields(entry: StudyEntry, found: StudySurvey | None, last: RunSummary 
         *([("cases", _cases_text(data["case"]))] if isinstance(data.get("case"), list) else []),
         *[("monte_carlo", f"{of.get('count')} samples") for of in [data.get("monte_carlo")] if isinstance(of, Mapping)],
         *[(key, section_text(data[key])) for key in SECTIONS if key in data],
-        ("plan", plan_summary(found) if found and not error else ""),
+        ("plan", (found.command or plan_summary(found)) if found and not error else ""),
         ("last run", _last_run_text(last)),
         ("file", str(entry.file)),
     ]

@@ -82,7 +82,7 @@ To change amplitudes, frequencies or limits, open the study with Enter in Studie
             return
         self.command = live.command
         self.remove_class("-none")
-        self.query_one("#plan", Static).update(Text(printable(summary_text(live.plans))))
+        self.query_one("#plan", Static).update(Text(summary_text(live.plans)))
         greatest = max(live.plans, key=lambda plan: max(of.predicted / of.limit for of in plan.motions))
         self.query_one(LimitGauges).show(greatest.motions, greatest.margin, (), ())
         labelled = len(live.plans) > 1
@@ -124,11 +124,11 @@ To change amplitudes, frequencies or limits, open the study with Enter in Studie
 
 
 def summary_text(plans: tuple[PlanReport, ...]) -> str:
-    """Return what is going to be measured, and what is stored already."""
+    """Return what is going to be measured, and what is stored already, in one or two lines that a terminal shows."""
     text = "; ".join(f"{plan.label}: {plan.total}" if plan.label else plan.total for plan in plans)
     first = plans[0]
     text += f" on machine '{first.machine}'"
-    text += f", each until its band is ±{first.band:g} dB" if first.band else ""
+    text = printable(text + (f", each until its band is ±{first.band:g} dB" if first.band else ""))
     kept = sum(plan.kept for plan in plans)
     if any(plan.is_other_stored for plan in plans):
         return f"{text}\n! a measurement with another machine, excitation or setting is stored: F discards it"

@@ -42,6 +42,7 @@ STATE_SIGNS = {
     "pending": ("·", "text-muted"),
     "...": ("·", "text-muted"),
     "new": ("○", "text-muted"),
+    "measure": ("○", "text-muted"),
     "partial": ("◐", "warning"),
     "stale": ("↻", "warning"),
     "not settled": ("◐", "warning"),
