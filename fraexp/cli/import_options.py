@@ -78,6 +78,10 @@ def _declare_timebase(parser: Parser) -> None:
         help="column with the excitation frequency of a stepped sine",
     )
     parser.add_argument(
+        "--max-phase-slip", metavar="PERIODS", type=float,
+        help="greatest phase slip of a block of whole periods, in periods (default: 0.001)",
+    )  # fmt: skip
+    parser.add_argument(
         "--aperiodic", action="store_const", const=False, dest="periodic", help="the excitation is not periodic"
     )
     parser.add_argument(

@@ -21,7 +21,7 @@ RECORD_KEYS = (
     "line_channel", "sample_rate", "time_column", "samples_per_period", "period_time", "periods_per_realisation",
     "frequency_column", "periodic", "skip_periods", "skip_time", "realisations", "select", "segment_column",
     "min_frequency", "max_frequency", "harmonic_step", "harmonics", "response_unit", "input_amplitude", "averages",
-    "resample", "start_time", "end_time", "join_files",
+    "resample", "start_time", "end_time", "join_files", "max_phase_slip",
 )  # fmt: skip
 """Options by the keys of a study's section ``[record]``."""
 

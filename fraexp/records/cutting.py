@@ -239,7 +239,8 @@ def _block_cut(  # the numbers of one cut
     if found is None:
         raise RecordError(
             f"{place}: no whole number of periods of {period:.6g} samples is a whole number of samples within "
-            f"{slip:g} periods and fits twice into {available} samples; raise max_phase_slip, or record for longer"
+            f"{slip:g} periods and fits twice into {available} samples; raise max_phase_slip "
+            "(--max-phase-slip), or record for longer"
         )
     samples, periods = found
     # A clock that is corrected by the slip gives the lines their true frequencies. Leakage affects input and output

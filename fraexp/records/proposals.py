@@ -15,6 +15,7 @@ from fraexp.data.record_table import RecordTable
 from fraexp.errors import RecordError
 from fraexp.records.channels import column_text
 from fraexp.records.contents import list_remarks
+from fraexp.records.cutting import find_runs
 from fraexp.records.joined_files import FILE_SIGN
 from fraexp.records.output_signs import opposite_pairs
 from fraexp.records.quantities import UNITLESS_MARKS, clock_unit, si_unit
@@ -30,6 +31,8 @@ MAX_OUTPUTS = 4
 """Largest number of outputs that are proposed."""
 ANGULAR_FREQUENCY = re.compile(r"w|omega|OMEGA|Omega|ω")
 """Names of a frequency in rad/s, as python-control and MATLAB return it."""
+MIN_STEP_SAMPLES = 50
+"""Mean number of samples from which a column of frequencies is that of a stepped sine."""
 MAX_RADIANS, MIN_DEGREES = 7.0, 30.0
 """Largest phase up to which it is in radians, and from which it is in degrees, if nothing states its unit."""
 POLAR, CARTESIAN = ("magnitude", "phase"), ("real", "imaginary")
@@ -303,6 +306,8 @@ def _propose_period(
     if len(sides) > 1:
         proposal.words += ["--samples-per-period", str(max(sides))]
         return
+    if _propose_steps(proposal, path, reader, chosen, found):
+        return
     values, rate = table.columns[chosen.column], None
     time = _time_of(chosen, table, path, reader, found)
     if time is not None:
@@ -320,6 +325,25 @@ def _propose_period(
         proposal.words += ["--period-time", f"{period / rate:.6g}"]
     else:
         proposal.words += ["--samples-per-period", str(period)]
+
+
+def _propose_steps(
+    proposal: Proposal, path: Path, reader: RecordReader, chosen: FileContent, found: Sequence[FileContent]
+) -> bool:
+    """Propose the frequencies of a stepped sine; False if no column holds them, each for a while."""
+    column = next((one.column for one in _best(found, "frequency") if one.size == chosen.size), None)
+    if column is None:
+        return False
+    values = reader.read(path, [column]).columns[column]
+    runs = find_runs(values)
+    if not runs or len(runs) * MIN_STEP_SAMPLES > chosen.size:
+        return False
+    steps = sorted({float(values[start]) for start, _ in runs})
+    proposal.words += ["--frequency", column_text(column)]
+    proposal.findings.append(
+        f"'{column}' is constant for a while at {len(steps)} values: it is a stepped sine's frequency"
+    )
+    return True
 
 
 def _find_opposite_outputs(

@@ -51,6 +51,7 @@ def test_quotients_are_units_where_all_headings_say_so(
         ('"Sample Period:","1 ms"', False, 1e-3),
         ("Sample interval (s), 4e-4", False, 4e-4),
         ("Sample rate [kHz]: 2.5", False, 4e-4),
+        ("#Recording Frequency: 2000 Hz", False, 5e-4),
         ("Sample rate: 0", False, None),
     ],
 )

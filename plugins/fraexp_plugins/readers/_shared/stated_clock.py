@@ -6,7 +6,8 @@ from itertools import pairwise
 
 NUMBER = r"(?P<number>\d[\d.,]*(?:e[+-]?\d+)?)"
 RATE_ENTRY = re.compile(
-    r"(?:sampl(?:e|ing)[ _]?(?:rate|freq\w*)|f_?s|abtastrate)\W*?(?P<prefix>k|M)?(?:Hz)?\W*?[\s:=,;\]]\W*?"
+    r"(?:(?:sampl(?:e|ing)|recording|acquisition)[ _]?(?:rate|freq\w*)|f_?s|abtast(?:rate|frequenz))"
+    r"\W*?(?P<prefix>k|M)?(?:Hz)?\W*?[\s:=,;\]]\W*?"
     rf"{NUMBER}\s*(?P<unit>[kM]?Hz|[kM]?S/s)?\W*",
     re.IGNORECASE,
 )
