@@ -1,10 +1,12 @@
-"""Questions about single samples that stand far outside of what their channel does in its periods."""
+"""Questions about the samples of channels: those far outside of what their channel does in its periods, and others."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fraexp.data.signals import Segment
+from fraexp.records.moving_axes import motion_question, wrap_question
 
 MIN_PERIODS = 3
 """Periods from which the usual range of a channel is known, whichever of them has the wrong sample."""
@@ -15,28 +17,35 @@ MAX_SHARE = 0.01
 
 
 def wrong_sample_questions(segments: Sequence[Segment], units: Mapping[str, str]) -> str:
-    """Return questions about samples far outside of their channel's usual range, in one line; empty if there are none.
+    """Return questions about the samples of channels, in one line; empty if there are none.
 
-    The range is that of the median period. Records that do not repeat are not looked at.
+    Of each channel the first question counts, as one fault has several signs. Of a record that does not repeat, only
+    wraps can be seen.
     """
-    found = [text for segment in segments if segment.periodic for text in _questions(segment, units)]
+    found = [text for segment in segments for name in units if (text := _question(segment, name, units[name]))]
     more = f"; and {len(found) - 1} more channels or segments" if len(found) > 1 else ""
     return f"{found[0]}{more}" if found else ""
 
 
-def _questions(segment: Segment, units: Mapping[str, str]) -> Iterator[str]:
-    for name, unit in units.items():
-        periods = segment.channels[name]
-        if periods.shape[0] < MIN_PERIODS:
-            continue
-        low, high = np.median(periods.min(axis=1)), np.median(periods.max(axis=1))
-        beyond = np.maximum(periods - high, low - periods)
-        far = beyond > MARGIN * (high - low)
-        if high > low and 0 < far.sum() <= max(MAX_SHARE * far.size, 1):
-            period, sample = np.unravel_index(np.argmax(beyond), beyond.shape)
-            samples = "sample" if far.sum() == 1 else "samples"
-            yield (
-                f"'{name}' is {periods[period, sample]:.3g} {unit} at sample {sample + 1} of period {period + 1}, and "
-                f"between {low:.3g} and {high:.3g} {unit} in the others: {far.sum()} wrong {samples}? leave them out "
-                f"(--start-time, --end-time) or mend them"
-            )
+def _question(segment: Segment, name: str, unit: str) -> str:
+    periods = segment.channels[name]
+    wraps = wrap_question(periods, name, unit)
+    if wraps or not segment.periodic or periods.shape[0] < MIN_PERIODS:
+        return wraps
+    return motion_question(periods, segment.lines, name, unit) or _range_question(periods, name, unit)
+
+
+def _range_question(periods: NDArray[np.float64], name: str, unit: str) -> str:
+    """Return a question about samples far outside of the range of the median period."""
+    low, high = np.median(periods.min(axis=1)), np.median(periods.max(axis=1))
+    beyond = np.maximum(periods - high, low - periods)
+    far = beyond > MARGIN * (high - low)
+    if not (high > low and 0 < far.sum() <= max(MAX_SHARE * far.size, 1)):
+        return ""
+    period, sample = np.unravel_index(np.argmax(beyond), beyond.shape)
+    samples = "sample" if far.sum() == 1 else "samples"
+    return (
+        f"'{name}' is {periods[period, sample]:.3g} {unit} at sample {sample + 1} of period {period + 1}, and "
+        f"between {low:.3g} and {high:.3g} {unit} in the others: {far.sum()} wrong {samples}? leave them out "
+        f"(--start-time, --end-time) or mend them"
+    )

@@ -47,7 +47,7 @@ def test_several_are_counted_and_channels_of_all_segments_too() -> None:
         NOISE,
         np.sin(ANGLE) + 0.2 * NOISE,
         np.sin(ANGLE) + 5 * SETTLING,
-        np.sin(ANGLE) + 3 * ANGLE,
+        np.sin(ANGLE) + 0.02 * ANGLE,
         np.round(np.sin(ANGLE)),
         np.zeros(ANGLE.size),
     ],
