@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from fraexp.data.signals import Segment
 from fraexp.records.moving_axes import motion_question, wrap_question
+from fraexp.records.sample_outliers import frozen_question, outlier_question
 
 MIN_PERIODS = 3
 """Periods from which the usual range of a channel is known, whichever of them has the wrong sample."""
@@ -32,7 +33,12 @@ def _question(segment: Segment, name: str, unit: str) -> str:
     wraps = wrap_question(periods, name, unit)
     if wraps or not segment.periodic or periods.shape[0] < MIN_PERIODS:
         return wraps
-    return motion_question(periods, segment.lines, name, unit) or _range_question(periods, name, unit)
+    return (
+        motion_question(periods, segment.lines, name, unit)
+        or _range_question(periods, name, unit)
+        or outlier_question(periods, name, unit)
+        or frozen_question(periods, name, unit, segment.sample_time)
+    )
 
 
 def _range_question(periods: NDArray[np.float64], name: str, unit: str) -> str:

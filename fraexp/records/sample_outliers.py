@@ -1,0 +1,84 @@
+"""Questions about samples that differ from those at the same place in the other periods: outliers, and lost signals."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
+
+MAX_OUTLIER_SHARE = 0.01
+"""Share of samples up to which they are outliers: more are a motion that does not repeat."""
+NEIGHBOURS = 7
+"""Samples around a place between whose values an edge lies that comes a little earlier or later."""
+OFFSET_WINDOW = 5
+"""Samples whose median is the offset of a period, as of a machine that settles; at most two wrong ones in a row."""
+MIN_OUTLIER = 0.1
+"""How far an outlier is from what is usual at its place, in widths of the channel's range."""
+OUTLIER_FACTOR = 10.0
+"""How far it is at least, relative to the largest distances of usual samples."""
+MIN_OUTLIER_STEPS = 2.5
+"""How far it is at least, in steps of a coarse encoder."""
+MIN_FROZEN_SAMPLES = 20
+"""Equal samples in a row from which a signal may be lost, and their share of a period."""
+MIN_FROZEN_SHARE = 0.01
+MIN_FROZEN_MOTION = 0.2
+"""How far a channel moves in all other periods where it is frozen in one, in widths of its range."""
+MIN_OTHERS = 2
+"""Other stretches of the record with which a run of equal samples is compared."""
+COMMON_RUN = 1 / 3
+"""Length, relative to the longest, of the runs that must be fewer than half of the periods: machines stick in each."""
+
+
+def outlier_question(periods: NDArray[np.float64], name: str, unit: str) -> str:
+    """Return a question about single samples of a channel, shape (periods, samples), that no other period has, or "".
+
+    The median over the periods is what is usual at a place, however large the outliers are and though every period
+    has some.
+    """
+    usual = np.median(periods, axis=0)
+    span = float(np.ptp(usual))
+    offset = median_filter((periods - usual).ravel(), OFFSET_WINDOW).reshape(periods.shape)
+    low = minimum_filter1d(usual, NEIGHBOURS, mode="wrap")
+    high = maximum_filter1d(usual, NEIGHBOURS, mode="wrap")
+    level = periods - offset
+    beyond = np.maximum(np.maximum(level - high, low - level), 0.0)
+    limit = max(
+        MIN_OUTLIER * span,
+        OUTLIER_FACTOR * float(np.quantile(beyond, 1 - 2 * MAX_OUTLIER_SHARE)),
+        MIN_OUTLIER_STEPS * _smallest_step(periods),
+    )
+    far = beyond > limit
+    if not span or not 0 < far.sum() <= max(MAX_OUTLIER_SHARE * far.size, 1):
+        return ""
+    period, sample = np.unravel_index(np.argmax(beyond), beyond.shape)
+    samples = "sample" if far.sum() == 1 else "samples"
+    return (
+        f"'{name}' is {periods[period, sample]:.3g} {unit} at sample {sample + 1} of period {period + 1}, and about "
+        f"{usual[sample]:.3g} {unit} there in the others: {far.sum()} wrong {samples}? interpolate them "
+        "before the import"
+    )
+
+
+def frozen_question(periods: NDArray[np.float64], name: str, unit: str, sample_time: float) -> str:
+    """Return a question about a channel, shape (periods, samples), that stands still in one period only, or ""."""
+    channel, samples = periods.ravel(), periods.shape[1]
+    span = float(np.ptp(np.median(periods, axis=0)))
+    ends = np.append(np.flatnonzero(np.diff(channel)) + 1, channel.size)
+    lengths = np.diff(ends, prepend=0)
+    length, start = int(lengths.max()), int(ends[np.argmax(lengths)] - lengths.max())
+    common = np.sum(lengths > COMMON_RUN * length) >= len(periods) / 2
+    if common or length < max(MIN_FROZEN_SAMPLES, MIN_FROZEN_SHARE * samples) or not span:
+        return ""
+    others = [at for at in range(start % samples, channel.size - length + 1, samples) if abs(at - start) >= length]
+    moved = [float(np.ptp(channel[at : at + length])) for at in others]
+    if len(moved) < MIN_OTHERS or min(moved) < MIN_FROZEN_MOTION * span:
+        return ""
+    period, sample = divmod(start, samples)
+    return (
+        f"'{name}' stays at {channel[start]:.3g} {unit} for {length * sample_time:.3g} s from sample "
+        f"{sample + 1} of period {period + 1} on, and moves there in the other periods: a lost signal? leave it "
+        "out (--start-time, --end-time) or record again"
+    )
+
+
+def _smallest_step(periods: NDArray[np.float64]) -> float:
+    """Return the smallest difference of two values of a channel: the step of its encoder, if that is coarse."""
+    return float(np.diff(np.unique(periods)).min(initial=np.inf))
