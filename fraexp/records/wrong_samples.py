@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.data.signals import Segment
+from fraexp.records.clipping import clipping_question
 from fraexp.records.moving_axes import motion_question, wrap_question
 from fraexp.records.sample_outliers import frozen_question, outlier_question
 
@@ -31,13 +32,17 @@ def wrong_sample_questions(segments: Sequence[Segment], units: Mapping[str, str]
 def _question(segment: Segment, name: str, unit: str) -> str:
     periods = segment.channels[name]
     wraps = wrap_question(periods, name, unit)
-    if wraps or not segment.periodic or periods.shape[0] < MIN_PERIODS:
+    if wraps or not segment.periodic:
         return wraps
+    clipped = clipping_question(periods, name, unit)
+    if periods.shape[0] < MIN_PERIODS:
+        return clipped
     return (
         motion_question(periods, segment.lines, name, unit)
         or _range_question(periods, name, unit)
         or outlier_question(periods, name, unit)
         or frozen_question(periods, name, unit, segment.sample_time)
+        or clipped
     )
 
 

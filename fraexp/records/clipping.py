@@ -1,0 +1,75 @@
+"""Questions about channels that are cut off at a limit of their range, as by a converter."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fraexp.records.record_settings import INJECTED_CHANNELS
+
+COMMANDS = ("u", *INJECTED_CHANNELS)
+"""Channels that are not looked at: commands are limited, and then are what the machine gets."""
+MOTION_UNITS = ("m", "m/s", "m/s**2", "rad", "rad/s", "rad/s**2")
+"""Units of what moves smoothly."""
+MIN_RUN_SAMPLES = 3
+"""Samples in a row at a limit from which it is more than the top of a wave."""
+MIN_RUNS = 3
+"""Such runs from which a channel is clipped."""
+MIN_CLIPPED_SHARE = 0.002
+"""Share of samples in such runs from which a channel is clipped: fewer change little."""
+MAX_CLIPPED_SHARE = 0.7
+"""Share of samples at the two limits above which these are the two levels of a square wave."""
+MIN_VALUES = 50
+"""Different values from which a channel is no coarse one."""
+MIN_ENTRY_STEP = 0.35
+"""Step just beside a run, relative to the rms of all steps: a machine that reverses or sticks slows down before."""
+
+
+class _Runs(NamedTuple):
+    """Runs of samples at a limit."""
+
+    number: int
+    samples: int
+    """Samples in all runs."""
+    steps: NDArray[np.float64]
+    """Magnitudes of the steps just before and after the runs, shape (n,)."""
+
+
+def clipping_question(periods: NDArray[np.float64], name: str, unit: str) -> str:
+    """Return a question about a motion, shape (periods, samples), that is cut off at a limit of its range, or "".
+
+    A smooth signal slows down before it turns; a clipped one stops within a sample, and always at the same value.
+    """
+    channel = periods.ravel()
+    if name in COMMANDS or unit not in MOTION_UNITS or np.unique(channel).size < MIN_VALUES:
+        return ""
+    limits = float(channel.min()), float(channel.max())
+    if np.mean(np.isin(channel, limits)) > MAX_CLIPPED_SHARE:
+        return ""
+    usual = float(np.sqrt(np.mean(np.diff(channel) ** 2)))
+    found = {limit: runs for limit in limits if _is_clipped(runs := _runs_at(channel, limit), channel.size, usual)}
+    if not found:
+        return ""
+    values = " and ".join(f"{limit:.3g}" for limit in found)
+    ends = "the ends" if len(found) > 1 else "an end"
+    samples = sum(runs.samples for runs in found.values())
+    return (
+        f"'{name}' stands at {values} {unit}, {ends} of its range, for {samples} of {channel.size} samples, and "
+        "moves fast just before: is it clipped? record with a larger range or a smaller excitation"
+    )
+
+
+def _is_clipped(runs: _Runs, size: int, usual: float) -> bool:
+    many = runs.number >= MIN_RUNS and runs.samples >= MIN_CLIPPED_SHARE * size
+    return many and float(np.median(runs.steps)) > MIN_ENTRY_STEP * usual
+
+
+def _runs_at(channel: NDArray[np.float64], limit: float) -> _Runs:
+    """Return the runs of samples at a limit that have two other samples on both sides."""
+    changes = np.diff((channel == limit).astype(np.int8), prepend=0, append=0)
+    starts, ends = np.flatnonzero(changes == 1), np.flatnonzero(changes == -1)
+    inner = (ends - starts >= MIN_RUN_SAMPLES) & (starts >= 2) & (ends + 2 <= channel.size)
+    starts, ends = starts[inner], ends[inner]
+    before, after = channel[starts - 1] - channel[starts - 2], channel[ends + 1] - channel[ends]
+    steps = np.abs(np.concatenate([before, after]))
+    return _Runs(starts.size, int(np.sum(ends - starts)), steps)
