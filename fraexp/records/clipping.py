@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.records.record_settings import INJECTED_CHANNELS
+from fraexp.records.sample_outliers import smallest_step
 
 COMMANDS = ("u", *INJECTED_CHANNELS)
 """Channels that are not looked at: commands are limited, and then are what the machine gets."""
@@ -22,7 +23,13 @@ MAX_CLIPPED_SHARE = 0.7
 MIN_VALUES = 50
 """Different values from which a channel is no coarse one."""
 MIN_ENTRY_STEP = 0.35
-"""Step just beside a run, relative to the rms of all steps: a machine that reverses or sticks slows down before."""
+"""Step before and after a run, relative to the rms of all: machines that reverse or stick slow down or start slowly."""
+
+
+MIN_ENTRY_COUNTS = 3.0
+"""The same step, in steps of the encoder."""
+MAX_STICKING = 0.2
+"""Samples in such runs elsewhere, relative to those at the limits, above which the machine sticks."""
 
 
 class _Runs(NamedTuple):
@@ -32,7 +39,7 @@ class _Runs(NamedTuple):
     samples: int
     """Samples in all runs."""
     steps: NDArray[np.float64]
-    """Magnitudes of the steps just before and after the runs, shape (n,)."""
+    """Magnitude of the smaller of the steps just before and after each run, shape (n,)."""
 
 
 def clipping_question(periods: NDArray[np.float64], name: str, unit: str) -> str:
@@ -47,21 +54,29 @@ def clipping_question(periods: NDArray[np.float64], name: str, unit: str) -> str
     if np.mean(np.isin(channel, limits)) > MAX_CLIPPED_SHARE:
         return ""
     usual = float(np.sqrt(np.mean(np.diff(channel) ** 2)))
-    found = {limit: runs for limit in limits if _is_clipped(runs := _runs_at(channel, limit), channel.size, usual)}
-    if not found:
+    least = max(MIN_ENTRY_STEP * usual, MIN_ENTRY_COUNTS * smallest_step(channel))
+    found = {limit: runs for limit in limits if _is_clipped(runs := _runs_at(channel, limit), channel.size, least)}
+    at_limits = sum(runs.samples for runs in found.values())
+    if not found or _resting_samples(channel, limits) > MAX_STICKING * at_limits:
         return ""
     values = " and ".join(f"{limit:.3g}" for limit in found)
     ends = "the ends" if len(found) > 1 else "an end"
-    samples = sum(runs.samples for runs in found.values())
     return (
-        f"'{name}' stands at {values} {unit}, {ends} of its range, for {samples} of {channel.size} samples, and "
+        f"'{name}' stands at {values} {unit}, {ends} of its range, for {at_limits} of {channel.size} samples, and "
         "moves fast just before: is it clipped? record with a larger range or a smaller excitation"
     )
 
 
-def _is_clipped(runs: _Runs, size: int, usual: float) -> bool:
+def _is_clipped(runs: _Runs, size: int, least_step: float) -> bool:
     many = runs.number >= MIN_RUNS and runs.samples >= MIN_CLIPPED_SHARE * size
-    return many and float(np.median(runs.steps)) > MIN_ENTRY_STEP * usual
+    return many and float(np.median(runs.steps)) > least_step
+
+
+def _resting_samples(channel: NDArray[np.float64], limits: tuple[float, float]) -> int:
+    """Return the number of samples in runs of equal ones within the range."""
+    ends = np.append(np.flatnonzero(np.diff(channel)) + 1, channel.size)
+    lengths = np.diff(ends, prepend=0)
+    return int(np.sum(lengths[(lengths >= MIN_RUN_SAMPLES) & ~np.isin(channel[ends - 1], limits)]))
 
 
 def _runs_at(channel: NDArray[np.float64], limit: float) -> _Runs:
@@ -71,5 +86,5 @@ def _runs_at(channel: NDArray[np.float64], limit: float) -> _Runs:
     inner = (ends - starts >= MIN_RUN_SAMPLES) & (starts >= 2) & (ends + 2 <= channel.size)
     starts, ends = starts[inner], ends[inner]
     before, after = channel[starts - 1] - channel[starts - 2], channel[ends + 1] - channel[ends]
-    steps = np.abs(np.concatenate([before, after]))
+    steps = np.minimum(np.abs(before), np.abs(after))
     return _Runs(starts.size, int(np.sum(ends - starts)), steps)

@@ -14,6 +14,8 @@ MIN_OUTLIER = 0.1
 """How far an outlier is from what is usual at its place, in widths of the channel's range."""
 OUTLIER_FACTOR = 10.0
 """How far it is at least, relative to the largest distances of usual samples."""
+USUAL_SHARE = 0.95
+"""Share of the samples of each period that are usual ones in any case."""
 MIN_OUTLIER_STEPS = 2.5
 """How far it is at least, in steps of a coarse encoder."""
 MIN_FROZEN_SAMPLES = 20
@@ -21,6 +23,8 @@ MIN_FROZEN_SAMPLES = 20
 MIN_FROZEN_SHARE = 0.01
 MIN_FROZEN_MOTION = 0.2
 """How far a channel moves in all other periods where it is frozen in one, in widths of its range."""
+ROUNDING = 1e-9
+"""Difference of two values, relative to the range, that is rounding."""
 MIN_OTHERS = 2
 """Other stretches of the record with which a run of equal samples is compared."""
 COMMON_RUN = 1 / 3
@@ -40,12 +44,9 @@ def outlier_question(periods: NDArray[np.float64], name: str, unit: str) -> str:
     high = maximum_filter1d(usual, NEIGHBOURS, mode="wrap")
     level = periods - offset
     beyond = np.maximum(np.maximum(level - high, low - level), 0.0)
-    limit = max(
-        MIN_OUTLIER * span,
-        OUTLIER_FACTOR * float(np.quantile(beyond, 1 - 2 * MAX_OUTLIER_SHARE)),
-        MIN_OUTLIER_STEPS * _smallest_step(periods),
-    )
-    far = beyond > limit
+    largest_usual = np.quantile(beyond, USUAL_SHARE, axis=1, keepdims=True)  # more in a first period that settles
+    least = max(MIN_OUTLIER * span, MIN_OUTLIER_STEPS * smallest_step(periods))
+    far = beyond > np.maximum(least, OUTLIER_FACTOR * largest_usual)
     if not span or not 0 < far.sum() <= max(MAX_OUTLIER_SHARE * far.size, 1):
         return ""
     period, sample = np.unravel_index(np.argmax(beyond), beyond.shape)
@@ -65,6 +66,7 @@ def frozen_question(periods: NDArray[np.float64], name: str, unit: str, sample_t
     lengths = np.diff(ends, prepend=0)
     length, start = int(lengths.max()), int(ends[np.argmax(lengths)] - lengths.max())
     common = np.sum(lengths > COMMON_RUN * length) >= len(periods) / 2
+    common |= start == 0  # a machine that starts from rest
     if common or length < max(MIN_FROZEN_SAMPLES, MIN_FROZEN_SHARE * samples) or not span:
         return ""
     others = [at for at in range(start % samples, channel.size - length + 1, samples) if abs(at - start) >= length]
@@ -79,6 +81,7 @@ def frozen_question(periods: NDArray[np.float64], name: str, unit: str, sample_t
     )
 
 
-def _smallest_step(periods: NDArray[np.float64]) -> float:
+def smallest_step(channel: NDArray[np.float64]) -> float:
     """Return the smallest difference of two values of a channel: the step of its encoder, if that is coarse."""
-    return float(np.diff(np.unique(periods)).min(initial=np.inf))
+    steps = np.diff(np.unique(channel))
+    return float(steps[steps > ROUNDING * np.ptp(channel)].min(initial=np.inf))
