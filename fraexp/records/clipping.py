@@ -24,8 +24,6 @@ MIN_VALUES = 50
 """Different values from which a channel is no coarse one."""
 MIN_ENTRY_STEP = 0.35
 """Step before and after a run, relative to the rms of all: machines that reverse or stick slow down or start slowly."""
-
-
 MIN_ENTRY_COUNTS = 3.0
 """The same step, in steps of the encoder."""
 MAX_STICKING = 0.2

@@ -109,6 +109,21 @@ def test_an_estimator_is_counted_with_what_it_holds(experiment: dict[str, Any], 
     assert both[0].seconds > alone[0].seconds
 
 
+def test_an_observer_works_more_where_noise_makes_the_periods_differ(
+    experiment: dict[str, Any], registry: Registry
+) -> None:
+    estimator = {"name": "effective_input", "friction": experiment["friction"]}
+    noisy = {**experiment, "loop": {**experiment["loop"], "noise": 30e-9}}
+    ideal = {**experiment, "loop": {**experiment["loop"], "noise": 0.0, "resolution": 0.0}}
+
+    def work(of: dict[str, Any], periods: int) -> float:
+        shape = counted(of, registry, recorded_periods=periods).shape
+        return estimator_work(estimator, of, shape, registry)[0].seconds
+
+    assert work(noisy, 5) > 5 * work(ideal, 5)
+    assert work(noisy, 1) == work(ideal, 1)
+
+
 def test_an_identification_is_more_work_than_a_response(experiment: dict[str, Any], registry: Registry) -> None:
     shape = counted(experiment, registry).shape
     (fast,) = estimator_work({"name": "conventional"}, experiment, shape, registry)
