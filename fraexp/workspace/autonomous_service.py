@@ -9,7 +9,7 @@ from fraexp.components.measurement_settings import MeasurementSettings
 from fraexp.data.results import Result
 from fraexp.data.rotary_axes import rotary_text
 from fraexp.data.sample_file import SampleHeader
-from fraexp.errors import StudyError
+from fraexp.errors import FraexpError, StudyError
 from fraexp.execution.events import Event, Finished, Noticed
 from fraexp.measurement.autonomous_points import LEVEL_RATIOS, PointDesign
 from fraexp.measurement.friction_loop import LOOP_HZ, FrictionLoop, measure_friction_loop
@@ -99,8 +99,11 @@ class AutonomousService:
     def _parsed_settings(self) -> MeasurementSettings:
         registry, sections = self._service.registry, self._sections
         rotary = bool(sections["loop"].get("rotary", False))
-        filled = registry.fill_inherited(MeasurementSettings, sections["measurement"], sections)
-        return MeasurementSettings.parse(filled, "measurement", rotary=rotary)
+        try:
+            filled = registry.fill_inherited(MeasurementSettings, sections["measurement"], sections)
+            return MeasurementSettings.parse(filled, "measurement", rotary=rotary)
+        except FraexpError as error:
+            raise type(error)(f"{self._file}, [measurement]: {error}") from None
 
     def _begin(self) -> tuple[UnknownAxis, MeasurementTask, FrictionLoop]:
         """Connect, check what the machine says of itself, and measure the friction loop unless it is known already."""

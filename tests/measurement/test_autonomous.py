@@ -11,7 +11,7 @@ from fraexp.components.machine_session import Chunk, MachineDescription, Machine
 from fraexp.components.measurement_settings import MeasurementSettings
 from fraexp.components.registry import Registry, discover
 from fraexp.data.sample_file import SampleHeader, SampleWriter, create_sample_file
-from fraexp.errors import MachineError, StudyError
+from fraexp.errors import FraexpError, MachineError
 from fraexp.measurement import autonomous_points
 from fraexp.measurement.autonomous_points import PointDesign
 from fraexp.measurement.friction_loop import LOOP_HZ, FrictionLoop, measure_friction_loop
@@ -149,10 +149,11 @@ def workspace_with(text: str, folder: Path) -> WorkspaceService:
     [
         (STUDY.replace("[limits]", "[numerics]").partition("[numerics]")[0], r"lacks the section \[limits\]"),
         (STUDY + '[grid]\n"loop.noise" = [0.0, 1e-7]\n', "leave out cases and grid"),
+        (STUDY.replace('"simulated"', '"simulatd"'), r"axis\.toml, \[measurement\]: .*'simulated'"),
     ],
 )
 def test_what_is_missing_is_said_at_once(text: str, message: str, tmp_path: Path) -> None:
-    with pytest.raises(StudyError, match=message):
+    with pytest.raises(FraexpError, match=message):
         AutonomousService(workspace_with(text, tmp_path), "axis")
 
 
