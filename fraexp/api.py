@@ -5,6 +5,7 @@ from fraexp.analysis.delays import hold_response, image_factor, path_response
 from fraexp.analysis.fourier import fourier_sums, phasors, record_spectrum
 from fraexp.analysis.quantisation import phasor_variance, rounding_symmetry
 from fraexp.analysis.response import response_result
+from fraexp.analysis.steady_motion import steady_motion_text
 from fraexp.components.feedforward import Feedforward
 from fraexp.components.kinds import (
     Controller,
@@ -95,5 +96,6 @@ __all__ = [
     "replay",
     "response_result",
     "rounding_symmetry",
+    "steady_motion_text",
     "where",
 ]

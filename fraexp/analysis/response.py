@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 
 from fraexp.analysis.fourier import PeriodicSpectrum, harmonic_phasors, mean_spectrum, response_covariance
 from fraexp.analysis.quantisation import phasor_variance
+from fraexp.analysis.settling_periods import find_transient
+from fraexp.analysis.steady_motion import steady_motion_text
 from fraexp.data.frequency_text import frequency_text
 from fraexp.data.results import HARMONICS, FrequencyResponse, Outcome, Result
 from fraexp.data.signals import Segment, Signals
@@ -28,13 +30,15 @@ def response_result(
     *,
     names: tuple[str, str],
     units: tuple[str, str],
+    repeats: bool = True,
 ) -> Result:
     """Return the response of output over input, averaged over periods, with the covariance that their scatter shows.
 
     That of one period is known if the encoder is: it is zero for an ideal one.
 
     `inputs` and `outputs` are the phasors of each segment's periods, shape (periods, lines); `names` and `units` are
-    those of input and output. Raises RecordError for a record that is not periodic, and for segments that repeat the
+    those of input and output; `repeats` is false where these are not periods that should repeat themselves, such as
+    blocks of an axis that moves. Raises RecordError for a record that is not periodic, and for segments that repeat the
     same lines.
     """
     if not signals.segments:
@@ -55,10 +59,13 @@ def response_result(
     known_covariance = (known / np.abs(u) ** 2)[:, None, None] * (np.eye(2) / 2)
     covariance = np.where(np.isfinite(known_covariance), known_covariance, covariance)
     freedom = np.concatenate([np.full(each.shape[1], 2.0 * (len(each) - 1)) for each in outputs])
+    frequency = np.concatenate([s.frequency for s in spectra])
+    repeated = signals.segments if repeats else ()
+    transient = find_transient(repeated, frequency, inputs, outputs)
     settlings = [segment.settling for segment in signals.segments]
     lines = [segment.lines.size for segment in signals.segments]
     response = FrequencyResponse(
-        frequency=np.concatenate([s.frequency for s in spectra]),
+        frequency=frequency,
         response=ratio,
         covariance=covariance,
         unit=f"{units[1]}/{units[0]}",
@@ -66,7 +73,7 @@ def response_result(
         output=names[1],
         input_amplitude=np.where(_lacks_amplitude(signals.segments, lines), np.nan, np.abs(u)),
         output_amplitude=np.where(_lacks_amplitude(signals.segments, lines), np.nan, np.abs(y)),
-        settled=~silent & np.repeat([known.settled if known else True for known in settlings], lines),
+        settled=~(silent | transient.is_large) & np.repeat([not known or known.settled for known in settlings], lines),
         settling_time=np.repeat([known.time if known else np.nan for known in settlings], lines),
         residual=np.repeat([known.residual if known else np.nan for known in settlings], lines),
         harmonics=np.concatenate([_relative_harmonics(s, names[1]) for s in signals.segments]),
@@ -76,10 +83,13 @@ def response_result(
     if silent.any() and signals.outcome is Outcome.OK:
         message = f"at {silent.sum()} of {silent.size} frequencies input or output does not move"
         return Result(Outcome.NO_MOTION, message, response)
-    message = signals.message
+    doubts = [transient.message, steady_motion_text(repeated, names[1], units[1])]
+    outcome, message = signals.outcome, "; ".join(filter(None, (*doubts, signals.message)))
+    if any(doubts) and outcome is Outcome.OK:
+        outcome = Outcome.INACCURATE
     if not message and any(known and known.time == 0 and known.settled for known in settlings):
         message = "recorded from rest: the transient is in the response, which a mean over periods does not take off"
-    return Result(signals.outcome, message, response)
+    return Result(outcome, message, response)
 
 
 def _known_variance(signals: Signals, segment: Segment, outputs: NDArray[np.complex128]) -> NDArray[np.float64]:

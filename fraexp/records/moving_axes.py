@@ -1,4 +1,4 @@
-"""Questions about axes that turn while they are measured: angles and counters that wrap, and a steady motion."""
+"""Questions about axes that turn while they are measured: angles and counters that wrap."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +15,6 @@ TURN_TOLERANCE = 0.01
 """Relative difference of a jump from a whole turn up to which a single one is a wrap."""
 MIN_ONWARD_SHARE = 0.8
 """Share of jumps that a motion in the opposite direction surrounds, from which they are wraps."""
-MAX_GAIN_SCATTER = 0.25
-"""Standard deviation of what a channel gains in a period, relative to the mean, up to which the motion is steady."""
-MAX_LEAKAGE = 0.1
-"""Error of a line, relative to it, above which a steady motion is told."""
-MIN_LINE_SHARE = 0.25
-"""Share of lines with such an error from which it is told: of a small drift, only few weak lines suffer."""
 
 
 def wrap_question(periods: NDArray[np.float64], name: str, unit: str) -> str:
@@ -45,24 +39,4 @@ def wrap_question(periods: NDArray[np.float64], name: str, unit: str) -> str:
     return (
         f"'{name}' jumps by nearly its whole range of {span:.4g} {unit} {many} after sample "
         f"{sample + 1} of period {period + 1}: an angle or counter that wraps? unwrap the column before the import"
-    )
-
-
-def motion_question(periods: NDArray[np.float64], lines: NDArray[np.int_], name: str, unit: str) -> str:
-    """Return a question about a channel, shape (periods, samples), that gains the same amount each period, or "".
-
-    A mean over the periods takes the ramp for a sawtooth, which has all lines.
-    """
-    gains = np.diff(periods, axis=0).mean(axis=1)
-    gain = float(gains.mean())
-    if gain == 0 or np.std(gains) > MAX_GAIN_SCATTER * abs(gain):
-        return ""
-    ramp = np.abs(np.fft.rfft(gain * np.arange(periods.shape[1]) / periods.shape[1]))[lines]
-    off = ramp > MAX_LEAKAGE * np.abs(np.fft.rfft(periods.mean(axis=0)))[lines]
-    if off.sum() <= MIN_LINE_SHARE * off.size:
-        return ""
-    return (
-        f"'{name}' gains {gain:.3g} {unit} each period and does not repeat: a mean over periods is off by more than "
-        f"{MAX_LEAKAGE:.0%} at {off.sum()} of {off.size} frequencies; --estimator local_polynomial removes a steady "
-        "motion, or subtract it before the import"
     )

@@ -13,6 +13,7 @@ from fraexp.components.kinds import RecordReader
 from fraexp.components.registry import Registry, create
 from fraexp.data.identity import file_hash
 from fraexp.data.record_table import RecordTable
+from fraexp.data.results import Outcome
 from fraexp.data.signals import Segment, Signals
 from fraexp.data.sweep import Plain
 from fraexp.errors import RecordError, did_you_mean
@@ -151,8 +152,10 @@ def load(experiment: Plain, files: Mapping[str, str], registry: Registry) -> Sig
         own = [plain for plain in record["segments"] if plain.get("part", 0) == number]
         found += [_load_segment(Cut.from_plain(plain), values, part["channels"], path) for plain in own]
     units = {name: str(channel["unit"]) for name, channel in parts[0]["channels"].items()}
-    messages += [unit_questions(found, units), wrong_sample_questions(found, units)]
-    return Signals(tuple(found), units, message="; ".join(filter(None, messages)))
+    wrong = wrong_sample_questions(found, units)
+    outcome = Outcome.INACCURATE if wrong else Outcome.OK
+    text = "; ".join(filter(None, (*messages, unit_questions(found, units), wrong)))
+    return Signals(tuple(found), units, outcome, text)
 
 
 def _load_segment(

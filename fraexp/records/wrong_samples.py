@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from fraexp.data.signals import Segment
 from fraexp.records.clipping import clipping_question
-from fraexp.records.moving_axes import motion_question, wrap_question
+from fraexp.records.moving_axes import wrap_question
 from fraexp.records.sample_outliers import frozen_question, outlier_question
 
 MIN_PERIODS = 3
@@ -38,8 +38,7 @@ def _question(segment: Segment, name: str, unit: str) -> str:
     if periods.shape[0] < MIN_PERIODS:
         return clipped
     return (
-        motion_question(periods, segment.lines, name, unit)
-        or _range_question(periods, name, unit)
+        _range_question(periods, name, unit)
         or outlier_question(periods, name, unit)
         or frozen_question(periods, name, unit, segment.sample_time)
         or clipped
@@ -55,8 +54,10 @@ def _range_question(periods: NDArray[np.float64], name: str, unit: str) -> str:
         return ""
     period, sample = np.unravel_index(np.argmax(beyond), beyond.shape)
     samples = "sample" if far.sum() == 1 else "samples"
+    settling = ", or was the machine still settling" if 1 < far.sum() == far[0].sum() else ""
+    options = "--skip-periods 1" if settling else "--start-time, --end-time"
     return (
         f"'{name}' is {periods[period, sample]:.3g} {unit} at sample {sample + 1} of period {period + 1}, and "
-        f"between {low:.3g} and {high:.3g} {unit} in the others: {far.sum()} wrong {samples}? leave them out "
-        f"(--start-time, --end-time) or mend them"
+        f"between {low:.3g} and {high:.3g} {unit} in the others: {far.sum()} wrong {samples}{settling}? leave them "
+        f"out ({options}) or mend them"
     )

@@ -13,7 +13,7 @@ from scipy.signal import cont2discrete, lfilter, ss2tf
 
 from fraexp.analysis.confidence import circle_factor
 from fraexp.components.kinds import Excitation
-from fraexp.data.results import FrequencyResponse
+from fraexp.data.results import FrequencyResponse, Outcome
 from fraexp.data.signals import Segment, Signals
 from fraexp.errors import ParameterError, RecordError
 from fraexp.simulation.loop import simulate_loop
@@ -252,3 +252,20 @@ def test_what_the_record_lacks_is_said() -> None:
         LocalPolynomial(excitation_channel="exitation").estimate(one)
     with pytest.raises(ParameterError, match=r"half_width is 1, .* expected 3 or more"):
         LocalPolynomial(half_width=1).estimate(signals([open_loop(plant, wave)], 2, lines))
+
+
+def test_a_chirp_does_not_determine_the_response_by_local_methods() -> None:
+    time = np.arange(20_000) / 1000
+    chirp = np.sin(2 * np.pi * (time + 5 * time**2))
+    frequency = np.arange(40, 3600, 40)
+    truth = exact(resonance(0.05), RATE * frequency / chirp.size)
+    channels = {name: values[None] for name, values in open_loop(resonance(0.05), chirp).items()}
+    channels["y"] += 1e-3 * np.random.default_rng(5).normal(size=chirp.size)
+    signals = Signals((Segment(1 / RATE, channels, frequency),), {"u": "N", "y": "m"})
+    for method in METHODS:
+        found = method().estimate(signals)
+        assert found.response is not None
+        off = np.abs(found.response.response / truth - 1)
+        assert found.outcome is Outcome.INACCURATE or off.max() < 0.1
+        assert ("the record does not determine the response at" in found.message) == (found.outcome is not Outcome.OK)
+    assert LocalPolynomial().estimate(signals).outcome is Outcome.INACCURATE

@@ -81,6 +81,7 @@ class InjectionOnMotion(PlantReferredEstimator, name="injection_on_motion", vers
             [one.output for one in found],
             names=(self.input, self.output),
             units=units,
+            repeats=False,
         )
         if result.response is None:
             return result

@@ -56,7 +56,7 @@ class MovingAxis(PlantReferredEstimator, name="moving_axis", version=1):
             for segment, blocks in zip(signals.segments, found, strict=True)
         ]
         outputs = [blocks.output for blocks in found]
-        result = response_result(signals, inputs, outputs, names=(self.input, self.output), units=units)
+        result = response_result(signals, inputs, outputs, names=(self.input, self.output), units=units, repeats=False)
         if not found:
             return result
         metrics = (

@@ -8,7 +8,17 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import ParameterError, RecordError, Segment, Signals, param, phasors, record_spectrum
+from fraexp.api import (
+    ParameterError,
+    RecordError,
+    Segment,
+    Signals,
+    circle_factor,
+    frequency_text,
+    param,
+    phasors,
+    record_spectrum,
+)
 from fraexp_plugins.estimators._shared.local_models import LocalEstimate, LocalModel, all_windows, free_windows
 from fraexp_plugins.estimators._shared.realisations import (
     BroadbandEstimator,
@@ -26,6 +36,7 @@ DEFAULT_EXCITATION_CHANNEL = "excitation"
 class LocalEstimator(BroadbandEstimator, ABC):
     """An estimator that separates response and transient by their smoothness over the bins around each line."""
 
+    removes_motion: ClassVar[bool] = True
     renamed: ClassVar[Mapping[str, str]] = {
         "freedom": "min_degrees_of_freedom",
         "reference_channel": "excitation_channel",
@@ -66,6 +77,7 @@ class LocalEstimator(BroadbandEstimator, ABC):
         if count > 1:
             variance = sum_of_squares(outputs - ratio * inputs) / (count * (count - 1)) / size
             freedom, nonlinear = np.full_like(noise, 2.0 * (count - 1)), count * np.maximum(variance - noise, 0.0)
+        relative = circle_factor(freedom) * np.sqrt(variance) / np.abs(ratio / path)
         return Part(
             segments=group,
             frequency=group[0].frequency,
@@ -76,6 +88,7 @@ class LocalEstimator(BroadbandEstimator, ABC):
             output_amplitude=_amplitude(group, self.output),
             noise_variance=noise,
             nonlinear_variance=nonlinear,
+            inaccuracy=_undetermined_text(group[0].frequency, relative) if self._is_one_record(group[0]) else "",
         )
 
     def _reference(self, signals: Signals, group: Group) -> str:
@@ -96,7 +109,7 @@ class LocalEstimator(BroadbandEstimator, ABC):
                 f"{self.name}: the record has one period; expected two or more for variant 'periodic': record more "
                 "periods, or choose variant 'arbitrary'"
             )
-        if self.variant == "arbitrary" or periods < 2:
+        if self._is_one_record(segment):
             model = self.model(feedback=reference != self.input)
             half_width = self._half_width(model.unknowns + self.order)
             return model.fit(segment, names, reference, all_windows(segment, half_width))
@@ -104,6 +117,10 @@ class LocalEstimator(BroadbandEstimator, ABC):
         found = model.fit(segment, names, None, free_windows(segment, self._half_width(model.unknowns)))
         given = found.input if reference == self.input else record_spectrum(segment, reference)[segment.lines * periods]
         return _relative_to(given, found)
+
+    def _is_one_record(self, segment: Segment) -> bool:
+        """Return whether the excitation of the record is taken as it is, periods or not."""
+        return self.variant == "arbitrary" or len(segment.channels[self.input]) < 2
 
     def _half_width(self, unknowns: int) -> int:
         """Return n, such that 2n equations suffice for the unknowns and the noise."""
@@ -119,6 +136,22 @@ def _relative_to(reference: NDArray[np.complex128], found: LocalEstimate) -> Loc
     """Return local estimates divided by the reference at the lines."""
     leverage = found.leverage / np.abs(reference) ** 2
     return replace(found, output=found.output / reference, input=found.input / reference, leverage=leverage)
+
+
+def _undetermined_text(frequency: NDArray[np.float64], relative: NDArray[np.float64]) -> str:
+    """Return where the radius of the confidence region, relative to the response, is 1 or more; empty if nowhere.
+
+    The spectrum of a chirp is as smooth as response and transient are, and does not tell one from the other.
+    """
+    unknown = relative >= 1
+    if not unknown.any():
+        return ""
+    return (
+        f"the record does not determine the response at {unknown.sum()} of {unknown.size} frequencies "
+        f"({frequency_text(frequency[unknown])}), where the confidence band is as wide as the response: noise hides "
+        "it, or the excitation has a smooth spectrum, as a chirp has (take h1_h2_hv); excite with noise or periods "
+        "that repeat, or record for longer"
+    )
 
 
 def _amplitude(group: Group, channel: str) -> NDArray[np.float64]:

@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, TypeVar
 
 import numpy as np
@@ -21,6 +21,7 @@ from fraexp.api import (
     Signals,
     param,
     phasors,
+    steady_motion_text,
 )
 from fraexp_plugins.estimators._shared.delayed_estimator import PlantReferredEstimator
 
@@ -54,12 +55,20 @@ class Part:
 class BroadbandEstimator(PlantReferredEstimator, ABC):
     """An estimator that combines the realisations of an experiment."""
 
+    removes_motion: ClassVar[bool] = False
+    """Whether a steady motion during the record does no harm."""
+
     def estimate(self, signals: Signals) -> Result:
         """Return the response, one group of realisations after another."""
         units = (signals.unit(self.input), signals.unit(self.output))
         with np.errstate(divide="ignore", invalid="ignore"):  # where nothing moves
-            parts = [self.part(signals, group) for group in realisation_groups(signals)]
+            parts = [self._checked_part(signals, group) for group in realisation_groups(signals)]
         return combine_parts(signals, parts, names=(self.input, self.output), units=units)
+
+    def _checked_part(self, signals: Signals, group: Group) -> Part:
+        found = self.part(signals, group)
+        moving = "" if self.removes_motion else steady_motion_text(group, self.output, signals.unit(self.output))
+        return replace(found, inaccuracy="; ".join(filter(None, (moving, found.inaccuracy)))) if moving else found
 
     @abstractmethod
     def part(self, signals: Signals, group: Group) -> Part:
