@@ -19,6 +19,7 @@ from fraexp.measurement.excitation_table import ExcitationTable, excitation_tabl
 from fraexp.simulation.live_loop import LiveLoop, live_setup
 from fraexp.workspace.measurement_service import MeasurementService
 from fraexp.workspace.workspace_service import WorkspaceService
+from tests.components.translation.grammar import grammar_error
 
 C_MAIN = """
 #include "excitation.h"
@@ -115,7 +116,9 @@ class StructuredText:
 @pytest.mark.thorough
 def test_the_function_block_plays_the_table(table: ExcitationTable, tmp_path: Path) -> None:
     write_excitation(tmp_path / "e.st", table)
-    block = StructuredText((tmp_path / "e.st").read_text())
+    source = (tmp_path / "e.st").read_text()
+    assert grammar_error(source) is None
+    block = StructuredText(source)
     assert [block.call(False) for _ in range(5)] == [0.0] * 5
     played = [block.call(True) for _ in range(table.samples)]
     np.testing.assert_allclose(played, table.columns()["excitation"], rtol=1e-14, atol=1e-13)

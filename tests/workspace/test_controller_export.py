@@ -15,6 +15,7 @@ from fraexp.store import StoredSweep
 from fraexp.workspace.controller_export import controller_parts, export_controller
 from fraexp.workspace.workspace_service import WorkspaceService
 from tests.components.translation.compiled import STRICT, CompiledBlocks, needs_gcc
+from tests.components.translation.grammar import grammar_error
 from tests.components.translation.structured_text import Machine
 from tests.examples import thorough
 
@@ -87,7 +88,9 @@ def test_structured_text_of_a_whole_controller_agrees_with_plain_python(
     workspace, sweeps = moves
     sweep, result = sweeps["nominal, P_d = P"]
     export_controller(sweep, result, workspace.registry, tmp_path / "axis.st")
-    plc = Machine((tmp_path / "axis.st").read_text("utf-8"))
+    source = (tmp_path / "axis.st").read_text("utf-8")
+    assert grammar_error(source) is None
+    plc = Machine(source)
     program = plc.create("axis_self_test")
     assert plc.cycle("axis_self_test", program)["worst_error"] <= 1e-12
 
