@@ -1,6 +1,7 @@
 """The plan of a measurement, printed: points, durations, and what they ask of the machine."""
 
 from fraexp.cli.output import print_table
+from fraexp.data.rotary_axes import is_rotary
 from fraexp.measurement.measurement_plan import MeasurementPlan
 from fraexp.simulation.motion_limits import Demand
 from fraexp.views.measurement_texts import demand_names, demand_units, plan_cells, plan_heads, plan_total
@@ -13,7 +14,7 @@ def print_plan(plan: MeasurementPlan) -> None:
     print_table(plan_heads(plan), [plan_cells(point) for point in plan.points])
     print()
     limits = [getattr(plan.limits, name) for name in Demand._fields]
-    rows = zip(demand_names(), demand_units(plan), plan.demand, limits, strict=True)
+    rows = zip(demand_names(), demand_units(is_rotary(plan.task.experiment)), plan.demand, limits, strict=True)
     print_table(
         ["greatest", "predicted", "limit", "of it"],
         [

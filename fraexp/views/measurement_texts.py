@@ -9,6 +9,14 @@ from fraexp.simulation.motion_limits import DEMAND_UNITS, Demand
 from fraexp.views.words import duration_text, fixed_text, number_text, plural
 from fraexp.workspace.measurement_service import PointEstimated
 
+AUTONOMOUS_TOTAL = "an autonomous measurement, each stage planned by the one before,"
+AUTONOMOUS_STAGES = (
+    ("friction loop", "a slow sine that rises until friction is overcome"),
+    ("coarse frequencies", "sines over the whole range, at amplitudes that rise from below friction to above"),
+    ("fine frequencies", "sines around the modes that were found, at the same amplitudes"),
+    ("validation", "a multisine with random phases, which the model found must predict"),
+)
+"""Stages of an autonomous measurement, and what each plays."""
 FORCE_PLACE = Demand._fields.index("force")
 """Place of the force in a demand."""
 
@@ -18,15 +26,14 @@ def demand_names() -> list[str]:
     return [name.replace("_", " ") for name in Demand._fields]
 
 
-def demand_units(plan: MeasurementPlan) -> list[str]:
+def demand_units(rotary: bool) -> list[str]:
     """Return the units of a demand, in which a rotary axis has angles and torques."""
-    rotary = is_rotary(plan.task.experiment)
     return [rotary_unit(unit) if rotary else unit for unit in DEMAND_UNITS]
 
 
 def plan_heads(plan: MeasurementPlan) -> list[str]:
     """Return the titles of a plan's columns."""
-    units = demand_units(plan)
+    units = demand_units(is_rotary(plan.task.experiment))
     heads = [f"{name} [{unit}]" for name, unit in zip(demand_names(), units, strict=True)]
     return ["frequency", f"peak [{units[FORCE_PLACE]}]", "time [s]", *heads]
 
@@ -56,17 +63,21 @@ def begin_text(event: MeasurementBegun) -> str:
 
 
 def point_text(event: PointEstimated) -> str:
+    """Return how much has been measured, what was found at the last point, and how long it took."""
+    measured = event.measured
+    left = f", about {duration_text(measured.seconds_left)} left" if measured.seconds_left else ""
+    time = duration_text(measured.point.machine_time)
+    return f"{measured.done}/{measured.total}  {found_text(event)}; {time}{left}"
+
+
+def found_text(event: PointEstimated) -> str:
     """Return what was found at a point, in a line."""
-    measured, point = event.measured, event.measured.point
+    point = event.measured.point
     settled = "settled" if point.settled else "not settled"
     band = "" if point.band is None else f", band ±{point.band:.2g} dB"
     factor = "" if point.amplitude == 1 else f", amplitude × {point.amplitude:.2f}"
     found = "".join(f", {response_text(result)}" for result in event.results if isinstance(result, Result))
-    left = f", about {duration_text(measured.seconds_left)} left" if measured.seconds_left else ""
-    return (
-        f"{measured.done}/{measured.total}  {point.frequency}: {settled}, {plural(point.periods, 'period')}"
-        f"{band}{factor}{found}; {duration_text(point.machine_time)}{left}"
-    )
+    return f"{point.frequency}: {settled}, {plural(point.periods, 'period')}{band}{factor}{found}"
 
 
 def response_text(result: Result) -> str:

@@ -23,10 +23,13 @@ from fraexp.records.study_writer import write_study
 from fraexp.simulation.motion_limits import MotionLimits
 from fraexp.study.resolution import Resolver
 from fraexp.study.study_file import describe_study, find_studies, outline
+from fraexp.workspace.measurement_service import results_at
 from fraexp.workspace.workspace_service import WorkspaceService
 
 ESTIMATOR = "dictionary_identification"
 """Estimator that needs to know nothing of a machine but units."""
+LIVE_ESTIMATOR = {"name": "conventional", "refer_to_plant": False}
+"""Estimator of what is shown of each point while the measurement goes on."""
 SUMMARY = ("k0", "f1", "Coulomb force", "input_dead_time", "validation error")
 """Metrics in the line of a stage."""
 NOTE = "friction loop"
@@ -57,7 +60,9 @@ class AutonomousService:
         if "sample_time" not in self._sections["loop"]:
             raise StudyError(f"{self._file}, [loop]: lacks sample_time")
         self._sections = {**self._sections, **Resolver(self._file, service.registry).machine(cases[0], str(self._file))}
-        self._settings = self._parsed_settings()
+        self.settings = self._parsed_settings()
+        self.is_rotary = bool(self._sections["loop"].get("rotary", False))
+        self.limits = MotionLimits.parse(self._sections["limits"], "limits", rotary=self.is_rotary)
         stem = f"{self._name.replace('/', '-')}-autonomous"
         self.files = MeasurementFiles(service.folder / "measurements", stem)
         self.path = service.folder / "studies" / f"{stem}.toml"
@@ -77,6 +82,7 @@ class AutonomousService:
         """
         if fresh:
             self.files.remove()
+        yield MeasurementNotice(f"friction loop: a sine of {LOOP_HZ:g} Hz that rises until friction is overcome")
         axis, task, loop = self._begin()
         axis = replace(axis, noise=loop.noise)
         closes = f"closes at {loop.force:.4g} N" if loop.has_closed else f"does not close up to {loop.amplitude:.4g} N"
@@ -96,6 +102,11 @@ class AutonomousService:
         yield from self._play(axis, task, [design.validation(number)], what)
         yield from self._final(task, loop)
 
+    def estimate_point(self, task: MeasurementTask, point: MeasuredPoint) -> list[Result | str]:
+        """Return the response at one point, of machine and friction together, for whoever watches."""
+        watched = replace(task, estimators=(LIVE_ESTIMATOR,))
+        return results_at(point, self.files, self.path.parent, watched, self._service.registry)
+
     def _parsed_settings(self) -> MeasurementSettings:
         registry, sections = self._service.registry, self._sections
         rotary = bool(sections["loop"].get("rotary", False))
@@ -107,14 +118,12 @@ class AutonomousService:
 
     def _begin(self) -> tuple[UnknownAxis, MeasurementTask, FrictionLoop]:
         """Connect, check what the machine says of itself, and measure the friction loop unless it is known already."""
-        rotary = bool(self._sections["loop"].get("rotary", False))
-        limits = MotionLimits.parse(self._sections["limits"], "limits", rotary=rotary)
         title = describe_study(self._name, self._file).title
-        with self._settings.machine.connect(self._service.folder) as session:
+        with self.settings.machine.connect(self._service.folder) as session:
             description = session.description
             sample_time = description.sample_time
-            loop = {"sample_time": sample_time, "rotary": rotary}
-            axis = UnknownAxis.from_sections(self._name, title, loop, limits, description.limits, self._settings)
+            loop = {"sample_time": sample_time, "rotary": self.is_rotary}
+            axis = UnknownAxis.from_sections(self._name, title, loop, self.limits, description.limits, self.settings)
             task = axis.task([{"name": ESTIMATOR}])
             check_description(description, task)
             header = SampleHeader(sample_time, {PLAY_COLUMN: "", **description.channels})

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from fraexp import records
 from fraexp.components.kinds import Estimator
-from fraexp.components.registry import create
+from fraexp.components.registry import Registry, create
 from fraexp.data.results import Result
 from fraexp.data.rotary_axes import is_rotary, rotary_text
 from fraexp.errors import FraexpError, MachineError, StudyError
@@ -120,19 +120,8 @@ class MeasurementService:
                 yield PointEstimated(event, tuple(results)) if isinstance(event, PointMeasured) else event
 
     def estimate_point(self, task: MeasurementTask, point: MeasuredPoint) -> list[Result | str]:
-        """Return what each estimator finds at one point, read from its file like any record; else why it does not."""
-        registry = self._service.registry
-        section = record_section(self.files(task).samples, [point], self.path.parent)
-        experiment, paths = records.resolve(records.RecordSettings.parse(section, "record"), self.path.parent, registry)
-        signals = records.load(experiment, paths, registry)
-        found: list[Result | str] = []
-        for spec in task.estimators:
-            try:
-                estimator = create(registry, Estimator, spec)
-                found.append(apply_estimator(estimator, signals, tolerated_error(task.experiment)))
-            except FraexpError as error:
-                found.append(str(error))
-        return found
+        """Return what each estimator of the study finds at one point; else why it does not."""
+        return results_at(point, self.files(task), self.path.parent, task, self._service.registry)
 
     def _check_target(self) -> None:
         """Raise StudyError if the study of the record would replace another one."""
@@ -153,6 +142,26 @@ class MeasurementService:
         sections = [record_section(files.samples, files.points(), self.path.parent) for _, files in measured]
         data = record_study([task for task, _ in measured], sections, f"{self.tasks[0].title}, measured")
         write_study(self.path, data)
+
+
+def results_at(
+    point: MeasuredPoint, files: MeasurementFiles, folder: Path, task: MeasurementTask, registry: Registry
+) -> list[Result | str]:
+    """Return what each estimator of a task finds at one point, read from its file like any record; else why not.
+
+    `folder` is that of the study of the record.
+    """
+    section = record_section(files.samples, [point], folder)
+    experiment, paths = records.resolve(records.RecordSettings.parse(section, "record"), folder, registry)
+    signals = records.load(experiment, paths, registry)
+    found: list[Result | str] = []
+    for spec in task.estimators:
+        try:
+            estimator = create(registry, Estimator, spec)
+            found.append(apply_estimator(estimator, signals, tolerated_error(task.experiment)))
+        except FraexpError as error:
+            found.append(str(error))
+    return found
 
 
 @contextmanager

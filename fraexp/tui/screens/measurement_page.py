@@ -109,9 +109,12 @@ At the end the record is analysed by an ordinary run, which is shown."""
     def _show_notices(self) -> None:
         log, notices = self.query_one(RichLog), self.measurement.notices
         for text in notices[self._notices :]:
-            log.write(Text(f"↻ {printable(text)}"))
+            log.write(Text(f"{'·' if self.measurement.is_autonomous else '↻'} {printable(text)}"))
         self._notices = len(notices)
-        log.border_title = f"Repeated or lost: {self._notices or 'nothing'}"
+        if self.measurement.is_autonomous:
+            log.border_title = "Stages, and what they found"
+        else:
+            log.border_title = f"Repeated or lost: {self._notices or 'nothing'}"
 
     def action_stop(self) -> None:
         """Stop the machine softly; the second time, kill the process after confirmation."""

@@ -32,6 +32,7 @@ The plan of a measurement: each point in the order in which it is played, with i
 is predicted for the study's machine, in the linear loop and with friction, whichever is greater.
 The bars show the greatest motion beside each limit; │ is where the margin begins that measurement.margin leaves free.
 Nothing has been played yet. Enter on Measure, or F5 from anywhere, asks once more, and then the machine moves.
+Of an unknown axis, whose study has no excitation, it shows the limits and the stages of an autonomous measurement.
 What an earlier, interrupted measurement has stored is kept and continued; F discards it.
 To change amplitudes, frequencies or limits, open the study with Enter in Studies, and press F6 there."""
     DEFAULT_CSS = """
@@ -83,12 +84,14 @@ To change amplitudes, frequencies or limits, open the study with Enter in Studie
         self.command = live.command
         self.remove_class("-none")
         self.query_one("#plan", Static).update(Text(summary_text(live.plans)))
+        if live.is_autonomous:
+            self.query_one(LimitGauges).border_title = "Limits, of which no motion is predicted yet"
         greatest = max(live.plans, key=lambda plan: max(of.predicted / of.limit for of in plan.motions))
         self.query_one(LimitGauges).show(greatest.motions, greatest.margin, (), ())
         labelled = len(live.plans) > 1
         heads = [*(["case"] if labelled else []), *greatest.heads]
         rows = [[*([plan.label] if labelled else []), *row] for plan in live.plans for row in plan.rows]
-        self.query_one(PointsTable).show_points(heads, rows)
+        self.query_one(PointsTable).show_points(heads, rows, are_numbers=not live.is_autonomous)
         self.query_one(Button).focus()
 
     @on(Button.Pressed)
@@ -138,8 +141,10 @@ def summary_text(plans: tuple[PlanReport, ...]) -> str:
 def question_text(live: LiveMeasurement, fresh: bool) -> str:
     """Return the question before the machine moves."""
     motions = [of for plan in live.plans for of in plan.motions]
+    lost = "What was recorded before is discarded. " if fresh else ""
+    if live.is_autonomous:
+        return f"{lost}The machine '{live.plans[0].machine}' will move, as far as its limits allow. Is it clear?"
     nearest = max(motions, key=lambda motion: motion.predicted / motion.limit)
     share = f"{100 * nearest.predicted / nearest.limit:.0f} % of the limit of {nearest.name}"
-    lost = "What was recorded before is discarded. " if fresh else ""
     seconds = "; ".join(plan.total for plan in live.plans)
     return f"{lost}The machine '{live.plans[0].machine}' will move: {seconds}, up to {share}. Is it clear?"

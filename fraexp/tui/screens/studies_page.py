@@ -85,7 +85,7 @@ Studies: those of this workspace, then the examples of fraexp.
   stale     sweeps are stored, but a plugin has changed since
   running   its newest run has not finished
   broken    it cannot be run, for the reason shown
-  measure   a study for fraexp measure --autonomous, which the preview shows
+  measure   a study for an autonomous measurement alone, which m begins
   ...       the state is being determined
 Enter opens a study, to change its values and to launch it. m measures it on its machine: first the plan, then a
 question; while a machine is measured, m shows it."""

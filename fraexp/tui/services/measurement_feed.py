@@ -55,6 +55,8 @@ class PlansReport:
     """The plans of all experiments of a study; nothing has been played."""
 
     plans: tuple[PlanReport, ...]
+    is_autonomous: bool = False
+    """Whether stages take the place of points: then nothing is predicted."""
 
 
 @dataclass(frozen=True)

@@ -42,6 +42,8 @@ class ReportedMeasurement:
         """Whether the user knows that it has ended."""
         self.result_study = ""
         """The study that analyses the record; empty as long as the measurement is not complete."""
+        self.is_autonomous = False
+        """Whether each of its stages is planned by what the one before shows."""
         self.plans: tuple[PlanReport, ...] = ()
         self.plan: PlanReport | None = None
         """The plan of the experiment that is being measured."""
@@ -61,7 +63,8 @@ class ReportedMeasurement:
     @property
     def command(self) -> str:
         """The command line that measures the same."""
-        return shlex.join(["fraexp", "measure", self.study, *(f"--set={text}" for text in self.overrides)])
+        option = ["--autonomous"] if self.is_autonomous else []
+        return shlex.join(["fraexp", "measure", *option, self.study, *(f"--set={text}" for text in self.overrides)])
 
     @property
     def is_moving(self) -> bool:
@@ -95,8 +98,8 @@ class ReportedMeasurement:
 
     def _take(self, report: Report) -> None:
         match report:
-            case PlansReport(plans):
-                self.plans, self.state = plans, "planned"
+            case PlansReport(plans, is_autonomous):
+                self.plans, self.is_autonomous, self.state = plans, is_autonomous, "planned"
             case BeginReport(plan, points):
                 self.plan, self.progress = plan, None
                 self.done, self.total, self.seconds_left = 0, points, plan.seconds

@@ -46,7 +46,8 @@ class MeasurementState(Static):
 
     def _progress_text(self, live: LiveMeasurement) -> str:
         if not live.total:
-            return "connecting to the machine ..." if live.state == "measuring" else ""
+            doing = live.notices[-1] if live.notices else "connecting to the machine ..."
+            return printable(doing) if live.state == "measuring" else ""
         width = min(max(self.screen.size.width - OTHER_CELLS, MIN_BAR), MAX_BAR)
         played = live.progress.seconds if live.progress else 0.0
         left = max(live.seconds_left - played, 0.0)

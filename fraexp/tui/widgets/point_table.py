@@ -34,9 +34,11 @@ class PointsTable(PagedTable):
         self.header_height = 2
         self._columns: list[str] = []
         self._rows: list[list[str]] = []
+        self._are_numbers = True
 
-    def show_points(self, columns: list[str], rows: list[list[str]]) -> None:
-        """Show the points of another response."""
+    def show_points(self, columns: list[str], rows: list[list[str]], are_numbers: bool = True) -> None:
+        """Show the points of another response, or rows of words."""
+        self._are_numbers = are_numbers
         kept = [index for index in range(len(columns)) if any(row[index] for row in rows)]
         self._columns = [columns[index] for index in kept]
         self._rows = [[row[index] for index in kept] for row in rows]
@@ -57,7 +59,9 @@ class PointsTable(PagedTable):
         columns = []
         for index, title in enumerate(self._columns):
             cells = tuple(row[index] for row in rows)
-            columns.append(Column(title.replace(" [", "\n["), cells, rank=_rank(title), right_aligned=True))
+            columns.append(
+                Column(title.replace(" [", "\n["), cells, rank=_rank(title), right_aligned=self._are_numbers)
+            )
         return columns
 
 
