@@ -204,7 +204,7 @@ def summary(reports: list[Report]) -> int:
         if way:
             wide = sum(f.proposed > 2 * TOLERANCE and f.is_in_band for f in ok)
             text += f", {wide} beyond {2 * TOLERANCE:g} but within the band"
-        print(f"{text}; median {np.median(values):.1e}, worst {values.max():.1e}")
+        print(f"{text}; median {np.median(values):.1e}, worst {values.max():.1e}" if values.size else text)
         missed += bad
     aperiodic = sum(not f.is_periodic for f in findings)
     called = sum(not f.is_periodic and f.is_ok[0] for f in findings)

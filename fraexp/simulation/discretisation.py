@@ -11,6 +11,8 @@ from fraexp.components.ports import Ports
 
 TAYLOR_TERMS = 16
 """Terms of the series of e^M where the norm of M is a half or less: the next one is 1e-20."""
+NEGLIGIBLE_STEP = 1e-3
+"""Part of a step below which it does not matter on which side of a bound the thrust jumps."""
 TIME_DIGITS = 15
 """Decimals [s] to which two instants of a sample are the same."""
 
@@ -103,7 +105,7 @@ def discretise(
     late_out = split_dead_time(output_path.dead_time, sample_time).rest
 
     # All instants at which the state is needed, and all from which an input acts: each difference is computed once.
-    starts = [bound * step for bound in range(steps + 1)]
+    starts = step_bounds(sample_time, steps, late_in if is_force_held else 0.0)
     instants = [*starts[1:], sample_time - late_out]
     times = sorted({_round_time(time - since) for time in instants for since in (0.0, late_in, *starts)})
     responses = zip(*_integrals(part.a, np.column_stack([part.drive, part.force]), times), strict=True)
@@ -138,7 +140,7 @@ def discretise(
         return effect
 
     rows = part.displacement @ part.a if is_force_held else part.displacement  # c·b = 0: c·a is the velocity
-    ends = np.concatenate([rows @ effects_at((j + 1) * step) for j in range(steps)])
+    ends = np.concatenate([rows @ effects_at(end) for end in starts[1:]])
     size = max(coefficients.size for coefficients in controller)
     numerator, denominator = (np.concatenate([c, np.zeros(size - c.size)]) for c in controller)
     return DiscreteLoop(
@@ -151,6 +153,23 @@ def discretise(
         denominator=denominator,
         present=part.displacement if is_force_held else np.empty((0, n)),
     )
+
+
+def step_bounds(sample_time: float, steps: int, jump: float) -> list[float]:
+    """Return the instants of a sample that bound its steps [s], steps + 1 of them.
+
+    The steps are equal, unless the thrust jumps within the sample, at `jump` [s], and a law is solved for stick and
+    slip: that takes the thrust of a step for constant, and would break away at the wrong time, by as much as a step.
+    The jump then bounds a step, and the steps on either side of it are equal.
+    """
+    before = min(max(round(steps * jump / sample_time), 1), steps - 1)
+    shortest = NEGLIGIBLE_STEP * sample_time / steps
+    if not before or not shortest < jump < sample_time - shortest:
+        return [number * (sample_time / steps) for number in range(steps + 1)]
+    first, second = jump / before, (sample_time - jump) / (steps - before)
+    return [number * first for number in range(before)] + [
+        jump + number * second for number in range(steps - before + 1)
+    ]
 
 
 class DeadTime(NamedTuple):

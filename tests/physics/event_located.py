@@ -46,13 +46,17 @@ def simulate(
     periods: int,
     sample_time: float,
     dead_samples: int,
+    rest: float = 0.0,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return displacement and control input of the last period, each of the waveform's shape."""
+    """Return displacement and control input of the last period, each of the waveform's shape.
+
+    The thrust is late by whole samples and a rest [s].
+    """
     a, b, velocity = guide.sliding()
     balance = velocity @ a / (velocity @ b)  # friction force over state that keeps the velocity
     stuck = a - np.outer(b, balance)
     numerator, denominator = controller
-    x, way, inputs, memory = np.zeros(b.size), 0, [0.0] * (dead_samples + 1), np.zeros(numerator.size + 1)
+    x, way, inputs, memory = np.zeros(b.size), 0, [0.0] * (dead_samples + 2), np.zeros(numerator.size + 1)
     ys, us = [], []
     for excitation in np.tile(waveform, periods):
         y = x[: b.size // 2].sum()
@@ -61,26 +65,27 @@ def simulate(
         inputs = [u + excitation, *inputs[:-1]]
         ys.append(y)
         us.append(inputs[0])
-        thrust, left = inputs[-1], sample_time
-        while left > 1e-15:
-            just_broken = False
-            if way == 0 and abs(thrust + balance @ x) <= guide.coulomb_force:
-                series = _series(stuck, x, 0 * b)
-                held = series @ balance
-                held[0] += thrust
-                bound = np.zeros(TERMS)
-                bound[0] = guide.coulomb_force
-                until = min(_first_root(bound - held, 0.0, left), _first_root(bound + held, 0.0, left))
+        for thrust, seconds in ((inputs[-1], rest), (inputs[-2], sample_time - rest)):
+            left = seconds
+            while left > 1e-15:
+                just_broken = False
+                if way == 0 and abs(thrust + balance @ x) <= guide.coulomb_force:
+                    series = _series(stuck, x, 0 * b)
+                    held = series @ balance
+                    held[0] += thrust
+                    bound = np.zeros(TERMS)
+                    bound[0] = guide.coulomb_force
+                    until = min(_first_root(bound - held, 0.0, left), _first_root(bound + held, 0.0, left))
+                    x, left = _at(series, until), left - until
+                    if left <= 1e-15:
+                        break
+                if way == 0:
+                    way, just_broken = (1 if thrust + balance @ x > 0 else -1), True
+                series = _series(a, x, b * (thrust - way * guide.coulomb_force))
+                until = _first_root(way * (series @ velocity), 1e-12 if just_broken else 0.0, left)
                 x, left = _at(series, until), left - until
-                if left <= 1e-15:
-                    break
-            if way == 0:
-                way, just_broken = (1 if thrust + balance @ x > 0 else -1), True
-            series = _series(a, x, b * (thrust - way * guide.coulomb_force))
-            until = _first_root(way * (series @ velocity), 1e-12 if just_broken else 0.0, left)
-            x, left = _at(series, until), left - until
-            if left > 1e-15:
-                x, way = x - b * (velocity @ x) / (velocity @ b), 0
+                if left > 1e-15:
+                    x, way = x - b * (velocity @ x) / (velocity @ b), 0
     samples = waveform.size
     return np.array(ys[-samples:]), np.array(us[-samples:])
 

@@ -7,6 +7,7 @@ from fraexp_plugins.excitations.stepped_sine import SteppedSine
 from fraexp_plugins.friction.coulomb import Coulomb
 
 from fraexp.data.results import Outcome
+from fraexp.simulation.discretisation import step_bounds
 from fraexp.simulation.loop import simulate_loop
 from fraexp.simulation.machine import ControlLoop, Machine, Numerics
 from tests.machines import LEAD, TABLE, decibel, degrees, simulated
@@ -17,21 +18,21 @@ COULOMB = Coulomb(coulomb_force=17.9, viscous_coefficient=4.69)
 IDEAL = Guide(0.132, (38.8, 80.0), (0.04, 0.02), (0.342, 0.3), 17.9, 4.69)
 
 
-def found(friction, frequency, steps=0):
+def found(friction, frequency, steps=0, rest=0.0):
     """Return the conventional response of the paper's machine with this friction."""
-    loop = ControlLoop(sample_time=SAMPLE_TIME, input_dead_time=DEAD_SAMPLES * SAMPLE_TIME)
+    loop = ControlLoop(sample_time=SAMPLE_TIME, input_dead_time=DEAD_SAMPLES * SAMPLE_TIME + rest)
     machine = Machine(TABLE, friction, LEAD, loop, Numerics(steps_per_sample=steps))
     signals = simulate_loop(machine, SteppedSine(amplitude=AMPLITUDE, frequencies=(frequency,)), lambda _: None)
     return Conventional().estimate(signals).response.response[0]
 
 
-def expected(frequency, seconds):
+def expected(frequency, seconds, rest=0.0):
     """Return the same by event location."""
     (period,) = SteppedSine(amplitude=AMPLITUDE, frequencies=(frequency,)).periods(SAMPLE_TIME)
     samples = period.waveform.size
     periods = int(np.ceil(seconds / (samples * SAMPLE_TIME)))
     controller = LEAD.transfer_function(SAMPLE_TIME)
-    y, u = simulate(IDEAL, controller, period.waveform, periods, SAMPLE_TIME, DEAD_SAMPLES)
+    y, u = simulate(IDEAL, controller, period.waveform, periods, SAMPLE_TIME, DEAD_SAMPLES, rest)
     turns = np.exp(-2j * np.pi * period.lines[0] * np.arange(samples) / samples)
     return (y @ turns) / (u @ turns)
 
@@ -47,9 +48,28 @@ def test_coulomb_friction_is_set_valued_in_the_loop(frequency, seconds):
     assert abs(degrees(ratio)) < 0.01
 
 
-def test_the_error_falls_with_the_square_of_the_step():
-    coarse, halved, fine = (found(COULOMB, 205.9, steps) for steps in (5, 10, 40))
+@pytest.mark.thorough
+@pytest.mark.parametrize(("frequency", "seconds", "steps"), [(20.0, 3.0, 0), (140.0, 15.0, 0), (140.0, 15.0, 61)])
+def test_a_dead_time_may_end_within_a_sample(frequency, seconds, steps):
+    ratio = found(COULOMB, frequency, steps, 0.37 * SAMPLE_TIME) / expected(frequency, seconds, 0.37 * SAMPLE_TIME)
+    assert abs(ratio - 1) < 1e-4
+
+
+@pytest.mark.parametrize("rest", [0.0, 0.13 * SAMPLE_TIME, 0.55 * SAMPLE_TIME])
+def test_the_error_falls_with_the_square_of_the_step(rest):
+    """Also where the dead time ends within a step of a sample that is divided evenly."""
+    coarse, halved, fine = (found(COULOMB, 205.9, steps, rest) for steps in (5, 10, 40))
     assert 3 < abs(coarse - fine) / abs(halved - fine) < 6
+
+
+def test_steps_end_where_the_thrust_jumps():
+    for jump in (1e-9, 0.2, 0.5, 0.999):
+        bounds = np.array(step_bounds(1.0, 7, jump))
+        assert bounds.size == 8
+        assert (bounds[0], bounds[-1]) == (0.0, pytest.approx(1.0))
+        assert np.all(np.diff(bounds) > 1e-4)
+        assert np.diff(bounds).max() < 2 / 7
+        assert jump < 1e-4 or np.abs(bounds - jump).min() == 0
 
 
 @pytest.mark.thorough

@@ -13,7 +13,7 @@ STOP_DEFLECTION_M = 1e-9
 """Deflection of the stop where one is needed and none is given: in observers, in compensation, and in a composite."""
 
 
-class Coulomb(FrictionModel, name="coulomb", version=3):
+class Coulomb(FrictionModel, name="coulomb", version=4):
     """Coulomb, Stribeck and viscous friction, sgn(v)(Fc + (Fs - Fc) exp(-|v/vs|^δ)) + σ2 v, set-valued at rest.
 
     B. Armstrong-Hélouvry, P. Dupont and C. Canudas de Wit, Automatica 30(7), 1994, doi:10.1016/0005-1098(94)90209-7.
