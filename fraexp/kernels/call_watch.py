@@ -22,6 +22,8 @@ MAX_GROWTH = 8.0
 """Greatest factor from the work of one call to that of the next."""
 FIRST_CALL_WORK = 64
 """Samples of the first call: a law may be a hundred thousand times as slow as usual."""
+FIRST_BUILT_IN_STEPS = 65_536
+"""Steps of the first call where all laws come with fraexp: each takes less than 10 µs."""
 MAX_SLOW_CALLS = 3
 """Calls for a single sample, one after another, that may each take more than `TARGET_CALL_S`."""
 POLL_INTERVAL_S = 1.0
@@ -167,9 +169,9 @@ class CallBudget:
     A law that makes a single sample last longer than that would keep an experiment busy for days.
     """
 
-    def __init__(self, most: int, law: Law) -> None:
+    def __init__(self, most: int, law: Law, first: int = FIRST_CALL_WORK) -> None:
         self._most, self._law = max(most, 1), law
-        self._work = min(FIRST_CALL_WORK, self._most)
+        self._work = min(max(first, FIRST_CALL_WORK), self._most)
         self._slow_calls = 0
 
     @contextmanager

@@ -37,11 +37,11 @@ def written_index(memory: NDArray[np.float64]) -> int | None:
     From the middle guard on it counts from the nearest half.
     """
     states = state_count(memory)
-    is_written = (memory.view(np.uint64) != GUARD_BITS).any(axis=1) & guarded_rows(states)
-    rows = np.flatnonzero(is_written)
-    if not rows.size:
+    guards = np.flatnonzero(guarded_rows(states))
+    is_written = (memory.view(np.uint64)[guards] != GUARD_BITS).any(axis=1)
+    if not is_written.any():
         return None
-    row = int(rows[0])
+    row = int(guards[is_written][0])
     if row < GUARD_ROWS:
         return row - GUARD_ROWS
     after_first = row - GUARD_ROWS - states

@@ -76,6 +76,12 @@ def used_by(law: Law) -> list[Law]:
     return [law, *called_functions(law)]
 
 
+@cache  # it is asked for in each call
+def is_all_built_in(law: Law) -> bool:
+    """Return whether a law, and all functions that it calls, come with fraexp."""
+    return all(map(is_built_in, used_by(law)))
+
+
 def used_values(law: Law) -> list[object]:
     """Return the values that a law uses beside its arguments: globals of its module, and what it closes over.
 

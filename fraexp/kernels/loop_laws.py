@@ -3,8 +3,9 @@
 from typing import NamedTuple
 
 from fraexp.kernels.batch_arrays import KernelBatch
+from fraexp.kernels.call_watch import FIRST_BUILT_IN_STEPS
 from fraexp.kernels.guards import state_half
-from fraexp.kernels.law import Law, is_built_in, used_by
+from fraexp.kernels.law import Law, is_all_built_in
 from fraexp.kernels.law_arguments import ArgumentKinds
 from fraexp.kernels.law_error import LawCall
 from fraexp.kernels.observed_law import FRICTION
@@ -27,11 +28,16 @@ class Laws(NamedTuple):
         """The law, and that of the compensation, if any."""
         return (self.law,) if self.compensation_law is None else (self.law, self.compensation_law)
 
+    @property
+    def first_steps(self) -> int:
+        """Steps of the first call into compiled code: few, if a law might be slow."""
+        return FIRST_BUILT_IN_STEPS if all(map(is_all_built_in, self.given)) else 0
+
     def is_observed(self, is_vectorised: bool) -> bool:
         """Whether calls of the laws are recorded: those of dropped-in laws in the scalar kernel, at one contact."""
         if self.contacts > 1:
             return False
-        return not (is_vectorised or all(is_built_in(function) for law in self.given for function in used_by(law)))
+        return not (is_vectorised or all(map(is_all_built_in, self.given)))
 
 
 def last_call(laws: Laws, batch: KernelBatch) -> tuple[Law, LawCall | None]:

@@ -10,7 +10,7 @@ from numba.core.dispatcher import Dispatcher
 from numpy.typing import NDArray
 
 from fraexp.kernels.addresses import DOUBLE_BYTES, call_block, float_pointer, integer_pointer
-from fraexp.kernels.call_watch import CallBudget, watched_call
+from fraexp.kernels.call_watch import FIRST_BUILT_IN_STEPS, FIRST_CALL_WORK, CallBudget, watched_call
 from fraexp.kernels.decorators import compiled
 from fraexp.kernels.driven_arrays import FRAME_DTYPE, LANE_DTYPE, MOTION_DTYPE, DrivenFrame, DrivenLane, DrivenMotion
 from fraexp.kernels.guards import GUARD_ROWS, guarded_rows, memory_rows, set_guards, state_half, written_index
@@ -18,10 +18,9 @@ from fraexp.kernels.lane_layout import MOTION_LANES, ONE_MACHINE, LaneLayout
 from fraexp.kernels.law import (
     Law,
     explain_compiler_errors,
-    is_built_in,
+    is_all_built_in,
     kernel_source_hash,
     register_law,
-    used_by,
 )
 from fraexp.kernels.law_arguments import (
     ArgumentKinds,
@@ -125,7 +124,8 @@ def friction_forces(
         frame[name] = array.ctypes.data
     block = function_address(compiled_block(law, argument_kinds(arguments), layout))
     drive, rest_rows = _compiled_drive(), np.flatnonzero(~guarded_rows(states))
-    budget, is_done = CallBudget(MAX_CALL_SAMPLES, law), False
+    first = FIRST_BUILT_IN_STEPS if is_all_built_in(law) else FIRST_CALL_WORK
+    budget, is_done = CallBudget(MAX_CALL_SAMPLES, law, first), False
     observed = last_call if _is_observed(law, is_vectorised) else None
     while not is_done:
         with watched_call(law, lambda: _last_call(memory, observed)), budget.measure() as samples:
@@ -183,7 +183,7 @@ def compiled_block(law: Law, kinds: ArgumentKinds, layout: LaneLayout) -> Dispat
 
 def _is_observed(law: Law, is_vectorised: bool) -> bool:
     """Return whether calls of a law are recorded: those of a dropped-in one in the scalar kernel."""
-    return not (is_vectorised or all(map(is_built_in, used_by(law))))
+    return not (is_vectorised or is_all_built_in(law))
 
 
 def _concatenate_motions(motions: Sequence[PrescribedMotion]) -> _Samples:

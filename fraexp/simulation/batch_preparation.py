@@ -21,7 +21,7 @@ from fraexp.kernels.block import DRIVE_ROWS, FRAME_DTYPE, TRACE_SAMPLES, trace_r
 from fraexp.kernels.contact_steps import CONTACT_ROWS
 from fraexp.kernels.guards import GUARD_ROWS, guarded_rows, memory_rows, set_guards
 from fraexp.kernels.lane_layout import choose_layout
-from fraexp.kernels.law_arguments import aligned_zeros, argument_sizes, flatten_arguments
+from fraexp.kernels.law_arguments import aligned_zeros, argument_sizes
 from fraexp.kernels.memory_moves import TILE
 from fraexp.kernels.observed_law import CALL_NUMBERS
 from fraexp.kernels.periodic_state import DEPTH, KEPT_WINDOWS
@@ -115,10 +115,10 @@ def make_frame(batch: KernelBatch, setup: Setup) -> NDArray[np.void]:
         "argument_sizes": batch.argument_sizes.ctypes.data,
         "compensation_sizes": batch.argument_sizes[len(law_sizes) :].ctypes.data,
     }
+    shared = _constant_rows(setup) if batch.layout.is_shared else {}
     for name, row in _first_rows(setup).items():
         first = row + (GUARD_ROWS if name in LAW_MEMORIES else 0)  # a law's memory begins with a guard
-        is_shared = batch.layout.is_shared and name in _constant_rows(setup)
-        numbers = batch.machines[0] if is_shared else batch.lane_numbers
+        numbers = batch.machines[0] if name in shared else batch.lane_numbers
         values[name] = numbers.ctypes.data + first * numbers.strides[0]
     frame = np.zeros(1, FRAME_DTYPE)
     for name, value in values.items():
@@ -140,8 +140,7 @@ def _history_length(plans: list[ExperimentPlan]) -> int:
 def _constant_rows(setup: Setup) -> dict[str, int]:
     """Return how many numbers each part of a machine's constants and laws has, in their order."""
     rows = {name: part.size for name, part in zip(CONSTANTS, setup.constants, strict=True)}
-    rows["arguments"] = flatten_arguments(setup.law_arguments).size
-    rows["compensation_arguments"] = flatten_arguments(setup.compensation_arguments).size
+    rows["arguments"], rows["compensation_arguments"] = (numbers.size for numbers in setup.law_numbers)
     return rows
 
 
@@ -251,9 +250,7 @@ def _references(plans: list[ExperimentPlan], silence: NDArray[np.float64]) -> ND
 
 def _machine_numbers(setup: Setup) -> NDArray[np.float64]:
     """Return constants of the loop and arguments of the laws, one after another."""
-    constants = [part.ravel() for part in setup.constants]
-    law, compensation = flatten_arguments(setup.law_arguments), setup.compensation_arguments
-    return np.concatenate([*constants, law, flatten_arguments(compensation)])
+    return np.concatenate([*(part.ravel() for part in setup.constants), *setup.law_numbers])
 
 
 def _empty_results(jobs: int) -> NDArray[np.void]:

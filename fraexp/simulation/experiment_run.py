@@ -39,7 +39,7 @@ def run_experiments(experiments: Sequence[Experiment], progress: Progress) -> li
     plans = [plans[k] for k in order]
     setup = experiments[0].setup
     batch, laws = prepare_batch(plans, setup), setup.laws
-    budget = CallBudget(STEPS_PER_CALL // setup.steps, laws.law)
+    budget = CallBudget(STEPS_PER_CALL // setup.steps, laws.law, laws.first_steps // setup.steps)
     results = batch.results
     weights = np.array([plan.expected_samples for plan in plans]) / sum(plan.expected_samples for plan in plans)
     pools: list[NDArray[np.float64]] = []

@@ -103,6 +103,13 @@ class Setup:
         """Arguments that the kernel takes for the compensation; none without one."""
         return self.compensation.law_arguments(self.sample_time) if self.compensation else ()
 
+    @cached_property
+    def law_numbers(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """All numbers of the arguments of the friction law, and of the compensation, shape (n,) each."""
+        from fraexp.kernels.law_arguments import flatten_arguments
+
+        return flatten_arguments(self.law_arguments), flatten_arguments(self.compensation_arguments)
+
     @property
     def laws(self) -> "Laws":
         """Laws that are compiled for it."""

@@ -2,10 +2,10 @@
 
 import itertools
 from abc import ABC
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
-from typing import ClassVar, Self
+from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -144,8 +144,10 @@ class ObserverEstimator(DelayedEstimator, ABC):
         if self.oversampling:
             return self
 
-        def friction(points: int, examined: Sequence[Segment]) -> list[NDArray[np.complex128]]:
-            return self._oversampled(points)._friction_phasors(examined)
+        def friction(numbers: Sequence[int], examined: Sequence[Segment]) -> list[list[NDArray[np.complex128]]]:
+            observers = [self._oversampled(points) for points in numbers]
+            forces = _forces_side_by_side(observers, examined)
+            return [each._friction_phasors(examined, force) for each, force in zip(observers, forces, strict=True)]
 
         tolerance = TOLERANCE_RATIO * self.interpolation_tolerance
         points = choose_oversampling(segments, tolerance, self.linear_phasors, friction)
@@ -215,14 +217,17 @@ class ObserverEstimator(DelayedEstimator, ABC):
         covariance then includes the noise that acts through friction, which is most of it if friction is most of the
         input.
         """
-        motions = [self.motion(segment) for segment in segments]
-        single_periods = [self._motions_of_periods(*pair) for pair in zip(segments, motions, strict=True)]
-        forces = self.friction.forces([*motions, *itertools.chain.from_iterable(single_periods)])
-        others, found = iter(forces[len(motions) :]), []
-        for segment, force, own_motions in zip(segments, forces[: len(motions)], single_periods, strict=True):
+        return _forces_side_by_side([self], segments)[0]
+
+    def _periods_of_forces(
+        self, segments: Sequence[Segment], motions: "_Motions", forces: Iterator[NDArray[np.float64]]
+    ) -> list[NDArray[np.float64]]:
+        """Return what `_forces` does, from the forces along the whole motions, then along the single periods."""
+        whole, found = list(itertools.islice(forces, len(motions.whole))), []
+        for segment, force, own_motions in zip(segments, whole, motions.single_periods, strict=True):
             periods = force.reshape(-1, segment.samples * self.oversampling)
             if own_motions:
-                single = np.stack([next(others) for _ in own_motions])
+                single = np.stack([next(forces) for _ in own_motions])
                 mean = np.add.reduce(periods, axis=0) / len(periods)
                 periods = mean + single - np.add.reduce(single, axis=0) / len(single)
             found.append(periods)
@@ -282,6 +287,32 @@ class ObserverEstimator(DelayedEstimator, ABC):
             return bins
         omega = 2 * np.pi * np.fft.rfftfreq(size, sample_time)
         return bins / path_response(omega, 0.0, self.output_time_constants)
+
+
+class _Motions(NamedTuple):
+    """What drives a friction model along several segments."""
+
+    whole: list[Motion]
+    """All periods of each segment."""
+    single_periods: list[list[Motion]]
+    """Each period of each segment alone, where noise is known."""
+
+    @classmethod
+    def of(cls, observer: ObserverEstimator, segments: Sequence[Segment]) -> Self:
+        """Return the motions for an observer."""
+        whole = [observer.motion(segment) for segment in segments]
+        return cls(whole, [observer._motions_of_periods(*pair) for pair in zip(segments, whole, strict=True)])
+
+
+def _forces_side_by_side(
+    observers: Sequence[ObserverEstimator], segments: Sequence[Segment]
+) -> list[list[NDArray[np.float64]]]:
+    """Return the forces of one friction model [N] by observers that differ in their points per sample, as `_forces`."""
+    motions = [_Motions.of(observer, segments) for observer in observers]
+    each = [motion for part in motions for motion in itertools.chain(part.whole, *part.single_periods)]
+    forces = iter(observers[0].friction.forces(each))
+    pairs = zip(observers, motions, strict=True)
+    return [observer._periods_of_forces(segments, part, forces) for observer, part in pairs]
 
 
 @lru_cache(8)

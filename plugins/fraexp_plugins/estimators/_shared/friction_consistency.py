@@ -336,6 +336,7 @@ def _term_deviation(segment: Segment, channel: str, encoder: Encoder) -> float:
     """
     y = segment.channels[channel]
     stated = phasor_variance(segment, encoder._replace(noise=encoder.noise / np.sqrt(len(y))))[0]
-    power = np.abs(record_spectrum(segment, channel) * (2 / y.size)) ** 2
-    shown = power[power.size // 2 :] if len(y) == 1 else power[np.arange(power.size) % len(y) != 0]
-    return float(np.sqrt(max(stated, shown.mean())))
+    terms = record_spectrum(segment, channel)
+    noise = terms[terms.size // 2 :] if len(y) == 1 else terms[np.arange(terms.size) % len(y) != 0]
+    shown = (noise.real**2 + noise.imag**2).mean() * (2 / y.size) ** 2
+    return float(np.sqrt(max(stated, shown)))

@@ -18,8 +18,8 @@ MAX_EXAMINED = 3
 
 Phasors = Callable[[Sequence[Segment]], list[NDArray[np.complex128]]]
 """Returns the phasors of the input without friction per segment."""
-FrictionPhasors = Callable[[int, Sequence[Segment]], list[NDArray[np.complex128]]]
-"""Returns the phasors of the friction force per segment, with a number of points per sample."""
+FrictionPhasors = Callable[[Sequence[int], Sequence[Segment]], list[list[NDArray[np.complex128]]]]
+"""Returns the phasors of the friction force per segment, for each of several numbers of points per sample."""
 
 
 def choose_oversampling(
@@ -31,9 +31,9 @@ def choose_oversampling(
     few segments.
     """
     waiting, points = _examined(segments), LEAST
-    given, coarse = linear(waiting), friction(points // 2, waiting)
-    while points < MOST:
-        fine = friction(points, waiting)
+    given = linear(waiting)
+    coarse, fine = friction((points // 2, points), waiting)  # side by side: the longest motion is all that it costs
+    while True:
         is_coarse = [
             ERROR_RATIO * _relative_change(*forces) > tolerance for forces in zip(given, coarse, fine, strict=True)
         ]
@@ -42,6 +42,9 @@ def choose_oversampling(
         waiting = list(compress(waiting, is_coarse))
         given, coarse = list(compress(given, is_coarse)), list(compress(fine, is_coarse))
         points *= 2
+        if points >= MOST:
+            break
+        (fine,) = friction((points,), waiting)
     return points
 
 
