@@ -68,7 +68,7 @@ def circle_factor(freedom: NDArray[np.float64] | float) -> NDArray[np.float64]:
     freedom = np.asarray(freedom, dtype=float)
     finite = np.where(np.isinf(freedom), 1.0, freedom)
     with np.errstate(divide="ignore", invalid="ignore"):
-        quantile = finite / 2 * ((1 - CONFIDENCE_LEVEL) ** (-2 / finite) - 1)
+        quantile = finite / 2 * np.expm1(-2 / finite * np.log(1 - CONFIDENCE_LEVEL))  # exact for any number
     return np.sqrt(np.where(np.isinf(freedom), -np.log(1 - CONFIDENCE_LEVEL), quantile))
 
 

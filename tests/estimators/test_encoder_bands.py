@@ -168,3 +168,27 @@ def test_bands_cover_the_truth_on_the_simulated_loop(checkout: Path) -> None:
     ]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(("modulation", "noise"), [(0.0, 0.01), (0.006, 0.01), (0.006j, 0.01), (0.004 + 0.004j, 0.01)])
+def test_the_conventional_band_holds_where_friction_gathers_noise_at_the_line(modulation, noise):
+    """Noise that the motion modulates lies along one direction, and its spectrum peaks where the motion's does."""
+    generator = np.random.default_rng(5)
+    periods, samples, seeds = 8, 100, 1200
+    turns = np.exp(2j * np.pi * np.arange(periods * samples) / samples)
+    hits = []
+    for _ in range(seeds):
+        slow = coloured(generator, turns.size, cutoff=1 / samples)
+        y = np.real((1 + modulation * slow) * turns) + generator.normal(0, noise, turns.size)
+        channels = {"u": turns.real.reshape(periods, -1), "y": y.reshape(periods, -1)}
+        signals = Signals((Segment(1e-3, channels, np.array([1])),), {"u": "N", "y": "m"})
+        hits.append(is_covered(Conventional().estimate(signals).response, 1.0)[:, 0])
+    assert np.mean(hits, axis=0).min() > 0.917, "less 2 %, and two binomial standard deviations"
+
+
+def coloured(generator, size, cutoff):
+    """Return periodic noise of unit variance with a first-order spectrum; `cutoff` in cycles per sample."""
+    shape = 1 / np.abs(1 + 1j * np.fft.rfftfreq(4 * size) / cutoff)
+    values = np.fft.irfft(shape * np.fft.rfft(generator.normal(size=4 * size)))[:size]
+    return values / np.sqrt(np.mean(shape**2))

@@ -5,10 +5,11 @@ from typing import ClassVar
 
 from fraexp.api import Result, Signals, param, phasors, response_result
 from fraexp_plugins.estimators._shared.delayed_estimator import PlantReferredEstimator
+from fraexp_plugins.estimators._shared.neighbouring_lines import with_noise_of_neighbours
 from fraexp_plugins.estimators._shared.rounding_band import with_rounding
 
 
-class Conventional(PlantReferredEstimator, name="conventional", version=3):
+class Conventional(PlantReferredEstimator, name="conventional", version=4):
     """P̂ = y'/u by Fourier sums over whole periods, averaged (paper, Fig 3).
 
     It estimates the describing function of plant, friction and delays together: with friction the response depends on
@@ -16,7 +17,9 @@ class Conventional(PlantReferredEstimator, name="conventional", version=3):
     negligible at that amplitude.
 
     The rounding error that repeats in every period is taken off as far as several periods show it; the confidence band
-    contains the rest, and noise by the scatter over periods. That of one simulated period follows from its encoder.
+    contains the rest, and noise by the scatter over periods. From four periods on noise follows from the lines of the
+    record's spectrum beside the excited one, where friction gathers it. That of one simulated period follows from its
+    encoder.
     """
 
     takes_responses: ClassVar[bool] = True
@@ -34,4 +37,5 @@ class Conventional(PlantReferredEstimator, name="conventional", version=3):
         found = response_result(signals, inputs, outputs, names=(self.input, self.output), units=units)
         if found.response is None:
             return found
-        return replace(found, response=with_rounding(found.response, signals.segments, self.output, self.resolution))
+        response = with_noise_of_neighbours(found.response, signals.segments, (self.input, self.output))
+        return replace(found, response=with_rounding(response, signals.segments, self.output, self.resolution))
