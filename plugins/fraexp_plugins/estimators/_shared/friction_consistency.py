@@ -188,21 +188,28 @@ class _PlantCurve(NamedTuple):
 
     def response(self, omega: NDArray[np.float64]) -> NDArray[np.complex128]:
         """Return P(jω) [m/N] by cubics whose slopes at both ends are those of parabolas, shape (k,)."""
+        straight, begin, end = self._parts(omega)
+        return np.asarray(-np.exp(straight + begin - end) / omega**2)
+
+    def error(self, omega: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the relative error of the interpolated response, shape (k,).
+
+        It is the band's, and the distance to straight lines: how far they are off bounds how far the cubic is. Where a
+        mode bends the curve at both ends alike the cubic crosses the line, and is no better there: sizes are added.
+        """
+        _, begin, end = self._parts(omega)
+        left, right = self._ends(omega)
+        return np.asarray(np.abs(begin) + np.abs(end) + np.maximum(self.radius[left], self.radius[right]))
+
+    def _parts(self, omega: NDArray[np.float64]) -> tuple[NDArray[np.complex128], ...]:
+        """Return the straight lines, and what the slopes at the left and at the right end of each add, shape (k,)."""
         left, right = self._ends(omega)
         slope, step = np.gradient(self.value, self.place), self.place[right] - self.place[left]
         part = (np.log(omega) - self.place[left]) / step
         rise = self.value[right] - self.value[left]
-        bend = (1 - part) * (step * slope[left] - rise) - part * (step * slope[right] - rise)
-        return np.asarray(-np.exp(self.value[left] + part * rise + part * (1 - part) * bend) / omega**2)
-
-    def error(self, omega: NDArray[np.float64], response: NDArray[np.complex128]) -> NDArray[np.float64]:
-        """Return the relative error of the interpolated response, shape (k,).
-
-        It is the band's, and the distance to straight lines: how far they are off bounds how far the cubic is.
-        """
-        straight = -np.exp(np.interp(np.log(omega), self.place, self.value)) / omega**2
-        left, right = self._ends(omega)
-        return np.asarray(np.abs(response / straight - 1) + np.maximum(self.radius[left], self.radius[right]))
+        height = part * (1 - part)
+        begin, end = (1 - part) * (step * slope[left] - rise), part * (step * slope[right] - rise)
+        return self.value[left] + part * rise, height * begin, height * end
 
     def _ends(self, omega: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Return the numbers of the frequencies between which others lie."""
@@ -292,7 +299,7 @@ def _force_errors(estimator: DelayedEstimator, parts: Sequence[_Harmonics], plan
     known = plant.is_known(joined[0])
     omega, _, motion, _, force, motion_deviation, force_deviation, _ = (each[known] for each in joined)
     response, size = plant.response(omega), np.abs(force)
-    by_plant = np.abs(motion / response) * plant.error(omega, response)
+    by_plant = np.abs(motion / response) * plant.error(omega)
     uncertainty = (by_plant + motion_deviation / np.abs(response) + force_deviation) / size
     counts = np.flatnonzero(uncertainty < MAX_UNCERTAINTY)
     omega, sample_time, motion, given, force, _, _, shares = (each[known][counts] for each in joined)
