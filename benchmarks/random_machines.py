@@ -4,6 +4,7 @@
     python benchmarks/random_machines.py --machines 8    the first eight of them
     python benchmarks/random_machines.py --only 3 17     these two
     python benchmarks/random_machines.py --seed 7        40 others
+    python benchmarks/random_machines.py --law coulomb   40 with this kind of friction
 
 Mass, modes, damping, dead times, lags, friction of every kind, sample time, controller and amplitude are drawn. The
 encoder is ideal. At every point that fraexp calls ok the conventional response must lie within `numerics.tolerance`
@@ -21,7 +22,7 @@ from dataclasses import dataclass
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
-from drawn_machines import SEED, TOLERANCE, DrawnMachine, drawn_machine
+from drawn_machines import LAWS, SEED, TOLERANCE, DrawnMachine, drawn_machine
 from reference_loop import reference_response
 
 from fraexp.analysis.confidence import confidence_limits
@@ -151,12 +152,13 @@ def main() -> int:
     options.add_argument("--machines", type=int, default=COUNT, help="how many, from the first one on")
     options.add_argument("--only", type=int, nargs="*", help="numbers of single machines")
     options.add_argument("--seed", type=int, default=SEED, help="of the machines")
+    options.add_argument("--law", choices=sorted({*LAWS, "none"}), default="", help="friction of all machines")
     options.add_argument("--points", action="store_true", help="print every frequency")
     options.add_argument("--reduced", action="store_const", dest="machines", const=10, help="the same as --machines 10")
     chosen = options.parse_args()
     reports = []
     for number in chosen.only or range(chosen.machines):
-        reports.append(compared(drawn_machine(number, chosen.seed)))
+        reports.append(compared(drawn_machine(number, chosen.seed, chosen.law)))
         print(line(reports[-1]), flush=True)
         if chosen.points:
             print("\n".join(point(finding) for finding in reports[-1].findings), flush=True)

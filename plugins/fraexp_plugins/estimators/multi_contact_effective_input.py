@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from fraexp.api import (
     Encoder,
+    FrequencyResponse,
     FrictionModel,
     ParameterError,
     Plant,
@@ -18,16 +19,22 @@ from fraexp.api import (
     Segment,
     Signals,
     param,
+    phasor_variance,
     phasors,
     record_spectrum,
     response_result,
 )
 from fraexp_plugins.estimators._shared.delayed_estimator import DelayedEstimator
 from fraexp_plugins.estimators._shared.effective_input_observer import EFFECTIVE_INPUT
-from fraexp_plugins.estimators._shared.friction_consistency import ContactFriction, StatedDeviation, model_error
+from fraexp_plugins.estimators._shared.friction_consistency import (
+    STATED_STDS,
+    ContactFriction,
+    StatedDeviation,
+    model_error,
+)
 from fraexp_plugins.estimators._shared.model_covariance import inverse_response, outer_parts, with_model_covariance
 from fraexp_plugins.estimators._shared.parameter_uncertainty import Deviation, check_deviations, perturbations
-from fraexp_plugins.estimators._shared.response_doubts import check_friction_models
+from fraexp_plugins.estimators._shared.response_doubts import check_friction_models, check_unbanded_encoder
 from fraexp_plugins.estimators._shared.standstill import hidden_forces
 from fraexp_plugins.estimators.effective_input import DIFFERENCE_STEP_STDS, EffectiveInput
 
@@ -42,7 +49,7 @@ class _Compensation(NamedTuple):
     contacts: tuple[ContactFriction, ...]
 
 
-class MultiContactEffectiveInput(DelayedEstimator, name="multi_contact_effective_input", version=2):
+class MultiContactEffectiveInput(DelayedEstimator, name="multi_contact_effective_input", version=3):
     """P̂ = y'/û_e with û_e = G_di G_do u - Σ R_c f̂_c: eqs (2)-(5), with a friction model for each contact c.
 
     A friction model is driven by the displacement of its contact, as far as measured positions give it: one of them, or
@@ -53,6 +60,10 @@ class MultiContactEffectiveInput(DelayedEstimator, name="multi_contact_effective
     The displacement of one contact may be unknown. It is then reconstructed from the position that is fed back, by the
     nominal plant. Both uses of the nominal plant cost what it is wrong. With standard deviations of its parameters,
     `plant_deviations`, the confidence band contains that: they move the nominal plant, and with it 1/P̂.
+
+    The band does not contain noise and rounding of the encoder, which act on P̂ through the friction models. A message
+    states how far they may move the response where that is more than 1 % and than the band, from the greatest stiffness
+    of the models; more than 10 % is not ok.
 
     At harmonics of a sine friction alone moves the plant. Where they lie within the measured frequencies and contradict
     the friction models by more than encoder and plant explain, the sweep is not ok, and says how wrong they are. What
@@ -107,7 +118,32 @@ class MultiContactEffectiveInput(DelayedEstimator, name="multi_contact_effective
                 inverses = [inverse_response(self._estimate_along(each)) for each in (above, below)]
                 covariance += outer_parts((inverses[0] - inverses[1]) / (2 * steps))
             found = replace(found, response=with_model_covariance(found.response, covariance))
+        if found.response is not None and (self.noise or self.resolution):
+            found = check_unbanded_encoder(found, self._encoder_error(compensation, found.response))
         return self._check_models(found, compensation, others)
+
+    def _encoder_error(self, compensation: _Compensation, response: FrequencyResponse) -> NDArray[np.float64]:
+        """Return by how much noise and rounding may move the response, relative to it, shape (n,): two deviations.
+
+        An error of a displacement changes the force by no more than the friction model's greatest stiffness.
+        """
+        segments, contacts = compensation
+        position, force = [], []
+        for segment in segments.segments:
+            encoder = Encoder(self.noise / np.sqrt(len(segment.channels[self.output])), self.resolution)
+            deviation, omega = float(np.sqrt(phasor_variance(segment, encoder)[0])), 2 * np.pi * segment.frequency
+            position.append(np.full(omega.size, deviation))
+            force.append(
+                np.add.reduce([np.zeros(omega.size), *(c.force_deviation(omega, deviation) for c in contacts)])
+            )
+        with np.errstate(divide="ignore", invalid="ignore"):  # where nothing moves
+            return np.asarray(
+                STATED_STDS
+                * (
+                    np.concatenate(position) / response.output_amplitude
+                    + np.concatenate(force) / response.input_amplitude
+                )
+            )
 
     def _neighbours(self, signals: Signals) -> list[tuple[_Compensation, _Compensation, float]]:
         """Return, for each stated deviation of the nominal plant, the compensation above and below, and its steps."""

@@ -14,6 +14,8 @@ MAX_STANDSTILL_ERROR = 0.01
 MAX_ENCODER_ERROR = 0.1
 """Radius of the 95 % circle by noise and rounding, relative to the response, from which it is not ok: beyond, the error
 of û_e is no longer small, and 1/û_e is not linear in it."""
+MIN_STATED_ERROR = 0.01
+"""Relative error of a response by the encoder, beside its band, from which it is stated."""
 MAX_MODEL_ERROR = 0.01
 """Relative error of the response by a friction model that the harmonics contradict, from which it is not ok."""
 
@@ -37,6 +39,30 @@ def check_encoder(found: Result) -> Result:
         f"{response.frequency[worst]:.4g} Hz the response may be off by {20 * np.log10(1 + error[worst]):.2g} dB, "
         f"{turn:.2g} deg; raise the amplitude, use a finer encoder, or record more periods with noise",
     )
+
+
+def check_unbanded_encoder(found: Result, error: NDArray[np.float64]) -> Result:
+    """Return a result that says how far the encoder may move a response whose band does not contain it, shape (n,).
+
+    It is not ok where that is no longer small.
+    """
+    if found.response is None:
+        return found
+    response = found.response
+    error = np.where(response.settled & np.isfinite(error), error, 0.0)
+    wide = error > np.maximum(MIN_STATED_ERROR, np.nan_to_num(relative_radius(response), posinf=np.inf))
+    if not wide.any():
+        return found
+    worst = int(np.argmax(np.where(wide, error, 0.0)))
+    message = (
+        f"the confidence band does not contain what rounding and noise of the encoder do to the friction forces: at "
+        f"{wide.sum()} of {wide.size} frequencies ({frequency_text(response.frequency[wide])}) they may move the "
+        f"response, at {response.frequency[worst]:.4g} Hz by up to {20 * np.log10(1 + error[worst]):.2g} dB; raise the "
+        "amplitude, or use a finer encoder"
+    )
+    if error[worst] > MAX_ENCODER_ERROR:
+        return with_doubt(found, message)
+    return replace(found, message=join_messages(found.message, message))
 
 
 def with_doubt(found: Result, message: str) -> Result:
