@@ -12,13 +12,18 @@ ALIKE_VARIANCE = 2.0
 
 
 def phasor_variance(segment: Segment, encoder: Encoder) -> NDArray[np.float64]:
-    """Return the variance E|dY|² of the phasors of one period of a measured position [m²], shape (lines,).
+    """Return the variance E|dY|² of the phasors of one period of a measured position [m²], shape (lines,)."""
+    return np.full(segment.lines.size, line_variance(segment, encoder))
+
+
+def line_variance(segment: Segment, encoder: Encoder) -> float:
+    """Return this variance at one line [m²]: it is the same at each.
 
     Rounding counts as white, with a variance of q²/12, at all samples that are at different places of the motion:
     B. Widrow and I. Kollár, Quantization Noise, 2008, doi:10.1017/CBO9780511754661.
     """
     rounding = encoder.resolution**2 / 12 * rounding_symmetry(segment) / _distinct_samples(segment)
-    return np.full(segment.lines.size, 4 * (rounding + encoder.noise**2 / segment.samples))
+    return 4 * (rounding + encoder.noise**2 / segment.samples)
 
 
 def rounding_symmetry(segment: Segment) -> float:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.analysis.fourier import PeriodicSpectrum, harmonic_phasors, mean_spectrum, response_covariance
-from fraexp.analysis.quantisation import phasor_variance
+from fraexp.analysis.quantisation import line_variance
 from fraexp.analysis.settling_periods import find_transient
 from fraexp.analysis.steady_motion import steady_motion_text
 from fraexp.data.frequency_text import frequency_text
@@ -55,15 +55,16 @@ def response_result(
     cov_yu = np.concatenate([s.covariance for s in spectra])
     with np.errstate(invalid="ignore"):  # where nothing moves
         ratio, covariance = y / u, response_covariance(u, y, var_u, var_y, cov_yu)
-    known = np.concatenate([_known_variance(signals, *pair) for pair in zip(signals.segments, outputs, strict=True)])
+    lines = [segment.lines.size for segment in signals.segments]
+    known = np.repeat([_known_variance(signals, *pair) for pair in zip(signals.segments, outputs, strict=True)], lines)
     known_covariance = (known / np.abs(u) ** 2)[:, None, None] * (np.eye(2) / 2)
     covariance = np.where(np.isfinite(known_covariance), known_covariance, covariance)
-    freedom = np.concatenate([np.full(each.shape[1], 2.0 * (len(each) - 1)) for each in outputs])
+    freedom = np.repeat([2.0 * (len(each) - 1) for each in outputs], lines)
     frequency = np.concatenate([s.frequency for s in spectra])
     repeated = signals.segments if repeats else ()
     transient = find_transient(repeated, frequency, inputs, outputs)
     settlings = [segment.settling for segment in signals.segments]
-    lines = [segment.lines.size for segment in signals.segments]
+    lacks_amplitude = np.repeat([_lacks_amplitude(segment) for segment in signals.segments], lines)
     response = FrequencyResponse(
         frequency=frequency,
         response=ratio,
@@ -71,12 +72,12 @@ def response_result(
         unit=f"{units[1]}/{units[0]}",
         input=names[0],
         output=names[1],
-        input_amplitude=np.where(_lacks_amplitude(signals.segments, lines), np.nan, np.abs(u)),
-        output_amplitude=np.where(_lacks_amplitude(signals.segments, lines), np.nan, np.abs(y)),
+        input_amplitude=np.where(lacks_amplitude, np.nan, np.abs(u)),
+        output_amplitude=np.where(lacks_amplitude, np.nan, np.abs(y)),
         settled=~(silent | transient.is_large) & np.repeat([not known or known.settled for known in settlings], lines),
         settling_time=np.repeat([known.time if known else np.nan for known in settlings], lines),
         residual=np.repeat([known.residual if known else np.nan for known in settlings], lines),
-        harmonics=np.concatenate([_relative_harmonics(s, names[1]) for s in signals.segments]),
+        harmonics=_relative_harmonics(signals.segments, names[1]),
         freedom=np.where(np.isfinite(known), np.inf, freedom),
         coherence=_stated_coherence(signals.segments),
     )
@@ -92,23 +93,22 @@ def response_result(
     return Result(outcome, message, response)
 
 
-def _known_variance(signals: Signals, segment: Segment, outputs: NDArray[np.complex128]) -> NDArray[np.float64]:
-    """Return the variance of the output's phasors [unit²], shape (lines,); NaN where periods or nothing show it.
+def _known_variance(signals: Signals, segment: Segment, outputs: NDArray[np.complex128]) -> float:
+    """Return the variance of the output's phasors at each line [unit²]; NaN where periods or nothing show it.
 
     A record from rest contains a transient, which is no noise.
     """
     if segment.stated is not None:
-        return np.full(segment.lines.size, segment.stated.output_variance)
+        return segment.stated.output_variance
     is_from_rest = segment.settling is not None and segment.settling.time == 0
     if signals.encoder is None or len(outputs) > 1 or is_from_rest:
-        return np.full(segment.lines.size, np.nan)
-    return phasor_variance(segment, signals.encoder)
+        return np.nan
+    return line_variance(segment, signals.encoder)
 
 
-def _lacks_amplitude(segments: Sequence[Segment], lines: Sequence[int]) -> NDArray[np.bool_]:
-    """Return where the amplitude of the input is unknown, shape (n,)."""
-    lacking = [segment.stated is not None and not segment.stated.has_amplitude for segment in segments]
-    return np.repeat(lacking, lines)
+def _lacks_amplitude(segment: Segment) -> bool:
+    """Return whether the amplitude of the input is unknown."""
+    return segment.stated is not None and not segment.stated.has_amplitude
 
 
 def _stated_coherence(segments: Sequence[Segment]) -> NDArray[np.float64] | None:
@@ -140,14 +140,18 @@ def _spectra(
     return [mean_spectrum(frequency, np.concatenate(inputs, axis=1), np.concatenate(outputs, axis=1))]
 
 
-def _relative_harmonics(segment: Segment, channel: str) -> NDArray[np.complex128]:
-    """Return the harmonics 2… of a single sine relative to its fundamental, shape (lines, HARMONICS - 1).
+def _relative_harmonics(segments: Sequence[Segment], channel: str) -> NDArray[np.complex128]:
+    """Return the harmonics 2… of single sines relative to their fundamentals, shape (lines, HARMONICS - 1).
 
-    NaN above the Nyquist frequency, and for several lines.
+    NaN above the Nyquist frequency, and for segments of several lines.
     """
-    result = np.full((segment.lines.size, HARMONICS - 1), np.nan, dtype=complex)
-    if segment.lines.size == 1 and channel in segment.channels and segment.stated is None:
-        sums = harmonic_phasors(segment, channel).sum(axis=0)
-        if sums[0] != 0:
-            result[0, : sums.size - 1] = sums[1:] / sums[0]
-    return result
+    places = np.cumsum([0, *(segment.lines.size for segment in segments)])
+    sums = np.full((places[-1], HARMONICS), np.nan, dtype=complex)
+    for place, segment in zip(places[:-1].tolist(), segments, strict=True):
+        if segment.lines.size == 1 and channel in segment.channels and segment.stated is None:
+            found = np.add.reduce(harmonic_phasors(segment, channel), axis=0)
+            if found[0] != 0:
+                sums[place, : found.size] = found
+    known, fundamental = ~np.isnan(sums[:, 1:]), np.broadcast_to(sums[:, :1], sums[:, 1:].shape)
+    sums[:, 1:][known] /= fundamental[known]
+    return sums[:, 1:]

@@ -1,6 +1,6 @@
 """Uniformly sampled channels with units, from a simulation or an instrument."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
@@ -136,17 +136,34 @@ class Signals:
 
     def check_values(self) -> None:
         """Raise RecordError for a channel whose squares are beyond floating point, or that has no numbers."""
-        for segment in self.segments:
-            for name, samples in segment.channels.items():
-                size = float(np.max(np.abs(samples), initial=0.0))
-                if size and not 1 / MAX_MAGNITUDE < size < MAX_MAGNITUDE:
-                    raise RecordError(
-                        f"channel '{name}' reaches {size:.3g} {self.units.get(name, '')}; expected numbers between "
-                        f"{1 / MAX_MAGNITUDE:g} and {MAX_MAGNITUDE:g}: correct its column, unit or scale"
-                    )
+        if self._value_fault:
+            raise RecordError(self._value_fault)
+
+    @cached_property
+    def _value_fault(self) -> str:
+        """What is wrong with the samples, in words; empty if nothing is. Several estimators ask for it."""
+        for name in dict.fromkeys(name for segment in self.segments for name in segment.channels):
+            sizes = _magnitudes([segment.channels[name] for segment in self.segments if name in segment.channels])
+            wrong = sizes[~((sizes == 0) | ((sizes > 1 / MAX_MAGNITUDE) & (sizes < MAX_MAGNITUDE)))]
+            if wrong.size:
+                return (
+                    f"channel '{name}' reaches {wrong[0]:.3g} {self.units.get(name, '')}; expected numbers between "
+                    f"{1 / MAX_MAGNITUDE:g} and {MAX_MAGNITUDE:g}: correct its column, unit or scale"
+                )
+        return ""
 
     def unit(self, channel: str) -> str:
         """Return the unit of a channel; RecordError names the nearest one if it does not exist."""
         if channel not in self.units:
             raise RecordError(f"the signals have no channel '{channel}'{did_you_mean(channel, self.units)}")
         return self.units[channel]
+
+
+def _magnitudes(channels: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Return the greatest magnitude of each array that has samples, shape (n,); NaN if one of them is."""
+    filled = [samples.ravel() for samples in channels if samples.size]
+    if not filled:
+        return np.empty(0)
+    joined = np.concatenate(filled)  # one reduction of all: those of many short arrays take longer than their samples
+    first = np.cumsum([0, *(samples.size for samples in filled[:-1])])
+    return np.asarray(np.maximum.reduceat(np.abs(joined, out=joined), first))

@@ -1,6 +1,7 @@
 """The arrays that a batch of experiments is run on: from plans and a machine's setup to what compiled code takes."""
 
 import itertools
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,11 +48,12 @@ def prepare_batch(plans: list[ExperimentPlan], setup: Setup) -> KernelBatch:
     waveforms = [plan.experiment.period.waveform for plan in plans]
     silence = np.zeros(max(waveform.size for waveform in waveforms))
     law_sizes, compensation_sizes = _argument_sizes(setup)
+    rows = _RowCounts.of(setup)
     lanes = np.zeros(width, LANE_DTYPE)
     lanes["stage"] = IDLE
-    lane_numbers = aligned_zeros(machines.shape[1] + sum(_memory_rows(setup).values()), width)
-    law_memories = _law_memories(setup, lane_numbers)
-    rest_rows, linear_rows = _rest_rows(setup), _linear_rows(setup)
+    lane_numbers = aligned_zeros(machines.shape[1] + sum(rows.memory.values()), width)
+    law_memories = _law_memories(setup, rows, lane_numbers)
+    rest_rows, linear_rows = _rest_rows(setup, rows), _linear_rows(setup, rows)
     for memory in law_memories:
         set_guards(memory)
     batch = KernelBatch(
@@ -91,7 +93,7 @@ def empty_records(width: int, channels: int, samples: int) -> NDArray[np.float64
 
 def make_frame(batch: KernelBatch, setup: Setup) -> NDArray[np.void]:
     """Return what a block of samples needs, shape (1,): sizes, addresses in the batch's arrays, and settings."""
-    discrete, compensation = setup.discrete, setup.compensation
+    discrete, compensation, rows = setup.discrete, setup.compensation, _RowCounts.of(setup)
     law_sizes, _ = _argument_sizes(setup)
     values: dict[str, float] = {
         "states": discrete.transition.shape[0],
@@ -115,15 +117,12 @@ def make_frame(batch: KernelBatch, setup: Setup) -> NDArray[np.void]:
         "argument_sizes": batch.argument_sizes.ctypes.data,
         "compensation_sizes": batch.argument_sizes[len(law_sizes) :].ctypes.data,
     }
-    shared = _constant_rows(setup) if batch.layout.is_shared else {}
-    for name, row in _first_rows(setup).items():
+    places = [(numbers.ctypes.data, numbers.strides[0]) for numbers in (batch.machines[0], batch.lane_numbers)]
+    for name, row in rows.first.items():
         first = row + (GUARD_ROWS if name in LAW_MEMORIES else 0)  # a law's memory begins with a guard
-        numbers = batch.machines[0] if name in shared else batch.lane_numbers
-        values[name] = numbers.ctypes.data + first * numbers.strides[0]
-    frame = np.zeros(1, FRAME_DTYPE)
-    for name, value in values.items():
-        frame[name] = value
-    return frame
+        address, stride = places[0 if batch.layout.is_shared and name in rows.constants else 1]
+        values[name] = address + first * stride
+    return np.array([tuple(values.get(name, 0) for name in FRAME_DTYPE.names or ())], FRAME_DTYPE)
 
 
 def _argument_sizes(setup: Setup) -> tuple[list[int], list[int]]:
@@ -135,6 +134,26 @@ def _history_length(plans: list[ExperimentPlan]) -> int:
     """Return the number of positions that a lane keeps."""
     needed = max((KEPT_WINDOWS + 1) * plan.window + plan.record for plan in plans)
     return max(min(max(plan.max_samples for plan in plans), MAX_HISTORY), needed)
+
+
+class _RowCounts(NamedTuple):
+    """How many rows each part of a lane's numbers has; they lie below each other, constants first."""
+
+    constants: dict[str, int]
+    """Constants of the loop, and arguments of the laws."""
+    memory: dict[str, int]
+    """Parts of the loop's memory."""
+
+    @classmethod
+    def of(cls, setup: Setup) -> "_RowCounts":
+        """Return those of a machine."""
+        return cls(_constant_rows(setup), _memory_rows(setup))
+
+    @property
+    def first(self) -> dict[str, int]:
+        """Where each part begins."""
+        counts = {**self.constants, **self.memory}
+        return dict(zip(counts, itertools.accumulate(counts.values(), initial=0), strict=False))
 
 
 def _constant_rows(setup: Setup) -> dict[str, int]:
@@ -161,52 +180,46 @@ def _memory_rows(setup: Setup) -> dict[str, int]:
     }
 
 
-def _first_rows(setup: Setup) -> dict[str, int]:
-    """Return where each part of a lane's numbers begins: constants, arguments and memory lie below each other."""
-    rows = {**_constant_rows(setup), **_memory_rows(setup)}
-    return dict(zip(rows, itertools.accumulate(rows.values(), initial=0), strict=False))
-
-
-def _law_memories(setup: Setup, lane_numbers: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+def _law_memories(setup: Setup, rows: _RowCounts, lane_numbers: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
     """Return the memory of the friction law, and of the compensation's, if any, with its guards."""
     states = [setup.state_size]
     if setup.compensation:
         states.append(setup.compensation.friction.state_size)
-    rows = _first_rows(setup)
-    first = [rows[name] for name in LAW_MEMORIES]
-    return tuple(lane_numbers[row : row + memory_rows(count)] for row, count in zip(first, states, strict=False))
+    first, sizes = [rows.first[name] for name in LAW_MEMORIES], map(memory_rows, states)
+    return tuple(lane_numbers[row : row + size] for row, size in zip(first, sizes, strict=False))
 
 
-def _rest_rows(setup: Setup) -> NDArray[np.int64]:
+def _rest_rows(setup: Setup, rows: _RowCounts) -> NDArray[np.int64]:
     """Return the rows of a lane's memory, without the guards of the laws."""
-    is_memory = np.ones(sum(_memory_rows(setup).values()), dtype=bool)
-    constants, rows = sum(_constant_rows(setup).values()), _first_rows(setup)
+    is_memory = np.ones(sum(rows.memory.values()), dtype=bool)
+    constants = sum(rows.constants.values())
     compensation_states = setup.compensation.friction.state_size if setup.compensation else 0
     for name, states in zip(LAW_MEMORIES, (setup.state_size, compensation_states), strict=True):
-        first = rows[name] - constants
+        first = rows.first[name] - constants
         is_memory[first : first + memory_rows(states)] = ~guarded_rows(states)
     return constants + np.flatnonzero(is_memory)
 
 
-def _linear_rows(setup: Setup) -> NDArray[np.int64]:
+def _linear_rows(setup: Setup, rows: _RowCounts) -> NDArray[np.int64]:
     """Return the rows of a lane's memory that are the state of the linear part, from one sample to the next."""
-    first, rows = _first_rows(setup), _memory_rows(setup)
-    rows["known"] = setup.discrete.transition.shape[0]  # the rest is looked up afresh in each sample
+    states = setup.discrete.transition.shape[0]  # the rest of what is known is looked up afresh in each sample
+    counts, first = {**rows.memory, "known": states}, rows.first
     parts = ("known", "controller_memory", "control_inputs", "measurements")
-    return np.concatenate([first[name] + np.arange(rows[name]) for name in parts])
+    return np.concatenate([first[name] + np.arange(counts[name]) for name in parts])
 
 
 def _jobs(plans: list[ExperimentPlan], setups: list[Setup]) -> NDArray[np.void]:
-    jobs, first_sample = np.zeros(len(plans), JOB_DTYPE), 0
+    rows: list[tuple[float, ...]] = []
+    first_sample = 0
     machine_of = {setup: row for row, setup in enumerate(setups)}
-    for job, plan in zip(jobs, plans, strict=True):
+    for plan in plans:
         setup, schedule = plan.experiment.setup, plan.experiment.schedule
         samples, lines = plan.experiment.period.waveform.size, plan.experiment.period.lines
         values = {
             "machine": machine_of[setup],
             "first_sample": first_sample,
             "period": samples,
-            "cycles": lines[0] if lines.size == 1 else 0,
+            "cycles": int(lines[0]) if lines.size == 1 else 0,
             "ramp": plan.ramp,
             "window": plan.window,
             "settling_limit": plan.settling_limit,
@@ -218,10 +231,9 @@ def _jobs(plans: list[ExperimentPlan], setups: list[Setup]) -> NDArray[np.void]:
             "reference": setup.reference,
             "seed": _noise_seed(plan.experiment),
         }
-        for name, value in values.items():
-            job[name] = value
+        rows.append(tuple(values[name] for name in JOB_DTYPE.names or ()))
         first_sample += samples
-    return jobs
+    return np.array(rows, JOB_DTYPE)
 
 
 def _noise_seed(experiment: Experiment) -> int:

@@ -14,7 +14,7 @@ from fraexp.data.signals import Segment
 from fraexp.errors import PluginError
 from fraexp.kernels.call_watch import CallBudget, call_explainer
 from fraexp.kernels.law_error import LawCall, LawCallError
-from fraexp.simulation.experiments import Experiment, ExperimentPlan, Setup
+from fraexp.simulation.experiments import DeliveredRecord, Experiment, ExperimentPlan, Setup
 
 if TYPE_CHECKING:
     from fraexp.kernels.batch_arrays import KernelBatch
@@ -41,7 +41,8 @@ def run_experiments(experiments: Sequence[Experiment], progress: Progress) -> li
     batch, laws = prepare_batch(plans, setup), setup.laws
     budget = CallBudget(STEPS_PER_CALL // setup.steps, laws.law, laws.first_steps // setup.steps)
     results = batch.results
-    weights = np.array([plan.expected_samples for plan in plans]) / sum(plan.expected_samples for plan in plans)
+    expected = np.array([plan.expected_samples for plan in plans])
+    weights = expected / expected.sum()
     pools: list[NDArray[np.float64]] = []
     pool_of = np.full(len(plans), -1)
     status = POOL_FULL
@@ -58,10 +59,19 @@ def run_experiments(experiments: Sequence[Experiment], progress: Progress) -> li
         progress(_fraction_done(weights, plans, batch))
     _require_finite([experiments[k] for k in order], results)
     segments: list[Segment | None] = [None] * len(plans)
-    for number, plan in enumerate(plans):
-        if results["pool_index"][number] >= 0:
-            segments[order[number]] = plan.read_segment(results[number], pools[pool_of[number]])
+    for number, plan, record, pool in zip(order, plans, _delivered_records(results), pool_of.tolist(), strict=True):
+        if record.pool_index >= 0:
+            segments[number] = plan.read_segment(record, pools[pool])
     return segments
+
+
+def _delivered_records(results: NDArray[np.void]) -> list[DeliveredRecord]:
+    """Return what the kernel says of each experiment; one without a record has a pool index below 0."""
+    from fraexp.kernels.batch_arrays import SETTLED
+
+    names = ("pool_index", "lead_in", "settling", "residual")
+    columns = [(results["status"] == SETTLED).tolist(), *(results[name].tolist() for name in names)]
+    return [DeliveredRecord(*row) for row in zip(*columns, strict=True)]
 
 
 def _law_fault(setup: Setup, error: LawCallError) -> str:
@@ -125,8 +135,7 @@ def _fraction_done(weights: NDArray[np.float64], plans: list[ExperimentPlan], ba
 
     is_done = (batch.results["pool_index"] >= 0) | (batch.results["status"] == DIVERGED)
     done = float(np.sum(weights[is_done]))
-    for lane in batch.lanes:
-        if lane["stage"] != IDLE:
-            job = int(lane["job"])
-            done += weights[job] * min(int(lane["elapsed"]) / max(plans[job].max_samples, 1), UNFINISHED_SHARE)
+    busy = batch.lanes[batch.lanes["stage"] != IDLE]
+    for job, elapsed in zip(busy["job"].tolist(), busy["elapsed"].tolist(), strict=True):
+        done += weights[job] * min(elapsed / max(plans[job].max_samples, 1), UNFINISHED_SHARE)
     return min(done, 1.0)

@@ -1,9 +1,10 @@
 """Experiments on the loop: a machine made ready, one period of an excitation on it, and both counted in samples."""
 
+import math
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -164,6 +165,20 @@ class Experiment:
     """Index among the experiments of its sweep: the noise differs from one to the next."""
 
 
+class DeliveredRecord(NamedTuple):
+    """What the kernel says of an experiment that it has recorded."""
+
+    is_settled: bool
+    pool_index: int
+    """Where its numbers begin in the pool."""
+    lead_in: int
+    """How many of the positions come before the record."""
+    settling: int
+    """Samples before the record."""
+    residual: float
+    """Relative difference of the last two windows."""
+
+
 @dataclass(frozen=True)
 class ExperimentPlan:
     """An experiment, counted in samples."""
@@ -189,13 +204,13 @@ class ExperimentPlan:
         """Return the plan of an experiment."""
         setup, schedule = experiment.setup, experiment.schedule
         period, sample_time = experiment.period.waveform.size, setup.sample_time
-        periods = max(schedule.recorded_periods, int(np.ceil(schedule.min_record_time / (period * sample_time))), 1)
+        periods = max(schedule.recorded_periods, math.ceil(schedule.min_record_time / (period * sample_time)), 1)
         if schedule.settling_timeout == 0:  # the transient itself is wanted
             return cls(experiment, 0, 0, 0, periods, periods * period, 1.0, 0.0)
-        ramp = int(np.ceil((schedule.ramp + setup.delay) / sample_time))
+        ramp = math.ceil((schedule.ramp + setup.delay) / sample_time)
         # A change cannot show before it has gone once around the loop: a window lasts at least as long.
-        window = period * max(1, int(np.ceil(max(MIN_WINDOW_S, setup.delay) / (period * sample_time))))
-        settling_limit = int(np.ceil(schedule.settling_timeout / sample_time))
+        window = period * max(1, math.ceil(max(MIN_WINDOW_S, setup.delay) / (period * sample_time)))
+        settling_limit = math.ceil(schedule.settling_timeout / sample_time)
         start_amplitude, rise = (0.0, sample_time / schedule.ramp) if schedule.ramp else (1.0, 0.0)
         return cls(experiment, ramp, window, settling_limit, periods, periods * period, start_amplitude, rise)
 
@@ -204,7 +219,7 @@ class ExperimentPlan:
         """Greatest number of samples from rest to the end of the record."""
         return self.ramp + max(self.settling_limit, 2 * self.window) + self.window + self.record
 
-    @property
+    @cached_property
     def expected_samples(self) -> int:
         """Samples that a machine takes which settles quickly."""
         own_record = self.record if self.record > self.window else 0
@@ -214,20 +229,16 @@ class ExperimentPlan:
     def noise_floor(self) -> float:
         """Difference of two windows that encoder and noise alone explain [m]."""
         setup = self.experiment.setup
-        scatter = np.sqrt(2 * (setup.noise_std**2 + setup.resolution**2 / 12))
-        return float(scatter * (1 + 3 / np.sqrt(2 * self.window))) if self.window else 0.0
+        scatter = math.sqrt(2 * (setup.noise_std**2 + setup.resolution**2 / 12))
+        return scatter * (1 + 3 / math.sqrt(2 * self.window)) if self.window else 0.0
 
-    def read_segment(self, result: np.void, pool: NDArray[np.float64]) -> Segment:
-        """Return the recorded periods from the pool, where `result` says that they lie."""
-        from fraexp.kernels.batch_arrays import SETTLED
-
+    def read_segment(self, record: DeliveredRecord, pool: NDArray[np.float64]) -> Segment:
+        """Return the recorded periods from the pool, where they lie as `record` says."""
         setup, period = self.experiment.setup, self.experiment.period
-        begin, before, samples = int(result["pool_index"]), int(result["lead_in"]), period.waveform.size
-        lead_in, first = pool[begin : begin + before], begin + before
-        names = setup.channels
-        numbers = pool[first : first + len(names) * self.record].reshape(len(names), self.periods, samples)
-        waited = int(result["settling"])
-        settling = Settling(bool(result["status"] == SETTLED), waited * setup.sample_time, float(result["residual"]))
+        begin, before, waited = record.pool_index, record.lead_in, record.settling
+        lead_in, first, names = pool[begin : begin + before], begin + before, setup.channels
+        numbers = pool[first : first + len(names) * self.record].reshape(len(names), self.periods, period.waveform.size)
+        settling = Settling(record.is_settled, waited * setup.sample_time, record.residual)
         channels = dict(zip(names, numbers, strict=True))
         channels["excitation"] = _repeat_period(period.waveform, waited, self.periods)
         if period.reference is not None:

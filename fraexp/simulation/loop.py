@@ -39,18 +39,25 @@ def simulate_loop(machine: Machine, excitation: Excitation, progress: Callable[[
     that is done. The outcome is DIVERGED if the displacement exceeds the divergence limit; segments before are kept.
     """
     setup = prepare_setup(machine)
-    signals = _simulate(machine, setup, excitation, progress)
+    periods = tuple(excitation.periods(machine.loop.sample_time))
+    signals = _simulate(machine, setup, excitation, periods, progress)
     for _ in range(MAX_REFINEMENTS):
         steps = refined_steps(machine, setup, signals.verification)
         if steps == setup.steps:
             break
         setup = setup_with_steps(machine, setup, steps)
-        signals = _simulate(machine, setup, excitation, progress)
+        signals = _simulate(machine, setup, excitation, periods, progress)
     return signals
 
 
-def _simulate(machine: Machine, setup: Setup, excitation: Excitation, progress: Callable[[float], None]) -> Signals:
-    periods = list(excitation.periods(machine.loop.sample_time))
+def _simulate(
+    machine: Machine,
+    setup: Setup,
+    excitation: Excitation,
+    given: Sequence[Period],
+    progress: Callable[[float], None],
+) -> Signals:
+    periods = list(given)
     recorded = _record_periods(setup, excitation, periods, progress)
     until_divergence = itertools.takewhile(lambda segment: segment is not None, recorded)
     segments = tuple(segment for segment in until_divergence if segment)
