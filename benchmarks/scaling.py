@@ -4,7 +4,8 @@
     python benchmarks/scaling.py --reduced  smaller sizes, half a minute
 
 Time over friction elements, modes, frequencies, amplitudes and stored sweeps: the exponent p of time ~ size^p, fitted
-by least squares in logarithms; linear is 1. Then the rate with two worker processes over that with one, and the peak
+by least squares in logarithms; linear is 1. Processor time of a warm sweep per frequency, of many frequencies over 330.
+Then the rate with two worker processes over that with one, and the peak
 memory of fresh processes. The exit code is 1 if a bound is missed.
 """
 
@@ -16,6 +17,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,13 +25,17 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 from calibrate_machine import MACHINE, sections_of
+from timing import sweep_job
 
 from fraexp.execution.events import Finished
 from fraexp.execution.job import Failure, Job, run_job
 from fraexp.workspace.workspace_service import WorkspaceService
 
-GROWTH, CORES, GROWN = 1.1, 1.7, 1.15
-"""Bounds: greatest exponent, least gain of a second core, greatest ratio of memory with four times as many sweeps."""
+GROWTH, CORES, GROWN, CLIFF = 1.1, 1.7, 1.15, 1.1
+"""Bounds: greatest exponent, least gain of a second core, greatest ratio of memory with four times as many sweeps,
+greatest ratio of times per frequency."""
+FREQUENCIES, MORE_FREQUENCIES = 330, (360, 700, 1000)
+"""Frequencies of a sweep, and numbers of them that tables once had no room for."""
 STUDY = """
 title = "Monte-Carlo over the presliding width"
 machine = "linear_motor_table"
@@ -139,6 +145,33 @@ def growth(reduced: bool, bounds: Bounds) -> None:
         grown(name, used, times, bounds)
 
 
+def many_frequencies(reduced: bool, bounds: Bounds) -> None:
+    """Processor time of a warm sweep, both methods, over the number of its frequencies; they take turns."""
+    quick = sweep_job(12.0, quick=True)
+    for count in MORE_FREQUENCIES[: 1 if reduced else None]:
+        jobs = [
+            replace(
+                quick, experiment={**quick.experiment, "excitation": {**quick.experiment["excitation"], "points": n}}
+            )
+            for n in (FREQUENCIES, count)
+        ]
+        ratios = []
+        for _ in range(4 if reduced else 8):
+            few, many = (warm_time(one) / n for one, n in zip(jobs, (FREQUENCIES, count), strict=True))
+            ratios.append(many / few)
+        ratio = statistics.median(ratios)
+        what = f"time per frequency, {count} over {FREQUENCIES} frequencies"
+        bounds.row(what, f"{ratio:.3f} ({CLIFF})", ratio <= CLIFF)
+
+
+def warm_time(one: Job) -> float:
+    """Return the processor time [s] of a job that has just been performed."""
+    performed(one)()
+    began = time.process_time()
+    performed(one)()
+    return time.process_time() - began
+
+
 def grown(name: str, sizes: list[int], times: list[float], bounds: Bounds) -> None:
     """Print the times and the exponent."""
     p = exponent(sizes, times)
@@ -215,7 +248,7 @@ def main() -> int:
     options.add_argument("--reduced", action="store_true", help="smaller sizes")
     reduced = options.parse_args().reduced
     bounds = Bounds()
-    for part in (growth, sweeps, memory):
+    for part in (growth, many_frequencies, sweeps, memory):
         part(reduced, bounds)
     print(f"{bounds.missed} missed")
     return min(bounds.missed, 1)

@@ -1,5 +1,6 @@
 """The one module that a plugin imports."""
 
+from fraexp.analysis.array_cache import cached_arrays
 from fraexp.analysis.confidence import circle_factor, degrees_of_freedom
 from fraexp.analysis.delays import hold_response, image_factor, path_response
 from fraexp.analysis.fourier import fourier_sums, phasors, record_spectrum
@@ -76,6 +77,7 @@ __all__ = [
     "Settling",
     "Signals",
     "StateSpace",
+    "cached_arrays",
     "circle_factor",
     "component_modules",
     "degrees_of_freedom",

@@ -1,15 +1,15 @@
 """The delays around the plant at each frequency, exactly: dead time, first-order lags, hold and sampling."""
 
-from functools import lru_cache
-
 import numpy as np
 from numpy.typing import NDArray
+
+from fraexp.analysis.array_cache import cached_arrays
 
 IMAGES_PER_SIDE = 50
 """Aliasing images of the hold that are summed on either side; they fall off with the third power of their number."""
 
-MAX_CACHED_FREQUENCIES = 256
-"""Number of frequencies up to which their image factors are cached."""
+MAX_FACTORS_BYTES = 1 << 23
+"""Memory of all image factors that are cached: 40 bytes a frequency."""
 
 
 def path_response(omega: NDArray[np.floating], dead_time: float, lags: tuple[float, ...]) -> NDArray[np.complex128]:
@@ -44,12 +44,11 @@ def image_factor(
     """
     shape = np.shape(omega)
     times = np.broadcast_to(np.asarray(sample_time, dtype=float), shape)
-    compute = _image_factor if times.size <= MAX_CACHED_FREQUENCIES else _image_factor.__wrapped__
     omegas = np.asarray(omega, dtype=float).tobytes()
-    return compute(omegas, times.tobytes(), dead_time, tuple(lags), relative_degree).reshape(shape)
+    return _image_factor(omegas, times.tobytes(), dead_time, tuple(lags), relative_degree).reshape(shape)
 
 
-@lru_cache(1024)
+@cached_arrays(MAX_FACTORS_BYTES)
 def _image_factor(
     omegas: bytes, sample_times: bytes, dead_time: float, lags: tuple[float, ...], relative_degree: int
 ) -> NDArray[np.complex128]:
@@ -62,6 +61,4 @@ def _image_factor(
     path = path_response(spacing, dead_time, ())
     if lags:
         path = path * path_response(image, 0.0, lags) / path_response(omega, 0.0, lags)[..., None]
-    factor = 1 + np.sum(ratio * path, axis=-1)
-    factor.flags.writeable = False
-    return factor
+    return np.asarray(1 + np.sum(ratio * path, axis=-1))

@@ -1,18 +1,20 @@
 """Fourier sums over periods, their means, and the covariance of a response that follows from their scatter."""
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fraexp.analysis.array_cache import cached_arrays
 from fraexp.data.results import HARMONICS
 from fraexp.data.signals import Segment
 
 Number = TypeVar("Number", np.float64, np.complex128)
 MAX_TABLE_SIZE = 1 << 14
 """Samples times lines up to which sums with tabulated waves are faster than a Fourier transform."""
+MAX_TABLES_BYTES = 1 << 27
+"""Memory of all tables: enough for a sweep of a thousand frequencies."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +75,7 @@ def fourier_sums(periods: NDArray[np.float64], lines: NDArray[np.int64]) -> NDAr
     return (periods @ _wave_table(lines.tobytes(), samples)).view(complex)
 
 
-@lru_cache(1024)
+@cached_arrays(MAX_TABLES_BYTES)
 def _wave_table(lines: bytes, samples: int) -> NDArray[np.float64]:
     """Return 2/N cos and -2/N sin of each line, side by side, shape (samples, 2 lines).
 

@@ -1,12 +1,14 @@
 """Interpolation of a periodic record by its Fourier series."""
 
-from functools import lru_cache
-
 import numpy as np
 from numpy.typing import NDArray
 
+from fraexp.api import cached_arrays
+
 MAX_TABULATED_SAMPLES = 4096
 """Samples of a record up to which the shifts of its Fourier series are cached: many sweeps share them."""
+MAX_SHIFTS_BYTES = 1 << 25
+"""Memory of all that are cached."""
 
 
 def resample(bins: NDArray[np.complex128], samples: int, points: int) -> NDArray[np.float64]:
@@ -18,7 +20,7 @@ def resample(bins: NDArray[np.complex128], samples: int, points: int) -> NDArray
     return np.fft.irfft(bins, samples * points) * points
 
 
-@lru_cache(512)
+@cached_arrays(MAX_SHIFTS_BYTES)
 def _shifts(samples: int, points: int) -> NDArray[np.complex128]:
     """Return the factors that shift a Fourier series by 0, 1/points… of a sample, shape (points, samples // 2 + 1)."""
     parts = np.arange(points)[:, None] / points

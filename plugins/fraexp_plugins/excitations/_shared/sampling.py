@@ -1,18 +1,20 @@
 """How finely a period is sampled, and how whole cycles fit into whole samples."""
 
-from functools import cache, lru_cache
+from functools import cache
 from math import gcd
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import ParameterError
+from fraexp.api import ParameterError, cached_arrays
 
 MIN_SAMPLES_PER_PERIOD, MAX_SAMPLES_PER_PERIOD = 16, 2_000_000
 """Fewer samples do not draw a wave; more do not fit into memory: half a gigabyte of channels."""
 MAX_RECORDED_SAMPLES = 20_000_000
 """Samples that an experiment may record in all: about a gigabyte of channels."""
+MAX_WAVES_BYTES = 1 << 24
+"""Memory of all sines that are cached."""
 MIN_CYCLES_PER_SAMPLE = 1e-18
 """A lower frequency is computed as this one, so that its period is a finite number."""
 FREQUENCY_TOLERANCE = 1e-3
@@ -104,7 +106,7 @@ def coherent_half_period(min_samples: float, cycles_per_sample: float) -> Cohere
     return min((block for block in near if block.samples <= MAX_LENGTH_RATIO * near[0].samples), key=_transform_cost)
 
 
-@lru_cache(1024)
+@cached_arrays(MAX_WAVES_BYTES)
 def sine_wave(block: CoherentBlock) -> NDArray[np.float64]:
     """Return a block of a sine of amplitude 1, shape (samples,); cached, as many sweeps have the same frequencies."""
     cycles, samples = block
