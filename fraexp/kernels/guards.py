@@ -4,6 +4,8 @@ The memory lies in one array: guard, one half of the state, guard, the other hal
 that reads it has a force that is none, which is noticed as well.
 """
 
+from functools import cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,6 +28,12 @@ def guarded_rows(states: int) -> NDArray[np.bool_]:
     return is_guard
 
 
+@cache  # looked at whenever compiled code returns
+def _guard_rows(states: int) -> NDArray[np.intp]:
+    """Return the rows of a law's memory that are guards, ascending."""
+    return np.flatnonzero(guarded_rows(states))
+
+
 def set_guards(memory: NDArray[np.float64]) -> None:
     """Write the guards of a law's memory, shape (rows, lanes), in place."""
     memory.view(np.uint64)[guarded_rows(state_count(memory))] = GUARD_BITS
@@ -37,11 +45,11 @@ def written_index(memory: NDArray[np.float64]) -> int | None:
     From the middle guard on it counts from the nearest half.
     """
     states = state_count(memory)
-    guards = np.flatnonzero(guarded_rows(states))
-    is_written = (memory.view(np.uint64)[guards] != GUARD_BITS).any(axis=1)
+    guards = _guard_rows(states)
+    is_written = memory.view(np.uint64)[guards] != GUARD_BITS
     if not is_written.any():
         return None
-    row = int(guards[is_written][0])
+    row = int(guards[is_written.any(axis=1)][0])
     if row < GUARD_ROWS:
         return row - GUARD_ROWS
     after_first = row - GUARD_ROWS - states

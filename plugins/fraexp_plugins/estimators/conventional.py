@@ -29,10 +29,11 @@ class Conventional(PlantReferredEstimator, name="conventional", version=4):
     def estimate(self, signals: Signals) -> Result:
         """Return y'/u, or y'/(G_di G_do u), at each frequency."""
         units = (signals.unit(self.input), signals.unit(self.output))
-        path = self.fitted_to(signals).path
-        inputs = [
-            phasors(segment, self.input) * path(segment.frequency, segment.sample_time) for segment in signals.segments
-        ]
+        inputs = [phasors(segment, self.input) for segment in signals.segments]
+        if self.refer_to_plant:
+            path = self.fitted_to(signals).path
+            pairs = zip(inputs, signals.segments, strict=True)
+            inputs = [u * path(segment.frequency, segment.sample_time) for u, segment in pairs]
         outputs = [phasors(segment, self.output) for segment in signals.segments]
         found = response_result(signals, inputs, outputs, names=(self.input, self.output), units=units)
         if found.response is None:

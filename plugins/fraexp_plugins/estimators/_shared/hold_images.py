@@ -41,10 +41,7 @@ def hold_images(
     degree = observer.relative_degree
     omega = 2 * np.pi * np.concatenate([segment.frequency for segment in segments])
     sample_time = np.concatenate([np.full(segment.lines.size, segment.sample_time) for segment in segments])
-    u, y = (
-        np.concatenate([np.add.reduce(sums) / len(sums) for sums in (phasors(segment, name) for segment in segments)])
-        for name in (observer.input, observer.output)
-    )
+    u, y = (_mean_phasors(segments, name) for name in (observer.input, observer.output))
     bare = observer.model_copy(update={"relative_degree": 0})
     direct = bare.input_path(omega, sample_time) * observer.output_path(omega) * u
     delays = observer.input_dead_time + observer.output_dead_time
@@ -57,6 +54,15 @@ def hold_images(
         friction = np.abs(direct * plant / y - 1)
         error = (np.abs(images - plant * folded) + np.abs(images) * friction) / np.abs(y)
     return HoldImages(np.nan_to_num(images), np.nan_to_num(error, posinf=0.0))
+
+
+def _mean_phasors(segments: Sequence[Segment], channel: str) -> NDArray[np.complex128]:
+    """Return the phasors of a channel at the lines of all segments, the mean over the periods, shape (n,)."""
+    sums = [phasors(segment, channel) for segment in segments]
+    if len({len(each) for each in sums}) == 1:  # the means of all at once
+        joined = np.concatenate(sums, axis=1)
+        return np.asarray(np.add.reduce(joined) / len(joined))
+    return np.concatenate([np.add.reduce(each) / len(each) for each in sums])
 
 
 def _remove_lines(segment: Segment, channel: str, phasors: NDArray[np.complex128]) -> Segment:
