@@ -103,9 +103,10 @@ def _met(one: PublishedComparison) -> Cell:
     """Return whether a number is met; if the sweep has a reservation, its outcome."""
     if one.remark:
         return Cell(one.remark, is_bold=True, is_bad=True)
-    if one.outcome is not Outcome.OK:
+    if one.has_reservation:
         return Cell(outcome_text(one.outcome), is_bold=True, is_bad=True)
-    return Cell("yes" if one.agrees else "no", is_bold=True, is_bad=not one.agrees)
+    reservation = "" if one.outcome is Outcome.OK else f" ({outcome_text(one.outcome)})"
+    return Cell(("yes" if one.agrees else "no") + reservation, is_bold=True, is_bad=not one.agrees)
 
 
 def _difference(one: PublishedComparison) -> str:

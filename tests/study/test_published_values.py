@@ -73,6 +73,12 @@ def test_a_number_of_a_sweep_with_a_reservation_agrees_but_is_not_met() -> None:
         assert found.is_met is is_met
 
 
+def test_a_number_that_is_published_of_an_inaccurate_model_may_be_met_by_one() -> None:
+    number = beside(accepts_inaccurate=True).published
+    for outcome, is_met in ((Outcome.OK, True), (Outcome.INACCURATE, True), (Outcome.NOT_SETTLED, False)):
+        assert number.compare_with([replace(SWEEPS[0], outcome=outcome)]).is_met is is_met
+
+
 @pytest.mark.parametrize(
     ("changes", "remark"),
     [
