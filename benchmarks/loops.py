@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fraexp.components.kinds import Period, Schedule
+from fraexp.components.periods import Period, Schedule
 from fraexp.kernels import batch
 from fraexp.kernels.batch_arrays import KernelBatch
 from fraexp.kernels.lanes import WIDE

@@ -15,13 +15,12 @@ from fraexp.components.kinds import (
     FrictionModel,
     MachineDriver,
     Motion,
-    Period,
     Plant,
     RecordReader,
-    Schedule,
 )
 from fraexp.components.machine_session import Chunk, MachineDescription, MachineSession, PlayRequest
 from fraexp.components.parameters import Parameters, param
+from fraexp.components.periods import Period, Schedule
 from fraexp.components.ports import Contact, Ports, StateSpace
 from fraexp.components.position_dependence import PositionDependentFriction
 from fraexp.components.providers import component_modules

@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 from accuracy import FRICTION, PLANT, REGISTRY, SECTIONS
 
-from fraexp.components.kinds import Controller, Excitation, Period, Schedule
+from fraexp.components.kinds import Controller, Excitation
+from fraexp.components.periods import Period, Schedule
 from fraexp.components.registry import create
 from fraexp.simulation.loop import simulate_loop
 from fraexp.simulation.machine import ControlLoop, Machine, Numerics

@@ -3,7 +3,6 @@
 import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, get_args
@@ -17,6 +16,7 @@ from fraexp.components.law_step import argument_names, explained_calls
 from fraexp.components.machine_session import MachineSession
 from fraexp.components.method_overrides import check_overrides
 from fraexp.components.parameters import Parameters
+from fraexp.components.periods import Period, Schedule
 from fraexp.components.ports import Ports, StateSpace
 from fraexp.data.record_table import RecordTable
 from fraexp.data.results import Result
@@ -274,18 +274,6 @@ class Controller(Component, ABC):
         return np.asarray(polyval(delay, numerator) / polyval(delay, denominator), dtype=np.complex128)
 
 
-@dataclass(frozen=True)
-class Period:
-    """One period of an excitation, and the harmonics of it that it excites."""
-
-    waveform: NDArray[np.float64]
-    """Samples [N or m], shape (n,)."""
-    lines: NDArray[np.int64]
-    """Excited harmonics of the period, ascending, shape (lines,)."""
-    reference: NDArray[np.float64] | None = None
-    """Motion of the position reference around that of the loop [m], shape (n,); None if it rests."""
-
-
 class Excitation(Component, ABC):
     """Periodic excitations, run one after another, each until successive periods agree."""
 
@@ -323,24 +311,8 @@ class Excitation(Component, ABC):
 
     @property
     @abstractmethod
-    def schedule(self) -> "Schedule":
+    def schedule(self) -> Schedule:
         """How each experiment settles to its periodic state and is recorded."""
-
-
-@dataclass(frozen=True)
-class Schedule:
-    """How a periodic experiment is started, settled and recorded."""
-
-    ramp: float = 0.0
-    """Time over which the amplitude rises [s]."""
-    settling_tolerance: float = 1e-6
-    """Relative difference of successive periods at which the response counts as periodic."""
-    settling_timeout: float = 60.0
-    """Time after which settling is given up [s]; 0 to record from the start."""
-    recorded_periods: int = 1
-    """Minimum number of periods recorded once settled."""
-    min_record_time: float = 0.0
-    """Minimum time recorded once settled [s]."""
 
 
 class Estimator(Component, ABC):

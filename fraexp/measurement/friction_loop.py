@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.components.kinds import Period
 from fraexp.components.machine_session import MachineSession, PlayRequest
+from fraexp.components.periods import Period
 from fraexp.data.sample_file import SampleWriter
 from fraexp.errors import ConnectionLostError, MachineError
 from fraexp.measurement.motion_guard import MotionGuard

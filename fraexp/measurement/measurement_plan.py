@@ -5,9 +5,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fraexp.components.kinds import Excitation, Period
+from fraexp.components.kinds import Excitation
 from fraexp.components.machine_session import PlayRequest
 from fraexp.components.measurement_settings import MeasurementSettings
+from fraexp.components.periods import Period
 from fraexp.components.registry import Registry, create
 from fraexp.data.frequency_text import frequency_text
 from fraexp.errors import MachineError, StudyError

@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from fraexp.components.kinds import Excitation, Period, Schedule
+from fraexp.components.kinds import Excitation
 from fraexp.components.measurement_settings import MeasurementSettings
+from fraexp.components.periods import Period, Schedule
 from fraexp.components.ports import Ports, StateSpace
 from fraexp.components.registry import Registry, create
 from fraexp.data.identity import digest_of

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.components.kinds import FrictionModel, Period, Schedule
+from fraexp.components.kinds import FrictionModel
 from fraexp.components.parameters import Parameters, param
+from fraexp.components.periods import Period, Schedule
 from fraexp.data.signals import Segment, Settling
 from fraexp.simulation.discretisation import DiscreteLoop
 
@@ -204,7 +205,7 @@ class ExperimentPlan:
         """Return the plan of an experiment."""
         setup, schedule = experiment.setup, experiment.schedule
         period, sample_time = experiment.period.waveform.size, setup.sample_time
-        periods = max(schedule.recorded_periods, math.ceil(schedule.min_record_time / (period * sample_time)), 1)
+        periods = schedule.period_count(experiment.period, sample_time)
         if schedule.settling_timeout == 0:  # the transient itself is wanted
             return cls(experiment, 0, 0, 0, periods, periods * period, 1.0, 0.0)
         ramp = math.ceil((schedule.ramp + setup.delay) / sample_time)

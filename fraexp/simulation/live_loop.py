@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.components.kinds import Period, Schedule
+from fraexp.components.periods import Period, Schedule
 from fraexp.components.registry import discover
 from fraexp.data.sweep import Plain
 from fraexp.simulation.experiments import Experiment, ExperimentPlan, Setup

@@ -6,7 +6,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.components.kinds import Excitation, FrictionModel, Period, Schedule
+from fraexp.components.kinds import Excitation, FrictionModel
+from fraexp.components.periods import Period, Schedule
 from fraexp.data.results import EFFORT, Metric, Outcome
 from fraexp.data.signals import Encoder, Segment, Signals
 from fraexp.simulation.experiment_run import run_experiments

@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.analysis.delays import hold_response, path_response
-from fraexp.components.kinds import Excitation, Period
+from fraexp.components.kinds import Excitation
 from fraexp.components.parameters import Parameters, param
+from fraexp.components.periods import Period
 from fraexp.data.rotary_axes import rotary_unit
 from fraexp.errors import ParameterError
 from fraexp.simulation.machine import Machine
@@ -95,7 +96,7 @@ def check_limits(limits: MotionLimits, machine: Machine, excitation: Excitation)
         elif period.reference is not None and _friction_bound(machine):
             demand = _planned_demand(period, sample_time)
         else:
-            demand = predict_demand_from_rest(machine, period, schedule.recorded_periods)
+            demand = predict_demand_from_rest(machine, period, period.recorded_periods or schedule.recorded_periods)
         demand = _add_friction(demand, machine, period, excitation)
         for name, found, straight_unit in zip(Demand._fields, demand, DEMAND_UNITS, strict=True):
             allowed = getattr(limits, name)

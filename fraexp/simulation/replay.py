@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.components.kinds import FrictionModel, Period, Schedule
+from fraexp.components.kinds import FrictionModel
+from fraexp.components.periods import Period, Schedule
 from fraexp.components.ports import Ports
 from fraexp.simulation.discretisation import DiscreteLoop, SignalPath, discretise, split_dead_time
 from fraexp.simulation.experiment_run import run_experiments

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.analysis.fourier import phasors
-from fraexp.components.kinds import FrictionModel, Period, Schedule
+from fraexp.components.kinds import FrictionModel
+from fraexp.components.periods import Period, Schedule
 from fraexp.data.signals import Segment, Verification
 from fraexp.simulation.experiment_run import run_experiments
 from fraexp.simulation.experiments import Experiment, Setup
@@ -60,7 +61,8 @@ def verify(
         if is_ideal and stepped is setup:
             return [segments[number] for number in numbers]
         ideal = replace(stepped, resolution=0.0, noise_std=0.0)
-        experiments = [Experiment(ideal, periods[number], short, number) for number in numbers]
+        once = periods if is_transient else [replace(period, recorded_periods=0) for period in periods]
+        experiments = [Experiment(ideal, once[number], short, number) for number in numbers]
         return run_experiments(experiments, lambda _: None)
 
     pairs = [(a, b) for a, b in zip(run(pair.coarse), run(pair.fine), strict=True) if _is_settled(a) and _is_settled(b)]

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from fraexp.components.kinds import Controller, Excitation, Period, Plant
+from fraexp.components.kinds import Controller, Excitation, Plant
+from fraexp.components.periods import Period
 from fraexp.errors import FraexpError
 from fraexp.testing.conformance_check import NotApplicableError, require
 

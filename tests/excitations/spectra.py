@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fraexp.components.kinds import Period
+from fraexp.components.periods import Period
 
 TS = 500e-6
 """Sample time [s]."""

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from fraexp.components.kinds import Excitation, Schedule
+from fraexp.components.kinds import Excitation
+from fraexp.components.periods import Schedule
 from fraexp.components.registry import create
 from fraexp.errors import ParameterError
 

@@ -12,7 +12,7 @@ from fraexp_plugins.identification.friction.sliding_identification import Slidin
 from fraexp_plugins.identification.friction.viscous_identification import ViscousIdentification
 from fraexp_plugins.plants.modal import Modal
 
-from fraexp.components.kinds import Period
+from fraexp.components.periods import Period
 from fraexp.data.signals import Segment, Signals
 from fraexp.errors import ParameterError, RecordError
 from fraexp.simulation.loop import simulate_loop

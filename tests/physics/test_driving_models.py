@@ -11,7 +11,7 @@ from fraexp_plugins.excitations.displacement_triangle import DisplacementTriangl
 from fraexp_plugins.friction.coulomb import Coulomb
 from fraexp_plugins.friction.rolling import Rolling
 
-from fraexp.components.kinds import Period
+from fraexp.components.periods import Period
 from fraexp.data.signals import Segment, Signals
 from fraexp.errors import ParameterError
 from fraexp.simulation.loop import drive_friction, simulate_loop

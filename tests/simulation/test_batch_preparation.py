@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fraexp.components.kinds import Period, Schedule
+from fraexp.components.periods import Period, Schedule
 from fraexp.simulation.batch_preparation import prepare_batch
 from fraexp.simulation.experiments import Experiment, ExperimentPlan, Setup
 from fraexp.simulation.loop_setup import prepare_setup

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fraexp.components.kinds import Period, Schedule
+from fraexp.components.periods import Period, Schedule
 from fraexp.kernels.lane_layout import choose_layout
 from fraexp.kernels.lanes import NARROW, WIDE
 from fraexp.simulation.experiment_run import run_experiments

@@ -8,7 +8,8 @@ from fraexp_plugins.excitations.moving_sine import MovingSine
 from fraexp_plugins.excitations.stepped_sine import SteppedSine
 from fraexp_plugins.positioning.point_to_point import PointToPoint
 
-from fraexp.components.kinds import Excitation, Period, Schedule
+from fraexp.components.kinds import Excitation
+from fraexp.components.periods import Period, Schedule
 from fraexp.data.signals import Segment
 from fraexp.errors import ParameterError
 from fraexp.simulation.experiments import Compensation

@@ -11,7 +11,8 @@ from math import ceil
 from time import thread_time
 from typing import Any
 
-from fraexp.components.kinds import Excitation, FrictionModel, Period, Schedule
+from fraexp.components.kinds import Excitation, FrictionModel
+from fraexp.components.periods import Period, Schedule
 from fraexp.components.registry import Registry, create
 from fraexp.data.sweep import Plain, component_names
 from fraexp.execution.estimates.reference_costs import cost, law_cost
@@ -96,7 +97,7 @@ def timed_periods(excitation: Excitation, sample_time: float) -> tuple[Sequence[
 def samples_of(period: Period, schedule: Schedule, sample_time: float, delay: float) -> tuple[int, int]:
     """Return the number of samples before the record, if the loop settles quickly, and in the record."""
     block = period.waveform.size
-    count = max(schedule.recorded_periods, ceil(schedule.min_record_time / (block * sample_time)), 1)
+    count = schedule.period_count(period, sample_time)
     if schedule.settling_timeout == 0:
         return 0, count * block
     ramp = ceil((schedule.ramp + delay) / sample_time)

@@ -75,7 +75,7 @@ class ResponseControlled(SteppedExcitation, name="response_controlled", version=
         wanted = next_force(trials, self.displacement, self.max_force, self.accuracy)
         if wanted is None:
             return None
-        return RevisedPeriod(period.waveform * (wanted / force), period.lines, period.reference, trials)
+        return RevisedPeriod(period.waveform * (wanted / force), period.lines, period.reference, trials=trials)
 
     def max_force_and_stroke(self) -> tuple[float | None, float | None]:
         """Return the maximum force [N], and the stroke [m] of the amplitude that is aimed at."""

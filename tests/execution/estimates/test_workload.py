@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fraexp.components.kinds import Excitation, Period, Schedule
+from fraexp.components.kinds import Excitation
+from fraexp.components.periods import Period, Schedule
 from fraexp.components.registry import Registry
 from fraexp.execution.estimates.loop_work import looks_vectorised, samples_of
 from fraexp.execution.estimates.workload import UNKNOWN_WORK, CountedExperiment, estimator_work, experiment_work

@@ -27,6 +27,8 @@ MAX_LENGTH_RATIO = 1.2
 """How much longer than the shortest a block may be if its number of samples has small prime factors."""
 MIN_PHASES = 20
 """Different phases at which a sine is sampled."""
+MAX_ADDED_CYCLES = 8
+"""Cycles that a block may have in addition, if its frequency is nearer to the one asked for then."""
 MAX_PRIME_FACTOR = 13
 """Greatest prime factor of a number of samples whose Fourier transform is fast."""
 
@@ -88,6 +90,29 @@ def coherent_block(cycles_per_sample: float) -> CoherentBlock:
         exact = [block for block in fitting if block.relative_error(cycles_per_sample) < EXACT_TOLERANCE]
         return min(exact or fitting, key=_transform_cost)
     return CoherentBlock(1, max(round(1 / cycles_per_sample), MIN_PHASES))
+
+
+def interleaved_block(cycles_per_sample: float, cycles: int) -> CoherentBlock:
+    """Return the block of this many cycles, or a few more, in which each sample meets the sine at another phase.
+
+    Its cycles per sample are as near as that allows to the number asked for.
+    """
+    near = [
+        CoherentBlock(count, samples)
+        for count in range(cycles, cycles + MAX_ADDED_CYCLES + 1)
+        for samples in range(
+            max(int(count / cycles_per_sample) - cycles, MIN_PHASES), int(count / cycles_per_sample) + cycles + 2
+        )
+        if gcd(count, samples) == 1
+    ]
+    return min(
+        near,
+        key=lambda block: (
+            block.relative_error(cycles_per_sample) > FREQUENCY_TOLERANCE,
+            block.cycles,
+            block.relative_error(cycles_per_sample),
+        ),
+    )
 
 
 def coherent_half_period(min_samples: float, cycles_per_sample: float) -> CoherentBlock:
