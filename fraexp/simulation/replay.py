@@ -146,7 +146,8 @@ def _setup(model: ReplayModel, crossover: float) -> Setup:
     """Return the loop of a model that is pulled with a crossover frequency [Hz]."""
     sample_time, inward, outward = model.sample_time, SignalPath(*model.input_path), SignalPath(*model.output_path)
     ports, _ = _scaled(model)
-    numerator, denominator = _pull(ports, crossover, sample_time)
+    viscous = sum(friction.viscous for friction in model.frictions.values())
+    numerator, denominator = _pull(ports, viscous, crossover, sample_time)
     discrete = _open_loop(model)._replace(numerator=numerator, denominator=denominator)
     lags = sum(inward.lags) + sum(outward.lags)
     return Setup(
@@ -200,11 +201,18 @@ def _scaled(model: ReplayModel) -> tuple[Ports, dict[str, float]]:
     return replace(model.ports, contacts=contacts), viscous
 
 
-def _pull(ports: Ports, crossover: float, sample_time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return a lead that crosses over the plant at a frequency [Hz], in ascending powers of z⁻¹."""
+def _pull(
+    ports: Ports, viscous: float, crossover: float, sample_time: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return a lead that crosses over the plant at a frequency [Hz], in ascending powers of z⁻¹.
+
+    The plant moves against its viscous friction [N s/m]: where that is more than its inertia, a pull that overcomes the
+    inertia alone takes minutes to end an offset.
+    """
     omega = 2 * np.pi * crossover
     zero, pole = np.sqrt(LEAD_RATIO) / omega, 1 / (np.sqrt(LEAD_RATIO) * omega)
-    gain = 1 / (abs(ports.response(np.array([omega]))[0]) * np.sqrt(LEAD_RATIO))
+    impedance = abs(1 / ports.response(np.array([omega]))[0] + 1j * omega * viscous)
+    gain = impedance / np.sqrt(LEAD_RATIO)
     numerator = gain * np.array([1 + zero / sample_time, -zero / sample_time])
     denominator = np.array([1 + pole / sample_time, -pole / sample_time])
     return numerator / denominator[0], denominator / denominator[0]

@@ -1,0 +1,34 @@
+"""A machine along its own record: it repeats every sample within what rounding leaves."""
+
+import numpy as np
+import pytest
+
+from fraexp.components.kinds import Controller, Excitation, FrictionModel, Plant
+from fraexp.components.registry import create
+from fraexp.simulation.loop import simulate_loop
+from fraexp.simulation.machine import ControlLoop, Machine, Numerics
+from fraexp.simulation.replay import Replay, ReplayModel, replay
+
+RESOLUTION = 1e-7
+FRICTION = {"name": "rolling", "stiffness": [1e6, 5e5, 5e5], "limit_force": [2.0, 4.0, 8.0]}
+
+
+@pytest.mark.parametrize("viscous", [0.5, 200.0])
+def test_the_machine_of_a_record_repeats_it_however_viscous_its_friction_is(registry, viscous):
+    plant = create(registry, Plant, {"name": "modal", "rigid_body_gain": 0.85})
+    friction = create(registry, FrictionModel, {**FRICTION, "viscous_coefficient": viscous})
+    pid = {"name": "pid", "proportional": 1600.0, "derivative_time": 0.04, "filter_time": 6e-3}
+    loop = ControlLoop.parse({"sample_time": 2.5e-4, "resolution": RESOLUTION}, "loop")
+    machine = Machine(plant, friction, create(registry, Controller, pid), loop, Numerics())
+    sine = {"name": "stepped_sine", "amplitude": 30.0, "frequencies": [2.7, 3.7, 30.0], "settling_tolerance": 1e-6}
+    signals = simulate_loop(machine, create(registry, Excitation, sine), lambda _: None)
+    (contact,) = plant.ports().contacts
+    model = ReplayModel(plant.ports(), {contact: friction}, loop.sample_time, (0.0, ()), (0.0, ()), 1e-5)
+    runs = [
+        Replay(model, segment.channels["u"].ravel(), segment.channels["y"].ravel(), segment.frequency)
+        for segment in signals.segments
+    ]
+    for run, position in zip(runs, replay(runs), strict=True):
+        residual = run.position - position
+        residual -= residual.mean()
+        assert np.sqrt(np.mean(residual**2)) < 1.15 * RESOLUTION / np.sqrt(12)
