@@ -16,7 +16,7 @@ from fraexp_plugins.identification.whole_record._shared.contact_check import che
 from fraexp_plugins.identification.whole_record._shared.free_parameters import DEAD_TIME, SCALES
 from fraexp_plugins.identification.whole_record._shared.law_starts import rough_friction
 from fraexp_plugins.identification.whole_record._shared.noise_level import likely_noise, noise_in_records
-from fraexp_plugins.identification.whole_record._shared.scaled_friction import scaled_friction, shape_parameters
+from fraexp_plugins.identification.whole_record._shared.scaled_friction import shape_parameters
 from fraexp_plugins.identification.whole_record._shared.staged_fit import Fitted
 from fraexp_plugins.identification.whole_record.maximum_likelihood import MaximumLikelihood
 
@@ -30,7 +30,7 @@ COULOMB_PARAMETERS = ("coulomb_force", "limit_force")
 """Parameters of a friction law whose sum is its force in gross sliding."""
 
 
-class FrictionLawComparison(DelayedEstimator, name="friction_law_comparison", version=4):
+class FrictionLawComparison(DelayedEstimator, name="friction_law_comparison", version=5):
     """Plant, friction law and its parameters, from records alone: the law that predicts records it has not seen.
 
     Every candidate is fitted to three quarters of the records by maximum likelihood, as `maximum_likelihood` does,
@@ -105,18 +105,16 @@ class FrictionLawComparison(DelayedEstimator, name="friction_law_comparison", ve
         A law that leaves what noise and rounding explain cannot be beaten. If there is one, the others are not tried
         from several starts, and not at all if they are slow.
         """
-        models = list(self.candidates or self._starts(signals))
+        models = sorted(self.candidates or self._starts(signals), key=lambda each: not each.is_vectorisable)
+        trials: dict[int, _LawTrial] = {}
         for is_thorough in (False, True):
-            trials: list[_LawTrial] = []
-            untried = []
-            for model in sorted(models, key=lambda each: not each.is_vectorisable):
-                if model.is_vectorisable or not any(trial.ratio <= EQUAL_RATIO for trial in trials):
-                    trials.append(self._trial(model, signals, is_thorough))
-                else:
-                    untried.append(model.name)
-            if min(trial.ratio for trial in trials) <= EQUAL_RATIO:
-                break
-        return trials, untried
+            places = sorted(trials, key=lambda place: trials[place].ratio) if is_thorough else range(len(models))
+            for place in places:
+                has_fitting = any(trial.ratio <= EQUAL_RATIO for trial in trials.values())
+                if not has_fitting or (not is_thorough and models[place].is_vectorisable):
+                    trials[place] = self._trial(models[place], signals, is_thorough)
+        untried = [model.name for place, model in enumerate(models) if place not in trials]
+        return [trials[place] for place in sorted(trials)], untried
 
     def _common_parameters(self) -> dict[str, object]:
         names = set(type(self).model_fields) & set(MaximumLikelihood.model_fields)
@@ -145,7 +143,7 @@ class FrictionLawComparison(DelayedEstimator, name="friction_law_comparison", ve
         held_out = replace(signals, segments=_select(signals, places))
         ratios = fit.predicted_ratios(found, held_out)
         frequency = np.array([float(segment.frequency.min()) for segment in held_out.segments])
-        return _LawTrial(model, self._method(_fitted_model(found) or model), found, frequency, ratios)
+        return _LawTrial(model, self._method(found.friction or model), found, frequency, ratios)
 
 
 @dataclass(frozen=True)
@@ -175,13 +173,6 @@ class _LawTrial:
 
 def _select(signals: Signals, places: NDArray[np.bool_]) -> tuple[Segment, ...]:
     return tuple(segment for segment, is_chosen in zip(signals.segments, places, strict=True) if is_chosen)
-
-
-def _fitted_model(found: Fitted) -> FrictionModel | None:
-    """Return the friction model with the parameters of a fit; None if its parameters cannot express the scales."""
-    fit, logs = found.fit, found.state.shared
-    stroke = max(float(np.ptp(record.position)) for record in fit.records)
-    return scaled_friction(fit.free.applied_to(fit.start, logs).friction, fit.free.scales(logs), stroke)
 
 
 def _report(result: Result, trials: Sequence[_LawTrial], best: _LawTrial, untried: Sequence[str]) -> Result:

@@ -27,7 +27,7 @@ MAX_PARAMETER_STD = 0.5
 """Relative standard deviation from which records do not tell a parameter."""
 
 
-class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=2):
+class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=3):
     """P̂ of greatest likelihood: a simulated machine that repeats all samples of the records, friction included.
 
     The observer of `effective_input` drives its friction model by measured positions, and takes the small difference of
@@ -97,8 +97,10 @@ class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=2):
     def estimate(self, signals: Signals) -> Result:
         """Return P̂ with its band, the friction parameters, and how well the model repeats the records."""
         signals.unit(self.input), signals.unit(self.output)
-        if not signals.segments:
-            return Result(signals.outcome, signals.message)
+        return self.fitted(signals).result() if signals.segments else Result(signals.outcome, signals.message)
+
+    def fitted(self, signals: Signals) -> FitReport:
+        """Return the fit to signals that have segments."""
         check_one_contact(signals, self.name)
         used = usable_signals(signals, self.output, self.name)
         _check_segments(used)
@@ -110,9 +112,9 @@ class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=2):
             free = tuple(name for name in free if name not in held)
             found, starts = self.staged_fit(used, noise, free).run()
         if NOISE not in self.free:
-            return FitReport(used, found, starts, held).result()
+            return FitReport(used, found, starts, held)
         level = likely_noise(found.linear.records, float(found.fit.freedom.sum()))
-        return FitReport(used, found.with_noise(level.value), starts, held, level).result()
+        return FitReport(used, found.with_noise(level.value), starts, held, level)
 
     def staged_fit(self, signals: Signals, noise: float, free: tuple[str, ...]) -> StagedFit:
         """Return what is fitted to signals with this noise [m], if these parameters are free."""

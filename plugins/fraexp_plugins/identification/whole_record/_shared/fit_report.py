@@ -17,7 +17,6 @@ from fraexp_plugins.identification.whole_record._shared.free_parameters import D
 from fraexp_plugins.identification.whole_record._shared.noise_level import NOISE, NoiseLevel
 from fraexp_plugins.identification.whole_record._shared.scaled_friction import (
     ScaledParameter,
-    scaled_friction,
     scaled_parameters,
 )
 from fraexp_plugins.identification.whole_record._shared.staged_fit import MAX_MEAN_RATIO, Fitted
@@ -194,13 +193,11 @@ class FitReport:
         """Yield plant and friction as components; a law whose parameters do not scale gives none."""
         fit, logs = self.found.fit, self.found.state.shared
         models, count = fit.free.applied_to(fit.start, logs), len(fit.free.friction)
-        covariance = self._shared_covariance
+        covariance, friction = self._shared_covariance, self.found.friction
         if fit.free.plant:
             values, units = fit.free.values(fit.start, logs)[count:], fit.free.units(fit.start)[count:]
             spread = np.outer(values, values) * covariance[count:, count:]
             yield Fit("plant", models.plant.spec(), fit.free.plant, units, values, spread)
-        stroke = max(float(np.ptp(record.position)) for record in fit.records)
-        friction = scaled_friction(models.friction, fit.free.scales(logs), stroke)
         if friction is not None:
             yield _friction_fit(friction, fit.free.friction, covariance[:count, :count])
 

@@ -64,11 +64,20 @@ class FitStep(NamedTuple):
     @property
     def covariances(self) -> tuple[NDArray[np.float64], ...]:
         """Inverse of the information about shared parameters, then those of one record, shape (p + m, p + m) each."""
+        return self._covariances(is_known=False)
+
+    @property
+    def covariances_given_prior(self) -> tuple[NDArray[np.float64], ...]:
+        """The same where the prior is what these records tell of the shared parameters: they do not tell it twice."""
+        return self._covariances(is_known=True)
+
+    def _covariances(self, is_known: bool) -> tuple[NDArray[np.float64], ...]:
         p, blocks = self.shared.size, self.problem.blocks(self.point)
         mixed = [_solution(block.hessian[p:, p:], block.hessian[p:, :p]) for block in blocks]
         information = self.problem.prior.information
         for block, each in zip(blocks, mixed, strict=True):
-            information = information + block.hessian[:p, :p] - block.hessian[:p, p:] @ each
+            if not is_known:
+                information = information + block.hessian[:p, :p] - block.hessian[:p, p:] @ each
         shared = np.linalg.inv(information)
         found = []
         for block, each in zip(blocks, mixed, strict=True):

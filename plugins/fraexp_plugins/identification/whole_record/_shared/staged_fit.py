@@ -1,6 +1,6 @@
 """The fit of plant and friction to all records of an experiment, in stages that begin where friction is weak."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import Plant, ReplayModel, Segment, Signals
+from fraexp.api import FrictionModel, Plant, ReplayModel, Segment, Signals
 from fraexp_plugins.estimators._shared.parameter_uncertainty import parameter_value, with_parameter
 from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.identification.whole_record._shared.free_parameters import (
@@ -24,6 +24,7 @@ from fraexp_plugins.identification.whole_record._shared.record_fit import MAX_ST
 from fraexp_plugins.identification.whole_record._shared.replay_error import ReplayError, replay_error
 from fraexp_plugins.identification.whole_record._shared.replayed_record import ReplayedRecord
 from fraexp_plugins.identification.whole_record._shared.scale_search import ScaleSearch
+from fraexp_plugins.identification.whole_record._shared.scaled_friction import scaled_friction
 
 FIRST_RECORDS, SECOND_RECORDS = 8, 12
 """Records of the first stage, and those that the second one adds, spread over the frequencies."""
@@ -33,7 +34,7 @@ HOPELESS_RATIO, HOPELESS_STEPS = 10.0, 2
 """Residual over what noise and rounding explain, from which a start is given up, and the steps taken after it."""
 MAX_PLANT_RATIO, MODES = 2.0, (1, 2, 3)
 """The same from which the plant may lack a mode, and the numbers of modes that are tried then."""
-WRONG_LAW_RATIO = 100.0
+WRONG_LAW_RATIO = 1000.0
 """The same from which no mode helps."""
 MAX_START_RATIO, MAX_MEAN_RATIO = 1.3, 1.05
 """Geometric mean of the same up to which no other start is tried, and up to which the model repeats the records."""
@@ -64,7 +65,8 @@ class Fitted:
     @cached_property
     def covariances(self) -> tuple[NDArray[np.float64], ...]:
         """Covariance of shared parameters and those of one record, for each, shape (p + m, p + m)."""
-        return self.fit.information(self.linear).covariances
+        step = self.fit.information(self.linear)
+        return step.covariances if self.fit.prior is None else step.covariances_given_prior
 
     @cached_property
     def inverse_covariances(self) -> list[NDArray[np.float64]]:
@@ -81,6 +83,17 @@ class Fitted:
         fit = replace(self.fit, noise=noise, expected_noise=expected)
         state, linear = fit.converge(self.state, LAST_GAIN, known=self.linear)
         return replace(self, fit=fit, state=state, linear=linear)
+
+    @property
+    def models(self) -> Models:
+        """Machine with the parameters that were found."""
+        return self.fit.free.applied_to(self.fit.start, self.state.shared)
+
+    @property
+    def friction(self) -> FrictionModel | None:
+        """Friction model that was found; None if the parameters of its law cannot express the scales."""
+        stroke = max(float(np.ptp(record.position)) for record in self.fit.records)
+        return scaled_friction(self.models.friction, self.fit.free.scales(self.state.shared), stroke)
 
     @property
     def ratios(self) -> NDArray[np.float64]:
@@ -205,28 +218,42 @@ class StagedFit:
 
         Otherwise it is that with the plant of fewest modes that explains them, or without a plant.
         """
-        observer, count = self._observer(logs), len(self.signals.segments)
-        observed = ObservedStart.of(observer, self.signals)
-        places = stage.places(observed, count)
+        observed = ObservedStart.of(self._observer(logs), self.signals)
+        places = stage.places(observed, len(self.signals.segments))
         records = self._records(places)
         if before is not None and before.mean_ratio < MAX_PLANT_RATIO and not before.fit.has_own_forces:
             found = self._converged(replace(before.fit, records=records), before.state.shared, STAGE_GAIN)
             if found.mean_ratio < MAX_PLANT_RATIO:
                 return found
         tried: list[Fitted] = []
-        for modes in (None, *MODES) if self.modes is None and self.nominal_plant is None else (self.modes,):
-            has_dead_time = DEAD_TIME in self.free.friction
-            in_response, dead_time = observed.plant(self.signals, observer, modes, stage.friction_error, has_dead_time)
+        for modes, start, seen in self._plant_starts(logs, observed, tried):
+            has_dead_time, observer = DEAD_TIME in self.free.friction, self._observer(start)
+            in_response, dead_time = seen.plant(self.signals, observer, modes, stage.friction_error, has_dead_time)
             plant = self.nominal_plant or in_response
             if any(plant == each.fit.start.plant for each in tried):
                 continue
             fit = self._fit(plant, records)
-            start = self.free.with_dead_time(logs, dead_time, self.sample_time)
-            tried.append(self._converged(fit, start, STAGE_GAIN))
+            tried.append(self._converged(fit, self.free.with_dead_time(start, dead_time, self.sample_time), STAGE_GAIN))
             if not (self.is_thorough and MAX_PLANT_RATIO < tried[-1].mean_ratio < WRONG_LAW_RATIO):
                 return tried[-1]
         tried.append(_without_plant(fit, logs, [observed.effective[place] for place in places]))
         return min(tried, key=lambda each: each.mean_ratio)
+
+    def _plant_starts(
+        self, logs: NDArray[np.float64], observed: ObservedStart, tried: Sequence[Fitted]
+    ) -> Iterator[tuple[int | None, NDArray[np.float64], ObservedStart]]:
+        """Yield modes, friction and what the observer finds with it, from which a stage may get its plant.
+
+        A friction that is wrong by more than its scales, such as in its viscous coefficient, hides modes of the plant.
+        What was fitted without them is nearer to the right one, and shows them.
+        """
+        is_given = self.modes is not None or self.nominal_plant is not None
+        choices = (self.modes,) if is_given else MODES
+        yield self.modes, logs, observed
+        yield from ((modes, logs, observed) for modes in choices)
+        found = tried[0].state.shared[: logs.size]
+        again = ObservedStart.of(self._observer(found), self.signals)
+        yield from ((modes, found, again) for modes in choices)
 
     def _converged(
         self, fit: RecordFit, shared: NDArray[np.float64], gain: float, max_steps: int = MAX_STEPS
@@ -237,6 +264,10 @@ class StagedFit:
         missing = len(joint.free.names) - shared.size
         own = tuple(np.zeros(record.count) for record in fit.records)
         return Fitted(joint, *joint.converge(State(np.append(shared, np.zeros(missing)), own), gain, max_steps))
+
+    def around(self, plant: Plant) -> RecordFit:
+        """Return the fit of all records to a machine with this plant and the observer's friction."""
+        return self._fit(plant, self._records(range(len(self.signals.segments))))
 
     def _observer(self, logs: NDArray[np.float64]) -> EffectiveInput:
         """Return the observer with these parameters of friction."""
