@@ -33,6 +33,8 @@ from fraexp.data.signals import Encoder, Segment, Settling, Signals
 from fraexp.errors import ConnectionLostError, FraexpError, MachineError, ParameterError, RecordError, did_you_mean
 from fraexp.kernels.choice import where
 from fraexp.simulation.live_loop import LiveLoop, live_setup
+from fraexp.simulation.loop import simulate_loop
+from fraexp.simulation.machine import ControlLoop, Machine, Numerics
 from fraexp.simulation.replay import Replay, ReplayModel, replay
 
 __all__ = [
@@ -40,6 +42,7 @@ __all__ = [
     "Chunk",
     "ConnectionLostError",
     "Contact",
+    "ControlLoop",
     "Controller",
     "Curve",
     "Encoder",
@@ -51,12 +54,14 @@ __all__ = [
     "FrequencyResponse",
     "FrictionModel",
     "LiveLoop",
+    "Machine",
     "MachineDescription",
     "MachineDriver",
     "MachineError",
     "MachineSession",
     "Metric",
     "Motion",
+    "Numerics",
     "Outcome",
     "ParameterError",
     "Parameters",
@@ -97,6 +102,7 @@ __all__ = [
     "replay",
     "response_result",
     "rounding_symmetry",
+    "simulate_loop",
     "steady_motion_text",
     "where",
 ]

@@ -21,6 +21,7 @@ COMMANDS = {
     "plot": ("plot", "plot a run or sweeps to a figure file"),
     "fit": ("fit", "fit a plant model to stored frequency responses"),
     "tune": ("tune", "tune the feedback for stored frequency responses, with margins for all plants of their band"),
+    "design": ("design", "choose the sines that tell most in a given measuring time, and write their study"),
     "report": ("report", "write an HTML report of runs"),
     "export": (
         "export",

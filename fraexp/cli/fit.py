@@ -4,7 +4,7 @@ from argparse import Namespace
 from collections.abc import Sequence
 
 from fraexp.cli.exits import ExitCode
-from fraexp.cli.follow import follow, print_outcome
+from fraexp.cli.follow import RunEvents, follow, print_outcome
 from fraexp.cli.output import say
 from fraexp.cli.sweep_lookup import choose_sweeps, find_run_number
 from fraexp.components.kinds import Plant
@@ -21,8 +21,13 @@ def execute(arguments: Namespace) -> ExitCode:
 
 def fit_sweeps(arguments: Namespace, kind: str) -> ExitCode:
     """Fit a component of a kind to the responses of sweeps, and print the results."""
-    command = arguments.command
     workspace = WorkspaceService.open(arguments.workspace, arguments.db)
+    return print_outcome(follow_fit(arguments, kind, workspace), arguments, workspace)
+
+
+def follow_fit(arguments: Namespace, kind: str, workspace: WorkspaceService) -> RunEvents:
+    """Fit a component of a kind to the responses of sweeps, and show the events of the run."""
+    command = arguments.command
     with workspace.open_store() as store:
         numbers = [find_run_number(store, identifier) for identifier in arguments.ids]
         names = {store.run(number).study for number in numbers if number is not None}
@@ -35,8 +40,7 @@ def fit_sweeps(arguments: Namespace, kind: str) -> ExitCode:
     name = f"{names.pop() if len(names) == 1 else with_response[0].key[4:12]}-{command}"
     fitting = fit_estimator(workspace.registry, arguments.estimator, kind)
     _report_inherited(with_response, fitting, arguments, workspace)
-    events = workspace.fit(with_response, name, arguments.overrides, fitting, kind)
-    return print_outcome(follow(events), arguments, workspace)
+    return follow(workspace.fit(with_response, name, arguments.overrides, fitting, kind))
 
 
 def _report_inherited(

@@ -283,6 +283,20 @@ def _tune(parser: Parser) -> None:
     _json(parser)
 
 
+def _design(parser: Parser) -> None:
+    parser.add_argument("ids", metavar="ID", nargs="+", help=ID_HELP)
+    parser.add_argument("-o", "--output", metavar="FILE", type=Path, required=True, help="study to write (.toml)")
+    parser.add_argument(
+        "--set", metavar="PARAMETER=VALUE", dest="overrides", action="append", default=[],
+        help="set a parameter of the design, such as measuring_time=120 or amplitudes=[8,12]",
+    )  # fmt: skip
+    parser.add_argument(
+        "--estimator", metavar="NAME", default="", help="estimator that designs the excitation (default: the only one)"
+    )
+    parser.add_argument("--force", action="store_true", help="overwrite another study")
+    _json(parser)
+
+
 def _report(parser: Parser) -> None:
     parser.add_argument(
         "ids", metavar="ID", nargs="+",
@@ -330,6 +344,7 @@ DECLARE = {
     "plot": _plot,
     "fit": _fit,
     "tune": _tune,
+    "design": _design,
     "report": _report,
     "export": _export,
     "import": import_options.declare,

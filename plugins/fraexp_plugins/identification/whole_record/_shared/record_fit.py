@@ -225,6 +225,10 @@ class RecordFit:
         except ParameterError:
             return None
 
+    def linearised_at(self, state: State) -> LinearisedFit:
+        """Return all records around a state, with the drifts that least squares give."""
+        return self.linearise(*self._with_drifts(state))
+
     def linearise(
         self, state: State, positions: Sequence[NDArray[np.float64]], known: LinearisedFit | None = None
     ) -> LinearisedFit:

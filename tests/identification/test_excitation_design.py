@@ -1,0 +1,138 @@
+"""Sines that tell most in a given time: the search against all plans there are, the design, and what is refused."""
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+from fraexp_plugins.identification.whole_record._shared.plan_search import PlanSearch
+from fraexp_plugins.identification.whole_record._shared.planned_records import Plan, PlannedRecord
+
+from fraexp.components.kinds import Estimator, Excitation
+from fraexp.components.registry import create, discover
+from fraexp.data.results import Outcome
+from fraexp.errors import ParameterError, RecordError
+from tests.identification.test_maximum_likelihood import MACHINE, RESOLUTION, metrics, recorded, scaled
+
+__all__ = ["recorded"]
+NOISE = 3e-7
+LOOP = {**MACHINE["loop"], "resolution": RESOLUTION}
+SINE = {"name": "stepped_sine", "amplitude": 12.0, "min_frequency": 2.0, "max_frequency": 120.0, "points": 12}
+
+
+def design(**given):
+    method = {
+        "name": "maximum_likelihood", "friction": scaled(1.1, 0.9), "resolution": RESOLUTION, "noise": NOISE,
+        "input_dead_time": LOOP["input_dead_time"],
+    }  # fmt: skip
+    common = {"method": method, "amplitudes": [6.0, 12.0], "measuring_time": 40.0, "controller": MACHINE["controller"]}
+    return create(discover(), Estimator, {"name": "excitation_design", "loop": LOOP, **common, **given})
+
+
+def drawn_record(random, frequency, amplitude, has_dither=True):
+    """Return a record of random information, of which a greater amplitude tells more."""
+    columns = amplitude * random.normal(0, 1, (6, 3))
+    slopes, own = random.normal(0, 1, (2, 3)), random.normal(0, 1, (2, 2)) / amplitude
+    return PlannedRecord(
+        frequency, amplitude, 1 / frequency, 0.2, amplitude, columns.T @ columns, own @ own.T, slopes, has_dither
+    )
+
+
+@pytest.fixture(params=range(4))
+def search(request):
+    random = np.random.default_rng(request.param)
+    choices = tuple(tuple(drawn_record(random, f, amplitude) for amplitude in (1.0, 1.3)) for f in (1.0, 2.0, 4.0))
+    return PlanSearch(choices, (True, True, request.param % 2 == 0), 2, 12.0)
+
+
+def every_plan(search):
+    """Yield all plans that are possible."""
+    for records in product(*search.choices):
+        counts = [range(int(wanted), 30) for wanted in search.is_wanted]
+        for pair in product(*counts[1:]):
+            left = search.time - sum(record.time(count) for record, count in zip(records[1:], pair, strict=True))
+            most = int((left - records[0].settling) / records[0].period + 1e-9)
+            if most >= 1:
+                yield Plan(records, (most, *pair))
+
+
+def test_the_search_finds_the_best_of_all_plans(search):
+    start = search.uniform()
+    found = search.best(start)
+    best = min(map(search.criterion, every_plan(search)))
+    assert start.time <= search.time
+    assert found.time <= search.time
+    assert search.criterion(found) <= best + 0.01
+    assert search.criterion(found) <= search.criterion(start)
+
+
+def test_a_repeated_period_tells_nothing_new_without_noise():
+    random = np.random.default_rng(1)
+    silent, noisy = (drawn_record(random, 1.0, 1.0, has_dither) for has_dither in (False, True))
+    once, often = (Plan((silent,), (count,)).standard_deviations() for count in (1, 9))
+    np.testing.assert_array_equal(once, often)
+    once, often = (Plan((noisy,), (count,)).standard_deviations() for count in (1, 9))
+    np.testing.assert_allclose(once, 3 * often)
+
+
+@pytest.fixture(scope="module")
+def short(recorded):
+    """One period at each frequency."""
+    return recorded(excitation=SINE, noise=NOISE)
+
+
+@pytest.mark.thorough
+def test_designed_sines_last_as_long_as_allowed_and_promise_more(short, registry):
+    result = design().estimate(short)
+    assert result.outcome is Outcome.OK, result.message
+    known = metrics(result)
+    assert known["designed plan: time"] <= 40
+    assert known["designed plan: band, rms"] < known["uniform plan: band, rms"]
+    assert known["designed plan: force_scale, 95 %"] < known["uniform plan: force_scale, 95 %"]
+    (fit,) = (each for each in result.fits if each.kind == "excitation")
+    excitation = create(registry, Excitation, fit.component)
+    assert len(excitation.frequencies) == 12
+    assert set(excitation.amplitudes) <= {6.0, 12.0}
+    periods = excitation.periods(LOOP["sample_time"])
+    recorded_time = sum(each.recorded_periods * each.waveform.size for each in periods) * LOOP["sample_time"]
+    assert 15 < recorded_time < known["designed plan: time"]
+
+
+@pytest.mark.thorough
+def test_amplitudes_that_move_too_far_are_not_chosen(short):
+    result = design(max_stroke=1.5e-4, measuring_time=60.0).estimate(short)
+    (plan,) = (curve for curve in result.curves if curve.name == "designed plan")
+    far = np.array([np.ptp(segment.channels["y"]) > 1.5e-4 for segment in short.segments])
+    assert 0 < far.sum() < far.size
+    assert set(plan.columns["amplitude"][far]) == {6.0}
+    assert 12 in plan.columns["amplitude"][~far]
+    with pytest.raises(RecordError, match="farther than max_stroke"):
+        design(max_stroke=1e-9).estimate(short)
+
+
+@pytest.mark.thorough
+def test_too_little_time_is_refused_with_the_least_there_must_be(short):
+    with pytest.raises(RecordError, match=r"takes 1?\d\.?\d* s with settling; measuring_time is 1 s"):
+        design(measuring_time=1.0).estimate(short)
+
+
+@pytest.mark.thorough
+def test_nothing_is_designed_for_a_machine_that_is_not_known(short):
+    result = design().estimate(replace(short, segments=short.segments[:4]))
+    assert result.outcome is not Outcome.OK
+    assert "no excitation is designed" in result.message
+    assert not [fit for fit in result.fits if fit.kind == "excitation"]
+
+
+@pytest.mark.parametrize(
+    ("given", "reason"),
+    [
+        ({"method": {"name": "conventional"}}, "method is conventional; expected maximum_likelihood"),
+        ({"amplitudes": []}, "must be one or more numbers above 0 N"),
+        ({"amplitudes": [3.0, -1.0]}, "must be one or more numbers above 0 N"),
+        ({"loop": {"sample_time": -1.0}}, "sample_time"),
+    ],
+)
+def test_what_cannot_be_designed_is_refused(given, reason):
+    with pytest.raises(ParameterError, match=reason):
+        design(**given)
