@@ -10,7 +10,8 @@ laws         each law seen by each law: which of them fit
 strangers    records of an independent fine simulation (`reference_loop`) of machines drawn at random, friction's scales
              drawn too
 times        CPU time of the fit alone: 100 frequencies, and 20 with four parameters of friction and dead time free
-coverage     how often the band covers P at 16 frequencies, and the error over the bound that the information sets
+coverage     how often the band covers P at 16 frequencies, and the intervals of the scales their values; the error over
+             the bound that the information sets
 
 The exit code is 1 if a bound is missed.
 """
@@ -289,9 +290,9 @@ def is_covered(result: Result, plant: np.ndarray) -> np.ndarray:
 
 
 def coverage(table: Table, reduced: bool) -> None:
-    """Print how often the band covers P, and the error over the bound."""
+    """Print how often the band covers P, and intervals the scales, and the error over the bound."""
     seeds = 60 if reduced else 300
-    held, errors, bounds = [], [], []
+    held, errors, bounds, scales = [], [], [], []
     for seed in range(seeds):
         if seed and seed % REPORTED_SEEDS == 0:
             print(f"{seed} seeds: {' '.join(f'{each:.1%}' for each in np.mean(held, axis=0))}", flush=True)
@@ -301,6 +302,8 @@ def coverage(table: Table, reduced: bool) -> None:
         held.append(is_covered(result, plant))
         errors.append(np.abs(ratio - 1))
         bounds.append(result.response.standard_deviation / np.abs(plant))
+        intervals = [metric(result, f"{name}, 95 %") for name in ("force_scale", "displacement_scale")]
+        scales.append(np.abs(scales_of(result) - 1) <= intervals)
     share, error = np.mean(held, axis=0), np.sqrt(np.mean(np.square(errors), axis=0))
     bound = np.sqrt(np.mean(np.square(bounds), axis=0))
     for place, frequency in enumerate(COVERED_HZ):
@@ -308,6 +311,8 @@ def coverage(table: Table, reduced: bool) -> None:
         figure = f"{share[place]:.1%} of {seeds}, error {error[place]:.2g}, over the bound {over:.2f}"
         is_met = reduced or (abs(share[place] - 0.95) <= 0.02 and over <= 1.5)
         table.row(f"{frequency:g} Hz", figure, is_met)
+    for name, each in zip(("ΣF_m", "Y_m"), np.mean(scales, axis=0), strict=True):
+        table.row(f"interval of {name}", f"{each:.1%} of {seeds}", bool(each >= 0.93) or reduced)
 
 
 QUESTIONS = {

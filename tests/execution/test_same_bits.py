@@ -39,7 +39,7 @@ LONG = {"gradient_fit", "plant_and_friction", "gms_identification", "rolling_ide
 LONG |= {"elastoplastic_identification", "masing_inversion", "friction_law_comparison"}
 """Identification that takes ten seconds and more; it computes as viscous_identification or maximum_likelihood do, which
 are here."""
-UNUSED = {"local_rational", "injection_on_motion", "loop_tuning", "dictionary_identification"}
+UNUSED = {"local_rational", "injection_on_motion", "loop_tuning", "dictionary_identification", "excitation_design"}
 """Estimators that are in none of these studies."""
 
 

@@ -306,3 +306,26 @@ def test_records_that_a_replay_cannot_follow_are_refused(record):
     still = {name: np.zeros_like(samples) for name, samples in first.channels.items()}
     with pytest.raises(RecordError, match=r"maximum_likelihood: no segment in the steady state moves"):
         estimator().estimate(replace(record, segments=(replace(first, channels=still),)))
+
+
+@pytest.mark.thorough
+def test_the_intervals_of_the_scales_hold_them_and_contain_the_error_of_the_steps(recorded):
+    held = []
+    for seed in range(8):
+        signals = recorded(noise=1e-7, seed=seed)
+        found = estimator(noise=1e-7).fitted(signals).found
+        known = metrics(estimator(noise=1e-7).estimate(signals))
+        for place, name in enumerate(("force_scale", "displacement_scale")):
+            interval = known[f"{name}, 95 %"]
+            of_noise, of_steps = found.covariances[0][place, place] ** 0.5, abs(found.error.shared[place])
+            assert interval == pytest.approx(1.96 * np.hypot(of_noise, of_steps) * known[name], rel=1e-3)
+            held.append(abs(known[name] - 1) <= interval)
+    assert sum(held) >= 12  # of 16: fewer have a probability of 1e-3 if they hold in 95 %
+
+
+def test_records_do_not_tell_twice_what_they_share(record):
+    """The covariance of shared parameters is that of the joint fit: own responses add nothing that is new."""
+    found = estimator().fitted(record).found
+    count = found.state.shared.size
+    expected = np.linalg.inv(found.fit.prior.information)
+    np.testing.assert_allclose(found.covariances[0][:count, :count], expected, rtol=1e-6)
