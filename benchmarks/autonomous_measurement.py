@@ -3,6 +3,7 @@
     python benchmarks/autonomous_measurement.py                  20 machines
     python benchmarks/autonomous_measurement.py --machines 5     the first 5
     python benchmarks/autonomous_measurement.py --only 3,7       some of them
+    python benchmarks/autonomous_measurement.py --seed 77        others
 
 Mass, one or two modes of either sign, law, number of elements, dead time, encoder noise and controller are drawn. A
 machine counts as right if k0 is within 1 %, the first mode within 0.2 Hz and the Coulomb force within 3 %, and as
@@ -52,12 +53,12 @@ class Outcome(NamedTuple):
         return all(abs(self.errors[name]) <= bound for name, bound in BOUNDS.items())
 
 
-def drawn_sections(number: int) -> tuple[dict[str, Any], str]:
+def drawn_sections(number: int, seed: int = SEED) -> tuple[dict[str, Any], str]:
     """Return the sections of a machine that has a mode and a usual sample time, and its law."""
-    draws = np.random.default_rng([SEED, number])
+    draws = np.random.default_rng([seed, number])
     law = LAWS[number % len(LAWS)]
     for attempt in range(1000):
-        machine = drawn_machine(number, SEED + 1000 * attempt, law)
+        machine = drawn_machine(number, seed + 1000 * attempt, law)
         loop = machine.sections()["loop"]
         if machine.reference.modes and SAMPLE_TIMES[0] <= loop["sample_time"] <= SAMPLE_TIMES[1]:
             break
@@ -75,9 +76,9 @@ def coulomb_force(sections: dict[str, Any]) -> float:
     return float(getattr(model, "coulomb_force", None) or np.sum(model.limit_force))
 
 
-def measured(number: int, folder: str) -> Outcome:
+def measured(number: int, folder: str, seed: int = SEED) -> Outcome:
     """Return what an autonomous measurement of a machine finds."""
-    sections, _ = drawn_sections(number)
+    sections, _ = drawn_sections(number, seed)
     force, plant = coulomb_force(sections), sections["plant"]
     text = f"""
 title = "Machine {number}"
@@ -130,14 +131,15 @@ def main() -> int:
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--machines", type=int, default=20)
     options.add_argument("--only", default="", help="numbers of machines, such as 3,7")
+    options.add_argument("--seed", type=int, default=SEED)
     arguments = options.parse_args()
     numbers = [int(text) for text in arguments.only.split(",")] if arguments.only else range(arguments.machines)
     right = honest = false = 0
     for number in numbers:
         began = time.monotonic()
         with tempfile.TemporaryDirectory() as folder:
-            found = measured(number, folder)
-        sections, law = drawn_sections(number)
+            found = measured(number, folder, arguments.seed)
+        sections, law = drawn_sections(number, arguments.seed)
         right += found.is_ok and found.is_right
         honest += not found.is_ok
         false += found.is_ok and not found.is_right

@@ -47,6 +47,11 @@ class FrictionLoop:
     amplitude: float
     """Amplitude that was reached [N]."""
 
+    @property
+    def position_noise(self) -> float:
+        """Standard deviation of the position in motion [m]: at rest an encoder may stay at one of its steps."""
+        return float(np.hypot(self.noise, self.resolution / np.sqrt(12)))
+
 
 def measure_friction_loop(
     axis: UnknownAxis, session: MachineSession, writer: SampleWriter, period: Period

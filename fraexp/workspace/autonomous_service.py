@@ -32,6 +32,8 @@ LIVE_ESTIMATOR = {"name": "conventional", "refer_to_plant": False}
 """Estimator of what is shown of each point while the measurement goes on."""
 SUMMARY = ("k0", "f1", "Coulomb force", "input_dead_time", "validation error")
 """Metrics in the line of a stage."""
+LAW_METRIC = "friction law"
+"""Metric that is 1 if a friction law explains the records."""
 NOTE = "friction loop"
 """Name under which the log has what the friction loop shows."""
 
@@ -84,7 +86,7 @@ class AutonomousService:
             self.files.remove()
         yield MeasurementNotice(f"friction loop: a sine of {LOOP_HZ:g} Hz that rises until friction is overcome")
         axis, task, loop = self._begin()
-        axis = replace(axis, noise=loop.noise)
+        axis = replace(axis, noise=loop.position_noise)
         closes = f"closes at {loop.force:.4g} N" if loop.has_closed else f"does not close up to {loop.amplitude:.4g} N"
         text = f"friction loop: {closes}; noise {loop.noise:.2g}, encoder {loop.resolution:.2g}"
         yield MeasurementNotice(rotary_text(text) if axis.is_rotary else text)
@@ -93,7 +95,7 @@ class AutonomousService:
         yield from self._levels(axis, task, design, coarse, 0)
         rough = yield from self._analysed(task, loop, "coarse frequencies")
         near = design.fine(*_modes(rough))
-        if not _is_good(rough):
+        if not (_is_good(rough) or (near and _knows_law(rough))):
             near = sorted([*near, *design.between(coarse)])
         first = len(LEVEL_RATIOS) * len(coarse)
         yield from self._levels(axis, task, design, near, first)
@@ -211,6 +213,12 @@ def _is_good(result: Result | None) -> bool:
     """Return whether the verdict of a result is 1."""
     metrics = result.metrics if result else ()
     return any(metric.name == "verdict" and metric.value == 1 for metric in metrics)
+
+
+def _knows_law(result: Result | None) -> bool:
+    """Return whether a friction law explains the records: what is then still uncertain is near the modes."""
+    metrics = result.metrics if result else ()
+    return any(metric.name == LAW_METRIC and metric.value == 1 for metric in metrics)
 
 
 def _summary(result: Result | None, error: str) -> str:

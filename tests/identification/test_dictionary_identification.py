@@ -134,9 +134,8 @@ def test_plant_and_force_are_found_whatever_the_law(friction: dict[str, Any], re
     signals = recorded(friction, (0.9 * FORCE, 1.4 * FORCE, 2.5 * FORCE, 6 * FORCE))
     result = DictionaryIdentification(resolution=1e-7, noise=30e-9, validation=1).estimate(signals)
     metrics = {metric.name: metric.value for metric in result.metrics}
-    # Coulomb force beside elements of many widths is not known to 3 % on this axis: the verdict must say so
-    assert metrics["verdict"] == float(friction["name"] == "dahl"), result.message
-    assert (result.outcome is Outcome.OK) == (metrics["verdict"] == 1)
+    assert metrics["verdict"] == 1, result.message
+    assert result.outcome is Outcome.OK
     assert abs(metrics["Coulomb force"] - FORCE) <= metrics["Coulomb force, 95 %"]
     assert metrics["k0"] == pytest.approx(0.132, rel=0.01)
     assert metrics["f1"] == pytest.approx(38.8, abs=0.2)
@@ -160,8 +159,9 @@ def test_a_wrong_channel_has_no_good_verdict(recorded: Any) -> None:
 
 
 @pytest.mark.thorough
-def test_the_interval_contains_a_coulomb_force_that_few_records_reach(recorded: Any) -> None:
-    signals = recorded(WEAKENING, (0.9 * FORCE, 1.4 * FORCE, 2.5 * FORCE, 6 * FORCE))
+@pytest.mark.parametrize("velocity", [0.04, 0.1])
+def test_the_interval_contains_a_coulomb_force_that_few_records_reach(velocity: float, recorded: Any) -> None:
+    signals = recorded({**WEAKENING, "stribeck_velocity": velocity}, (0.9 * FORCE, 1.4 * FORCE, 2.5 * FORCE, 6 * FORCE))
     result = DictionaryIdentification(resolution=1e-7, noise=30e-9, validation=1).estimate(signals)
     metrics = {metric.name: metric.value for metric in result.metrics}
     error = abs(metrics["Coulomb force"] - FORCE)

@@ -17,6 +17,7 @@ from fraexp_plugins.identification.autonomous._shared.autonomous_elements import
 from fraexp_plugins.identification.autonomous._shared.autonomous_lines import ElementObserver, SpectralLines
 from fraexp_plugins.identification.autonomous._shared.force_dictionary import ForceDictionary
 from fraexp_plugins.identification.autonomous._shared.force_interval import sum_interval
+from fraexp_plugins.identification.autonomous._shared.law_elements import BristleElements, LawElements
 
 REWEIGHTINGS = 2
 """Passes in which a record counts the less, the more the one before has left of it."""
@@ -31,7 +32,7 @@ class DictionaryFit:
     """A friction force for each column, and the inverse plant beside them at each line."""
 
     lines: SpectralLines
-    dictionary: ForceDictionary
+    dictionary: ForceDictionary | LawElements
     elements: AutonomousElements
     dead_time: float
     """Dead time in addition to that of the observer [s]."""
@@ -47,6 +48,16 @@ class DictionaryFit:
     def force_covariance(self) -> NDArray[np.float64]:
         """Covariance of the forces [N²], shape (N, N)."""
         return self.elements.covariance * np.outer(self.dictionary.widths, self.dictionary.widths)
+
+    @property
+    def shares(self) -> tuple[float, float, float, float]:
+        """Forces of stop operators, bristles, dampers and of what weakens over the Coulomb force."""
+        total = max(self.coulomb, 1e-300)
+        if isinstance(self.dictionary, LawElements):
+            is_bristle = isinstance(self.dictionary, BristleElements)
+            return float(not is_bristle), float(is_bristle), 0.0, self.dictionary.static_excess
+        first, second, third, fourth = (float(self.forces[part].sum()) / total for part in self.dictionary.parts)
+        return first, second, third, fourth
 
     @property
     def coulomb(self) -> float:

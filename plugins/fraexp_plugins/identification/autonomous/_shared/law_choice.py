@@ -1,0 +1,293 @@
+"""Which friction law explains records at several amplitudes, with the interval of its Coulomb force."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fraexp.api import Signals
+from fraexp_plugins.identification._shared.friction_curves import NORMAL_QUANTILE
+from fraexp_plugins.identification.autonomous._shared.autonomous_lines import ElementObserver
+from fraexp_plugins.identification.autonomous._shared.law_elements import (
+    BristleElements,
+    ElastoplasticElements,
+    LawElements,
+    RollingElements,
+    WeakeningElements,
+)
+from fraexp_plugins.identification.autonomous._shared.law_records import LawRecords, LawSolution
+
+SEARCH_STEP = 3
+"""Every third frequency is taken in the search for a law; all of them judge it."""
+ROLLING_THRESHOLDS, WEAKENING_THRESHOLDS = 60, 24
+"""Numbers of thresholds."""
+THRESHOLD_RANGE, WEAKENING_RANGE = (1e-5, 0.05), (1e-4, 0.05)
+"""Range of thresholds over the largest motion."""
+START_WIDTHS, START_VELOCITIES, START_EXCESS = np.geomspace(1e-4, 1e-2, 6), (3e-3, 3e-2), 0.2
+"""Widths over the largest motion, Stribeck over largest velocities, and static over Coulomb force less 1, at which a
+search may begin."""
+START_ODDS, START_WIDTH_RATIOS = 1.5, (0.4, 0.8, 1.6)
+"""Elastic limit over the rest of the width at which a search begins, and widths over that of LuGre's law."""
+START_RELAXATIONS = (0.03, 0.15, 0.75)
+"""Relaxation times over the sample time at which a search begins."""
+START_RATES_S = (10.0, 60.0)
+"""Rates of attraction over the Coulomb force [1/s] at which a search begins."""
+SHAPE_STEP, DIFFERENCE = 0.1, 1e-4
+"""Scale of a step of a logarithm, and its difference for derivatives."""
+MAX_SHIFT = 7.0
+"""Distance of a logarithm from its start at most."""
+MAX_TRIALS = 40
+"""Steps of a search at most."""
+SEARCH_TOLERANCE = 1e-4
+"""Relative change of the sum of squares at which a search ends."""
+START_DEAD_TIMES, MAX_DEAD_TIME = (0.5, 1.5, 3.0, 5.0), 8.0
+"""Dead times at which a search may begin, and the largest one [samples]."""
+GOOD, ACCEPTABLE = 1.5, 2.0
+"""Residual over its allowance from which on no other law is tried, and up to which a law explains the records."""
+NOISE_ALLOWANCE = 6.0
+"""Factor on the part of the residual that noise explains by way of friction."""
+SEARCH_OVERSAMPLING = 2
+"""Points per sample at which the motion drives friction in a search."""
+HOPELESS_RATIO = 2.0
+"""Residual in a search over that of the best law from which a law is not looked at any further."""
+UNLIKE_RATIO = 4.0
+"""Residual of LuGre's law over that of the best one from which elastoplastic bristles are not tried."""
+EQUAL_RATIO = 1.3
+"""Residual over that of the best law up to which a law is as good."""
+MIN_EXCESS = 1.0
+"""Least mean square of the residuals that intervals are computed with."""
+
+LawStart = tuple[float, ...]
+
+
+class LawFamily(NamedTuple):
+    """Laws that differ in their shape parameters alone."""
+
+    elements: Callable[[NDArray[np.float64]], LawElements]
+    """Makes the forces of shape parameters."""
+    starts: list[LawStart]
+    is_linear: bool = False
+    """Whether a start is as good as its best shape."""
+
+
+@dataclass(frozen=True)
+class LawFit:
+    """A law that was fitted to records."""
+
+    elements: LawElements
+    sizes: NDArray[np.float64]
+    """Force of each column [N], shape (N,)."""
+    covariance: NDArray[np.float64]
+    """Covariance of the shape and then of the sizes, shape (S + N, S + N)."""
+    residual: float
+    """Root mean square of the residuals of all records over what is allowed for."""
+    allowance: float
+    """The same, as far as noise explains it."""
+    dead_time: float
+    """Dead time that goes with it [s]."""
+
+    @property
+    def coulomb(self) -> float:
+        """Force in gross sliding [N]."""
+        return float(self.sizes[self.elements.is_coulomb].sum())
+
+    @property
+    def coulomb_error(self) -> float:
+        """Half-width of its 95 % interval [N]."""
+        places = self.elements.shape.size + np.flatnonzero(self.elements.is_coulomb)
+        return float(NORMAL_QUANTILE * np.sqrt(max(self.covariance[np.ix_(places, places)].sum(), 0.0)))
+
+    @property
+    def is_good(self) -> bool:
+        """Whether no other law can do better."""
+        return self.residual**2 <= GOOD**2 + self.allowance**2
+
+    @property
+    def explains(self) -> bool:
+        """Whether noise and rounding explain what the law leaves."""
+        return self.residual**2 <= ACCEPTABLE**2 + NOISE_ALLOWANCE * self.allowance**2
+
+
+@dataclass(frozen=True)
+class LawChoice:
+    """The law that explains the records best."""
+
+    best: LawFit
+    interval: tuple[float, float]
+    """95 % interval of the Coulomb force [N]: that of all laws that are as good."""
+    records: LawRecords
+    residuals: dict[str, float]
+    """Residual of each law that was tried."""
+
+    def doubt(self) -> str:
+        """Return why no law is to be believed."""
+        left = ", ".join(f"{name} {residual:.3g}" for name, residual in self.residuals.items())
+        return (
+            f"no friction law explains the records; residual over what is allowed for: {left}, expected "
+            f"{ACCEPTABLE:g}: friction may depend on the position, or be of another kind"
+        )
+
+    def sizes(self, dead_time: float) -> NDArray[np.float64]:
+        """Return the force of each column [N] with another dead time [s], shape (N,)."""
+        return self.records.solve(self.deflection, dead_time).sizes
+
+    @cached_property
+    def deflection(self) -> NDArray[np.complex128]:
+        """The phasors of each column, complex, shape (L, M, N)."""
+        return self.records.deflection(self.best.elements)
+
+
+def choose_law(
+    signals: Signals,
+    observer: ElementObserver,
+    inverse: tuple[NDArray[np.float64], NDArray[np.complex128]],
+    is_delayed: bool,
+) -> LawChoice:
+    """Return the law that explains the records best, with a rough 1/P̂ [N/m] at its frequencies [Hz].
+
+    With `is_delayed` a dead time is found too, beside that of the observer.
+
+    The law drives friction along the measured motion: G U = Y/P̂ + F(y) at each line and its odd harmonics, with a free
+    1/P̂ at each of them. What is linear is eliminated (variable projection: G. H. Golub and V. Pereyra, SIAM J.
+    Numerical Analysis 10(2), 1973, doi 10.1137/0710036); shape parameters are found from several starts.
+    """
+    coarse = observer.model_copy(update={"oversampling": min(observer.oversampling, SEARCH_OVERSAMPLING)})
+    some = LawRecords.from_signals(signals, coarse, inverse, SEARCH_STEP)
+    records = LawRecords.from_signals(signals, observer, inverse)
+    fits: list[LawFit] = []
+    for family in _families(records, fits):
+        fit = _searched(family, some, is_delayed)
+        is_hopeless = fit.residual > HOPELESS_RATIO * min((each.residual for each in fits), default=np.inf)
+        fits.append(fit if is_hopeless else _judged(fit, some, records))
+        if fits[-1].is_good:
+            break
+    best = min(fits, key=lambda fit: fit.residual)
+    equal = [fit for fit in fits if fit.sizes.size and fit.residual <= EQUAL_RATIO * best.residual]
+    low = min(fit.coulomb - fit.coulomb_error for fit in equal)
+    high = max(fit.coulomb + fit.coulomb_error for fit in equal)
+    return LawChoice(best, (low, high), records, {fit.elements.name: fit.residual for fit in fits})
+
+
+def _families(records: LawRecords, fits: Sequence[LawFit]) -> Iterator[LawFamily]:
+    """Yield the laws, the cheapest ones first; `fits` are those that were fitted already."""
+    largest = max(float(np.ptp(motion.displacement)) / 2 for motion in records.motions)
+    velocity = float((2 * np.pi * records.lines.frequency[:, None] * np.abs(records.lines.motion)).max())
+    sample_time = records.signals.segments[0].sample_time
+    thresholds = largest * np.geomspace(*THRESHOLD_RANGE, ROLLING_THRESHOLDS)
+    yield LawFamily(
+        lambda shape: RollingElements(shape, thresholds), [(ratio * sample_time,) for ratio in START_RELAXATIONS], True
+    )
+    bristles: list[LawStart] = [
+        (ratio * largest, START_EXCESS, part * velocity) for ratio in START_WIDTHS.tolist() for part in START_VELOCITIES
+    ]
+    yield LawFamily(BristleElements, bristles)
+    near = np.exp(fits[-1].elements.shape)
+    if fits[-1].residual <= UNLIKE_RATIO * min(fit.residual for fit in fits):
+        yield LawFamily(
+            ElastoplasticElements, [(ratio * near[0], *near[1:].tolist(), START_ODDS) for ratio in START_WIDTH_RATIOS]
+        )
+    few = largest * np.geomspace(*WEAKENING_RANGE, WEAKENING_THRESHOLDS)
+    yield LawFamily(
+        lambda shape: WeakeningElements(shape, few),
+        [(START_EXCESS, part * velocity, rate) for part in START_VELOCITIES for rate in START_RATES_S],
+    )
+
+
+def _searched(family: LawFamily, records: LawRecords, is_delayed: bool) -> LawFit:
+    """Return the law of a family that explains some records best, with a grid that is refined once."""
+    sample_time = records.signals.segments[0].sample_time
+    search = _Search(records, family.elements)
+    delays = START_DEAD_TIMES if is_delayed else (0.0,)
+    starts = [np.array([delay, *np.log(start)]) for start in family.starts for delay in delays]
+    best = min(starts, key=search.cost)
+    for _ in range(2):
+        best = search.minimised(best, family.is_linear, is_delayed)
+        elements = search.elements(best[1:])
+        finer = elements.refined(search.solved(best).sizes)
+        if finer is elements:
+            break
+        search = _Search(records, partial(_with_shape, finer))
+    left = float(np.sqrt(np.sum(search.solved(best).residual ** 2) / records.equations))
+    delay = max(float(best[0]), 0.0) * sample_time
+    return LawFit(search.elements(best[1:]), np.empty(0), np.zeros((0, 0)), left, 0.0, delay)
+
+
+def _with_shape(elements: LawElements, shape: NDArray[np.float64]) -> LawElements:
+    return replace(elements, shape=shape)
+
+
+class _Search:
+    """What the laws of a family leave of some records, by dead time [samples] and shape."""
+
+    def __init__(self, records: LawRecords, elements: Callable[[NDArray[np.float64]], LawElements]) -> None:
+        self._records, self.elements = records, elements
+        self._sample_time = records.signals.segments[0].sample_time
+        self._known: dict[bytes, NDArray[np.complex128]] = {}
+
+    def solved(self, values: NDArray[np.float64]) -> LawSolution:
+        """Return the sizes and residuals for a dead time and a shape."""
+        key = values[1:].tobytes()
+        if key not in self._known:
+            self._known.clear()
+            self._known[key] = self._records.deflection(self.elements(values[1:]))
+        return self._records.solve(self._known[key], values[0] * self._sample_time)
+
+    def cost(self, values: NDArray[np.float64]) -> float:
+        """Return what no record decides alone."""
+        return float(np.sum(np.log1p(self.solved(values).residual ** 2)))
+
+    def minimised(self, start: NDArray[np.float64], is_linear: bool, is_delayed: bool) -> NDArray[np.float64]:
+        """Return dead time and shape that leave least, from a start on; a linear family keeps its shape."""
+        from scipy.optimize import least_squares  # slow to import: only when something is estimated
+
+        free = 1 if is_linear else start.size
+        low, high = start - MAX_SHIFT, start + MAX_SHIFT
+        low[0], high[0] = (-1e-9, MAX_DEAD_TIME) if is_delayed else (-1e-9, 1e-9)
+        found = least_squares(
+            lambda values: self.solved(np.concatenate([values, start[free:]])).residual,
+            start[:free], bounds=(low[:free], high[:free]), x_scale=SHAPE_STEP, diff_step=DIFFERENCE, loss="soft_l1",
+            max_nfev=MAX_TRIALS, ftol=SEARCH_TOLERANCE,
+        )  # fmt: skip
+        return np.concatenate([found.x, start[free:]])
+
+
+def _judged(fit: LawFit, some: LawRecords, records: LawRecords) -> LawFit:
+    """Return a law with what it leaves of all records; its covariance and what noise explains are those of some."""
+    elements = fit.elements
+    solution = records.solve(records.deflection(elements), fit.dead_time)
+    square = float(np.sum(solution.residual**2)) / records.equations
+    deflection = some.deflection(elements)
+    changes = np.abs((some.deflection(elements, some.shaken_motions(0)) - deflection) @ solution.sizes) ** 2
+    noise = float(np.sum((changes / some.variance)[some.lines.known])) / some.equations
+    covariance = max(square, MIN_EXCESS) * _covariance(fit, some, deflection, solution.sizes)
+    return replace(
+        fit,
+        sizes=solution.sizes,
+        covariance=covariance,
+        residual=float(np.sqrt(square)),
+        allowance=float(np.sqrt(noise)),
+    )
+
+
+def _covariance(
+    fit: LawFit, records: LawRecords, deflection: NDArray[np.complex128], sizes: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the covariance of shape and sizes for residuals of 1; forces of 0 count as known."""
+    shape = fit.elements.shape
+    kept, columns = np.flatnonzero(sizes > 0), []
+    for place in range(0 if isinstance(fit.elements, RollingElements) else shape.size):
+        moved = shape + SHAPE_STEP * 1e-2 * (np.arange(shape.size) == place)
+        other = records.deflection(replace(fit.elements, shape=moved))
+        change = ((other - deflection) @ sizes)[..., None] / (SHAPE_STEP * 1e-2)
+        columns.append(records.solve(change, fit.dead_time).problem.matrix)
+    matrix = np.concatenate([*columns, records.solve(deflection, fit.dead_time).problem.matrix[:, kept]], axis=1)
+    scale = np.linalg.norm(matrix, axis=0)
+    scale = np.where(scale > 0, scale, 1.0)
+    inner = np.linalg.pinv((matrix / scale).T @ (matrix / scale) + 1e-12 * np.eye(scale.size)) / np.outer(scale, scale)
+    places = np.concatenate([np.arange(len(columns)), shape.size + kept])
+    covariance = np.zeros((shape.size + sizes.size,) * 2)
+    covariance[np.ix_(places, places)] = inner
+    return covariance

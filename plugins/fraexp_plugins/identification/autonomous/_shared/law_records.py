@@ -1,0 +1,158 @@
+"""Records whose odd harmonics show the force of friction, beside their excited lines, and what a law leaves of them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fraexp.api import Motion, Segment, Signals, fourier_sums
+from fraexp_plugins.estimators._shared.realisations import mean
+from fraexp_plugins.identification.autonomous._shared.autonomous_elements import ProjectedProblem
+from fraexp_plugins.identification.autonomous._shared.autonomous_lines import (
+    ElementObserver,
+    SpectralLines,
+    StopElements,
+    spectral_lines,
+)
+from fraexp_plugins.identification.autonomous._shared.dictionary_fit import delayed_lines
+from fraexp_plugins.identification.autonomous._shared.law_elements import LawElements
+
+HARMONICS = (1, 3, 5, 7, 9)
+"""Harmonics of a sine that are compared: symmetric friction has no even ones."""
+MAX_HARMONIC_RATIO = 0.02
+"""Highest frequency of a harmonic over the sampling rate."""
+FORCE_FLOOR = 3e-4
+"""Error of a force that is allowed for besides noise, over the amplitude of the control input."""
+MIN_LEVELS = 3
+"""Fewest records of a frequency that count in the search for a law."""
+
+
+@dataclass(frozen=True)
+class LawSolution:
+    """Sizes of the forces of a law, and what they leave."""
+
+    sizes: NDArray[np.float64]
+    """Force of each column [N], shape (N,)."""
+    residual: NDArray[np.float64]
+    """Weighted residuals, shape (2 L M,)."""
+    problem: ProjectedProblem
+
+
+@dataclass(frozen=True)
+class LawRecords:
+    """Records with harmonics, the motions that drive friction in them, and their errors."""
+
+    signals: Signals
+    lines: SpectralLines
+    motions: tuple[Motion, ...]
+    variance: NDArray[np.float64]
+    """E|e|² of G U - F̂ - Y/P̂ [N²], shape (L, M)."""
+    deviations: NDArray[np.float64]
+    """Standard deviation of the mean position of each record [m], shape (segments,)."""
+
+    @classmethod
+    def from_signals(
+        cls,
+        signals: Signals,
+        observer: ElementObserver,
+        inverse: tuple[NDArray[np.float64], NDArray[np.complex128]],
+        step: int = 1,
+    ) -> "LawRecords":
+        """Return the records of every `step`th frequency; `inverse` has frequencies [Hz] and 1/P̂ [N/m] there."""
+        chosen = _chosen_segments(signals.segments, step)
+        own = replace(signals, segments=tuple(_with_harmonics(segment) for segment in chosen))
+        lines = spectral_lines(own, observer, StopElements(np.empty(0)))
+        motions, spread = [], np.hypot(observer.noise, observer.resolution / np.sqrt(12))
+        for segment in own.segments:
+            y, repeats = mean(segment.channels[observer.output]), len(segment.channels[observer.output])
+            quieter = observer.model_copy(update={"noise": observer.noise / np.sqrt(repeats)})
+            motions.append(quieter.motion(replace(segment, channels={observer.output: y[None]})))
+        counts = np.array([segment.channels[observer.output].size for segment in own.segments])
+        stiffness = np.exp(np.interp(np.log(lines.frequency), np.log(inverse[0]), np.log(np.abs(inverse[1]))))
+        amplitudes = [np.sqrt(2 * np.mean(segment.channels[observer.input] ** 2)) for segment in own.segments]
+        floor = FORCE_FLOOR * _by_line(lines, own.segments, np.array(amplitudes))
+        noise = stiffness[:, None] * _by_line(lines, own.segments, spread * np.sqrt(2 / counts))
+        variance = np.where(lines.known, floor**2 + noise**2, 1.0)
+        periods = np.array([len(segment.channels[observer.output]) for segment in own.segments])
+        return cls(own, lines, tuple(motions), variance, spread / np.sqrt(periods))
+
+    @property
+    def equations(self) -> int:
+        """Number of real equations once 1/P̂ is eliminated."""
+        return max(self.lines.equations, 1)
+
+    def deflection(self, elements: LawElements, motions: Sequence[Motion] = ()) -> NDArray[np.complex128]:
+        """Return the phasors of each column [N/N], complex, shape (L, M, N)."""
+        forces = zip(elements.forces(motions or self.motions), self.signals.segments, strict=True)
+        phasors = [fourier_sums(np.ascontiguousarray(force.T), segment.lines).T for force, segment in forces]
+        found = np.zeros((*self.lines.thrust.shape, elements.is_coulomb.size), dtype=complex)
+        begin = 0
+        for group in self.lines.groups:
+            end = begin + self.signals.segments[group[0]].lines.size
+            for record, place in enumerate(group):
+                found[begin:end, record] = phasors[place]
+            begin = end
+        return found
+
+    def solve(self, deflection: NDArray[np.complex128], dead_time: float) -> LawSolution:
+        """Return the sizes >= 0 of the columns by least squares, with a 1/P̂ at each line and this dead time [s]."""
+        from scipy.optimize import nnls  # slow to import: only when something is estimated
+
+        lines = delayed_lines(replace(self.lines, deflection=deflection), dead_time)
+        problem = ProjectedProblem.of_lines(lines, self.variance)
+        scale = np.linalg.norm(problem.matrix, axis=0)
+        scale = np.where(scale > 0, scale, 1.0)
+        sizes, _ = nnls(problem.matrix / scale, problem.target, maxiter=100 * scale.size)
+        sizes = sizes / scale
+        return LawSolution(sizes, problem.target - problem.matrix @ sizes, problem)
+
+    def shaken_motions(self, seed: int) -> list[Motion]:
+        """Return the motions with another error of the encoder."""
+        generator = np.random.default_rng(seed)
+        return [
+            motion._replace(displacement=_shaken(motion.displacement, deviation, segment.samples, generator))
+            for motion, deviation, segment in zip(self.motions, self.deviations, self.signals.segments, strict=True)
+        ]
+
+
+def _shaken(
+    motion: NDArray[np.float64], deviation: float, samples: int, generator: np.random.Generator
+) -> NDArray[np.float64]:
+    """Return a motion with noise in those terms of its Fourier series that it has."""
+    bins = np.fft.rfft(motion)
+    noise = np.fft.rfft(deviation * generator.normal(size=samples)) * (motion.size / samples)
+    noise = np.concatenate([noise, np.zeros(bins.size)])[: bins.size]
+    kept = np.abs(bins) > 1e-9 * np.abs(bins[1:]).max()
+    return np.asarray(np.fft.irfft(bins + np.where(kept, noise, 0.0), motion.size))
+
+
+def _with_harmonics(segment: Segment) -> Segment:
+    """Return a record of a sine with its odd harmonics as lines; others as they are."""
+    if segment.lines.size > 1:
+        return segment
+    (line,) = segment.lines.tolist()
+    top = MAX_HARMONIC_RATIO * segment.samples
+    return replace(segment, lines=line * np.array([h for h in HARMONICS if h == 1 or h * line <= top]))
+
+
+def _chosen_segments(segments: Sequence[Segment], step: int) -> list[Segment]:
+    """Return the records of every `step`th frequency of those that have several levels."""
+    sines = [segment for segment in segments if segment.lines.size == 1]
+    counts: dict[float, int] = {}
+    for segment in sines:
+        key = round(float(segment.frequency[0]), 3)
+        counts[key] = counts.get(key, 0) + 1
+    usable = sorted(key for key, count in counts.items() if count >= MIN_LEVELS)[::step]
+    return [segment for segment in sines if round(float(segment.frequency[0]), 3) in usable]
+
+
+def _by_line(lines: SpectralLines, segments: Sequence[Segment], values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a value of each segment at each of its lines, shape (L, M)."""
+    found, begin = np.zeros(lines.thrust.shape), 0
+    for group in lines.groups:
+        end = begin + segments[group[0]].lines.size
+        for record, place in enumerate(group):
+            found[begin:end, record] = values[place]
+        begin = end
+    return found

@@ -1,0 +1,104 @@
+"""Forces of one law: their columns add up to the law, and the law that made a motion's records is found again."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from fraexp_plugins.friction.none import Frictionless
+from fraexp_plugins.identification.autonomous._shared.autonomous_lines import ElementObserver
+from fraexp_plugins.identification.autonomous._shared.law_choice import LawFit, choose_law
+from fraexp_plugins.identification.autonomous._shared.law_elements import (
+    BristleElements,
+    ElastoplasticElements,
+    LawElements,
+    RollingElements,
+    WeakeningElements,
+)
+
+from fraexp.components.kinds import FrictionModel, Motion
+from fraexp.components.registry import create
+from fraexp.data.signals import Segment, Settling, Signals
+
+THRESHOLDS = np.array([1e-6, 4e-6, 2e-5])
+LAWS: list[tuple[LawElements, list[float]]] = [
+    (RollingElements(np.log([2e-4]), THRESHOLDS), [1.0, 0.0, 2.0, 0.0, 3.0, 0.0, 0.0, 0.0, 0.0]),
+    (WeakeningElements(np.log([0.3, 2e-3, 40.0]), THRESHOLDS), [1.0, 2.0, 0.5]),
+    (BristleElements(np.log([8e-6, 0.2, 1e-3])), [5.0, 0.4]),
+    (ElastoplasticElements(np.log([8e-6, 0.2, 1e-3, 2.0])), [5.0, 0.4]),
+]
+SAMPLE_TIME = 5e-4
+
+
+@pytest.mark.parametrize(("elements", "sizes"), LAWS, ids=lambda each: getattr(each, "name", ""))
+def test_columns_add_up_to_the_law(elements: LawElements, sizes: list[float]) -> None:
+    motion = 1e-4 * np.sin(2 * np.pi * np.arange(4000) / 4000) + 4e-5 * np.sin(10 * np.pi * np.arange(4000) / 4000)
+    model = elements.model(np.array(sizes), 0.0)
+    expected = model.force(motion, 1e-4, periodic=True)
+    found = elements.columns(motion, 1e-4) @ sizes
+    np.testing.assert_allclose(found, expected, atol=2e-3 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize(("elements", "sizes"), LAWS[1:], ids=lambda each: getattr(each, "name", ""))
+def test_the_virgin_curve_is_that_of_a_slow_displacement(elements: LawElements, sizes: list[float]) -> None:
+    model = elements.model(np.array(sizes), 0.0)
+    x = np.linspace(0.0, 6e-5, 20001)
+    expected = model.force(x, 10.0 / x.size)  # 6 µm/s: far below the Stribeck velocity
+    found = elements.virgin_columns(x) @ sizes
+    np.testing.assert_allclose(found, expected, atol=0.08 * np.abs(expected).max())
+
+
+def test_friction_of_a_name_knows_its_static_force() -> None:
+    model: Any = LAWS[2][0].model(np.array([5.0, 0.4]), 1.5)
+    assert model.static_force == pytest.approx(6.0)
+    assert model.viscous_coefficient == 1.5
+    dahl = replace(LAWS[2][0], shape=np.log([8e-6, 1e-9, 1e-3])).model(np.array([5.0, 0.0]), 0.0)
+    assert dahl.name == "dahl"
+
+
+def record_of(model: FrictionModel, frequency: float, amplitude: float, mass: float = 5.0) -> Segment:
+    """Return the record of a free mass whose motion has harmonics: the force that this motion takes, in closed form."""
+    samples = round(1 / (frequency * SAMPLE_TIME))
+    fine = np.arange(8 * samples) / (8 * samples)
+    shapes = [(1, 1.0), (3, 0.06)]
+    y = amplitude * sum(size * np.sin(2 * np.pi * k * fine) for k, size in shapes)
+    omega = 2 * np.pi / (samples * SAMPLE_TIME)
+    acceleration = -amplitude * sum(size * (k * omega) ** 2 * np.sin(2 * np.pi * k * fine) for k, size in shapes)
+    force = model.forces([Motion(y, SAMPLE_TIME / 8, True)])[0] + mass * acceleration
+    bins = np.fft.rfft(force)[: samples // 2] / 8
+    omegas = omega * np.arange(bins.size)
+    held = np.sinc(omegas * SAMPLE_TIME / 2 / np.pi) * np.exp(-0.5j * omegas * SAMPLE_TIME)
+    u = np.fft.irfft(np.append(bins / held, np.zeros(samples // 2 + 1 - bins.size)), samples)
+    channels = {"u": np.tile(u, (2, 1)), "y": np.tile(y[::8], (2, 1))}
+    return Segment(SAMPLE_TIME, channels, np.array([1]), settling=Settling(True, 1.0, 0.0))
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", ["lugre", "rolling", "dahl", "gms", "elastoplastic"])
+def test_the_law_of_records_is_found(name: str, registry: Any) -> None:
+    curve = {"coulomb_force": 10.0, "static_force": 12.5, "stribeck_velocity": 2e-3}
+    bristles = {"bristle_stiffness": 1e6, "bristle_damping": 200.0, **curve}
+    elements = {"stiffness": [1e6, 3e5], "attraction_rate": 300.0, "force_fractions": [0.4, 0.6]}
+    spec: dict[str, Any] = {
+        "lugre": bristles,
+        "rolling": {"stiffness": [1e6, 3e5], "limit_force": [4.0, 6.0]},
+        "dahl": {"stiffness": 1e6, "coulomb_force": 10.0},
+        "gms": {**elements, **curve},
+        "elastoplastic": {**bristles, "elastic_limit_ratio": 0.6},
+    }[name]
+    model = create(registry, FrictionModel, {"name": name, **spec})
+    segments = tuple(
+        record_of(model, frequency, size / (2 * np.pi * frequency))
+        for frequency in np.geomspace(1, 40, 12)
+        for size in (1e-3, 8e-3, 0.06)
+    )
+    signals = Signals(segments, {"u": "N", "y": "m"})
+    observer = ElementObserver(friction=Frictionless(), oversampling=4)
+    frequencies = np.array([0.5, 100.0])
+    choice = choose_law(signals, observer, (frequencies, -5.0 * (2 * np.pi * frequencies) ** 2 + 0j), True)
+    found: LawFit = choice.best
+    assert found.explains, choice.residuals
+    assert found.coulomb == pytest.approx(10.0, rel=0.01)
+    assert choice.interval[0] <= 10.0 <= choice.interval[1] or abs(found.coulomb - 10.0) < 0.01
+    expected = {"dahl": "lugre"}.get(name, name)
+    assert found.elements.name in (expected, "gms" if name == "rolling" else expected)
