@@ -133,6 +133,25 @@ def test_a_record_goes_on_until_its_band_is_narrow(workspace: WorkspaceService) 
 
 
 @pytest.mark.thorough
+def test_an_amplitude_at_which_friction_hides_the_plant_is_raised(workspace: WorkspaceService) -> None:
+    hidden = (
+        "excitation.amplitude=6", "excitation.frequencies=[20.0]", "loop.noise=1e-5", "measurement.band=0.05",
+        "measurement.max_record_time=1.5", "grid.estimator=[{name='conventional'}]",
+    )  # fmt: skip
+    points = {}
+    for adapts in ("false", "true"):
+        events = measure(workspace, *hidden, f"measurement.adapt_amplitude={adapts}", fresh=True)
+        (points[adapts],) = (event.measured.point for event in events if isinstance(event, PointEstimated))
+    hidden_point, raised = points["false"], points["true"]
+    # a third of the friction force moves the axis by less than its presliding distance: the noise is too large
+    assert hidden_point.band is not None and hidden_point.band > 0.05
+    assert raised.band is not None and raised.band <= 0.05
+    assert raised.amplitude > 1.5
+    assert any("the amplitude can be" in repeat for repeat in raised.repeats)
+    assert raised.used <= 1
+
+
+@pytest.mark.thorough
 def test_another_machine_or_setting_does_not_continue_a_measurement(workspace: WorkspaceService) -> None:
     fewer = "excitation.frequencies=[100.0]"
     measure(workspace, fewer)
