@@ -170,7 +170,7 @@ def test_units_of_the_machine_are_read_before_it_starts(tmp_path: Path, monkeypa
 
     monkeypatch.setattr("fraexp_plugins.machines.simulated.SimulatedMachine.connect", start)
     with pytest.raises(MachineError, match="started"):
-        next(AutonomousService(service, "axis").measure())
+        list(AutonomousService(service, "axis").measure())
     assert started[0].loop["sample_time"] == 0.5e-3
     assert started[0].loop["rotary"] is True
     assert started[0].plant["rigid_body_gain"] == 20.0
