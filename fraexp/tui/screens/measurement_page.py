@@ -75,6 +75,11 @@ At the end the record is analysed by an ordinary run, which is shown."""
         self.query_one(RichLog).can_focus = False
         self.set_interval(REFRESH_INTERVAL_S, self.show_measurement)
 
+    def on_resize(self) -> None:
+        """Write the notices again, whose lines were broken for another width."""
+        self.query_one(RichLog).clear()
+        self._notices, self._shown = 0, -1
+
     async def load(self) -> None:
         """Show what was reported."""
         self.show_measurement()
