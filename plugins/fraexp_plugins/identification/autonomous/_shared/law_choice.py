@@ -12,7 +12,9 @@ from fraexp.api import Signals
 from fraexp_plugins.identification._shared.friction_curves import NORMAL_QUANTILE
 from fraexp_plugins.identification.autonomous._shared.autonomous_lines import ElementObserver
 from fraexp_plugins.identification.autonomous._shared.law_elements import (
+    MIN_STATIC_EXCESS,
     BristleElements,
+    DahlElements,
     ElastoplasticElements,
     LawElements,
     RollingElements,
@@ -57,6 +59,13 @@ UNLIKE_RATIO = 4.0
 """Residual of LuGre's law over that of the best one from which elastoplastic bristles are not tried."""
 EQUAL_RATIO = 1.3
 """Residual over that of the best law up to which a law is as good."""
+ALTERNATIVE_VELOCITIES, ALTERNATIVE_RATES_S, ALTERNATIVE_EXCESS = (0.1, 0.4, 1.0), (12.0, 60.0), 0.05
+"""Stribeck velocities over the largest velocity, rates of attraction over the Coulomb force, and static over Coulomb
+force less 1, of a Stribeck effect beside a law, by which its Coulomb force is judged."""
+ALTERNATIVE_STDS = 3.0
+"""Standard deviations of it that count: the few elements are not the law's own."""
+LUMPS, RIDGE = 6, 1e-10
+"""Number of elements that weaken beside a law, and ridge of normal equations."""
 MIN_EXCESS = 1.0
 """Least mean square of the residuals that intervals are computed with."""
 
@@ -88,6 +97,8 @@ class LawFit:
     """The same, as far as noise explains it."""
     dead_time: float
     """Dead time that goes with it [s]."""
+    weakening: tuple[float, float] = (0.0, 0.0)
+    """Least and greatest change of the Coulomb force [N] by a Stribeck effect that the law lacks, by 95 %."""
 
     @property
     def coulomb(self) -> float:
@@ -166,8 +177,8 @@ def choose_law(
             break
     best = min(fits, key=lambda fit: fit.residual)
     equal = [fit for fit in fits if fit.sizes.size and fit.residual <= EQUAL_RATIO * best.residual]
-    low = min(fit.coulomb - fit.coulomb_error for fit in equal)
-    high = max(fit.coulomb + fit.coulomb_error for fit in equal)
+    low = min(fit.coulomb + min(-fit.coulomb_error, fit.weakening[0]) for fit in equal)
+    high = max(fit.coulomb + max(fit.coulomb_error, fit.weakening[1]) for fit in equal)
     return LawChoice(best, (low, high), records, {fit.elements.name: fit.residual for fit in fits})
 
 
@@ -180,8 +191,12 @@ def _families(records: LawRecords, fits: Sequence[LawFit]) -> Iterator[LawFamily
     yield LawFamily(
         lambda shape: RollingElements(shape, thresholds), [(ratio * sample_time,) for ratio in START_RELAXATIONS], True
     )
+    yield LawFamily(DahlElements, [(ratio * largest,) for ratio in START_WIDTHS.tolist()])
+    width = float(np.exp(fits[-1].elements.shape[0]))
     bristles: list[LawStart] = [
-        (ratio * largest, START_EXCESS, part * velocity) for ratio in START_WIDTHS.tolist() for part in START_VELOCITIES
+        (start, START_EXCESS, part * velocity)
+        for start in (width, *(largest * START_WIDTHS).tolist())
+        for part in START_VELOCITIES
     ]
     yield LawFamily(BristleElements, bristles)
     near = np.exp(fits[-1].elements.shape)
@@ -262,32 +277,92 @@ def _judged(fit: LawFit, some: LawRecords, records: LawRecords) -> LawFit:
     deflection = some.deflection(elements)
     changes = np.abs((some.deflection(elements, some.shaken_motions(0)) - deflection) @ solution.sizes) ** 2
     noise = float(np.sum((changes / some.variance)[some.lines.known])) / some.equations
-    covariance = max(square, MIN_EXCESS) * _covariance(fit, some, deflection, solution.sizes)
-    return replace(
+    kept = np.flatnonzero(solution.sizes > 0)
+    jacobian = _jacobian(fit, some, deflection, solution.sizes)
+    excess, shapes = max(square, MIN_EXCESS), jacobian.shape[1] - kept.size
+    places = np.concatenate([np.arange(shapes), elements.shape.size + kept])
+    covariance = np.zeros((elements.shape.size + solution.sizes.size,) * 2)
+    covariance[np.ix_(places, places)] = excess * inverse_normal(jacobian)
+    judged = replace(
         fit,
         sizes=solution.sizes,
         covariance=covariance,
         residual=float(np.sqrt(square)),
         allowance=float(np.sqrt(noise)),
     )
+    is_force = np.concatenate([np.zeros(shapes, dtype=bool), elements.is_coulomb[kept]])
+    residual = _residual(some, deflection, solution.sizes, fit.dead_time)
+    shifts = [force_shift(jacobian, column, residual, is_force, excess) for column in weakening_columns(judged, some)]
+    low = min((shift - error for shift, error in shifts), default=0.0)
+    high = max((shift + error for shift, error in shifts), default=0.0)
+    return replace(judged, weakening=(min(low, 0.0), max(high, 0.0)))
 
 
-def _covariance(
+def _residual(
+    records: LawRecords, deflection: NDArray[np.complex128], sizes: NDArray[np.float64], dead_time: float
+) -> NDArray[np.float64]:
+    """Return what forces of these sizes [N] leave."""
+    problem = records.solve(deflection, dead_time).problem
+    return np.asarray(problem.target - problem.matrix @ sizes)
+
+
+def _jacobian(
     fit: LawFit, records: LawRecords, deflection: NDArray[np.complex128], sizes: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the covariance of shape and sizes for residuals of 1; forces of 0 count as known."""
-    shape = fit.elements.shape
-    kept, columns = np.flatnonzero(sizes > 0), []
+    """Return the derivative of the weighted forces by shape and by the sizes that are not 0."""
+    shape, columns = fit.elements.shape, []
+    kept, step = np.flatnonzero(sizes > 0), SHAPE_STEP * 1e-2
     for place in range(0 if isinstance(fit.elements, RollingElements) else shape.size):
-        moved = shape + SHAPE_STEP * 1e-2 * (np.arange(shape.size) == place)
-        other = records.deflection(replace(fit.elements, shape=moved))
-        change = ((other - deflection) @ sizes)[..., None] / (SHAPE_STEP * 1e-2)
-        columns.append(records.solve(change, fit.dead_time).problem.matrix)
-    matrix = np.concatenate([*columns, records.solve(deflection, fit.dead_time).problem.matrix[:, kept]], axis=1)
+        moved = shape + step * (np.arange(shape.size) == place)
+        change = (records.deflection(replace(fit.elements, shape=moved)) - deflection) @ sizes / step
+        columns.append(records.solve(change[..., None], fit.dead_time).problem.matrix)
+    return np.concatenate([*columns, records.solve(deflection, fit.dead_time).problem.matrix[:, kept]], axis=1)
+
+
+def weakening_columns(fit: LawFit, records: LawRecords) -> Iterator[NDArray[np.float64]]:
+    """Yield how the weighted forces change with a Stribeck effect at velocities and with lags that a law lacks.
+
+    It is that of a few elements along the law's virgin curve (generalized Maxwell slip), per unit of excess.
+    """
+    velocity = float((2 * np.pi * records.lines.frequency[:, None] * np.abs(records.lines.motion)).max())
+    thresholds, sizes = _lumped(fit)
+    for part in ALTERNATIVE_VELOCITIES:
+        for rate in ALTERNATIVE_RATES_S:
+            few = [
+                WeakeningElements(np.log([excess, part * velocity, rate]), thresholds)
+                for excess in (ALTERNATIVE_EXCESS, MIN_STATIC_EXCESS * ALTERNATIVE_EXCESS)
+            ]
+            changed, plain = (records.deflection(elements) @ sizes for elements in few)
+            change = (changed - plain) / ALTERNATIVE_EXCESS
+            yield records.solve(change[..., None], fit.dead_time).problem.matrix[:, 0]
+
+
+def _lumped(fit: LawFit) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return thresholds [m] and forces [N] of a few elements with the law's virgin curve."""
+    x = np.geomspace(1e-9, 1e-1, 400)
+    force = np.maximum.accumulate(fit.elements.virgin_columns(x) @ fit.sizes)
+    levels = (np.arange(LUMPS) + 0.5) / LUMPS * force[-1]
+    return np.interp(levels, force + 1e-12 * force[-1] * np.arange(x.size), x), np.full(LUMPS, fit.coulomb / LUMPS)
+
+
+def force_shift(
+    jacobian: NDArray[np.float64],
+    column: NDArray[np.float64],
+    residual: NDArray[np.float64],
+    is_force: NDArray[np.bool_],
+    excess: float,
+) -> tuple[float, float]:
+    """Return how a further column changes the sum of some parameters, and how far that is uncertain."""
+    matrix = np.column_stack([jacobian, column])
+    normal = inverse_normal(matrix)
+    chosen = np.append(is_force, False).astype(float)
+    shift = float(chosen @ normal @ matrix.T @ residual)
+    return shift, float(ALTERNATIVE_STDS * np.sqrt(max(excess * (chosen @ normal @ chosen), 0.0)))
+
+
+def inverse_normal(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the inverse of AᵀA, with a small ridge where it has none."""
     scale = np.linalg.norm(matrix, axis=0)
     scale = np.where(scale > 0, scale, 1.0)
-    inner = np.linalg.pinv((matrix / scale).T @ (matrix / scale) + 1e-12 * np.eye(scale.size)) / np.outer(scale, scale)
-    places = np.concatenate([np.arange(len(columns)), shape.size + kept])
-    covariance = np.zeros((shape.size + sizes.size,) * 2)
-    covariance[np.ix_(places, places)] = inner
-    return covariance
+    scaled = matrix / scale
+    return np.asarray(np.linalg.inv(scaled.T @ scaled + RIDGE * np.eye(scale.size)) / np.outer(scale, scale))

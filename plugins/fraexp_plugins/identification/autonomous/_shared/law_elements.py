@@ -241,6 +241,27 @@ class BristleElements(LawElements):
 
 
 @dataclass(frozen=True)
+class DahlElements(BristleElements):
+    """Bristles of one width without Stribeck effect, and a damper. Shape: width [m]."""
+
+    name: ClassVar[str] = "dahl"
+
+    @property
+    def static_excess(self) -> float:
+        """Nothing."""
+        return 0.0
+
+    def _parameters(self, force: float, damping: float) -> dict[str, float]:
+        stiffness = force / float(np.exp(self.shape[0]))
+        return {
+            "bristle_stiffness": stiffness,
+            "bristle_damping": damping,
+            "coulomb_force": force,
+            "static_force": force,
+        }
+
+
+@dataclass(frozen=True)
 class ElastoplasticElements(BristleElements):
     """Bristles that are elastic up to z_ba."""
 
