@@ -15,6 +15,7 @@ from fraexp_plugins.identification.autonomous._shared.law_elements import (
     RollingElements,
     WeakeningElements,
 )
+from fraexp_plugins.identification.autonomous._shared.law_records import LawRecords
 
 from fraexp.components.kinds import FrictionModel, Motion
 from fraexp.components.registry import create
@@ -101,3 +102,17 @@ def test_the_law_of_records_is_found(name: str, registry: Any) -> None:
     assert found.coulomb == pytest.approx(10.0, rel=0.01)
     assert choice.interval[0] <= 10.0 <= choice.interval[1] or abs(found.coulomb - 10.0) < 0.01
     assert found.elements.name in (name, "gms" if name == "rolling" else name)
+
+
+def test_the_order_of_frequencies_has_no_effect_on_errors() -> None:
+    model = LAWS[2][0].model(np.array([5.0, 0.4]), 0.0)
+    segments = tuple(record_of(model, f, 0.01 / f) for f in (40.0, 2.0, 10.0) for _ in range(3))
+    signals, observer = Signals(segments, {"u": "N", "y": "m"}), ElementObserver(friction=Frictionless(), noise=1e-7)
+    observer = observer.model_copy(update={"oversampling": 2})
+    frequencies = np.array([40.0, 2.0, 10.0])  # as they were played: the highest one first
+    inverse = -5.0 * (2 * np.pi * frequencies) ** 2 + 0j
+    shuffled, ordered = (
+        LawRecords.from_signals(signals, observer, (frequencies[order], inverse[order]))
+        for order in ([0, 1, 2], [1, 2, 0])
+    )
+    np.testing.assert_allclose(shuffled.variance, ordered.variance, rtol=1e-12)

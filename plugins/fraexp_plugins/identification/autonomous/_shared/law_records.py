@@ -69,7 +69,9 @@ class LawRecords:
             quieter = observer.model_copy(update={"noise": observer.noise / np.sqrt(repeats)})
             motions.append(quieter.motion(replace(segment, channels={observer.output: y[None]})))
         counts = np.array([segment.channels[observer.output].size for segment in own.segments])
-        stiffness = np.exp(np.interp(np.log(lines.frequency), np.log(inverse[0]), np.log(np.abs(inverse[1]))))
+        order = np.argsort(inverse[0])  # they come as they were played
+        known = np.log(inverse[0][order]), np.log(np.abs(inverse[1][order]))
+        stiffness = np.exp(np.interp(np.log(lines.frequency), *known))
         amplitudes = [np.sqrt(2 * np.mean(segment.channels[observer.input] ** 2)) for segment in own.segments]
         floor = FORCE_FLOOR * _by_line(lines, own.segments, np.array(amplitudes))
         noise = stiffness[:, None] * _by_line(lines, own.segments, spread * np.sqrt(2 / counts))
