@@ -313,7 +313,7 @@ def test_the_intervals_of_the_scales_hold_them_and_contain_the_error_of_the_step
     held = []
     for seed in range(8):
         signals = recorded(noise=1e-7, seed=seed)
-        found = estimator(noise=1e-7).fitted(signals).found
+        found = estimator(noise=1e-7).fit(signals).found
         known = metrics(estimator(noise=1e-7).estimate(signals))
         for place, name in enumerate(("force_scale", "displacement_scale")):
             interval = known[f"{name}, 95 %"]

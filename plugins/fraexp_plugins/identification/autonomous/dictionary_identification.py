@@ -135,7 +135,9 @@ class DictionaryIdentification(DelayedEstimator, name="dictionary_identification
         if not self.estimate_dead_time:
             return fit_dictionary(lines, dictionary, weights, 0.0)
         rough = rough_dead_time(lines, dictionary, weights, signals.segments[0].sample_time)
-        return self._settled(signals, lambda dead_time: fit_dictionary(lines, dictionary, weights, dead_time), rough)
+        return self._settle_dead_time(
+            signals, lambda dead_time: fit_dictionary(lines, dictionary, weights, dead_time), rough
+        )
 
     def _bare_lines(self, signals: Signals) -> SpectralLines:
         """Return the lines of the records without forces; RecordError if they are too few for a friction force."""
@@ -148,7 +150,9 @@ class DictionaryIdentification(DelayedEstimator, name="dictionary_identification
             )
         return bare
 
-    def _settled(self, signals: Signals, fit: Callable[[float], DictionaryFit], dead_time: float) -> DictionaryFit:
+    def _settle_dead_time(
+        self, signals: Signals, fit: Callable[[float], DictionaryFit], dead_time: float
+    ) -> DictionaryFit:
         """Return the fit with the dead time [s] that is left in P̂ no more, from one on."""
         found = fit(dead_time)
         for _ in range(MAX_DEAD_TIME_STEPS if self.estimate_dead_time else 0):
@@ -168,7 +172,7 @@ class DictionaryIdentification(DelayedEstimator, name="dictionary_identification
             return None, choice
         lines = spectral_lines(signals, observer, choice.best.elements)
         variance = scatter_noise(signals, lines, observer, inverse) + self.model_error**2 * np.abs(lines.thrust) ** 2
-        return self._settled(signals, partial(fit_law, choice, lines, variance), choice.best.dead_time), choice
+        return self._settle_dead_time(signals, partial(fit_law, choice, lines, variance), choice.best.dead_time), choice
 
     def _dead_time_in(self, signals: Signals, found: DictionaryFit) -> float:
         """Return the dead time [s] that is left in P̂; 0 if no plant fits."""

@@ -86,7 +86,7 @@ class ExcitationDesign(Estimator, name="excitation_design", version=1):
         assert isinstance(self.method, MaximumLikelihood)
         if not signals.segments:
             return Result(signals.outcome, signals.message)
-        report = self.method.fitted(signals)
+        report = self.method.fit(signals)
         found = report.result()
         if found.outcome is not Outcome.OK:
             text = "no excitation is designed, as the preliminary machine is not known"
@@ -121,7 +121,7 @@ class ExcitationDesign(Estimator, name="excitation_design", version=1):
     def _search(self, known: "_Preliminary") -> PlanSearch:
         """Return what can be measured of a machine, and for how long."""
         frequencies = (*known.frequencies, *self.extra_frequencies)
-        records = iter(self._planned(known, frequencies))
+        records = iter(self._plan_records(known, frequencies))
         choices = [tuple(next(records) for _ in self.amplitudes) for _ in frequencies]
         allowed = [tuple(each for each in of if self._is_allowed(each)) for of in choices]
         for frequency, of in zip(frequencies, allowed, strict=True):
@@ -139,7 +139,7 @@ class ExcitationDesign(Estimator, name="excitation_design", version=1):
     def _is_allowed(self, record: PlannedRecord) -> bool:
         return self.max_stroke is None or record.stroke <= self.max_stroke
 
-    def _planned(self, known: "_Preliminary", frequencies: Sequence[float]) -> list[PlannedRecord]:
+    def _plan_records(self, known: "_Preliminary", frequencies: Sequence[float]) -> list[PlannedRecord]:
         """Return what a period of each frequency tells, at each amplitude."""
         assert isinstance(self.method, MaximumLikelihood)
         settings = ControlLoop.parse({**self.loop, "noise": known.noise}, "loop")
@@ -156,7 +156,7 @@ class ExcitationDesign(Estimator, name="excitation_design", version=1):
                 "amplitudes, or correct controller and loop"
             )
         method = self.method.model_copy(update={"friction": known.friction, "input_dead_time": known.dead_time})
-        fit = method.staged_fit(signals, known.noise, known.free.friction).around(known.plant)
+        fit = method.staged_fit(signals, known.noise, known.free.friction).fit_around(known.plant)
         return planned_records(replace(fit, free=known.free), sines.amplitudes)
 
     def _with_plans(self, found: Result, search: PlanSearch, uniform: Plan, designed: Plan) -> Result:

@@ -97,9 +97,9 @@ class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=3):
     def estimate(self, signals: Signals) -> Result:
         """Return P̂ with its band, the friction parameters, and how well the model repeats the records."""
         signals.unit(self.input), signals.unit(self.output)
-        return self.fitted(signals).result() if signals.segments else Result(signals.outcome, signals.message)
+        return self.fit(signals).result() if signals.segments else Result(signals.outcome, signals.message)
 
-    def fitted(self, signals: Signals) -> FitReport:
+    def fit(self, signals: Signals) -> FitReport:
         """Return the fit to signals that have segments."""
         check_one_contact(signals, self.name)
         used = usable_signals(signals, self.output, self.name)

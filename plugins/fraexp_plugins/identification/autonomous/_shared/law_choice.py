@@ -221,11 +221,11 @@ def _searched(family: LawFamily, records: LawRecords, is_delayed: bool) -> LawFi
     for _ in range(2):
         best = search.minimised(best, family.is_linear, is_delayed)
         elements = search.elements(best[1:])
-        finer = elements.refined(search.solved(best).sizes)
+        finer = elements.refine(search.solve_for(best).sizes)
         if finer is elements:
             break
         search = _Search(records, partial(_with_shape, finer))
-    left = float(np.sqrt(np.sum(search.solved(best).residual ** 2) / records.equations))
+    left = float(np.sqrt(np.sum(search.solve_for(best).residual ** 2) / records.equations))
     delay = max(float(best[0]), 0.0) * sample_time
     return LawFit(search.elements(best[1:]), np.empty(0), np.zeros((0, 0)), left, 0.0, delay)
 
@@ -242,7 +242,7 @@ class _Search:
         self._sample_time = records.signals.segments[0].sample_time
         self._known: dict[bytes, NDArray[np.complex128]] = {}
 
-    def solved(self, values: NDArray[np.float64]) -> LawSolution:
+    def solve_for(self, values: NDArray[np.float64]) -> LawSolution:
         """Return the sizes and residuals for a dead time and a shape."""
         key = values[1:].tobytes()
         if key not in self._known:
@@ -252,7 +252,7 @@ class _Search:
 
     def cost(self, values: NDArray[np.float64]) -> float:
         """Return what no record decides alone."""
-        return float(np.sum(np.log1p(self.solved(values).residual ** 2)))
+        return float(np.sum(np.log1p(self.solve_for(values).residual ** 2)))
 
     def minimised(self, start: NDArray[np.float64], is_linear: bool, is_delayed: bool) -> NDArray[np.float64]:
         """Return dead time and shape that leave least, from a start on; a linear family keeps its shape."""
@@ -262,7 +262,7 @@ class _Search:
         low, high = start - MAX_SHIFT, start + MAX_SHIFT
         low[0], high[0] = (-1e-9, MAX_DEAD_TIME) if is_delayed else (-1e-9, 1e-9)
         found = least_squares(
-            lambda values: self.solved(np.concatenate([values, start[free:]])).residual,
+            lambda values: self.solve_for(np.concatenate([values, start[free:]])).residual,
             start[:free], bounds=(low[:free], high[:free]), x_scale=SHAPE_STEP, diff_step=DIFFERENCE, loss="soft_l1",
             max_nfev=MAX_TRIALS, ftol=SEARCH_TOLERANCE,
         )  # fmt: skip

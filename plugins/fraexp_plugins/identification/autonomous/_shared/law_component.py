@@ -25,7 +25,7 @@ def law_component(found: LawDictionaryFit, viscous: float, viscous_std: float) -
     model, shape = law.elements.model(sizes, viscous), law.elements.shape
     names, units, values = zip(*_numbers(model), strict=True)
 
-    def moved(place: int) -> NDArray[np.float64]:
+    def vary(place: int) -> NDArray[np.float64]:
         """Return the values with one parameter of the fit a little larger."""
         changed = np.concatenate([shape, sizes])
         changed[place] += _step(changed, place, shape.size)
@@ -36,7 +36,7 @@ def law_component(found: LawDictionaryFit, viscous: float, viscous_std: float) -
     varied = [place for place in range(whole.size) if place < shape.size or whole[place] > 0]
     slopes = np.zeros((len(values), whole.size))
     for place in varied:
-        slopes[:, place] = (moved(place) - np.array(values)) / _step(whole, place, shape.size)
+        slopes[:, place] = (vary(place) - np.array(values)) / _step(whole, place, shape.size)
     covariance = slopes @ law.covariance @ slopes.T
     own = names.index("viscous_coefficient")
     covariance[own], covariance[:, own] = 0.0, 0.0

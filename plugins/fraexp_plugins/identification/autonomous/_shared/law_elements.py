@@ -58,7 +58,7 @@ class LawElements(ABC):
     def model(self, sizes: NDArray[np.float64], viscous: float) -> FrictionModel:
         """Return the friction model for forces of these sizes [N], shape (N,), and a viscous coefficient [N s/m]."""
 
-    def refined(self, sizes: NDArray[np.float64]) -> "LawElements":
+    def refine(self, sizes: NDArray[np.float64]) -> "LawElements":
         """Return elements with finer thresholds around those that have a force, of the same shape."""
         return self
 
@@ -108,7 +108,7 @@ class RollingElements(LawElements):
         """Return how much of each column's force acts after a first slow displacement x [m], shape (n, N)."""
         return np.tile(np.minimum(x[:, None] / self.thresholds, 1.0), (1, len(RELAXATIONS)))
 
-    def refined(self, sizes: NDArray[np.float64]) -> LawElements:
+    def refine(self, sizes: NDArray[np.float64]) -> LawElements:
         """Return elements with finer thresholds around those that have a force, of the same shape."""
         return replace(self, thresholds=_refined_grid(self.thresholds, sizes.reshape(len(RELAXATIONS), -1).sum(axis=0)))
 
@@ -168,7 +168,7 @@ class WeakeningElements(LawElements):
         """Return how much of each column's force acts after a first slow displacement x [m], shape (n, N)."""
         return np.minimum(x[:, None] / self.thresholds, 1 + self.static_excess)
 
-    def refined(self, sizes: NDArray[np.float64]) -> LawElements:
+    def refine(self, sizes: NDArray[np.float64]) -> LawElements:
         """Return elements with finer thresholds around those that have a force, of the same shape."""
         return replace(self, thresholds=_refined_grid(self.thresholds, sizes))
 

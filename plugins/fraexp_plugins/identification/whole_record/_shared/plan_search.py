@@ -101,9 +101,9 @@ class PlanSearch:
             if (option := self._shorter(plan, place, portions)) is not None
         ]
         less.sort(key=lambda option: (self.criterion(option) - before) / (plan.time - option.time))
-        return min([plan, *map(self._filled, [plan, *less[:MAX_TAKEN]])], key=self.criterion)
+        return min([plan, *map(self._fill, [plan, *less[:MAX_TAKEN]])], key=self.criterion)
 
-    def _filled(self, plan: Plan) -> Plan:
+    def _fill(self, plan: Plan) -> Plan:
         """Return the plan whose time is used up, by what gains most for the time that it takes."""
         while True:
             before, time = self.criterion(plan), plan.time

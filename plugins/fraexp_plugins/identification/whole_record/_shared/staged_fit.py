@@ -265,7 +265,7 @@ class StagedFit:
         own = tuple(np.zeros(record.count) for record in fit.records)
         return Fitted(joint, *joint.converge(State(np.append(shared, np.zeros(missing)), own), gain, max_steps))
 
-    def around(self, plant: Plant) -> RecordFit:
+    def fit_around(self, plant: Plant) -> RecordFit:
         """Return the fit of all records to a machine with this plant and the observer's friction."""
         return self._fit(plant, self._records(range(len(self.signals.segments))))
 
