@@ -325,7 +325,7 @@ def test_the_intervals_of_the_scales_hold_them_and_contain_the_error_of_the_step
 
 def test_records_do_not_tell_twice_what_they_share(record):
     """The covariance of shared parameters is that of the joint fit: own responses add nothing that is new."""
-    found = estimator().fitted(record).found
+    found = estimator().fit(record).found
     count = found.state.shared.size
     expected = np.linalg.inv(found.fit.prior.information)
     np.testing.assert_allclose(found.covariances[0][:count, :count], expected, rtol=1e-6)
