@@ -6,8 +6,8 @@ import numpy as np
 
 from fraexp.data.signals import Segment
 
-MIN_PERIODS = 3
-"""Periods from which a motion is known to be steady."""
+MIN_PERIODS = 2
+"""Periods from which a motion shows; two do not tell whether it is steady."""
 MAX_GAIN_SCATTER = 0.25
 """Standard deviation of what a channel gains in a period, relative to the mean, up to which the motion is steady."""
 MAX_LEAKAGE = 0.1

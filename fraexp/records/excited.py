@@ -70,7 +70,7 @@ def find_excited_lines(
     above = np.flatnonzero(significant)
     kept = _between_edges(amplitude, above)
     kept = kept[amplitude[kept] > _gap_level(amplitude[kept], np.inf)]
-    weak = WEAK_RATIO * float(np.median(amplitude[kept])) if kept.size else 0.0
+    weak = _weak_level(amplitude[kept])
     lines, others = (
         _lines_within(kept + 1, band),
         _lines_within(np.setdiff1d(above, kept) + 1, band if stated else (1, np.inf)),
@@ -80,6 +80,14 @@ def find_excited_lines(
     )  # the noise is unknown with one block
     doubtful = sum(bool(amplitude[line - 1] < weak) for line in lines)
     return ExcitedLines(lines, (kept + 1).tolist(), len(others) if strong else 0, doubtful)
+
+
+def _weak_level(amplitude: NDArray[np.float64]) -> float:
+    """Return the level below which a line is much weaker: than most lines, or than the strongest if most are so."""
+    if not amplitude.size:
+        return 0.0
+    usual, strongest = float(np.median(amplitude)), float(amplitude.max())
+    return WEAK_RATIO * (strongest if usual < WEAK_RATIO * strongest else usual)
 
 
 def _lines_within(lines: NDArray[np.intp], band: tuple[float, float]) -> list[int]:

@@ -137,7 +137,8 @@ def load(experiment: Plain, files: Mapping[str, str], registry: Registry) -> Sig
         columns = {str(column["column"]) for column in record["response"]["columns"].values()}
         return load_response(record, read_columns(reader, path, columns), path)
     found: list[Segment] = []
-    messages = [describe_doubts([Cut.from_plain(plain) for plain in record["segments"]])]
+    cuts = [Cut.from_plain(plain) for plain in record["segments"]]
+    messages = [describe_doubts(cuts)]
     highest = max(max(plain["lines"]) / (plain["samples"] * plain["sample_time"]) for plain in record["segments"])
     for number, part in enumerate(parts):
         hashes = (part["hash"], *part.get("joined", ()))
@@ -153,7 +154,8 @@ def load(experiment: Plain, files: Mapping[str, str], registry: Registry) -> Sig
         found += [_load_segment(Cut.from_plain(plain), values, part["channels"], path) for plain in own]
     units = {name: str(channel["unit"]) for name, channel in parts[0]["channels"].items()}
     wrong = wrong_sample_questions(found, units)
-    outcome = Outcome.INACCURATE if wrong else Outcome.OK
+    are_doubtful = any(2 * cut.doubtful > len(cut.lines) for cut in cuts)
+    outcome = Outcome.INACCURATE if wrong or are_doubtful else Outcome.OK
     text = "; ".join(filter(None, (*messages, unit_questions(found, units), wrong)))
     return Signals(tuple(found), units, outcome, text)
 

@@ -120,10 +120,12 @@ def replay(runs: Sequence[Replay]) -> list[NDArray[np.float64]]:
 
 def _alike(experiments: Sequence[Experiment]) -> list[list[int]]:
     """Return the places of experiments that can run side by side."""
-    groups: dict[tuple[int, ...], list[int]] = {}
+    groups: dict[tuple[object, ...], list[int]] = {}
     for place, experiment in enumerate(experiments):
         setup = experiment.setup
-        alike = setup.steps, setup.is_vectorised, setup.input_delay, setup.output_delay
+        # A law may have fewer elements with other parameters, and a loop other constants with another dead time.
+        shapes = tuple(part.shape for part in (*setup.constants, *setup.law_numbers))
+        alike = setup.steps, setup.is_vectorised, setup.input_delay, setup.output_delay, shapes
         groups.setdefault(alike, []).append(place)
     return list(groups.values())
 

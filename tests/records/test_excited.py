@@ -141,3 +141,16 @@ def test_lines_that_are_far_weaker_without_a_gap_are_doubted() -> None:
     levels = dict.fromkeys(range(1, 61), 1.0) | {k: 0.9 * 0.8 ** (k - 60) for k in range(61, 80)}
     found = find_excited_lines(wave_of(levels, 4, noise=1e-5))
     assert (list(found.lines), found.doubtful) == (list(levels), 4)
+
+
+def test_lines_of_friction_that_are_most_of_all_are_doubtful() -> None:
+    """Few excited lines, and friction's at all others, which fall evenly: no gap parts them."""
+    generator = np.random.default_rng(3)
+    excited = np.array([1, 2, 3, 5, 8, 13, 21, 36, 60])
+    amplitude = 0.3 / np.arange(1, 90) ** 1.1
+    amplitude[excited - 1] = generator.permutation(np.geomspace(0.1, 1.0, excited.size))
+    angle = 2 * np.pi * np.outer(np.arange(500), np.arange(1, 90)) / 500 + generator.uniform(0, 6, 89)
+    blocks = np.tile(np.cos(angle) @ amplitude, (6, 1)) + 1e-5 * generator.normal(size=(6, 500))
+    found = find_excited_lines(blocks)
+    assert len(found.lines) > 2 * excited.size
+    assert found.doubtful > len(found.lines) / 2

@@ -4,8 +4,10 @@ from dataclasses import replace
 from typing import ClassVar
 
 from fraexp.api import Result, Signals, param, phasors, response_result
+from fraexp_plugins.estimators._shared.coarse_motion import coarse_motion_text, recorded_step
 from fraexp_plugins.estimators._shared.delayed_estimator import PlantReferredEstimator
 from fraexp_plugins.estimators._shared.neighbouring_lines import with_noise_of_neighbours
+from fraexp_plugins.estimators._shared.response_doubts import with_doubt
 from fraexp_plugins.estimators._shared.rounding_band import with_rounding
 
 
@@ -17,9 +19,9 @@ class Conventional(PlantReferredEstimator, name="conventional", version=4):
     negligible at that amplitude.
 
     The rounding error that repeats in every period is taken off as far as several periods show it; the confidence band
-    contains the rest, and noise by the scatter over periods. From four periods on noise follows from the lines of the
-    record's spectrum beside the excited one, where friction gathers it. That of one simulated period follows from its
-    encoder.
+    contains the rest, and noise by the scatter over periods. The encoder's step is `resolution`, or that which the
+    record shows. From four periods on noise follows from the lines of the record's spectrum beside the excited one,
+    where friction gathers it. That of one simulated period follows from its encoder.
     """
 
     takes_responses: ClassVar[bool] = True
@@ -39,4 +41,7 @@ class Conventional(PlantReferredEstimator, name="conventional", version=4):
         if found.response is None:
             return found
         response = with_noise_of_neighbours(found.response, signals.segments, (self.input, self.output))
-        return replace(found, response=with_rounding(response, signals.segments, self.output, self.resolution))
+        resolution = self.resolution or recorded_step(signals.segments, self.output)
+        found = replace(found, response=with_rounding(response, signals.segments, self.output, resolution))
+        coarse = coarse_motion_text(signals.segments, self.output, resolution, signals.encoder)
+        return with_doubt(found, coarse) if coarse else found

@@ -1,7 +1,7 @@
 """The H1, H2 and Hv estimates from averaged spectra of input and output, for records without an excitation channel."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import ClassVar, Literal
 
@@ -17,6 +17,12 @@ from fraexp_plugins.estimators._shared.hann_windows import (
 )
 from fraexp_plugins.estimators._shared.leakage import WindowedResponse, total_variance, with_leakage
 from fraexp_plugins.estimators._shared.realisations import BroadbandEstimator, Group, Part, sum_of_squares
+
+ONE_WINDOW = (
+    "one window spans the whole record, so nothing shows noise or leakage: give a shorter 'window', such as a tenth of "
+    "the record (--set estimator.window=SECONDS)"
+)
+"""What a record that does not repeat itself is told without a shorter window."""
 
 
 class H1H2Hv(BroadbandEstimator, name="h1_h2_hv", version=2):
@@ -60,6 +66,8 @@ class H1H2Hv(BroadbandEstimator, name="h1_h2_hv", version=2):
             np.sqrt(spectra.yy / spectra.windows),
             coherence=spectra.coherence,
         )
+        if not all(one.periodic for one in group) and spectra.independent <= 1:
+            return replace(part, inaccuracy=ONE_WINDOW)
         windowed = partial(self._windowed, group)
         return with_leakage(part, group, self.input, samples, bins, windowed, is_inverse=self.variant == "h2")
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from fraexp.api import (
     Chunk,
     ConnectionLostError,
+    ControlLoop,
     MachineDescription,
     MachineDriver,
     MachineError,
@@ -54,6 +55,15 @@ class SimulatedMachine(MachineDriver, name="simulated", version=1):
     limits: dict[str, Any] = param("", "limits that it states, by the names of [limits]", {})
     log: str = param("", "file to which it writes when it plays, stops and rests; empty for none", "")
 
+    def model_post_init(self, context: object) -> None:
+        """Check the loop."""
+        self.plain_loop()
+
+    def plain_loop(self) -> dict[str, Any]:
+        """Return the loop as plain data in SI units, whose values may have been written as texts with units."""
+        rotary = bool(self.loop.get("rotary", False))
+        return ControlLoop.parse(self.loop, "measurement.machine.loop", rotary=rotary).plain()
+
     def connect(self, folder: Path) -> "SimulatedSession":
         return SimulatedSession(self, folder)
 
@@ -63,10 +73,10 @@ class SimulatedSession(MachineSession):
 
     def __init__(self, machine: SimulatedMachine, folder: Path) -> None:
         self._machine = machine
-        position, force = ("rad", "N m") if machine.loop.get("rotary") else ("m", "N")
-        sample_time = machine.loop["sample_time"]
+        loop = machine.plain_loop()
+        position, force = ("rad", "N m") if loop.get("rotary") else ("m", "N")
         self._units = {"y": position, "u": force, "excitation": force}
-        order = {**machine.plain(), "folder": str(folder), "channels": list(self._units)}
+        order = {**machine.plain(), "loop": loop, "folder": str(folder), "channels": list(self._units)}
         order["sections"] = {key: order.pop(key) for key in ("plant", "friction", "controller", "loop", "numerics")}
         if not order["sections"]["numerics"]:
             del order["sections"]["numerics"]
@@ -81,7 +91,7 @@ class SimulatedSession(MachineSession):
         self._stream = FrameStream(socket.create_connection(("127.0.0.1", self._port)))
         self._early: dict[int, NDArray[np.float64]] = {}
         self._is_playing, self._plays = False, 0
-        self._description = MachineDescription(self._units, sample_time, machine.limits, machine.watchdog)
+        self._description = MachineDescription(self._units, loop["sample_time"], machine.limits, machine.watchdog)
 
     @property
     def description(self) -> MachineDescription:

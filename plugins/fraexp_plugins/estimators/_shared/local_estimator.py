@@ -19,7 +19,13 @@ from fraexp.api import (
     phasors,
     record_spectrum,
 )
-from fraexp_plugins.estimators._shared.local_models import LocalEstimate, LocalModel, all_windows, free_windows
+from fraexp_plugins.estimators._shared.local_models import (
+    LocalEstimate,
+    LocalModel,
+    all_windows,
+    drive_smoothness,
+    free_windows,
+)
 from fraexp_plugins.estimators._shared.realisations import (
     BroadbandEstimator,
     Group,
@@ -29,6 +35,9 @@ from fraexp_plugins.estimators._shared.realisations import (
     sum_of_squares,
 )
 
+MAX_SMOOTHNESS = 0.9
+"""Share of the excitation around a line that a polynomial follows, above which it is too smooth: of noise, it is the
+part of the bins that the polynomial has coefficients for."""
 DEFAULT_EXCITATION_CHANNEL = "excitation"
 """Channel of the excitation, which every simulated loop has and a measured record may lack."""
 
@@ -88,8 +97,17 @@ class LocalEstimator(BroadbandEstimator, ABC):
             output_amplitude=_amplitude(group, self.output),
             noise_variance=noise,
             nonlinear_variance=nonlinear,
-            inaccuracy=_undetermined_text(group[0].frequency, relative) if self._is_one_record(group[0]) else "",
+            inaccuracy=self._inaccuracy(group, reference, relative),
         )
+
+    def _inaccuracy(self, group: Group, reference: str, relative: NDArray[np.float64]) -> str:
+        """Return where one record does not determine the response; empty if nowhere, or if periods repeat."""
+        if not self._is_one_record(group[0]):
+            return ""
+        unknowns = self.model(feedback=reference != self.input).unknowns + self.order
+        windows = all_windows(group[0], self._half_width(unknowns))
+        smoothness = np.min([drive_smoothness(segment, reference, windows, self.order) for segment in group], axis=0)
+        return _undetermined_text(group[0].frequency, relative, smoothness)
 
     def _reference(self, signals: Signals, group: Group) -> str:
         """Return the channel to which spectra are related: the excitation, or the input if no feedback acts on it."""
@@ -138,19 +156,27 @@ def _relative_to(reference: NDArray[np.complex128], found: LocalEstimate) -> Loc
     return replace(found, output=found.output / reference, input=found.input / reference, leverage=leverage)
 
 
-def _undetermined_text(frequency: NDArray[np.float64], relative: NDArray[np.float64]) -> str:
-    """Return where the radius of the confidence region, relative to the response, is 1 or more; empty if nowhere.
+def _undetermined_text(
+    frequency: NDArray[np.float64], relative: NDArray[np.float64], smoothness: NDArray[np.float64]
+) -> str:
+    """Return where the response is not determined; empty if nowhere.
 
-    The spectrum of a chirp is as smooth as response and transient are, and does not tell one from the other.
+    There the radius of the confidence region, relative to the response, is 1 or more, or the excitation is as smooth
+    over frequency as response and transient are, such as that of a chirp, and does not tell one from the other.
     """
-    unknown = relative >= 1
+    unknown = (relative >= 1) | (smoothness > MAX_SMOOTHNESS)
     if not unknown.any():
         return ""
+    is_smooth = np.mean(smoothness[unknown] > MAX_SMOOTHNESS) > 0.5
+    cause = (
+        "the excitation is as smooth over frequency as that of a chirp, which does not tell response from transient: "
+        "take h1_h2_hv with a 'window' of a tenth of the record, or excite with noise or periods that repeat"
+        if is_smooth
+        else "the confidence band is as wide as the response: excite more there, or record for longer"
+    )
     return (
         f"the record does not determine the response at {unknown.sum()} of {unknown.size} frequencies "
-        f"({frequency_text(frequency[unknown])}), where the confidence band is as wide as the response: noise hides "
-        "it, or the excitation has a smooth spectrum, as a chirp has (take h1_h2_hv); excite with noise or periods "
-        "that repeat, or record for longer"
+        f"({frequency_text(frequency[unknown])}); {cause}"
     )
 
 

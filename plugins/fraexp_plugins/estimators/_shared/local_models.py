@@ -95,6 +95,15 @@ def _line_windows(bins: NDArray[np.int64], lines: NDArray[np.int64]) -> LineWind
     return LineWindows(bins, lines, distance / np.abs(distance).max(axis=1, keepdims=True))
 
 
+def drive_smoothness(segment: Segment, drive: str, windows: LineWindows, order: int) -> NDArray[np.float64]:
+    """Return the share of a drive's power around each line that a polynomial of an order follows, shape (lines,)."""
+    values = record_spectrum(segment, drive)[windows.bins]
+    basis, _ = np.linalg.qr(windows.distance[:, :, None] ** np.arange(order + 1))
+    followed = np.einsum("lwc,lw->lc", basis, values)
+    power = np.sum(np.abs(values) ** 2, axis=1)
+    return np.asarray(np.sum(np.abs(followed) ** 2, axis=1) / np.where(power > 0, power, np.inf))
+
+
 @dataclass(frozen=True)
 class LocalModel:
     """The orders of the model of spectra around a line."""
