@@ -88,7 +88,7 @@ class AutonomousService:
         axis, task, loop = self._begin()
         axis = replace(axis, noise=loop.position_noise)
         closes = f"closes at {loop.force:.4g} N" if loop.has_closed else f"does not close up to {loop.amplitude:.4g} N"
-        text = f"friction loop: {closes}; noise {loop.noise:.2g}, encoder {loop.resolution:.2g}"
+        text = f"friction loop: {closes}; noise {loop.noise:.2g} m, encoder {loop.resolution:.2g} m"
         yield MeasurementNotice(rotary_text(text) if axis.is_rotary else text)
         design = PointDesign(axis, loop, self._service.registry)
         coarse = design.coarse()
@@ -170,7 +170,7 @@ class AutonomousService:
         for event in self._service.run([str(self.path.resolve())]):
             if isinstance(event, Finished):
                 result = self._result_of(event)
-                yield MeasurementNotice(f"{stage}: {_summary(result, event.error)}")
+                yield MeasurementNotice(f"{stage}, which the next ones correct: {_summary(result, event.error)}")
         return result
 
     def _final(self, task: MeasurementTask, loop: FrictionLoop) -> Generator[AutonomousEvent, None, None]:
