@@ -1,5 +1,7 @@
 """Questions about samples that differ from those at the same place in the other periods: outliers, and lost signals."""
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
@@ -31,8 +33,20 @@ COMMON_RUN = 1 / 3
 """Length, relative to the longest, of the runs that must be fewer than half of the periods: machines stick in each."""
 
 
-def outlier_question(periods: NDArray[np.float64], name: str, unit: str) -> str:
-    """Return a question about single samples of a channel, shape (periods, samples), that no other period has, or "".
+class SampleQuestion(NamedTuple):
+    """A question about samples of a channel."""
+
+    text: str
+    """Empty if there is none."""
+    deviation: float = np.inf
+    """Sum of what the samples differ from usual ones [unit]; infinite where more than single samples are wrong."""
+
+
+NO_QUESTION = SampleQuestion("", 0.0)
+
+
+def outlier_question(periods: NDArray[np.float64], name: str, unit: str) -> SampleQuestion:
+    """Return a question about single samples of a channel, shape (periods, samples), that no other period has.
 
     The median over the periods is what is usual at a place, however large the outliers are and though every period
     has some.
@@ -48,14 +62,15 @@ def outlier_question(periods: NDArray[np.float64], name: str, unit: str) -> str:
     least = max(MIN_OUTLIER * span, MIN_OUTLIER_STEPS * smallest_step(periods))
     far = beyond > np.maximum(least, OUTLIER_FACTOR * largest_usual)
     if not span or not 0 < far.sum() <= max(MAX_OUTLIER_SHARE * far.size, 1):
-        return ""
+        return NO_QUESTION
     period, sample = np.unravel_index(np.argmax(beyond), beyond.shape)
     samples = "sample" if far.sum() == 1 else "samples"
-    return (
+    text = (
         f"'{name}' is {periods[period, sample]:.3g} {unit} at sample {sample + 1} of period {period + 1}, and about "
         f"{usual[sample]:.3g} {unit} there in the others: {far.sum()} wrong {samples}? interpolate them "
         "before the import"
     )
+    return SampleQuestion(text, float(np.sum(beyond[far])))
 
 
 def frozen_question(periods: NDArray[np.float64], name: str, unit: str, sample_time: float) -> str:

@@ -155,8 +155,8 @@ def load(experiment: Plain, files: Mapping[str, str], registry: Registry) -> Sig
     units = {name: str(channel["unit"]) for name, channel in parts[0]["channels"].items()}
     wrong = wrong_sample_questions(found, units)
     are_doubtful = any(2 * cut.doubtful > len(cut.lines) for cut in cuts)
-    outcome = Outcome.INACCURATE if wrong or are_doubtful else Outcome.OK
-    text = "; ".join(filter(None, (*messages, unit_questions(found, units), wrong)))
+    outcome = Outcome.INACCURATE if wrong.do_harm or are_doubtful else Outcome.OK
+    text = "; ".join(filter(None, (*messages, unit_questions(found, units), wrong.text)))
     return Signals(tuple(found), units, outcome, text)
 
 

@@ -18,7 +18,7 @@ STICKING = np.cumsum(np.sign(SINE) * np.maximum(np.abs(SINE) - 0.5, 0)) / 100
 
 
 def questions(y: NDArray[np.float64], name: str = "y", unit: str = "rad") -> str:
-    return wrong_sample_questions([Segment(1e-3, {name: y.reshape(PERIODS, -1)}, LINES)], {name: unit})
+    return wrong_sample_questions([Segment(1e-3, {name: y.reshape(PERIODS, -1)}, LINES)], {name: unit}).text
 
 
 @pytest.mark.parametrize("level", [0.5, 0.7, 0.9])

@@ -21,7 +21,7 @@ WAVE = np.cos(2 * np.pi * np.outer(TIME, LINES) + LINES**2) @ (1.0 / LINES**2)
 
 def questions(y: NDArray[np.float64], unit: str = "rad", periodic: bool = True) -> str:
     blocks = y.reshape(PERIODS if periodic else 1, -1)
-    return wrong_sample_questions([Segment(1e-3, {"y": blocks}, LINES, periodic=periodic)], {"y": unit})
+    return wrong_sample_questions([Segment(1e-3, {"y": blocks}, LINES, periodic=periodic)], {"y": unit}).text
 
 
 def motion(y: NDArray[np.float64]) -> str:

@@ -20,7 +20,7 @@ HIDDEN = slice(40, None, 497)
 
 
 def questions(y: NDArray[np.float64], periods: int = PERIODS) -> str:
-    return wrong_sample_questions([Segment(1e-3, {"y": y.reshape(periods, -1)}, LINES)], {"y": "N"})
+    return wrong_sample_questions([Segment(1e-3, {"y": y.reshape(periods, -1)}, LINES)], {"y": "N"}).text
 
 
 def replaced(where: slice, value: float, noise: float = 1e-3) -> NDArray[np.float64]:
@@ -100,4 +100,4 @@ def test_a_machine_that_starts_from_rest_and_sticks_is_not_questioned(mass: floa
         x += dt * v
         positions.append(x)
     y = np.round(np.array(positions[::fine]) / np.ptp(positions) / step) * step
-    assert wrong_sample_questions([Segment(5e-3, {"y": y.reshape(PERIODS, -1)}, lines)], {"y": "m"}) == ""
+    assert wrong_sample_questions([Segment(5e-3, {"y": y.reshape(PERIODS, -1)}, lines)], {"y": "m"}).text == ""

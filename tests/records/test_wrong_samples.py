@@ -15,7 +15,7 @@ SETTLING = np.exp(-np.arange(ANGLE.size) / SAMPLES)
 
 def questions(y: NDArray[np.float64], periods: int = PERIODS, periodic: bool = True) -> str:
     segment = Segment(1e-3, {"y": y.reshape(periods, -1)}, np.array([1]), periodic=periodic)
-    return wrong_sample_questions([segment], {"y": "m"})
+    return wrong_sample_questions([segment], {"y": "m"}).text
 
 
 def with_spike(value: float, *where: int) -> NDArray[np.float64]:
@@ -36,7 +36,7 @@ def test_a_spike_is_questioned_at_its_place(value: float, where: int) -> None:
 def test_several_are_counted_and_channels_of_all_segments_too() -> None:
     assert "3 wrong samples?" in questions(with_spike(1.0, 10, 11, 2000))
     wrong = Segment(1e-3, {"y": with_spike(1.0, 5).reshape(PERIODS, -1)}, np.array([1]))
-    assert wrong_sample_questions([wrong, wrong], {"y": "m"}).endswith("; and 1 more channels or segments")
+    assert wrong_sample_questions([wrong, wrong], {"y": "m"}).text.endswith("; and 1 more channels or segments")
 
 
 @pytest.mark.parametrize(
@@ -60,3 +60,14 @@ def test_what_machines_do_is_not_questioned(y: NDArray[np.float64]) -> None:
 def test_two_periods_or_none_do_not_tell() -> None:
     assert questions(with_spike(1.0, 7), periods=2) == ""
     assert questions(with_spike(1.0, 7), periodic=False) == ""
+
+
+@pytest.mark.parametrize(("value", "do_harm"), [(6e-4, False), (0.1, True)])
+def test_what_hardly_changes_a_response_does_no_harm(value: float, do_harm: bool) -> None:
+    segment = Segment(1e-3, {"y": with_spike(value, 1234).reshape(PERIODS, -1)}, np.array([1]))
+    found = wrong_sample_questions([segment], {"y": "m"})
+    assert found.text
+    assert found.do_harm is do_harm
+    without = np.fft.fft(3e-4 * np.sin(ANGLE).reshape(PERIODS, -1).mean(axis=0))[1]
+    change = float(abs(np.fft.fft(segment.channels["y"].mean(axis=0))[1] / without - 1))
+    assert (change > 0.01) is do_harm
