@@ -18,8 +18,8 @@ from typing import Any, NamedTuple
 
 from fraexp.kernels.cache_folder import cache_folder
 
-FORMAT_VERSION = 1
-"""Version of the file's format."""
+FORMAT_VERSION = 2
+"""Version of the file, whose ratios are to the reference times of its day."""
 MIN_WEIGHT = 0.25
 """Least weight of a run against all earlier ones: a change of the machine is learned within a few runs."""
 MIN_RATIO, MAX_RATIO = 1e-3, 1e3

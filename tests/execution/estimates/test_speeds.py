@@ -83,11 +83,11 @@ def test_what_was_learned_is_there_for_the_next_run() -> None:
         "{",
         "[]",
         "null",
-        '{"format": 1}',
-        '{"format": 2, "ratios": {"a": [0, 1]}, "kernels": []}',
-        '{"format": 1, "ratios": {"a": 3}, "kernels": []}',
-        '{"format": 1, "ratios": {"a": ["x", 1]}, "kernels": []}',
-        '{"format": 1, "ratios": {"a": [NaN, 1], "b": [1e9, 1], "c": [1, 0]}, "kernels": []}',
+        '{"format": 2}',
+        '{"format": 3, "ratios": {"a": [0, 1]}, "kernels": []}',
+        '{"format": 2, "ratios": {"a": 3}, "kernels": []}',
+        '{"format": 2, "ratios": {"a": ["x", 1]}, "kernels": []}',
+        '{"format": 2, "ratios": {"a": [NaN, 1], "b": [1e9, 1], "c": [1, 0]}, "kernels": []}',
         "\xff",
     ],
 )
@@ -113,6 +113,6 @@ def _learn(number: int) -> None:
 def test_several_runs_may_end_at_once(cache: Path) -> None:
     with ProcessPoolExecutor(3, mp_context=get_context("spawn")) as workers:
         list(workers.map(_learn, range(3)))
-    assert json.loads(speeds_file().read_text())["format"] == 1
+    assert json.loads(speeds_file().read_text())["format"] == 2
     assert {round(read_speeds().ratio(kind), 2) for kind in read_speeds().ratios} == {2.0}
     assert [file.name for file in cache.iterdir()] == [speeds_file().name], "no half-written file is left"
