@@ -104,12 +104,16 @@ def coherent_block(period: float, available: float, slip: float, least: int = MI
     return (int(samples[fitting[0]]), int(periods[fitting[0]])) if fitting.size else None
 
 
-def _least_slip(period: float, available: float, least: int) -> float:
-    """Return the allowed slip [periods], rounded up to two digits, with which blocks fit that are as good as any."""
-    periods = np.arange(1, max(int(available / least / period), 1) + 1)
-    slip = float(np.min(np.abs(np.rint(periods * period) / period - periods)))
+def _slip_advice(period: float, available: float, least: int) -> str:
+    """Return the slip to give [periods], rounded up to two digits, with which blocks fit; empty if none does."""
+    periods = np.arange(1, int(available / least / period) + 1)
+    samples = np.rint(periods * period)
+    slips = np.abs(samples - periods * period)[least * samples <= available] / period
+    slip = float(slips.min(initial=np.inf))
+    if not 0 < slip < np.inf:
+        return ""
     digit = 10.0 ** (np.floor(np.log10(slip)) - 1)
-    return float(np.ceil(slip / digit) * digit)
+    return f" to {np.ceil(slip / digit) * digit:.2g}"
 
 
 def periodic_cut(settings: RecordSettings, rate: float, run: tuple[int, int], place: str) -> Cut:
@@ -247,8 +251,8 @@ def _block_cut(  # the numbers of one cut
     if found is None:
         raise RecordError(
             f"{place}: no whole number of periods of {period:.6g} samples is a whole number of samples within "
-            f"{slip:g} periods and fits twice into {available} samples; raise max_phase_slip to "
-            f"{_least_slip(period, available, least):.2g} (--max-phase-slip), or record for longer"
+            f"{slip:g} periods and fits twice into {available} samples; raise max_phase_slip"
+            f"{_slip_advice(period, available, least)} (--max-phase-slip), or record for longer"
         )
     samples, periods = found
     # A clock that is corrected by the slip gives the lines their true frequencies. Leakage affects input and output

@@ -36,6 +36,7 @@ def started(folder: Path, *more: str) -> subprocess.Popen[str]:
     """Return a run that has begun to compute something long."""
     command = [sys.executable, "-m", "fraexp", *LONG, *more]
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell has what runs in the background ignore Ctrl-C
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)  # and nohup the end of its terminal
     process = subprocess.Popen(command, cwd=folder, stderr=subprocess.PIPE, text=True, start_new_session=True)
     assert process.stderr is not None
     for line in process.stderr:

@@ -20,8 +20,8 @@ class Conventional(PlantReferredEstimator, name="conventional", version=4):
 
     The rounding error that repeats in every period is taken off as far as several periods show it; the confidence band
     contains the rest, and noise by the scatter over periods. The encoder's step is `resolution`, or that which the
-    record shows. From four periods on noise follows from the lines of the record's spectrum beside the excited one,
-    where friction gathers it. That of one simulated period follows from its encoder.
+    record shows. From four periods of a sine on, noise follows from the lines of the record's spectrum beside the
+    excited one, where friction gathers it. That of one simulated period follows from its encoder.
     """
 
     takes_responses: ClassVar[bool] = True

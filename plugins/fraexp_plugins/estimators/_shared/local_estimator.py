@@ -38,6 +38,8 @@ from fraexp_plugins.estimators._shared.realisations import (
 MAX_SMOOTHNESS = 0.9
 """Share of the excitation around a line that a polynomial follows, above which it is too smooth: of noise, it is the
 part of the bins that the polynomial has coefficients for."""
+MAX_UNKNOWN_SHARE = 0.05
+"""Share of lines at which the response may be unknown, as their bands show."""
 DEFAULT_EXCITATION_CHANNEL = "excitation"
 """Channel of the excitation, which every simulated loop has and a measured record may lack."""
 
@@ -159,13 +161,13 @@ def _relative_to(reference: NDArray[np.complex128], found: LocalEstimate) -> Loc
 def _undetermined_text(
     frequency: NDArray[np.float64], relative: NDArray[np.float64], smoothness: NDArray[np.float64]
 ) -> str:
-    """Return where the response is not determined; empty if nowhere.
+    """Return where the response is not determined; empty if at few lines.
 
     There the radius of the confidence region, relative to the response, is 1 or more, or the excitation is as smooth
     over frequency as response and transient are, such as that of a chirp, and does not tell one from the other.
     """
     unknown = (relative >= 1) | (smoothness > MAX_SMOOTHNESS)
-    if not unknown.any():
+    if np.mean(unknown) <= MAX_UNKNOWN_SHARE:
         return ""
     is_smooth = np.mean(smoothness[unknown] > MAX_SMOOTHNESS) > 0.5
     cause = (

@@ -4,6 +4,7 @@ The scatter over periods takes all noise within a fundamental's distance for the
 circular. Friction modulates noise with the motion: its power then gathers at the excited line, so that neighbouring
 periods are correlated and their mean scatters more than they show, and its error lies along one direction. The nearest
 lines show how much noise there is; its direction follows from all pairs of lines on either side, which are correlated.
+Sines one at a time only: on a measured multisine the scatter is what other programs state, and lines have neighbours.
 """
 
 from collections.abc import Sequence
@@ -38,8 +39,8 @@ def with_noise_of_neighbours(
         lines = slice(begin, begin + segment.lines.size)
         begin = lines.stop
         periods = len(segment.channels[channels[1]])
-        if periods < MIN_PERIODS or segment.stated is not None:
-            continue
+        if periods < MIN_PERIODS or segment.lines.size > 1 or segment.stated is not None:
+            continue  # between the lines of a multisine there is what each of them leaves
         reach = min(max(MIN_SIZE_LINES, round(SIZE_LINES * periods)), periods - 1)
         relative = _relative_covariance(segment, channels, periods, reach)
         turned = _as_matrices(response.response[lines])
