@@ -9,14 +9,13 @@ from fraexp.data.results import Outcome
 from fraexp.data.signals import Segment, Signals
 
 STEP = 2e-5
-GENERATOR = np.random.default_rng(8)
 
 
 def record(amplitude: float, place: float, noise: float, periods: int = 10) -> Signals:
     """Return a sine of an amplitude [steps] on a gain of one step per newton, at a place within a step."""
     samples = 400
     wave = np.sin(2 * np.pi * np.arange(periods * samples) / samples)
-    seen = amplitude * wave + place + noise * GENERATOR.normal(size=wave.size)
+    seen = amplitude * wave + place + noise * np.random.default_rng(8).normal(size=wave.size)
     channels = {"u": wave.reshape(periods, -1), "y": STEP * np.rint(seen).reshape(periods, -1)}
     return Signals((Segment(1e-3, channels, np.array([1])),), {"u": "N", "y": "m"})
 
@@ -47,7 +46,7 @@ def test_noise_blurs_the_rounding() -> None:
         (STEP * np.array([0.0, 3, 4, 8, 11]), STEP),
         (STEP * np.array([0.0, 1]), STEP),
         (np.linspace(0, 1, 200_001), 0.0),
-        (GENERATOR.normal(size=1000), 0.0),
+        (np.random.default_rng(8).normal(size=1000), 0.0),
         (np.full(5, 2.0), 0.0),
     ],
     ids=["coarse", "two values", "fine", "continuous", "still"],
