@@ -4,7 +4,7 @@ from fraexp.analysis.array_cache import cached_arrays
 from fraexp.analysis.confidence import circle_factor, degrees_of_freedom
 from fraexp.analysis.delays import hold_response, image_factor, path_response
 from fraexp.analysis.fourier import fourier_sums, phasors, record_spectrum
-from fraexp.analysis.quantisation import phasor_variance, rounding_symmetry
+from fraexp.analysis.quantisation import grid_step, phasor_variance, rounding_symmetry
 from fraexp.analysis.response import response_result
 from fraexp.analysis.steady_motion import steady_motion_text
 from fraexp.components.feedforward import Feedforward
@@ -88,6 +88,7 @@ __all__ = [
     "did_you_mean",
     "fourier_sums",
     "frequency_text",
+    "grid_step",
     "hold_response",
     "hookimpl",
     "image_factor",

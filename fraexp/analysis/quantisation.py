@@ -10,6 +10,29 @@ from fraexp.data.signals import Encoder, Segment
 ALIKE_VARIANCE = 2.0
 """Factor on the variance of odd terms where both halves of a motion are rounded alike: the even terms have none."""
 
+ROUNDING_OF_NUMBERS = 1e-9
+"""Difference of two values, relative to their range, that is no step."""
+GRID_TOLERANCE = 0.01
+"""Part of a step by which differences of rounded values may miss a whole number of steps."""
+
+
+def smallest_step(samples: NDArray[np.float64]) -> float:
+    """Return the smallest difference of two values [their unit]: the step of an encoder, if that is coarse.
+
+    It is infinite if all values are equal.
+    """
+    steps = np.diff(np.unique(samples))
+    return float(steps[steps > ROUNDING_OF_NUMBERS * np.ptp(samples)].min(initial=np.inf))
+
+
+def grid_step(samples: NDArray[np.float64]) -> float:
+    """Return the step between values that all lie on one grid [their unit]; 0 if they are as good as continuous."""
+    steps, step = np.diff(np.unique(samples)), smallest_step(samples)
+    if not step < np.inf:
+        return 0.0
+    counts = steps / step
+    return step if np.abs(counts - np.rint(counts)).max() < GRID_TOLERANCE else 0.0
+
 
 def phasor_variance(segment: Segment, encoder: Encoder) -> NDArray[np.float64]:
     """Return the variance E|dY|² of the phasors of one period of a measured position [m²], shape (lines,)."""

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fraexp.analysis.quantisation import grid_step
 from fraexp.components.machine_session import MachineSession, PlayRequest
 from fraexp.components.periods import Period
 from fraexp.data.sample_file import SampleWriter
@@ -27,9 +28,6 @@ MIN_MOTION = 30.0
 """Motion over noise from which a loop is looked at."""
 FREE_RATIO = 1 / 6
 """Greatest amplitude that is taken for friction where no loop closes, over that at which a limit came near."""
-
-GRID_TOLERANCE = 0.01
-"""Part of a step by which differences of rounded positions may miss a whole number of steps."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +61,7 @@ def measure_friction_loop(
     if not session.description.is_live:
         raise MachineError("an unknown axis is measured only on a machine whose samples arrive while it plays")
     rest = _record_play(axis, session, writer, PlayRequest(0, np.zeros(round(SILENCE_S / axis.sample_time)), 1), None)
-    noise, resolution = float(np.std(rest[0])), _step(rest[0])
+    noise, resolution = float(np.std(rest[0])), grid_step(rest[0])
     force_limit = axis.limits.force
     assert force_limit is not None
     watch = _LoopWatch(period.waveform.size, max(noise, resolution))
@@ -151,14 +149,3 @@ def _record_play(
         if is_over:
             session.stop()
     return np.concatenate(found, axis=1)
-
-
-def _step(position: NDArray[np.float64]) -> float:
-    """Return the least step between different recorded positions; 0 if they are as good as continuous."""
-    values = np.unique(position)
-    if values.size < 2:
-        return 0.0
-    steps = np.diff(values)
-    least = float(steps.min())
-    is_grid = bool(np.all(np.abs(steps / least - np.round(steps / least)) < GRID_TOLERANCE))
-    return least if is_grid else 0.0

@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fraexp.analysis.quantisation import smallest_step
 from fraexp.records.record_settings import INJECTED_CHANNELS
-from fraexp.records.sample_outliers import smallest_step
 
 COMMANDS = ("u", *INJECTED_CHANNELS)
 """Channels that are not looked at: commands are limited, and then are what the machine gets."""

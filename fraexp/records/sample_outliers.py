@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
 
+from fraexp.analysis.quantisation import smallest_step
+
 MAX_OUTLIER_SHARE = 0.01
 """Share of samples up to which they are outliers: more are a motion that does not repeat."""
 NEIGHBOURS = 7
@@ -25,8 +27,6 @@ MIN_FROZEN_SAMPLES = 20
 MIN_FROZEN_SHARE = 0.01
 MIN_FROZEN_MOTION = 0.2
 """How far a channel moves in all other periods where it is frozen in one, in widths of its range."""
-ROUNDING = 1e-9
-"""Difference of two values, relative to the range, that is rounding."""
 MIN_OTHERS = 2
 """Other stretches of the record with which a run of equal samples is compared."""
 COMMON_RUN = 1 / 3
@@ -94,9 +94,3 @@ def frozen_question(periods: NDArray[np.float64], name: str, unit: str, sample_t
         f"{sample + 1} of period {period + 1} on, and moves there in the other periods: a lost signal? leave it "
         "out (--start-time, --end-time) or record again"
     )
-
-
-def smallest_step(channel: NDArray[np.float64]) -> float:
-    """Return the smallest difference of two values of a channel: the step of its encoder, if that is coarse."""
-    steps = np.diff(np.unique(channel))
-    return float(steps[steps > ROUNDING * np.ptp(channel)].min(initial=np.inf))

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from fraexp.execution.events import Noticed
-from fraexp.measurement.measurement import MeasurementNotice, PointMeasured
+from fraexp.measurement.measurement import MeasurementBegun, MeasurementNotice, PointMeasured
 from fraexp.measurement.unknown_axis import NO_DEMAND
 from fraexp.tui.services.measurement_feed import NoticeReport, PlanReport, PlansReport, Report
 from fraexp.tui.services.measurement_reporter import FeedReporter, limited_motions
@@ -36,7 +36,8 @@ class AutonomousReporter(FeedReporter):
 
     def __init__(self, service: AutonomousService) -> None:
         super().__init__(lambda _: service.files, service.estimate_point)
-        self._service, self._stage = service, ""
+        self._service = service
+        self._notice = self._stage = ""
 
     def reports(self, event: object) -> Iterator[Report]:
         """Yield the reports of an event; of the run that ends it, what was found."""
@@ -49,7 +50,9 @@ class AutonomousReporter(FeedReporter):
                 yield NoticeReport(text)
             case _:
                 if isinstance(event, MeasurementNotice):
-                    self._stage = event.what
+                    self._notice = event.what
+                if isinstance(event, MeasurementBegun):  # later notices are about points that are repeated
+                    self._stage = self._notice
                 yield from super().reports(event)
 
     def labels(self) -> list[str]:

@@ -6,14 +6,10 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import Encoder, Segment, frequency_text
+from fraexp.api import Encoder, Segment, frequency_text, grid_step
 
 NEGLIGIBLE_SHARE = 1e-5
 """Step over the range of a channel below which its rounding is negligible: that of the numbers in a file."""
-GRID_TOLERANCE = 0.01
-"""Part of a step by which values that are rounded to it may miss a whole number of steps."""
-ROUNDING_OF_NUMBERS = 1e-9
-"""Difference of two values, relative to the range, that is no step."""
 DITHER = 0.3
 """Standard deviation of the noise, in steps, from which it blurs the rounding of a motion that repeats."""
 MAX_ERROR = 0.05
@@ -31,14 +27,9 @@ def recorded_step(segments: Sequence[Segment], channel: str) -> float:
     """
     if any(segment.settling is not None or segment.stated is not None for segment in segments):
         return 0.0
-    values = np.unique(np.concatenate([segment.channels[channel].ravel() for segment in segments]))
-    span = float(values[-1] - values[0])
-    steps = np.diff(values)
-    step = float(steps[steps > ROUNDING_OF_NUMBERS * span].min(initial=np.inf))
-    if not NEGLIGIBLE_SHARE * span <= step < np.inf:
-        return 0.0
-    counted = (values - values[0]) / step
-    return step if np.abs(counted - np.rint(counted)).max() < GRID_TOLERANCE else 0.0
+    samples = np.concatenate([segment.channels[channel].ravel() for segment in segments])
+    step = grid_step(samples)
+    return step if step >= NEGLIGIBLE_SHARE * float(np.ptp(samples)) else 0.0
 
 
 def coarse_motion_text(segments: Sequence[Segment], output: str, resolution: float, encoder: Encoder | None) -> str:
