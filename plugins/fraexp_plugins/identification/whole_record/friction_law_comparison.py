@@ -1,7 +1,7 @@
 """Which friction law? Several laws are fitted to the same records, and compared on records that none of them saw."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +15,10 @@ from fraexp_plugins.identification._shared.usable_signals import usable_signals
 from fraexp_plugins.identification.whole_record._shared.contact_check import check_one_contact
 from fraexp_plugins.identification.whole_record._shared.free_parameters import DEAD_TIME, SCALES
 from fraexp_plugins.identification.whole_record._shared.law_starts import rough_friction
+from fraexp_plugins.identification.whole_record._shared.motion_fit import MotionFit, fit_along_motion
 from fraexp_plugins.identification.whole_record._shared.noise_level import likely_noise, noise_in_records
 from fraexp_plugins.identification.whole_record._shared.scaled_friction import shape_parameters
-from fraexp_plugins.identification.whole_record._shared.staged_fit import Fitted
+from fraexp_plugins.identification.whole_record._shared.staged_fit import Fitted, StagedFit
 from fraexp_plugins.identification.whole_record.maximum_likelihood import MaximumLikelihood
 
 HELD_OUT_STEP, FIRST_HELD_OUT, MIN_SEGMENTS = 4, 2, 8
@@ -25,33 +26,42 @@ HELD_OUT_STEP, FIRST_HELD_OUT, MIN_SEGMENTS = 4, 2, 8
 MAX_HELD_OUT_RATIO = 1.3
 """Residual of held-out records over what noise and rounding explain, up to which a law fits."""
 EQUAL_RATIO = 1.05
-"""Ratio of two such residuals up to which the simpler law is taken."""
+"""Ratio of two such residuals up to which the laws are equal, and an information criterion decides."""
+RACE_RATIO, MIN_MOTION_RESIDUAL = 5.0, 0.1
+"""Residual along the measured motion over that of the best law, and the least that counts, up to which a law is fitted
+by replays although another one fits."""
 COULOMB_PARAMETERS = ("coulomb_force", "limit_force")
 """Parameters of a friction law whose sum is its force in gross sliding."""
 
 
-class FrictionLawComparison(DelayedEstimator, name="friction_law_comparison", version=5):
+class FrictionLawComparison(DelayedEstimator, name="friction_law_comparison", version=6):
     """Plant, friction law and its parameters, from records alone: the law that predicts records it has not seen.
 
     Every candidate is fitted to three quarters of the records by maximum likelihood, as `maximum_likelihood` does,
     with the scales of its force and deflection and its own shape parameters free (viscous coefficient, static force,
     Stribeck velocity, damping, attraction). What it leaves of the other records, over what noise and rounding explain,
     is 1 where law and plant are right (cross-validation: M. Stone, J. Royal Statistical Society B 36(2), 1974). The law
-    with the least residual wins; of equals, that with the fewest free parameters. P̂, plant, friction and their bands
-    are then those of `maximum_likelihood` with this law.
+    with the least residual wins; of equals, such as Dahl's law and LuGre's, which contains it, that with the least
+    Bayesian information criterion, which is the simpler one unless the other is much more likely. P̂, plant, friction
+    and their bands are then those of `maximum_likelihood` with this law.
+
+    Before that the measured motion drives every law, with a plant beside it. What is left of the control input at the
+    excited lines and, of sines, their odd harmonics, tells in which order laws are fitted, and where each fit begins.
+    Where a law fits, those that left five times as much, or more with no fewer parameters, are not carried to the end;
+    the message names them.
 
     Without `candidates` it begins with rolling elements, Dahl and LuGre, at a Coulomb force and a presliding distance
     that the observer finds from the records: nothing but units need be known of the machine. A dead time is estimated,
     too, if `estimate_dead_time` is set.
 
-    Metrics: the Coulomb force with its 95 % interval, and for each law the residual of held-out records and the
-    log-likelihood per sample of the others. `verdict` is 1 if a law fits. If none does the outcome is not ok, and the
-    message gives what each of them leaves.
+    Metrics: the Coulomb force with its 95 % interval, and for each law the residual along the measured motion, that of
+    held-out records and the log-likelihood per sample of the others. `verdict` is 1 if a law fits. If none does the
+    outcome is not ok, and the message gives what each of them leaves.
 
     Take some 16 frequencies or more, from presliding to gross sliding, or two amplitudes (`concatenated`). Laws that
     differ only in what the records do not show, such as the Stribeck effect without slow sliding, are not told apart.
-    It takes some seconds where one of the laws fits. If none does, several starts are tried for each of them, and those
-    that are not replayed in lanes (elastoplastic, GMS) take minutes; they are tried last, if no other law fits.
+    It takes some seconds where one of the laws fits. If none does, several starts are tried for those that left least.
+    Laws that are not replayed in lanes (elastoplastic, GMS) take minutes; they are tried last, if no other law fits.
     """
 
     candidates: tuple[FrictionModel, ...] = param(
@@ -94,27 +104,38 @@ class FrictionLawComparison(DelayedEstimator, name="friction_law_comparison", ve
                 f"friction_law_comparison: there are {len(used.segments)} records; expected {MIN_SEGMENTS} or more, a "
                 "quarter of which is held out: record more frequencies"
             )
-        trials, untried = self._trials(used)
+        trials = self._trials(used)
         least = min(trial.ratio for trial in trials)
-        best = min((t for t in trials if t.ratio <= EQUAL_RATIO * least), key=lambda t: len(t.method.free))
-        return _report(best.method.estimate(signals), trials, best, untried)
+        best = min((trial for trial in trials if trial.ratio <= EQUAL_RATIO * least), key=lambda each: each.criterion)
+        return _report(best.method.estimate(signals), trials, best)
 
-    def _trials(self, signals: Signals) -> tuple[list["_LawTrial"], list[str]]:
-        """Return how the laws fit, and the names of those that were not tried.
+    def _trials(self, signals: Signals) -> list["_LawTrial"]:
+        """Return how well the laws explain the records: all of them along the motion, the best ones by replays.
 
-        A law that leaves what noise and rounding explain cannot be beaten. If there is one, the others are not tried
-        from several starts, and not at all if they are slow.
+        A law that leaves what noise and rounding explain cannot be beaten, but a simpler one may be as good. If there
+        is one, laws that left much more along the motion are not carried to the end, nor those that left more with no
+        fewer parameters; slow ones do not begin. If there is none, several starts are tried for the laws that left
+        least.
         """
-        models = sorted(self.candidates or self._starts(signals), key=lambda each: not each.is_vectorisable)
-        trials: dict[int, _LawTrial] = {}
-        for is_thorough in (False, True):
-            places = sorted(trials, key=lambda place: trials[place].ratio) if is_thorough else range(len(models))
-            for place in places:
-                has_fitting = any(trial.ratio <= EQUAL_RATIO for trial in trials.values())
-                if not has_fitting or (not is_thorough and models[place].is_vectorisable):
-                    trials[place] = self._trial(models[place], signals, is_thorough)
-        untried = [model.name for place, model in enumerate(models) if place not in trials]
-        return [trials[place] for place in sorted(trials)], untried
+        held_out = np.arange(len(signals.segments)) % HELD_OUT_STEP == FIRST_HELD_OUT
+        kept = replace(signals, segments=_select(signals, ~held_out))
+        others = replace(signals, segments=_select(signals, held_out))
+        trials = [_LawTrial(model, self._method(model)) for model in self.candidates or self._starts(signals)]
+        for is_fast in (True, False):
+            group = [place for place, trial in enumerate(trials) if trial.model.is_vectorisable is is_fast]
+            if _has_fitting(trials):
+                break
+            for place in group:
+                along = fit_along_motion(self._staged_fit(trials[place].method, kept))
+                trials[place] = replace(trials[place], along=along)
+            for place in sorted(group, key=lambda each: trials[each].motion_residual):
+                if not _has_fitting(trials) or (_is_near(trials[place], trials) and _may_win(trials[place], trials)):
+                    trials[place] = self._carried(trials[place], kept, others)
+        for place in sorted(range(len(trials)), key=lambda each: trials[each].motion_residual):
+            if _is_near(trials[place], trials) and not _has_fitting(trials):
+                again = self._carried(trials[place], kept, others, is_thorough=True)
+                trials[place] = min(trials[place], again, key=lambda trial: trial.ratio)
+        return trials
 
     def _common_parameters(self) -> dict[str, object]:
         names = set(type(self).model_fields) & set(MaximumLikelihood.model_fields)
@@ -133,60 +154,107 @@ class FrictionLawComparison(DelayedEstimator, name="friction_law_comparison", ve
     def _noise(self, signals: Signals) -> float:
         return noise_in_records(signals, self.output, self.resolution) if self.noise is None else self.noise
 
-    def _trial(self, model: FrictionModel, signals: Signals, is_thorough: bool) -> "_LawTrial":
-        """Return how a law fits the records, and predicts those that are held out."""
-        method, noise = self._method(model), self._noise(signals)
-        places = np.arange(len(signals.segments)) % HELD_OUT_STEP == FIRST_HELD_OUT
-        kept = replace(signals, segments=_select(signals, ~places))
-        fit = replace(method.staged_fit(kept, noise, method.free), is_thorough=is_thorough)
-        found = fit.joint()
-        held_out = replace(signals, segments=_select(signals, places))
-        ratios = fit.predicted_ratios(found, held_out)
+    def _staged_fit(self, method: MaximumLikelihood, signals: Signals) -> StagedFit:
+        return method.staged_fit(signals, self._noise(signals), method.free)
+
+    def _carried(self, trial: "_LawTrial", kept: Signals, held_out: Signals, is_thorough: bool = False) -> "_LawTrial":
+        """Return how a law fits the records that are kept, and predicts those that are held out."""
+        staged, along = self._staged_fit(trial.method, kept), trial.along
+        assert along is not None
+        found = staged.joint() if is_thorough else staged.joint_from(along.plant, along.shared)
+        method = self._method(found.friction or trial.model)
         frequency = np.array([float(segment.frequency.min()) for segment in held_out.segments])
-        return _LawTrial(model, self._method(found.friction or model), found, frequency, ratios)
+        ratios = staged.predicted_ratios(found, held_out)
+        return replace(trial, method=method, found=found, frequency=frequency, ratios=ratios)
 
 
 @dataclass(frozen=True)
 class _LawTrial:
-    """One law, fitted to some of the records."""
+    """One law, and how far it was carried."""
 
     model: FrictionModel
     method: MaximumLikelihood
     """The estimator that begins with the parameters found."""
-    found: Fitted
-    frequency: NDArray[np.float64]
+    along: MotionFit | None = None
+    """Its fit along the measured motion; None if it did not begin."""
+    found: Fitted | None = None
+    """Its fit to some of the records, by replays."""
+    frequency: NDArray[np.float64] = field(default_factory=lambda: np.zeros(1))
     """Lowest frequency of each held-out record [Hz], shape (n,)."""
-    ratios: NDArray[np.float64]
+    ratios: NDArray[np.float64] = field(default_factory=lambda: np.full(1, np.inf))
     """Their residuals over what noise and rounding explain, shape (n,)."""
 
     @property
+    def motion_residual(self) -> float:
+        """What it leaves along the measured motion, over what is allowed for; infinite if it did not begin."""
+        return self.along.residual if self.along else np.inf
+
+    @property
     def ratio(self) -> float:
-        """Geometric mean of the held-out residuals; infinite if the model diverges."""
+        """Geometric mean of the held-out residuals; infinite if the model diverges, or was not carried to the end."""
         mean = float(np.exp(np.mean(np.log(self.ratios))))
         return mean if np.isfinite(mean) else np.inf
 
     @property
     def log_likelihood(self) -> float:
         """Log-likelihood per sample of the records to which it was fitted, with the noise that suits them best."""
+        assert self.found is not None
         return likely_noise(self.found.linear.records, float(self.found.fit.freedom.sum())).log_likelihood
+
+    @property
+    def criterion(self) -> float:
+        """Bayesian information criterion, of which the least is best (G. Schwarz, Annals of Statistics 6(2), 1978)."""
+        assert self.found is not None
+        samples = sum(record.residual.size for record in self.found.linear.records)
+        return len(self.method.free) * float(np.log(samples)) - 2 * samples * self.log_likelihood
+
+
+def _has_fitting(trials: Sequence[_LawTrial]) -> bool:
+    """Say whether a law leaves no more of the held-out records than noise and rounding explain."""
+    return any(trial.ratio <= EQUAL_RATIO for trial in trials)
+
+
+def _may_win(trial: _LawTrial, trials: Sequence[_LawTrial]) -> bool:
+    """Say whether no law that fits leaves less along the motion with as few free parameters."""
+    return not any(
+        other.ratio <= EQUAL_RATIO
+        and other.motion_residual <= trial.motion_residual
+        and len(other.method.free) <= len(trial.method.free)
+        for other in trials
+    )
+
+
+def _is_near(trial: _LawTrial, trials: Sequence[_LawTrial]) -> bool:
+    """Say whether a law leaves about as little along the motion as the best one."""
+    least = min(each.motion_residual for each in trials)
+    return trial.motion_residual <= RACE_RATIO * max(least, MIN_MOTION_RESIDUAL)
 
 
 def _select(signals: Signals, places: NDArray[np.bool_]) -> tuple[Segment, ...]:
     return tuple(segment for segment, is_chosen in zip(signals.segments, places, strict=True) if is_chosen)
 
 
-def _report(result: Result, trials: Sequence[_LawTrial], best: _LawTrial, untried: Sequence[str]) -> Result:
+def _report(result: Result, trials: Sequence[_LawTrial], best: _LawTrial) -> Result:
     """Return the result of the best law with what all of them leave."""
     fits, labels = best.ratio <= MAX_HELD_OUT_RATIO, _labels(trials)
-    left = ", ".join(f"{label} {trial.ratio:.3g}" for label, trial in zip(labels, trials, strict=True))
+    pairs = list(zip(labels, trials, strict=True))
+    left = ", ".join(f"{label} {trial.ratio:.3g}" for label, trial in pairs if trial.found)
     verdict = f"{labels[trials.index(best)]} predicts the records best" if fits else f"none of {len(trials)} laws fits"
     text = f"{verdict}; residual of held-out records over what noise and rounding explain: {left}"
+    behind = ", ".join(
+        f"{label} ({trial.motion_residual / best.motion_residual:.3g} times)"
+        for label, trial in pairs
+        if trial.along and not trial.found
+    )
+    if behind:
+        text += f"; not carried to the end, as they leave more along the measured motion: {behind}"
+    untried = ", ".join(label for label, trial in pairs if not trial.along)
     if untried:
-        text += f"; not tried, as a law explains the records: {', '.join(untried)}"
+        text += f"; not tried, as a law explains the records: {untried}"
     outcome = Outcome.INACCURATE if result.outcome is Outcome.OK and not fits else result.outcome
-    curves = [_held_out_curve(label, trial) for label, trial in zip(labels, trials, strict=True)]
+    curves = [_held_out_curve(label, trial) for label, trial in pairs if trial.found]
     is_right = float(fits and outcome is Outcome.OK)
-    metrics = (Metric("verdict", is_right, "1"), *_coulomb_force(result), *_table(labels, trials), *result.metrics)
+    metrics = (Metric("verdict", is_right, "1"), *_coulomb_force(result), *_table(pairs), *result.metrics)
     message = "; ".join(filter(None, (text, result.message)))
     return replace(result, outcome=outcome, message=message, metrics=metrics, curves=(*curves, *result.curves))
 
@@ -196,10 +264,13 @@ def _held_out_curve(label: str, trial: _LawTrial) -> Curve:
     return Curve(label, columns, dict(zip(columns, ("Hz", "1"), strict=True)))
 
 
-def _table(labels: Sequence[str], trials: Sequence[_LawTrial]) -> Iterator[Metric]:
-    for label, trial in zip(labels, trials, strict=True):
-        yield Metric(f"{label}: held-out residual", trial.ratio, "1")
-        yield Metric(f"{label}: log-likelihood", trial.log_likelihood, "1")
+def _table(pairs: Sequence[tuple[str, _LawTrial]]) -> Iterator[Metric]:
+    for label, trial in pairs:
+        if trial.along:
+            yield Metric(f"{label}: residual along the motion", trial.motion_residual, "1")
+        if trial.found:
+            yield Metric(f"{label}: held-out residual", trial.ratio, "1")
+            yield Metric(f"{label}: log-likelihood", trial.log_likelihood, "1")
 
 
 def _coulomb_force(result: Result) -> Iterator[Metric]:

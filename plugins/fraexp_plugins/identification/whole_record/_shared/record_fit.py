@@ -79,6 +79,9 @@ class RecordFit:
     """What is known of the shared parameters."""
     expected_noise: float | None = None
     """Noise [m] that the records show, if the likelihood assumes another one."""
+    directions: NDArray[np.float64] | None = None
+    """Changes of the shared parameters by which derivatives are taken, in columns, shape (p, p); each by itself if none
+    are given."""
 
     def converge(
         self, state: State, min_gain: float, max_steps: int = MAX_STEPS, known: LinearisedFit | None = None
@@ -236,18 +239,22 @@ class RecordFit:
 
         `known` has the derivatives by the shared parameters, if they are not to be computed again.
         """
-        steps = SHARED_DIFFERENCE * np.eye(state.shared.size) if known is None else ()
+        count = state.shared.size
+        across = SHARED_DIFFERENCE * np.eye(count) if self.directions is None else self.directions
+        steps = across.T if known is None else ()
         centre = self.free.applied_to(self.start, state.shared)
         models = [self._model_at(state.shared + sign * step) or centre for step in steps for sign in (1, -1)]
-        steps_of = centre.replay.with_coarse_steps()
-        coarse = [each.with_steps_of(steps_of) for each in (centre, *models)]
-        sides = [self._sides(record, coarse, own) for record, own in zip(self.records, state.own, strict=True)]
+        steps_of = centre.replay.with_coarse_steps() if self.directions is None else centre.replay
+        alike = [each.with_steps_of(steps_of) for each in (centre, *models)]
+        sides = [self._sides(record, alike, own) for record, own in zip(self.records, state.own, strict=True)]
         moved = iter(positions_of([trial for each in sides for trial in each.trials]))
-        records, inverse, slopes = [], [], []
+        records, inverse, slopes, inverse_steps = [], [], [], np.linalg.inv(across)
         for place, (record, each, own) in enumerate(zip(self.records, sides, state.own, strict=True)):
             columns, rows = each.derivatives([next(moved) for _ in each.trials])
-            if known is not None:
-                count = state.shared.size
+            if known is None:
+                columns[:, :count] = columns[:, :count] @ inverse_steps
+                rows[:, :count] = rows[:, :count] @ inverse_steps
+            else:
                 columns = np.hstack([known.records[place].shared, columns])
                 rows = np.hstack([known.inverse_slopes[place][:, :count], rows])
             records.append(self._linear_record(record, record.residual(own, positions[place]), columns))
@@ -261,7 +268,7 @@ class RecordFit:
         trials = [(model, own) for model in models[1:]]
         for row in np.eye(record.count)[:forces]:
             trials += [(models[0], own + width * row), (models[0], own - width * row)]
-        widths = [SHARED_DIFFERENCE] * (len(models) // 2) + [width] * forces
+        widths = [1.0] * (len(models) // 2) + [width] * forces
         return _Sides(trials, record, np.array(widths))
 
     def _linear_record(

@@ -38,6 +38,9 @@ WRONG_LAW_RATIO = 1000.0
 """The same from which no mode helps."""
 MAX_START_RATIO, MAX_MEAN_RATIO = 1.3, 1.05
 """Geometric mean of the same up to which no other start is tried, and up to which the model repeats the records."""
+MIN_INDEPENDENCE, DIRECTION_SIZES = 1e-3, (5e-4, 0.02)
+"""Least eigenvalue of the information of parameters in units of what each tells alone, below which they act alike, and
+the least and greatest changes of logarithms by which derivatives are taken then."""
 MAX_REFINEMENTS, REFINEMENT = 2, 3
 """How often the replay's steps are refined if they matter, and by which factor."""
 REPLAY_TOLERANCE_RATIO = 0.1
@@ -168,6 +171,10 @@ class StagedFit:
         every = replace(best.fit, records=self._records(range(len(self.signals.segments))))
         return self._converged(every, best.state.shared, LAST_GAIN, steps)
 
+    def joint_from(self, plant: Plant, shared: NDArray[np.float64]) -> Fitted:
+        """Return the same from a plant, and logarithms of all parameters that are near the right ones."""
+        return self._converged(self.fit_around(self.nominal_plant or plant), shared, LAST_GAIN)
+
     def predicted_ratios(self, found: Fitted, signals: Signals) -> NDArray[np.float64]:
         """Return what a joint fit leaves of other records, over what noise and rounding explain, shape (records,)."""
         records = [self._record(segment) for segment in signals.segments]
@@ -176,7 +183,7 @@ class StagedFit:
     def _best_start(self) -> tuple[Fitted, int]:
         """Return the best fit of some records, and from how many starts it was tried."""
         found: list[Fitted] = []
-        for start in self._starts():
+        for start in self.starts():
             found.append(self._first_fits(start))
             if found[-1].mean_ratio < MAX_START_RATIO or not self.is_thorough:
                 break
@@ -185,21 +192,24 @@ class StagedFit:
     def _whole(self, fit: RecordFit, before: Fitted) -> Fitted:
         """Return the fit of all records with a response for each, from that of some."""
         steps = MAX_STEPS if before.mean_ratio < HOPELESS_RATIO else HOPELESS_STEPS
-        whole = _with_own_responses(self._converged(fit, before.state.shared, LAST_GAIN, steps), steps)
+        joint = _along_directions(self._converged(fit, before.state.shared, LAST_GAIN, steps))
+        whole = _with_own_responses(joint, steps)
         if whole.mean_ratio < MAX_PLANT_RATIO:
             return whole
         logs = before.state.shared[: len(self.free.names)]
-        effective = ObservedStart.of(self._observer(logs), self.signals).effective
+        effective = ObservedStart.of(self.observer_at(logs), self.signals).effective
         alone = _without_plant(replace(fit, free=self.free), logs, effective, steps)
         if alone.mean_ratio > whole.mean_ratio:
             return whole
         return replace(alone, error=replay_error(alone.fit, alone.state, alone.linear))
 
-    def _starts(self) -> list[NDArray[np.float64]]:
+    def starts(self) -> list[NDArray[np.float64]]:
         """Return the logarithms of the free parameters at which a fit may begin, the most plausible first."""
         if not set(SCALES) & set(self.free.friction):
             return [np.zeros(len(self.free.names))]
-        search = ScaleSearch(self.signals.segments, self._observer(np.zeros(len(self.free.names))), self.free.friction)
+        search = ScaleSearch(
+            self.signals.segments, self.observer_at(np.zeros(len(self.free.names))), self.free.friction
+        )
         return [self.free.from_scales(scales) for scales in search.starts()]
 
     def _first_fits(self, start: NDArray[np.float64]) -> Fitted:
@@ -218,7 +228,7 @@ class StagedFit:
 
         Otherwise it is that with the plant of fewest modes that explains them, or without a plant.
         """
-        observed = ObservedStart.of(self._observer(logs), self.signals)
+        observed = ObservedStart.of(self.observer_at(logs), self.signals)
         places = stage.places(observed, len(self.signals.segments))
         records = self._records(places)
         if before is not None and before.mean_ratio < MAX_PLANT_RATIO and not before.fit.has_own_forces:
@@ -227,7 +237,7 @@ class StagedFit:
                 return found
         tried: list[Fitted] = []
         for modes, start, seen in self._plant_starts(logs, observed, tried):
-            has_dead_time, observer = DEAD_TIME in self.free.friction, self._observer(start)
+            has_dead_time, observer = DEAD_TIME in self.free.friction, self.observer_at(start)
             in_response, dead_time = seen.plant(self.signals, observer, modes, stage.friction_error, has_dead_time)
             plant = self.nominal_plant or in_response
             if any(plant == each.fit.start.plant for each in tried):
@@ -252,7 +262,7 @@ class StagedFit:
         yield self.modes, logs, observed
         yield from ((modes, logs, observed) for modes in choices)
         found = tried[0].state.shared[: logs.size]
-        again = ObservedStart.of(self._observer(found), self.signals)
+        again = ObservedStart.of(self.observer_at(found), self.signals)
         yield from ((modes, found, again) for modes in choices)
 
     def _converged(
@@ -269,7 +279,7 @@ class StagedFit:
         """Return the fit of all records to a machine with this plant and the observer's friction."""
         return self._fit(plant, self._records(range(len(self.signals.segments))))
 
-    def _observer(self, logs: NDArray[np.float64]) -> EffectiveInput:
+    def observer_at(self, logs: NDArray[np.float64]) -> EffectiveInput:
         """Return the observer with these parameters of friction."""
         force, displacement = self.free.scales(logs)
         friction = self.observer.friction
@@ -303,6 +313,25 @@ class StagedFit:
         omega = 2 * np.pi * segment.frequency
         path = self.observer.input_path(omega, segment.sample_time) * self.observer.output_path(omega)
         return ReplayedRecord(segment, self.observer.input, self.observer.output, path)
+
+
+def _along_directions(found: Fitted) -> Fitted:
+    """Return the fit with derivatives along the principal directions of its covariance, if parameters act alike.
+
+    The derivatives by two such parameters are nearly the same, and their errors, divided by the little that is left,
+    end a search anywhere in the valley that the likelihood has there, with a band that is too narrow.
+    """
+    if found.mean_ratio > MAX_PLANT_RATIO or not found.state.shared.size:
+        return found
+    covariance = found.covariances[0][: found.state.shared.size, : found.state.shared.size]
+    information = np.linalg.inv(covariance)
+    scale = np.sqrt(np.diag(information))
+    if np.linalg.eigvalsh(information / np.outer(scale, scale))[0] > MIN_INDEPENDENCE:
+        return found
+    squares, directions = np.linalg.eigh(covariance)
+    sizes = np.clip(np.sqrt(np.maximum(squares, 0)), *DIRECTION_SIZES)
+    fit = replace(found.fit, directions=directions * sizes)
+    return Fitted(fit, *fit.converge(found.state, LAST_GAIN))
 
 
 def _without_plant(

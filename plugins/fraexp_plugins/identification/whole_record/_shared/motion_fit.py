@@ -1,0 +1,211 @@
+"""Plant and friction along the measured motion: near the right ones in a second or two, without a replay.
+
+The motion drives the friction model, and what G U - F - Y/P leaves is minimised at the excited lines and, of sines, at
+their odd harmonics. That is no estimate to trust, as rounded positions drive friction. It tells laws apart at once, and
+a fit to whole records begins next to where it ends: static force, damping and viscous coefficient included, which may
+hide a mode of the plant.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fraexp.api import Motion, ParameterError, Plant, Segment, fourier_sums, phasors
+from fraexp_plugins.estimators.effective_input import EffectiveInput
+from fraexp_plugins.friction.none import Frictionless
+from fraexp_plugins.identification._shared.levenberg_marquardt import IterationStep, minimise
+from fraexp_plugins.identification.whole_record._shared.free_parameters import (
+    DEAD_TIME,
+    FreeParameters,
+    Models,
+    plant_parameters,
+)
+from fraexp_plugins.identification.whole_record._shared.observed_start import ObservedStart
+from fraexp_plugins.identification.whole_record._shared.staged_fit import StagedFit
+from fraexp_plugins.plants.modal import Modal
+
+HARMONICS, MIN_SAMPLES = (1, 3, 5, 7, 9), 10
+"""Harmonics of a sine that are compared: symmetric friction has no even ones. Samples of a cycle of the highest."""
+FORCE_FLOOR = 3e-4
+"""Error of a force that is allowed for besides rounding and noise, over the amplitude of the control input."""
+FRICTION_DIFFERENCE, PLANT_DIFFERENCE = 1e-3, 1e-5
+"""Differences of the logarithms of friction's and the plant's parameters for derivatives."""
+MAX_STEP = 1.0
+"""Greatest change of a logarithm in a step of a search."""
+MAX_ITERATIONS, MAX_STARTS, MAX_ROUNDS = 15, 2, 4
+"""Maximum numbers of steps of a search, of starts, and of plants that are looked for from each."""
+FRICTION_ERRORS = (0.01, 0.001)
+"""By how much friction may be wrong where a plant is looked for: at a start, and after a search."""
+SUFFICIENT_RATIO = 0.8
+"""Cost over that of the best one before from which another plant is better."""
+EXPLAINED = 1.0
+"""Residual over what is allowed for up to which no other start is tried."""
+
+
+@dataclass(frozen=True)
+class MotionFit:
+    """Plant and friction with which a law explains the measured motion best."""
+
+    plant: Plant
+    """Plant at the start."""
+    shared: NDArray[np.float64]
+    """Logarithms of the factors on friction's and the plant's numbers, shape (p,)."""
+    residual: float
+    """What is left over what is allowed for, shortened where it is much (soft L1), in the mean over all lines."""
+
+
+class MotionRecords:
+    """Records whose lines, with odd harmonics, show the force of friction beside the plant."""
+
+    def __init__(self, segments: Sequence[Segment], observer: EffectiveInput) -> None:
+        self._segments = [_with_harmonics(segment) for segment in segments]
+        bare = observer.model_copy(update={"friction": Frictionless(), "force_scale": 1.0, "displacement_scale": 1.0})
+        self._motions = [bare.motion(segment) for segment in self._segments]
+        self._omega = 2 * np.pi * np.concatenate([segment.frequency for segment in self._segments])
+        self._thrust = np.concatenate([each.mean(axis=0) for each in bare.linear_phasors(self._segments)])
+        self._output = np.concatenate([phasors(s, bare.output).mean(axis=0) for s in self._segments])
+        self._factor = bare.force_factor(self._omega)
+        counts = [segment.lines.size for segment in self._segments]
+        amplitudes = [np.sqrt(2 * np.mean(segment.channels[bare.input] ** 2)) for segment in self._segments]
+        self._force_floor = FORCE_FLOOR * np.repeat(amplitudes, counts)
+        spread = np.hypot(bare.noise, bare.resolution / np.sqrt(12))
+        sizes = np.array([segment.channels[bare.output].size for segment in self._segments])
+        self._output_error = np.repeat(spread * np.sqrt(2 / sizes), counts)
+
+    def forces(self, models: Models) -> NDArray[np.complex128]:
+        """Return G U - F [N] at all lines, shape (n,)."""
+        friction = models.friction
+        ((force_scale, displacement_scale),) = models.replay.scales.values()
+        forces = friction.forces([_scaled_motion(motion, displacement_scale) for motion in self._motions])
+        sums = [
+            fourier_sums(force.reshape(len(next(iter(segment.channels.values()))), -1), segment.lines).mean(axis=0)
+            for force, segment in zip(forces, self._segments, strict=True)
+        ]
+        viscous = 1j * self._omega * friction.viscous * self._output
+        thrust = self._thrust * np.exp(-1j * self._omega * models.added_dead_time)
+        return np.asarray(thrust - viscous - force_scale * self._factor * np.concatenate(sums))
+
+    def residual(self, forces: NDArray[np.complex128], plant: Plant) -> NDArray[np.float64]:
+        """Return what forces [N], less those that move a plant, leave over what is allowed for, shape (2 n,)."""
+        inverse = 1 / plant.response(self._omega)
+        left = (forces - self._output * inverse) / np.hypot(self._force_floor, np.abs(inverse) * self._output_error)
+        size = np.abs(left)
+        short = left * np.sqrt(2 / (1 + np.hypot(1, size)))
+        return np.concatenate([short.real, short.imag])
+
+
+def _with_harmonics(segment: Segment) -> Segment:
+    """Return a record of a sine with its odd harmonics as lines; others as they are."""
+    if segment.lines.size > 1:
+        return segment
+    (line,) = segment.lines.tolist()
+    return replace(
+        segment, lines=line * np.array([h for h in HARMONICS if h == 1 or MIN_SAMPLES * h * line <= segment.samples])
+    )
+
+
+def _scaled_motion(motion: Motion, scale: float) -> Motion:
+    return motion._replace(displacement=motion.displacement / scale, lead_in=motion.lead_in / scale)
+
+
+@dataclass(frozen=True)
+class _Search:
+    """The search for friction and plant from a start."""
+
+    records: MotionRecords
+    free: FreeParameters
+    start: Models
+
+    def minimum(self, logs: NDArray[np.float64]) -> IterationStep[NDArray[np.float64]]:
+        """Return the parameters around these ones that leave least."""
+        return self.step(minimise(self.step, self._move, logs, MAX_ITERATIONS).place)
+
+    def step(self, logs: NDArray[np.float64]) -> IterationStep[NDArray[np.float64]]:
+        """Return what the parameters leave."""
+        try:
+            models = self.free.applied_to(self.start, logs)
+        except ParameterError:
+            return IterationStep(logs, np.array([np.inf]), lambda: np.zeros((1, logs.size)))
+        forces = self.records.forces(models)
+        residual = self.records.residual(forces, models.plant)
+        return IterationStep(logs, residual, lambda: self._gradient(logs, forces, residual))
+
+    def _move(self, logs: NDArray[np.float64], step: NDArray[np.float64]) -> NDArray[np.float64]:
+        return self.free.limit(logs + np.clip(step, -MAX_STEP, MAX_STEP))
+
+    def _gradient(
+        self, logs: NDArray[np.float64], forces: NDArray[np.complex128], residual: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the derivatives of what the model explains, shape (2 n, p); those by the plant need no forces."""
+        columns = []
+        for place in range(logs.size):
+            is_friction = place < len(self.free.friction)
+            difference = FRICTION_DIFFERENCE if is_friction else PLANT_DIFFERENCE
+            try:
+                models = self.free.applied_to(self.start, logs + difference * (np.arange(logs.size) == place))
+            except ParameterError:
+                columns.append(np.zeros(residual.size))
+                continue
+            changed = self.records.residual(self.records.forces(models) if is_friction else forces, models.plant)
+            columns.append((residual - changed) / difference)
+        return np.stack(columns, axis=1)
+
+
+def fit_along_motion(staged: StagedFit) -> MotionFit:
+    """Return plant and friction with which a law explains the measured motion best."""
+    observer = staged.observer_at(np.zeros(len(staged.free.names)))
+    records = MotionRecords(staged.signals.segments, observer)
+    found: list[MotionFit] = []
+    for logs in staged.starts()[:MAX_STARTS]:
+        found.append(_fit_from(staged, records, logs))
+        if found[-1].residual < EXPLAINED:
+            break
+    return min(found, key=lambda each: each.residual)
+
+
+def _fit_from(staged: StagedFit, records: MotionRecords, logs: NDArray[np.float64]) -> MotionFit:
+    """Return the best fit from a start of friction's parameters.
+
+    A plant is looked for in the observer's response with the friction found before: it shows more and more modes.
+    """
+    best: MotionFit | None = None
+    for _ in range(MAX_ROUNDS):
+        found = [_fit_plant(records, staged, *start) for start in _plants(staged, logs, best)]
+        better = min(found, key=lambda each: each.residual, default=best)
+        if better is None or (best is not None and better.residual > SUFFICIENT_RATIO * best.residual):
+            break
+        best = better
+        logs = best.shared[: logs.size]
+    assert best is not None
+    return best
+
+
+def _plants(
+    staged: StagedFit, logs: NDArray[np.float64], best: MotionFit | None
+) -> Iterator[tuple[NDArray[np.float64], Plant]]:
+    """Yield friction's parameters, with the dead time if it is free, and plants in the observer's response.
+
+    They have as many modes as it shows, and one more than before.
+    """
+    if staged.nominal_plant is not None:
+        yield from [(logs, staged.nominal_plant)] if best is None else []
+        return
+    observer = staged.observer_at(logs)
+    observed = ObservedStart.of(observer, staged.signals)
+    before = len(best.plant.frequencies) if best is not None and isinstance(best.plant, Modal) else 0
+    error = FRICTION_ERRORS[best is not None]
+    known: list[Plant] = []
+    for modes in (staged.modes,) if staged.modes is not None else (None, before + 1):
+        plant, delay = observed.plant(staged.signals, observer, modes, error, DEAD_TIME in staged.free.friction)
+        if plant not in known and len(plant.frequencies) >= before:
+            known.append(plant)
+            yield staged.free.with_dead_time(logs, delay, staged.sample_time), plant
+
+
+def _fit_plant(records: MotionRecords, staged: StagedFit, logs: NDArray[np.float64], plant: Plant) -> MotionFit:
+    names = () if staged.nominal_plant is not None else plant_parameters(plant)
+    search = _Search(records, FreeParameters(staged.free.friction, names), staged.fit_around(plant).start)
+    found = search.minimum(np.concatenate([logs, np.zeros(len(names))]))
+    return MotionFit(plant, found.place, found.cost / found.residual.size)

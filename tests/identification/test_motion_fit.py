@@ -1,0 +1,55 @@
+"""Friction and plant along the measured motion: near the right ones without a replay, and laws told apart."""
+
+import numpy as np
+import pytest
+from fraexp_plugins.estimators._shared.parameter_uncertainty import parameter_value
+from fraexp_plugins.identification.whole_record._shared.free_parameters import SCALES
+from fraexp_plugins.identification.whole_record._shared.motion_fit import fit_along_motion
+from fraexp_plugins.identification.whole_record._shared.scaled_friction import shape_parameters
+
+from fraexp.components.kinds import FrictionModel
+from fraexp.components.registry import create
+from tests.identification.test_maximum_likelihood import LUGRE, MACHINE, estimator, recorded
+
+__all__ = ["recorded"]
+SINES = {"name": "stepped_sine", "amplitude": 25.0, "points": 12}
+WRONG = {"viscous_coefficient": 2.0, "bristle_damping": 0.6, "static_force": 1.1, "stribeck_velocity": 1.4}
+
+
+def fitted(registry, signals, spec):
+    """Return the fit of a law with all its numbers free, and what it finds, by name."""
+    friction = create(registry, FrictionModel, spec)
+    method = estimator(spec, free=[*SCALES, *shape_parameters(friction)])
+    staged = method.staged_fit(signals, 0.0, method.free)
+    found = fit_along_motion(staged)
+    factors = dict(zip(staged.free.names, np.exp(found.shared), strict=False))
+    values = {name: factor * parameter_value(friction, name) for name, factor in factors.items() if name not in SCALES}
+    return found, values | {name: factors[name] for name in SCALES}
+
+
+def test_numbers_that_are_wrong_by_a_factor_are_found(recorded, registry):
+    signals = recorded(LUGRE, SINES)
+    wrong = LUGRE | {name: factor * LUGRE[name] for name, factor in WRONG.items()}
+    found, values = fitted(registry, signals, wrong)
+    assert found.residual < 1
+    assert values["force_scale"] == pytest.approx(1, rel=0.01)
+    assert values["displacement_scale"] == pytest.approx(1, rel=0.03)
+    assert values["viscous_coefficient"] == pytest.approx(LUGRE["viscous_coefficient"], rel=0.05)
+
+
+@pytest.mark.parametrize("machine", ["lugre", "rolling"])
+def test_another_law_leaves_many_times_as_much(machine, recorded, registry):
+    laws = {"lugre": LUGRE, "rolling": MACHINE["friction"]}
+    signals = recorded(laws[machine], SINES)
+    left = {name: fitted(registry, signals, spec)[0].residual for name, spec in laws.items()}
+    wrong = next(name for name in laws if name != machine)
+    assert left[wrong] > 10 * left[machine]
+
+
+def test_a_plant_that_is_given_stays(recorded, registry):
+    signals = recorded(excitation=SINES)
+    method = estimator(nominal_plant=MACHINE["plant"])
+    staged = method.staged_fit(signals, 0.0, method.free)
+    found = fit_along_motion(staged)
+    assert found.plant == method.nominal_plant
+    assert found.shared == pytest.approx([0, 0], abs=0.01)
