@@ -178,6 +178,22 @@ def test_another_law_does_not_fit_and_is_not_ok(record):
 
 
 @pytest.mark.thorough
+def test_intervals_hold_where_the_coulomb_force_is_extrapolated(recorded):
+    """At 26 mm/s of 32 a valley of the likelihood hides where its bottom is: 1.6 % off, 6.6 half-widths, before."""
+    slow = {**LUGRE, "stribeck_velocity": 0.032}
+    signals = recorded(slow, {"name": "stepped_sine", "amplitude": 12.0, "points": 16, "min_frequency": 2.0})
+    free = ["force_scale", "displacement_scale", "static_force", "bristle_damping", "stribeck_velocity"]
+    result = estimator(slow, free=[*free, "viscous_coefficient"]).estimate(signals)
+    (fit,) = (each for each in result.fits if each.kind == "friction")
+    std = np.sqrt(np.diag(fit.covariance))
+    errors = {
+        name: abs(value - slow[name]) / each for name, value, each in zip(fit.parameters, fit.values, std, strict=True)
+    }
+    assert max(errors.values()) < 3
+    assert std[fit.parameters.index("coulomb_force")] / 17.9 < 0.01
+
+
+@pytest.mark.thorough
 def test_the_right_law_with_a_drifting_state_fits(recorded, registry):
     signals = recorded(LUGRE, {"name": "stepped_sine", "amplitude": 25.0, "frequencies": FREQUENCIES})
     wrong = scaled_friction(create(registry, FrictionModel, LUGRE), (0.8, 0.9), 1e-4)

@@ -27,7 +27,7 @@ MAX_PARAMETER_STD = 0.5
 """Relative standard deviation from which records do not tell a parameter."""
 
 
-class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=3):
+class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=4):
     """P̂ of greatest likelihood: a simulated machine that repeats all samples of the records, friction included.
 
     The observer of `effective_input` drives its friction model by measured positions, and takes the small difference of

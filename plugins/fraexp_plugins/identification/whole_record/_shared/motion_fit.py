@@ -32,6 +32,8 @@ FORCE_FLOOR = 3e-4
 """Error of a force that is allowed for besides rounding and noise, over the amplitude of the control input."""
 FRICTION_DIFFERENCE, PLANT_DIFFERENCE = 1e-3, 1e-5
 """Differences of the logarithms of friction's and the plant's parameters for derivatives."""
+START_LOG_STD = 1.0
+"""Standard deviation of the logarithms of friction's parameters around the start."""
 MAX_STEP = 1.0
 """Greatest change of a logarithm in a step of a search."""
 MAX_ITERATIONS, MAX_STARTS, MAX_ROUNDS = 15, 2, 4
@@ -112,25 +114,46 @@ def _scaled_motion(motion: Motion, scale: float) -> Motion:
 
 @dataclass(frozen=True)
 class _Search:
-    """The search for friction and plant from a start."""
+    """The search for friction and plant from a start.
+
+    What the motion does not tell stays there: elements share a force in ways that hardly differ.
+    """
 
     records: MotionRecords
     free: FreeParameters
-    start: Models
+    models: Models
+    """The machine whose numbers the parameters are factors on."""
+    start: NDArray[np.float64]
+    """Logarithms of friction's factors, shape (p,)."""
 
-    def minimum(self, logs: NDArray[np.float64]) -> IterationStep[NDArray[np.float64]]:
+    def minimum(self, logs: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the parameters around these ones that leave least."""
-        return self.step(minimise(self.step, self._move, logs, MAX_ITERATIONS).place)
+        return minimise(self._step, self._move, logs, MAX_ITERATIONS).place
 
-    def step(self, logs: NDArray[np.float64]) -> IterationStep[NDArray[np.float64]]:
-        """Return what the parameters leave."""
+    def residual(self, logs: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return what the parameters leave of the records, shape (2 n,)."""
+        models = self.free.applied_to(self.models, logs)
+        return self.records.residual(self.records.forces(models), models.plant)
+
+    def _step(self, logs: NDArray[np.float64]) -> IterationStep[NDArray[np.float64]]:
         try:
-            models = self.free.applied_to(self.start, logs)
+            models = self.free.applied_to(self.models, logs)
         except ParameterError:
             return IterationStep(logs, np.array([np.inf]), lambda: np.zeros((1, logs.size)))
         forces = self.records.forces(models)
         residual = self.records.residual(forces, models.plant)
-        return IterationStep(logs, residual, lambda: self._gradient(logs, forces, residual))
+        known = self._known @ (np.pad(self.start, (0, logs.size - self.start.size)) - logs)
+        return IterationStep(
+            logs,
+            np.concatenate([residual, known]),
+            lambda: np.concatenate([self._gradient(logs, forces, residual), self._known]),
+        )
+
+    @property
+    def _known(self) -> NDArray[np.float64]:
+        """Rows that hold friction's parameters but the dead time, shape (p, p + plant)."""
+        weights = [0.0 if name == DEAD_TIME else 1 / START_LOG_STD for name in self.free.friction]
+        return np.pad(np.diag(weights), ((0, 0), (0, len(self.free.plant))))
 
     def _move(self, logs: NDArray[np.float64], step: NDArray[np.float64]) -> NDArray[np.float64]:
         return self.free.limit(logs + np.clip(step, -MAX_STEP, MAX_STEP))
@@ -138,13 +161,13 @@ class _Search:
     def _gradient(
         self, logs: NDArray[np.float64], forces: NDArray[np.complex128], residual: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Return the derivatives of what the model explains, shape (2 n, p); those by the plant need no forces."""
+        """Return the derivatives of what the model explains, shape (2 n, p + plant); the plant's need no forces."""
         columns = []
         for place in range(logs.size):
             is_friction = place < len(self.free.friction)
             difference = FRICTION_DIFFERENCE if is_friction else PLANT_DIFFERENCE
             try:
-                models = self.free.applied_to(self.start, logs + difference * (np.arange(logs.size) == place))
+                models = self.free.applied_to(self.models, logs + difference * (np.arange(logs.size) == place))
             except ParameterError:
                 columns.append(np.zeros(residual.size))
                 continue
@@ -158,26 +181,32 @@ def fit_along_motion(staged: StagedFit) -> MotionFit:
     observer = staged.observer_at(np.zeros(len(staged.free.names)))
     records = MotionRecords(staged.signals.segments, observer)
     found: list[MotionFit] = []
-    for logs in staged.starts()[:MAX_STARTS]:
-        found.append(_fit_from(staged, records, logs))
+    for start in staged.starts()[:MAX_STARTS]:
+        found.append(_fit_from(staged, records, start))
         if found[-1].residual < EXPLAINED:
             break
     return min(found, key=lambda each: each.residual)
 
 
-def _fit_from(staged: StagedFit, records: MotionRecords, logs: NDArray[np.float64]) -> MotionFit:
+def _fit_from(staged: StagedFit, records: MotionRecords, start: NDArray[np.float64]) -> MotionFit:
     """Return the best fit from a start of friction's parameters.
 
     A plant is looked for in the observer's response with the friction found before: it shows more and more modes.
     """
     best: MotionFit | None = None
     for _ in range(MAX_ROUNDS):
-        found = [_fit_plant(records, staged, *start) for start in _plants(staged, logs, best)]
+        logs = start if best is None else best.shared[: start.size]
+        found = []
+        for with_delay, plant in _plants(staged, logs, best):
+            names = () if staged.nominal_plant is not None else plant_parameters(plant)
+            models = staged.fit_around(plant).start
+            search = _Search(records, FreeParameters(staged.free.friction, names), models, start)
+            place = search.minimum(np.concatenate([with_delay, np.zeros(len(names))]))
+            found.append(MotionFit(plant, place, float(np.mean(search.residual(place) ** 2))))
         better = min(found, key=lambda each: each.residual, default=best)
         if better is None or (best is not None and better.residual > SUFFICIENT_RATIO * best.residual):
             break
         best = better
-        logs = best.shared[: logs.size]
     assert best is not None
     return best
 
@@ -202,10 +231,3 @@ def _plants(
         if plant not in known and len(plant.frequencies) >= before:
             known.append(plant)
             yield staged.free.with_dead_time(logs, delay, staged.sample_time), plant
-
-
-def _fit_plant(records: MotionRecords, staged: StagedFit, logs: NDArray[np.float64], plant: Plant) -> MotionFit:
-    names = () if staged.nominal_plant is not None else plant_parameters(plant)
-    search = _Search(records, FreeParameters(staged.free.friction, names), staged.fit_around(plant).start)
-    found = search.minimum(np.concatenate([logs, np.zeros(len(names))]))
-    return MotionFit(plant, found.place, found.cost / found.residual.size)

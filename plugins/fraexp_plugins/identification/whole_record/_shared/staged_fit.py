@@ -32,6 +32,8 @@ STAGE_GAIN, LAST_GAIN = 5.0, 0.5
 """Gain of the log-likelihood with which a stage ends, and the last ones."""
 HOPELESS_RATIO, HOPELESS_STEPS = 10.0, 2
 """Residual over what noise and rounding explain, from which a start is given up, and the steps taken after it."""
+NEAR_STEPS = 2 * MAX_STEPS
+"""Steps from a start that is near: elements that share a force in ways that hardly differ take many."""
 MAX_PLANT_RATIO, MODES = 2.0, (1, 2, 3)
 """The same from which the plant may lack a mode, and the numbers of modes that are tried then."""
 WRONG_LAW_RATIO = 1000.0
@@ -173,7 +175,7 @@ class StagedFit:
 
     def joint_from(self, plant: Plant, shared: NDArray[np.float64]) -> Fitted:
         """Return the same from a plant, and logarithms of all parameters that are near the right ones."""
-        return self._converged(self.fit_around(self.nominal_plant or plant), shared, LAST_GAIN)
+        return self._converged(self.fit_around(plant), shared, LAST_GAIN, NEAR_STEPS)
 
     def predicted_ratios(self, found: Fitted, signals: Signals) -> NDArray[np.float64]:
         """Return what a joint fit leaves of other records, over what noise and rounding explain, shape (records,)."""
