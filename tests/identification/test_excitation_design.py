@@ -5,10 +5,15 @@ from itertools import product
 
 import numpy as np
 import pytest
+from fraexp_plugins.identification.whole_record._shared.free_parameters import SCALES
 from fraexp_plugins.identification.whole_record._shared.plan_search import PlanSearch
-from fraexp_plugins.identification.whole_record._shared.planned_records import Plan, PlannedRecord
+from fraexp_plugins.identification.whole_record._shared.planned_records import (
+    Plan,
+    PlannedRecord,
+    planned_records,
+)
 
-from fraexp.components.kinds import Estimator, Excitation
+from fraexp.components.kinds import Estimator, Excitation, Plant
 from fraexp.components.registry import create, discover
 from fraexp.data.results import Outcome
 from fraexp.errors import ParameterError, RecordError
@@ -34,7 +39,15 @@ def drawn_record(random, frequency, amplitude, has_dither=True):
     columns = amplitude * random.normal(0, 1, (6, 3))
     slopes, own = random.normal(0, 1, (2, 3)), random.normal(0, 1, (2, 2)) / amplitude
     return PlannedRecord(
-        frequency, amplitude, 1 / frequency, 0.2, amplitude, columns.T @ columns, own @ own.T, slopes, has_dither
+        frequency,
+        amplitude,
+        1 / frequency,
+        0.2 + 1 / frequency,
+        amplitude,
+        columns.T @ columns,
+        own @ own.T,
+        slopes,
+        has_dither,
     )
 
 
@@ -51,8 +64,8 @@ def every_plan(search):
         counts = [range(int(wanted), 30) for wanted in search.is_wanted]
         for pair in product(*counts[1:]):
             left = search.time - sum(record.time(count) for record, count in zip(records[1:], pair, strict=True))
-            most = int((left - records[0].settling) / records[0].period + 1e-9)
-            if most >= 1:
+            most = max((count for count in range(1, 60) if records[0].time(count) <= left), default=0)
+            if most:
                 yield Plan(records, (most, *pair))
 
 
@@ -73,6 +86,17 @@ def test_a_repeated_period_tells_nothing_new_without_noise():
     np.testing.assert_array_equal(once, often)
     once, often = (Plan((noisy,), (count,)).standard_deviations() for count in (1, 9))
     np.testing.assert_allclose(once, 3 * often)
+
+
+def test_a_plan_lasts_as_long_as_its_simulation(recorded, registry):
+    """Settling included, and what the windows in which it shows have of the record."""
+    sines = {"name": "sine_list", "frequencies": [5.0, 40.0], "amplitudes": [12.0]}
+    fit = design().method.staged_fit(recorded(excitation=sines, noise=NOISE), NOISE, SCALES)
+    records = planned_records(fit.fit_around(create(registry, Plant, MACHINE["plant"])), (12.0, 12.0))
+    for counts in ((1, 1), (3, 40)):
+        segments = recorded(excitation={**sines, "period_counts": counts}, noise=NOISE).segments
+        lasted = [each.settling.time + each.channels["y"].size * each.sample_time for each in segments]
+        assert [each.time(count) for each, count in zip(records, counts, strict=True)] == pytest.approx(lasted)
 
 
 @pytest.fixture(scope="module")

@@ -36,9 +36,11 @@ from fraexp_plugins.identification.whole_record._shared.planned_records import P
 from fraexp_plugins.identification.whole_record.maximum_likelihood import MaximumLikelihood
 
 UNIFORM, DESIGNED = "uniform plan", "designed plan"
+MIN_WIDER_RATIO = 1.01
+"""Interval of a parameter over that with equal sines from which the message names it."""
 
 
-class ExcitationDesign(Estimator, name="excitation_design", version=1):
+class ExcitationDesign(Estimator, name="excitation_design", version=2):
     """The sines that tell most of plant and friction in a given measuring time (optimal input design).
 
     `method` finds plant, friction and noise from the records there are: those of a short measurement, or of a simulated
@@ -50,7 +52,8 @@ class ExcitationDesign(Estimator, name="excitation_design", version=1):
 
     The result is the excitation `sine_list`: `fraexp design ID -o FILE` writes a study with it. Metrics and curves are
     the bands that it is predicted to reach, beside those of a uniform plan: the best one with one amplitude, and equal
-    times or equal numbers of periods, in the same measuring time, settling included.
+    times or equal numbers of periods, in the same measuring time, settling included. Numbers of the plant do not count
+    beside its response: where the designed sines tell less of one, the message says so.
 
     The prediction is as good as the preliminary machine. Amplitudes are limited by `amplitudes` and `max_stroke` alone:
     greater ones tell more of the plant, and are rarely worse for friction. `extra_frequencies` are measured only if
@@ -166,7 +169,8 @@ class ExcitationDesign(Estimator, name="excitation_design", version=1):
             f"in {self.measuring_time:g} s the designed sines are predicted to make bands {gain:.2f} times as wide as "
             f"equal ones do, the widest one of P̂ {widest:.2f} times"
         )
-        names = _interval_names(found)[: search.friction]
+        names = _interval_names(found)
+        text += "".join(_wider_intervals(names, uniform, designed))
         metrics = [*_plan_metrics(UNIFORM, uniform, names), *_plan_metrics(DESIGNED, designed, names)]
         ordered = sorted(designed.measured, key=lambda pair: pair[0].frequency)
         excitation = SineList(
@@ -205,8 +209,16 @@ def _interval_names(found: Result) -> list[str]:
     return [name for name in plain if f"{name}, 95 %" in plain]
 
 
+def _wider_intervals(names: Sequence[str], uniform: Plan, designed: Plan) -> Iterator[str]:
+    """Yield what is to be said of each parameter that the designed sines tell less of."""
+    ratios = np.sqrt(np.diag(designed.covariance()) / np.diag(uniform.covariance()))
+    for name, ratio in zip(names, ratios, strict=False):
+        if ratio >= MIN_WIDER_RATIO:
+            yield f"; the interval of {name} becomes {ratio:.2f} times as wide"
+
+
 def _plan_metrics(label: str, plan: Plan, names: Sequence[str]) -> Iterator[Metric]:
-    """Yield the measuring time, the bands of P̂, and the intervals of friction's parameters, all predicted."""
+    """Yield the measuring time, the bands of P̂, and the intervals of friction and plant, all predicted."""
     bands = NORMAL_QUANTILE * plan.standard_deviations()
     yield Metric(f"{label}: time", plan.time, "s")
     yield Metric(f"{label}: band, rms", float(np.sqrt(np.mean(bands**2))), "1")

@@ -16,6 +16,8 @@ PORTION = 0.01
 """Part of the measuring time that is moved from one record to another at once."""
 TAKEN_PORTIONS, MAX_TAKEN = (1, 3), 4
 """How many portions are taken from a record, and from how many records in turn."""
+ADDED_PORTIONS = (1, 3, 10)
+"""How many portions are given to a record of at most one: where a second one begins, settling is waited for."""
 MAX_EXCHANGES, MIN_GAIN = 400, 1e-5
 """Maximum number of exchanges, and the least gain of the criterion for which there is one."""
 MAX_COUNT = 100_000
@@ -115,10 +117,9 @@ class PlanSearch:
 
     def _longer(self, plan: Plan, place: int) -> Iterator[Plan]:
         record, count = plan.records[place], plan.counts[place]
-        if count:
-            yield _with_record(plan, place, record, min(count + self._portion(record), MAX_COUNT))
-        else:
-            yield from (_with_record(plan, place, each, self._portion(each)) for each in self.choices[place])
+        for each in (record,) if count else self.choices[place]:
+            for portions in ADDED_PORTIONS if count <= self._portion(each) else (1,):
+                yield _with_record(plan, place, each, min(count + portions * self._portion(each), MAX_COUNT))
 
     def _shorter(self, plan: Plan, place: int, portions: int) -> Plan | None:
         record, count = plan.records[place], plan.counts[place]
@@ -137,7 +138,8 @@ def _with_record(plan: Plan, place: int, record: PlannedRecord, count: int) -> P
 
 def _count_within(record: PlannedRecord, time: float) -> int:
     """Return the number of periods for which there is time [s]."""
-    return max(int((time - record.settling) / record.period + 1e-9), 0)
+    count = int((time - record.settled) / record.period + 1e-9)
+    return count if count > 1 else int(record.time(1) <= time)
 
 
 def _shares(records: Sequence[PlannedRecord], time: float) -> list[float]:

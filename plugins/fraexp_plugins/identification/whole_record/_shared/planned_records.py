@@ -23,8 +23,8 @@ class PlannedRecord(NamedTuple):
     """[N]"""
     period: float
     """Time of a period [s]: whole cycles in whole samples."""
-    settling: float
-    """Time before the record [s]."""
+    settled: float
+    """Time until it has settled [s], which the one period of the shortest record is part of."""
     stroke: float
     """Peak to peak motion [m]."""
     shared: NDArray[np.float64]
@@ -37,8 +37,13 @@ class PlannedRecord(NamedTuple):
     """Whether a repeated period tells as much again."""
 
     def time(self, count: int) -> float:
-        """Return the time that so many periods take [s]; none if it is not measured."""
-        return self.settling + count * self.period if count else 0.0
+        """Return the time that so many periods take [s]; none if it is not measured.
+
+        A record no longer than the windows in which settling shows is the last of them; a longer one comes after it.
+        """
+        if not count:
+            return 0.0
+        return self.settled + (count * self.period if count > 1 else 0.0)
 
     def weight(self, count: int) -> int:
         """Return how many periods tell something new."""
@@ -65,7 +70,7 @@ def planned_records(fit: RecordFit, amplitudes: Sequence[float]) -> list[Planned
                 frequency=float(record.frequency[0]),
                 amplitude=amplitude,
                 period=segment.samples * segment.sample_time,
-                settling=segment.settling.time if segment.settling else 0.0,
+                settled=(segment.settling.time if segment.settling else 0.0) + segment.samples * segment.sample_time,
                 stroke=float(np.ptp(record.position)),
                 shared=shared,
                 own=own,
