@@ -25,7 +25,8 @@ MOTION_REMEDY = (
 def certify(estimator: Estimator, signals: Signals, result: Result, tolerance: float) -> Result:
     """Return a result with its numerical error, and not as ok where that exceeds the tolerance.
 
-    The error of a response is known at each frequency; that of metrics and curves is a metric, the error of the motion.
+    The error of a response is known at each frequency, and is added to that which the estimator states of its own
+    computation; that of metrics and curves is a metric, the error of the motion.
     A result whose signals were not verified is returned as it is.
     """
     verification = signals.verification
@@ -38,7 +39,8 @@ def certify(estimator: Estimator, signals: Signals, result: Result, tolerance: f
     if compensated is not None:
         at = np.concatenate([segment.frequency for segment in verification.segments])
         found = found + spread_error(result.response.frequency, at, compensated)
-    response = replace(result.response, numerical_error=found)
+    own = 0.0 if result.response.numerical_error is None else result.response.numerical_error
+    response = replace(result.response, numerical_error=found + own)
     limit = tolerance if compensated is None else tolerance * COMPENSATED_ERROR_RATIO
     complaint = _complaint(response, found, limit, verification.remedy if compensated is None else MOTION_REMEDY)
     return _with_complaint(replace(result, response=response), complaint)

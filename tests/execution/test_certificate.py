@@ -134,3 +134,14 @@ def test_a_doubt_of_the_estimator_leaves_that_of_the_computation():
         f"noise at 5 Hz; the computation falsifies the response at 2 of 3 frequencies "
         f"({frequency[1]:.4g} to {frequency[2]:.4g} Hz), by 0.17 dB and 1.1 deg at {frequency[2]:.4g} Hz: "
     )
+
+
+def test_an_error_that_the_estimator_states_itself_is_added():
+    """A fit that simulates has errors of its own steps, which those of the record's simulation must not replace."""
+    signals = simulated(guide(), (5.0, 20.0), 12.0, tolerance=1e-4)
+    found = Conventional().estimate(signals)
+    own = replace(found, response=replace(found.response, numerical_error=np.array([3e-4, 0.0])))
+    verification = Verification(found.response.frequency, np.full(2, 1e-5), signals.segments, {"y": np.ones(2)}, {})
+    result = certify(Conventional(), replace(signals, verification=verification), own, 1e-4)
+    assert result.response.numerical_error == pytest.approx([3.1e-4, 1e-5])
+    assert result.outcome is found.outcome

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from fraexp_plugins.identification.whole_record._shared.interval_likelihood import interval_loss
 from fraexp_plugins.identification.whole_record._shared.joint_fit import LinearRecord, Prior, fit_linear
+from fraexp_plugins.identification.whole_record._shared.replay_error import replay_error
 from fraexp_plugins.identification.whole_record._shared.scaled_friction import scaled_friction
 from scipy.optimize import minimize
 from scipy.stats import norm
@@ -333,10 +334,23 @@ def test_the_intervals_of_the_scales_hold_them_and_contain_the_error_of_the_step
         known = metrics(estimator(noise=1e-7).estimate(signals))
         for place, name in enumerate(("force_scale", "displacement_scale")):
             interval = known[f"{name}, 95 %"]
-            of_noise, of_steps = found.covariances[0][place, place] ** 0.5, abs(found.error.shared[place])
+            of_noise, of_steps = found.covariances[0][place, place] ** 0.5, found.shared_error[place]
             assert interval == pytest.approx(1.96 * np.hypot(of_noise, of_steps) * known[name], rel=1e-3)
             held.append(abs(known[name] - 1) <= interval)
     assert sum(held) >= 12  # of 16: fewer have a probability of 1e-3 if they hold in 95 %
+
+
+@pytest.mark.thorough
+def test_a_fit_with_more_steps_ends_where_the_error_of_the_steps_says(recorded):
+    fit = estimator().staged_fit(recorded(noise=3e-8, seed=50), 3e-8, ("force_scale", "displacement_scale"))
+    found = fit.joint()
+    error = replay_error(found.fit, found.state, found.linear)
+    finer, _ = found.fit.with_more_steps(12).converge(found.state, min_gain=1e-5)
+    change = finer.shared - found.state.shared
+    std = np.sqrt(np.diag(found.covariances[0])[: change.size])
+    assert np.abs(change / std).max() > 0.2
+    allowed = np.abs(error.remaining * error.shared_change) + 0.02 * std
+    np.testing.assert_array_less(np.abs(change - error.shared_change) / allowed, 1)
 
 
 def test_records_do_not_tell_twice_what_they_share(record):

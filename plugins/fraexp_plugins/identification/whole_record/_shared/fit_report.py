@@ -66,18 +66,17 @@ class FitReport:
 
     def _response(self) -> Result:
         """Return P̂: the mean of the records that have the same lines, weighted by what each of them tells."""
-        fit, linear = self.found.fit, self.found.linear
-        assert self.found.error is not None
-        bands = self.found.inverse_covariances
+        fit, inverses = self.found.fit, self.found.inverse
+        bands, remaining = self.found.inverse_covariances, self.found.inverse_error
         place_of = {id(record.segment): place for place, record in enumerate(fit.records)}
         parts, errors = [], []
         for group in realisation_groups(self.signals):
             places = [place_of[id(segment)] for segment in group]
-            inverse, covariance = _weighted_mean([linear.inverse[k] for k in places], [bands[k] for k in places])
+            inverse, covariance = _weighted_mean([inverses[k] for k in places], [bands[k] for k in places])
             output = np.mean([np.abs(fit.records[k].measured) for k in places], axis=0)
             band, amplitudes = _of_reciprocal(1 / inverse, covariance), (output * np.abs(inverse), output)
             parts.append(Part(group, group[0].frequency, 1 / inverse, band, np.inf, *amplitudes))
-            errors.append(np.max([self.found.error.inverse[k] for k in places], axis=0))
+            errors.append(np.max([remaining[k] for k in places], axis=0))
         units = self.signals.unit(fit.records[0].input), self.signals.unit(fit.records[0].output)
         names = EFFECTIVE_INPUT, fit.records[0].output
         result = combine_parts(self.signals, parts, names=names, units=units)
@@ -92,8 +91,7 @@ class FitReport:
     @property
     def _shared_covariance(self) -> NDArray[np.float64]:
         """Covariance of the shared parameters, as the fit sees them, with the error of the replay's steps, (p, p)."""
-        assert self.found.error is not None
-        count, error = self.found.state.shared.size, self.found.error.shared
+        count, error = self.found.state.shared.size, self.found.shared_error
         return np.asarray(self.found.covariances[0][:count, :count] + np.outer(error, error))
 
     def _complaint(self) -> str:
@@ -150,10 +148,10 @@ class FitReport:
 
     def _metrics(self) -> Iterator[Metric]:
         """Yield friction's parameters with their intervals, and how well they repeat the records."""
-        fit, state = self.found.fit, self.found.state
-        values, units = fit.free.values(fit.start, state.shared), fit.free.units(fit.start)
+        fit, logs = self.found.fit, self.found.shared
+        values, units = fit.free.values(fit.start, logs), fit.free.units(fit.start)
         std = np.sqrt(np.diag(self._shared_covariance))
-        std = std * np.abs(fit.free.slopes(fit.start, state.shared))
+        std = std * np.abs(fit.free.slopes(fit.start, logs))
         names = (*fit.free.friction, *(parameter_symbol(name) for name in fit.free.plant))
         for name, value, unit, each in zip(names, values, units, std, strict=True):
             yield Metric(name, float(value), unit)
@@ -169,7 +167,7 @@ class FitReport:
 
         A response of a dozen points does not show the modes between them.
         """
-        fit, logs = self.found.fit, self.found.state.shared
+        fit, logs = self.found.fit, self.found.shared
         if not fit.free.plant:
             return
         plant = fit.free.applied_to(fit.start, logs).plant
@@ -191,7 +189,7 @@ class FitReport:
 
     def _fits(self) -> Iterator[Fit]:
         """Yield plant and friction as components; a law whose parameters do not scale gives none."""
-        fit, logs = self.found.fit, self.found.state.shared
+        fit, logs = self.found.fit, self.found.shared
         models, count = fit.free.applied_to(fit.start, logs), len(fit.free.friction)
         covariance, friction = self._shared_covariance, self.found.friction
         if fit.free.plant:

@@ -130,8 +130,7 @@ class RecordFit:
         (positions,) = self._positions([state])
         own = []
         for record, values, position in zip(self.records, state.own, positions, strict=True):
-            residual = np.nan_to_num(record.residual(values, position))
-            drift, *_ = np.linalg.lstsq(record.drifts[:, record.settled_samples].T, residual, rcond=None)
+            drift = record.drift_in(np.nan_to_num(record.residual(values, position)))
             own.append(values + np.concatenate([np.zeros(record.forces), drift]))
         return State(state.shared, tuple(own)), positions
 

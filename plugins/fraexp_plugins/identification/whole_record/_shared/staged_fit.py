@@ -57,15 +57,42 @@ class Fitted:
     state: State
     linear: LinearisedFit
     error: ReplayError | None = None
-    """How far the replay's steps falsify it."""
+    """How the replay's steps falsify it; None for a fit that is no result."""
+
+    @property
+    def shared(self) -> NDArray[np.float64]:
+        """Logarithms of the shared factors, without the error of the replay's steps that is known, shape (p,)."""
+        return (
+            self.state.shared
+            if self.error is None
+            else self.fit.free.limit(self.state.shared + self.error.shared_change)
+        )
+
+    @property
+    def inverse(self) -> list[NDArray[np.complex128]]:
+        """1/P̂ of each record [N/m], likewise, shape (lines,) each."""
+        assert self.error is not None
+        return [a + b for a, b in zip(self.linear.inverse, self.error.inverse_change, strict=True)]
+
+    @property
+    def shared_error(self) -> NDArray[np.float64]:
+        """What the replay's steps may still falsify of the shared logarithms, shape (p,)."""
+        assert self.error is not None
+        return np.asarray(self.error.remaining * self.error.shared_change)
+
+    @property
+    def inverse_error(self) -> list[NDArray[np.float64]]:
+        """What they may still falsify of 1/P̂ of each record, relatively, shape (lines,) each."""
+        assert self.error is not None
+        pairs = zip(self.error.inverse_change, self.inverse, strict=True)
+        return [self.error.remaining * np.abs(change / inverse) for change, inverse in pairs]
 
     @property
     def is_exact(self) -> bool:
         """Whether the replay's steps falsify most responses by less than samples leave open."""
-        assert self.error is not None
         covariances = np.concatenate(self.inverse_covariances)
-        std = np.sqrt(covariances[:, 0, 0] + covariances[:, 1, 1]) / np.abs(np.concatenate(self.linear.inverse))
-        return float(np.median(np.concatenate(self.error.inverse) / std)) < 1
+        std = np.sqrt(covariances[:, 0, 0] + covariances[:, 1, 1]) / np.abs(np.concatenate(self.inverse))
+        return float(np.median(np.concatenate(self.inverse_error) / std)) < 1
 
     @cached_property
     def covariances(self) -> tuple[NDArray[np.float64], ...]:
@@ -92,13 +119,13 @@ class Fitted:
     @property
     def models(self) -> Models:
         """Machine with the parameters that were found."""
-        return self.fit.free.applied_to(self.fit.start, self.state.shared)
+        return self.fit.free.applied_to(self.fit.start, self.shared)
 
     @property
     def friction(self) -> FrictionModel | None:
         """Friction model that was found; None if the parameters of its law cannot express the scales."""
         stroke = max(float(np.ptp(record.position)) for record in self.fit.records)
-        return scaled_friction(self.models.friction, self.fit.free.scales(self.state.shared), stroke)
+        return scaled_friction(self.models.friction, self.fit.free.scales(self.shared), stroke)
 
     @property
     def ratios(self) -> NDArray[np.float64]:
@@ -153,9 +180,12 @@ class StagedFit:
         """Sample time of all records [s]."""
         return self.signals.segments[0].sample_time
 
-    def run(self) -> tuple[Fitted, int]:
-        """Return the fit with a response for each record, and from how many starts it was tried."""
-        best, starts = self._best_start()
+    def run(self, known: Fitted | None = None) -> tuple[Fitted, int]:
+        """Return the fit with a response for each record, and from how many starts it was tried.
+
+        `known` is a joint fit to other records of the same machine, from which it starts without a search.
+        """
+        best, starts = self._best_start() if known is None else (known, 1)
         every = replace(best.fit, records=self._records(range(len(self.signals.segments))))
         every = every.with_needed_drifts(State(best.state.shared, tuple(np.zeros(r.count) for r in every.records)))
         whole = self._whole(every, best)
@@ -354,5 +384,5 @@ def _with_own_responses(found: Fitted, max_steps: int = MAX_STEPS) -> Fitted:
     known = Prior(found.state.shared, information) if count else None
     own = replace(found.fit, has_own_forces=True, prior=known)
     state, linear = own.converge(found.state, LAST_GAIN, max_steps, found.linear)
-    error_of_shared = replay_error(found.fit, found.state, found.linear).shared
-    return Fitted(own, state, linear, replay_error(own, state, linear, error_of_shared))
+    change_of_shared = replay_error(found.fit, found.state, found.linear).shared_change
+    return Fitted(own, state, linear, replay_error(own, state, linear, change_of_shared))
