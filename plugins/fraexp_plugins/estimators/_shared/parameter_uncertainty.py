@@ -157,10 +157,17 @@ def parameter_unit(model: Model, parameter: str) -> str:
 
 def with_parameter(model: Model, parameter: str, value: float) -> Model:
     """Return the model with another value of a parameter [its SI unit]."""
-    target = _target(model, parameter)
-    moved = _increased(model, target.path, value - target.value)
-    assert isinstance(moved, type(model))
-    return moved
+    return with_parameters(model, {parameter: value})
+
+
+def with_parameters(model: Model, values: Mapping[str, float]) -> Model:
+    """Return the model with other values of some parameters [their SI units], checked together."""
+    fields = _fields(model)
+    for parameter, value in values.items():
+        target = _target(model, parameter)
+        first, *rest = target.path
+        fields[str(first)] = _increased(fields[str(first)], rest, value - target.value)
+    return _parsed(model, fields) if values else model
 
 
 class _Target(NamedTuple):
@@ -210,6 +217,14 @@ def _increased(owner: object, path: Sequence[str | int], amount: float) -> objec
         index = int(first)
         return (*owner[:index], _increased(owner[index], rest, amount), *owner[index + 1 :])
     assert isinstance(owner, Parameters)  # _target has followed the path
-    values = {key: getattr(owner, key) for key in type(owner).model_fields}
+    values = _fields(owner)
     values[str(first)] = _increased(values[str(first)], rest, amount)
+    return _parsed(owner, values)
+
+
+def _fields(owner: Parameters) -> dict[str, object]:
+    return {key: getattr(owner, key) for key in type(owner).model_fields}
+
+
+def _parsed(owner: Model, values: Mapping[str, object]) -> Model:
     return type(owner).parse(values, f"deviations: {getattr(owner, 'name', '') or type(owner).__name__}")

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import FrictionModel, ParameterError, Plant, ReplayModel, did_you_mean
-from fraexp_plugins.estimators._shared.parameter_uncertainty import parameter_unit, parameter_value, with_parameter
+from fraexp_plugins.estimators._shared.parameter_uncertainty import parameter_unit, parameter_value, with_parameters
 
 FORCE_SCALE, DISPLACEMENT_SCALE = "force_scale", "displacement_scale"
 SCALES = (FORCE_SCALE, DISPLACEMENT_SCALE)
@@ -145,12 +145,11 @@ class FreeParameters:
 
     def applied_to(self, start: Models, logs: NDArray[np.float64]) -> Models:
         """Return the machine with these parameters."""
-        friction, plant, given = start.friction, start.plant, (*SCALES, DEAD_TIME)
-        for name, value in zip(self.names, self.values(start, logs), strict=True):
-            if name in self.plant:
-                plant = with_parameter(plant, name, float(value))
-            elif name not in given:
-                friction = with_parameter(friction, name, float(value))
+        values, count = self.values(start, logs).tolist(), len(self.friction)
+        of_friction = dict(zip(self.friction, values[:count], strict=True))
+        given = (*SCALES, DEAD_TIME)
+        friction = with_parameters(start.friction, {k: v for k, v in of_friction.items() if k not in given})
+        plant = with_parameters(start.plant, dict(zip(self.plant, values[count:], strict=True)))
         changed = start.with_friction(friction, self.scales(logs))
         if DEAD_TIME in self.friction:
             changed = changed.with_dead_time(self.dead_time(logs, start.replay.sample_time))
