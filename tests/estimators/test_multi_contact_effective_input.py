@@ -141,5 +141,5 @@ def test_a_method_for_one_contact_refuses_a_model_for_each(registry):
     frictions = {"motor": MOTOR.spec(), "load": LOAD.spec()}
     with pytest.raises(ParameterError, match=r"^effective_input takes one friction model.*2 contacts \(motor, load\)"):
         registry.create("estimator", {"name": "effective_input"}, {"friction": frictions})
-    with pytest.raises(ParameterError, match=r"use multi_contact_effective_input$"):
+    with pytest.raises(ParameterError, match=r"use multi_contact_effective_input or multi_contact_\w+$"):
         registry.create("estimator", {"name": "maximum_likelihood", "friction": frictions})

@@ -43,6 +43,15 @@ class FineLoop:
 
     def responses(self, amplitude: float, samples: int, periods: int, substeps: int) -> dict[str, complex]:
         """Return y/u of each position at the fundamental, in the last of `periods` periods of `samples` samples."""
+        recorded, inputs = self.last_period(amplitude, samples, periods, substeps)
+        basis = np.exp(-2j * np.pi * np.arange(samples) / samples)
+        motion, force = basis @ recorded, basis @ inputs
+        return {name: complex(port @ motion / force) for name, port in self.positions.items()}
+
+    def last_period(
+        self, amplitude: float, samples: int, periods: int, substeps: int
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the coordinates, shape (samples, bodies), and the control input, (samples,), of the last period."""
         q, v = np.zeros(len(self.mass)), np.zeros(len(self.mass))
         deflections = [np.zeros(contact.stiffness.size) for contact in self.contacts]
         inverse, h = np.linalg.inv(self.mass), self.sample_time / substeps
@@ -86,6 +95,4 @@ class FineLoop:
                 for number, contact in enumerate(self.contacts):
                     reach = contact.limit / contact.stiffness
                     deflections[number] = np.clip(deflections[number] + contact.port @ (q - begin), -reach, reach)
-        basis = np.exp(-2j * np.pi * np.arange(samples) / samples)
-        motion, force = basis @ np.array(recorded), basis @ np.array(inputs)
-        return {name: complex(port @ motion / force) for name, port in self.positions.items()}
+        return np.array(recorded), np.array(inputs)

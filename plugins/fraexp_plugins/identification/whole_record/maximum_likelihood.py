@@ -7,7 +7,6 @@ from fraexp.api import (
     ParameterError,
     Plant,
     PositionDependentFriction,
-    RecordError,
     Result,
     Signals,
     param,
@@ -19,12 +18,13 @@ from fraexp_plugins.identification.whole_record._shared.contact_check import che
 from fraexp_plugins.identification.whole_record._shared.fit_report import FitReport
 from fraexp_plugins.identification.whole_record._shared.free_parameters import SCALES, FreeParameters
 from fraexp_plugins.identification.whole_record._shared.noise_level import NOISE, likely_noise, noise_in_records
-from fraexp_plugins.identification.whole_record._shared.staged_fit import MAX_START_RATIO, Fitted, StagedFit
-
-MAX_LINES = 64
-"""Maximum number of excited lines of a segment, each of which takes two parameters of its own."""
-MAX_PARAMETER_STD = 0.5
-"""Relative standard deviation from which records do not tell a parameter."""
+from fraexp_plugins.identification.whole_record._shared.segment_check import check_segments
+from fraexp_plugins.identification.whole_record._shared.staged_fit import (
+    MAX_PARAMETER_STD,
+    MAX_START_RATIO,
+    Fitted,
+    StagedFit,
+)
 
 
 class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=4):
@@ -91,7 +91,7 @@ class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=4):
         if len(contacts) > 1:
             raise ParameterError(
                 f"maximum_likelihood.nominal_plant has friction at {len(contacts)} contacts ({', '.join(contacts)}); "
-                "expected one: use multi_contact_effective_input"
+                "expected one: use multi_contact_maximum_likelihood"
             )
 
     def estimate(self, signals: Signals) -> Result:
@@ -103,7 +103,7 @@ class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=4):
         """Return the fit to signals that have segments."""
         check_one_contact(signals, self.name)
         used = usable_signals(signals, self.output, self.name)
-        _check_segments(used)
+        check_segments(used, self.name)
         noise = noise_in_records(used, self.output, self.resolution) if self.noise is None else self.noise
         free = tuple(name for name in self.free if name != NOISE)
         found, starts = self.staged_fit(used, noise, free).run()
@@ -127,27 +127,6 @@ class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=4):
             **shared,
         )
         return StagedFit(signals, observer, FreeParameters(free), self.nominal_plant, self.modes)
-
-
-def _check_segments(signals: Signals) -> None:
-    """Raise RecordError for segments that a replay cannot follow."""
-    if not all(segment.periodic for segment in signals.segments):
-        raise RecordError(
-            "maximum_likelihood: the record does not repeat itself (periodic = false); expected whole periods: state "
-            "the record's period, or take h1_h2_hv or local_polynomial"
-        )
-    lines = max(segment.lines.size for segment in signals.segments)
-    if lines > MAX_LINES:
-        raise RecordError(
-            f"maximum_likelihood: a segment has {lines} excited lines; expected at most {MAX_LINES}: excite fewer at a "
-            "time, or use effective_input"
-        )
-    times = sorted({segment.sample_time for segment in signals.segments})
-    if len(times) > 1:
-        raise RecordError(
-            f"maximum_likelihood: the segments have sample times of {times[0]:g} to {times[-1]:g} s; expected one: "
-            "estimate those of each sample time for themselves"
-        )
 
 
 def _untold(found: Fitted) -> tuple[str, ...]:

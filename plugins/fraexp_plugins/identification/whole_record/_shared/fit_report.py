@@ -170,12 +170,12 @@ class FitReport:
         fit, logs = self.found.fit, self.found.shared
         if not fit.free.plant:
             return
-        plant = fit.free.applied_to(fit.start, logs).plant
+        models = fit.free.applied_to(fit.start, logs)
         lines = np.concatenate([record.frequency for record in fit.records])
         low, high = float(lines.min()), float(lines.max())
-        modes = [each for each in getattr(plant, "frequencies", ()) if low < each < high]
+        modes = [each for each in getattr(models.plant, "frequencies", ()) if low < each < high]
         frequency = np.unique(np.concatenate([np.geomspace(low, high, CURVE_POINTS), modes]))
-        response = plant.response(2 * np.pi * frequency)
+        response = models.response(2 * np.pi * frequency)
         columns = {"frequency": frequency, "magnitude": np.abs(response), "phase": np.angle(response, deg=True)}
         record = fit.records[0]
         unit = f"{self.signals.unit(record.output)}/{self.signals.unit(record.input)}"
@@ -189,15 +189,19 @@ class FitReport:
 
     def _fits(self) -> Iterator[Fit]:
         """Yield plant and friction as components; a law whose parameters do not scale gives none."""
-        fit, logs = self.found.fit, self.found.shared
-        models, count = fit.free.applied_to(fit.start, logs), len(fit.free.friction)
-        covariance, friction = self._shared_covariance, self.found.friction
+        fit, friction = self.found.fit, self.found.friction
+        yield from self._plant_fits()
+        if friction is not None:
+            count = len(fit.free.friction)
+            yield _friction_fit(friction, fit.free.friction, self._shared_covariance[:count, :count])
+
+    def _plant_fits(self) -> Iterator[Fit]:
+        """Yield the plant as a component, if its numbers were estimated."""
+        fit, logs, count = self.found.fit, self.found.shared, len(self.found.fit.free.friction)
         if fit.free.plant:
             values, units = fit.free.values(fit.start, logs)[count:], fit.free.units(fit.start)[count:]
-            spread = np.outer(values, values) * covariance[count:, count:]
-            yield Fit("plant", models.plant.spec(), fit.free.plant, units, values, spread)
-        if friction is not None:
-            yield _friction_fit(friction, fit.free.friction, covariance[:count, :count])
+            spread = np.outer(values, values) * self._shared_covariance[count:, count:]
+            yield Fit("plant", self.found.models.plant.spec(), fit.free.plant, units, values, spread)
 
 
 def _friction_fit(friction: FrictionModel, free: Sequence[str], covariance: NDArray[np.float64]) -> Fit:

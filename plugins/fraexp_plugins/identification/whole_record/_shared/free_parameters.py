@@ -39,6 +39,10 @@ class Models:
         (name,) = self.replay.frictions
         return name
 
+    def response(self, omega: NDArray[np.float64]) -> NDArray[np.complex128]:
+        """Return P(jω) from the thrust to the position that is compared [m/N], shape (n,), at ω [rad/s]."""
+        return self.plant.response(omega)
+
     def with_plant(self, plant: Plant) -> "Models":
         """Return the machine with another plant."""
         return replace(self, plant=plant, replay=replace(self.replay, ports=plant.ports()))

@@ -128,7 +128,7 @@ class ReplayedRecord:
         """Return 1/P̂ [N/m] at the lines, shape (lines,), of parameters, shape (m,), and the periodic position, (n,)."""
         cosine, sine = np.split(parameters[: self.forces], 2)
         path = self.path * np.exp(-2j * np.pi * self.frequency * models.added_dead_time)
-        return 1 / self.response(models.plant) - (cosine - 1j * sine) * path / self.phasors(position)
+        return 1 / models.response(2 * np.pi * self.frequency) - (cosine - 1j * sine) * path / self.phasors(position)
 
     def residual(self, parameters: NDArray[np.float64], position: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the record less a periodic position and the drift [m], where the replay has settled."""

@@ -43,6 +43,8 @@ MAX_START_RATIO, MAX_MEAN_RATIO = 1.3, 1.05
 MIN_INDEPENDENCE, DIRECTION_SIZES = 1e-3, (5e-4, 0.02)
 """Least eigenvalue of the information of parameters in units of what each tells alone, below which they act alike, and
 the least and greatest changes of logarithms by which derivatives are taken then."""
+MAX_PARAMETER_STD = 0.5
+"""Relative standard deviation from which records do not tell a parameter."""
 MAX_REFINEMENTS, REFINEMENT = 2, 3
 """How often the replay's steps are refined if they matter, and by which factor."""
 REPLAY_TOLERANCE_RATIO = 0.1

@@ -1,0 +1,131 @@
+"""Plant and friction of greatest likelihood for a machine with friction at several contacts."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from fraexp.api import Fit, FrictionModel, ParameterError, Plant, ReplayModel, Result, Segment, Signals, param
+from fraexp_plugins.estimators._shared.delayed_estimator import DelayedEstimator
+from fraexp_plugins.friction.none import Frictionless
+from fraexp_plugins.identification._shared.usable_signals import usable_signals
+from fraexp_plugins.identification.whole_record._shared.contact_parameters import ContactModels, ContactParameters
+from fraexp_plugins.identification.whole_record._shared.fit_report import FitReport
+from fraexp_plugins.identification.whole_record._shared.noise_level import noise_in_records
+from fraexp_plugins.identification.whole_record._shared.record_fit import RecordFit, State
+from fraexp_plugins.identification.whole_record._shared.replay_error import replay_error
+from fraexp_plugins.identification.whole_record._shared.replayed_record import ReplayedRecord
+from fraexp_plugins.identification.whole_record._shared.segment_check import check_segments
+from fraexp_plugins.identification.whole_record._shared.staged_fit import (
+    LAST_GAIN,
+    MAX_PARAMETER_STD,
+    MAX_START_RATIO,
+    REPLAY_TOLERANCE_RATIO,
+    Fitted,
+)
+
+
+class MultiContactMaximumLikelihood(DelayedEstimator, name="multi_contact_maximum_likelihood", version=1):
+    """The plant's numbers, and the scales of friction at each contact, with which a simulation repeats all samples.
+
+    It is `maximum_likelihood` for a machine with friction at several contacts. The response between one thrust and one
+    position does not say how friction at another contact moves the machine. So the plant is one with ports whose
+    numbers are estimated, `nominal_plant` being the start, and P̂ is its response: a mode that it lacks is not found,
+    but shows in the residual. The one position that is fed back tells the scales of all contacts if the records have
+    frequencies below and above the modes; below them all contacts move alike.
+
+    The start must be near: friction and plant within some ten percent. There is one start; the verdict says if it did
+    not lead to what the records say. Metrics are the factors on each contact's force and deflections and the numbers of
+    the plant, with 95 % intervals; a parameter that the records do not tell is held at its start and named. The band is
+    that of the information in the likelihood, which is that of intervals (F. Gustafsson and R. Karlsson, Automatica
+    45(12), 2009).
+    """
+
+    frictions: dict[str, FrictionModel] = param("", "friction model of each contact at the start", inherit="friction")
+    nominal_plant: Plant = param("", "plant at the start, whose numbers are estimated", inherit="plant")
+    free: tuple[str, ...] = param(
+        "", "what is estimated, such as motor.force_scale or stiffness; all that there is if not given", ()
+    )
+    thrust: str = param("", "thrust that is excited, as in the loop", "", inherit="loop.thrust")
+    position: str = param("", "position that is fed back, as in the loop", "", inherit="loop.position")
+    resolution: float = param("m", "quantisation step of the encoder", 0.0, at_least=0, inherit="loop.resolution")
+    noise: float | None = param(
+        "m",
+        "standard deviation of the encoder's noise; from scatter or spectrum of the periods if it is not given",
+        None,
+        at_least=0,
+        inherit="loop.noise",
+    )
+    interpolation_tolerance: float = param(
+        "1", "relative error of y'/u that is tolerated", 1e-4, at_least=1e-5, at_most=0.1, inherit="numerics.tolerance"
+    )
+
+    def estimate(self, signals: Signals) -> Result:
+        """Return P̂ with its band, the parameters of plant and friction, and how well they repeat the records."""
+        signals.unit(self.input), signals.unit(self.output)
+        if not signals.segments:
+            return Result(signals.outcome, signals.message)
+        used = usable_signals(signals, self.output, self.name)
+        check_segments(used, self.name)
+        noise = noise_in_records(used, self.output, self.resolution) if self.noise is None else self.noise
+        start = self._start(used.segments[0].sample_time)
+        free = ContactParameters.of(start)
+        free = free.only(self.free) if self.free else free
+        found = self._fitted(used, start, free, noise)
+        untold = _untold(found)
+        if untold:
+            found = self._fitted(used, start, free.without(untold), noise)
+        return ContactFitReport(used, found, 1, untold).result()
+
+    def _start(self, sample_time: float) -> ContactModels:
+        """Return the machine at the start."""
+        ports = self.nominal_plant.ports().closed_by(self.thrust, self.position)
+        for contact in self.frictions:
+            if contact not in ports.contacts:
+                raise ParameterError(
+                    f"{self.name}.frictions: the nominal plant has no contact '{contact}'; known: "
+                    f"{', '.join(ports.contacts)}"
+                )
+        replay = ReplayModel(
+            ports,
+            {name: self.frictions.get(name, Frictionless()) for name in ports.contacts},
+            sample_time,
+            (self.input_dead_time, self.input_time_constants),
+            (self.output_dead_time, self.output_time_constants),
+            REPLAY_TOLERANCE_RATIO * self.interpolation_tolerance,
+        )
+        first = next(iter(replay.frictions.values()))
+        return ContactModels(self.nominal_plant, first, replay, thrust=self.thrust, position=self.position)
+
+    def _fitted(self, signals: Signals, start: ContactModels, free: ContactParameters, noise: float) -> Fitted:
+        records = [self._record(segment) for segment in signals.segments]
+        fit = RecordFit(records, start, free, self.resolution, noise, has_own_forces=False)
+        state, linear = fit.converge(_unmoved(fit), LAST_GAIN)
+        fit = fit.with_needed_drifts(state)
+        state, linear = fit.converge(State(state.shared, _unmoved(fit).own), LAST_GAIN)
+        return Fitted(fit, state, linear, replay_error(fit, state, linear))
+
+    def _record(self, segment: Segment) -> ReplayedRecord:
+        omega = 2 * np.pi * segment.frequency
+        path = self.input_path(omega, segment.sample_time) * self.output_path(omega)
+        return ReplayedRecord(segment, self.input, self.output, path)
+
+
+class ContactFitReport(FitReport):
+    """The report of a fit to a machine with several contacts."""
+
+    def _fits(self) -> Iterator[Fit]:
+        """Yield the plant; the scales of friction are metrics."""
+        yield from self._plant_fits()
+
+
+def _unmoved(fit: RecordFit) -> State:
+    """Return the state of a fit at its start."""
+    return State(np.zeros(len(fit.free.names)), tuple(np.zeros(record.count) for record in fit.records))
+
+
+def _untold(found: Fitted) -> list[str]:
+    """Return the names of the parameters that the records do not tell, if the model is right."""
+    if found.mean_ratio > MAX_START_RATIO:
+        return []
+    std = np.sqrt(np.diag(found.covariances[0]))
+    return [name for name, each in zip(found.fit.free.names, std, strict=False) if each > MAX_PARAMETER_STD]
