@@ -106,6 +106,8 @@ class Verification:
     """Friction model, dead times and lags of the simulated machine, by the names that estimators have for them."""
     remedy: str = ""
     """What makes the simulation more exact."""
+    further_step_errors: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    """What `step_error` is, of further measured positions, by their channels such as `y.load`."""
 
     cache: dict[str, NDArray[np.float64] | None] = field(default_factory=dict, init=False, repr=False, compare=False)
     """Error along `segments` of each estimator that knows the machine: those of a job often differ in no more."""

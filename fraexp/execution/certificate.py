@@ -34,7 +34,8 @@ def certify(estimator: Estimator, signals: Signals, result: Result, tolerance: f
         return result
     if result.response is None:
         return _certify_motion(result, verification, tolerance)
-    found = spread_error(result.response.frequency, verification.frequency, verification.step_error)
+    steps = verification.further_step_errors.get(result.response.output, verification.step_error)
+    found = spread_error(result.response.frequency, verification.frequency, steps)
     compensated = compensation_error(estimator, signals, result.response)
     if compensated is not None:
         at = np.concatenate([segment.frequency for segment in verification.segments])

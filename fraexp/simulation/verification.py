@@ -71,9 +71,12 @@ def verify(
     coarse, fine = (tuple(segment for segment in part if segment) for part in zip(*pairs, strict=True))
     recorded = tuple(segments) if is_ideal else fine
     difference = _motion_difference if is_transient else _relative_difference
+    errors = {
+        name: pair.error_ratio(setup.steps) * difference(coarse, fine, name) for name in _position_channels(setup)
+    }
     return Verification(
         frequency=_frequencies(fine),
-        step_error=pair.error_ratio(setup.steps) * difference(coarse, fine),
+        step_error=errors.pop("y"),
         segments=recorded,
         plants=_plants(machine, setup, 2 * np.pi * _frequencies(recorded)),
         machine={
@@ -85,6 +88,7 @@ def verify(
             "output_time_constants": machine.loop.output_time_constants,
         },
         remedy=_steps_remedy(machine, setup),
+        further_step_errors=errors,
     )
 
 
@@ -121,8 +125,14 @@ def force_along(friction: FrictionModel, displacement: NDArray[np.float64], samp
 
 def _plants(machine: Machine, setup: Setup, omega: NDArray[np.float64]) -> dict[str, NDArray[np.complex128]]:
     """Return the plant's response to the thrust by the channel of each measured position."""
-    further = {f"y.{name}": machine.ports.response(omega, name) for name in setup.positions[1:]}
-    return {"y": machine.response(omega), **further}
+    fed_back, *further = _position_channels(setup)
+    responses = {name: machine.ports.response(omega, name.partition(".")[2]) for name in further}
+    return {fed_back: machine.response(omega), **responses}
+
+
+def _position_channels(setup: Setup) -> list[str]:
+    """Return the channels of all measured positions, that of the one that is fed back first."""
+    return ["y", *(f"y.{name}" for name in setup.positions[1:])]
 
 
 def step_pair(machine: Machine, setup: Setup, is_finer: bool = False) -> StepPair:
@@ -138,13 +148,24 @@ def step_pair(machine: Machine, setup: Setup, is_finer: bool = False) -> StepPai
 
 
 def refined_steps(machine: Machine, setup: Setup, verification: Verification | None) -> int:
-    """Return the steps per sample that the tolerance needs, as far as fraexp may choose them."""
+    """Return the steps per sample that the tolerance needs, as far as fraexp may choose them.
+
+    A further position counts as long as steps help: a body that sticks while the thrust's own moves has no response
+    that could be exact.
+    """
     if verification is None or machine.numerics.steps_per_sample:
         return setup.steps
-    excess = float(np.nanmax(verification.step_error, initial=0.0)) / machine.numerics.tolerance
-    if excess <= 1:
-        return setup.steps
-    return min(int(np.ceil(REFINEMENT_MARGIN * setup.steps * np.sqrt(excess))), max(MAX_STEPS, setup.steps))
+    limit = max(MAX_STEPS, setup.steps)
+    own, *others = (
+        _needed_steps(setup.steps, float(np.nanmax(error, initial=0.0)) / machine.numerics.tolerance)
+        for error in (verification.step_error, *verification.further_step_errors.values())
+    )
+    return max(min(own, limit), *(steps for steps in others if steps <= limit), setup.steps)
+
+
+def _needed_steps(steps: int, excess: float) -> int:
+    """Return how many steps per sample are needed where the error is `excess` times the tolerance."""
+    return steps if excess <= 1 else int(np.ceil(REFINEMENT_MARGIN * steps * np.sqrt(excess)))
 
 
 def hardest_segments(segments: Sequence[Segment]) -> list[int]:
@@ -168,23 +189,23 @@ def _frequencies(segments: Sequence[Segment]) -> NDArray[np.float64]:
     return np.concatenate([segment.frequency for segment in segments])
 
 
-def _relative_difference(coarse: Sequence[Segment], fine: Sequence[Segment]) -> NDArray[np.float64]:
-    """Return the relative difference of two measurements of y/u."""
+def _relative_difference(coarse: Sequence[Segment], fine: Sequence[Segment], position: str) -> NDArray[np.float64]:
+    """Return the relative difference of two measurements of y/u, y being the channel of a position."""
     with np.errstate(divide="ignore", invalid="ignore"):  # where nothing moves
         first, second = (
-            np.concatenate([phasors(segment, "y")[0] / phasors(segment, "u")[0] for segment in part])
+            np.concatenate([phasors(segment, position)[0] / phasors(segment, "u")[0] for segment in part])
             for part in (coarse, fine)
         )
         difference = np.abs(first / second - 1)
     return np.where(np.isfinite(difference), difference, np.nan)
 
 
-def _motion_difference(coarse: Sequence[Segment], fine: Sequence[Segment]) -> NDArray[np.float64]:
+def _motion_difference(coarse: Sequence[Segment], fine: Sequence[Segment], position: str) -> NDArray[np.float64]:
     """Return the greatest difference of two transients over their stroke, the same at each line."""
     errors = []
     for first, second in zip(coarse, fine, strict=True):
-        y, stroke = second.channels["y"], float(np.ptp(second.channels["y"]))
-        error = float(np.abs(first.channels["y"] - y).max()) / stroke if stroke else np.nan
+        y, stroke = second.channels[position], float(np.ptp(second.channels[position]))
+        error = float(np.abs(first.channels[position] - y).max()) / stroke if stroke else np.nan
         errors.append(np.full(second.lines.size, error))
     return np.concatenate(errors)
 

@@ -170,6 +170,16 @@ def test_laws_of_all_kinds_act_together(registry):
     assert np.abs(signals.segments[0].channels["friction.motor"]).max() == pytest.approx(40.0)
 
 
+@pytest.mark.thorough
+def test_further_positions_are_as_exact_as_the_tolerance(registry):
+    """The link behind its gear is off by ten times as much as the motor, if the motor alone decides about the steps."""
+    plant = example(registry, "flexible_joint")
+    settings = {"plant": plant, "controller": CONTROLLERS["flexible_joint"], "tolerance": 1e-6}
+    found, exact = (simulated(laws(plant, 60.0), (12.0, 150.0), 60.0, steps=steps, **settings) for steps in (0, 150))
+    assert np.all(np.abs(responses(found, "y.link") / responses(exact, "y.link") - 1) < 1e-4)
+    assert found.verification.further_step_errors["y.link"].max() <= 1e-4
+
+
 @pytest.mark.parametrize(
     ("frictions", "message"),
     [
