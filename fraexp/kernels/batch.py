@@ -103,17 +103,15 @@ def compiled_block(laws: Laws, layout: LaneLayout) -> Dispatcher:
             laws.kinds,
             laws.compensation_kinds,
             layout,
-            laws.is_velocity_law,
+            laws.is_set_valued,
             is_observed,
-            laws.contacts,
         )
 
     names = " and ".join(each.__qualname__ for each in given)
     kinds = (laws.kinds, laws.compensation_kinds)
     name = f"{names} {layout} {kinds}"
-    name += " of velocity" if laws.is_velocity_law else ""
     name += " observed" if is_observed else ""
-    name += f" at {laws.contacts} contacts" if laws.contacts > 1 else ""
+    name += f" at contacts {laws.is_set_valued}"
     with explain_compiler_errors(*given):
         return compile_kernel(name, source, make, SIGNATURE, **COMPILER_OPTIONS)
 

@@ -3,14 +3,14 @@
 The linear part is discretised exactly; friction is linear in time within a step (holding it would be anti-damping).
 Within a step the displacement is y₊ = a − g·f(y₊) with f nondecreasing. For one machine this is solved for y₊: friction
 is implicit. Lanes take the law at the displacement that the extrapolated force predicts: friction is explicit, which is
-as good where g·df/dy ≪ 1. A law of velocity that jumps at rest is solved in velocities: its rows and its contact hold
+as good where g·df/dy ≪ 1. A law of velocity that jumps at rest is solved in velocities: the rows of its contact hold
 velocities in place of displacements. `docs/kernels.md` explains all three.
 """
 
 from collections.abc import Callable
 
 from fraexp.kernels.addresses import DOUBLE_BYTES, float_pointer
-from fraexp.kernels.contact_steps import CONTACT_DISPLACEMENT, CONTACT_FORCE, CONTACT_ROWS, make_steps
+from fraexp.kernels.contact_steps import make_steps
 from fraexp.kernels.decorators import COMPILER_OPTIONS, compiled
 from fraexp.kernels.guards import GUARD_ROWS
 from fraexp.kernels.lane_layout import LaneLayout
@@ -23,6 +23,7 @@ from fraexp.kernels.observed_law import (
     with_record,
     without_record,
 )
+from fraexp.kernels.stick_slip import CONTACT_DISPLACEMENT, CONTACT_FORCE, CONTACT_ROWS
 from fraexp.kernels.structs import StructArray, struct_array_type, struct_dtype
 
 DRIVE_NOISE, DRIVE_AMPLITUDE, DRIVE_RISE, DRIVE_AGE, DRIVE_REFERENCE = range(5)
@@ -72,11 +73,13 @@ class LoopFrame:
 
     matrix: int
     """Address: rows of each step's displacements at c contacts, the p next measurements and the next states, shape
-    (m c + p + n, n + 2 + c); for a law of velocity one more row, of the present displacement."""
+    (m c + p + n, n + 2 + c); with laws of velocity c more rows, of the present displacements."""
     compliance: int
     """Address: what the forces at the steps' ends add to the steps' displacements, negative [m/N], (m c, m c)."""
     responses: int
     """Address: what these forces add to the next measurements and the next states, shape (p + n, m c)."""
+    durations: int
+    """Address: duration of each step [s], shape (m,)."""
     numerator: int
     """Address: coefficients of the controller [N/m], in ascending powers of z⁻¹, shape (p,)."""
     denominator: int
@@ -141,15 +144,16 @@ def make_block(
     kinds: ArgumentKinds,
     compensation_kinds: ArgumentKinds,
     layout: LaneLayout,
-    is_velocity_law: bool = False,
+    is_set_valued: tuple[bool, ...] = (False,),
     is_observed: bool = False,
-    contacts: int = 1,
 ) -> Callable[[StructArray[LoopFrame]], None]:
     """Return the function that runs a block of samples; the kinds are those of the laws' arguments.
 
-    With `is_observed` the last call of a law is recorded, and a force that is not finite raises an error. For several
-    contacts the law is one that chooses by the number of the contact.
+    `is_set_valued` says for each contact whether its law is one of velocity that jumps at rest. For several contacts
+    the law is one that chooses by the number of the contact. With `is_observed` the last call of a law is recorded, and
+    a force that is not finite raises an error.
     """
+    contacts = len(is_set_valued)
     view, constant_view, gather, is_within = layout.view, layout.constant_view, layout.gather, layout.is_within
     read = argument_reader(kinds, layout)
     compensate = (
@@ -157,9 +161,9 @@ def make_block(
         if compensation_law
         else _no_compensation
     )
-    take_steps = make_steps(law, contacts, layout, is_velocity_law, is_observed)
+    take_steps = make_steps(law, is_set_valued, layout, is_observed)
     law_arguments = with_record if is_observed else without_record
-    extra_rows = 1 if is_velocity_law else 0
+    extra_rows = contacts if any(is_set_valued) else 0
 
     def block(frames: StructArray[LoopFrame]) -> None:
         # All fields are read once, before the loop: the compiler cannot know that no sample overwrites the frame.
@@ -167,7 +171,7 @@ def make_block(
         n, m, states, order = frame.states, frame.steps, frame.friction_states, frame.controller_order
         input_delay, output_delay = frame.input_delay, frame.output_delay
         matrix, compliance = constant_view(frame.matrix, 0), constant_view(frame.compliance, 0)
-        responses = constant_view(frame.responses, 0)
+        responses, durations = constant_view(frame.responses, 0), constant_view(frame.durations, 0)
         numerator, denominator = constant_view(frame.numerator, 0), constant_view(frame.denominator, 0)
         known, linear, filtered = view(frame.known, 0), view(frame.linear, 0), view(frame.controller_memory, 0)
         control_inputs, measurements = view(frame.control_inputs, 0), view(frame.measurements, 0)
@@ -236,10 +240,10 @@ def make_block(
                     trace[first_displacement + row] = contact[i * CONTACT_ROWS + CONTACT_DISPLACEMENT]
                     trace[first_friction + row] = force
             multiply_matrix(matrix, known, linear, forces + positions + n + extra_rows, n + 2 + contacts)
-            if is_velocity_law:  # the contact holds a velocity
-                trace[first_displacement + done] = linear[forces + positions + n]
+            for i in range(extra_rows):  # contacts hold velocities
+                trace[first_displacement + i * TRACE_SAMPLES + done] = linear[forces + positions + n + i]
             current = take_steps(
-                linear, compliance, m, contact, z, states, current, time_step, arguments, last_call
+                linear, compliance, durations, m, contact, z, states, current, time_step, arguments, last_call
             )  # fmt: skip
             # Next measurements and next state: the free part, and what the forces of all steps add.
             for k in range(positions):

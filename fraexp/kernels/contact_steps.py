@@ -18,30 +18,33 @@ from fraexp.kernels.lanes import LaneRows
 from fraexp.kernels.law import Law
 from fraexp.kernels.law_arguments import LawArgument
 from fraexp.kernels.observed_law import CALL_HALF, FRICTION, make_observed
+from fraexp.kernels.stick_slip import (
+    CONTACT_DISPLACEMENT,
+    CONTACT_FORCE,
+    CONTACT_PREVIOUS_FORCE,
+    CONTACT_ROWS,
+    CONTACT_STIFFNESS,
+    TRIAL,
+    TRIAL_FORCE,
+    make_stick_slip,
+)
 
-CONTACT_FORCE, CONTACT_DISPLACEMENT, CONTACT_STIFFNESS, CONTACT_PREVIOUS_FORCE = range(4)
-"""Rows of a contact, at the last step's end: friction force [N], displacement [m], local stiffness [N/m], and the force
-a step before [N]."""
-TRIAL, TRIAL_FORCE = range(4, 6)
-"""Rows of a contact while a step is solved: displacement [m] and force [N] that are tried."""
-CONTACT_ROWS = 6
 MAX_TURNS = 1000
 """Turns of solving all contacts, each with the others' forces held."""
 
 
-def make_steps(
-    law: Law, contacts: int, layout: LaneLayout, is_velocity_law: bool, is_observed: bool
-) -> Callable[..., int]:
+def make_steps(law: Law, is_set_valued: tuple[bool, ...], layout: LaneLayout, is_observed: bool) -> Callable[..., int]:
     """Return the function that takes all steps of a sample, and returns which half of the laws' memory is current."""
-    if contacts > 1:
-        return _make_coupled_steps(law, contacts, layout)
+    if len(is_set_valued) > 1:
+        return _make_coupled_steps(law, is_set_valued, layout)
     width, present_view, state_view = layout.width, layout.present_view, layout.state_view
-    take_step = _step_maker(layout.is_vectorised, is_velocity_law)(make_observed(law, FRICTION) if is_observed else law)
+    take_step = _step_maker(layout, *is_set_valued)(make_observed(law, FRICTION) if is_observed else law)
 
     @compiled(forceinline=True, **COMPILER_OPTIONS)
     def take_steps(
         linear: LaneRows,
         compliance: LaneRows,
+        durations: LaneRows,
         steps: int,
         contact: LaneRows,
         memory: int,
@@ -79,21 +82,28 @@ def make_steps(
     return take_steps
 
 
-def _step_maker(is_vectorised: bool, is_velocity_law: bool) -> Callable[[Law], Callable[..., tuple[float, ...]]]:
-    if is_velocity_law:
+def _step_maker(layout: LaneLayout, is_set_valued: bool) -> Callable[[Law], Callable[..., tuple[float, ...]]]:
+    if is_set_valued:
         return make_set_valued_step
-    return make_explicit_step if is_vectorised else make_implicit_step
+    return make_explicit_step if layout.is_vectorised else make_implicit_step
 
 
-def _make_coupled_steps(law: Law, contacts: int, layout: LaneLayout) -> Callable[..., int]:
+def _make_coupled_steps(law: Law, is_set_valued: tuple[bool, ...], layout: LaneLayout) -> Callable[..., int]:
     """Return the steps of several contacts; their law takes the number of a contact first."""
     width, present_view, state_view = layout.width, layout.present_view, layout.state_view
-    solve = _make_explicit_contacts(law, contacts) if layout.is_vectorised else _make_implicit_contacts(law, contacts)
+    contacts = len(is_set_valued)
+    if layout.is_vectorised:
+        solve = _make_explicit_contacts(law, contacts)
+    else:
+        solve = _make_implicit_contacts(law, is_set_valued)
+    # Only the steps of set-valued laws differ in length, and they have no lanes here.
+    duration_of = _own_duration if any(is_set_valued) else _equal_duration
 
     @compiled(forceinline=True, **COMPILER_OPTIONS)
     def take_steps(
         linear: LaneRows,
         compliance: LaneRows,
+        durations: LaneRows,
         steps: int,
         contact: LaneRows,
         memory: int,
@@ -113,7 +123,8 @@ def _make_coupled_steps(law: Law, contacts: int, layout: LaneLayout) -> Callable
                 linear[c] = free_displacement
             z = present_view(memory + current * half_bytes, states)
             z_next = state_view(memory + (1 - current) * half_bytes, states)
-            solve(linear, first, compliance, row, contact, z, z_next, time_step, arguments)
+            duration = duration_of(durations, j, time_step)
+            solve(linear, first, compliance, row, contact, z, z_next, duration, arguments)
             for c in range(contacts):
                 at = c * CONTACT_ROWS
                 contact[at + CONTACT_PREVIOUS_FORCE] = contact[at + CONTACT_FORCE]
@@ -126,6 +137,16 @@ def _make_coupled_steps(law: Law, contacts: int, layout: LaneLayout) -> Callable
     return take_steps
 
 
+@compiled(forceinline=True)
+def _own_duration(durations: LaneRows, step: int, time_step: float) -> float:
+    return durations[step]
+
+
+@compiled(forceinline=True)
+def _equal_duration(durations: LaneRows, step: int, time_step: float) -> float:
+    return time_step
+
+
 @compiled(forceinline=True, **COMPILER_OPTIONS)
 def _predict(linear: LaneRows, first: int, compliance: LaneRows, row: int, contact: LaneRows, contacts: int) -> None:
     """Set the trial displacements to those that the extrapolated forces give."""
@@ -136,6 +157,21 @@ def _predict(linear: LaneRows, first: int, compliance: LaneRows, row: int, conta
             extrapolated = 2.0 * contact[at + CONTACT_FORCE] - contact[at + CONTACT_PREVIOUS_FORCE]
             y += compliance[(first + c) * row + first + k] * extrapolated
         contact[c * CONTACT_ROWS + TRIAL] = y
+
+
+@compiled(forceinline=True)
+def _no_stick_slip(
+    linear: LaneRows,
+    first: int,
+    compliance: LaneRows,
+    row: int,
+    contact: LaneRows,
+    z: LaneRows,
+    z_next: LaneRows,
+    time_step: float,
+    arguments: tuple[LawArgument, ...],
+) -> None:
+    return None
 
 
 def _make_explicit_contacts(law: Law, contacts: int) -> Callable[..., None]:
@@ -162,12 +198,15 @@ def _make_explicit_contacts(law: Law, contacts: int) -> Callable[..., None]:
     return solve
 
 
-def _make_implicit_contacts(law: Law, contacts: int) -> Callable[..., None]:
+def _make_implicit_contacts(law: Law, is_set_valued: tuple[bool, ...]) -> Callable[..., None]:
     """Return the step of several contacts of one machine: each is solved in turn, until none moves any more.
 
     As G is symmetric and no law falls with its displacement, the equations say where a convex function is least. It
     falls with each contact that is solved (coordinate descent), so that this ends at the one solution from anywhere.
+    Contacts whose friction jumps at rest are solved together, and count as one in this.
     """
+    contacts = len(is_set_valued)
+    stick_slip = make_stick_slip(law, is_set_valued) if any(is_set_valued) else _no_stick_slip
 
     @compiled(forceinline=True, **COMPILER_OPTIONS)
     def at_contact(
@@ -195,7 +234,10 @@ def _make_implicit_contacts(law: Law, contacts: int) -> Callable[..., None]:
             contact[at + TRIAL_FORCE] = 2.0 * contact[at + CONTACT_FORCE] - contact[at + CONTACT_PREVIOUS_FORCE]
         for _ in range(MAX_TURNS):
             is_moving = False
+            stick_slip(linear, first, compliance, row, contact, z, z_next, time_step, arguments)
             for c in range(contacts):
+                if is_set_valued[c]:
+                    continue
                 at, here = c * CONTACT_ROWS, (first + c) * row + first
                 free_displacement, trial = linear[first + c], contact[at + TRIAL]
                 for k in range(contacts):

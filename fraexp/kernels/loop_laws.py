@@ -18,10 +18,9 @@ class Laws(NamedTuple):
     kinds: ArgumentKinds
     compensation_law: Law | None = None
     compensation_kinds: ArgumentKinds = ()
-    is_velocity_law: bool = False
-    """Whether friction is a law of velocity that jumps at rest."""
-    contacts: int = 1
-    """Number of contacts; for several, the law takes the number of one before its other arguments."""
+    is_set_valued: tuple[bool, ...] = (False,)
+    """Whether friction at each contact is a law of velocity that jumps at rest. For several contacts, the law takes the
+    number of one before its other arguments."""
 
     @property
     def given(self) -> tuple[Law, ...]:
@@ -35,7 +34,7 @@ class Laws(NamedTuple):
 
     def is_observed(self, is_vectorised: bool) -> bool:
         """Whether calls of the laws are recorded: those of dropped-in laws in the scalar kernel, at one contact."""
-        if self.contacts > 1:
+        if len(self.is_set_valued) > 1:
             return False
         return not (is_vectorised or all(map(is_all_built_in, self.given)))
 

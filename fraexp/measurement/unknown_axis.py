@@ -124,7 +124,7 @@ class UnknownAxis:
             (np.zeros(1), np.ones(1)),
             sample_time=self.sample_time,
             steps=1,
-            is_force_held=False,
+            is_force_held=(False,),
             input_path=path,
             output_path=path,
         )

@@ -19,20 +19,20 @@ from fraexp.kernels.batch_arrays import (
     KernelBatch,
 )
 from fraexp.kernels.block import DRIVE_ROWS, FRAME_DTYPE, TRACE_SAMPLES, trace_rows
-from fraexp.kernels.contact_steps import CONTACT_ROWS
 from fraexp.kernels.guards import GUARD_ROWS, guarded_rows, memory_rows, set_guards
 from fraexp.kernels.lane_layout import choose_layout
 from fraexp.kernels.law_arguments import aligned_zeros, argument_sizes
 from fraexp.kernels.memory_moves import TILE
 from fraexp.kernels.observed_law import CALL_NUMBERS
 from fraexp.kernels.periodic_state import DEPTH, KEPT_WINDOWS
+from fraexp.kernels.stick_slip import contact_rows
 from fraexp.simulation.experiments import Experiment, ExperimentPlan, Setup
 
 MAX_HISTORY = 4_000_000
 """Measured positions that a lane keeps, unless the windows that it compares and records are longer."""
 LAW_MEMORIES = ("friction_memory", "compensation_memory")
 """Parts of a loop's memory that a law writes: each begins with a guard."""
-CONSTANTS = ("matrix", "compliance", "responses", "numerator", "denominator")
+CONSTANTS = ("matrix", "compliance", "responses", "durations", "numerator", "denominator")
 """What the parts of `DiscreteLoop.constants` are called in a frame."""
 
 
@@ -175,7 +175,7 @@ def _memory_rows(setup: Setup) -> dict[str, int]:
         "controller_memory": setup.discrete.numerator.size,
         "control_inputs": setup.input_delay + 2,
         "measurements": positions * (setup.output_delay + 1),
-        "contacts": contacts * CONTACT_ROWS,
+        "contacts": contact_rows(contacts),
         "compensation_memory": memory_rows(compensation_states) + 1,
     }
 

@@ -29,9 +29,9 @@ class SignalPath(NamedTuple):
 class DiscreteLoop(NamedTuple):
     """The loop over one sample of m steps: n states, two input values, and c contacts with m + 1 friction forces each.
 
-    Displacements and forces of a step stand together, those of the contacts one after another. For friction that is a
-    law of velocity the rows of the displacement at each step's end, and what forces take away there, are those of the
-    velocity; each force is held over the step that ends with it, and the first has no effect.
+    Displacements and forces of a step stand together, those of the contacts one after another. At a contact whose
+    friction is a law of velocity the rows of the displacement at each step's end, and what forces take away there, are
+    those of the velocity; each force is held over the step that ends with it, and the first has no effect.
     """
 
     displacement: NDArray[np.float64]
@@ -49,11 +49,13 @@ class DiscreteLoop(NamedTuple):
     denominator: NDArray[np.float64]
     """Ascending powers of z⁻¹, starting with 1, shape (p,)."""
     present: NDArray[np.float64]
-    """Row that gives the present displacement from the state, shape (1, n); empty, (0, n), if contacts hold it."""
+    """Rows that give the present displacements from the state, shape (c, n); empty, (0, n), if contacts hold them."""
+    durations: NDArray[np.float64]
+    """Duration of each step [s], shape (m,)."""
 
     @property
     def constants(self) -> tuple[NDArray[np.float64], ...]:
-        """Constants of the kernel: three matrices of the linear part, then numerator and denominator of C(z).
+        """Constants of the kernel: three matrices, durations of the steps, then numerator and denominator of C(z).
 
         State, inputs and the first force are known before the sample is run: the first matrix gives what they
         contribute to each step's displacements, the next measurements and the next state, shape
@@ -65,7 +67,8 @@ class DiscreteLoop(NamedTuple):
         before = np.hstack([self.displacement, -self.compliance[:, : self.contacts]])
         present = np.hstack([self.present, np.zeros((len(self.present), 2 + self.contacts))])
         matrix = np.vstack([before, after[:, :known], present])
-        return matrix, -self.compliance[:, self.contacts :], after[:, known:], self.numerator, self.denominator
+        compliance, responses = -self.compliance[:, self.contacts :], after[:, known:]
+        return matrix, compliance, responses, self.durations, self.numerator, self.denominator
 
     @property
     def positions(self) -> int:
@@ -90,36 +93,39 @@ def discretise(
     *,
     sample_time: float,
     steps: int,
-    is_force_held: bool,
+    is_force_held: tuple[bool, ...],
     input_path: SignalPath,
     output_path: SignalPath,
 ) -> DiscreteLoop:
     """Return the constants of the loop that the plant's first thrust and first position close.
 
-    `viscous` has the viscous coefficient [N s/m] of each contact. Raises ParameterError for a plant whose velocity
+    `viscous` has the viscous coefficient [N s/m] of each contact, and `is_force_held` says of each whether its friction
+    is a law of velocity. Raises ParameterError for a plant whose velocity
     jumps with a force.
     """
     part = _join_lags(plant, viscous, input_path.lags, output_path.lags)
-    n, step, contacts = part.a.shape[0], sample_time / steps, part.force.shape[1]
+    n, contacts, is_held = part.a.shape[0], part.force.shape[1], np.array(is_force_held)
     late_in = split_dead_time(input_path.dead_time, sample_time).rest
     late_out = split_dead_time(output_path.dead_time, sample_time).rest
 
     # All instants at which the state is needed, and all from which an input acts: each difference is computed once.
-    starts = step_bounds(sample_time, steps, late_in if is_force_held else 0.0)
+    starts = step_bounds(sample_time, steps, late_in if is_held.any() else 0.0)
+    durations = np.diff(starts) if is_held.any() else np.full(steps, sample_time / steps)
     instants = [*starts[1:], sample_time - late_out]
     times = sorted({_round_time(time - since) for time in instants for since in (0.0, late_in, *starts)})
     responses = zip(*_integrals(part.a, np.column_stack([part.drive, part.force]), times), strict=True)
     response_at = {time: _Responses(*response) for time, response in zip(times, responses, strict=True)}
 
     @cache
-    def force_effects(begin: float, end: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def force_effects(begin: float, end: float, step: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the effect of a step's forces at its two bounds, which were `begin` and `end` ago, shape (n, c) each.
 
         The force goes from one bound's value to the next one's, then has no effect of its own.
         """
         (_, held_begin, ramp_begin), (_, held_end, ramp_end) = response_at[begin], response_at[end]
-        rising = held_begin - held_end if is_force_held else (ramp_begin - ramp_end) / step - held_end
-        return (held_begin - held_end - rising)[:, 1:], rising[:, 1:]
+        held = (held_begin - held_end)[:, 1:]
+        rising = np.where(is_held, held, ((ramp_begin - ramp_end) / step - held_end)[:, 1:])
+        return held - rising, rising
 
     def effects_at(time: float) -> NDArray[np.float64]:
         """Return what states, two inputs and all forces contribute to the state at `time`.
@@ -134,12 +140,13 @@ def discretise(
         since = [_round_time(time - start) for start in starts]
         for j in range(steps):
             if since[j] > 0:  # the steps after it have no effect yet
-                at_begin, at_end = force_effects(since[j], since[j + 1])
+                at_begin, at_end = force_effects(since[j], since[j + 1], float(durations[j]))
                 forces[:, j] -= at_begin
                 forces[:, j + 1] -= at_end
         return effect
 
-    rows = part.displacement @ part.a if is_force_held else part.displacement  # c·b = 0: c·a is the velocity
+    velocities = part.displacement @ part.a  # as c·b = 0
+    rows = np.where(is_held[:, None], velocities, part.displacement)
     ends = np.concatenate([rows @ effects_at(end) for end in starts[1:]])
     size = max(coefficients.size for coefficients in controller)
     numerator, denominator = (np.concatenate([c, np.zeros(size - c.size)]) for c in controller)
@@ -151,7 +158,8 @@ def discretise(
         contacts=contacts,
         numerator=numerator,
         denominator=denominator,
-        present=part.displacement if is_force_held else np.empty((0, n)),
+        present=part.displacement if is_held.any() else np.empty((0, n)),
+        durations=durations,
     )
 
 

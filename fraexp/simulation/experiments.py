@@ -1,7 +1,7 @@
 """Experiments on the loop: a machine made ready, one period of an excitation on it, and both counted in samples."""
 
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -119,10 +119,9 @@ class Setup:
         from fraexp.kernels.law_arguments import argument_kinds
         from fraexp.kernels.loop_laws import Laws
 
-        kinds, velocity_law = argument_kinds(self.law_arguments), set_valued_law(self.frictions)
-        models = list(self.frictions.values())
-        law = models[0].law if len(models) == 1 else chosen_law([model.law for model in models])
-        laws = Laws(velocity_law or law, kinds, is_velocity_law=velocity_law is not None, contacts=len(models))
+        each = [model.velocity_law or model.law for model in self.frictions.values()]
+        law = each[0] if len(each) == 1 else chosen_law(each)
+        laws = Laws(law, argument_kinds(self.law_arguments), is_set_valued=set_valued_contacts(self.frictions))
         if self.compensation is None:
             return laws
         return laws._replace(
@@ -139,7 +138,7 @@ class Setup:
     def numerics(self) -> str:
         """How it is computed, in words; stored with each sweep."""
         way = "force at the predicted displacement, in lanes" if self.is_vectorised else "force solved for implicitly"
-        if set_valued_law(self.frictions):
+        if any(set_valued_contacts(self.frictions)):
             way = "stick and slip within the step" + (", in lanes" if self.is_vectorised else "")
         return f"{self.steps} step{'s' if self.steps > 1 else ''} per sample, {way}"
 
@@ -149,10 +148,9 @@ def of_contact(channel: str, contact: str, contacts: Collection[str]) -> str:
     return channel if len(contacts) == 1 else f"{channel}.{contact}"
 
 
-def set_valued_law(frictions: Mapping[str, FrictionModel]) -> Callable[..., float] | None:
-    """Return the law of velocity that is solved for stick and slip; None with several contacts, which need not be."""
-    models = list(frictions.values())
-    return models[0].velocity_law if len(models) == 1 else None
+def set_valued_contacts(frictions: Mapping[str, FrictionModel]) -> tuple[bool, ...]:
+    """Return whether friction at each contact is a law of velocity that jumps at rest, solved for stick and slip."""
+    return tuple(model.velocity_law is not None for model in frictions.values())
 
 
 @dataclass(frozen=True)

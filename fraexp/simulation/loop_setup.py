@@ -9,7 +9,7 @@ from fraexp.components.kinds import FrictionModel
 from fraexp.components.ports import Ports
 from fraexp.errors import ParameterError
 from fraexp.simulation.discretisation import DiscreteLoop, discretise, split_dead_time
-from fraexp.simulation.experiments import Setup, set_valued_law
+from fraexp.simulation.experiments import Setup, set_valued_contacts
 from fraexp.simulation.machine import MAX_STEPS_PER_SAMPLE, Machine
 
 MAX_STEP_RAD = 1.0
@@ -72,7 +72,7 @@ def discretise_machine(machine: Machine, steps: int) -> DiscreteLoop:
         machine.controller.transfer_function(loop.sample_time),
         sample_time=loop.sample_time,
         steps=steps,
-        is_force_held=set_valued_law(frictions) is not None,
+        is_force_held=set_valued_contacts(frictions),
         input_path=loop.input_path,
         output_path=loop.output_path,
     )
@@ -80,8 +80,8 @@ def discretise_machine(machine: Machine, steps: int) -> DiscreteLoop:
 
 def is_friction_soft(frictions: Mapping[str, FrictionModel], discrete: DiscreteLoop, sample_time: float) -> bool:
     """Return whether friction is so soft within a step that it may be explicit, as it is in lanes."""
-    if set_valued_law(frictions):  # solved in velocities, in lanes as well
-        return True
+    if any(set_valued_contacts(frictions)):  # solved in velocities, in lanes as well where there is one contact
+        return len(frictions) == 1
     step = sample_time / discrete.steps
     stiffness = [max(model.max_stiffness, model.stiffness_in_step(step)) for model in frictions.values()]
     return bool(np.max(np.abs(discrete.step_compliance) @ stiffness) <= EXPLICIT_STIFFNESS_LIMIT)
@@ -96,7 +96,7 @@ def steps_per_sample(machine: Machine) -> int:
     numerics, fewest = machine.numerics, fewest_steps(machine)
     resonance = stuck_resonance(machine.ports, machine.frictions)
     if fewest > MAX_STEPS_PER_SAMPLE:
-        stiffness = max(model.max_stiffness for model in machine.frictions.values())
+        stiffness = max(_presliding_stiffness(machine.frictions))
         raise ParameterError(
             f"stuck on {machine.friction_names} friction, of up to {stiffness:.4g} N/m, the machine resonates at "
             f"{resonance / (2 * np.pi):.4g} Hz, which needs {fewest} steps per sample; expected at most "
@@ -117,7 +117,7 @@ def steps_per_sample(machine: Machine) -> int:
 def accurate_steps(ports: Ports, frictions: Mapping[str, FrictionModel], sample_time: float, tolerance: float) -> int:
     """Return the steps per sample with which a response has this relative error: it falls with the step's square."""
     resonance = sample_time * stuck_resonance(ports, frictions)
-    reference = SET_VALUED_STEPS if set_valued_law(frictions) else resonance / REFERENCE_STEP_RAD
+    reference = max(resonance / REFERENCE_STEP_RAD, SET_VALUED_STEPS * any(set_valued_contacts(frictions)))
     accurate = int(np.ceil(reference * np.sqrt(REFERENCE_ERROR / tolerance)))
     return max(min(accurate, MAX_ACCURACY_STEPS), _steps_that_follow(resonance))
 
@@ -135,12 +135,15 @@ def _steps_that_follow(resonance: float) -> int:
 def stuck_resonance(ports: Ports, frictions: Mapping[str, FrictionModel]) -> float:
     """Return the angular frequency [rad/s] at which a machine resonates on the presliding stiffness of its friction.
 
-    Of several contacts it is the highest. It is 0 for a law of velocity, which has no stiffness at rest.
+    Of several contacts it is the highest, and it is 0 where all laws are set-valued.
     """
-    if set_valued_law(frictions):
-        return 0.0
     forces = np.column_stack([contact.force for contact in ports.contacts.values()])
     displacements = np.array([contact.displacement for contact in ports.contacts.values()])
-    stiffness = np.diag([model.max_stiffness for model in frictions.values()])
+    stiffness = np.diag(_presliding_stiffness(frictions))
     squares = np.linalg.eigvals(displacements @ ports.a @ forces @ stiffness).real
     return float(np.sqrt(max(squares.max(), 0.0)))
+
+
+def _presliding_stiffness(frictions: Mapping[str, FrictionModel]) -> list[float]:
+    """Return the greatest stiffness of each contact [N/m]; 0 for a set-valued law, which is not a spring at rest."""
+    return [0.0 if model.velocity_law else model.max_stiffness for model in frictions.values()]

@@ -18,7 +18,7 @@ from fraexp.components.periods import Period, Schedule
 from fraexp.components.ports import Ports
 from fraexp.simulation.discretisation import DiscreteLoop, SignalPath, discretise, split_dead_time
 from fraexp.simulation.experiment_run import run_experiments
-from fraexp.simulation.experiments import Experiment, Setup, set_valued_law
+from fraexp.simulation.experiments import Experiment, Setup, set_valued_contacts
 from fraexp.simulation.loop_setup import accurate_steps, is_friction_soft
 
 PULL_RATIO, MAX_PULL_HZ = 1.0, 8.0
@@ -180,7 +180,7 @@ def _open_loop(model: ReplayModel) -> DiscreteLoop:
         (np.zeros(1), np.ones(1)),
         sample_time=model.sample_time,
         steps=model.steps,
-        is_force_held=set_valued_law(model.frictions) is not None,
+        is_force_held=set_valued_contacts(model.frictions),
         input_path=SignalPath(*model.input_path),
         output_path=SignalPath(*model.output_path),
     )

@@ -34,8 +34,12 @@ from fraexp_plugins.estimators._shared.friction_consistency import (
 )
 from fraexp_plugins.estimators._shared.model_covariance import inverse_response, outer_parts, with_model_covariance
 from fraexp_plugins.estimators._shared.parameter_uncertainty import Deviation, check_deviations, perturbations
-from fraexp_plugins.estimators._shared.response_doubts import check_friction_models, check_unbanded_encoder
-from fraexp_plugins.estimators._shared.standstill import hidden_forces
+from fraexp_plugins.estimators._shared.response_doubts import (
+    check_contact_standstill,
+    check_friction_models,
+    check_unbanded_encoder,
+)
+from fraexp_plugins.estimators._shared.standstill import HiddenForce, hidden_forces
 from fraexp_plugins.estimators.effective_input import DIFFERENCE_STEP_STDS, EffectiveInput
 
 MIN_WEIGHT = 1e-9
@@ -49,7 +53,7 @@ class _Compensation(NamedTuple):
     contacts: tuple[ContactFriction, ...]
 
 
-class MultiContactEffectiveInput(DelayedEstimator, name="multi_contact_effective_input", version=3):
+class MultiContactEffectiveInput(DelayedEstimator, name="multi_contact_effective_input", version=4):
     """P̂ = y'/û_e with û_e = G_di G_do u - Σ R_c f̂_c: eqs (2)-(5), with a friction model for each contact c.
 
     A friction model is driven by the displacement of its contact, as far as measured positions give it: one of them, or
@@ -161,8 +165,11 @@ class MultiContactEffectiveInput(DelayedEstimator, name="multi_contact_effective
     ) -> Result:
         """Return a result that is not ok where the harmonics of the motion contradict the friction models."""
         segments, contacts = compensation.signals.segments, compensation.contacts
-        if found.response is None or any(any(hidden_forces(each.observer, segments)) for each in contacts):
-            return found  # what standstill hides is no error of a model
+        if found.response is None:
+            return found
+        hidden = [hidden_forces(each.observer, segments) for each in contacts]
+        if any(map(any, hidden)):
+            return _check_standstill(found, compensation, hidden)  # what it hides is no error of a model
         encoder = Encoder(self.noise, self.resolution)
         stated = [StatedDeviation(above.contacts, below.contacts, steps) for above, below, steps in others]
         return check_friction_models(found, model_error(self, encoder, segments, contacts, found.response, stated))
@@ -335,6 +342,25 @@ class MultiContactEffectiveInput(DelayedEstimator, name="multi_contact_effective
             bins = bins - part(ports.contacts[name].force) * spectrum[1:]
         displacement = np.fft.irfft(np.concatenate([[0.0], bins]), samples.size).reshape(samples.shape)
         return replace(segment, channels={**segment.channels, _contact_channel(contact): displacement})
+
+
+def _check_standstill(
+    found: Result, compensation: _Compensation, hidden: Sequence[Sequence[HiddenForce | None]]
+) -> Result:
+    """Return a result that is not ok where standstill hides friction, and that says how far it may be off."""
+    if found.response is None:
+        return found
+    segments, names, shares = compensation.signals.segments, [], [0.0]
+    error = np.zeros(found.response.frequency.size)
+    for contact, own in zip(compensation.contacts, hidden, strict=True):
+        force = [
+            np.abs(contact.thrust_ratio(2 * np.pi * segment.frequency)) * (each.bound(segment) if each else 0.0)
+            for segment, each in zip(segments, own, strict=True)
+        ]
+        error += np.concatenate(force) / found.response.input_amplitude
+        names += [contact.observer.output.removeprefix(_contact_channel(""))] if any(own) else []
+        shares += [each.share for each in own if each]
+    return check_contact_standstill(found, error, names, max(shares))
 
 
 def _position_channels(ports: Ports) -> dict[str, str]:

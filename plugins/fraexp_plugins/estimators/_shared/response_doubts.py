@@ -1,5 +1,6 @@
 """What makes a response to the effective input doubtful, in words: encoder, weak terms, standstill, friction model."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -101,6 +102,29 @@ def standstill_text(frequency: NDArray[np.float64], error: NDArray[np.complex128
         f"time, and at {frequency[worst]:.4g} Hz the response may be off by about {magnitude:.2g} dB, "
         f"{phase:.2g} deg; raise the amplitude, or keep the axis moving (excitation "
         "moving_sine, estimator moving_axis)"
+    )
+
+
+def check_contact_standstill(
+    found: Result, error: NDArray[np.float64], contacts: Sequence[str], share: float
+) -> Result:
+    """Return a result that is not ok where standstill at contacts may change the response, relative to it, shape (n,).
+
+    `share` is the largest share of the time for which one of them stands.
+    """
+    if found.response is None:
+        return found
+    error = np.where(found.response.settled & np.isfinite(error), error, 0.0)
+    wrong, worst = error > MAX_STANDSTILL_ERROR, int(np.argmax(error))
+    if not wrong.any():
+        return found
+    frequency = found.response.frequency
+    off = f"by up to {20 * np.log10(1 + error[worst]):.2g} dB" if error[worst] < 1 else "by any amount"
+    return with_doubt(
+        found,
+        f"the motion does not show the friction force at standstill and reversal at {wrong.sum()} of {wrong.size} "
+        f"frequencies ({frequency_text(frequency[wrong])}): contact {' or '.join(contacts)} stands for up to "
+        f"{share:.0%} of the time, and at {frequency[worst]:.4g} Hz the response may be off {off}; raise the amplitude",
     )
 
 

@@ -41,11 +41,22 @@ class HiddenForce(NamedTuple):
     """What is to be added to û_e [N], Σ x e^{-jωt} over all periods as one record of n samples, shape (n // 2 + 1,)."""
     share: float
     """Share of the record in which the machine stands still."""
+    change: float
+    """Greatest difference [N] of the model's force at standstill from the true one."""
 
     def phasors(self, segment: Segment) -> NDArray[np.complex128]:
         """Return the mean over the periods at the excited lines [N], shape (lines,)."""
         y = next(iter(segment.channels.values()))
         return self.spectrum[segment.lines * len(y)] * (2 / y.size)
+
+    def bound(self, segment: Segment) -> NDArray[np.float64]:
+        """Return the greatest amplitude at the excited lines [N], whatever the force at standstill is, shape (lines,).
+
+        A force within ±F for a share s of the time has at most that of one that follows the sine's sign around its
+        peaks, 4/π F sin(π s/2).
+        """
+        standing = 4 / np.pi * self.change * np.sin(np.pi / 2 * self.share)
+        return np.maximum(np.abs(self.phasors(segment)), standing)
 
 
 def hidden_forces(observer: ObserverEstimator, segments: Sequence[Segment]) -> list[HiddenForce | None]:
@@ -122,7 +133,9 @@ def _hidden_force(
     omega = 2 * np.pi * np.fft.rfftfreq(y.size, sample_time)
     advance = np.exp(0.5j * omega * sample_time / observer.oversampling) - 1
     turning = doubt.share * advance * np.fft.rfft(force)[: omega.size] / observer.oversampling
-    return HiddenForce(hold_response(omega, sample_time) * np.fft.rfft(standing) - turning, float(stands.mean()))
+    return HiddenForce(
+        hold_response(omega, sample_time) * np.fft.rfft(standing) - turning, float(stands.mean()), doubt.change
+    )
 
 
 def motion_uncertainty(observer: ObserverEstimator, segment: Segment) -> float:
