@@ -11,6 +11,7 @@ import numpy as np
 from fraexp.data.results import FrequencyResponse, Outcome, Result
 from fraexp.figures.export.content import optional_arrays
 from fraexp.store import RunSummary, StoredSweep
+from fraexp.views.fields import remedy_text
 
 
 def json_value(value: object) -> Any:
@@ -38,7 +39,7 @@ def run_document(run: RunSummary) -> dict[str, Any]:
 def sweep_document(sweep: StoredSweep, result: Result | None, points: bool = True) -> dict[str, Any]:
     """Return a sweep with its metrics and, with `points`, its response."""
     document: dict[str, Any] = json_value(asdict(sweep))
-    document["remedy"] = sweep.outcome.value if sweep.outcome else ""
+    document["remedy"] = remedy_text(sweep)
     if result is not None:
         document["metrics"] = json_value([asdict(metric) for metric in result.metrics])
     if result is not None and points:

@@ -1,5 +1,6 @@
 """What is learnt from signals: frequency responses with covariance, metrics, curves, and the outcome."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
@@ -14,9 +15,12 @@ HARMONICS = 7
 EFFORT = ("stroke", "peak force", "measuring time")
 """Names of the metrics that tell what an experiment takes on a machine: every simulated one has them."""
 
+NAMED_FREQUENCY = re.compile(r"\d Hz\b")
+"""A frequency in a message."""
+
 
 class Outcome(Enum):
-    """How a computation ended; the value is the remedy to show."""
+    """How a computation ended; the value is the remedy in general."""
 
     OK = ""
     NOT_SETTLED = "raise excitation.settling_timeout, or loosen excitation.settling_tolerance"
@@ -35,6 +39,12 @@ class Outcome(Enum):
     )
     NO_SIGNAL = NO_MOTION  # former names, which databases may hold
     FAILED = ERROR
+
+    def remedy(self, message: str) -> str:
+        """Return what to do about a result with this message: one without a frequency is about all numbers."""
+        if self is Outcome.INACCURATE and message and not NAMED_FREQUENCY.search(message):
+            return "the message is about the whole result: do what it advises, or use no number that must be accurate"
+        return self.value
 
     @property
     def stored_names(self) -> list[str]:

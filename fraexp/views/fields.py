@@ -3,6 +3,7 @@
 import json
 import math
 import time
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
@@ -66,12 +67,14 @@ def elapsed_text(run: RunSummary) -> str:
 
 
 def remedies(sweeps: Sequence[StoredSweep]) -> list[str]:
-    """Return a line for each outcome with a remedy: how many sweeps have it, and the remedy."""
-    outcomes = [sweep.outcome for sweep in sweeps if sweep.outcome and sweep.outcome.value]
-    lines = []
-    for outcome in dict.fromkeys(outcomes):
-        lines.append(f"{outcomes.count(outcome)} {outcome.name.lower().replace('_', ' ')}: {outcome.value}")
-    return lines
+    """Return a line for each remedy: how many sweeps need it, their outcome, and the remedy."""
+    found = Counter((outcome_text(sweep), remedy_text(sweep)) for sweep in sweeps)
+    return [f"{count} {outcome}: {remedy}" for (outcome, remedy), count in found.items() if remedy]
+
+
+def remedy_text(sweep: StoredSweep) -> str:
+    """Return what to do about a sweep's outcome; empty if there is nothing to be done."""
+    return sweep.outcome.remedy(sweep.message) if sweep.outcome else ""
 
 
 def outcome_text(sweep: StoredSweep) -> str:
@@ -93,7 +96,7 @@ def sweep_fields(sweep: StoredSweep, registry: "Registry | None" = None) -> list
         ("state", sweep.state),
         ("outcome", outcome_text(sweep)),
         ("message", sweep.message),
-        ("remedy", sweep.outcome.value if sweep.outcome else ""),
+        ("remedy", remedy_text(sweep)),
         ("computed", timestamp_text(sweep.created)),
         ("took", duration_text(sweep.elapsed) if sweep.created else ""),
         ("tags", ", ".join(sweep.tags)),

@@ -21,7 +21,7 @@ from fraexp.store import RunSummary, Store, StoredSweep, mark_damaged
 from fraexp.tui.services.themes import state_sign
 from fraexp.tui.widgets.point_table import PointsTable
 from fraexp.tui.widgets.tagging import TaggingPage
-from fraexp.views.fields import sweep_labels
+from fraexp.views.fields import remedy_text, sweep_labels
 from fraexp.views.listing import state_text
 from fraexp.views.resolved_parameters import ResolvedParameter, resolved_parameters
 from fraexp.views.words import duration_text, short_key, timestamp_text
@@ -293,7 +293,7 @@ def _summary_text(sweep: StoredSweep, registry: Registry, colours: Mapping[str, 
     if sweep.created:
         text.append(f"\ncomputed {timestamp_text(sweep.created)} in {duration_text(sweep.elapsed)}", style="none")
     told = {"tags": " ".join(sweep.tags), "note": sweep.note}  # before the message, which may be long
-    told |= {"message": sweep.message, "remedy": sweep.outcome.value if sweep.outcome else ""}
+    told |= {"message": sweep.message, "remedy": remedy_text(sweep)}
     for name, value in told.items():
         if value:
             text.append(f"\n{name} ", style="bold")

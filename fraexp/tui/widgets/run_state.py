@@ -102,7 +102,7 @@ def _failure_lines(rows: Sequence[ListedSweep], total: int) -> list[str]:
     """Return what failed and why, and the remedy, once for all of the latest failures of one reason."""
     reasons: dict[tuple[str, str], list[ListedSweep]] = {}
     for row in rows:
-        remedy = row.outcome.value if row.outcome else Outcome.ERROR.value
+        remedy = (row.outcome or Outcome.ERROR).remedy(row.message)
         reasons.setdefault((state_text(row), remedy), []).append(row)
     shown = list(reasons.items())[:MAX_SHOWN_REASONS]
     lines = []

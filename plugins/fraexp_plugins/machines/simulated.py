@@ -40,11 +40,6 @@ class SimulatedMachine(MachineDriver, name="simulated", version=1):
     watchdog, like a real one. `from_rest` lets each play begin as an experiment of a run does, with the same noise.
     """
 
-    plant: dict[str, Any] = param("", "plant", inherit="plant")
-    friction: dict[str, Any] = param("", "friction, or one for each contact", inherit="friction")
-    controller: dict[str, Any] = param("", "controller", inherit="controller")
-    loop: dict[str, Any] = param("", "sampled loop with delays and encoder", inherit="loop")
-    numerics: dict[str, Any] = param("", "how finely it is computed", {}, inherit="numerics")
     speed: float = param("1", "machine time over real time; 0 to wait for whoever measures", 0.0, at_least=0)
     from_rest: bool = param("", "whether each play begins with a machine that has never moved", True)
     loss: float = param("1", "part of the packets that get lost", 0.0, at_least=0, below=1)
@@ -54,6 +49,11 @@ class SimulatedMachine(MachineDriver, name="simulated", version=1):
     watchdog: float = param("s", "time without a sign of life after which it stops", 0.5, above=0)
     limits: dict[str, Any] = param("", "limits that it states, by the names of [limits]", {})
     log: str = param("", "file to which it writes when it plays, stops and rests; empty for none", "")
+    plant: dict[str, Any] = param("", "plant", inherit="plant")
+    friction: dict[str, Any] = param("", "friction, or one for each contact", inherit="friction")
+    controller: dict[str, Any] = param("", "controller", inherit="controller")
+    loop: dict[str, Any] = param("", "sampled loop with delays and encoder", inherit="loop")
+    numerics: dict[str, Any] = param("", "how finely it is computed", {}, inherit="numerics")
 
     def model_post_init(self, context: object) -> None:
         """Check the loop."""
