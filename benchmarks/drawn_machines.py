@@ -1,5 +1,6 @@
 """Machines drawn at random, each in fraexp's description and in that of the fine simulation (`reference_loop`)."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -21,6 +22,8 @@ LAWS = (
     "rolling", "rolling_force_slider, D_i",
 )  # fmt: skip
 """Kinds of friction, in turn; every twentieth machine has none."""
+SAMPLE_TIMES = (1e-4, 1.25e-4, 2e-4, 2.5e-4, 4e-4, 5e-4, 8e-4, 1e-3)
+"""Sample times that are drawn from [s]."""
 
 
 @dataclass(frozen=True)
@@ -66,20 +69,25 @@ class DrawnMachine:
         }  # fmt: skip
 
 
-def drawn_machine(number: int, seed: int = SEED, law: str = "") -> DrawnMachine:
+def drawn_machine(
+    number: int, seed: int = SEED, law: str = "", sample_times: Sequence[float] = SAMPLE_TIMES
+) -> DrawnMachine:
     """Return a machine that a PID controller stabilises, stuck and sliding: the first one of those drawn.
 
     Its law is the one that is given, or the next one in turn.
     """
-    attempts = (_machine_or_none(number, np.random.default_rng([seed, number, attempt]), law) for attempt in range(100))
+    draws = (np.random.default_rng([seed, number, attempt]) for attempt in range(100))
+    attempts = (_machine_or_none(number, random, law, sample_times) for random in draws)
     return next(machine for machine in attempts if machine)
 
 
-def _machine_or_none(number: int, random: np.random.Generator, law: str = "") -> DrawnMachine | None:
+def _machine_or_none(
+    number: int, random: np.random.Generator, law: str, sample_times: Sequence[float]
+) -> DrawnMachine | None:
     law = law or ("none" if number % 20 == 19 else LAWS[number % len(LAWS)])
     mass = _log(random, 0.5, 30)
     modes = _modes(random)
-    sample_time = float(random.choice([1e-4, 1.25e-4, 2e-4, 2.5e-4, 4e-4, 5e-4, 8e-4, 1e-3]))
+    sample_time = float(random.choice(sample_times))
     dead_times = (int(random.integers(0, 3 * FINE_CLOCK)), int(random.integers(0, 2 * FINE_CLOCK)))
     lags = tuple(
         tuple(_log(random, 0.1, 1.0) * sample_time for _ in range(random.integers(0, most))) for most in (3, 2)

@@ -1,8 +1,7 @@
-"""Measurements on a simulated machine behind its socket: kill -9, the time that bands take, and limits that hold.
+"""Measurements on a simulated machine behind its socket: kill -9, and the time that bands take.
 
 python benchmarks/measurements.py kill [COUNT]      the measuring process is killed at random moments
 python benchmarks/measurements.py band              0.1 dB from 2 to 200 Hz: adaptive and fixed plan
-python benchmarks/measurements.py limits [COUNT]    excitations and machines drawn at random against limits
 """
 
 import json
@@ -18,10 +17,6 @@ from typing import Any
 
 import numpy as np
 
-from fraexp.errors import FraexpError
-from fraexp.measurement.measurement_plan import plan_measurement
-from fraexp.simulation.live_loop import LiveLoop, live_setup
-from fraexp.simulation.motion_limits import Demand
 from fraexp.workspace.measurement_service import MeasurementService, PointEstimated
 from fraexp.workspace.workspace_service import WorkspaceService
 
@@ -46,7 +41,6 @@ machine = {{ name = "simulated", speed = {speed}, log = "machine.log" }}
 [estimator]
 name = "conventional"
 """
-SECTIONS = ("plant", "friction", "controller", "loop", "numerics")
 WAIT_TIMEOUT_S = 120.0
 
 
@@ -139,59 +133,8 @@ def measured(place: WorkspaceService, *overrides: str) -> list[Any]:
     return [event.measured.point for event in events if isinstance(event, PointEstimated)]
 
 
-def limits(count: int) -> None:
-    """Draw excitations and limits, and the machine around the study's; print how far played ones exceeded a limit."""
-    draws, played, refused, excess = np.random.default_rng(1), 0, 0, [0.0]
-    with tempfile.TemporaryDirectory() as folder:
-        place = workspace(folder)
-        for number in range(count):
-            stated, overrides = drawn_limits(draws), drawn_excitation(draws)
-            overrides += [f"limits.{name}={value}" for name, value in stated.items()]
-            try:
-                service = MeasurementService(place, "axis", overrides)
-                plan = plan_measurement(service.tasks[0], place.registry)
-            except FraexpError:
-                refused += 1
-                continue
-            played += 1
-            setup = live_setup(drawn_truth(draws, service.tasks[0].experiment), place.folder)
-            for point in plan.points:
-                request = point.expected_request(point.counts.record)
-                truth = LiveLoop(setup, number).play(request.excitation(0, request.samples))
-                demand = Demand.of_samples(truth["displacement"], truth["u"], setup.sample_time)
-                excess += [getattr(demand, name) / value - 1 for name, value in stated.items()]
-    print(f"{count} drawn: {refused} refused, {played} played; the greatest excess over a limit is {max(excess):.1%}")
-    print(f"{sum(each > 0 for each in excess)} of {len(excess)} demands exceed their limit")
-
-
-def drawn_limits(draws: np.random.Generator) -> dict[str, float]:
-    centre = {"stroke": 3e-3, "velocity": 0.1, "acceleration": 15.0, "force": 60.0, "force_rate": 2e4}
-    return {name: float(value * 10 ** draws.uniform(-0.5, 0.7)) for name, value in centre.items()}
-
-
-def drawn_excitation(draws: np.random.Generator) -> list[str]:
-    amplitude = 10 ** draws.uniform(0.3, 2.2)
-    if draws.random() < 0.3:
-        name = "{name='multisine', rms=%g, line_spacing=1, min_frequency=%g, max_frequency=%g, seed=%d}"
-        low = draws.uniform(1, 20)
-        text = name % (amplitude / 3, low, low * draws.uniform(2, 10), draws.integers(1000))
-        return [f"excitation={text}"]
-    frequency = 10 ** draws.uniform(0.3, 2.3)
-    return [f"excitation.frequencies=[{frequency}]", f"excitation.amplitude={amplitude}"]
-
-
-def drawn_truth(draws: np.random.Generator, experiment: Any) -> dict[str, Any]:
-    """Return a machine around the study's: gain and modes within 3 %, viscous friction within 30 %."""
-    sections = {name: dict(experiment[name]) for name in SECTIONS}
-    sections["plant"]["rigid_body_gain"] *= draws.uniform(0.97, 1.03)
-    sections["plant"]["frequencies"] = [f * draws.uniform(0.97, 1.03) for f in sections["plant"]["frequencies"]]
-    sections["friction"]["viscous_coefficient"] *= draws.uniform(0.7, 1.3)
-    return sections
-
-
 if __name__ == "__main__":
-    kinds = {"kill": kill, "limits": limits}
     if sys.argv[1] == "band":
         band()
     else:
-        kinds[sys.argv[1]](int(sys.argv[2]) if len(sys.argv) > 2 else 100)
+        kill(int(sys.argv[2]) if len(sys.argv) > 2 else 100)

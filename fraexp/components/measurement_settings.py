@@ -3,6 +3,9 @@
 from fraexp.components.kinds import MachineDriver
 from fraexp.components.parameters import Parameters, param
 
+MIN_RAMP_OUT_S, MIN_RAMP_OUT_SAMPLES = 0.01, 10
+"""Shortest ramp out: what an excitation does that ends within a sample depends on the moment at which it is stopped."""
+
 
 class MeasurementSettings(Parameters):
     """Where and how `fraexp measure` plays the excitation of a study."""
@@ -18,4 +21,12 @@ class MeasurementSettings(Parameters):
         "", "whether amplitudes are lowered near a limit, and raised where the band would take too long", False
     )
     margin: float = param("1", "part of each limit that predicted motion must leave free", 0.1, at_least=0, below=1)
-    ramp_out: float = param("s", "time in which the excitation falls to 0, at the end and at a stop", 0.05, above=0)
+    ramp_out: float = param(
+        "s", "time in which the excitation falls to 0, at the end and at a stop; 10 samples at least",
+        0.05, at_least=MIN_RAMP_OUT_S,
+    )  # fmt: skip
+
+
+def ramp_out_samples(seconds: float, sample_time: float) -> int:
+    """Return the samples of a ramp out of so many seconds."""
+    return max(round(seconds / sample_time), MIN_RAMP_OUT_SAMPLES)

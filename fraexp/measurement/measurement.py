@@ -17,7 +17,7 @@ from fraexp.measurement.measurement_plan import (
     PlannedPoint,
     check_demand,
     plan_measurement,
-    simulated_demand,
+    simulated_demands,
 )
 from fraexp.measurement.motion_guard import MotionGuard
 from fraexp.measurement.point_measurement import LimitExceededError, PointMeasurement, PointProgress, RecordAim
@@ -183,9 +183,7 @@ class Measurement:
         """Return a point with a higher amplitude that the limits allow; None if none is worth it."""
         while factor >= MIN_RAISED:
             higher = point.with_amplitude(point.amplitude * factor)
-            request = higher.expected_request(higher.counts.record)
-            simulated = simulated_demand(higher.counts.experiment.setup, request)
-            higher = replace(higher, demand=higher.demand.maximum_with(simulated))
+            higher = replace(higher, demand=higher.demand.maximum_with(*simulated_demands([higher])))
             with suppress(MachineError):
                 check_demand(higher, self._limits, self._settings.margin)
                 return higher

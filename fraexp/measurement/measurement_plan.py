@@ -1,27 +1,33 @@
 """The plan of a measurement: which points are played, in which order, how long, and what that asks of the machine."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fraexp.components.kinds import Excitation
 from fraexp.components.machine_session import PlayRequest
-from fraexp.components.measurement_settings import MeasurementSettings
-from fraexp.components.periods import Period
+from fraexp.components.measurement_settings import MeasurementSettings, ramp_out_samples
+from fraexp.components.periods import Period, Schedule
 from fraexp.components.registry import Registry, create
 from fraexp.data.frequency_text import frequency_text
+from fraexp.data.signals import Segment
 from fraexp.errors import MachineError, StudyError
 from fraexp.measurement.tasks import REQUIRED_LIMITS, MeasurementTask
 from fraexp.simulation.experiment_run import run_experiments
 from fraexp.simulation.experiments import Experiment, ExperimentPlan, Setup
-from fraexp.simulation.live_loop import LiveLoop
-from fraexp.simulation.loop_setup import prepare_setup
+from fraexp.simulation.loop_setup import accurate_steps, prepare_setup, setup_with_steps
 from fraexp.simulation.machine import Machine, build_machine
 from fraexp.simulation.motion_limits import DEMAND_UNITS, Demand, MotionLimits, predict_demand
 
 SETTLING_RESERVE = 1.5
 """Factor on the settling time that the simulation predicts, where it must be known before."""
+MOTION_TOLERANCE = 1e-3
+"""Relative error that steps may cause: what drifts by friction over a whole play is off by far more than that."""
+PHASES, EARLY_STOPS = 5, 8
+"""Phases of its last period at which a play is stopped in the simulation, and moments before it has settled."""
+SAMPLES_AT_ONCE = 1_000_000
+"""Samples of all plays that are simulated side by side: they are kept until they have been looked at."""
 DEFAULT_MARGIN, DEFAULT_RAMP_OUT_S = (MeasurementSettings.model_fields[name].default for name in ("margin", "ramp_out"))
 """Those of a study without a section [measurement]."""
 
@@ -125,17 +131,13 @@ def plan_measurement(
     """Return the plan of a task, checked against the limits; MachineError names the first that would be exceeded."""
     limits = joint_limits(task.limits, machine_limits)
     machine, excitation = build_machine(task.experiment, registry), _excitation(task, registry)
-    setup, schedule = prepare_setup(machine), excitation.schedule
+    setup, schedule = planning_setup(machine), excitation.schedule
     experiments = [
         Experiment(setup, period, schedule, number)
         for number, period in enumerate(excitation.periods(setup.sample_time))
     ]
     ramp_out_s = task.settings.ramp_out if task.settings else DEFAULT_RAMP_OUT_S
-    ramp_out = max(round(ramp_out_s / setup.sample_time), 1)
-    points = [
-        _planned_point(machine, experiment, settling, ramp_out)
-        for experiment, settling in zip(experiments, _settling_times(experiments, excitation), strict=True)
-    ]
+    points = plan_points(machine, experiments, ramp_out_samples(ramp_out_s, setup.sample_time))
     margin = task.settings.margin if task.settings else DEFAULT_MARGIN
     for point in points:
         check_demand(point, limits, margin)
@@ -153,31 +155,82 @@ def _excitation(task: MeasurementTask, registry: Registry) -> Excitation:
     return excitation
 
 
-def _settling_times(experiments: list[Experiment], excitation: Excitation) -> list[int]:
+def planning_setup(machine: Machine) -> Setup:
+    """Return a machine made ready for a plan: its motion is predicted well even if the study asks for coarse steps."""
+    setup, loop = prepare_setup(machine), machine.loop
+    steps = accurate_steps(machine.ports, machine.frictions, loop.sample_time, MOTION_TOLERANCE)
+    return setup_with_steps(machine, setup, max(setup.steps, steps))
+
+
+def plan_points(machine: Machine, experiments: Sequence[Experiment], ramp_out: int) -> list[PlannedPoint]:
+    """Return what experiments on one machine are to play, and ask for; MachineError if one diverges.
+
+    A point asks for the motion that is simulated from rest to rest, or for that of the linear loop if it is greater.
+    """
+    points = []
+    for experiment, settling in zip(experiments, _settling_times(experiments), strict=True):
+        counts = ExperimentPlan.from_experiment(experiment)
+        linear = predict_demand(machine, experiment.period)
+        points.append(PlannedPoint(experiment.number, counts, settling, ramp_out, linear))
+    simulated = simulated_demands(points)
+    return [
+        replace(point, demand=point.demand.maximum_with(more)) for point, more in zip(points, simulated, strict=True)
+    ]
+
+
+def _settling_times(experiments: Sequence[Experiment]) -> list[int]:
     """Return after how many samples each experiment is recorded on the study's machine."""
     found = []
     for experiment, segment in zip(experiments, run_experiments(experiments, lambda _: None), strict=True):
         if segment is None or segment.settling is None:
-            raise MachineError(f"{excitation.name}: experiment {experiment.number + 1} diverges in the simulation")
+            raise MachineError(f"experiment {experiment.number + 1} of the excitation diverges in the simulation")
         found.append(round(segment.settling.time / segment.sample_time))
     return found
 
 
-def _planned_point(machine: Machine, experiment: Experiment, settling: int, ramp_out: int) -> PlannedPoint:
-    """Return a point with what it asks for: in the simulation from rest to rest, or in the linear loop if more."""
-    counts = ExperimentPlan.from_experiment(experiment)
-    linear = predict_demand(machine, experiment.period)
-    point = PlannedPoint(experiment.number, counts, settling, ramp_out, linear)
-    return replace(
-        point, demand=linear.maximum_with(simulated_demand(experiment.setup, point.expected_request(counts.record)))
-    )
+def simulated_demands(points: Sequence[PlannedPoint]) -> list[Demand]:
+    """Return what points on one machine ask for, from rest to rest, wherever a play is stopped."""
+    plays = [play for point in points for play in _plays(point)]
+    ends = np.cumsum([play.period.waveform.size for play in plays])
+    demands: list[Demand] = []
+    for group in np.split(np.arange(len(plays)), np.flatnonzero(np.diff(ends // SAMPLES_AT_ONCE)) + 1):
+        demands += map(_demand, run_experiments([plays[k] for k in group], lambda _: None))
+    return [Demand(*np.max(each, axis=0).tolist()) for each in np.split(np.array(demands), len(points))]
 
 
-def simulated_demand(setup: Setup, request: PlayRequest) -> Demand:
-    """Return what a play asks of a machine, from rest to the end of its ramp out."""
-    played = LiveLoop(setup, request.number).play(request.excitation(0, request.samples))
-    contacts = [name for name in played if name.partition(".")[0] == "displacement"]
-    demands = [Demand.of_samples(played[name], played["u"], setup.sample_time) for name in contacts]
+def _plays(point: PlannedPoint) -> list[Experiment]:
+    """Return experiments that record a point as one period: played to its end, and stopped earlier."""
+    request, setup = point.expected_request(point.counts.record), point.counts.experiment.setup
+    stops = [request.full_samples, *_late_stops(request)]
+    stops += [max(point.settling * k * k // EARLY_STOPS**2, 1) for k in range(1, EARLY_STOPS + 1)]
+    rest = np.zeros(point.settling)
+    periods = [np.append(request.excitation(0, stop + request.ramp_out, stop), rest) for stop in stops]
+    return [
+        Experiment(setup, Period(each, np.array([1]), recorded_periods=1), Schedule(settling_timeout=0.0), point.number)
+        for each in periods
+    ]
+
+
+def _late_stops(request: PlayRequest) -> list[int]:
+    """Return the samples at which a play is stopped in its last period.
+
+    What follows depends on the phase, because a force ends and a momentum stays: it is stopped at the peaks of both. An
+    odd number of phases, from that of the momentum on, is not the same in both halves of a sine.
+    """
+    wave, first = request.waveform, (request.repetitions - 1) * request.waveform.size
+    momentum = np.cumsum(wave - wave.mean())
+    force_peak, momentum_peak = (int(np.argmax(np.abs(each))) + 1 for each in (wave, momentum - momentum.mean()))
+    phases = [momentum_peak + k * wave.size // PHASES for k in range(PHASES)]
+    return [first + phase % wave.size for phase in (force_peak, *phases)]
+
+
+def _demand(segment: Segment | None) -> Demand:
+    """Return what a simulated play asks for, at the contact that moves most; NaN if it diverges."""
+    if segment is None:
+        return Demand(*[float("nan")] * len(Demand._fields))
+    contacts = [name for name in segment.channels if name.partition(".")[0] == "displacement"]
+    u, sample_time = segment.channels["u"][0], segment.sample_time
+    demands = [Demand.of_samples(segment.channels[name][0], u, sample_time) for name in contacts]
     return Demand(*map(max, zip(*demands, strict=True)))
 
 
@@ -189,5 +242,6 @@ def check_demand(point: PlannedPoint, limits: MotionLimits, margin: float) -> No
             raise MachineError(
                 f"at {point.frequency} the excitation is predicted to need a {name.replace('_', ' ')} of {found:.4g} "
                 f"{unit}; limits.{name} is {allowed:g} {unit}, of which measurement.margin leaves "
-                f"{(1 - margin) * allowed:.4g} {unit}: lower the amplitude, or leave out the frequency"
+                f"{(1 - margin) * allowed:.4g} {unit}: lower the amplitude, lengthen "
+                "measurement.ramp_out, or leave out the frequency"
             )

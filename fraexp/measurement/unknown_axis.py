@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from fraexp.components.kinds import Excitation
-from fraexp.components.measurement_settings import MeasurementSettings
+from fraexp.components.measurement_settings import MeasurementSettings, ramp_out_samples
 from fraexp.components.periods import Period, Schedule
 from fraexp.components.ports import Ports, StateSpace
 from fraexp.components.registry import Registry, create
@@ -78,7 +78,7 @@ class UnknownAxis:
     @property
     def ramp_out(self) -> int:
         """Samples in which an excitation falls to 0."""
-        return max(round(self.settings.ramp_out / self.sample_time), 1)
+        return ramp_out_samples(self.settings.ramp_out, self.sample_time)
 
     def task(self, estimators: Sequence[Mapping[str, Any]]) -> MeasurementTask:
         """Return the task of measuring it, whose records these estimators analyse."""

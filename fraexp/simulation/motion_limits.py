@@ -28,6 +28,11 @@ class MotionLimits(Parameters):
     force_rate: float | None = param("N/s", "greatest rate of the control input, from sample to sample", None, above=0)
 
 
+PATH_RATIO = 0.21
+"""How far a path goes beyond its samples, over its second difference: an eighth for a sine of many samples a period,
+(1 - cos 45°)/(2 cos 45°) for one of four."""
+
+
 class Demand(NamedTuple):
     """What a motion asks of a machine, by the names of its limits."""
 
@@ -46,12 +51,18 @@ class Demand(NamedTuple):
     def of_samples(
         cls, displacement: NDArray[np.float64], control_input: NDArray[np.float64], sample_time: float
     ) -> "Demand":
-        """Return what a sampled motion asks for; both are of shape (n,)."""
-        motion = [np.diff(displacement, order) / sample_time**order for order in (1, 2)]
+        """Return what a sampled motion asks for; both are of shape (n,).
+
+        Stroke and velocity are the greatest ones between samples. While a force is held, a velocity differs from its
+        mean over a sample by half of the change from one sample to the next.
+        """
+        velocity = np.abs(np.diff(displacement)) / sample_time
+        change = np.abs(np.diff(displacement, 2, prepend=displacement[0], append=displacement[-1])) / sample_time
+        bend = PATH_RATIO * change * sample_time
         return cls(
-            stroke=float(np.ptp(displacement)),
-            velocity=float(np.abs(motion[0]).max(initial=0.0)),
-            acceleration=float(np.abs(motion[1]).max(initial=0.0)),
+            stroke=float((displacement + bend).max() - (displacement - bend).min()),
+            velocity=float((velocity + np.maximum(change[1:], change[:-1]) / 2).max(initial=0.0)),
+            acceleration=float(change[1:-1].max(initial=0.0)) / sample_time,
             force=float(np.abs(control_input).max()),
             force_rate=float(np.abs(np.diff(control_input)).max(initial=0.0)) / sample_time,
         )
@@ -62,7 +73,7 @@ class Demand(NamedTuple):
 
 
 class _Motion(NamedTuple):
-    """The linear loop's motion over a period, each of shape (n,)."""
+    """The linear loop's motion over a period, at its samples and perhaps between them; the force at its samples."""
 
     displacement: NDArray[np.float64]
     """Displacement [m]."""
@@ -77,6 +88,8 @@ class _Motion(NamedTuple):
 DEMAND_UNITS = ("m", "m/s", "m/s^2", "N", "N/s")
 MIN_SILENCE_S, MAX_SILENCE_MOTIONS = 1.0, 64
 """Time after a motion from rest in which the loop comes to rest again: the shortest [s], the longest in motions."""
+MIN_MOTION_POINTS = 64
+"""Points of a period at which its motion is computed at least: between few samples it goes much further."""
 REST_RATIO = 1e-3
 """Displacement that counts as rest, relative to the greatest one."""
 
@@ -184,8 +197,10 @@ def _periodic_motion(machine: Machine, waveform: NDArray[np.float64], reference:
     sensitivity = 1 / (1 + feedback * path_in * plant * path_out)
     force = sensitivity * (np.fft.rfft(waveform)[1:] + feedback * np.fft.rfft(reference)[1:])
     motion = path_in * plant * force
-    bins = (motion, 1j * omega * motion, -(omega**2) * motion, force)
-    return _Motion(*(_synthesise(each, samples) for each in bins))
+    bins = (motion, 1j * omega * motion, -(omega**2) * motion)
+    fine = samples * max(MIN_MOTION_POINTS // samples, 1)
+    moved, velocity, acceleration = (_synthesise(each, samples, fine) for each in bins)
+    return _Motion(moved, velocity, acceleration, _synthesise(force, samples, samples))
 
 
 def _viscous_plant(machine: Machine, omega: NDArray[np.floating]) -> NDArray[np.complex128]:
@@ -208,6 +223,6 @@ def _measure_demand(motion: _Motion, waveform: NDArray[np.float64], machine: Mac
     return Demand(float(np.ptp(motion.displacement)), velocity, acceleration, force, rate / machine.loop.sample_time)
 
 
-def _synthesise(bins: NDArray[np.complex128], samples: int) -> NDArray[np.float64]:
-    """Return the signal, shape (samples,), of Fourier sums at the bins from 1 on; its mean is 0."""
-    return np.fft.irfft(np.concatenate([[0.0], bins]), samples)
+def _synthesise(bins: NDArray[np.complex128], samples: int, points: int) -> NDArray[np.float64]:
+    """Return the signal, shape (points,), of Fourier sums over `samples` at the bins from 1 on; its mean is 0."""
+    return np.fft.irfft(np.concatenate([[0.0], bins]), points) * (points / samples)

@@ -14,6 +14,9 @@ import pytest
 from fraexp.data.results import Result
 from fraexp.errors import MachineError, StudyError
 from fraexp.measurement.measurement import MeasurementNotice
+from fraexp.measurement.measurement_plan import plan_measurement
+from fraexp.simulation.live_loop import LiveLoop
+from fraexp.simulation.motion_limits import Demand
 from fraexp.workspace.measurement_service import MeasurementService, PointEstimated
 from fraexp.workspace.workspace_service import WorkspaceService
 from tests.waiting import HANG_TIMEOUT_S, wait_until
@@ -98,6 +101,19 @@ def test_what_is_predicted_to_exceed_a_limit_is_refused(
     with pytest.raises(Exception, match=message.replace(", of which .* leaves 45 N", "")):
         measure(workspace, f"limits.{limit}", log)
     assert not (tmp_path / "machine.log").exists()
+
+
+@pytest.mark.parametrize("frequency", [10.0, 500.0])
+def test_a_plan_knows_what_follows_a_stop_at_any_moment(workspace: WorkspaceService, frequency: float) -> None:
+    overrides = (f"excitation.frequencies=[{frequency}]", "measurement.ramp_out=0.01", "excitation.ramp=0")
+    task = MeasurementService(workspace, "axis", overrides).tasks[0]
+    (point,) = plan_measurement(task, workspace.registry).points
+    request, setup = point.expected_request(point.counts.record), point.counts.experiment.setup
+    for stop in np.random.default_rng(3).integers(1, request.full_samples, 20):
+        excitation = request.excitation(0, int(stop) + request.ramp_out + point.settling, int(stop))
+        moved = LiveLoop(setup).play(excitation)
+        asked = Demand.of_samples(moved["displacement"], moved["u"], setup.sample_time)
+        assert np.array(asked) == pytest.approx(np.minimum(asked, np.array(point.demand)), rel=0.05)
 
 
 def stronger_machine(workspace: WorkspaceService) -> str:
