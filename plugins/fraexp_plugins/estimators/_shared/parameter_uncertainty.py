@@ -167,7 +167,7 @@ def with_parameters(model: Model, values: Mapping[str, float]) -> Model:
         target = _target(model, parameter)
         first, *rest = target.path
         fields[str(first)] = _increased(fields[str(first)], rest, value - target.value)
-    return _parsed(model, fields) if values else model
+    return _parse(model, fields) if values else model
 
 
 class _Target(NamedTuple):
@@ -219,12 +219,12 @@ def _increased(owner: object, path: Sequence[str | int], amount: float) -> objec
     assert isinstance(owner, Parameters)  # _target has followed the path
     values = _fields(owner)
     values[str(first)] = _increased(values[str(first)], rest, amount)
-    return _parsed(owner, values)
+    return _parse(owner, values)
 
 
 def _fields(owner: Parameters) -> dict[str, object]:
     return {key: getattr(owner, key) for key in type(owner).model_fields}
 
 
-def _parsed(owner: Model, values: Mapping[str, object]) -> Model:
+def _parse(owner: Model, values: Mapping[str, object]) -> Model:
     return type(owner).parse(values, f"deviations: {getattr(owner, 'name', '') or type(owner).__name__}")

@@ -69,11 +69,11 @@ class MultiContactMaximumLikelihood(DelayedEstimator, name="multi_contact_maximu
         noise = noise_in_records(used, self.output, self.resolution) if self.noise is None else self.noise
         start = self._start(used.segments[0].sample_time)
         free = ContactParameters.of(start)
-        free = free.only(self.free) if self.free else free
-        found = self._fitted(used, start, free, noise)
+        free = free.keep(self.free) if self.free else free
+        found = self._fit(used, start, free, noise)
         untold = _untold(found)
         if untold:
-            found = self._fitted(used, start, free.without(untold), noise)
+            found = self._fit(used, start, free.leave_out(untold), noise)
         return ContactFitReport(used, found, 1, untold).result()
 
     def _start(self, sample_time: float) -> ContactModels:
@@ -96,7 +96,7 @@ class MultiContactMaximumLikelihood(DelayedEstimator, name="multi_contact_maximu
         first = next(iter(replay.frictions.values()))
         return ContactModels(self.nominal_plant, first, replay, thrust=self.thrust, position=self.position)
 
-    def _fitted(self, signals: Signals, start: ContactModels, free: ContactParameters, noise: float) -> Fitted:
+    def _fit(self, signals: Signals, start: ContactModels, free: ContactParameters, noise: float) -> Fitted:
         records = [self._record(segment) for segment in signals.segments]
         fit = RecordFit(records, start, free, self.resolution, noise, has_own_forces=False)
         state, linear = fit.converge(_unmoved(fit), LAST_GAIN)

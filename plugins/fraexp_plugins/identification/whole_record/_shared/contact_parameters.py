@@ -46,14 +46,14 @@ class ContactParameters(FreeParameters):
         scales = tuple(f"{contact}.{scale}" for contact in contacts for scale in SCALES)
         return cls(scales, plant_parameters(start.plant))
 
-    def only(self, names: tuple[str, ...]) -> Self:
+    def keep(self, names: tuple[str, ...]) -> Self:
         """Return those of them; ParameterError for a name that is none of them."""
         for name in names:
             if name not in self.names:
                 raise ParameterError(f"free: there is no parameter '{name}'{did_you_mean(name, self.names)}")
-        return self.without([name for name in self.names if name not in names])
+        return self.leave_out([name for name in self.names if name not in names])
 
-    def without(self, names: list[str]) -> Self:
+    def leave_out(self, names: list[str]) -> Self:
         """Return the others."""
         friction, plant = (tuple(n for n in group if n not in names) for group in (self.friction, self.plant))
         return type(self)(friction, plant)
