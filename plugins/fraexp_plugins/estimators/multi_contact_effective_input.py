@@ -24,6 +24,11 @@ from fraexp.api import (
     record_spectrum,
     response_result,
 )
+from fraexp_plugins.estimators._shared.contact_displacement import (
+    contact_channel,
+    position_weights,
+    with_displacement,
+)
 from fraexp_plugins.estimators._shared.delayed_estimator import DelayedEstimator
 from fraexp_plugins.estimators._shared.effective_input_observer import EFFECTIVE_INPUT
 from fraexp_plugins.estimators._shared.friction_consistency import (
@@ -41,9 +46,6 @@ from fraexp_plugins.estimators._shared.response_doubts import (
 )
 from fraexp_plugins.estimators._shared.standstill import HiddenForce, hidden_forces
 from fraexp_plugins.estimators.effective_input import DIFFERENCE_STEP_STDS, EffectiveInput
-
-MIN_WEIGHT = 1e-9
-"""Weight of a position in a displacement that counts as none."""
 
 
 class _Compensation(NamedTuple):
@@ -231,7 +233,7 @@ class MultiContactEffectiveInput(DelayedEstimator, name="multi_contact_effective
         shared = {name: getattr(self, name) for name in DelayedEstimator.model_fields if name != "output"}
         observer = EffectiveInput(
             friction=model,
-            output=_contact_channel(contact),
+            output=contact_channel(contact),
             resolution=self.resolution,
             noise=self.noise,
             interpolation_tolerance=self.interpolation_tolerance,
@@ -270,7 +272,7 @@ class MultiContactEffectiveInput(DelayedEstimator, name="multi_contact_effective
         rows = np.array([ports.positions[name] for name in measured.values()]).reshape(-1, ports.a.shape[0])
         found: dict[str, dict[str, float] | None] = {}
         for contact in contacts:
-            weights = _weights(rows, ports.contacts[contact].displacement)
+            weights = position_weights(rows, ports.contacts[contact].displacement)
             found[contact] = None if weights is None else dict(zip(measured, weights.tolist(), strict=True))
         return found
 
@@ -284,7 +286,7 @@ class MultiContactEffectiveInput(DelayedEstimator, name="multi_contact_effective
         """Return the signals with a channel for the displacement of each contact that has friction."""
         for contact, own in weights.items():
             if own is not None:
-                signals = _with_combination(signals, contact, own)
+                signals = with_displacement(signals, contact, own)
         hidden = [contact for contact, own in weights.items() if own is None]
         return self._with_reconstruction(signals, ports, models, hidden) if hidden else signals
 
@@ -341,7 +343,7 @@ class MultiContactEffectiveInput(DelayedEstimator, name="multi_contact_effective
         for name, spectrum in forces.items():
             bins = bins - part(ports.contacts[name].force) * spectrum[1:]
         displacement = np.fft.irfft(np.concatenate([[0.0], bins]), samples.size).reshape(samples.shape)
-        return replace(segment, channels={**segment.channels, _contact_channel(contact): displacement})
+        return replace(segment, channels={**segment.channels, contact_channel(contact): displacement})
 
 
 def _check_standstill(
@@ -354,11 +356,12 @@ def _check_standstill(
     error = np.zeros(found.response.frequency.size)
     for contact, own in zip(compensation.contacts, hidden, strict=True):
         force = [
-            np.abs(contact.thrust_ratio(2 * np.pi * segment.frequency)) * (each.bound(segment) if each else 0.0)
+            np.abs(contact.thrust_ratio(2 * np.pi * segment.frequency))
+            * (each.greatest_amplitude(segment) if each else 0.0)
             for segment, each in zip(segments, own, strict=True)
         ]
         error += np.concatenate(force) / found.response.input_amplitude
-        names += [contact.observer.output.removeprefix(_contact_channel(""))] if any(own) else []
+        names += [contact.observer.output.removeprefix(contact_channel(""))] if any(own) else []
         shares += [each.share for each in own if each]
     return check_contact_standstill(found, error, names, max(shares))
 
@@ -369,38 +372,7 @@ def _position_channels(ports: Ports) -> dict[str, str]:
     return {"y": fed_back, **{f"y.{name}": name for name in others}}
 
 
-def _contact_channel(contact: str) -> str:
-    return f"displacement by {contact}"
-
-
 def _reconstruction_ratio(ports: Ports, contact: str, omega: NDArray[np.float64]) -> NDArray[np.complex128]:
     """Return P_mm/P_ym: how far the contact moves if its force alone moves the position that is fed back."""
     own, fed_back = ports.contacts[contact], ports.measured[0]
     return ports.transfer(own.force, own.displacement, omega) / ports.transfer(own.force, fed_back, omega)
-
-
-def _weights(rows: NDArray[np.float64], row: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """Return the weights by which rows add up to another one; None if they do not."""
-    solved = np.linalg.lstsq(rows.T, row, rcond=None)[0]
-    weights = np.where(np.abs(solved) > MIN_WEIGHT, solved, 0.0).astype(float)
-    return weights if np.allclose(weights @ rows, row, rtol=0.0, atol=MIN_WEIGHT * np.abs(row).max()) else None
-
-
-def _with_combination(signals: Signals, contact: str, weights: Mapping[str, float]) -> Signals:
-    """Return the signals with the displacement of a contact, which is a combination of measured positions."""
-    used = {channel: weight for channel, weight in weights.items() if weight}
-
-    def combine(parts: Mapping[str, NDArray[np.float64]]) -> dict[str, NDArray[np.float64]]:
-        if not used.keys() <= parts.keys():
-            return {}
-        return {_contact_channel(contact): sum((w * parts[name] for name, w in used.items()), start=np.zeros(1))}
-
-    segments = [
-        replace(
-            segment,
-            channels={**segment.channels, **combine(segment.channels)},
-            lead_in={**segment.lead_in, **combine(segment.lead_in)},
-        )
-        for segment in signals.segments
-    ]
-    return replace(signals, segments=tuple(segments))

@@ -49,7 +49,7 @@ class HiddenForce(NamedTuple):
         y = next(iter(segment.channels.values()))
         return self.spectrum[segment.lines * len(y)] * (2 / y.size)
 
-    def bound(self, segment: Segment) -> NDArray[np.float64]:
+    def greatest_amplitude(self, segment: Segment) -> NDArray[np.float64]:
         """Return the greatest amplitude at the excited lines [N], whatever the force at standstill is, shape (lines,).
 
         A force within ±F for a share s of the time has at most that of one that follows the sine's sign around its
