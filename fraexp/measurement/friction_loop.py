@@ -24,6 +24,8 @@ GROWTH_CYCLES, MAX_GROWTH = 4, 1.1
 """Cycles over which friction is compared, and its growth up to which it has reached its end."""
 CLOSED_RATIO, SLIDING_RATIO = 0.5, 0.5
 """Friction over the peak force that a loop reaches before it slides, and below which it falls when it slides."""
+MIN_DRY_RATIO = 0.1
+"""Dry part of the friction force below which it is not told from the rest: then no cycle has slid."""
 MIN_MOTION = 30.0
 """Motion over noise from which a loop is looked at."""
 FREE_RATIO = 1 / 6
@@ -35,7 +37,7 @@ class FrictionLoop:
     """What the slow sine shows."""
 
     force: float
-    """Friction force in sliding [N]; where no loop closes, the amplitude that stands for it."""
+    """Friction force in sliding [N] without its viscous part; where no loop closes, the amplitude in its place."""
     has_closed: bool
     """Whether the axis slides against friction."""
     noise: float
@@ -61,13 +63,13 @@ def measure_friction_loop(
     if not session.description.is_live:
         raise MachineError("an unknown axis is measured only on a machine whose samples arrive while it plays")
     rest = _record_play(axis, session, writer, PlayRequest(0, np.zeros(round(SILENCE_S / axis.sample_time)), 1), None)
-    noise, resolution = float(np.std(rest[0])), grid_step(rest[0])
+    noise = float(np.std(rest[0]))
     force_limit = axis.limits.force
     assert force_limit is not None
-    watch = _LoopWatch(period.waveform.size, max(noise, resolution))
+    watch = _LoopWatch(period.waveform.size, max(noise, grid_step(rest[0])))
     wave = axis.share * force_limit * growing_wave(period.waveform)
-    _record_play(axis, session, writer, PlayRequest(1, wave, 1, ramp_out=axis.ramp_out), watch)
-    return watch.loop(noise, resolution)
+    motion = _record_play(axis, session, writer, PlayRequest(1, wave, 1, ramp_out=axis.ramp_out), watch)
+    return watch.loop(noise, grid_step(motion[0]))  # at rest an encoder may show one of its steps alone
 
 
 def growing_wave(cycle: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -83,6 +85,8 @@ class _LoopWatch:
         self._size, self._noise = size, noise
         self.forces: list[float] = []
         """Friction force of each cycle, by the energy that it takes [N]."""
+        self.swings: list[float] = []
+        """Stroke of each cycle [m]."""
         self.peaks: list[float] = []
         """Peak control input of each cycle [N]."""
 
@@ -94,6 +98,7 @@ class _LoopWatch:
             swing = float(np.ptp(y))
             energy = abs(float(np.sum(0.5 * (u[1:] + u[:-1]) * np.diff(y))))
             self.forces.append(energy / (2 * swing) if swing > MIN_MOTION * self._noise else 0.0)
+            self.swings.append(swing)
             self.peaks.append(float(np.abs(u).max()))
         return self.has_closed
 
@@ -114,6 +119,16 @@ class _LoopWatch:
         before, now = self.forces[-1 - GROWTH_CYCLES], self.forces[-1]
         return bool(0 < ratios[-1] < SLIDING_RATIO) or 0 < now < MAX_GROWTH * before
 
+    def dry_force(self) -> float:
+        """Return the friction force of the last cycle [N] without the part that grows with the stroke: the viscous one.
+
+        The viscous force of a sine is proportional to its stroke, so that a line through two cycles separates both.
+        """
+        last, now = self.swings[-1], self.forces[-1]
+        earlier, before = (self.swings[-2], self.forces[-2]) if len(self.swings) > 1 else (last, now)
+        dry = (before * last - now * earlier) / (last - earlier) if last > earlier else now
+        return min(dry, now) if dry > MIN_DRY_RATIO * now else now
+
     def loop(self, noise: float, resolution: float) -> FrictionLoop:
         """Return what all cycles show."""
         if not self.peaks or not any(self.forces):
@@ -122,7 +137,7 @@ class _LoopWatch:
                 f"{max(self.peaks, default=0.0):.4g} N; raise limits.force, or check the drive"
             )
         slides = bool(self.ratios.max() > CLOSED_RATIO)
-        force = self.forces[-1] if slides else FREE_RATIO * self.peaks[-1]
+        force = self.dry_force() if slides else FREE_RATIO * self.peaks[-1]
         return FrictionLoop(force, slides, noise, resolution, self.peaks[-1])
 
 

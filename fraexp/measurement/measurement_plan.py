@@ -48,6 +48,8 @@ class PlannedPoint:
     """What it asks of the machine, as predicted."""
     amplitude: float = 1.0
     """Factor on the amplitude that the study gives."""
+    may_drift: bool = False
+    """Whether the mean position may still move slowly in the record: its estimator takes that off."""
 
     @property
     def period(self) -> Period:

@@ -87,7 +87,7 @@ class PointMeasurement:
         self._play, self.is_hopeless = play, False
         live = session.description.is_live
         self._request = point.request(self._longest) if live else point.expected_request(self._record, reserve)
-        self._monitor = SettlingMonitor(point.counts)
+        self._monitor = SettlingMonitor(point.counts, point.may_drift)
         self._channels = [name for name in writer.header.units if name in session.description.channels]
         self._samples = np.empty((len(self._channels), self._request.samples))
         self._count, self._periods, self._next_look = 0, 0, 0

@@ -7,6 +7,9 @@ from fraexp.simulation.experiments import ExperimentPlan
 
 MAX_DECAY_RATIO = 0.98
 """Greatest ratio of successive differences that the extrapolation uses: a slower decay looks like noise."""
+MAX_DRIFT = 0.03
+"""Change of the mean position between windows, over the motion, that is no lack of a steady state where it may drift: a
+feedback without integral action holds an axis with friction by a weak spring, and takes many seconds."""
 MAX_PHASOR_STDS = 3.0
 """Difference of two windows' phasors, in standard deviations by encoder and noise, that is no drift."""
 
@@ -14,7 +17,8 @@ MAX_PHASOR_STDS = 3.0
 class SettlingMonitor:
     """Compares windows of the position as they become complete; `fraexp.kernels.settling` explains the rule."""
 
-    def __init__(self, counts: ExperimentPlan) -> None:
+    def __init__(self, counts: ExperimentPlan, may_drift: bool = False) -> None:
+        self._max_drift = MAX_DRIFT if may_drift else 0.0
         self._counts, self._windows, self._excess = counts, 0, np.inf
         lines = counts.experiment.period.lines
         self._cycles = int(lines[0]) if lines.size == 1 else 0
@@ -39,7 +43,10 @@ class SettlingMonitor:
     def _has_settled(self, position: NDArray[np.float64]) -> bool:
         counts = self._counts
         last, before = position[-counts.window :], position[-2 * counts.window : -counts.window]
-        motion, change = float(np.std(last)), float(np.sqrt(np.mean((last - before) ** 2)))
+        difference, motion = last - before, float(np.std(last))
+        if abs(np.mean(difference)) <= self._max_drift * motion:
+            difference = difference - np.mean(difference)
+        change = float(np.sqrt(np.mean(difference**2)))
         if motion == 0.0:
             return change == 0.0
         self.residual = change / motion

@@ -108,7 +108,8 @@ class UnknownAxis:
         ramp = max(RAMP_S, RAMP_PERIODS * cycle)
         schedule = Schedule(ramp, SETTLING_TOLERANCE, ramp + SETTLING_TIMEOUT_S, RECORDED_PERIODS, MIN_RECORD_S)
         counts = ExperimentPlan.from_experiment(Experiment(self._setup(), period, schedule, number))
-        return PlannedPoint(number, counts, counts.ramp + 4 * counts.window, self.ramp_out, NO_DEMAND, amplitude)
+        settling = counts.ramp + 4 * counts.window
+        return PlannedPoint(number, counts, settling, self.ramp_out, NO_DEMAND, amplitude, may_drift=True)
 
     def plan(self, task: MeasurementTask, points: Sequence[PlannedPoint]) -> MeasurementPlan:
         """Return the plan of points in their order."""

@@ -13,7 +13,7 @@ from fraexp_plugins.identification.autonomous._shared.force_dictionary import Fo
 from fraexp_plugins.identification.autonomous._shared.force_interval import sum_interval
 from fraexp_plugins.identification.autonomous.dictionary_identification import DictionaryIdentification
 
-from fraexp.components.kinds import Controller, Excitation, FrictionModel, Plant
+from fraexp.components.kinds import Controller, Excitation, FrictionModel, Motion, Plant
 from fraexp.components.registry import create
 from fraexp.data.results import Outcome
 from fraexp.data.signals import Signals
@@ -73,7 +73,7 @@ def test_bristles_are_dahls_law_sample_by_sample() -> None:
 def test_columns_are_periodic_and_coulomb_forces_reach_their_size() -> None:
     dictionary = ForceDictionary.spanning(1e-7, 1e-3, 0.1)
     motion = 1e-3 * np.sin(2 * np.pi * np.arange(2000) / 2000)
-    columns = dictionary.columns(motion, 1e-4)
+    columns = dictionary.columns(Motion(motion, 1e-4, True))
     assert columns.shape == (2000, dictionary.widths.size)
     relative = np.abs(columns / dictionary.widths).max(axis=0)[dictionary.is_coulomb]
     assert relative == pytest.approx(np.ones(relative.size), abs=1e-3)
@@ -105,7 +105,7 @@ def test_what_weakens_is_the_first_order_of_maxwell_slip(lag: int) -> None:
         return np.array(found[count:])
 
     expected = (force(1 + rise) - force(1.0)) / rise
-    weakening = dictionary.columns(motion, step)[:, dictionary.parts[3]][:, dictionary.peaks.size :]
+    weakening = dictionary.columns(Motion(motion, step, True))[:, dictionary.parts[3]][:, dictionary.peaks.size :]
     column = weakening.reshape(count, -1, 2, dictionary.weakening.size)[:, place, lag, velocity] / width
     assert np.sqrt(np.mean((column - expected) ** 2)) < 0.02 * np.sqrt(np.mean(expected**2))
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from fraexp_plugins.friction.none import Frictionless
-from fraexp_plugins.identification.autonomous._shared.autonomous_lines import ElementObserver
+from fraexp_plugins.identification.autonomous._shared.autonomous_lines import ElementObserver, remove_drift
 from fraexp_plugins.identification.autonomous._shared.law_choice import LawFit, choose_law
 from fraexp_plugins.identification.autonomous._shared.law_elements import (
     BristleElements,
@@ -36,7 +36,7 @@ def test_columns_add_up_to_the_law(elements: LawElements, sizes: list[float]) ->
     motion = 1e-4 * np.sin(2 * np.pi * np.arange(4000) / 4000) + 4e-5 * np.sin(10 * np.pi * np.arange(4000) / 4000)
     model = elements.model(np.array(sizes), 0.0)
     expected = model.force(motion, 1e-4, periodic=True)
-    found = elements.columns(motion, 1e-4) @ sizes
+    found = elements.columns(Motion(motion, 1e-4, True)) @ sizes
     np.testing.assert_allclose(found, expected, atol=2e-3 * np.abs(expected).max())
 
 
@@ -47,6 +47,23 @@ def test_the_virgin_curve_is_that_of_a_slow_displacement(elements: LawElements, 
     expected = model.force(x, 10.0 / x.size)  # 6 µm/s: far below the Stribeck velocity
     found = elements.virgin_columns(x) @ sizes
     np.testing.assert_allclose(found, expected, atol=0.08 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize(("elements", "sizes"), LAWS, ids=lambda each: getattr(each, "name", ""))
+def test_a_drift_of_the_mean_leaves_the_force_as_it_is(elements: LawElements, sizes: list[float]) -> None:
+    samples, periods, drift = 500, 8, 3e-6
+    time = np.arange(samples * periods) / samples
+    y = 1e-4 * np.sin(2 * np.pi * time) + drift * time
+    force = elements.model(np.array(sizes), 0.0).force(y, SAMPLE_TIME)[-samples:]
+    channels = {"u": np.tile(force, (2, 1)), "y": y[-2 * samples :].reshape(2, samples)}
+    recorded = Signals((Segment(SAMPLE_TIME, channels, np.array([1])),), {"u": "N", "y": "m"})
+    observer = ElementObserver(friction=Frictionless(), oversampling=1)
+    (segment,) = remove_drift(recorded, "y").segments
+    assert np.ptp(segment.channels["y"].mean(axis=1)) < 1e-12
+    motion = observer.with_drift(observer.periodic_motion(segment), segment)
+    np.testing.assert_allclose(elements.columns(motion) @ sizes, force, atol=5e-3 * np.abs(force).max())
+    apart = elements.columns(observer.periodic_motion(segment)) @ sizes
+    assert np.abs(apart - force).max() > 0.015 * np.abs(force).max()  # without the drift
 
 
 def test_friction_of_a_name_knows_its_static_force() -> None:

@@ -6,7 +6,7 @@ from typing import ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import RecordError, Segment, Signals, fourier_sums, phasors
+from fraexp.api import Motion, RecordError, Segment, Signals, fourier_sums, phasors
 from fraexp_plugins.estimators._shared.realisations import mean
 from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.identification._shared.stop_operator import stop_operators
@@ -15,6 +15,11 @@ FREQUENCY_TOLERANCE = 1e-4
 """Relative difference up to which two frequencies are equal."""
 SMOOTHING_NEIGHBOURS = 2
 """Lines on either side over which a variance is averaged, since that of few periods is uncertain."""
+DRIFT = "drift"
+"""Name of the channel with the ramp that was taken off the output."""
+MIN_DRIFT_STDS, DRIFT_PERIODS = 5.0, 2
+"""Drift in a period from which it counts, in its standard deviations by the encoder, and periods of a motion with drift
+in which friction forgets how it began."""
 ROUNDING_SEED = 0
 """Seed of the alternative rounding errors."""
 
@@ -29,8 +34,8 @@ class DrivenElements(Protocol):
     def widths(self) -> NDArray[np.float64]:
         """Factor [m] that makes a stiffness [N/m] of each element its force, shape (N,)."""
 
-    def columns(self, motion: NDArray[np.float64], time_step: float) -> NDArray[np.float64]:
-        """Return the deflection [m] of each element along a period of motion [m], in the steady state, shape (n, N)."""
+    def columns(self, motion: Motion) -> NDArray[np.float64]:
+        """Return the deflection [m] of each element along a period of motion, in the steady state, shape (n, N)."""
 
 
 @dataclass(frozen=True)
@@ -40,10 +45,10 @@ class StopElements:
     widths: NDArray[np.float64]
     """Their thresholds [m], shape (N,)."""
 
-    def columns(self, motion: NDArray[np.float64], time_step: float) -> NDArray[np.float64]:
-        """Return z_i [m] along a period of motion [m], shape (n, N)."""
+    def columns(self, motion: Motion) -> NDArray[np.float64]:
+        """Return z_i [m] along a period of motion, shape (n, N)."""
         # the state before the first slip has no effect after one period
-        return stop_operators(np.concatenate([motion, motion]), self.widths)[motion.size :]
+        return stop_operators(history(motion), self.widths)[-motion.displacement.size :]
 
 
 class ElementObserver(EffectiveInput):
@@ -59,12 +64,25 @@ class ElementObserver(EffectiveInput):
 
     def deflections(self, segment: Segment, elements: DrivenElements) -> NDArray[np.complex128]:
         """Return the phasors [m] of the deflections of elements, shape (lines, N)."""
-        y = mean(segment.channels[self.output])
-        periods = len(segment.channels[self.output])
+        columns = elements.columns(self.with_drift(self.periodic_motion(segment), segment))
+        return fourier_sums(np.ascontiguousarray(columns.T), segment.lines).T
+
+    def periodic_motion(self, segment: Segment) -> Motion:
+        """Return the mean period of the motion that drives friction."""
+        y, periods = mean(segment.channels[self.output]), len(segment.channels[self.output])
         quieter = self.model_copy(update={"noise": self.noise / np.sqrt(periods)})
-        motion = quieter.motion(replace(segment, channels={self.output: y[None]})).displacement
-        periodic = elements.columns(motion, segment.sample_time / self.oversampling)
-        return fourier_sums(np.ascontiguousarray(periodic.T), segment.lines).T
+        return quieter.motion(replace(segment, channels={self.output: y[None]}))
+
+    def with_drift(self, motion: Motion, segment: Segment) -> Motion:
+        """Return a period of motion with the drift that was taken off its record, after periods that lead to it."""
+        ramp = segment.channels.get(DRIFT, np.zeros((1, 1)))
+        drift = float(ramp[-1, -1] - ramp[0, 0]) / len(ramp)
+        spread = np.hypot(self.noise, self.resolution / np.sqrt(12)) * np.sqrt(2 / segment.samples)
+        if abs(drift) <= MIN_DRIFT_STDS * spread:
+            return motion
+        y, size = motion.displacement, motion.displacement.size
+        moved = np.tile(y, DRIFT_PERIODS + 1) + drift / size * np.arange((DRIFT_PERIODS + 1) * size)
+        return Motion(moved[-size:], motion.time_step, False, moved[:-size], motion.time_step)
 
 
 @dataclass(frozen=True)
@@ -101,6 +119,31 @@ def _groups(signals: Signals) -> tuple[SegmentPlaces, ...]:
         else:
             found.append([place])
     return tuple(tuple(group) for group in found)
+
+
+def remove_drift(signals: Signals, output: str) -> Signals:
+    """Return the signals without the slow change of their means from period to period, and that of the output beside.
+
+    A ramp has terms at all lines, so that it is no part of the response; friction is driven by the motion with it.
+    """
+    segments = []
+    for segment in signals.segments:
+        ramps = {name: _ramp(values) for name, values in segment.channels.items()}
+        channels = {name: values - ramps[name] for name, values in segment.channels.items()}
+        segments.append(replace(segment, channels={**channels, DRIFT: ramps[output]}))
+    return replace(signals, segments=tuple(segments))
+
+
+def _ramp(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the ramp in the periods of a channel, of the same shape (periods, n)."""
+    means, time = values.mean(axis=1), np.arange(values.size) - (values.size - 1) / 2
+    return (means[-1] - means[0]) / (max(len(means) - 1, 1) * values.shape[1]) * time.reshape(values.shape)
+
+
+def history(motion: Motion) -> NDArray[np.float64]:
+    """Return a motion after what leads to it [m]: a motion without a drift repeats itself."""
+    before = motion.lead_in if motion.lead_in.size else motion.displacement
+    return np.concatenate([before, motion.displacement])
 
 
 def spectral_lines(signals: Signals, observer: ElementObserver, elements: DrivenElements) -> SpectralLines:

@@ -6,7 +6,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from fraexp.api import Motion
 from fraexp_plugins.identification._shared.stop_operator import reversals, stop_operators
+from fraexp_plugins.identification.autonomous._shared.autonomous_lines import history
 
 STOPS, BRISTLES, PEAKS = 160, 60, 14
 """Number of stop operators, of Dahl bristles and of Stribeck peaks."""
@@ -79,20 +81,21 @@ class ForceDictionary:
         """Which columns keep their force in gross sliding, shape (N,)."""
         return np.arange(self.widths.size) < self.stops.size + self.bristles.size
 
-    def columns(self, motion: NDArray[np.float64], time_step: float) -> NDArray[np.float64]:
-        """Return each force over its coefficient [m] along a period of motion [m], shape (n, N)."""
-        twice, size = np.concatenate([motion, motion]), motion.size  # the state at the start has no effect then
-        deflection = stop_operators(twice, self.stops)
-        rate = np.gradient(deflection[:, ::RATE_STEP], axis=0)[size:] / time_step
-        velocity = (np.roll(motion, -1) - np.roll(motion, 1)) / (2 * time_step)
-        peaks = np.sign(velocity)[:, None] * np.exp(-((velocity[:, None] / self.peaks) ** 2))
-        bristles = dahl_bristles(twice, self.bristles)[size:] * self.bristles
+    def columns(self, motion: Motion) -> NDArray[np.float64]:
+        """Return each force over its coefficient [m] along a period of motion, shape (n, N)."""
+        y, size, time_step = history(motion), motion.displacement.size, motion.time_step  # the start has no effect then
+        deflection = stop_operators(y, self.stops)
+        rate = np.gradient(deflection[:, ::RATE_STEP], axis=0)[-size:] / time_step
+        velocity = np.gradient(y) / time_step
+        sliding = velocity[-size:, None]
+        peaks = np.sign(sliding) * np.exp(-((sliding / self.peaks) ** 2))
+        bristles = dahl_bristles(y, self.bristles)[-size:] * self.bristles
         widths = self.stops[::WEAKENING_STEP]
         slip = np.where(np.abs(deflection) >= self.stops, np.sign(deflection), 0.0)[:, ::WEAKENING_STEP]
-        share = np.exp(-((np.concatenate([velocity, velocity])[:, None] / self.weakening) ** 2))
-        weakening = weakening_forces(slip, share, float(np.exp(-time_step / WEAKENING_LAG_S)))[size:]
+        share = np.exp(-((velocity[:, None] / self.weakening) ** 2))
+        weakening = weakening_forces(slip, share, float(np.exp(-time_step / WEAKENING_LAG_S)))[-size:]
         weakening = (widths[:, None] * weakening.reshape(size, widths.size, -1)).reshape(size, -1)
-        return np.concatenate([deflection[size:], bristles, RATE_TIME_S * rate, peaks, weakening], axis=1)
+        return np.concatenate([deflection[-size:], bristles, RATE_TIME_S * rate, peaks, weakening], axis=1)
 
     def virgin_force(self, force: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the force [N] of a first slow displacement x [m], shape (n,), for a force of each column [N]."""

@@ -15,6 +15,7 @@ from fraexp_plugins.friction.gms import GeneralizedMaxwellSlip
 from fraexp_plugins.friction.lugre import LuGre
 from fraexp_plugins.friction.rolling import Rolling
 from fraexp_plugins.identification._shared.stop_operator import stop_operators
+from fraexp_plugins.identification.autonomous._shared.autonomous_lines import history
 
 MIN_STATIC_EXCESS = 1e-3
 """Static over Coulomb force, less 1, below which there is no Stribeck effect."""
@@ -72,9 +73,9 @@ class LawElements(ABC):
         """Static over Coulomb force, less 1."""
         return 0.0
 
-    def columns(self, motion: NDArray[np.float64], time_step: float) -> NDArray[np.float64]:
-        """Return each column along a period of motion [m], shape (n, N)."""
-        return next(iter(self.forces([Motion(motion, time_step, True)])))
+    def columns(self, motion: Motion) -> NDArray[np.float64]:
+        """Return each column along a period of motion, shape (n, N)."""
+        return next(iter(self.forces([motion])))
 
 
 @dataclass(frozen=True)
@@ -96,10 +97,10 @@ class RollingElements(LawElements):
     def forces(self, motions: Sequence[Motion]) -> Iterator[NDArray[np.float64]]:
         """Yield each column along each periodic motion, each of shape (n, N): all at once would fill the memory."""
         for motion in motions:
-            y, size = motion.displacement, motion.displacement.size
-            spring = stop_operators(np.concatenate([y, y]), self.thresholds)[size:]  # the start has no effect then
-            change = y - np.roll(y, 1)
-            velocity = (1.5 * change - 0.5 * np.roll(change, 1)) / motion.time_step  # as the law takes it
+            y, size = history(motion), motion.displacement.size
+            spring = stop_operators(y, self.thresholds)[-size:]  # the start has no effect then
+            change = np.diff(y)
+            velocity = (1.5 * change[-size:] - 0.5 * change[-size - 1 : -1]) / motion.time_step  # as the law takes it
             damper = np.exp(self.shape[0]) * velocity[:, None]
             parts = [np.clip(spring + ratio * damper, -self.thresholds, self.thresholds) for ratio in RELAXATIONS]
             yield np.concatenate([part / self.thresholds for part in parts], axis=1)

@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import Motion, Segment, Signals, fourier_sums
-from fraexp_plugins.estimators._shared.realisations import mean
 from fraexp_plugins.identification.autonomous._shared.autonomous_elements import ProjectedProblem
 from fraexp_plugins.identification.autonomous._shared.autonomous_lines import (
     ElementObserver,
@@ -28,8 +28,7 @@ MIN_LEVELS = 3
 """Fewest records of a frequency that count in the search for a law."""
 
 
-@dataclass(frozen=True)
-class LawSolution:
+class LawSolution(NamedTuple):
     """Sizes of the forces of a law, and what they leave."""
 
     sizes: NDArray[np.float64]
@@ -65,9 +64,7 @@ class LawRecords:
         lines = spectral_lines(own, observer, StopElements(np.empty(0)))
         motions, spread = [], np.hypot(observer.noise, observer.resolution / np.sqrt(12))
         for segment in own.segments:
-            y, repeats = mean(segment.channels[observer.output]), len(segment.channels[observer.output])
-            quieter = observer.model_copy(update={"noise": observer.noise / np.sqrt(repeats)})
-            motions.append(quieter.motion(replace(segment, channels={observer.output: y[None]})))
+            motions.append(observer.with_drift(observer.periodic_motion(segment), segment))
         counts = np.array([segment.channels[observer.output].size for segment in own.segments])
         order = np.argsort(inverse[0])  # they come as they were played
         known = np.log(inverse[0][order]), np.log(np.abs(inverse[1][order]))
@@ -113,20 +110,21 @@ class LawRecords:
         """Return the motions with another error of the encoder."""
         generator = np.random.default_rng(seed)
         return [
-            motion._replace(displacement=_shaken(motion.displacement, deviation, segment.samples, generator))
+            motion._replace(displacement=_shaken(motion, deviation, segment.samples, generator))
             for motion, deviation, segment in zip(self.motions, self.deviations, self.signals.segments, strict=True)
         ]
 
 
-def _shaken(
-    motion: NDArray[np.float64], deviation: float, samples: int, generator: np.random.Generator
-) -> NDArray[np.float64]:
-    """Return a motion with noise in those terms of its Fourier series that it has."""
-    bins = np.fft.rfft(motion)
-    noise = np.fft.rfft(deviation * generator.normal(size=samples)) * (motion.size / samples)
+def _shaken(motion: Motion, deviation: float, samples: int, generator: np.random.Generator) -> NDArray[np.float64]:
+    """Return a displacement with noise in those terms of its Fourier series that it has; its drift is no part of it."""
+    size = motion.displacement.size
+    drift = motion.displacement[0] - motion.lead_in[-size] if motion.lead_in.size else 0.0
+    ramp = drift / size * np.arange(size)
+    bins = np.fft.rfft(motion.displacement - ramp)
+    noise = np.fft.rfft(deviation * generator.normal(size=samples)) * (size / samples)
     noise = np.concatenate([noise, np.zeros(bins.size)])[: bins.size]
     kept = np.abs(bins) > 1e-9 * np.abs(bins[1:]).max()
-    return np.asarray(np.fft.irfft(bins + np.where(kept, noise, 0.0), motion.size))
+    return np.asarray(np.fft.irfft(bins + np.where(kept, noise, 0.0), size) + ramp)
 
 
 def _with_harmonics(segment: Segment) -> Segment:
