@@ -19,12 +19,14 @@ from fraexp_plugins.identification.autonomous._shared.autonomous_lines import (
     ElementObserver,
     SpectralLines,
     StopElements,
+    remove_drift,
     spectral_lines,
 )
 from fraexp_plugins.identification.autonomous._shared.autonomous_plant import (
     IdentifiedPlant,
     InverseResponse,
     identify_plant,
+    plant_cost,
 )
 from fraexp_plugins.identification.autonomous._shared.dictionary_fit import (
     DictionaryFit,
@@ -49,11 +51,14 @@ PLANT_MODEL_ERROR = 3e-3
 """Relative error of P̂ that the plant's fit allows for: that of the dictionary."""
 MAX_DEAD_TIME_STEPS, DEAD_TIME_TOLERANCE = 4, 5e-3
 """Fits of the dead time, each with the friction of the one before, and the step [samples] that is the last one."""
+DEAD_TIME_RANGE, MAX_DEAD_TIME_TRIALS, NO_PLANT_COST = 0.4, 12, 1e6
+"""Distance from a rough dead time in which the dead time is looked for [samples], how many are tried at most, and the
+cost where no plant fits."""
 CURVE_POINTS, CURVE_RANGE = 60, (1e-5, 0.5)
 """Points of the virgin curve, and their range over the largest motion."""
 
 
-class DictionaryIdentification(DelayedEstimator, name="dictionary_identification", version=3):
+class DictionaryIdentification(DelayedEstimator, name="dictionary_identification", version=4):
     """P̂, plant, friction force and dead time from records at several amplitudes; the friction law need not be known.
 
     Each friction law that fraexp has is driven by the measured motion, with sizes and shape parameters that leave least
@@ -107,6 +112,7 @@ class DictionaryIdentification(DelayedEstimator, name="dictionary_identification
         signals.unit(self.input), signals.unit(self.output)
         if not signals.segments:
             return Result(signals.outcome, signals.message)
+        signals = remove_drift(signals, self.output)
         count = len(signals.segments) - self.validation
         fresh = replace(signals, segments=signals.segments[count:])
         used = usable_signals(replace(signals, segments=signals.segments[:count]), self.output, self.name)
@@ -172,7 +178,31 @@ class DictionaryIdentification(DelayedEstimator, name="dictionary_identification
             return None, choice
         lines = spectral_lines(signals, observer, choice.best.elements)
         variance = scatter_noise(signals, lines, observer, inverse) + self.model_error**2 * np.abs(lines.thrust) ** 2
-        return self._settle_dead_time(signals, partial(fit_law, choice, lines, variance), choice.best.dead_time), choice
+        fit = partial(fit_law, choice, lines, variance)
+        if not self.estimate_dead_time:
+            return fit(choice.best.dead_time), choice
+        rough = self._settle_dead_time(signals, fit, choice.best.dead_time).dead_time
+        return fit(self._refine_dead_time(signals, fit, rough)), choice
+
+    def _refine_dead_time(self, signals: Signals, fit: Callable[[float], DictionaryFit], dead_time: float) -> float:
+        """Return the dead time [s] near a rough one with which a rigid body with modes leaves least of P̂.
+
+        With much viscous friction a delay looks like mass, so that one which is taken from a fit with too few modes
+        makes k0 wrong. The sum of squares has one sharp minimum, with the modes found anew at each dead time.
+        """
+        from scipy.optimize import minimize_scalar  # slow to import: only when something is estimated
+
+        def cost(delay: float) -> float:
+            plant, _ = self._plant(signals, fit(delay))
+            return plant_cost(plant) if isinstance(plant, IdentifiedPlant) else NO_PLANT_COST
+
+        sample_time = signals.segments[0].sample_time
+        low, high = max(dead_time - DEAD_TIME_RANGE * sample_time, 0.0), dead_time + DEAD_TIME_RANGE * sample_time
+        options = {"xatol": DEAD_TIME_TOLERANCE * sample_time, "maxiter": MAX_DEAD_TIME_TRIALS}
+        found = minimize_scalar(
+            lambda delay: np.log(cost(delay)), bounds=(low, high), method="bounded", options=options
+        )
+        return float(found.x) if cost(float(found.x)) <= cost(dead_time) else dead_time
 
     def _dead_time_in(self, signals: Signals, found: DictionaryFit) -> float:
         """Return the dead time [s] that is left in P̂; 0 if no plant fits."""

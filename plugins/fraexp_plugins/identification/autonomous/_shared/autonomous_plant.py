@@ -88,6 +88,11 @@ class IdentifiedPlant:
     """K [N/m] of elements that never slip; 0 if it is not significant."""
 
 
+def plant_cost(plant: IdentifiedPlant) -> float:
+    """Return the mean square of what the plant leaves of P̂ over its errors."""
+    return next(metric.value for metric in plant.fit.metrics if metric.name == "cost")
+
+
 def identify_plant(inverse: InverseResponse, response: FrequencyResponse, modal: ModalFit) -> IdentifiedPlant:
     """Return the plant in 1/P̂; its response is `response` with other values."""
     start = _start_forces(inverse)

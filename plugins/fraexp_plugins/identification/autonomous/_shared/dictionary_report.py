@@ -10,7 +10,7 @@ from fraexp.api import Fit, FrictionModel, Metric, Outcome, Result
 from fraexp_plugins.friction.dahl import Dahl
 from fraexp_plugins.friction.rolling import Rolling
 from fraexp_plugins.identification._shared.friction_curves import NORMAL_QUANTILE
-from fraexp_plugins.identification.autonomous._shared.autonomous_plant import IdentifiedPlant
+from fraexp_plugins.identification.autonomous._shared.autonomous_plant import IdentifiedPlant, plant_cost
 from fraexp_plugins.identification.autonomous._shared.dictionary_fit import DictionaryFit
 from fraexp_plugins.identification.autonomous._shared.force_dictionary import ForceDictionary
 from fraexp_plugins.identification.autonomous._shared.law_component import law_component
@@ -19,6 +19,8 @@ from fraexp_plugins.identification.autonomous._shared.law_fit import LawDictiona
 
 MAX_GAIN_ERROR, MAX_MODE_ERROR, MAX_FORCE_ERROR = 0.01, 0.2, 0.03
 """Half-width of the 95 % intervals of k0 (relative), f1 [Hz] and ΣF_m (relative) above which the verdict is not ok."""
+MAX_PLANT_COST = 4.0
+"""Mean square of what the plant leaves of P̂, over its errors, above which the verdict is not ok."""
 MIN_STRIBECK_SHARE = 0.075
 """Stribeck force over the Coulomb force from which the summary mentions it."""
 
@@ -60,6 +62,12 @@ class DictionaryReport:
         assert isinstance(self.plant, IdentifiedPlant)
         if self.plant.fit.outcome is not Outcome.OK:
             yield f"a rigid body with modes does not explain the response: {self.plant.fit.message}"
+        cost = plant_cost(self.plant)
+        if cost > MAX_PLANT_COST:
+            yield (
+                f"a rigid body with modes leaves {np.sqrt(cost):.2g} times as much of the response as its errors "
+                f"explain; expected {np.sqrt(MAX_PLANT_COST):.2g} or less: the axis may have other modes or a lag"
+            )
         (fit,) = self.plant.fit.fits
         errors = NORMAL_QUANTILE * fit.standard_deviation
         if errors[0] > MAX_GAIN_ERROR * fit.values[0]:

@@ -9,10 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import Signals
-from fraexp_plugins.identification._shared.friction_curves import NORMAL_QUANTILE
 from fraexp_plugins.identification.autonomous._shared.autonomous_lines import ElementObserver
 from fraexp_plugins.identification.autonomous._shared.law_elements import (
-    MIN_STATIC_EXCESS,
     BristleElements,
     DahlElements,
     ElastoplasticElements,
@@ -20,6 +18,7 @@ from fraexp_plugins.identification.autonomous._shared.law_elements import (
     RollingElements,
     WeakeningElements,
 )
+from fraexp_plugins.identification.autonomous._shared.law_interval import law_uncertainty
 from fraexp_plugins.identification.autonomous._shared.law_records import LawRecords, LawSolution
 
 SEARCH_STEP = 3
@@ -31,6 +30,8 @@ THRESHOLD_RANGE, WEAKENING_RANGE = (1e-5, 0.05), (1e-4, 0.05)
 START_WIDTHS, START_VELOCITIES, START_EXCESS = np.geomspace(1e-4, 1e-2, 6), (3e-3, 3e-2), 0.2
 """Widths over the largest motion, Stribeck over largest velocities, and static over Coulomb force less 1, at which a
 search may begin."""
+WEAKENING_VELOCITIES = (*START_VELOCITIES, 0.1, 0.4, 1.0)
+"""The same velocities for elements that weaken: they may do so in fast sliding alone, which bristles cannot hide."""
 START_ODDS, START_WIDTH_RATIOS = 1.5, (0.4, 0.8, 1.6)
 """Elastic limit over the rest of the width at which a search begins, and widths over that of LuGre's law."""
 START_RELAXATIONS = (0.03, 0.15, 0.75)
@@ -55,19 +56,8 @@ SEARCH_OVERSAMPLING = 2
 """Points per sample at which the motion drives friction in a search."""
 HOPELESS_RATIO = 2.0
 """Residual in a search over that of the best law from which a law is not looked at any further."""
-UNLIKE_RATIO = 4.0
-"""Residual of LuGre's law over that of the best one from which elastoplastic bristles are not tried."""
 EQUAL_RATIO = 1.3
 """Residual over that of the best law up to which a law is as good."""
-ALTERNATIVE_VELOCITIES, ALTERNATIVE_RATES_S, ALTERNATIVE_EXCESS = (0.1, 0.4, 1.0), (12.0, 60.0), 0.05
-"""Stribeck velocities over the largest velocity, rates of attraction over the Coulomb force, and static over Coulomb
-force less 1, of a Stribeck effect beside a law, by which its Coulomb force is judged."""
-ALTERNATIVE_STDS = 3.0
-"""Standard deviations of it that count: the few elements are not the law's own."""
-LUMPS, RIDGE = 6, 1e-10
-"""Number of elements that weaken beside a law, and ridge of normal equations."""
-MIN_EXCESS = 1.0
-"""Least mean square of the residuals that intervals are computed with."""
 
 LawStart = tuple[float, ...]
 
@@ -89,27 +79,17 @@ class LawFit:
     elements: LawElements
     sizes: NDArray[np.float64]
     """Force of each column [N], shape (N,)."""
-    covariance: NDArray[np.float64]
-    """Covariance of the shape and then of the sizes, shape (S + N, S + N)."""
     residual: float
     """Root mean square of the residuals of all records over what is allowed for."""
     allowance: float
     """The same, as far as noise explains it."""
     dead_time: float
     """Dead time that goes with it [s]."""
-    weakening: tuple[float, float] = (0.0, 0.0)
-    """Least and greatest change of the Coulomb force [N] by a Stribeck effect that the law lacks, by 95 %."""
 
     @property
     def coulomb(self) -> float:
         """Force in gross sliding [N]."""
         return float(self.sizes[self.elements.is_coulomb].sum())
-
-    @property
-    def coulomb_error(self) -> float:
-        """Half-width of its 95 % interval [N]."""
-        places = self.elements.shape.size + np.flatnonzero(self.elements.is_coulomb)
-        return float(NORMAL_QUANTILE * np.sqrt(max(self.covariance[np.ix_(places, places)].sum(), 0.0)))
 
     @property
     def is_good(self) -> bool:
@@ -127,6 +107,8 @@ class LawChoice:
     """The law that explains the records best."""
 
     best: LawFit
+    covariance: NDArray[np.float64]
+    """Covariance of its shape and then of its sizes, shape (S + N, S + N)."""
     interval: tuple[float, float]
     """95 % interval of the Coulomb force [N]: that of all laws that are as good."""
     records: LawRecords
@@ -173,13 +155,15 @@ def choose_law(
         fit = _searched(family, some, is_delayed)
         is_hopeless = fit.residual > HOPELESS_RATIO * min((each.residual for each in fits), default=np.inf)
         fits.append(fit if is_hopeless else _judged(fit, some, records))
-        if fits[-1].is_good:
+        if fits[-1].is_good and law_uncertainty(fits[-1].elements, fits[-1].dead_time, records).is_complete:
             break
     best = min(fits, key=lambda fit: fit.residual)
-    equal = [fit for fit in fits if fit.sizes.size and fit.residual <= EQUAL_RATIO * best.residual]
-    low = min(fit.coulomb + min(-fit.coulomb_error, fit.weakening[0]) for fit in equal)
-    high = max(fit.coulomb + max(fit.coulomb_error, fit.weakening[1]) for fit in equal)
-    return LawChoice(best, (low, high), records, {fit.elements.name: fit.residual for fit in fits})
+    others = [fit for fit in fits if fit is not best and fit.sizes.size]
+    equal = [best, *(fit for fit in others if fit.residual <= EQUAL_RATIO * best.residual)]
+    unknown = [law_uncertainty(fit.elements, fit.dead_time, records) for fit in equal]
+    interval = min(each.interval[0] for each in unknown), max(each.interval[1] for each in unknown)
+    residuals = {fit.elements.name: fit.residual for fit in fits}
+    return LawChoice(best, unknown[0].covariance, interval, records, residuals)
 
 
 def _families(records: LawRecords, fits: Sequence[LawFit]) -> Iterator[LawFamily]:
@@ -200,14 +184,13 @@ def _families(records: LawRecords, fits: Sequence[LawFit]) -> Iterator[LawFamily
     ]
     yield LawFamily(BristleElements, bristles)
     near = np.exp(fits[-1].elements.shape)
-    if fits[-1].residual <= UNLIKE_RATIO * min(fit.residual for fit in fits):
-        yield LawFamily(
-            ElastoplasticElements, [(ratio * near[0], *near[1:].tolist(), START_ODDS) for ratio in START_WIDTH_RATIOS]
-        )
+    yield LawFamily(
+        ElastoplasticElements, [(ratio * near[0], *near[1:].tolist(), START_ODDS) for ratio in START_WIDTH_RATIOS]
+    )
     few = largest * np.geomspace(*WEAKENING_RANGE, WEAKENING_THRESHOLDS)
     yield LawFamily(
         lambda shape: WeakeningElements(shape, few),
-        [(START_EXCESS, part * velocity, rate) for part in START_VELOCITIES for rate in START_RATES_S],
+        [(START_EXCESS, part * velocity, rate) for part in WEAKENING_VELOCITIES for rate in START_RATES_S],
     )
 
 
@@ -227,7 +210,7 @@ def _searched(family: LawFamily, records: LawRecords, is_delayed: bool) -> LawFi
         search = _Search(records, partial(_with_shape, finer))
     left = float(np.sqrt(np.sum(search.solve_for(best).residual ** 2) / records.equations))
     delay = max(float(best[0]), 0.0) * sample_time
-    return LawFit(search.elements(best[1:]), np.empty(0), np.zeros((0, 0)), left, 0.0, delay)
+    return LawFit(search.elements(best[1:]), np.empty(0), left, 0.0, delay)
 
 
 def _with_shape(elements: LawElements, shape: NDArray[np.float64]) -> LawElements:
@@ -270,99 +253,11 @@ class _Search:
 
 
 def _judged(fit: LawFit, some: LawRecords, records: LawRecords) -> LawFit:
-    """Return a law with what it leaves of all records; its covariance and what noise explains are those of some."""
+    """Return a law with what it leaves of all records; what noise explains of that follows from some."""
     elements = fit.elements
     solution = records.solve(records.deflection(elements), fit.dead_time)
     square = float(np.sum(solution.residual**2)) / records.equations
-    deflection = some.deflection(elements)
-    changes = np.abs((some.deflection(elements, some.shaken_motions(0)) - deflection) @ solution.sizes) ** 2
-    noise = float(np.sum((changes / some.variance)[some.lines.known])) / some.equations
-    kept = np.flatnonzero(solution.sizes > 0)
-    jacobian = _jacobian(fit, some, deflection, solution.sizes)
-    excess, shapes = max(square, MIN_EXCESS), jacobian.shape[1] - kept.size
-    places = np.concatenate([np.arange(shapes), elements.shape.size + kept])
-    covariance = np.zeros((elements.shape.size + solution.sizes.size,) * 2)
-    covariance[np.ix_(places, places)] = excess * inverse_normal(jacobian)
-    judged = replace(
-        fit,
-        sizes=solution.sizes,
-        covariance=covariance,
-        residual=float(np.sqrt(square)),
-        allowance=float(np.sqrt(noise)),
-    )
-    is_force = np.concatenate([np.zeros(shapes, dtype=bool), elements.is_coulomb[kept]])
-    residual = _residual(some, deflection, solution.sizes, fit.dead_time)
-    shifts = [force_shift(jacobian, column, residual, is_force, excess) for column in weakening_columns(judged, some)]
-    low = min((shift - error for shift, error in shifts), default=0.0)
-    high = max((shift + error for shift, error in shifts), default=0.0)
-    return replace(judged, weakening=(min(low, 0.0), max(high, 0.0)))
-
-
-def _residual(
-    records: LawRecords, deflection: NDArray[np.complex128], sizes: NDArray[np.float64], dead_time: float
-) -> NDArray[np.float64]:
-    """Return what forces of these sizes [N] leave."""
-    problem = records.solve(deflection, dead_time).problem
-    return np.asarray(problem.target - problem.matrix @ sizes)
-
-
-def _jacobian(
-    fit: LawFit, records: LawRecords, deflection: NDArray[np.complex128], sizes: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the derivative of the weighted forces by shape and by the sizes that are not 0."""
-    shape, columns = fit.elements.shape, []
-    kept, step = np.flatnonzero(sizes > 0), SHAPE_STEP * 1e-2
-    for place in range(0 if isinstance(fit.elements, RollingElements) else shape.size):
-        moved = shape + step * (np.arange(shape.size) == place)
-        change = (records.deflection(replace(fit.elements, shape=moved)) - deflection) @ sizes / step
-        columns.append(records.solve(change[..., None], fit.dead_time).problem.matrix)
-    return np.concatenate([*columns, records.solve(deflection, fit.dead_time).problem.matrix[:, kept]], axis=1)
-
-
-def weakening_columns(fit: LawFit, records: LawRecords) -> Iterator[NDArray[np.float64]]:
-    """Yield how the weighted forces change with a Stribeck effect at velocities and with lags that a law lacks.
-
-    It is that of a few elements along the law's virgin curve (generalized Maxwell slip), per unit of excess.
-    """
-    velocity = float((2 * np.pi * records.lines.frequency[:, None] * np.abs(records.lines.motion)).max())
-    thresholds, sizes = _lumped(fit)
-    for part in ALTERNATIVE_VELOCITIES:
-        for rate in ALTERNATIVE_RATES_S:
-            few = [
-                WeakeningElements(np.log([excess, part * velocity, rate]), thresholds)
-                for excess in (ALTERNATIVE_EXCESS, MIN_STATIC_EXCESS * ALTERNATIVE_EXCESS)
-            ]
-            changed, plain = (records.deflection(elements) @ sizes for elements in few)
-            change = (changed - plain) / ALTERNATIVE_EXCESS
-            yield records.solve(change[..., None], fit.dead_time).problem.matrix[:, 0]
-
-
-def _lumped(fit: LawFit) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return thresholds [m] and forces [N] of a few elements with the law's virgin curve."""
-    x = np.geomspace(1e-9, 1e-1, 400)
-    force = np.maximum.accumulate(fit.elements.virgin_columns(x) @ fit.sizes)
-    levels = (np.arange(LUMPS) + 0.5) / LUMPS * force[-1]
-    return np.interp(levels, force + 1e-12 * force[-1] * np.arange(x.size), x), np.full(LUMPS, fit.coulomb / LUMPS)
-
-
-def force_shift(
-    jacobian: NDArray[np.float64],
-    column: NDArray[np.float64],
-    residual: NDArray[np.float64],
-    is_force: NDArray[np.bool_],
-    excess: float,
-) -> tuple[float, float]:
-    """Return how a further column changes the sum of some parameters, and how far that is uncertain."""
-    matrix = np.column_stack([jacobian, column])
-    normal = inverse_normal(matrix)
-    chosen = np.append(is_force, False).astype(float)
-    shift = float(chosen @ normal @ matrix.T @ residual)
-    return shift, float(ALTERNATIVE_STDS * np.sqrt(max(excess * (chosen @ normal @ chosen), 0.0)))
-
-
-def inverse_normal(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the inverse of AᵀA, with a small ridge where it has none."""
-    scale = np.linalg.norm(matrix, axis=0)
-    scale = np.where(scale > 0, scale, 1.0)
-    scaled = matrix / scale
-    return np.asarray(np.linalg.inv(scaled.T @ scaled + RIDGE * np.eye(scale.size)) / np.outer(scale, scale))
+    changes = some.deflection(elements, some.shaken_motions(0)) - some.deflection(elements)
+    noise = np.abs(changes @ solution.sizes) ** 2 / some.variance
+    allowance = float(np.sqrt(np.sum(noise[some.lines.known]) / some.equations))
+    return replace(fit, sizes=solution.sizes, residual=float(np.sqrt(square)), allowance=allowance)

@@ -37,7 +37,7 @@ def law_component(found: LawDictionaryFit, viscous: float, viscous_std: float) -
     slopes = np.zeros((len(values), whole.size))
     for place in varied:
         slopes[:, place] = (vary(place) - np.array(values)) / _step(whole, place, shape.size)
-    covariance = slopes @ law.covariance @ slopes.T
+    covariance = slopes @ found.choice.covariance @ slopes.T
     own = names.index("viscous_coefficient")
     covariance[own], covariance[:, own] = 0.0, 0.0
     covariance[own, own] = viscous_std**2

@@ -44,7 +44,7 @@ def fit_law(
     elements = AutonomousElements(
         np.ones(sizes.size),
         sizes,
-        law.covariance[shape:, shape:],
+        choice.covariance[shape:, shape:],
         problem.offset + problem.slopes @ sizes,
         problem.slopes,
         excess / problem.power,
