@@ -79,7 +79,7 @@ def main() -> int:
             texts.append(f"{name} {ratio:+.2f} (± {100 * half_width / value:.2g} %)")
             if outcome is Outcome.OK:
                 judged, missed = judged + 1, missed + (abs(ratio) > 1)
-        print(f"{machine.number:4d} {outcome.value:12s} {', '.join(texts)}", flush=True)
+        print(f"{machine.number:4d} {outcome.value or 'ok':12s} {', '.join(texts)}", flush=True)
     print(f"\nintervals that miss the true value: {missed} of {judged}")
     return int(missed > MAX_MISSED_SHARE * judged)
 

@@ -12,7 +12,7 @@ from fraexp.components.registry import create
 from tests.identification.test_maximum_likelihood import LUGRE, MACHINE, estimator, recorded
 
 __all__ = ["recorded"]
-SINES = {"name": "stepped_sine", "amplitude": 25.0, "points": 20}
+SINES = {"name": "stepped_sine", "amplitude": 25.0, "points": 16, "min_frequency": 5.0}
 WRONG = {"viscous_coefficient": 2.0, "bristle_damping": 0.6, "static_force": 1.1, "stribeck_velocity": 1.4}
 
 
@@ -37,6 +37,7 @@ def test_numbers_that_are_wrong_by_a_factor_are_found(recorded, registry):
     assert values["viscous_coefficient"] == pytest.approx(LUGRE["viscous_coefficient"], rel=0.05)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("machine", ["lugre", "rolling"])
 def test_another_law_leaves_many_times_as_much(machine, recorded, registry):
     laws = {"lugre": LUGRE, "rolling": MACHINE["friction"]}

@@ -69,6 +69,7 @@ class MotionRecords:
         self._thrust = np.concatenate([each.mean(axis=0) for each in bare.linear_phasors(self._segments)])
         self._output = np.concatenate([phasors(s, bare.output).mean(axis=0) for s in self._segments])
         self._factor = bare.force_factor(self._omega)
+        self._periods = [len(segment.channels[bare.output]) for segment in self._segments]
         counts = [segment.lines.size for segment in self._segments]
         amplitudes = [np.sqrt(2 * np.mean(segment.channels[bare.input] ** 2)) for segment in self._segments]
         self._force_floor = FORCE_FLOOR * np.repeat(amplitudes, counts)
@@ -82,8 +83,8 @@ class MotionRecords:
         ((force_scale, displacement_scale),) = models.replay.scales.values()
         forces = friction.forces([_scaled_motion(motion, displacement_scale) for motion in self._motions])
         sums = [
-            fourier_sums(force.reshape(len(next(iter(segment.channels.values()))), -1), segment.lines).mean(axis=0)
-            for force, segment in zip(forces, self._segments, strict=True)
+            fourier_sums(force.reshape(periods, -1), segment.lines).mean(axis=0)
+            for force, segment, periods in zip(forces, self._segments, self._periods, strict=True)
         ]
         viscous = 1j * self._omega * friction.viscous * self._output
         thrust = self._thrust * np.exp(-1j * self._omega * models.added_dead_time)
@@ -103,9 +104,8 @@ def _with_harmonics(segment: Segment) -> Segment:
     if segment.lines.size > 1:
         return segment
     (line,) = segment.lines.tolist()
-    return replace(
-        segment, lines=line * np.array([h for h in HARMONICS if h == 1 or MIN_SAMPLES * h * line <= segment.samples])
-    )
+    known = [harmonic for harmonic in HARMONICS if harmonic == 1 or MIN_SAMPLES * harmonic * line <= segment.samples]
+    return replace(segment, lines=line * np.array(known))
 
 
 def _scaled_motion(motion: Motion, scale: float) -> Motion:
@@ -132,8 +132,7 @@ class _Search:
 
     def residual(self, logs: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return what the parameters leave of the records, shape (2 n,)."""
-        models = self.free.applied_to(self.models, logs)
-        return self.records.residual(self.records.forces(models), models.plant)
+        return self._step(logs).residual[: -self.start.size]
 
     def _step(self, logs: NDArray[np.float64]) -> IterationStep[NDArray[np.float64]]:
         try:

@@ -355,7 +355,7 @@ def _along_directions(found: Fitted) -> Fitted:
     The derivatives by two such parameters are nearly the same, and their errors, divided by the little that is left,
     end a search anywhere in the valley that the likelihood has there, with a band that is too narrow.
     """
-    if found.mean_ratio > MAX_PLANT_RATIO or not found.state.shared.size:
+    if not found.mean_ratio < MAX_PLANT_RATIO or not found.state.shared.size:
         return found
     covariance = found.covariances[0][: found.state.shared.size, : found.state.shared.size]
     information = np.linalg.inv(covariance)
