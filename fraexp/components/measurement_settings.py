@@ -22,7 +22,7 @@ class MeasurementSettings(Parameters):
     )
     margin: float = param("1", "part of each limit that predicted motion must leave free", 0.1, at_least=0, below=1)
     ramp_out: float = param(
-        "s", "time in which the excitation falls to 0, at the end and at a stop; 10 samples at least",
+        "s", "time in which the excitation falls to 0, at the end and at a stop",
         0.05, at_least=MIN_RAMP_OUT_S,
     )  # fmt: skip
 

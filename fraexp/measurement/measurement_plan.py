@@ -24,7 +24,7 @@ SETTLING_RESERVE = 1.5
 """Factor on the settling time that the simulation predicts, where it must be known before."""
 MOTION_TOLERANCE = 1e-3
 """Relative error that steps may cause: what drifts by friction over a whole play is off by far more than that."""
-PHASES, EARLY_STOPS = 5, 8
+PHASES, EARLY_STOPS = 5, 9
 """Phases of its last period at which a play is stopped in the simulation, and moments before it has settled."""
 SAMPLES_AT_ONCE = 1_000_000
 """Samples of all plays that are simulated side by side: they are kept until they have been looked at."""
@@ -204,7 +204,7 @@ def _plays(point: PlannedPoint) -> list[Experiment]:
     """Return experiments that record a point as one period: played to its end, and stopped earlier."""
     request, setup = point.expected_request(point.counts.record), point.counts.experiment.setup
     stops = [request.full_samples, *_late_stops(request)]
-    stops += [max(point.settling * k * k // EARLY_STOPS**2, 1) for k in range(1, EARLY_STOPS + 1)]
+    stops += [max(point.settling * k * k // (EARLY_STOPS - 1) ** 2, 1) for k in range(EARLY_STOPS)]
     rest = np.zeros(point.settling)
     periods = [np.append(request.excitation(0, stop + request.ramp_out, stop), rest) for stop in stops]
     return [

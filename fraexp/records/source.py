@@ -155,8 +155,11 @@ def load(experiment: Plain, files: Mapping[str, str], registry: Registry) -> Sig
     units = {name: str(channel["unit"]) for name, channel in parts[0]["channels"].items()}
     wrong = wrong_sample_questions(found, units)
     are_doubtful = any(2 * cut.doubtful > len(cut.lines) for cut in cuts)
+    unsettled = sum(cut.settled is False for cut in cuts)
+    moving = f"{unsettled} of {len(cuts)} segments were not yet periodic when they were recorded" if unsettled else ""
     outcome = Outcome.INACCURATE if wrong.do_harm or are_doubtful else Outcome.OK
-    text = "; ".join(filter(None, (*messages, unit_questions(found, units), wrong.text)))
+    outcome = Outcome.NOT_SETTLED if unsettled else outcome
+    text = "; ".join(filter(None, (moving, *messages, unit_questions(found, units), wrong.text)))
     return Signals(tuple(found), units, outcome, text)
 
 
