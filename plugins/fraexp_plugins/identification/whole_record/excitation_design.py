@@ -170,7 +170,8 @@ class ExcitationDesign(Estimator, name="excitation_design", version=2):
             f"equal ones do, the widest one of P̂ {widest:.2f} times"
         )
         names = _interval_names(found)
-        text += "".join(_wider_intervals(names, uniform, designed))
+        wider = ", ".join(_wider_intervals(names, uniform, designed))
+        text += f"; wider intervals: {wider}" if wider else ""
         metrics = [*_plan_metrics(UNIFORM, uniform, names), *_plan_metrics(DESIGNED, designed, names)]
         ordered = sorted(designed.measured, key=lambda pair: pair[0].frequency)
         excitation = SineList(
@@ -210,11 +211,11 @@ def _interval_names(found: Result) -> list[str]:
 
 
 def _wider_intervals(names: Sequence[str], uniform: Plan, designed: Plan) -> Iterator[str]:
-    """Yield what is to be said of each parameter that the designed sines tell less of."""
+    """Yield each parameter that the designed sines tell less of, and by how much its interval grows."""
     ratios = np.sqrt(np.diag(designed.covariance()) / np.diag(uniform.covariance()))
     for name, ratio in zip(names, ratios, strict=False):
         if ratio >= MIN_WIDER_RATIO:
-            yield f"; the interval of {name} becomes {ratio:.2f} times as wide"
+            yield f"{name} {ratio:.2f} times"
 
 
 def _plan_metrics(label: str, plan: Plan, names: Sequence[str]) -> Iterator[Metric]:
