@@ -110,5 +110,8 @@ def test_what_does_not_go_together_is_refused():
     record = Signals((Segment(SAMPLE, {"u": wave, "y": wave}, np.array([1])),), {"u": "N", "y": "m"})
     with pytest.raises(ParameterError, match=r"there is no parameter 'motor.force_scales'; did you mean"):
         estimator(free=["motor.force_scales"]).estimate(record)
+    positioned = {**friction("load"), "position_dependence": {"cogging": [{"period": 0.02, "amplitude": 1.0}]}}
+    with pytest.raises(ParameterError, match=r"frictions\.load has a position_dependence"):
+        estimator(frictions={"motor": friction("motor"), "load": positioned})
     with pytest.raises(ParameterError, match=r"the nominal plant has no contact 'nut'; known: motor, load"):
         estimator(frictions={"nut": friction("motor")}).estimate(record)

@@ -4,7 +4,18 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from fraexp.api import Fit, FrictionModel, ParameterError, Plant, ReplayModel, Result, Segment, Signals, param
+from fraexp.api import (
+    Fit,
+    FrictionModel,
+    ParameterError,
+    Plant,
+    PositionDependentFriction,
+    ReplayModel,
+    Result,
+    Segment,
+    Signals,
+    param,
+)
 from fraexp_plugins.estimators._shared.delayed_estimator import DelayedEstimator
 from fraexp_plugins.friction.none import Frictionless
 from fraexp_plugins.identification._shared.usable_signals import usable_signals
@@ -58,6 +69,15 @@ class MultiContactMaximumLikelihood(DelayedEstimator, name="multi_contact_maximu
     interpolation_tolerance: float = param(
         "1", "relative error of y'/u that is tolerated", 1e-4, at_least=1e-5, at_most=0.1, inherit="numerics.tolerance"
     )
+
+    def model_post_init(self, context: object) -> None:
+        """Check that friction can be replayed."""
+        for contact, model in self.frictions.items():
+            if isinstance(model, PositionDependentFriction):
+                raise ParameterError(
+                    f"{self.name}.frictions.{contact} has a position_dependence, and a replay does not know where on "
+                    "the stroke the record was; leave it out, or use multi_contact_effective_input"
+                )
 
     def estimate(self, signals: Signals) -> Result:
         """Return P̂ with its band, the parameters of plant and friction, and how well they repeat the records."""
