@@ -30,7 +30,7 @@ MAX_PIVOTS = 200
 SMALLEST_PIVOT = 1e-9
 """Compliance of a contact, over its compliance alone, if the others stick: less where several hold one body."""
 ROUNDING = 1e-12
-"""Excess of a force over its limit, relative to it, that is rounding."""
+"""Excess of a force over its limit, relative to it, and part of a sum of velocities, that is rounding."""
 
 
 def contact_rows(contacts: int) -> int:
@@ -159,15 +159,26 @@ def _make_balance(places: tuple[int, ...], contacts: int) -> Callable[..., None]
             contact[force + p] /= contact[here + p]
 
     @compiled(forceinline=True, **COMPILER_OPTIONS)
-    def is_corrected(contact: LaneRows, c: int) -> bool:
-        """Change the side of a contact that does not fit it, and return whether there was one."""
-        f, limits = contact[force + c], contact[high + c] - contact[low + c]
-        given, side_before = ROUNDING * limits, contact[side + c]
-        if side_before == 0.0:
-            contact[side + c] = 1.0 if f > contact[high + c] + given else -1.0 if f < contact[low + c] - given else 0.0
-        elif limits > 0.0 and side_before * contact[change + c] < 0.0:
-            contact[side + c] = 0.0
-        return contact[side + c] != side_before
+    def set_change(compliance: LaneRows, first: int, row: int, contact: LaneRows, c: int) -> bool:
+        """Set the change of a contact's velocity by all forces, and return whether it fits its side.
+
+        Where several contacts hold one body, that of a contact at its limit may be 0 but for rounding, of either sign.
+        """
+        a, size = contact[push + c], abs(contact[push + c])
+        for k in places:
+            given = compliance[first + c * row + k] * contact[force + k]
+            a, size = a + given, size + abs(given)
+        slides, way = contact[high + c] == contact[low + c], contact[side + c]
+        contact[change + c] = a if slides or way * a > 0.0 else 0.0
+        return slides or way * a >= -ROUNDING * size
+
+    @compiled(forceinline=True, **COMPILER_OPTIONS)
+    def fitting_side(contact: LaneRows, c: int, is_fitting: bool) -> float:
+        """Return the side of a contact, another one if it does not fit."""
+        f, rounding = contact[force + c], ROUNDING * (contact[high + c] - contact[low + c])
+        if contact[side + c] != 0.0:
+            return contact[side + c] if is_fitting else 0.0
+        return 1.0 if f > contact[high + c] + rounding else -1.0 if f < contact[low + c] - rounding else 0.0
 
     @compiled(**COMPILER_OPTIONS)
     def balance(compliance: LaneRows, first: int, row: int, contact: LaneRows) -> None:
@@ -175,15 +186,12 @@ def _make_balance(places: tuple[int, ...], contacts: int) -> Callable[..., None]
             contact[side + c] = 0.0 if contact[high + c] > contact[low + c] else 1.0
         for _ in range(MAX_PIVOTS):
             solve(compliance, first, row, contact)
-            is_fitting = True
+            is_done = True
             for c in places:
-                a = contact[push + c]
-                for k in places:
-                    a += compliance[first + c * row + k] * contact[force + k]
-                contact[change + c] = a if contact[side + c] != 0.0 else 0.0
-                if is_fitting and is_corrected(contact, c):
-                    is_fitting = False
-            if is_fitting:
+                way = fitting_side(contact, c, set_change(compliance, first, row, contact, c))
+                if is_done and way != contact[side + c]:
+                    contact[side + c], is_done = way, False
+            if is_done:
                 break
 
     return balance
