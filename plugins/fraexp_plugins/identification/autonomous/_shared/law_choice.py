@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +18,7 @@ from fraexp_plugins.identification.autonomous._shared.law_elements import (
     RollingElements,
     WeakeningElements,
 )
-from fraexp_plugins.identification.autonomous._shared.law_interval import law_uncertainty
+from fraexp_plugins.identification.autonomous._shared.law_interval import LawUncertainty, law_uncertainty
 from fraexp_plugins.identification.autonomous._shared.law_records import LawRecords, LawSolution
 
 SEARCH_STEP = 3
@@ -151,19 +151,25 @@ def choose_law(
     some = LawRecords.from_signals(signals, coarse, inverse, SEARCH_STEP)
     records = LawRecords.from_signals(signals, observer, inverse)
     fits: list[LawFit] = []
+
+    @cache
+    def uncertainty(place: int) -> LawUncertainty:
+        return law_uncertainty(fits[place].elements, fits[place].dead_time, records)
+
     for family in _families(records, fits):
         fit = _searched(family, some, is_delayed)
         is_hopeless = fit.residual > HOPELESS_RATIO * min((each.residual for each in fits), default=np.inf)
         fits.append(fit if is_hopeless else _judged(fit, some, records))
-        if fits[-1].is_good and law_uncertainty(fits[-1].elements, fits[-1].dead_time, records).is_complete:
+        if fits[-1].is_good and uncertainty(len(fits) - 1).is_complete:
             break
-    best = min(fits, key=lambda fit: fit.residual)
-    others = [fit for fit in fits if fit is not best and fit.sizes.size]
-    equal = [best, *(fit for fit in others if fit.residual <= EQUAL_RATIO * best.residual)]
-    unknown = [law_uncertainty(fit.elements, fit.dead_time, records) for fit in equal]
-    interval = min(each.interval[0] for each in unknown), max(each.interval[1] for each in unknown)
-    residuals = {fit.elements.name: fit.residual for fit in fits}
-    return LawChoice(best, unknown[0].covariance, interval, records, residuals)
+    residuals = [fit.residual for fit in fits]
+    best, most = int(np.argmin(residuals)), EQUAL_RATIO * min(residuals)
+    intervals = [
+        uncertainty(place).interval for place, fit in enumerate(fits) if fit.sizes.size and fit.residual <= most
+    ]
+    interval = min(low for low, _ in intervals), max(high for _, high in intervals)
+    tried = {fit.elements.name: fit.residual for fit in fits}
+    return LawChoice(fits[best], uncertainty(best).covariance, interval, records, tried)
 
 
 def _families(records: LawRecords, fits: Sequence[LawFit]) -> Iterator[LawFamily]:
