@@ -5,8 +5,8 @@
 
 Coulomb force and Stribeck velocity are then extrapolated: they act nearly alike. Machines and records are those of
 `law_selection.py`, but for the Stribeck velocity, which is 1.25 times the largest velocity of a record that is
-simulated first. `maximum_likelihood` starts with all numbers of friction wrong, as there. What is printed are errors
-over the half-width of the 95 % interval, and that half-width over the value.
+simulated first. All numbers of friction are wrong at the start, as there, and the law is the only candidate. What is
+printed are errors over the half-width of the 95 % interval, and that half-width over the value.
 
 The exit code is 1 if more than one of ten intervals misses the true value, of all that the verdict calls right.
 """
@@ -20,12 +20,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 from drawn_machines import DrawnMachine
-from fraexp_plugins.identification.whole_record._shared.free_parameters import SCALES
-from fraexp_plugins.identification.whole_record._shared.scaled_friction import shape_parameters
-from law_selection import REGISTRY, RESOLUTION_M, candidates, machines, record
+from law_selection import candidates, choose, machines, record
 
-from fraexp.components.kinds import Estimator, FrictionModel
-from fraexp.components.registry import create
 from fraexp.data.results import Fit, Outcome
 
 SEED = 32
@@ -51,11 +47,7 @@ def slow_machine(machine: DrawnMachine) -> DrawnMachine:
 def fitted(machine: DrawnMachine, seed: int) -> tuple[Outcome, Fit]:
     """Return the outcome, and the friction that is found from a wrong start."""
     (start,) = candidates(machine, ("lugre",), np.random.default_rng([seed, machine.number]), is_blind=False)
-    spec = {
-        "name": "maximum_likelihood", "friction": start, "resolution": RESOLUTION_M, "noise": 0.0, **machine.delays(),
-        "free": [*SCALES, *shape_parameters(create(REGISTRY, FrictionModel, start))],
-    }  # fmt: skip
-    result = create(REGISTRY, Estimator, spec).estimate(record(machine))
+    result = choose(machine, record(machine), [start])
     return result.outcome, next(fit for fit in result.fits if fit.kind == "friction")
 
 
