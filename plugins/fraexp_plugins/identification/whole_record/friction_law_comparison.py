@@ -159,7 +159,7 @@ class FrictionLawComparison(DelayedEstimator, name="friction_law_comparison", ve
 
     def _carried(self, trial: "_LawTrial", kept: Signals, held_out: Signals, is_thorough: bool = False) -> "_LawTrial":
         """Return how a law fits the records that are kept, and predicts those that are held out."""
-        staged, along = self._staged_fit(trial.method, kept), trial.along
+        staged, along = self._staged_fit(self._method(trial.model), kept), trial.along
         assert along is not None
         found = staged.joint() if is_thorough else staged.joint_from(along.plant, along.shared)
         method = self._method(found.friction or trial.model)
@@ -168,7 +168,7 @@ class FrictionLawComparison(DelayedEstimator, name="friction_law_comparison", ve
         return replace(trial, method=method, found=found, frequency=frequency, ratios=ratios)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _LawTrial:
     """One law, and how far it was carried."""
 
