@@ -8,7 +8,7 @@ from fraexp.cli.output import print_path
 from fraexp.cli.sweep_lookup import find_run_number, find_sweeps, workspace_folder
 from fraexp.data.results import Outcome, Result
 from fraexp.errors import FraexpError, StoreError
-from fraexp.figures.export import export
+from fraexp.figures.export import WRITERS, export
 from fraexp.reports.published_comparisons import compare_sweep, comparison_document
 from fraexp.store import StoredSweep
 from fraexp.views.words import short_key
@@ -27,7 +27,11 @@ def execute(arguments: Namespace) -> ExitCode:
         if sweeps[0].outcome is Outcome.DAMAGED:
             raise StoreError(f"sweep {short_key(sweeps[0].key)}: {sweeps[0].message}; {Outcome.DAMAGED.value}")
         result = store.result(sweeps[0].key)
-        if arguments.output.suffix.lower() in CONTROLLER_SUFFIXES:
+        suffix, known = arguments.output.suffix, (*WRITERS, *CONTROLLER_SUFFIXES)
+        if suffix.lower() not in known:
+            name = arguments.output.name
+            raise FraexpError(f"{name}: '{suffix}' is not an export format; known: {', '.join(known)}")
+        if suffix.lower() in CONTROLLER_SUFFIXES:
             return _export_code(sweeps[0], result, arguments)
         published = compare_sweep(store, sweeps[0], result, workspace_folder(arguments).folder)
     header = {

@@ -1,6 +1,7 @@
 """The plan of a measurement: which points are played, in which order, how long, and what that asks of the machine."""
 
-from collections.abc import Mapping, Sequence
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -185,19 +186,35 @@ def _settling_times(experiments: Sequence[Experiment]) -> list[int]:
     found = []
     for experiment, segment in zip(experiments, run_experiments(experiments, lambda _: None), strict=True):
         if segment is None or segment.settling is None:
-            raise MachineError(f"experiment {experiment.number + 1} of the excitation diverges in the simulation")
+            period = experiment.period
+            frequency = frequency_text(period.lines / (period.waveform.size * experiment.setup.sample_time))
+            raise MachineError(
+                f"at {frequency} the study's machine diverges in the simulation; expected one that comes to rest: "
+                "lower the controller's gain or the amplitude, or correct plant and dead times"
+            )
         found.append(round(segment.settling.time / segment.sample_time))
     return found
 
 
 def simulated_demands(points: Sequence[PlannedPoint]) -> list[Demand]:
     """Return what points on one machine ask for, from rest to rest, wherever a play is stopped."""
-    plays = [play for point in points for play in _plays(point)]
-    ends = np.cumsum([play.period.waveform.size for play in plays])
     demands: list[Demand] = []
-    for group in np.split(np.arange(len(plays)), np.flatnonzero(np.diff(ends // SAMPLES_AT_ONCE)) + 1):
-        demands += map(_demand, run_experiments([plays[k] for k in group], lambda _: None))
+    for plays in _play_groups(points):
+        demands += map(_demand, run_experiments(plays, lambda _: None))
     return [Demand(*np.max(each, axis=0).tolist()) for each in np.split(np.array(demands), len(points))]
+
+
+def _play_groups(points: Sequence[PlannedPoint]) -> Iterator[list[Experiment]]:
+    """Yield the plays of all points in turn, as many at once as have SAMPLES_AT_ONCE."""
+    group, samples = [], 0
+    for play in itertools.chain.from_iterable(map(_plays, points)):
+        group.append(play)
+        samples += play.period.waveform.size
+        if samples >= SAMPLES_AT_ONCE:
+            yield group
+            group, samples = [], 0
+    if group:
+        yield group
 
 
 def _plays(point: PlannedPoint) -> list[Experiment]:

@@ -103,6 +103,11 @@ def test_what_is_predicted_to_exceed_a_limit_is_refused(
     assert not (tmp_path / "machine.log").exists()
 
 
+def test_a_machine_that_diverges_in_its_plan_is_refused_with_the_frequency(workspace: WorkspaceService) -> None:
+    with pytest.raises(MachineError, match=r"at 10 Hz the study's machine diverges in the simulation; .* lower the"):
+        measure(workspace, "controller.proportional=1e8", "limits.force=1e9", "limits.velocity=1e9")
+
+
 @pytest.mark.parametrize("frequency", [10.0, 500.0])
 def test_a_plan_knows_what_follows_a_stop_at_any_moment(workspace: WorkspaceService, frequency: float) -> None:
     overrides = (f"excitation.frequencies=[{frequency}]", "measurement.ramp_out=0.01", "excitation.ramp=0")
