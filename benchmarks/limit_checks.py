@@ -214,7 +214,7 @@ def examine(seed: int, margin: float | None, mismatch: float) -> Iterator[LimitT
 def main() -> None:
     """Examine as many excitations as are asked for, and print what is found."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("count", type=int)
+    parser.add_argument("count", type=int, nargs="?", default=60_000)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--margin", type=float)
     parser.add_argument("--mismatch", type=float, default=0.0)
