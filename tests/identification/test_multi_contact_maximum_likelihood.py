@@ -50,11 +50,11 @@ def plant(factors=(1.0, 1.0, 1.0, 1.0)):
     return {"name": "two_mass", **dict(zip(names, values, strict=True))}
 
 
-def friction(contact, force=1.0, displacement=1.0):
-    stiffness, limit, viscous = FRICTION[contact]
+def friction(contact, force=1.0, displacement=1.0, viscous=1.0):
+    stiffness, limit, coefficient = FRICTION[contact]
     return {
         "name": "rolling", "stiffness": (np.array(stiffness) * force / displacement).tolist(),
-        "limit_force": (np.array(limit) * force).tolist(), "viscous_coefficient": viscous,
+        "limit_force": (np.array(limit) * force).tolist(), "viscous_coefficient": viscous * coefficient,
     }  # fmt: skip
 
 
@@ -69,7 +69,7 @@ def estimator(motor=(1.0, 1.0), load=(1.0, 1.0), numbers=(1.0, 1.0, 1.0, 1.0), *
 
 @pytest.mark.thorough
 def test_plant_and_friction_of_both_contacts_are_found_from_a_wrong_start(record, registry):
-    wrong = {"motor": (1.15, 0.9), "load": (0.85, 1.1), "numbers": (1.1, 0.9, 0.88, 1.2)}
+    wrong = {"motor": (1.15, 0.9, 0.9), "load": (0.85, 1.1, 1.2), "numbers": (1.1, 0.9, 0.88, 1.2)}
     result = estimator(**wrong).estimate(record)
     assert result.outcome is Outcome.OK, result.message
     response = result.response
@@ -78,11 +78,12 @@ def test_plant_and_friction_of_both_contacts_are_found_from_a_wrong_start(record
     assert (np.abs(response.response - truth) <= radius).all()
     assert (radius < 0.01 * np.abs(truth)).all()
     known = {metric.name: metric.value for metric in result.metrics}
-    scales = {f"{c}.{s}": 1 / f for c in ("motor", "load") for s, f in zip(SCALES, wrong[c], strict=True)}
+    scales = {f"{c}.{s}": 1 / f for c in ("motor", "load") for s, f in zip(SCALES, wrong[c][:2], strict=True)}
+    viscous = {f"{contact}.viscous_coefficient": own[2] for contact, own in FRICTION.items()}
     numbers = {key: value for key, value in plant().items() if key != "name"}
-    for name, value in {**scales, **numbers}.items():
+    for name, value in {**scales, **viscous, **numbers}.items():
         assert known[name] == pytest.approx(value, abs=1.5 * known[f"{name}, 95 %"]), name
-        assert known[f"{name}, 95 %"] < (0.01 if name != "damping" else 0.1) * value
+        assert known[f"{name}, 95 %"] < (0.1 if name in (*viscous, "damping") else 0.01) * value, name
     (fit,) = result.fits
     assert fit.component["name"] == "two_mass"
 
@@ -108,7 +109,7 @@ def test_what_is_not_free_stays_as_given(record):
 def test_what_does_not_go_together_is_refused():
     wave = 1e-4 * np.sin(2 * np.pi * np.arange(100) / 100)[None, :]
     record = Signals((Segment(SAMPLE, {"u": wave, "y": wave}, np.array([1])),), {"u": "N", "y": "m"})
-    with pytest.raises(ParameterError, match=r"there is no parameter 'motor.force_scales'; did you mean"):
+    with pytest.raises(ParameterError, match=r"no parameter 'motor.force_scales' that is not 0; did you mean"):
         estimator(free=["motor.force_scales"]).estimate(record)
     positioned = {**friction("load"), "position_dependence": {"cogging": [{"period": 0.02, "amplitude": 1.0}]}}
     with pytest.raises(ParameterError, match=r"frictions\.load has a position_dependence"):

@@ -29,7 +29,7 @@ from fraexp.api import (
 from fraexp_plugins.excitations.sine_list import SineList
 from fraexp_plugins.identification._shared.friction_curves import NORMAL_QUANTILE
 from fraexp_plugins.identification.whole_record._shared.fit_report import FitReport
-from fraexp_plugins.identification.whole_record._shared.free_parameters import FreeParameters, plant_parameters
+from fraexp_plugins.identification.whole_record._shared.free_parameters import FreeParameters, nonzero_numbers
 from fraexp_plugins.identification.whole_record._shared.noise_level import NOISE
 from fraexp_plugins.identification.whole_record._shared.plan_search import PlanSearch
 from fraexp_plugins.identification.whole_record._shared.planned_records import Plan, PlannedRecord, planned_records
@@ -115,7 +115,7 @@ class ExcitationDesign(Estimator, name="excitation_design", version=2):
         noise = fit.noise if report.noise is None else report.noise.value
         frequencies = np.unique(np.concatenate([record.frequency for record in fit.records]))
         free = tuple(name for name in fit.free.friction if name != NOISE)
-        parameters = plant_parameters(models.plant) if fit.free.plant else ()
+        parameters = nonzero_numbers(models.plant) if fit.free.plant else ()
         return _Preliminary(
             models.plant, friction, models.replay.input_path[0], noise, FreeParameters(free, parameters),
             tuple(frequencies.tolist()),

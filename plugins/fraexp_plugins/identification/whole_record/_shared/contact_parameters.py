@@ -1,19 +1,24 @@
 """The parameters of a machine with friction at several contacts: scales of each, and the plant's numbers."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import ParameterError, Plant, did_you_mean
+from fraexp.api import FrictionModel, ParameterError, Plant, did_you_mean
 from fraexp_plugins.estimators._shared.parameter_uncertainty import parameter_unit, parameter_value, with_parameters
 from fraexp_plugins.identification.whole_record._shared.free_parameters import (
+    DISPLACEMENT_SCALE,
+    FORCE_SCALE,
     SCALES,
     FreeParameters,
     Models,
-    plant_parameters,
+    nonzero_numbers,
 )
+
+VISCOUS = "viscous_coefficient"
 
 
 @dataclass(frozen=True)
@@ -37,40 +42,67 @@ class ContactModels(Models):
 
 @dataclass(frozen=True)
 class ContactParameters(FreeParameters):
-    """Names of the parameters that are estimated: `friction` has those such as `motor.force_scale`."""
+    """Names of the parameters that are estimated: those of friction begin with their contact, `motor.force_scale`."""
 
     @classmethod
-    def of(cls, start: ContactModels) -> Self:
-        """Return the scales of every contact whose friction has any, and all numbers of the plant."""
-        contacts = [name for name, model in start.replay.frictions.items() if model.state_size]
-        scales = tuple(f"{contact}.{scale}" for contact in contacts for scale in SCALES)
-        return cls(scales, plant_parameters(start.plant))
+    def of(cls, start: ContactModels, chosen: Sequence[str] = ()) -> Self:
+        """Return the chosen parameters, or all that are free by default; ParameterError for one that there is not.
 
-    def keep(self, names: tuple[str, ...]) -> Self:
-        """Return those of them; ParameterError for a name that is none of them."""
-        for name in names:
-            if name not in self.names:
-                raise ParameterError(f"free: there is no parameter '{name}'{did_you_mean(name, self.names)}")
-        return self.leave_out([name for name in self.names if name not in names])
+        By default these are the scales and the viscous coefficient of every contact, and all numbers of the plant. A
+        viscous force shares its spectrum with the plant's own: where it is not free, its error is in their numbers.
+        """
+        scaled = {name: [*SCALES] if law.state_size else [] for name, law in start.replay.frictions.items()}
+        numbers = {name: nonzero_numbers(law) for name, law in start.replay.frictions.items()}
+        default = {name: [*scaled[name], *(n for n in numbers[name] if n == VISCOUS)] for name in scaled}
+        plant = nonzero_numbers(start.plant)
+        if not chosen:
+            return cls(_with_contacts(default), plant)
+        known = (*_with_contacts({name: [*scaled[name], *numbers[name]] for name in scaled}), *plant)
+        for name in chosen:
+            if name not in known:
+                raise ParameterError(
+                    f"free: there is no parameter '{name}' that is not 0{did_you_mean(name, known) or _listed(known)}"
+                )
+        return cls(tuple(n for n in chosen if n not in plant), tuple(n for n in chosen if n in plant))
 
-    def leave_out(self, names: list[str]) -> Self:
+    def leave_out(self, name: str) -> Self:
         """Return the others."""
-        friction, plant = (tuple(n for n in group if n not in names) for group in (self.friction, self.plant))
+        friction, plant = (tuple(n for n in group if n != name) for group in (self.friction, self.plant))
         return type(self)(friction, plant)
 
     def units(self, start: Models) -> tuple[str, ...]:
         """Return the units of all parameters."""
-        return (*("1" for _ in self.friction), *(parameter_unit(start.plant, name) for name in self.plant))
+        return tuple(
+            "1" if name.endswith(SCALES) else parameter_unit(*_place_of(start, name, name in self.plant))
+            for name in self.names
+        )
 
     def _start_value(self, start: Models, name: str) -> float:
-        return 1.0 if name in self.friction else parameter_value(start.plant, name)
+        return 1.0 if name.endswith(SCALES) else parameter_value(*_place_of(start, name, name in self.plant))
 
     def applied_to(self, start: Models, logs: NDArray[np.float64]) -> Models:
         """Return the machine with these parameters."""
         values = dict(zip(self.names, self.values(start, logs).tolist(), strict=True))
         changed = start.with_plant(with_parameters(start.plant, {name: values[name] for name in self.plant}))
-        scales = {
-            contact: tuple(values.get(f"{contact}.{scale}", 1.0) for scale in SCALES)
-            for contact in start.replay.frictions
-        }
-        return replace(changed, replay=changed.replay.with_scales(scales))
+        frictions, scales = {}, {}
+        for contact, law in start.replay.frictions.items():
+            own = {n.removeprefix(f"{contact}."): values[n] for n in self.friction if n.startswith(f"{contact}.")}
+            scales[contact] = (own.pop(FORCE_SCALE, 1.0), own.pop(DISPLACEMENT_SCALE, 1.0))
+            frictions[contact] = with_parameters(law, own)
+        replay = changed.replay.with_frictions(frictions).with_scales(scales)
+        return replace(changed, friction=next(iter(frictions.values())), replay=replay)
+
+
+def _with_contacts(names: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
+    """Return names after that of their contact."""
+    return tuple(f"{contact}.{name}" for contact, own in names.items() for name in own)
+
+
+def _listed(known: Sequence[str]) -> str:
+    return f"; known: {', '.join(known)}"
+
+
+def _place_of(start: Models, name: str, is_of_plant: bool) -> tuple[Plant | FrictionModel, str]:
+    """Return the component that has a number, and its name there."""
+    contact, _, number = name.partition(".")
+    return (start.plant, name) if is_of_plant else (start.replay.frictions[contact], number)

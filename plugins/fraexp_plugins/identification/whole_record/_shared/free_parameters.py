@@ -160,11 +160,11 @@ class FreeParameters:
         return changed.with_plant(plant) if self.plant else changed
 
 
-def plant_parameters(plant: Plant) -> tuple[str, ...]:
-    """Return the names of all numbers of a plant that are not 0."""
+def nonzero_numbers(model: Plant | FrictionModel) -> tuple[str, ...]:
+    """Return the names of all numbers of a plant or a friction model that are not 0."""
     names: list[str] = []
-    for name in type(plant).model_fields:
-        value = getattr(plant, name)
+    for name in type(model).model_fields:
+        value = getattr(model, name)
         if isinstance(value, tuple):
             names += [f"{name}.{place}" for place, each in enumerate(value) if each]
         elif isinstance(value, float) and value:

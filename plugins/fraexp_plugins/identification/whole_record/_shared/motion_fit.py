@@ -20,7 +20,7 @@ from fraexp_plugins.identification.whole_record._shared.free_parameters import (
     DEAD_TIME,
     FreeParameters,
     Models,
-    plant_parameters,
+    nonzero_numbers,
 )
 from fraexp_plugins.identification.whole_record._shared.observed_start import ObservedStart
 from fraexp_plugins.identification.whole_record._shared.staged_fit import StagedFit
@@ -197,7 +197,7 @@ def _fit_from(staged: StagedFit, records: MotionRecords, start: NDArray[np.float
         logs = start if best is None else best.shared[: start.size]
         found = []
         for with_delay, plant in _plants(staged, logs, best):
-            names = () if staged.nominal_plant is not None else plant_parameters(plant)
+            names = () if staged.nominal_plant is not None else nonzero_numbers(plant)
             models = staged.fit_around(plant).start
             search = _Search(records, FreeParameters(staged.free.friction, names), models, start)
             place = search.minimum(np.concatenate([with_delay, np.zeros(len(names))]))

@@ -16,7 +16,7 @@ from fraexp_plugins.identification.whole_record._shared.free_parameters import (
     SCALES,
     FreeParameters,
     Models,
-    plant_parameters,
+    nonzero_numbers,
 )
 from fraexp_plugins.identification.whole_record._shared.joint_fit import Prior
 from fraexp_plugins.identification.whole_record._shared.observed_start import ObservedStart, spread_places, union_of
@@ -303,7 +303,7 @@ class StagedFit:
         self, fit: RecordFit, shared: NDArray[np.float64], gain: float, max_steps: int = MAX_STEPS
     ) -> Fitted:
         """Return the fit in which every response is that of the plant."""
-        parameters = () if self.nominal_plant is not None else plant_parameters(fit.start.plant)
+        parameters = () if self.nominal_plant is not None else nonzero_numbers(fit.start.plant)
         joint = replace(fit, free=FreeParameters(self.free.friction, parameters), has_own_forces=False)
         missing = len(joint.free.names) - shared.size
         own = tuple(np.zeros(record.count) for record in fit.records)
