@@ -108,6 +108,11 @@ class Verification:
     """What makes the simulation more exact."""
     further_step_errors: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
     """What `step_error` is, of further measured positions, by their channels such as `y.load`."""
+    standing_motion: Mapping[str, float] = field(default_factory=dict)
+    """Amplitude [m] up to which a position stands, by its channel: friction holds it, the rest is the computation.
+
+    Where it stands its `step_error` is NaN. 0 if it moves at all frequencies that were examined.
+    """
 
     cache: dict[str, NDArray[np.float64] | None] = field(default_factory=dict, init=False, repr=False, compare=False)
     """Error along `segments` of each estimator that knows the machine: those of a job often differ in no more."""

@@ -17,9 +17,7 @@ NUMERICAL_ERROR = "numerical error"
 """Name of the metric that tells how far the computation may have falsified a motion, relative to its range."""
 SAME_FREQUENCY = 1e-9
 """Relative difference of two frequencies that are the same."""
-MOTION_REMEDY = (
-    "the sampled motion does not show all of the friction force; raise the amplitude, or shorten the samples"
-)
+MOTION_REMEDY = "the sampled motion does not show all of the friction force; raise the amplitude"
 
 
 def certify(estimator: Estimator, signals: Signals, result: Result, tolerance: float) -> Result:
@@ -35,16 +33,39 @@ def certify(estimator: Estimator, signals: Signals, result: Result, tolerance: f
     if result.response is None:
         return _certify_motion(result, verification, tolerance)
     steps = verification.further_step_errors.get(result.response.output, verification.step_error)
-    found = spread_error(result.response.frequency, verification.frequency, steps)
+    standing = _standing_error(result.response, verification)
+    found = spread_error(result.response.frequency, verification.frequency, steps) + standing
     compensated = compensation_error(estimator, signals, result.response)
     if compensated is not None:
         at = np.concatenate([segment.frequency for segment in verification.segments])
         found = found + spread_error(result.response.frequency, at, compensated)
     own = 0.0 if result.response.numerical_error is None else result.response.numerical_error
-    response = replace(result.response, numerical_error=found + own)
+    stands = standing >= 1
+    response = replace(result.response, numerical_error=found + own, settled=result.response.settled & ~stands)
     limit = tolerance if compensated is None else tolerance * COMPENSATED_ERROR_RATIO
     complaint = _complaint(response, found, limit, verification.remedy if compensated is None else MOTION_REMEDY)
-    return _with_complaint(replace(result, response=response), complaint)
+    return _with_standstill(_with_complaint(replace(result, response=response), complaint), stands)
+
+
+def _standing_error(response: FrequencyResponse, verification: Verification) -> NDArray[np.float64]:
+    """Return the motion that the computation leaves of a standstill, relative to that of the output, shape (n,).
+
+    It is a displacement that the steps make, not a part of the motion; from 1 the output stands.
+    """
+    left = verification.standing_motion.get(response.output, 0.0)
+    if not left:
+        return np.zeros(response.frequency.size)
+    return np.nan_to_num(left / response.output_amplitude)
+
+
+def _with_standstill(result: Result, stands: NDArray[np.bool_]) -> Result:
+    """Return a result that says at which frequencies its output stands, and has no response."""
+    if result.response is None or not stands.any():
+        return result
+    places = f"{stands.sum()} of {stands.size} frequencies ({frequency_text(result.response.frequency[stands])})"
+    message = f"at {places} friction holds {result.response.output}, which does not move"
+    outcome = Outcome.NO_MOTION if result.outcome in (Outcome.OK, Outcome.INACCURATE) else result.outcome
+    return replace(result, outcome=outcome, message="; ".join(filter(None, (message, result.message))))
 
 
 def _certify_motion(result: Result, verification: Verification, tolerance: float) -> Result:

@@ -1,7 +1,7 @@
 """The check of a simulation: a few of its periods again, with other steps."""
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +12,7 @@ from fraexp.components.kinds import FrictionModel
 from fraexp.components.periods import Period, Schedule
 from fraexp.data.signals import Segment, Verification
 from fraexp.simulation.experiment_run import run_experiments
-from fraexp.simulation.experiments import Experiment, Setup
+from fraexp.simulation.experiments import Experiment, Setup, set_valued_contacts
 from fraexp.simulation.loop_setup import fewest_steps, setup_with_steps
 from fraexp.simulation.machine import Machine
 
@@ -43,37 +43,96 @@ class StepPair(NamedTuple):
         return SAFETY_FACTOR / steps**2 / (1 / self.coarse.steps**2 - 1 / self.fine.steps**2)
 
 
+class _Comparison(NamedTuple):
+    """What another number of steps changes."""
+
+    fine: tuple[Segment, ...]
+    """Segments that were computed again, with the greater number of steps."""
+    errors: dict[str, NDArray[np.float64]]
+    """Relative error of each measured position, by its channel; 1 or more where it stands."""
+    standing: dict[str, float]
+    """Amplitude [m] up to which a position stands, by its channel."""
+
+
+@dataclass(frozen=True)
+class _Repetition:
+    """An experiment of which some periods are computed again."""
+
+    pair: StepPair
+    setup: Setup
+    schedule: Schedule
+    periods: Sequence[Period]
+    segments: Sequence[Segment]
+
+    @property
+    def is_ideal(self) -> bool:
+        """Whether the experiment was simulated with an ideal encoder."""
+        return not (self.setup.resolution or self.setup.noise_std)
+
+    @property
+    def is_transient(self) -> bool:
+        """Whether the motion is not periodic, so that it is computed again as a whole."""
+        return self.schedule.settling_timeout == 0
+
+    def compare(self) -> _Comparison | None:
+        """Return what the steps change in the hardest periods; None if none is known with both numbers of steps.
+
+        Of a position that stands in one of them, that in which it moves least is examined too, until that one moves.
+        """
+        pairs: list[tuple[Segment, Segment]] = []
+        seen: set[int] = set()
+        further = set(hardest_segments(self.segments))
+        can_stand = any(set_valued_contacts(self.setup.frictions)) and not self.is_transient
+        can_stand = can_stand and all(segment.lines.size == 1 for segment in self.segments)
+        found = None
+        while further:
+            seen |= further
+            pairs += self._pairs(sorted(further))
+            if not pairs:
+                return None
+            coarse, fine = zip(*pairs, strict=True)
+            errors = self._errors(coarse, fine)
+            standing = {name: _standing_motion(fine, name, error) for name, error in errors.items() if can_stand}
+            found = _Comparison(fine, errors, standing)
+            further = _smallest_motions(self.segments, standing) - seen if self.is_ideal else set()
+        return found
+
+    def _pairs(self, numbers: Sequence[int]) -> list[tuple[Segment, Segment]]:
+        """Return the periods with these numbers with both numbers of steps, as far as they settle."""
+        both = zip(*(self._run(stepped, numbers) for stepped in self.pair), strict=True)
+        return [(a, b) for a, b in both if a and b and _is_settled(a) and _is_settled(b)]
+
+    def _run(self, stepped: Setup, numbers: Sequence[int]) -> list[Segment | None]:
+        if self.is_ideal and stepped is self.setup:
+            return [self.segments[number] for number in numbers]
+        ideal, schedule, periods = replace(stepped, resolution=0.0, noise_std=0.0), self.schedule, self.periods
+        if not self.is_transient:
+            schedule = replace(schedule, recorded_periods=1, min_record_time=0.0)
+            periods = [replace(period, recorded_periods=0) for period in periods]
+        if not self.is_ideal:  # both are run, and their transients are alike
+            tolerance = max(schedule.settling_tolerance, PAIR_SETTLING_TOLERANCE)
+            schedule = replace(schedule, settling_tolerance=tolerance)
+        experiments = [Experiment(ideal, periods[number], schedule, number) for number in numbers]
+        return run_experiments(experiments, lambda _: None)
+
+    def _errors(self, coarse: Sequence[Segment], fine: Sequence[Segment]) -> dict[str, NDArray[np.float64]]:
+        difference = _motion_difference if self.is_transient else _relative_difference
+        ratio = self.pair.error_ratio(self.setup.steps)
+        return {name: ratio * difference(coarse, fine, name) for name in _position_channels(self.setup)}
+
+
 def verify(
     machine: Machine, setup: Setup, schedule: Schedule, periods: Sequence[Period], segments: Sequence[Segment]
 ) -> Verification | None:
     """Return how exact an experiment is, from some of its periods with other steps; None if none was recorded."""
-    numbers = hardest_segments(segments)
-    if not numbers:
-        return None
-    is_ideal = not (setup.resolution or setup.noise_std)
     is_transient = schedule.settling_timeout == 0
-    pair = step_pair(machine, setup, is_finer=is_transient)
-    short = schedule if is_transient else replace(schedule, recorded_periods=1, min_record_time=0.0)
-    if not is_ideal:  # both are run, and their transients are alike
-        short = replace(short, settling_tolerance=max(schedule.settling_tolerance, PAIR_SETTLING_TOLERANCE))
-
-    def run(stepped: Setup) -> list[Segment | None]:
-        if is_ideal and stepped is setup:
-            return [segments[number] for number in numbers]
-        ideal = replace(stepped, resolution=0.0, noise_std=0.0)
-        once = periods if is_transient else [replace(period, recorded_periods=0) for period in periods]
-        experiments = [Experiment(ideal, once[number], short, number) for number in numbers]
-        return run_experiments(experiments, lambda _: None)
-
-    pairs = [(a, b) for a, b in zip(run(pair.coarse), run(pair.fine), strict=True) if _is_settled(a) and _is_settled(b)]
-    if not pairs:
+    repetition = _Repetition(step_pair(machine, setup, is_finer=is_transient), setup, schedule, periods, segments)
+    compared = repetition.compare()
+    if compared is None:
         return None
-    coarse, fine = (tuple(segment for segment in part if segment) for part in zip(*pairs, strict=True))
-    recorded = tuple(segments) if is_ideal else fine
-    difference = _motion_difference if is_transient else _relative_difference
-    errors = {
-        name: pair.error_ratio(setup.steps) * difference(coarse, fine, name) for name in _position_channels(setup)
-    }
+    fine, errors, standing = compared
+    recorded = tuple(segments) if repetition.is_ideal else fine
+    errors = {name: np.where((name in standing) & (each >= 1), np.nan, each) for name, each in errors.items()}
     return Verification(
         frequency=_frequencies(fine),
         step_error=errors.pop("y"),
@@ -89,7 +148,34 @@ def verify(
         },
         remedy=_steps_remedy(machine, setup),
         further_step_errors=errors,
+        standing_motion=standing,
     )
+
+
+def _standing_motion(segments: Sequence[Segment], position: str, error: NDArray[np.float64]) -> float:
+    """Return the amplitude [m] that the computation leaves of a position where it stands; 0 if it moves everywhere.
+
+    Where steps change a motion by more than itself, friction holds it, to a displacement that falls with the step's
+    square. `error` is that of each segment, relative to its motion.
+    """
+    stands = error >= 1
+    return float(np.max(error[stands] * _amplitudes(segments, position)[stands], initial=0.0))
+
+
+def _smallest_motions(segments: Sequence[Segment], standing: Mapping[str, float]) -> set[int]:
+    """Return the segment in which each position that stands in others moves least: it may stand there too."""
+    numbers = set()
+    for position, least in standing.items():
+        amplitudes = _amplitudes(segments, position)
+        moves = (amplitudes > least) & [_is_settled(segment) for segment in segments]
+        if least and moves.any():
+            numbers.add(int(np.argmin(np.where(moves, amplitudes, np.inf))))
+    return numbers
+
+
+def _amplitudes(segments: Sequence[Segment], position: str) -> NDArray[np.float64]:
+    """Return the amplitude of a position [m] at the line of each segment, shape (n,)."""
+    return np.abs([phasors(segment, position)[0, 0] for segment in segments])
 
 
 def _steps_remedy(machine: Machine, setup: Setup) -> str:

@@ -108,8 +108,26 @@ def test_a_load_that_sticks_has_no_response_that_counts():
     found = {output: Conventional(output=output) for output in ("y", "y.load")}
     certified = {name: certify(each, signals, each.estimate(signals), 1e-4) for name, each in found.items()}
     assert certified["y"].outcome is Outcome.OK
-    assert certified["y.load"].outcome is Outcome.INACCURATE
-    assert "the computation falsifies the response" in certified["y.load"].message
+    assert certified["y.load"].outcome is Outcome.NO_MOTION
+    assert "at 1 of 1 frequencies (150 Hz) friction holds y.load" in certified["y.load"].message
+
+
+@pytest.mark.parametrize("forces", [(8.0, 6.0), (3.0, 9.0)])
+def test_frequencies_at_which_a_load_sticks_take_no_others_with_them(forces):
+    """Steps so fine that their error does not count show which responses are right."""
+    frictions = dict(zip(("motor", "load"), (Coulomb(coulomb_force=force) for force in forces), strict=True))
+    frequencies = (10.0, 15.0, 20.0, 25.0, 30.0, 40.0, 50.0, 60.0, 80.0, 100.0, 125.0, 150.0)
+    signals = on_drive(frictions, frequencies)
+    stands = np.array([np.ptp(segment.channels["y.load"]) < 1e-9 for segment in signals.segments])
+    assert stands.any()
+    assert stands.sum() < stands.size - 3
+    conventional = Conventional(output="y.load")
+    response = certify(conventional, signals, conventional.estimate(signals), 1e-4).response
+    fine = conventional.estimate(on_drive(frictions, frequencies, steps=200)).response
+    error = np.abs(response.response / fine.response - 1)
+    np.testing.assert_array_equal(response.settled, ~stands)
+    assert np.all(error[~stands] <= response.numerical_error[~stands])
+    assert response.numerical_error[~stands].max() < 1e-3
 
 
 def test_the_proposed_method_says_how_far_standstill_may_put_it_off():
