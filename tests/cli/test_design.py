@@ -36,7 +36,7 @@ SINES = {"name": "sine_list", "version": 1, "frequencies": [2.0], "amplitudes": 
 
 def sweep(experiment: dict[str, object], **estimator: object) -> StoredSweep:
     method = {"name": "maximum_likelihood", "version": 4, "friction": {"name": "none", "version": 1}, "modes": None}
-    spec = {"name": "excitation_design", "version": 2, "method": method, **estimator}
+    spec = {"name": "excitation_design", "version": 3, "method": method, **estimator}
     return StoredSweep("swp-" + 60 * "0", experiment, spec, {}, Outcome.OK, "", 0.0, None, "computed")
 
 

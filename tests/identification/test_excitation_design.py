@@ -113,6 +113,12 @@ def test_designed_sines_last_as_long_as_allowed_and_promise_more(short, registry
     assert known["designed plan: time"] <= 40
     assert known["designed plan: band, rms"] < known["uniform plan: band, rms"]
     assert known["designed plan: force_scale, 95 %"] < known["uniform plan: force_scale, 95 %"]
+    units = {metric.name: metric.unit for metric in result.metrics}
+    intervals = [name for name in units if f"uniform plan: {name}" in units]
+    assert "k0, 95 %" in intervals
+    for name in intervals:  # 40 s instead of the 15 s or so of one period each
+        assert units[f"uniform plan: {name}"] == units[name]
+        assert 0.1 < known[f"uniform plan: {name}"] / known[name] < 1.1, name
     (fit,) = (each for each in result.fits if each.kind == "excitation")
     excitation = create(registry, Excitation, fit.component)
     assert len(excitation.frequencies) == 12

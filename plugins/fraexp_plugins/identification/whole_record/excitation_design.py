@@ -29,7 +29,11 @@ from fraexp.api import (
 from fraexp_plugins.excitations.sine_list import SineList
 from fraexp_plugins.identification._shared.friction_curves import NORMAL_QUANTILE
 from fraexp_plugins.identification.whole_record._shared.fit_report import FitReport
-from fraexp_plugins.identification.whole_record._shared.free_parameters import FreeParameters, nonzero_numbers
+from fraexp_plugins.identification.whole_record._shared.free_parameters import (
+    DEAD_TIME,
+    FreeParameters,
+    nonzero_numbers,
+)
 from fraexp_plugins.identification.whole_record._shared.noise_level import NOISE
 from fraexp_plugins.identification.whole_record._shared.plan_search import PlanSearch
 from fraexp_plugins.identification.whole_record._shared.planned_records import Plan, PlannedRecord, planned_records
@@ -40,7 +44,7 @@ MIN_WIDER_RATIO = 1.01
 """Interval of a parameter over that with equal sines from which the message names it."""
 
 
-class ExcitationDesign(Estimator, name="excitation_design", version=2):
+class ExcitationDesign(Estimator, name="excitation_design", version=3):
     """The sines that tell most of plant and friction in a given measuring time (optimal input design).
 
     `method` finds plant, friction and noise from the records there are: those of a short measurement, or of a simulated
@@ -169,10 +173,10 @@ class ExcitationDesign(Estimator, name="excitation_design", version=2):
             f"in {self.measuring_time:g} s the designed sines are predicted to make bands {gain:.2f} times as wide as "
             f"equal ones do, the widest one of P̂ {widest:.2f} times"
         )
-        names = _interval_names(found)
-        wider = ", ".join(_wider_intervals(names, uniform, designed))
+        parameters = _planned_parameters(found, ControlLoop.parse(self.loop, "loop").sample_time)
+        wider = ", ".join(_wider_intervals(parameters, uniform, designed))
         text += f"; wider intervals: {wider}" if wider else ""
-        metrics = [*_plan_metrics(UNIFORM, uniform, names), *_plan_metrics(DESIGNED, designed, names)]
+        metrics = [*_plan_metrics(UNIFORM, uniform, parameters), *_plan_metrics(DESIGNED, designed, parameters)]
         ordered = sorted(designed.measured, key=lambda pair: pair[0].frequency)
         excitation = SineList(
             frequencies=tuple(record.frequency for record, _ in ordered),
@@ -204,28 +208,41 @@ class _Preliminary(NamedTuple):
     """[Hz]"""
 
 
-def _interval_names(found: Result) -> list[str]:
-    """Return the names of the parameters of a result that have an interval, friction's first."""
-    plain = [metric.name for metric in found.metrics]
-    return [name for name in plain if f"{name}, 95 %" in plain]
+class _PlannedParameter(NamedTuple):
+    """A parameter whose interval is predicted."""
+
+    name: str
+    unit: str
+    slope: float
+    """Change of its value with what the fit sees: the logarithm of the value, or samples of dead time."""
 
 
-def _wider_intervals(names: Sequence[str], uniform: Plan, designed: Plan) -> Iterator[str]:
+def _planned_parameters(found: Result, sample_time: float) -> list[_PlannedParameter]:
+    """Return the parameters of a result that have an interval, friction's first."""
+    names = {metric.name for metric in found.metrics}
+    return [
+        _PlannedParameter(metric.name, metric.unit, sample_time if metric.name == DEAD_TIME else abs(metric.value))
+        for metric in found.metrics
+        if f"{metric.name}, 95 %" in names
+    ]
+
+
+def _wider_intervals(parameters: Sequence[_PlannedParameter], uniform: Plan, designed: Plan) -> Iterator[str]:
     """Yield each parameter that the designed sines tell less of, and by how much its interval grows."""
     ratios = np.sqrt(np.diag(designed.covariance()) / np.diag(uniform.covariance()))
-    for name, ratio in zip(names, ratios, strict=False):
+    for parameter, ratio in zip(parameters, ratios, strict=False):
         if ratio >= MIN_WIDER_RATIO:
-            yield f"{name} {ratio:.2f} times"
+            yield f"{parameter.name} {ratio:.2f} times"
 
 
-def _plan_metrics(label: str, plan: Plan, names: Sequence[str]) -> Iterator[Metric]:
+def _plan_metrics(label: str, plan: Plan, parameters: Sequence["_PlannedParameter"]) -> Iterator[Metric]:
     """Yield the measuring time, the bands of P̂, and the intervals of friction and plant, all predicted."""
     bands = NORMAL_QUANTILE * plan.standard_deviations()
     yield Metric(f"{label}: time", plan.time, "s")
     yield Metric(f"{label}: band, rms", float(np.sqrt(np.mean(bands**2))), "1")
     yield Metric(f"{label}: largest band", float(bands.max()), "1")
-    for name, std in zip(names, np.sqrt(np.diag(plan.covariance())), strict=False):
-        yield Metric(f"{label}: {name}, 95 %", float(NORMAL_QUANTILE * std), "1")
+    for each, std in zip(parameters, np.sqrt(np.diag(plan.covariance())), strict=False):
+        yield Metric(f"{label}: {each.name}, 95 %", float(NORMAL_QUANTILE * std * each.slope), each.unit)
 
 
 def _plan_curve(label: str, plan: Plan) -> Curve:
