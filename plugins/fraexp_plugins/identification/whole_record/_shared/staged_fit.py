@@ -45,8 +45,6 @@ MIN_INDEPENDENCE, DIRECTION_SIZES = 1e-3, (5e-4, 0.02)
 the least and greatest changes of logarithms by which derivatives are taken then."""
 MAX_PARAMETER_STD = 0.5
 """Relative standard deviation from which records do not tell a parameter."""
-HOLDING = 1e6
-"""Factor on the information of shared parameters by which they stay where they are."""
 MAX_REFINEMENTS, REFINEMENT = 2, 3
 """How often the replay's steps are refined if they matter, and by which factor."""
 REPLAY_TOLERANCE_RATIO = 0.1
@@ -381,15 +379,12 @@ def _without_plant(
 
 
 def _with_own_responses(found: Fitted, max_steps: int = MAX_STEPS) -> Fitted:
-    """Return the fit in which each record has a response of its own; what all share stays that of the joint fit.
-
-    The joint fit is efficient: samples that told the shared parameters once would move them off it the second time.
-    """
+    """Return the fit in which each record has a response of its own; the others tell what all share."""
     covariance = found.covariances[0]
     count = found.state.shared.size
     information = np.asarray(np.linalg.inv(covariance[:count, :count]), dtype=float)
-    known, held = (Prior(found.state.shared, factor * information) if count else None for factor in (1.0, HOLDING))
+    known = Prior(found.state.shared, information) if count else None
     own = replace(found.fit, has_own_forces=True, prior=known)
-    state, linear = replace(own, prior=held).converge(found.state, LAST_GAIN, max_steps, found.linear)
+    state, linear = own.converge(found.state, LAST_GAIN, max_steps, found.linear)
     change_of_shared = replay_error(found.fit, found.state, found.linear).shared_change
     return Fitted(own, state, linear, replay_error(own, state, linear, change_of_shared))
