@@ -40,6 +40,7 @@ LONG |= {"elastoplastic_identification", "masing_inversion", "friction_law_compa
 """Identification that takes ten seconds and more; it computes as viscous_identification or maximum_likelihood do, which
 are here."""
 UNUSED = {"local_rational", "injection_on_motion", "loop_tuning", "dictionary_identification", "excitation_design"}
+UNUSED |= {"multi_contact_maximum_likelihood"}
 """Estimators that are in none of these studies."""
 
 
