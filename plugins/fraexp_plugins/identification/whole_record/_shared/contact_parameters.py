@@ -60,9 +60,8 @@ class ContactParameters(FreeParameters):
         known = (*_with_contacts({name: [*scaled[name], *numbers[name]] for name in scaled}), *plant)
         for name in chosen:
             if name not in known:
-                raise ParameterError(
-                    f"free: there is no parameter '{name}' that is not 0{did_you_mean(name, known) or _listed(known)}"
-                )
+                nearest = did_you_mean(name, known) or f"; known: {', '.join(known)}"
+                raise ParameterError(f"free: there is no parameter '{name}' that is not 0{nearest}")
         return cls(tuple(n for n in chosen if n not in plant), tuple(n for n in chosen if n in plant))
 
     def leave_out(self, name: str) -> Self:
@@ -96,10 +95,6 @@ class ContactParameters(FreeParameters):
 def _with_contacts(names: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
     """Return names after that of their contact."""
     return tuple(f"{contact}.{name}" for contact, own in names.items() for name in own)
-
-
-def _listed(known: Sequence[str]) -> str:
-    return f"; known: {', '.join(known)}"
 
 
 def _place_of(start: Models, name: str, is_of_plant: bool) -> tuple[Plant | FrictionModel, str]:
