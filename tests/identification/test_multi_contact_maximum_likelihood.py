@@ -111,6 +111,8 @@ def test_what_does_not_go_together_is_refused():
     record = Signals((Segment(SAMPLE, {"u": wave, "y": wave}, np.array([1])),), {"u": "N", "y": "m"})
     with pytest.raises(ParameterError, match=r"no parameter 'motor.force_scales' that is not 0; did you mean"):
         estimator(free=["motor.force_scales"]).estimate(record)
+    with pytest.raises(ParameterError, match="free names 'stiffness' twice"):
+        estimator(free=["stiffness", "stiffness"]).estimate(record)
     positioned = {**friction("load"), "position_dependence": {"cogging": [{"period": 0.02, "amplitude": 1.0}]}}
     with pytest.raises(ParameterError, match=r"frictions\.load has a position_dependence"):
         estimator(frictions={"motor": friction("motor"), "load": positioned})

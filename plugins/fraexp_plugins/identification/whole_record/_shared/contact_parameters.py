@@ -58,7 +58,9 @@ class ContactParameters(FreeParameters):
         if not chosen:
             return cls(_with_contacts(default), plant)
         known = (*_with_contacts({name: [*scaled[name], *numbers[name]] for name in scaled}), *plant)
-        for name in chosen:
+        for place, name in enumerate(chosen):
+            if name in chosen[:place]:
+                raise ParameterError(f"free names '{name}' twice; name each parameter once")
             if name not in known:
                 nearest = did_you_mean(name, known) or f"; known: {', '.join(known)}"
                 raise ParameterError(f"free: there is no parameter '{name}' that is not 0{nearest}")
@@ -72,12 +74,16 @@ class ContactParameters(FreeParameters):
     def units(self, start: Models) -> tuple[str, ...]:
         """Return the units of all parameters."""
         return tuple(
-            "1" if name.endswith(SCALES) else parameter_unit(*_place_of(start, name, name in self.plant))
-            for name in self.names
+            "1" if name.endswith(SCALES) else parameter_unit(*self._place_of(start, name)) for name in self.names
         )
 
     def _start_value(self, start: Models, name: str) -> float:
-        return 1.0 if name.endswith(SCALES) else parameter_value(*_place_of(start, name, name in self.plant))
+        return 1.0 if name.endswith(SCALES) else parameter_value(*self._place_of(start, name))
+
+    def _place_of(self, start: Models, name: str) -> tuple[Plant | FrictionModel, str]:
+        """Return the component that has a number, and its name there."""
+        contact, _, number = name.partition(".")
+        return (start.plant, name) if name in self.plant else (start.replay.frictions[contact], number)
 
     def applied_to(self, start: Models, logs: NDArray[np.float64]) -> Models:
         """Return the machine with these parameters."""
@@ -95,9 +101,3 @@ class ContactParameters(FreeParameters):
 def _with_contacts(names: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
     """Return names after that of their contact."""
     return tuple(f"{contact}.{name}" for contact, own in names.items() for name in own)
-
-
-def _place_of(start: Models, name: str, is_of_plant: bool) -> tuple[Plant | FrictionModel, str]:
-    """Return the component that has a number, and its name there."""
-    contact, _, number = name.partition(".")
-    return (start.plant, name) if is_of_plant else (start.replay.frictions[contact], number)
