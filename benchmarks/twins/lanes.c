@@ -136,7 +136,8 @@ int64_t run(const double *store, const int64_t *size, const double *waves, const
             double resolution, double stroke, double *history, double *others, double *pool) {
     const int64_t samples = ramp + record, job = samples + 3 * record;
     const double *matrix = store, *compliance = matrix + ROWS * COLUMNS, *responses = compliance + STEPS * STEPS;
-    const double *numerator = responses + (STATES + 1) * STEPS, *denominator = numerator + ORDER;
+    const double *durations = responses + (STATES + 1) * STEPS; /* of the steps, which rolling elements do not need */
+    const double *numerator = durations + STEPS, *denominator = numerator + ORDER;
     const double *stiffness = denominator + ORDER, *limit = stiffness + ELEMENTS;
     const double inverse = resolution > 0.0 ? 1.0 / resolution : 0.0;
     static __thread lanes trace[CHANNELS][CHUNK + 1]; /* one row more: channels do not lie whole pages apart */

@@ -45,7 +45,8 @@ int64_t run(const double *store, const int64_t *size, const double *waves, const
     const int64_t n = size[0], m = size[1], order = size[2], late = size[3], held = size[4];
     const int64_t samples = ramp + record;
     const double *matrix = store, *compliance = matrix + (m + 1 + n) * (n + 3), *responses = compliance + m * m;
-    const double *numerator = responses + (n + 1) * m, *denominator = numerator + order;
+    const double *durations = responses + (n + 1) * m; /* of the steps, which rolling elements do not need */
+    const double *numerator = durations + m, *denominator = numerator + order;
     const double *stiffness = denominator + order, *limit = stiffness + ELEMENTS;
     double known[MOST], linear[MOST], w[MOST], inputs[MOST], outputs[MOST], memory[2][ELEMENTS];
     for (int64_t batch = 0; batch < batches; batch++) {
