@@ -267,17 +267,18 @@ class Computation:
         for number, fraction in self._workers.reports():
             if number in self._running:
                 self._fractions[number] = fraction
-                self._compiling.pop(number, None)
 
     def _report_compilation(self) -> Iterator[Event]:
         """Report once for each friction law that it is being compiled."""
         for number, laws in self._workers.compilations():
-            if number in self._running:
-                self._compiling[number] = f"compiling friction law {laws}"
-        for text in set(self._compiling.values()) - self._announced:
-            self._announced.add(text)
-            about = f", about {self._context.compiling:.0f} s" if self._context.compiling >= 1 else ""
-            yield Preparing(f"{text} (once per machine{about})")
+            self._compiling.pop(number, None)
+            if not laws or number not in self._running:
+                continue
+            text = self._compiling[number] = f"compiling friction law {laws}"
+            if text not in self._announced:
+                self._announced.add(text)
+                about = f", about {self._context.compiling:.0f} s" if self._context.compiling >= 1 else ""
+                yield Preparing(f"{text} (once per machine{about})")
 
     def _accept(self, group: _SweepGroup, future: "Future[Answer]") -> None:
         error = future.exception()

@@ -27,7 +27,7 @@ ReportProgress = Callable[[float], None]
 ReportEstimator = Callable[[int], None]
 """Called with the index of the estimator that begins."""
 ReportCompilation = Callable[[str], None]
-"""Called with the names of the friction laws that are about to be compiled."""
+"""Called with the names of the friction laws that are about to be compiled, and with none when they are."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ def run_job(
     compiles: ReportCompilation = lambda _: None,
 ) -> list[Result | Failure]:
     """Return the result or the failure of each estimator, in their order."""
-    with compilation_listener(lambda: compiles(_law_names(job))):
+    with compilation_listener(lambda begins: compiles(_law_names(job) if begins else "")):
         return _run_job(job, progress, begins)
 
 

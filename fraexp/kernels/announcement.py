@@ -1,17 +1,18 @@
-"""Notice that a compilation begins, for whoever listens; the compiler itself need not have been imported."""
+"""Notice that a compilation begins and ends, for whoever listens; the compiler itself need not have been imported."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 
-Listener = Callable[[], None]
+Listener = Callable[[bool], None]
+"""Called with True before a compilation, and with False after it."""
 
 _listener: ContextVar[Listener | None] = ContextVar("listener", default=None)
 
 
 @contextmanager
-def compilation_listener(listener: Listener) -> Iterator[None]:
-    """Call `listener` before each compilation that this thread starts inside the `with` block."""
+def compilation_listener(listener: Listener | None) -> Iterator[None]:
+    """Call `listener` before and after each compilation of this thread inside the `with` block."""
     token = _listener.set(listener)
     try:
         yield
@@ -19,8 +20,16 @@ def compilation_listener(listener: Listener) -> Iterator[None]:
         _listener.reset(token)
 
 
-def announce_compilation() -> None:
-    """Call the listener, if there is one: a compilation begins."""
+@contextmanager
+def announced_compilation() -> Iterator[None]:
+    """Tell the listener, if there is one, that the `with` block compiles; what is compiled within is part of it."""
     listener = _listener.get()
-    if listener is not None:
-        listener()
+    if listener is None:
+        yield
+        return
+    listener(True)
+    try:
+        with compilation_listener(None):
+            yield
+    finally:
+        listener(False)

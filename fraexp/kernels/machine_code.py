@@ -28,7 +28,7 @@ from numba.core.dispatcher import Dispatcher
 from numba.core.registry import cpu_target
 from numba.core.serialize import dumps
 
-from fraexp.kernels.announcement import announce_compilation
+from fraexp.kernels.announcement import announced_compilation
 from fraexp.kernels.cache_folder import cache_folder
 
 try:
@@ -131,10 +131,10 @@ def compile_kernel(
         return kernel
     refused = path.with_suffix(".refused")
     with _compile_lock(path):
-        if not path.exists() and not refused.exists():  # another process may have tried it while this one waited
-            announce_compilation()
+        is_new = not path.exists() and not refused.exists()  # another process may have tried it while this one waited
         try:
-            kernel.compile(signature)
+            with announced_compilation() if is_new else contextlib.nullcontext():
+                kernel.compile(signature)
         except Exception:  # it fails again in each process, but within a second: nothing to announce
             with contextlib.suppress(OSError):
                 refused.touch()

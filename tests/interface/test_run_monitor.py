@@ -3,7 +3,7 @@
 import pytest
 
 from fraexp.interface.run_monitor import computing_meter
-from fraexp.kernels.announcement import announce_compilation
+from fraexp.kernels.announcement import announced_compilation, compilation_listener
 
 LAW = {"name": "rolling"}
 
@@ -27,5 +27,16 @@ def test_a_compilation_is_announced_once_by_name(
 ) -> None:
     with computing_meter(computed):
         for _ in range(3):
-            announce_compilation()
+            with announced_compilation(), announced_compilation():
+                pass
     assert capsys.readouterr().err.splitlines() == [expected]
+
+
+def test_the_end_of_a_compilation_is_said_and_what_it_compiles_within_is_part_of_it() -> None:
+    said: list[bool] = []
+    with compilation_listener(said.append):
+        with announced_compilation(), announced_compilation():
+            assert said == [True]
+        with pytest.raises(ZeroDivisionError), announced_compilation():
+            raise ZeroDivisionError
+    assert said == [True, False, True, False]

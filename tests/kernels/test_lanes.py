@@ -41,9 +41,9 @@ def test_a_law_that_chooses_is_computed_in_lanes_and_one_that_branches_is_not() 
 
 
 def test_a_law_that_branches_is_tried_once_and_announced_never_again() -> None:
-    said: list[int] = []
+    said: list[bool] = []
     assert not can_vectorise(branching, (STIFFNESS, LIMIT))
-    with compilation_listener(lambda: said.append(1)):
+    with compilation_listener(said.append):
         assert not can_vectorise(branching, (2 * STIFFNESS, LIMIT))
         prescribed_motion._can_vectorise.cache_clear()  # as in another process
         assert not can_vectorise(branching, (STIFFNESS, LIMIT))

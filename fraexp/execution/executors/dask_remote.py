@@ -170,9 +170,9 @@ class _BatchReporter:
             self._send(done=float(done))
 
     def announce(self, laws: str) -> None:
-        """Report the friction laws that are about to be compiled."""
+        """Report the friction laws that are about to be compiled, and none when they are."""
         self.check_cancelled()
-        self._send(done=0.0, compiling=laws)
+        self._send(compiling=laws)
 
     def _send(self, **said: object) -> None:
         self._worker.log_event(TOPIC, {"run": self._run, "batch": self._number, "place": self._place, **said})

@@ -168,7 +168,7 @@ class WorkerService:
         said = event[1]
         batch = self._batches.get(said.get("batch", -1)) if said.get("run") == self._run_id else None
         if batch is not None:
-            self._tasks.note_progress(batch, said["place"], said["done"], said.get("compiling", ""))
+            self._tasks.note_progress(batch, said["place"], said.get("done"), said.get("compiling", ""))
 
 
 def _result_of(waiting: "asyncio.Future[bytes]") -> "bytes | BaseException":

@@ -122,11 +122,11 @@ class ClusterWork:
             tasks.append(self._waiting.popleft())
         return Batch(tasks)
 
-    def note_progress(self, batch: Batch, place: int, done: float, compiling: str) -> None:
-        """Note a worker's report about a batch: progress of a job, or the laws that it begins to compile."""
+    def note_progress(self, batch: Batch, place: int, done: float | None, compiling: str) -> None:
+        """Note what a worker reports: progress of a job, or the laws that it begins to compile; none when it ends."""
         if batch.began is None:
             batch.began = time.monotonic()
-        if compiling:
+        if done is None:
             self.compilations.put((batch.tasks[place].number, compiling))
         else:
             self.reports.put((batch.tasks[place].number, done))

@@ -21,7 +21,7 @@ from types import ModuleType
 from fraexp.errors import StudyError
 from fraexp.execution.executors.limits import ResourceLimits, size_text
 from fraexp.execution.executors.worker import (
-    CompilationStarted,
+    CompilationReport,
     EstimatorStarted,
     JobProgress,
     LastAnswer,
@@ -184,7 +184,7 @@ class Processes(Workers):
         if isinstance(said, WorkerReady):
             worker.ready = True
             self._startup_failures = 0
-        elif isinstance(said, CompilationStarted):
+        elif isinstance(said, CompilationReport):
             self._compilations.put((worker.tasks[0].number, said.laws))
         elif isinstance(said, JobProgress):
             self._progress.put((worker.tasks[0].number, said.done))

@@ -40,11 +40,11 @@ class EstimatorStarted:
 
 
 @dataclass(frozen=True)
-class CompilationStarted:
-    """A job is about to compile friction laws."""
+class CompilationReport:
+    """A job begins or ends to compile friction laws."""
 
     laws: str
-    """Their names, as the user reads them."""
+    """Their names, as the user reads them; empty at the end."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class LastAnswer:
     answer: Answer
 
 
-Message = WorkerReady | JobProgress | EstimatorStarted | CompilationStarted | LastAnswer | Answer
+Message = WorkerReady | JobProgress | EstimatorStarted | CompilationReport | LastAnswer | Answer
 """What a worker sends."""
 
 
@@ -91,7 +91,7 @@ def _run(job: Job, answers: Connection) -> Answer | LastAnswer:
             answers.send(EstimatorStarted(estimator))
 
     def report_compilation(laws: str) -> None:
-        answers.send(CompilationStarted(laws))
+        answers.send(CompilationReport(laws))
 
     end = run_watched_job(job, report_progress, report_estimator, report_compilation)
     if isinstance(end.error, PIPE_ERRORS):

@@ -42,7 +42,7 @@ class Workers(ABC):
         """Yield the number of each job that has reported since the last call, and the fraction done; called often."""
 
     def compilations(self) -> Iterator[tuple[int, str]]:
-        """Yield the number of each job that has begun to compile since the last call, and its laws; called often."""
+        """Yield the number of each job that has begun to compile since the last call, and its laws; none at the end."""
         yield from ()
 
     def notes(self) -> Iterator[str]:

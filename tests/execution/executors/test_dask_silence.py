@@ -114,6 +114,7 @@ def test_workers_announce_the_laws_that_they_compile(cluster, tmp_path):
     with create_workers(f"dask:{cluster.address}", 1) as workers:
         workers.submit(7, job(tmp_path))
         assert wait_until(lambda: list(workers.compilations())) == [(7, "'dahl'")]
+        assert wait_until(lambda: (7, "") in list(workers.compilations()))
 
 
 @pytest.mark.thorough
