@@ -8,7 +8,7 @@
 
 Machine, friction, controller, dead times, encoder and steps per sample are drawn, then thousands of excitations on it:
 sines, multisines and rectangles with their ramps. What `fraexp measure` and `fraexp excite` decide by (`plan_points`,
-`check_demand`) refuses or plays each, against limits drawn near what it predicts. What is played is stopped at the end,
+`check_points`) refuses or plays each, against limits drawn near what it predicts. What is played is stopped at the end,
 or at any moment, in a fine simulation that shares no code with fraexp (`limit_truth`).
 
 An excess is given in margins from where the check refuses: the limit lies at 1, and is exceeded by the margin at 2.
@@ -32,7 +32,7 @@ from reference_loop import FINE_CLOCK, ReferenceMachine
 from fraexp.components.measurement_settings import MIN_RAMP_OUT_S, ramp_out_samples
 from fraexp.components.periods import Period, Schedule
 from fraexp.errors import MachineError
-from fraexp.measurement.measurement_plan import PlannedPoint, check_demand, plan_points, planning_setup
+from fraexp.measurement.measurement_plan import PlannedPoint, check_points, plan_points, planning_setup
 from fraexp.simulation.experiments import Experiment, Setup
 from fraexp.simulation.machine import Machine, build_machine
 from fraexp.simulation.motion_limits import MotionLimits
@@ -158,7 +158,7 @@ def draw_limits(random: np.random.Generator, points: list[PlannedPoint], margin:
 def is_played(point: PlannedPoint, limits: NDArray[np.float64], margin: float) -> bool:
     """Return what fraexp decides."""
     try:
-        check_demand(point, MotionLimits(**dict(zip(DEMANDS, limits.tolist(), strict=True))), margin)
+        check_points([point], MotionLimits(**dict(zip(DEMANDS, limits.tolist(), strict=True))), margin)
     except MachineError:
         return False
     return True

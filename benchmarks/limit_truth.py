@@ -19,7 +19,7 @@ from scipy.linalg import expm
 LANES = 128
 STEPS = 10
 """Steps per sample; dead times must be multiples of them."""
-SILENCE_S = 0.25
+SILENCE_S = 1.0
 """Time after a play in which the machine is still watched."""
 DEMANDS = ("stroke", "velocity", "acceleration", "force", "force_rate")
 """Columns of what is returned. An acceleration is that between three samples: at once, Coulomb friction has none."""

@@ -15,11 +15,11 @@ from fraexp.measurement.measurement_plan import (
     SETTLING_RESERVE,
     MeasurementPlan,
     PlannedPoint,
-    check_demand,
+    check_points,
     plan_measurement,
-    simulated_demands,
 )
 from fraexp.measurement.motion_guard import MotionGuard
+from fraexp.measurement.play_demands import simulate_demands
 from fraexp.measurement.point_measurement import LimitExceededError, PointMeasurement, PointProgress, RecordAim
 from fraexp.measurement.tasks import MeasurementTask
 
@@ -183,10 +183,9 @@ class Measurement:
         """Return a point with a higher amplitude that the limits allow; None if none is worth it."""
         while factor >= MIN_RAISED:
             higher = point.with_amplitude(point.amplitude * factor)
-            higher = replace(higher, demand=higher.demand.maximum_with(*simulated_demands([higher])))
+            higher = replace(higher, demand=higher.demand.maximum_with(*simulate_demands([higher.simulated_play])))
             with suppress(MachineError):
-                check_demand(higher, self._limits, self._settings.margin)
-                return higher
+                return check_points([higher], self._limits, self._settings.margin)[0]
             factor *= 0.9
         return None
 

@@ -1,7 +1,6 @@
 """The plan of a measurement: which points are played, in which order, how long, and what that asks of the machine."""
 
-import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,11 +8,11 @@ import numpy as np
 from fraexp.components.kinds import Excitation
 from fraexp.components.machine_session import PlayRequest
 from fraexp.components.measurement_settings import MeasurementSettings, ramp_out_samples
-from fraexp.components.periods import Period, Schedule
+from fraexp.components.periods import Period
 from fraexp.components.registry import Registry, create
 from fraexp.data.frequency_text import frequency_text
-from fraexp.data.signals import Segment
 from fraexp.errors import MachineError, StudyError
+from fraexp.measurement.play_demands import SimulatedPlay, simulate_demands
 from fraexp.measurement.tasks import REQUIRED_LIMITS, MeasurementTask
 from fraexp.simulation.experiment_run import run_experiments
 from fraexp.simulation.experiments import Experiment, ExperimentPlan, Setup
@@ -25,10 +24,8 @@ SETTLING_RESERVE = 1.5
 """Factor on the settling time that the simulation predicts, where it must be known before."""
 MOTION_TOLERANCE = 1e-3
 """Relative error that steps may cause: what drifts by friction over a whole play is off by far more than that."""
-PHASES, EARLY_STOPS = 5, 9
-"""Phases of its last period at which a play is stopped in the simulation, and moments before it has settled."""
-SAMPLES_AT_ONCE = 1_000_000
-"""Samples of all plays that are simulated side by side: they are kept until they have been looked at."""
+NEAR_RATIO = 0.7
+"""Part of what a limit allows from which on a point is looked at closely: few stops show a quarter less at worst."""
 DEFAULT_MARGIN, DEFAULT_RAMP_OUT_S = (MeasurementSettings.model_fields[name].default for name in ("margin", "ramp_out"))
 """Those of a study without a section [measurement]."""
 
@@ -66,6 +63,12 @@ class PlannedPoint:
     def frequency(self) -> str:
         """Its frequency, or range of frequencies."""
         return frequency_text(self.period.lines / (self.period.waveform.size * self.sample_time))
+
+    @property
+    def simulated_play(self) -> SimulatedPlay:
+        """The play of its record, as it is expected, on the study's machine."""
+        request, setup = self.expected_request(self.counts.record), self.counts.experiment.setup
+        return SimulatedPlay(setup, request, self.period.lines.tolist(), self.settling)
 
     def request(self, record: int) -> PlayRequest:
         """Return what to play so that, however slowly it settles, `record` samples can follow."""
@@ -141,9 +144,7 @@ def plan_measurement(
     ]
     ramp_out_s = task.settings.ramp_out if task.settings else DEFAULT_RAMP_OUT_S
     points = plan_points(machine, experiments, ramp_out_samples(ramp_out_s, setup.sample_time))
-    margin = task.settings.margin if task.settings else DEFAULT_MARGIN
-    for point in points:
-        check_demand(point, limits, margin)
+    points = check_points(points, limits, task.settings.margin if task.settings else DEFAULT_MARGIN)
     return MeasurementPlan(task, tuple(sorted(points, key=lambda point: point.demand.stroke)), limits)
 
 
@@ -175,7 +176,7 @@ def plan_points(machine: Machine, experiments: Sequence[Experiment], ramp_out: i
         counts = ExperimentPlan.from_experiment(experiment)
         linear = predict_demand(machine, experiment.period)
         points.append(PlannedPoint(experiment.number, counts, settling, ramp_out, linear))
-    simulated = simulated_demands(points)
+    simulated = simulate_demands([point.simulated_play for point in points])
     return [
         replace(point, demand=point.demand.maximum_with(more)) for point, more in zip(points, simulated, strict=True)
     ]
@@ -196,61 +197,30 @@ def _settling_times(experiments: Sequence[Experiment]) -> list[int]:
     return found
 
 
-def simulated_demands(points: Sequence[PlannedPoint]) -> list[Demand]:
-    """Return what points on one machine ask for, from rest to rest, wherever a play is stopped."""
-    demands: list[Demand] = []
-    for plays in _play_groups(points):
-        demands += map(_demand, run_experiments(plays, lambda _: None))
-    return [Demand(*np.max(each, axis=0).tolist()) for each in np.split(np.array(demands), len(points))]
+def check_points(points: Sequence[PlannedPoint], limits: MotionLimits, margin: float) -> list[PlannedPoint]:
+    """Return the points with what they ask for, those that come near a limit looked at closely.
 
-
-def _play_groups(points: Sequence[PlannedPoint]) -> Iterator[list[Experiment]]:
-    """Yield the plays of all points in turn, as many at once as have SAMPLES_AT_ONCE."""
-    group, samples = [], 0
-    for play in itertools.chain.from_iterable(map(_plays, points)):
-        group.append(play)
-        samples += play.period.waveform.size
-        if samples >= SAMPLES_AT_ONCE:
-            yield group
-            group, samples = [], 0
-    if group:
-        yield group
-
-
-def _plays(point: PlannedPoint) -> list[Experiment]:
-    """Return experiments that record a point as one period: played to its end, and stopped earlier."""
-    request, setup = point.expected_request(point.counts.record), point.counts.experiment.setup
-    stops = [request.full_samples, *_late_stops(request)]
-    stops += [max(point.settling * k * k // (EARLY_STOPS - 1) ** 2, 1) for k in range(EARLY_STOPS)]
-    rest = np.zeros(point.settling)
-    periods = [np.append(request.excitation(0, stop + request.ramp_out, stop), rest) for stop in stops]
-    return [
-        Experiment(setup, Period(each, np.array([1]), recorded_periods=1), Schedule(settling_timeout=0.0), point.number)
-        for each in periods
-    ]
-
-
-def _late_stops(request: PlayRequest) -> list[int]:
-    """Return the samples at which a play is stopped in its last period.
-
-    What follows depends on the phase, because a force ends and a momentum stays: it is stopped at the peaks of both. An
-    odd number of phases, from that of the momentum on, is not the same in both halves of a sine.
+    MachineError names the first that is predicted to come nearer to a limit than the margin.
     """
-    wave, first = request.waveform, (request.repetitions - 1) * request.waveform.size
-    momentum = np.cumsum(wave - wave.mean())
-    force_peak, momentum_peak = (int(np.argmax(np.abs(each))) + 1 for each in (wave, momentum - momentum.mean()))
-    phases = [momentum_peak + k * wave.size // PHASES for k in range(PHASES)]
-    return [first + phase % wave.size for phase in (force_peak, *phases)]
+    for point in points:
+        check_demand(point, limits, margin)
+    near = [point for point in points if _comes_near(point.demand, limits, margin)]
+    plays = [point.simulated_play for point in near]
+    closer = dict(zip((point.number for point in near), simulate_demands(plays, closely=True), strict=True))
+    found = [
+        replace(point, demand=point.demand.maximum_with(closer.get(point.number, point.demand))) for point in points
+    ]
+    for point in found:
+        check_demand(point, limits, margin)
+    return found
 
 
-def _demand(segment: Segment | None) -> Demand:
-    """Return what a simulated play asks for, at the contact that moves most; NaN if it diverges."""
-    if segment is None:
-        return Demand(*[float("nan")] * len(Demand._fields))
-    contacts = [name for name in segment.channels if name.partition(".")[0] == "displacement"]
-    u, sample_time = segment.channels["u"][0], segment.sample_time
-    demands = [Demand.of_samples(segment.channels[name][0], u, sample_time) for name in contacts]
-    return Demand(*map(max, zip(*demands, strict=True)))
+def _comes_near(demand: Demand, limits: MotionLimits, margin: float) -> bool:
+    allowed = [getattr(limits, name) for name in Demand._fields]
+    return any(
+        limit is not None and found > NEAR_RATIO * (1 - margin) * limit
+        for found, limit in zip(demand, allowed, strict=True)
+    )
 
 
 def check_demand(point: PlannedPoint, limits: MotionLimits, margin: float) -> None:

@@ -1,0 +1,139 @@
+"""What a play asks of the simulated machine, from rest until it is still again, wherever it is stopped."""
+
+from collections.abc import Callable, Collection, Iterator, Sequence
+from itertools import chain, pairwise
+
+import numpy as np
+
+from fraexp.components.machine_session import PlayRequest
+from fraexp.components.periods import Period, Schedule
+from fraexp.data.signals import Segment
+from fraexp.simulation.experiment_run import run_experiments
+from fraexp.simulation.experiments import Experiment, Setup
+from fraexp.simulation.motion_limits import Demand
+
+EARLY_STOPS, LATE_STOPS = 9, 11
+"""Moments before it has settled at which a play is stopped, and phases of its last period. An odd number of phases is
+not the same in both halves of a sine: it has the effect of twice as many."""
+CLOSE_EARLY_STOPS, MAX_CLOSE_LATE_STOPS, CLOSE_ROUNDS = 24, 64, 3
+"""Of a play that is looked at closely: the same, with LATE_STOPS for each period of its highest line up to the maximum,
+and how many times the stops beside the greatest demands are simulated as well."""
+WATCHED_S = 4.0
+"""Time after a play in which a motion is awaited that goes further: an integrator that winds up against friction."""
+STILL_RATIO, STILL_RESERVE = 1e-3, 1.25
+"""Growth of the stroke that no longer counts, and factor on the time after which it does not grow by more."""
+SAMPLES_AT_ONCE = 1_000_000
+"""Samples of all plays that are simulated side by side: they are kept until they have been looked at."""
+
+
+class SimulatedPlay:
+    """A play on the simulated machine, and what it asks for where it is stopped."""
+
+    def __init__(self, setup: Setup, request: PlayRequest, lines: Collection[int], settling: int) -> None:
+        """Take what is played, its excited lines, and the samples after which it is periodic."""
+        self._setup, self._request, self._settling = setup, request, settling
+        self._highest_line = max(lines)
+        self._rest = max(settling, int(WATCHED_S / setup.sample_time))
+        self._found: dict[int, Demand] = {}
+        """By the sample at which it is stopped."""
+
+    @property
+    def demand(self) -> Demand:
+        """The greatest of what has been found."""
+        return Demand(*np.max(list(self._found.values()), axis=0).tolist())
+
+    @property
+    def end(self) -> list[int]:
+        """The sample at which it ends by itself."""
+        return [self._request.full_samples]
+
+    @property
+    def stops(self) -> list[int]:
+        """Samples all over the play at which it may be stopped."""
+        return [*self._early_stops(EARLY_STOPS), *self._late_stops(LATE_STOPS)]
+
+    @property
+    def close_stops(self) -> list[int]:
+        """More of them, enough for the fastest line of the excitation."""
+        late = min(LATE_STOPS * self._highest_line, MAX_CLOSE_LATE_STOPS)
+        return [*self._early_stops(CLOSE_EARLY_STOPS), *self._late_stops(max(late, LATE_STOPS))]
+
+    @property
+    def halfway_stops(self) -> list[int]:
+        """Samples halfway from the stop of each greatest demand to the stops beside it."""
+        known = sorted(self._found)
+        greatest = set(np.argmax([self._found[stop] for stop in known], axis=0).tolist())
+        return [(a + b) // 2 for k, (a, b) in enumerate(pairwise(known)) if greatest & {k, k + 1}]
+
+    def _early_stops(self, count: int) -> list[int]:
+        return [max(self._settling * k * k // (count - 1) ** 2, 1) for k in range(count)]
+
+    def _late_stops(self, count: int) -> list[int]:
+        """Return the samples at which it is stopped in its last period.
+
+        What follows depends on the phase, because a force ends and a momentum stays: the peaks of both are among them.
+        """
+        wave, first = self._request.waveform, (self._request.repetitions - 1) * self._request.waveform.size
+        momentum = np.cumsum(wave - wave.mean())
+        force_peak, momentum_peak = (int(np.argmax(np.abs(each))) + 1 for each in (wave, momentum - momentum.mean()))
+        phases = [momentum_peak + k * wave.size // count for k in range(count)]
+        return sorted({first + phase % wave.size for phase in (force_peak, *phases)} - {0})
+
+    def unknown(self, stops: Collection[int]) -> list[int]:
+        """Return the stops that have not been simulated."""
+        return sorted(set(stops) - self._found.keys())
+
+    def experiment(self, stop: int) -> Experiment:
+        """Return the play, stopped at a sample, and the rest after it, as one period that is recorded."""
+        request = self._request
+        moved = request.excitation(0, stop + request.ramp_out, stop)
+        period = Period(np.append(moved, np.zeros(self._rest)), np.array([1]), recorded_periods=1)
+        return Experiment(self._setup, period, Schedule(settling_timeout=0.0), request.number)
+
+    def note(self, stop: int, segment: Segment | None) -> None:
+        """Keep what a simulated play asks for, at the contact that moves most; NaN if it diverges."""
+        if segment is None:
+            self._found[stop] = Demand(*[float("nan")] * len(Demand._fields))
+            return
+        moved = [y[0] for name, y in segment.channels.items() if name.partition(".")[0] == "displacement"]
+        demands = [Demand.of_samples(y, segment.channels["u"][0], segment.sample_time) for y in moved]
+        self._found[stop] = Demand(*map(max, zip(*demands, strict=True)))
+        if [stop] == self.end:
+            still = max(map(_still_after, moved)) - stop - self._request.ramp_out
+            self._rest = max(self._settling, int(STILL_RESERVE * still))
+
+
+def _still_after(displacement: np.ndarray) -> int:
+    """Return the sample after which the stroke hardly grows."""
+    stroke = np.maximum.accumulate(displacement) - np.minimum.accumulate(displacement)
+    return int(np.searchsorted(stroke, (1 - STILL_RATIO) * stroke[-1]))
+
+
+def simulate_demands(plays: Sequence[SimulatedPlay], *, closely: bool = False) -> list[Demand]:
+    """Return what plays on one machine ask for, wherever they are stopped; looked at closely, some percent nearer."""
+    _simulate(plays, lambda play: play.end)
+    _simulate(plays, lambda play: play.close_stops if closely else play.stops)
+    for _ in range(CLOSE_ROUNDS if closely else 0):
+        _simulate(plays, lambda play: play.halfway_stops)
+    return [play.demand for play in plays]
+
+
+def _simulate(plays: Sequence[SimulatedPlay], chosen: Callable[[SimulatedPlay], list[int]]) -> None:
+    """Simulate plays, each with the stops that are chosen for it and are not known."""
+    stopped = [(play, stop) for play in plays for stop in play.unknown(chosen(play))]
+    segments = chain.from_iterable(run_experiments(group, lambda _: None) for group in _groups(stopped))
+    for (play, stop), segment in zip(stopped, segments, strict=True):
+        play.note(stop, segment)
+
+
+def _groups(stopped: Sequence[tuple[SimulatedPlay, int]]) -> Iterator[list[Experiment]]:
+    """Yield the experiments in turn, as many at once as have SAMPLES_AT_ONCE."""
+    group, samples = [], 0
+    for play, stop in stopped:
+        group.append(play.experiment(stop))
+        samples += group[-1].period.waveform.size
+        if samples >= SAMPLES_AT_ONCE:
+            yield group
+            group, samples = [], 0
+    if group:
+        yield group
