@@ -26,6 +26,10 @@ ATTRIBUTE_WRITERS = {".mjcf": mjcf_text, ".urdf": urdf_text}
 """What writes friction as attributes of a simulator, by suffix."""
 CONTROLLER_SUFFIXES = (*CODE_WRITERS, *ATTRIBUTE_WRITERS)
 STATES_NOTE = "All states are 0 before the first call. Call each block once per sample, with the inputs of that sample."
+TUNED_SAMPLE_TIME, TUNED_DEAD_TIME = "loop sample time", "loop dead time"
+"""Metrics of tuned gains that say for which sample time and dead time of both directions they are."""
+IDENTIFIED_DEAD_TIME = "input_dead_time"
+"""Metric of an identification: the dead time that it found before the plant, all of it."""
 UNTRUSTED = (Outcome.INACCURATE, Outcome.NOT_SETTLED)
 """Outcomes of results whose message is part of what is written."""
 
@@ -67,15 +71,21 @@ def controller_parts(sweep: StoredSweep, result: Result, registry: Registry) -> 
     loop: Mapping[str, Any] = experiment.get("loop", {})
     excitation = experiment.get("excitation")
     controller = fitted.get(Controller.kind) or experiment.get("controller")
-    sample_time = loop.get("sample_time")
+    metrics = {metric.name: metric.value for metric in result.metrics}
+    sample_time = metrics.get(TUNED_SAMPLE_TIME) or loop.get("sample_time")
     motion = create(registry, Excitation, excitation) if excitation else None
+    input_path, output_path = _path("input", estimator, loop), _path("output", estimator, loop)
+    if TUNED_DEAD_TIME in metrics:
+        input_path = input_path._replace(dead_time=metrics[TUNED_DEAD_TIME] - output_path.dead_time)
+    elif IDENTIFIED_DEAD_TIME in metrics:
+        input_path = input_path._replace(dead_time=metrics[IDENTIFIED_DEAD_TIME])
     compensation = experiment.get("compensation")
     return ControllerParts(
         friction=_friction(fitted.get(FrictionModel.kind), estimator, experiment, registry),
         controller=create(registry, Controller, controller) if controller else None,
         sample_time=sample_time,
-        input_path=_path("input", estimator, loop),
-        output_path=_path("output", estimator, loop),
+        input_path=input_path,
+        output_path=output_path,
         feedforward=motion.feedforward(sample_time) if motion and sample_time else None,
         compensation=Compensation.parse(registry.fill_inherited(Compensation, compensation, {}), "compensation")
         if compensation

@@ -1,16 +1,21 @@
 """Tuned gains keep their promise for drawn plants, and go from a response to code."""
 
 import json
+import tomllib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from fraexp_plugins.excitations.stepped_sine import SteppedSine
 
-from benchmarks.tuned_loops import TunedMachine, spectral_radii, tune, unstable_loops
+from benchmarks.tuned_loops import MACHINES, TunedMachine, spectral_radii, tune, unstable_loops
 from fraexp.cli.main import main
-from fraexp.components.kinds import Controller, Plant
+from fraexp.components.kinds import Controller, Estimator, Plant
 from fraexp.components.registry import Registry, create
 from fraexp.errors import ParameterError, RecordError
+from fraexp.simulation.loop import simulate_loop
+from fraexp.simulation.machine import build_machine
 from fraexp.workspace.controller_export import controller_parts
 from fraexp.workspace.workspace_service import WorkspaceService
 
@@ -60,6 +65,30 @@ def test_what_no_controller_can_keep_is_refused(registry: Registry) -> None:
         tune(registry, "linear_motor_table", 1e-7, 0.5)
     with pytest.raises(ParameterError, match="max_amplitude is 1e-08 m; expected more than min_amplitude"):
         tune(registry, "linear_motor_table", 1e-7, 0.02, max_amplitude=1e-8)
+
+
+def test_a_record_is_tuned_with_the_delays_and_the_friction_that_its_method_knows(registry: Registry) -> None:
+    """Without them a dead time of 1 ms was taken for none, and the gains were unstable on the machine."""
+    sections = tomllib.loads((MACHINES / "linear_motor_table.toml").read_text("utf-8"))
+    experiment: dict[str, Any] = {name: sections[name] for name in ("plant", "friction", "controller", "loop")}
+    experiment["loop"] = {**experiment["loop"], "input_dead_time": 1e-3, "output_time_constants": [1e-4]}
+    experiment["numerics"] = {}
+    machine = build_machine(experiment, registry)
+    excitation = SteppedSine(amplitude=40.0, points=20, min_frequency=8.0)
+    signals = simulate_loop(machine, excitation, lambda _: None)
+    observer = {"name": "effective_input"}
+    known = registry.create(Estimator.kind, observer, experiment).spec()
+    found = []
+    for method, environment in ((observer, experiment), (known, {})):
+        fit = {"name": "modal_fit", "modes": 2, "method": method}
+        spec = {"name": "loop_tuning", "method": fit, "controller": experiment["controller"]}
+        estimator = registry.create(Estimator.kind, spec, environment)
+        assert isinstance(estimator, Estimator)
+        result = estimator.estimate(signals)
+        found.append({each.name: each.value for each in result.metrics})
+        found[-1] |= next(fit.component for fit in result.fits if fit.kind == Controller.kind)
+    assert found[0] == found[1]
+    assert (found[0]["loop dead time"], found[0]["loop sample time"]) == pytest.approx((1e-3, 5e-4), rel=0.01)
 
 
 STUDY = """

@@ -27,10 +27,11 @@ from fraexp.api import (
 from fraexp_plugins.controllers.notched_pid import NotchedPid
 from fraexp_plugins.identification.plant.modal_fit import ModalFit
 from fraexp_plugins.positioning._shared.design_model import DesignModel
-from fraexp_plugins.tuning._shared.friction_gain import FrictionGain
+from fraexp_plugins.tuning._shared.friction_gain import FrictionGain, known_friction
 from fraexp_plugins.tuning._shared.gain_search import GainSearch, RequiredMargins
 from fraexp_plugins.tuning._shared.limit_cycles import LimitCycle, limit_cycles
 from fraexp_plugins.tuning._shared.loop_margins import LoopFamily, Margins
+from fraexp_plugins.tuning._shared.loop_path import LoopPath, innermost_method
 from fraexp_plugins.tuning._shared.plant_band import plant_band, plant_of
 from fraexp_plugins.tuning._shared.sampled_loop import closed_loop_radius, damped_plant, rigid_gain
 
@@ -43,7 +44,7 @@ AMPLITUDES = 72
 PLANT_RELATIVE_DEGREE = 2
 
 
-class LoopTuning(Estimator, name="loop_tuning", version=1):
+class LoopTuning(Estimator, name="loop_tuning", version=2):
     """PID gains with notches such that every plant of the band keeps the margins, at every amplitude of friction.
 
     The loop is C G P/(1 + P N): N(A, ω) is the friction model's describing function (A. Gelb and W. E. Vander Velde,
@@ -59,22 +60,29 @@ class LoopTuning(Estimator, name="loop_tuning", version=1):
     the limit cycles that friction causes by the describing function: a first harmonic approximation, which is good
     where the plant attenuates the others. Feedforward follows from the same fit: mass and viscous coefficient are
     metrics, friction is the model.
+
+    Without `[loop]`, as of a record, friction, dead times and lags are those that `method` knows or identifies. A
+    greater dead time that is stated counts instead of it, a smaller one does not.
     """
 
     fits: ClassVar[str] = "controller"
     takes_responses: ClassVar[bool] = True
 
     method: Estimator = param("", "estimator of the plant, or of a response to which modes are fitted")
-    friction: FrictionModel | None = param("", "friction model of the machine", None, inherit="friction")
-    controller: Controller | None = param("", "controller to compare with", None, inherit="controller")
-    sample_time: float = param("s", "sample time of the controller", above=0, inherit="loop.sample_time")
-    input_dead_time: float = param("s", "dead time in G_di", 0.0, at_least=0, inherit="loop.input_dead_time")
-    input_time_constants: tuple[float, ...] = param(
-        "s", "time constants of first-order lags in G_di", (), inherit="loop.input_time_constants"
+    friction: FrictionModel | None = param(
+        "", "friction model of the machine; that of the method if not given", None, inherit="friction"
     )
-    output_dead_time: float = param("s", "dead time in G_do", 0.0, at_least=0, inherit="loop.output_dead_time")
-    output_time_constants: tuple[float, ...] = param(
-        "s", "time constants of first-order lags in G_do", (), inherit="loop.output_time_constants"
+    controller: Controller | None = param("", "controller to compare with", None, inherit="controller")
+    sample_time: float | None = param(
+        "s", "sample time of the controller; that of the record if not given", None, above=0, inherit="loop.sample_time"
+    )
+    input_dead_time: float | None = param("s", "dead time in G_di", None, at_least=0, inherit="loop.input_dead_time")
+    input_time_constants: tuple[float, ...] | None = param(
+        "s", "time constants of first-order lags in G_di", None, inherit="loop.input_time_constants"
+    )
+    output_dead_time: float | None = param("s", "dead time in G_do", None, at_least=0, inherit="loop.output_dead_time")
+    output_time_constants: tuple[float, ...] | None = param(
+        "s", "time constants of first-order lags in G_do", None, inherit="loop.output_time_constants"
     )
     integral_action: bool = param("", "whether the controller has an integral time", True)
     modulus_margin: float = param("1", "least distance of the loop from -1, 1/max|S|", 0.5, above=0, below=1)
@@ -109,7 +117,7 @@ class LoopTuning(Estimator, name="loop_tuning", version=1):
             found = replace(
                 found, message="; ".join(filter(None, (found.message, fitted.message))), fits=(*found.fits, fit)
             )
-        loop = _Loop.from_fit(self, fit, found)
+        loop = _Loop.from_fit(self, fit, found, LoopPath.of_loop(self, signals, found, fit))
         tuned = loop.search(self).best()
         if tuned is None:
             raise RecordError(self._refusal(loop))
@@ -163,6 +171,8 @@ class LoopTuning(Estimator, name="loop_tuning", version=1):
         gain = plant_of(fit, fit.values)[0].rigid_body_gain
         yield Metric("mass feedforward", 1 / gain, "kg")
         yield Metric("viscous feedforward", loop.friction.viscous, "N s/m")
+        yield Metric("loop sample time", loop.path.sample_time, "s")
+        yield Metric("loop dead time", loop.path.dead_time, "s")
 
     def _curves(self, loop: "_Loop", controller: Controller, name: str) -> tuple[Curve, ...]:
         sensitivity = loop.family.sensitivity(loop.family.control(controller))
@@ -183,29 +193,31 @@ class _Loop:
     friction: FrictionGain
     model: DesignModel
     modes: tuple[float, ...]
+    path: LoopPath
 
     @classmethod
-    def from_fit(cls, tuning: LoopTuning, fit: Fit, found: Result) -> "_Loop":
+    def from_fit(cls, tuning: LoopTuning, fit: Fit, found: Result, path: LoopPath) -> "_Loop":
         plant, _ = plant_of(fit, fit.values)
         assert found.response is not None
-        nyquist = 0.5 / tuning.sample_time
+        nyquist = 0.5 / path.sample_time
         modes = tuple(frequency for frequency in plant.frequencies if frequency < 0.9 * nyquist)
         frequency = _frequencies(nyquist, modes)
-        omega, dead_time = 2 * np.pi * frequency, tuning.input_dead_time + tuning.output_dead_time
-        lags = (*tuning.input_time_constants, *tuning.output_time_constants)
-        path = path_response(omega, dead_time, lags) * hold_response(omega, tuning.sample_time)
-        path = path * image_factor(omega, tuning.sample_time, dead_time, lags, PLANT_RELATIVE_DEGREE)
+        omega, lags = 2 * np.pi * frequency, (*path.input_time_constants, *path.output_time_constants)
+        delays = path_response(omega, path.dead_time, lags) * hold_response(omega, path.sample_time)
+        delays = delays * image_factor(omega, path.sample_time, path.dead_time, lags, PLANT_RELATIVE_DEGREE)
         amplitudes = np.geomspace(tuning.min_amplitude, tuning.max_amplitude, AMPLITUDES)
-        friction = FrictionGain.from_model(tuning.friction, amplitudes, frequency[0], frequency[-1])
+        model = tuning.friction or known_friction(innermost_method(tuning), found)
+        friction = FrictionGain.from_model(model, amplitudes, frequency[0], frequency[-1])
         band = plant_band(fit, found.response, frequency, tuning.model_error, tuning.band == "response")
-        model = DesignModel.from_plant(
+        design = DesignModel.from_plant(
             damped_plant(plant, friction.viscous),
-            tuning.sample_time,
-            dead_time,
-            tuning.input_time_constants,
-            tuning.output_time_constants,
+            path.sample_time,
+            path.dead_time,
+            path.input_time_constants,
+            path.output_time_constants,
         )
-        return cls(LoopFamily(band, friction.gain_at(frequency), path, tuning.sample_time), friction, model, modes)
+        family = LoopFamily(band, friction.gain_at(frequency), delays, path.sample_time)
+        return cls(family, friction, design, modes, path)
 
     def search(self, tuning: LoopTuning) -> GainSearch:
         """Return the search for the stiffest controller."""

@@ -283,7 +283,7 @@ class DictionaryIdentification(DelayedEstimator, name="dictionary_identification
     ) -> Result:
         """Return all that was found, with the verdict."""
         fitted = plant.fit if isinstance(plant, IdentifiedPlant) else plant
-        report = DictionaryReport(found, plant)
+        report = DictionaryReport(found, plant, self.input_dead_time)
         remark, of_law = remarks
         doubts = [remark] if remark else [*report.doubts()]
         doubts += [of_law] if of_law else []

@@ -1,16 +1,33 @@
 """The describing function of a friction model over amplitude and frequency."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import FrictionModel, Motion
+from fraexp.api import Estimator, FrictionModel, Motion, Result
 
 POINTS = 256
 """Points of the sine along which a law is driven."""
 PROBE_FREQUENCIES = 14
 """Frequencies at which a law is driven; between them the describing function is interpolated."""
+
+
+def known_friction(method: Estimator, found: Result) -> FrictionModel | None:
+    """Return the friction model that a method identified, or the one that it uses; None if it knows none."""
+    fit = next((fit for fit in found.fits if fit.kind == FrictionModel.kind), None)
+    if fit is None:
+        used = getattr(method, "friction", None)
+        return used if isinstance(used, FrictionModel) else None
+    law = next(each for each in _subclasses(FrictionModel) if each.name == fit.component["name"])
+    return law.parse({key: value for key, value in fit.component.items() if key not in ("name", "version")}, "friction")
+
+
+def _subclasses(base: type[FrictionModel]) -> Iterator[type[FrictionModel]]:
+    for each in base.__subclasses__():
+        yield each
+        yield from _subclasses(each)
 
 
 @dataclass(frozen=True)

@@ -31,6 +31,8 @@ class DictionaryReport:
 
     found: DictionaryFit
     plant: IdentifiedPlant | Result
+    known_dead_time: float
+    """Dead time before the plant that was known [s], beside the one that was found."""
 
     @property
     def viscous(self) -> tuple[float, float]:
@@ -43,7 +45,7 @@ class DictionaryReport:
         yield Metric("Coulomb force, 95 %", self.found.coulomb_error, "N")
         yield Metric("viscous coefficient", self.viscous[0], "N s/m")
         yield Metric("viscous coefficient, 95 %", NORMAL_QUANTILE * self.viscous[1], "N s/m")
-        yield Metric("input_dead_time", self.found.dead_time, "s")
+        yield Metric("input_dead_time", self.known_dead_time + self.found.dead_time, "s")
         for name, share in zip(("rolling", "dahl"), self.found.shares, strict=False):
             yield Metric(f"force of {name}", share, "1")
         yield Metric("Stribeck force", self.found.shares[3], "1")
