@@ -16,7 +16,7 @@ from fraexp.components.law_step import law_place
 from fraexp.components.passivity import check_passivity
 from fraexp.components.registry import LOCAL, Registry, create, discover, reason_of
 from fraexp.data.identity import file_hash
-from fraexp.data.sweep import models_by_contact
+from fraexp.data.sweep import components_by_port
 from fraexp.errors import FraexpError, PluginError
 from fraexp.kernels.watchdog import LAW_TIME_LIMIT_S, dumped_location
 
@@ -41,7 +41,7 @@ def friction_specs(value: object) -> Iterator[Mapping[str, object]]:
     if isinstance(value, Mapping):
         for key, part in value.items():
             if key in ("friction", "frictions") and isinstance(part, Mapping):
-                models = models_by_contact(part).values() or [part]
+                models = components_by_port(part).values() or [part]
                 yield from (model for model in models if "name" in model)
             yield from friction_specs(part)
     elif isinstance(value, list | tuple):

@@ -274,6 +274,10 @@ class Controller(Component, ABC):
         return np.asarray(polyval(delay, numerator) / polyval(delay, denominator), dtype=np.complex128)
 
 
+KINDS_BY_PORT = (FrictionModel.kind, Controller.kind)
+"""Kinds of which a machine may have several: a friction model for each contact, a controller for each thrust."""
+
+
 class Excitation(Component, ABC):
     """Periodic excitations, run one after another, each until successive periods agree."""
 

@@ -1,6 +1,6 @@
 """A linear machine between its ports: thrusts and friction forces go in, positions and displacements come out."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -103,16 +103,31 @@ class Ports:
                     found = f"the plant's {what} jumps in velocity with the {force}"
                     raise ParameterError(f"{found}; expected a relative degree of 2 or more")
 
-    def closed_by(self, thrust: str, position: str) -> "Ports":
-        """Return the ports with the thrust and the position that a loop uses before the others.
+    def closed_by(self, thrust: str, position: str, controlled: Iterable[str] = ()) -> "Ports":
+        """Return the ports with the thrust that is excited, and the position that is fed back to it, before the others.
 
         Without a name it is the first thrust, and the position that is called like the thrust, or else the first.
-        Raises ParameterError for a name that the plant does not have.
+        Further thrusts that are `controlled` follow, each with the position of its own name in the same place. Raises
+        ParameterError for a name that the plant does not have, and a position that would be fed back to two thrusts.
         """
         thrusts = _with_first(self.thrusts, thrust, "thrust")
         drive = next(iter(thrusts))
-        at_thrust = drive if drive in self.positions else ""
-        return replace(self, thrusts=thrusts, positions=_with_first(self.positions, position or at_thrust, "position"))
+        positions = _with_first(self.positions, position or (drive if drive in self.positions else ""), "position")
+        further = [name for name in controlled if name != drive]
+        fed_back = [next(iter(positions)), *further]
+        for name in further:
+            for kind, known in (("thrust", thrusts), ("position", positions)):
+                if name not in known:
+                    near = did_you_mean(name, known)
+                    raise ParameterError(
+                        f"[controller.{name}]: the plant has no {kind} '{name}'{near}; known: {', '.join(known)}"
+                    )
+            if name == fed_back[0]:
+                raise ParameterError(
+                    f"[controller.{name}] feeds back the position '{name}', as [controller.{drive}] does; expected one "
+                    "for each: set [loop] position to another one, or leave it out"
+                )
+        return replace(self, thrusts=_in_order(thrusts, [drive, *further]), positions=_in_order(positions, fed_back))
 
     @property
     def drive(self) -> NDArray[np.float64]:
@@ -132,14 +147,16 @@ class Ports:
         row = self.positions[position] if position else self.measured[0]
         return self.transfer(self.drive, row, omega)
 
-    def share(self, contact: str, omega: NDArray[np.floating], position: str) -> NDArray[np.complex128] | float:
-        """Return the first thrust that moves a position as a unit force at a contact does, at omega [rad/s].
+    def share(
+        self, force: NDArray[np.float64], omega: NDArray[np.floating], position: str
+    ) -> NDArray[np.complex128] | float:
+        """Return the first thrust that moves a position as a unit force does that enters by a column, at omega [rad/s].
 
-        It is 1 for a contact at the thrust itself.
+        It is 1 for a force at the thrust itself.
         """
-        force, row = self.contacts[contact].force, self.positions[position]
         if np.array_equal(force, self.drive):
             return 1.0
+        row = self.positions[position]
         return self.transfer(force, row, omega) / self.transfer(self.drive, row, omega)
 
     def transfer(
@@ -155,4 +172,8 @@ def _with_first(ports: Mapping[str, NDArray[np.float64]], name: str, kind: str) 
     if name and name not in ports:
         known = ", ".join(ports)
         raise ParameterError(f"the plant has no {kind} '{name}'{did_you_mean(name, ports)}; known: {known}")
-    return {name: ports[name], **ports} if name else ports
+    return _in_order(ports, [name]) if name else ports
+
+
+def _in_order(ports: Mapping[str, NDArray[np.float64]], first: Iterable[str]) -> Mapping[str, NDArray[np.float64]]:
+    return {**{name: ports[name] for name in first}, **ports}

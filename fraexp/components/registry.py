@@ -25,7 +25,7 @@ from fraexp.components.position_dependence import positioned_class
 from fraexp.components.providers import Provider, Providers
 from fraexp.data.identity import FileStamp, file_stamps
 from fraexp.data.rotary_axes import is_rotary
-from fraexp.data.sweep import models_by_contact
+from fraexp.data.sweep import components_by_port
 from fraexp.errors import FraexpError, ParameterError, PluginError, did_you_mean
 
 hookspec = pluggy.HookspecMarker("fraexp")
@@ -37,8 +37,8 @@ LOCAL = "workspace"
 SESSION = "session"
 """Distribution of classes that were defined interactively: no other process knows them."""
 
-MIN_CONTACTS = 2
-"""Contacts from which a machine's friction is no single model."""
+MIN_PORTS = 2
+"""Ports from which a machine's friction is no single model, or its controller no single one."""
 
 
 @hookspec
@@ -135,7 +135,7 @@ class Registry:
 
     def used_providers(self, kind: str, spec: Mapping[str, Any]) -> Iterator[Provider]:
         """Yield the known providers of a component in plain data, and of the components in it."""
-        for part in models_by_contact(spec).values():
+        for part in components_by_port(spec).values():
             yield from self.used_providers(kind, part)
         provider = self.providers.get((kind, str(spec.get("name"))))
         if provider is None:
@@ -190,7 +190,7 @@ class Registry:
             if nested is not None and get_origin(info.annotation) is dict:
                 values[key] = {
                     of: self._create(nested.kind, part, environment)
-                    for of, part in models_by_contact(values.get(key)).items()
+                    for of, part in components_by_port(values.get(key)).items()
                 }
             elif nested is not None and isinstance(values.get(key), Mapping):
                 self._check_one_model(cls, nested, values[key])
@@ -200,15 +200,16 @@ class Registry:
         return values
 
     def _check_one_model(self, cls: type[Parameters], nested: type[Component], spec: Mapping[str, Any]) -> None:
-        """Raise ParameterError for models of several contacts, such as a machine's, where one model is taken."""
-        contacts, kind = list(models_by_contact(spec)), getattr(cls, "kind", "")
-        if len(contacts) < MIN_CONTACTS:
+        """Raise ParameterError for components of several ports, such as a machine's, where one is taken."""
+        ports, kind = list(components_by_port(spec)), getattr(cls, "kind", "")
+        if len(ports) < MIN_PORTS:
             return
         known = [name for name in self.names(kind) if (kind, name) not in self.clashes]
         able = [name for name in known if _takes_contacts(self.provider(kind, name).component, nested)]
+        what, port = ("friction model", "contact") if nested.kind == "friction" else (nested.kind, "controlled thrust")
         raise ParameterError(
-            f"{getattr(cls, 'name', cls.__name__)} takes one {nested.kind} model, and there is one for each of "
-            f"{len(contacts)} contacts ({', '.join(contacts)}); use {' or '.join(able) or 'a machine with one contact'}"
+            f"{getattr(cls, 'name', cls.__name__)} takes one {what}, and there is one for each of {len(ports)} {port}s "
+            f"({', '.join(ports)}); use {' or '.join(able) or f'a machine with one {port}'}"
         )
 
 

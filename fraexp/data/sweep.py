@@ -85,8 +85,11 @@ def _hashed_order(names: tuple[str, ...], source: str | None) -> tuple[list[str]
     return sections, canonical([source, sections]).encode()
 
 
-def models_by_contact(section: Any) -> Mapping[str, Any]:
-    """Return the friction models of several contacts in plain data, by contact; none if the section is one model."""
+def components_by_port(section: Any) -> Mapping[str, Any]:
+    """Return the components of several ports in plain data, by port; none if the section is one component.
+
+    They are friction models by contact, or controllers by thrust.
+    """
     if not isinstance(section, Mapping) or "name" in section or not section:
         return {}
     return section if all(isinstance(model, Mapping) for model in section.values()) else {}

@@ -33,7 +33,7 @@ DRIVE_ROWS = 5
 TRACE_NEXT_POSITION, TRACE_POSITION, TRACE_CHANNELS = range(3)
 """Parts of a trace: the next position without noise [m] after the block; of each sample the measured one [m], and the
 channels of a record: control input [N], the contacts' displacements [m] and friction forces [N], further measured
-positions [m], and the friction's compensation [N], if there is any."""
+positions [m], control inputs of further thrusts [N], and the friction's compensation [N], if there is any."""
 TRACE_SAMPLES = 248
 """Maximum number of samples of a block: rows of each part of its trace, which do not lie whole pages apart."""
 
@@ -47,8 +47,10 @@ class LoopFrame:
     """Number m of steps per sample."""
     friction_states: int
     """Number of states of the friction law."""
+    thrusts: int
+    """Number of thrusts, each with a controller; the first is excited."""
     controller_order: int
-    """Number of coefficients of the controller's numerator, and of its denominator."""
+    """Number of coefficients of each controller's numerator, and of its denominator."""
     input_delay: int
     """Whole samples of dead time before the thrust."""
     output_delay: int
@@ -56,7 +58,7 @@ class LoopFrame:
     compensation_states: int
     """Number of states of the compensation's law."""
     positions: int
-    """Number of measured positions; the first is fed back."""
+    """Number of measured positions, one for each thrust first, which is fed back to it."""
 
     samples: int
     """Samples to run."""
@@ -73,7 +75,7 @@ class LoopFrame:
 
     matrix: int
     """Address: rows of each step's displacements at c contacts, the p next measurements and the next states, shape
-    (m c + p + n, n + 2 + c); with laws of velocity c more rows, of the present displacements."""
+    (m c + p + n, n + 2 t + c) with t thrusts; with laws of velocity c more rows, of the present displacements."""
     compliance: int
     """Address: what the forces at the steps' ends add to the steps' displacements, negative [m/N], (m c, m c)."""
     responses: int
@@ -81,9 +83,9 @@ class LoopFrame:
     durations: int
     """Address: duration of each step [s], shape (m,)."""
     numerator: int
-    """Address: coefficients of the controller [N/m], in ascending powers of z⁻¹, shape (p,)."""
+    """Address: coefficients of the controllers [N/m], in ascending powers of z⁻¹, shape (t, order)."""
     denominator: int
-    """Address: its denominator, which starts with 1, shape (p,)."""
+    """Address: their denominators, which start with 1, shape (t, order)."""
     arguments: int
     """Address: numbers of the friction law's arguments."""
     argument_sizes: int
@@ -94,15 +96,16 @@ class LoopFrame:
     """Address: size of each of what the compensation takes."""
 
     known: int
-    """Address: what is known before a sample is run: states, both values of the control input, friction forces."""
+    """Address: what is known before a sample is run: states, both values of each control input, friction forces."""
     linear: int
     """Address: product of `matrix` and `known`, in which each step's displacements give way to its friction forces."""
     friction_memory: int
     """Address: state of the friction law, twice, with a guard between: the present one and the next one."""
     controller_memory: int
-    """Address: what earlier samples contribute to the controller's next outputs [N], shape (p,)."""
+    """Address: what earlier samples contribute to the controllers' next outputs [N], shape (t, order)."""
     control_inputs: int
-    """Address: control input of this sample and of those before, as far back as the dead time needs."""
+    """Address: control input of this sample and of those before, as far back as the dead time needs; one thrust after
+    another."""
     measurements: int
     """Address: measured positions of this sample and of those before, one position after another."""
     contacts: int
@@ -178,10 +181,12 @@ def make_block(
         contact, drive = view(frame.contacts, 0), view(frame.drive, 0)
         trace, noise = view(frame.trace, 0), view(frame.noise, 0)
         z = frame.friction_memory
-        forces, positions = m * contacts, frame.positions
+        forces, positions, thrusts = m * contacts, frame.positions, frame.thrusts
+        first_force = n + 2 * thrusts
         first_displacement = (TRACE_CHANNELS + 1) * TRACE_SAMPLES
         first_friction = first_displacement + contacts * TRACE_SAMPLES
         first_position = first_friction + contacts * TRACE_SAMPLES
+        first_control = first_position + (positions - 1) * TRACE_SAMPLES
         time_step, resolution, limit = frame.time_step, frame.resolution, frame.divergence_limit
         ticks_per_metre = 1.0 / resolution if resolution > 0.0 else 0.0
         has_noise, has_moving_reference = frame.has_noise != 0, frame.has_moving_reference != 0
@@ -221,7 +226,7 @@ def make_block(
             if is_recording:
                 trace[TRACE_CHANNELS * TRACE_SAMPLES + done] = control
             if compensation_law is not None:
-                trace[first_position + (positions - 1) * TRACE_SAMPLES + done] = compensation_force
+                trace[first_control + (thrusts - 1) * TRACE_SAMPLES + done] = compensation_force
             for i in range(1, positions):
                 further = measurements[i * (output_delay + 1) + output_delay]
                 if has_noise:
@@ -229,17 +234,29 @@ def make_block(
                 if resolution > 0.0:
                     further = round_half_even(further * ticks_per_metre) * resolution
                 trace[first_position + (i - 1) * TRACE_SAMPLES + done] = further
+                if i < thrusts:  # which is not excited: its controller holds this position
+                    own, inputs = i * order, i * (input_delay + 2)
+                    for k in range(inputs + input_delay + 1, inputs, -1):
+                        control_inputs[k] = control_inputs[k - 1]
+                    error = reference - further
+                    control = numerator[own] * error + filtered[own]
+                    for k in range(own + 1, own + order):
+                        filtered[k - 1] = numerator[k] * error - denominator[k] * control + filtered[k]
+                    control_inputs[inputs] = control
+                    known[n + 2 * i] = control_inputs[inputs + input_delay + 1]
+                    known[n + 2 * i + 1] = control_inputs[inputs + input_delay]
+                    trace[first_control + (i - 1) * TRACE_SAMPLES + done] = control
 
             # One product gives all that does not depend on the forces to come. The thrust has two values in a sample,
             # because dead time that is no multiple of it lets the older control input act on for a while.
             known[n], known[n + 1] = control_inputs[input_delay + 1], control_inputs[input_delay]
             for i in range(contacts):
                 force, row = contact[i * CONTACT_ROWS + CONTACT_FORCE], i * TRACE_SAMPLES + done
-                known[n + 2 + i] = force
+                known[first_force + i] = force
                 if is_recording:
                     trace[first_displacement + row] = contact[i * CONTACT_ROWS + CONTACT_DISPLACEMENT]
                     trace[first_friction + row] = force
-            multiply_matrix(matrix, known, linear, forces + positions + n + extra_rows, n + 2 + contacts)
+            multiply_matrix(matrix, known, linear, forces + positions + n + extra_rows, first_force + contacts)
             for i in range(extra_rows):  # contacts hold velocities
                 trace[first_displacement + i * TRACE_SAMPLES + done] = linear[forces + positions + n + i]
             current = take_steps(
@@ -270,9 +287,9 @@ def make_block(
     return block
 
 
-def trace_rows(contacts: int, positions: int) -> int:
+def trace_rows(contacts: int, positions: int, thrusts: int) -> int:
     """Return the rows of a trace."""
-    return (TRACE_CHANNELS + 1 + 2 * contacts + positions) * TRACE_SAMPLES
+    return (TRACE_CHANNELS + 2 * contacts + positions + thrusts) * TRACE_SAMPLES
 
 
 @compiled(forceinline=True)

@@ -122,7 +122,7 @@ class UnknownAxis:
         discrete = discretise(
             Ports.from_state_space(mass),
             {"table": 0.0},
-            (np.zeros(1), np.ones(1)),
+            [(np.zeros(1), np.ones(1))],
             sample_time=self.sample_time,
             steps=1,
             is_force_held=(False,),

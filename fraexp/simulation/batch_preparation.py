@@ -65,7 +65,9 @@ def prepare_batch(plans: list[ExperimentPlan], setup: Setup) -> KernelBatch:
         noise_std=setup.noise_std,
         lane_numbers=lane_numbers,
         drive=aligned_zeros(DRIVE_ROWS, width),
-        trace=aligned_zeros(trace_rows(setup.discrete.contacts, setup.discrete.positions), width),
+        trace=aligned_zeros(
+            trace_rows(setup.discrete.contacts, setup.discrete.positions, setup.discrete.thrusts), width
+        ),
         noise=aligned_zeros(TRACE_SAMPLES * setup.discrete.positions if setup.noise_std else 1, width),
         lanes=lanes,
         cursors=np.zeros((CURSOR_ROWS, width), dtype=np.int64),
@@ -99,7 +101,8 @@ def make_frame(batch: KernelBatch, setup: Setup) -> NDArray[np.void]:
         "states": discrete.transition.shape[0],
         "steps": setup.steps,
         "friction_states": setup.state_size,
-        "controller_order": discrete.numerator.size,
+        "thrusts": discrete.thrusts,
+        "controller_order": discrete.numerator.shape[1],
         "input_delay": setup.input_delay,
         "output_delay": setup.output_delay,
         "compensation_states": compensation.friction.state_size if compensation else 0,
@@ -167,13 +170,14 @@ def _memory_rows(setup: Setup) -> dict[str, int]:
     """Return how many numbers each part of the loop's memory has, in their order."""
     discrete = setup.discrete
     n, contacts, positions = discrete.transition.shape[0], discrete.contacts, discrete.positions
+    thrusts = discrete.thrusts
     compensation_states = setup.compensation.friction.state_size if setup.compensation else 0
     return {
-        "known": n + 2 + contacts,
+        "known": n + 2 * thrusts + contacts,
         "linear": setup.steps * contacts + positions + n + discrete.present.shape[0],
         "friction_memory": memory_rows(setup.state_size),
         "controller_memory": setup.discrete.numerator.size,
-        "control_inputs": setup.input_delay + 2,
+        "control_inputs": thrusts * (setup.input_delay + 2),
         "measurements": positions * (setup.output_delay + 1),
         "contacts": contact_rows(contacts),
         "compensation_memory": memory_rows(compensation_states) + 1,

@@ -17,6 +17,10 @@ TIME_DIGITS = 15
 """Decimals [s] to which two instants of a sample are the same."""
 
 
+ControllerCoefficients = tuple[NDArray[np.float64], NDArray[np.float64]]
+"""Numerator and denominator in ascending powers of z⁻¹, shape (order,) each."""
+
+
 class SignalPath(NamedTuple):
     """What delays a signal between controller and plant."""
 
@@ -27,7 +31,7 @@ class SignalPath(NamedTuple):
 
 
 class DiscreteLoop(NamedTuple):
-    """The loop over one sample of m steps: n states, two input values, and c contacts with m + 1 friction forces each.
+    """The loop over one sample of m steps: n states, two values of each of t inputs, c contacts with m + 1 forces each.
 
     Displacements and forces of a step stand together, those of the contacts one after another. At a contact whose
     friction is a law of velocity the rows of the displacement at each step's end, and what forces take away there, are
@@ -35,19 +39,19 @@ class DiscreteLoop(NamedTuple):
     """
 
     displacement: NDArray[np.float64]
-    """Rows that give the displacements at each step's end from state and inputs, shape (m c, n + 2)."""
+    """Rows that give the displacements at each step's end from state and inputs, shape (m c, n + 2 t)."""
     compliance: NDArray[np.float64]
     """Displacements at each step's end that the forces at the steps' bounds take away [m/N], shape (m c, (m + 1) c)."""
     measured: NDArray[np.float64]
-    """Rows that give the next measured positions from state, inputs and forces, shape (p, n + 2 + (m + 1) c)."""
+    """Rows that give the next measured positions from state, inputs and forces, shape (p, n + 2 t + (m + 1) c)."""
     transition: NDArray[np.float64]
-    """Rows that give the next state from state, inputs and forces, shape (n, n + 2 + (m + 1) c)."""
+    """Rows that give the next state from state, inputs and forces, shape (n, n + 2 t + (m + 1) c)."""
     contacts: int
     """Number c of contacts."""
     numerator: NDArray[np.float64]
-    """C(z) in ascending powers of z⁻¹ [N/m], shape (p,)."""
+    """C(z) of each thrust in ascending powers of z⁻¹ [N/m], shape (t, order)."""
     denominator: NDArray[np.float64]
-    """Ascending powers of z⁻¹, starting with 1, shape (p,)."""
+    """Ascending powers of z⁻¹, starting with 1, shape (t, order)."""
     present: NDArray[np.float64]
     """Rows that give the present displacements from the state, shape (c, n); empty, (0, n), if contacts hold them."""
     durations: NDArray[np.float64]
@@ -59,21 +63,26 @@ class DiscreteLoop(NamedTuple):
 
         State, inputs and the first force are known before the sample is run: the first matrix gives what they
         contribute to each step's displacements, the next measurements and the next state, shape
-        (m c + p + n, n + 2 + c). The others give what the forces within the sample add to displacements, shape
+        (m c + p + n, n + 2 t + c). The others give what the forces within the sample add to displacements, shape
         (m c, m c), and to measurements and state, shape (p + n, m c).
         """
         known = self.displacement.shape[1] + self.contacts
         after = np.vstack([self.measured, self.transition])
         before = np.hstack([self.displacement, -self.compliance[:, : self.contacts]])
-        present = np.hstack([self.present, np.zeros((len(self.present), 2 + self.contacts))])
+        present = np.hstack([self.present, np.zeros((len(self.present), 2 * self.thrusts + self.contacts))])
         matrix = np.vstack([before, after[:, :known], present])
         compliance, responses = -self.compliance[:, self.contacts :], after[:, known:]
         return matrix, compliance, responses, self.durations, self.numerator, self.denominator
 
     @property
     def positions(self) -> int:
-        """Number p of measured positions; the first is fed back."""
+        """Number p of measured positions, one for each thrust first, which is fed back to it."""
         return int(self.measured.shape[0])
+
+    @property
+    def thrusts(self) -> int:
+        """Number t of thrusts that have a controller; the first is excited."""
+        return int(self.numerator.shape[0])
 
     @property
     def steps(self) -> int:
@@ -89,7 +98,7 @@ class DiscreteLoop(NamedTuple):
 def discretise(
     plant: Ports,
     viscous: Mapping[str, float],
-    controller: tuple[NDArray[np.float64], NDArray[np.float64]],
+    controllers: Sequence[ControllerCoefficients],
     *,
     sample_time: float,
     steps: int,
@@ -97,14 +106,16 @@ def discretise(
     input_path: SignalPath,
     output_path: SignalPath,
 ) -> DiscreteLoop:
-    """Return the constants of the loop that the plant's first thrust and first position close.
+    """Return the constants of the loops that the plant's first thrusts and first positions close, one per controller.
 
     `viscous` has the viscous coefficient [N s/m] of each contact, and `is_force_held` says of each whether its friction
     is a law of velocity. Raises ParameterError for a plant whose velocity
     jumps with a force.
     """
-    part = _join_lags(plant, viscous, input_path.lags, output_path.lags)
+    part = _join_lags(plant, viscous, len(controllers), input_path.lags, output_path.lags)
     n, contacts, is_held = part.a.shape[0], part.force.shape[1], np.array(is_force_held)
+    thrusts = len(controllers)
+    first_force = n + 2 * thrusts
     late_in = split_dead_time(input_path.dead_time, sample_time).rest
     late_out = split_dead_time(output_path.dead_time, sample_time).rest
 
@@ -123,20 +134,21 @@ def discretise(
         The force goes from one bound's value to the next one's, then has no effect of its own.
         """
         (_, held_begin, ramp_begin), (_, held_end, ramp_end) = response_at[begin], response_at[end]
-        held = (held_begin - held_end)[:, 1:]
-        rising = np.where(is_held, held, ((ramp_begin - ramp_end) / step - held_end)[:, 1:])
+        held = (held_begin - held_end)[:, thrusts:]
+        rising = np.where(is_held, held, ((ramp_begin - ramp_end) / step - held_end)[:, thrusts:])
         return held - rising, rising
 
     def effects_at(time: float) -> NDArray[np.float64]:
-        """Return what states, two inputs and all forces contribute to the state at `time`.
+        """Return what states, two values of each input and all forces contribute to the state at `time`.
 
-        Its shape is (n, n + 2 + contacts (steps + 1)).
+        Its shape is (n, n + 2 thrusts + contacts (steps + 1)).
         """
-        effect = np.zeros((n, n + 2 + contacts * (steps + 1)))
+        effect = np.zeros((n, first_force + contacts * (steps + 1)))
         transition, held, _ = response_at[_round_time(time)]
         later = response_at[_round_time(time - late_in)].step
-        effect[:, :n], effect[:, n], effect[:, n + 1] = transition, held[:, 0] - later[:, 0], later[:, 0]
-        forces = effect[:, n + 2 :].reshape(n, steps + 1, contacts)
+        effect[:, :n], drives = transition, slice(0, thrusts)
+        effect[:, n:first_force:2], effect[:, n + 1 : first_force : 2] = (held - later)[:, drives], later[:, drives]
+        forces = effect[:, first_force:].reshape(n, steps + 1, contacts)
         since = [_round_time(time - start) for start in starts]
         for j in range(steps):
             if since[j] > 0:  # the steps after it have no effect yet
@@ -148,11 +160,12 @@ def discretise(
     velocities = part.displacement @ part.a  # as c·b = 0
     rows = np.where(is_held[:, None], velocities, part.displacement)
     ends = np.concatenate([rows @ effects_at(end) for end in starts[1:]])
-    size = max(coefficients.size for coefficients in controller)
-    numerator, denominator = (np.concatenate([c, np.zeros(size - c.size)]) for c in controller)
+    size = max(coefficients.size for controller in controllers for coefficients in controller)
+    padded = [[np.concatenate([c, np.zeros(size - c.size)]) for c in controller] for controller in controllers]
+    numerator, denominator = map(np.array, zip(*padded, strict=True))
     return DiscreteLoop(
-        displacement=ends[:, : n + 2],
-        compliance=-ends[:, n + 2 :],
+        displacement=ends[:, :first_force],
+        compliance=-ends[:, first_force:],
         measured=part.measured @ effects_at(sample_time - late_out),  # the instant whose positions are sampled next
         transition=effects_at(sample_time),
         contacts=contacts,
@@ -201,18 +214,19 @@ class _LinearPart(NamedTuple):
     a: NDArray[np.float64]
     """State matrix, shape (n, n)."""
     drive: NDArray[np.float64]
-    """Column of the control input, shape (n,)."""
+    """Columns of the control inputs, shape (n, thrusts)."""
     force: NDArray[np.float64]
     """Columns of the contacts' friction forces, shape (n, contacts)."""
     displacement: NDArray[np.float64]
     """Rows of the contacts' displacements, shape (contacts, n)."""
     measured: NDArray[np.float64]
-    """Rows of the measured positions, that which is fed back first, shape (positions, n)."""
+    """Rows of the measured positions, those which are fed back first, shape (positions, n)."""
 
 
 def _join_lags(
     plant: Ports,
     viscous: Mapping[str, float],
+    thrusts: int,
     lags_in: tuple[float, ...],
     lags_out: tuple[float, ...],
 ) -> _LinearPart:
@@ -223,26 +237,28 @@ def _join_lags(
     plant.check()
     positions = plant.measured
     n, p, q, count = plant.a.shape[0], len(lags_in), len(lags_out), len(positions)
-    size = n + p + q * count
-    a, drive = np.zeros((size, size)), np.zeros(size)
+    size = n + p * thrusts + q * count
+    a, drive = np.zeros((size, size)), np.zeros((size, thrusts))
     force, displacement = np.zeros((size, len(plant.contacts))), np.zeros((len(plant.contacts), size))
     a[:n, :n] = plant.a
     for k, (name, contact) in enumerate(plant.contacts.items()):
         a[:n, :n] -= viscous[name] * np.outer(contact.force, contact.displacement @ plant.a)
         force[:n, k], displacement[k, :n] = contact.force, contact.displacement
-    for i, constant in enumerate(lags_in):
-        a[n + i, n + i] = -1 / constant
-        if i:
-            a[n + i, n + i - 1] = 1 / constant
-    if p:
-        a[:n, n + p - 1] = plant.drive
-        drive[n] = 1 / lags_in[0]
-    else:
-        drive[:n] = plant.drive
+    for k, column in enumerate(list(plant.thrusts.values())[:thrusts]):
+        first = n + k * p
+        for i, constant in enumerate(lags_in, first):
+            a[i, i] = -1 / constant
+            if i > first:
+                a[i, i - 1] = 1 / constant
+        if p:
+            a[:n, first + p - 1] = column
+            drive[first, k] = 1 / lags_in[0]
+        else:
+            drive[:n, k] = column
     measured = np.zeros((count, size))
     measured[:, :n] = positions
     for i, constant in enumerate(lags_out):
-        first = n + p + i * count
+        first = n + p * thrusts + i * count
         states = range(first, first + count)
         a[first : first + count] += measured / constant
         a[states, states] -= 1 / constant

@@ -46,7 +46,7 @@ class Setup:
     frictions: Mapping[str, FrictionModel]
     """Friction model of each contact, by its name."""
     positions: tuple[str, ...]
-    """Names of the measured positions; the first is fed back."""
+    """Names of the measured positions; the first is fed back to the thrust that is excited."""
     discrete: DiscreteLoop
     sample_time: float
     """Sample time of the controller [s]."""
@@ -69,16 +69,19 @@ class Setup:
     is_vectorised: bool
     """Whether experiments run side by side, with explicit friction; else one by one, with implicit friction."""
     compensation: Compensation | None = None
+    thrusts: tuple[str, ...] = ("thrust",)
+    """Names of the thrusts that have a controller; the first is excited."""
 
     @cached_property
     def channels(self) -> tuple[str, ...]:
-        """Names of the channels that are recorded; the first is the measured position that is fed back."""
+        """Names of the channels that are recorded; the first is the position that is fed back to the excited thrust."""
         return (
             "y",
             "u",
             *(of_contact("displacement", name, self.frictions) for name in self.frictions),
             *(of_contact("friction", name, self.frictions) for name in self.frictions),
             *(f"y.{name}" for name in self.positions[1:]),
+            *(f"u.{name}" for name in self.thrusts[1:]),
             *(("compensation",) if self.compensation else ()),
         )
 

@@ -133,18 +133,18 @@ def _effort_metrics(segments: Sequence[Segment]) -> tuple[Metric, ...]:
     """Return the greatest stroke, the greatest control input and the time that an experiment takes on a machine."""
     if not segments:
         return ()
-    displacements = [name for name in segments[0].channels if name.partition(".")[0] == "displacement"]
-    stroke = max(float(np.ptp(_join_periods(segments, name))) for name in displacements)
-    control = _join_periods(segments, "u")
+    stroke = max(float(np.ptp(samples)) for samples in _channels_of(segments, "displacement"))
+    control = max(float(np.abs(samples).max()) for samples in _channels_of(segments, "u"))
     recorded = sum(segment.channels["u"].size * segment.sample_time for segment in segments)
     waited = sum(segment.settling.time for segment in segments if segment.settling)
-    values = (stroke, float(np.abs(control).max()), recorded + waited)
+    values = (stroke, control, recorded + waited)
     return tuple(Metric(*metric) for metric in zip(EFFORT, values, ("m", "N", "s"), strict=True))
 
 
-def _join_periods(segments: Sequence[Segment], channel: str) -> NDArray[np.float64]:
-    """Return all samples of a channel, shape (n,)."""
-    return np.concatenate([segment.channels[channel].ravel() for segment in segments])
+def _channels_of(segments: Sequence[Segment], quantity: str) -> list[NDArray[np.float64]]:
+    """Return all samples of each channel of a quantity, such as ``u`` and ``u.right``, shape (n,) each."""
+    names = [name for name in segments[0].channels if name.partition(".")[0] == quantity]
+    return [np.concatenate([segment.channels[name].ravel() for segment in segments]) for name in names]
 
 
 def drive_friction(friction: FrictionModel, excitation: Excitation, sample_time: float) -> Signals:

@@ -42,6 +42,7 @@ def prepare_setup(machine: Machine) -> Setup:
     return Setup(
         frictions=frictions,
         positions=tuple(machine.ports.positions),
+        thrusts=tuple(machine.controllers),
         discrete=discrete,
         sample_time=loop.sample_time,
         input_delay=split_dead_time(loop.input_dead_time, loop.sample_time).samples,
@@ -69,7 +70,7 @@ def discretise_machine(machine: Machine, steps: int) -> DiscreteLoop:
     return discretise(
         machine.ports,
         {name: model.viscous for name, model in frictions.items()},
-        machine.controller.transfer_function(loop.sample_time),
+        [controller.transfer_function(loop.sample_time) for controller in machine.controllers.values()],
         sample_time=loop.sample_time,
         steps=steps,
         is_force_held=set_valued_contacts(frictions),

@@ -12,7 +12,7 @@ from fraexp.components.kinds import Controller, FrictionModel, Plant
 from fraexp.components.parameters import Parameters, param
 from fraexp.components.ports import Ports
 from fraexp.components.registry import Registry, create
-from fraexp.data.sweep import Plain, models_by_contact
+from fraexp.data.sweep import Plain, components_by_port
 from fraexp.errors import ParameterError, did_you_mean
 from fraexp.simulation.discretisation import SignalPath
 from fraexp.simulation.experiments import Compensation
@@ -42,8 +42,8 @@ class ControlLoop(Parameters):
     input_time_constants: tuple[float, ...] = param("s", "time constants of first-order lags before the thrust", ())
     output_dead_time: float = param("s", "dead time between position and its sample", 0.0, at_least=0, at_most=10)
     output_time_constants: tuple[float, ...] = param("s", "time constants of first-order lags before the sample", ())
-    thrust: str = param("", "thrust that is controlled and excited; the plant's first if not given", "")
-    position: str = param("", "position that is fed back; that of the thrust's name if not given", "")
+    thrust: str = param("", "thrust that is excited; the plant's first if not given", "")
+    position: str = param("", "position that is fed back to it; that of the thrust's name if not given", "")
     reference: float = param("m", "position reference r", 0.0)
     resolution: float = param("m", "quantisation step of the encoder, 0 for an ideal one", 0.0, at_least=0)
     noise: float = param("m", "standard deviation of the encoder's noise", 0.0, at_least=0)
@@ -99,15 +99,33 @@ class Machine:
     plant: Plant
     friction: FrictionModel | Mapping[str, FrictionModel]
     """The friction model, or one for each of several contacts, by its name."""
-    controller: Controller
+    controller: Controller | Mapping[str, Controller]
+    """The controller of the thrust that is excited, or one for each of several thrusts, by its name."""
     loop: ControlLoop
     numerics: Numerics
     compensation: Compensation | None = None
 
     @cached_property
     def ports(self) -> Ports:
-        """Where forces act on the plant and positions are measured, those of the loop before the others."""
-        return self.plant.ports().closed_by(self.loop.thrust, self.loop.position)
+        """Where forces act on the plant and positions are measured, those of the loops before the others."""
+        controlled = () if isinstance(self.controller, Controller) else self.controller
+        return self.plant.ports().closed_by(self.loop.thrust, self.loop.position, controlled)
+
+    @cached_property
+    def controllers(self) -> Mapping[str, Controller]:
+        """Controller of each thrust that has one, by its name; the first one is excited.
+
+        Raises ParameterError if that has none.
+        """
+        excited, *others = self.ports.thrusts
+        if isinstance(self.controller, Controller):
+            return {excited: self.controller}
+        if excited not in self.controller:
+            raise ParameterError(
+                f"the thrust '{excited}' is excited and has no controller; write [controller.{excited}], or set [loop] "
+                f"thrust to one that has: {', '.join(self.controller)}"
+            )
+        return {name: self.controller[name] for name in (excited, *others) if name in self.controller}
 
     def response(self, omega: NDArray[np.floating]) -> NDArray[np.complex128]:
         """Return the plant's response [m/N] from the thrust to the position of the loop, at omega [rad/s]."""
@@ -133,7 +151,7 @@ def build_machine(experiment: Plain, registry: Registry) -> Machine:
     return Machine(
         plant=create(registry, Plant, experiment["plant"]),
         friction=_friction(experiment["friction"], registry),
-        controller=create(registry, Controller, experiment["controller"]),
+        controller=_controller(experiment["controller"], registry),
         loop=ControlLoop.parse(experiment["loop"], "loop"),
         numerics=Numerics.parse(experiment["numerics"], "numerics"),
         compensation=_compensation(experiment.get("compensation"), registry),
@@ -141,10 +159,17 @@ def build_machine(experiment: Plain, registry: Registry) -> Machine:
 
 
 def _friction(section: Plain, registry: Registry) -> FrictionModel | Mapping[str, FrictionModel]:
-    models = models_by_contact(section)
+    models = components_by_port(section)
     if not models:
         return create(registry, FrictionModel, section)
     return {contact: create(registry, FrictionModel, model) for contact, model in models.items()}
+
+
+def _controller(section: Plain, registry: Registry) -> Controller | Mapping[str, Controller]:
+    controllers = components_by_port(section)
+    if not controllers:
+        return create(registry, Controller, section)
+    return {thrust: create(registry, Controller, each) for thrust, each in controllers.items()}
 
 
 def _models_at(

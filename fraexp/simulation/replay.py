@@ -150,7 +150,7 @@ def _setup(model: ReplayModel, crossover: float) -> Setup:
     ports, _ = _scaled(model)
     viscous = sum(friction.viscous for friction in model.frictions.values())
     numerator, denominator = _pull(ports, viscous, crossover, sample_time)
-    discrete = _open_loop(model)._replace(numerator=numerator, denominator=denominator)
+    discrete = _open_loop(model)._replace(numerator=numerator[None], denominator=denominator[None])
     lags = sum(inward.lags) + sum(outward.lags)
     return Setup(
         frictions=model.frictions,
@@ -177,7 +177,7 @@ def _open_loop(model: ReplayModel) -> DiscreteLoop:
     return discretise(
         ports,
         viscous,
-        (np.zeros(1), np.ones(1)),
+        [(np.zeros(1), np.ones(1))],
         sample_time=model.sample_time,
         steps=model.steps,
         is_force_held=set_valued_contacts(model.frictions),

@@ -6,12 +6,12 @@ from typing import Any, get_args
 
 from pydantic.fields import FieldInfo
 
-from fraexp.components.kinds import FrictionModel, nested_kind
+from fraexp.components.kinds import KINDS_BY_PORT, nested_kind
 from fraexp.components.parameters import Parameters, unit_of
 from fraexp.components.position_dependence import positioned_class
 from fraexp.components.registry import Registry
 from fraexp.data.rotary_axes import is_rotary
-from fraexp.data.sweep import models_by_contact
+from fraexp.data.sweep import components_by_port
 from fraexp.errors import StudyError, did_you_mean
 from fraexp.simulation.experiments import Compensation
 from fraexp.simulation.machine import ControlLoop, Numerics
@@ -95,7 +95,7 @@ def _descend(sections: Mapping[str, Any], path: str) -> tuple[str, list[str], An
     """Return a path's section, the parts below the component that stands there, and this component in plain data."""
     section, *parts = path.split(".")
     value = sections.get(section)
-    models = models_by_contact(value) if section == FrictionModel.kind else {}
+    models = components_by_port(value) if section in KINDS_BY_PORT else {}
     return (section, parts[1:], models[parts[0]]) if parts and parts[0] in models else (section, parts, value)
 
 

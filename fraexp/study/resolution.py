@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from fraexp import records
-from fraexp.components.kinds import Excitation, FrictionModel, Plant, nested_kind
+from fraexp.components.kinds import KINDS_BY_PORT, Excitation, Plant, nested_kind
 from fraexp.components.parameters import Parameters, inherited_from
 from fraexp.components.registry import Registry, create
 from fraexp.data import fit_references, toml
 from fraexp.data.rotary_axes import is_rotary
-from fraexp.data.sweep import Plain, Section, Sweep, as_section, experiment_key, models_by_contact
+from fraexp.data.sweep import Plain, Section, Sweep, as_section, components_by_port, experiment_key
 from fraexp.errors import FraexpError, StudyError
 from fraexp.simulation import motion_limits
 from fraexp.simulation.machine import Numerics, build_machine
@@ -201,12 +201,10 @@ class Resolver:
         if name in (EXCITATION, ESTIMATOR):
             given = _complete_tables(name, section, around, self._registry)
             return Section(self._registry.create(name, given, around, where).spec())
-        models = models_by_contact(section) if name == FrictionModel.kind else {}
-        if models:
-            made = {
-                of: self._registry.create(name, model, around, f"{where[:-1]}.{of}]") for of, model in models.items()
-            }
-            return Section({of: model.spec() for of, model in made.items()})
+        parts = components_by_port(section) if name in KINDS_BY_PORT else {}
+        if parts:
+            made = {of: self._registry.create(name, part, around, f"{where[:-1]}.{of}]") for of, part in parts.items()}
+            return Section({of: part.spec() for of, part in made.items()})
         return Section(self._registry.create(name, section, around, where).spec())
 
     def _check_misplaced(self, name: str, section: Any, where: str) -> None:
@@ -274,11 +272,11 @@ class Resolver:
         return self._known[key]
 
     def _check_ports(self, sections: Plain, place: str) -> None:
-        """Refuse friction models, a thrust or a position that do not fit the plant's ports."""
-        plant, friction, loop = (sections[name] for name in (Plant.kind, FrictionModel.kind, "loop"))
-        named = loop.get("thrust"), loop.get("position")
+        """Refuse friction models, controllers, a thrust or a position that do not fit the plant's ports."""
+        plant, friction, controller, loop = (sections[name] for name in MACHINE)
+        named = loop.get("thrust"), loop.get("position"), *components_by_port(controller)
         has_own_ports = getattr(component_of(Plant.kind, plant, self._registry), "ports", None) is not Plant.ports
-        if not (has_own_ports or models_by_contact(friction) or any(named)):
+        if not (has_own_ports or components_by_port(friction) or any(named)):
             return  # one contact, one friction model
         key = ("ports", plant.digest, friction.digest, *named)
         if key in self._known:
@@ -286,7 +284,7 @@ class Resolver:
         try:
             machine = build_machine(sections, self._registry)
             machine.ports.check()
-            machine.frictions  # noqa: B018  # raises an error where the models do not fit the contacts
+            machine.frictions, machine.controllers  # noqa: B018  # they raise errors where they do not fit the ports
         except FraexpError as error:
             raise type(error)(f"{place}: {error}") from None
         self._known[key] = True

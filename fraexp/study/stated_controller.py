@@ -6,6 +6,7 @@ from typing import Any
 from fraexp.components.kinds import Controller
 from fraexp.components.registry import Registry
 from fraexp.data.rotary_axes import is_rotary
+from fraexp.data.sweep import components_by_port
 from fraexp.errors import StudyError
 from fraexp.simulation.machine import ControlLoop
 from fraexp.study.former_names import CurrentNames
@@ -28,6 +29,8 @@ def stated_controller(name: str, folder: Path, registry: Registry) -> dict[str, 
     missing = next((key for key in NEEDED if not sections[key]), None)
     if missing:
         raise StudyError(f"{file}: lacks the section [{missing}]; expected [controller] and [loop], or a machine")
+    if thrusts := components_by_port(sections[Controller.kind]):
+        raise StudyError(f"{file}: has a controller for each of several thrusts ({', '.join(thrusts)}); expected one")
     loop = ControlLoop.parse(sections["loop"], "loop", rotary=is_rotary(sections))
     controller = registry.create(Controller.kind, sections[Controller.kind], sections, str(file))
     return {Controller.kind: controller.spec(), "loop": loop.plain()}

@@ -11,7 +11,7 @@ from fraexp.components.translation.c_file import c_text
 from fraexp.components.translation.st_file import st_text
 from fraexp.data.results import Outcome, Result
 from fraexp.data.rotary_axes import is_rotary
-from fraexp.data.sweep import models_by_contact
+from fraexp.data.sweep import components_by_port
 from fraexp.errors import FraexpError
 from fraexp.figures.export import write_file
 from fraexp.simulation.controller_blocks import ControllerParts
@@ -71,6 +71,8 @@ def controller_parts(sweep: StoredSweep, result: Result, registry: Registry) -> 
     loop: Mapping[str, Any] = experiment.get("loop", {})
     excitation = experiment.get("excitation")
     controller = fitted.get(Controller.kind) or experiment.get("controller")
+    if components_by_port(controller):
+        raise FraexpError("the machine has a controller for each of several thrusts; expected one")
     metrics = {metric.name: metric.value for metric in result.metrics}
     sample_time = metrics.get(TUNED_SAMPLE_TIME) or loop.get("sample_time")
     motion = create(registry, Excitation, excitation) if excitation else None
@@ -114,7 +116,7 @@ def _friction(
     """Return the friction model that was identified, that of the observer, or that of the simulated machine."""
     for spec in (fitted, estimator.get("friction"), experiment.get("friction")):
         if isinstance(spec, Mapping):
-            if models_by_contact(spec):
+            if components_by_port(spec):
                 raise FraexpError("the machine has several contacts with friction; expected one: export from its fit")
             return create(registry, FrictionModel, spec)
     return None

@@ -5,7 +5,7 @@ that slide, and the controller is a difference equation.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,27 @@ class Sliders:
     """Force against the displacement [N] at x [m]."""
 
 
+@dataclass
+class DifferenceEquation:
+    """A controller: from the position pᵀq of a port to the force along it, which dead samples delay."""
+
+    numerator: NDArray[np.float64]
+    denominator: NDArray[np.float64]
+    dead_samples: int
+
+    def __post_init__(self) -> None:
+        self.errors, self.outputs = np.zeros(self.numerator.size), np.zeros(self.denominator.size - 1)
+        self.waiting = [0.0] * self.dead_samples
+
+    def step(self, position: float, excitation: float = 0.0) -> tuple[float, float]:
+        """Return the control input of a sample, with the excitation, and the force that acts in it."""
+        self.errors = np.concatenate([[-position], self.errors[:-1]])
+        control = float(self.numerator @ self.errors - self.denominator[1:] @ self.outputs)
+        self.outputs = np.concatenate([[control], self.outputs[:-1]])
+        self.waiting.append(control + excitation)
+        return control + excitation, self.waiting.pop(0)
+
+
 @dataclass(frozen=True)
 class FineLoop:
     """Bodies in a sampled loop from the position pᵀq to the force along the same port."""
@@ -40,6 +61,8 @@ class FineLoop:
     denominator: NDArray[np.float64]
     sample_time: float
     dead_samples: int
+    held: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    """Further thrusts, each with a controller of the same kind, that holds the position of its name."""
 
     def responses(self, amplitude: float, samples: int, periods: int, substeps: int) -> dict[str, complex]:
         """Return y/u of each position at the fundamental, in the last of `periods` periods of `samples` samples."""
@@ -55,8 +78,11 @@ class FineLoop:
         q, v = np.zeros(len(self.mass)), np.zeros(len(self.mass))
         deflections = [np.zeros(contact.stiffness.size) for contact in self.contacts]
         inverse, h = np.linalg.inv(self.mass), self.sample_time / substeps
-        errors, outputs = np.zeros(self.numerator.size), np.zeros(self.denominator.size - 1)
-        waiting = [0.0] * self.dead_samples
+        coefficients = self.numerator, self.denominator, self.dead_samples
+        driven, holding = (
+            DifferenceEquation(*coefficients),
+            {name: DifferenceEquation(*coefficients) for name in self.held},
+        )
         recorded, inputs = [], []
         fed_back = next(iter(self.positions.values()))
 
@@ -70,12 +96,10 @@ class FineLoop:
             return total
 
         for sample in range(samples * periods):
-            errors = np.concatenate([[-(fed_back @ q)], errors[:-1]])
-            control = self.numerator @ errors - self.denominator[1:] @ outputs
-            outputs = np.concatenate([[control], outputs[:-1]])
-            control += amplitude * np.sin(2 * np.pi * sample / samples)
-            waiting.append(control)
-            thrust = self.thrust * waiting.pop(0)
+            control, force = driven.step(float(fed_back @ q), amplitude * np.sin(2 * np.pi * sample / samples))
+            thrust = self.thrust * force
+            for name, port in self.held.items():
+                thrust = thrust + port * holding[name].step(float(self.positions[name] @ q))[1]
             if sample >= samples * (periods - 1):
                 recorded.append(q)
                 inputs.append(control)

@@ -111,6 +111,23 @@ def test_a_dependence_on_the_position_is_a_parameter_of_any_friction_model() -> 
     assert "position_dependence" not in plain.experiment["friction"]
 
 
+def test_a_path_leads_to_one_of_several_controllers() -> None:
+    base = {**BASE, "machine": "gantry_two_loops"}
+    (sweep,) = sweeps_of(base, ["controller.right.derivative_time=40 ms"])
+    left, right = (sweep.experiment["controller"][name] for name in ("left", "right"))
+    assert (left["derivative_time"], right["derivative_time"]) == (0.05, 0.04)
+    with pytest.raises(
+        FraexpError, match=r"study.toml: \[controller.middle\]: the plant has no thrust 'middle'.*right"
+    ):
+        sweeps_of({**base, "controller": {"middle": left}})
+    with pytest.raises(FraexpError, match=r"\[limits\] are predicted for one controller.*\(left, right\)"):
+        sweeps_of({**base, "limits": {"force": 100.0}})
+    with pytest.raises(
+        FraexpError, match=r"loop_tuning takes one controller, and .* 2 controlled thrusts \(left, right"
+    ):
+        sweeps_of({**base, "estimator": {"name": "loop_tuning", "friction": {"name": "none"}}})
+
+
 def test_a_dependence_on_the_position_belongs_to_one_of_several_contacts() -> None:
     (found,) = sweeps_of(
         {**BASE, "machine": "two_mass_drive"}, ["friction.load.position_dependence.ripples=[{period=1,amplitude=0.1}]"]

@@ -8,12 +8,12 @@ from typing import Any, get_args
 
 from pydantic.fields import FieldInfo
 
-from fraexp.components.kinds import Component, FrictionModel, nested_kind
+from fraexp.components.kinds import KINDS_BY_PORT, Component, nested_kind
 from fraexp.components.parameters import Parameters, inherited_from
 from fraexp.components.registry import Registry
 from fraexp.data import toml
 from fraexp.data.rotary_axes import is_rotary, rotary_text, rotary_unit
-from fraexp.data.sweep import models_by_contact
+from fraexp.data.sweep import components_by_port
 from fraexp.errors import FraexpError, did_you_mean
 from fraexp.execution.executors import worker_count
 from fraexp.study.paths import unit_at
@@ -109,13 +109,13 @@ def _is_axis(path: str, axes: Mapping[str, object]) -> bool:
 
 def _section_fields(kind: str, specs: Sequence[object], registry: Registry, rotary: bool) -> Iterator[FormField]:
     """Yield the fields of a section, from the values of each case."""
-    contacts = list(models_by_contact(specs[0])) if kind == FrictionModel.kind else []
+    ports = list(components_by_port(specs[0])) if kind in KINDS_BY_PORT else []
     if kind not in COMPONENTS:
         yield from _parameter_fields(kind, SETTINGS[kind], specs, registry, kind, rotary)
-    elif contacts and all(list(models_by_contact(spec)) == contacts for spec in specs):
-        for contact in contacts:
-            models = [models_by_contact(spec)[contact] for spec in specs]
-            yield from _component_fields(f"{kind}.{contact}", kind, models, registry, rotary)
+    elif ports and all(list(components_by_port(spec)) == ports for spec in specs):
+        for port in ports:
+            parts = [components_by_port(spec)[port] for spec in specs]
+            yield from _component_fields(f"{kind}.{port}", kind, parts, registry, rotary)
     else:
         yield from _component_fields(kind, kind, specs, registry, rotary)
 

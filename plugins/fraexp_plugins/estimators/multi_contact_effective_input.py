@@ -37,6 +37,7 @@ from fraexp_plugins.estimators._shared.friction_consistency import (
     StatedDeviation,
     model_error,
 )
+from fraexp_plugins.estimators._shared.further_thrusts import further_thrusts, record_omega, refer_thrusts
 from fraexp_plugins.estimators._shared.model_covariance import inverse_response, outer_parts, with_model_covariance
 from fraexp_plugins.estimators._shared.parameter_uncertainty import Deviation, check_deviations, perturbations
 from fraexp_plugins.estimators._shared.response_doubts import (
@@ -75,7 +76,9 @@ class MultiContactEffectiveInput(DelayedEstimator, name="multi_contact_effective
     the friction models by more than encoder and plant explain, the sweep is not ok, and says how wrong they are. What
     is wrong at one contact counts by its share of the friction force, and a wrong nominal plant counts too.
 
-    `output` chooses the position of the response: `y.load` for the one called load.
+    `output` chooses the position of the response: `y.load` for the one called load. Control inputs of further thrusts,
+    such as `u.right`, count as friction does: as the thrust that moves the output so, by the nominal plant. The
+    response is then that of the plant, not of one whose other thrusts hold their positions.
     """
 
     frictions: dict[str, FrictionModel] = param("", "friction model of each contact", inherit="friction")
@@ -182,6 +185,7 @@ class MultiContactEffectiveInput(DelayedEstimator, name="multi_contact_effective
         models, target = self._models(ports), self._position_of(self.output, ports)
         weights = self._displacement_weights(signals, ports, models)
         signals = self._with_displacements(signals, ports, models, weights)
+        signals = refer_thrusts(signals, self.input, ports, target)
         contacts = [self._contact(name, model, ports, signals, target, weights[name]) for name, model in models.items()]
         return _Compensation(signals, tuple(contacts))
 
@@ -198,7 +202,8 @@ class MultiContactEffectiveInput(DelayedEstimator, name="multi_contact_effective
         observer = self._observer(name, model, ports, signals.segments)
 
         def thrust_ratio(omega: NDArray[np.float64]) -> NDArray[np.complex128]:
-            return np.broadcast_to(np.asarray(ports.share(name, omega, target), dtype=complex), omega.shape)
+            share = ports.share(ports.contacts[name].force, omega, target)
+            return np.broadcast_to(np.asarray(share, dtype=complex), omega.shape)
 
         def error_ratio(omega: NDArray[np.float64]) -> NDArray[np.float64]:
             if weights is None:
@@ -328,7 +333,7 @@ class MultiContactEffectiveInput(DelayedEstimator, name="multi_contact_effective
         With f_m = (P_yu u - Σ P_yk f_k - y)/P_ym the contact moves by x_m = P_mu u - Σ P_mk f_k - P_mm f_m.
         """
         samples = segment.channels["y"]
-        omega = np.asarray(2 * np.pi * np.fft.rfftfreq(samples.size, segment.sample_time)[1:], dtype=float)
+        omega = record_omega(segment, samples.size)
         own, fed_back = ports.contacts[contact], ports.measured[0]
         ratio = _reconstruction_ratio(ports, contact, omega)
 
@@ -338,8 +343,9 @@ class MultiContactEffectiveInput(DelayedEstimator, name="multi_contact_effective
             return direct - ratio * ports.transfer(column, fed_back, omega)
 
         path = self.input_path(omega, segment.sample_time) * self.output_path(omega)
-        thrust = part(ports.drive) * path * record_spectrum(segment, self.input)[1:]
-        bins = ratio * record_spectrum(segment, "y")[1:] + thrust
+        bins = ratio * record_spectrum(segment, "y")[1:]
+        for channel, column in {self.input: ports.drive, **further_thrusts(segment.channels, ports)}.items():
+            bins = bins + part(column) * path * record_spectrum(segment, channel)[1:]
         for name, spectrum in forces.items():
             bins = bins - part(ports.contacts[name].force) * spectrum[1:]
         displacement = np.fft.irfft(np.concatenate([[0.0], bins]), samples.size).reshape(samples.shape)

@@ -19,6 +19,7 @@ from fraexp.api import (
 from fraexp_plugins.estimators._shared.delayed_estimator import DelayedEstimator
 from fraexp_plugins.friction.none import Frictionless
 from fraexp_plugins.identification._shared.usable_signals import usable_signals
+from fraexp_plugins.identification.whole_record._shared.contact_check import check_one_thrust
 from fraexp_plugins.identification.whole_record._shared.contact_parameters import ContactModels, ContactParameters
 from fraexp_plugins.identification.whole_record._shared.fit_report import FitReport
 from fraexp_plugins.identification.whole_record._shared.noise_level import noise_in_records
@@ -87,6 +88,7 @@ class MultiContactMaximumLikelihood(DelayedEstimator, name="multi_contact_maximu
         signals.unit(self.input), signals.unit(self.output)
         if not signals.segments:
             return Result(signals.outcome, signals.message)
+        check_one_thrust(signals, self.name)
         used = usable_signals(signals, self.output, self.name)
         check_segments(used, self.name)
         noise = noise_in_records(used, self.output, self.resolution) if self.noise is None else self.noise
