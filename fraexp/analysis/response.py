@@ -81,16 +81,23 @@ def response_result(
         freedom=np.where(np.isfinite(known), np.inf, freedom),
         coherence=_stated_coherence(signals.segments),
     )
-    if silent.any() and signals.outcome is Outcome.OK:
-        message = f"at {silent.sum()} of {silent.size} frequencies input or output does not move"
-        return Result(Outcome.NO_MOTION, message, response)
-    doubts = [transient.message, steady_motion_text(repeated, names[1], units[1])]
+    if silent.all() and signals.outcome is Outcome.OK:
+        return Result(Outcome.NO_MOTION, _silence_text(frequency, silent), response)
+    doubts = [_silence_text(frequency, silent), transient.message, steady_motion_text(repeated, names[1], units[1])]
     outcome, message = signals.outcome, "; ".join(filter(None, (*doubts, signals.message)))
     if any(doubts) and outcome is Outcome.OK:
         outcome = Outcome.INACCURATE
     if not message and any(known and known.time == 0 and known.settled for known in settlings):
         message = "recorded from rest: the transient is in the response, which a mean over periods does not take off"
     return Result(outcome, message, response)
+
+
+def _silence_text(frequency: NDArray[np.float64], silent: NDArray[np.bool_]) -> str:
+    """Return at which frequencies [Hz] there is no response, because nothing moves; empty if there are none."""
+    if not silent.any():
+        return ""
+    places = f"{silent.sum()} of {silent.size} frequencies ({frequency_text(frequency[silent])})"
+    return f"at {places} input or output does not move"
 
 
 def _known_variance(signals: Signals, segment: Segment, outputs: NDArray[np.complex128]) -> float:

@@ -109,7 +109,7 @@ class Verification:
     further_step_errors: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
     """What `step_error` is, of further measured positions, by their channels such as `y.load`."""
     standing_motion: Mapping[str, float] = field(default_factory=dict)
-    """Amplitude [m] up to which a position stands, by its channel: friction holds it, the rest is the computation.
+    """Amplitude [m] up to which a position stands, by its channel: the rest is the computation, or the encoder's.
 
     Where it stands its `step_error` is NaN. 0 if it moves at all frequencies that were examined.
     """

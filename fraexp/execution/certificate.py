@@ -59,12 +59,14 @@ def _standing_error(response: FrequencyResponse, verification: Verification) -> 
 
 
 def _with_standstill(result: Result, stands: NDArray[np.bool_]) -> Result:
-    """Return a result that says at which frequencies its output stands, and has no response."""
+    """Return a result that says at which frequencies its output stands, and has no response; the others keep theirs."""
     if result.response is None or not stands.any():
         return result
     places = f"{stands.sum()} of {stands.size} frequencies ({frequency_text(result.response.frequency[stands])})"
     message = f"at {places} friction holds {result.response.output}, which does not move"
-    outcome = Outcome.NO_MOTION if result.outcome in (Outcome.OK, Outcome.INACCURATE) else result.outcome
+    outcome = result.outcome
+    if outcome in (Outcome.OK, Outcome.INACCURATE):
+        outcome = Outcome.NO_MOTION if stands.all() else Outcome.INACCURATE
     return replace(result, outcome=outcome, message="; ".join(filter(None, (message, result.message))))
 
 

@@ -79,7 +79,7 @@ class _Repetition:
 
         Of a position that stands in one of them, that in which it moves least is examined too, until that one moves.
         """
-        pairs: list[tuple[Segment, Segment]] = []
+        triples: list[tuple[Segment, Segment, Segment]] = []
         seen: set[int] = set()
         further = set(hardest_segments(self.segments))
         can_stand = any(set_valued_contacts(self.setup.frictions)) and not self.is_transient
@@ -87,20 +87,36 @@ class _Repetition:
         found = None
         while further:
             seen |= further
-            pairs += self._pairs(sorted(further))
-            if not pairs:
+            triples += self._triples(sorted(further))
+            if not triples:
                 return None
-            coarse, fine = zip(*pairs, strict=True)
+            recorded, coarse, fine = zip(*triples, strict=True)
             errors = self._errors(coarse, fine)
-            standing = {name: _standing_motion(fine, name, error) for name, error in errors.items() if can_stand}
+            standing = {
+                name: self._standing_motion(recorded, fine, name, error) for name, error in errors.items() if can_stand
+            }
             found = _Comparison(fine, errors, standing)
-            further = _smallest_motions(self.segments, standing) - seen if self.is_ideal else set()
+            further = _smallest_motions(self.segments, standing) - seen
         return found
 
-    def _pairs(self, numbers: Sequence[int]) -> list[tuple[Segment, Segment]]:
-        """Return the periods with these numbers with both numbers of steps, as far as they settle."""
-        both = zip(*(self._run(stepped, numbers) for stepped in self.pair), strict=True)
-        return [(a, b) for a, b in both if a and b and _is_settled(a) and _is_settled(b)]
+    def _triples(self, numbers: Sequence[int]) -> list[tuple[Segment, Segment, Segment]]:
+        """Return the periods with these numbers as recorded, and with both numbers of steps, as far as they settle."""
+        recorded = [self.segments[number] for number in numbers]
+        each = zip(recorded, *(self._run(stepped, numbers) for stepped in self.pair), strict=True)
+        return [(own, a, b) for own, a, b in each if a and b and _is_settled(a) and _is_settled(b)]
+
+    def _standing_motion(
+        self, recorded: Sequence[Segment], fine: Sequence[Segment], position: str, error: NDArray[np.float64]
+    ) -> float:
+        """Return the amplitude [m] that is left of a position where it stands; 0 if it moves everywhere.
+
+        Where steps change a motion by more than itself, friction holds it, to a displacement that falls with the step's
+        square. `error` is that of each segment, relative to its motion. What an encoder shows there is its own.
+        """
+        left = error * _amplitudes(fine, position)
+        if not self.is_ideal:
+            left = np.maximum(left, _amplitudes(recorded, position))
+        return float(np.max(left[error >= 1], initial=0.0))
 
     def _run(self, stepped: Setup, numbers: Sequence[int]) -> list[Segment | None]:
         if self.is_ideal and stepped is self.setup:
@@ -152,16 +168,6 @@ def verify(
     )
 
 
-def _standing_motion(segments: Sequence[Segment], position: str, error: NDArray[np.float64]) -> float:
-    """Return the amplitude [m] that the computation leaves of a position where it stands; 0 if it moves everywhere.
-
-    Where steps change a motion by more than itself, friction holds it, to a displacement that falls with the step's
-    square. `error` is that of each segment, relative to its motion.
-    """
-    stands = error >= 1
-    return float(np.max(error[stands] * _amplitudes(segments, position)[stands], initial=0.0))
-
-
 def _smallest_motions(segments: Sequence[Segment], standing: Mapping[str, float]) -> set[int]:
     """Return the segment in which each position that stands in others moves least: it may stand there too."""
     numbers = set()
@@ -174,8 +180,8 @@ def _smallest_motions(segments: Sequence[Segment], standing: Mapping[str, float]
 
 
 def _amplitudes(segments: Sequence[Segment], position: str) -> NDArray[np.float64]:
-    """Return the amplitude of a position [m] at the line of each segment, shape (n,)."""
-    return np.abs([phasors(segment, position)[0, 0] for segment in segments])
+    """Return the greatest amplitude of a position over the periods [m], at the line of each segment, shape (n,)."""
+    return np.array([np.abs(phasors(segment, position)[:, 0]).max() for segment in segments])
 
 
 def _steps_remedy(machine: Machine, setup: Setup) -> str:

@@ -130,6 +130,21 @@ def test_frequencies_at_which_a_load_sticks_take_no_others_with_them(forces):
     assert response.numerical_error[~stands].max() < 1e-3
 
 
+@pytest.mark.parametrize("encoder", [{"resolution": 1e-7}, {"noise": 2e-8}, {"resolution": 1e-8, "noise": 1e-8}])
+def test_an_encoder_does_not_hide_that_a_load_sticks(encoder):
+    """What it shows there is its own: noise, or steps that it takes because of it."""
+    frictions = {"motor": Coulomb(coulomb_force=8.0), "load": Coulomb(coulomb_force=6.0)}
+    signals = on_drive(frictions, (10.0, 25.0, 40.0, 60.0, 80.0, 100.0, 125.0, 150.0), **encoder)
+    stands = np.array([np.ptp(segment.channels["displacement.load"]) < 1e-9 for segment in signals.segments])
+    assert 0 < stands.sum() < stands.size - 2
+    found = {output: Conventional(output=output) for output in ("y", "y.load")}
+    own, load = (certify(each, signals, each.estimate(signals), 1e-4) for each in found.values())
+    assert own.response.settled.all()
+    np.testing.assert_array_equal(load.response.settled, ~stands)
+    assert load.outcome is Outcome.INACCURATE
+    assert f"at {stands.sum()} of 8 frequencies" in load.message
+
+
 def test_the_proposed_method_says_how_far_standstill_may_put_it_off():
     """Without a certificate, as along a measured record."""
     frictions = {"motor": Coulomb(coulomb_force=8.0), "load": Coulomb(coulomb_force=6.0)}

@@ -19,6 +19,7 @@ from fraexp.api import (
     Segment,
     Settling,
     Signals,
+    frequency_text,
     param,
     phasors,
     steady_motion_text,
@@ -170,8 +171,9 @@ def combine_parts(signals: Signals, parts: Sequence[Part], *, names: tuple[str, 
     metrics = tuple(metric for part in parts for metric in part.metrics)
     outcome, message = signals.outcome, signals.message
     if silent.any() and outcome is Outcome.OK:
-        outcome = Outcome.NO_MOTION
-        message = f"at {silent.sum()} of {silent.size} frequencies input or output does not move"
+        outcome = Outcome.NO_MOTION if silent.all() else Outcome.INACCURATE
+        places = f"{silent.sum()} of {silent.size} frequencies ({frequency_text(response.frequency[silent])})"
+        message = f"at {places} input or output does not move"
     elif outcome is Outcome.OK and any(part.inaccuracy for part in parts):
         outcome = Outcome.INACCURATE
     texts = (message, *(part.inaccuracy for part in parts), *(part.remark for part in parts))
