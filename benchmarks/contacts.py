@@ -3,9 +3,10 @@
     python benchmarks/contacts.py            medians of 15 turns
     python benchmarks/contacts.py --turns 5
 
-The paper's table has one to four contacts, each with ten elasto-slide elements that share its friction. Nanoseconds per
-step of one experiment of a sweep, all Python included: in lanes, where the forces are predicted, and one by one, where
-they are solved together implicitly. Experiments with different numbers of contacts take turns.
+One to four contacts share the friction of the paper's table: ten elasto-slide elements at each, or dry friction.
+Nanoseconds per step of one experiment of a sweep, all Python included. Elements run in lanes, where the forces are
+predicted, and one by one, where they are solved together implicitly. Dry friction sticks and slips within the step, one
+by one; at one contact it runs in lanes as well. Experiments with different numbers of contacts take turns.
 """
 
 import argparse
@@ -15,6 +16,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+from fraexp_plugins.friction.coulomb import Coulomb
 from fraexp_plugins.friction.rolling import Rolling
 from fraexp_plugins.plants.modal import Modal
 from kernel import PLANT, SECTIONS, in_turns, machine, sweep
@@ -43,18 +45,23 @@ class SharedTable(Modal, name="shared_table", version=1):
     count: int = 1
 
 
-def shares(count: int) -> dict[str, FrictionModel]:
+def shares(count: int, is_dry: bool) -> dict[str, FrictionModel]:
     """Return the table's friction as equal laws at so many contacts."""
+    if is_dry:
+        dry = Coulomb(coulomb_force=18.0 / count, viscous_coefficient=4.69 / count)
+        return {f"contact_{k}": dry for k in range(count)}
     knots = np.geomspace(1e-6, 1e-3, ELEMENTS)
     force = 18.0 * np.diff(1 - np.exp(-knots / 1e-4), prepend=0.0) / count
     law = Rolling(stiffness=tuple(force / knots), limit_force=tuple(force), viscous_coefficient=4.69 / count)
     return {f"contact_{k}": law for k in range(count)}
 
 
-def setup_of(count: int, is_vectorised: bool) -> Setup:
+def setup_of(count: int, is_vectorised: bool, is_dry: bool) -> Setup:
     """Return the table with so many contacts, made ready."""
     plant = SharedTable(**PLANT.model_dump(), count=count)
-    made = replace(machine(Rolling(stiffness=(1.0,), limit_force=(1.0,)), STEPS), plant=plant, friction=shares(count))
+    made = replace(
+        machine(Rolling(stiffness=(1.0,), limit_force=(1.0,)), STEPS), plant=plant, friction=shares(count, is_dry)
+    )
     return replace(prepare_setup(made), is_vectorised=is_vectorised)
 
 
@@ -79,16 +86,18 @@ def main() -> int:
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--turns", type=int, default=15)
     turns, counts = options.parse_args().turns, range(1, MAX_CONTACTS + 1)
-    print(f"{ELEMENTS} elements at each contact, {STEPS} steps per sample; ns per step, and over one contact")
+    print(f"{ELEMENTS} elements at each contact, or dry friction, {STEPS} steps per sample; ns per step, and over one")
     rows: dict[int, list[str]] = {count: [] for count in counts}
-    for is_vectorised in (True, False):
-        made = [sweep_of(setup_of(count, is_vectorised)) for count in counts]
+    for is_vectorised, is_dry in ((True, False), (False, False), (False, True)):
+        made = [sweep_of(setup_of(count, is_vectorised, is_dry)) for count in counts]
         times = in_turns(*(run for run, _ in made), turns=turns)
         costs = [1e9 * statistics.median(times[at]) / steps for at, (_, steps) in enumerate(made)]
         for count, cost in zip(counts, costs, strict=True):
             rows[count].append(f"{cost:7.1f} ns {cost / costs[0]:5.2f} times")
-    for count, (lanes, alone) in rows.items():
-        print(f"{count} contact{'s' if count > 1 else ' '}  lanes {lanes}   one by one {alone}")
+    for count, (lanes, alone, dry) in rows.items():
+        print(f"{count} contact{'s' if count > 1 else ' '}  lanes {lanes}   one by one {alone}   dry, one by one {dry}")
+    run, steps = sweep_of(setup_of(1, is_vectorised=True, is_dry=True))
+    print(f"dry, 1 contact in lanes {1e9 * statistics.median(in_turns(run, turns=turns)[0]) / steps:.1f} ns")
     return 0
 
 
