@@ -354,8 +354,23 @@ def test_a_fit_with_more_steps_ends_where_the_error_of_the_steps_says(recorded):
 
 
 def test_records_do_not_tell_twice_what_they_share(record):
-    """The covariance of shared parameters is that of the joint fit: own responses add nothing that is new."""
+    """Shared parameters and their covariance are those of the joint fit: own responses tell nothing that is new."""
     found = estimator().fit(record).found
     count = found.state.shared.size
     expected = np.linalg.inv(found.fit.prior.information)
     np.testing.assert_allclose(found.covariances[0][:count, :count], expected, rtol=1e-6)
+    moved = np.abs(found.state.shared - found.fit.prior.mean)
+    np.testing.assert_array_less(moved, 1e-3 * np.sqrt(np.diag(expected)))
+
+
+@pytest.mark.thorough
+def test_noise_is_not_taken_for_a_mode(recorded):
+    """A third mode, at 2 Hz, made the scales known four times worse."""
+    sines = {"name": "stepped_sine", "amplitude": 12.0, "min_frequency": 2.0, "max_frequency": 120.0, "points": 12}
+    noise = 3e-7
+    result = estimator(scaled(1.1, 0.9), noise=noise).estimate(recorded(excitation=sines, noise=noise))
+    assert result.outcome is Outcome.OK, result.message
+    plant, known = result.fits[0], metrics(result)
+    assert plant.component["frequencies"] == pytest.approx(MACHINE["plant"]["frequencies"], rel=1e-3)
+    for name, true in (("force_scale", 1 / 1.1), ("displacement_scale", 1 / 0.9)):
+        assert abs(known[name] - true) < 1.5 * known[f"{name}, 95 %"] < 2e-3 * true

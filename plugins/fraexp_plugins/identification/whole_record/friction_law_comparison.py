@@ -13,12 +13,13 @@ from fraexp_plugins.friction.none import Frictionless
 from fraexp_plugins.identification._shared.friction_curves import NORMAL_QUANTILE
 from fraexp_plugins.identification._shared.usable_signals import usable_signals
 from fraexp_plugins.identification.whole_record._shared.contact_check import check_one_contact
+from fraexp_plugins.identification.whole_record._shared.fitted_records import Fitted
 from fraexp_plugins.identification.whole_record._shared.free_parameters import DEAD_TIME, SCALES
 from fraexp_plugins.identification.whole_record._shared.law_starts import rough_friction
 from fraexp_plugins.identification.whole_record._shared.motion_fit import MotionFit, fit_along_motion
 from fraexp_plugins.identification.whole_record._shared.noise_level import likely_noise, noise_in_records
 from fraexp_plugins.identification.whole_record._shared.scaled_friction import shape_parameters
-from fraexp_plugins.identification.whole_record._shared.staged_fit import Fitted, StagedFit
+from fraexp_plugins.identification.whole_record._shared.staged_fit import StagedFit
 from fraexp_plugins.identification.whole_record.maximum_likelihood import MaximumLikelihood
 
 HELD_OUT_STEP, FIRST_HELD_OUT, MIN_SEGMENTS = 4, 2, 8
@@ -34,7 +35,7 @@ COULOMB_PARAMETERS = ("coulomb_force", "limit_force")
 """Parameters of a friction law whose sum is its force in gross sliding."""
 
 
-class FrictionLawComparison(DelayedEstimator, name="friction_law_comparison", version=6):
+class FrictionLawComparison(DelayedEstimator, name="friction_law_comparison", version=7):
     """Plant, friction law and its parameters, from records alone: the law that predicts records it has not seen.
 
     Every candidate is fitted to three quarters of the records by maximum likelihood, as `maximum_likelihood` does,

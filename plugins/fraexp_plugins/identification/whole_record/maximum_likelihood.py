@@ -16,18 +16,18 @@ from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.identification._shared.usable_signals import usable_signals
 from fraexp_plugins.identification.whole_record._shared.contact_check import check_one_contact
 from fraexp_plugins.identification.whole_record._shared.fit_report import FitReport
+from fraexp_plugins.identification.whole_record._shared.fitted_records import Fitted
 from fraexp_plugins.identification.whole_record._shared.free_parameters import SCALES, FreeParameters
 from fraexp_plugins.identification.whole_record._shared.noise_level import NOISE, likely_noise, noise_in_records
 from fraexp_plugins.identification.whole_record._shared.segment_check import check_segments
 from fraexp_plugins.identification.whole_record._shared.staged_fit import (
     MAX_PARAMETER_STD,
     MAX_START_RATIO,
-    Fitted,
     StagedFit,
 )
 
 
-class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=4):
+class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=5):
     """P̂ of greatest likelihood: a simulated machine that repeats all samples of the records, friction included.
 
     The observer of `effective_input` drives its friction model by measured positions, and takes the small difference of
@@ -53,6 +53,8 @@ class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=4):
     An unknown dead time is estimated if `free` names `input_dead_time`: it may be some samples wrong at the start, or
     0, and stands for all dead time of the loop. With `noise` the encoder's noise is estimated from the residual; it
     must not be more than scatter or spectrum of the records show.
+
+    Where noise goes round a loop, no period repeats another. The state at the start of a record is then its own, too.
 
     It needs the steady state of stepped sines or multisines of up to 64 lines, from one contact. Where friction holds
     the machine nearly still at all frequencies there is nothing to see, by this method neither. Simulation takes time:

@@ -22,21 +22,20 @@ from fraexp_plugins.identification._shared.usable_signals import usable_signals
 from fraexp_plugins.identification.whole_record._shared.contact_check import check_one_thrust
 from fraexp_plugins.identification.whole_record._shared.contact_parameters import ContactModels, ContactParameters
 from fraexp_plugins.identification.whole_record._shared.fit_report import FitReport
+from fraexp_plugins.identification.whole_record._shared.fitted_records import LAST_GAIN, Fitted
 from fraexp_plugins.identification.whole_record._shared.noise_level import noise_in_records
 from fraexp_plugins.identification.whole_record._shared.record_fit import RecordFit, State
 from fraexp_plugins.identification.whole_record._shared.replay_error import replay_error
 from fraexp_plugins.identification.whole_record._shared.replayed_record import ReplayedRecord
 from fraexp_plugins.identification.whole_record._shared.segment_check import check_segments
 from fraexp_plugins.identification.whole_record._shared.staged_fit import (
-    LAST_GAIN,
     MAX_PARAMETER_STD,
     MAX_START_RATIO,
     REPLAY_TOLERANCE_RATIO,
-    Fitted,
 )
 
 
-class MultiContactMaximumLikelihood(DelayedEstimator, name="multi_contact_maximum_likelihood", version=1):
+class MultiContactMaximumLikelihood(DelayedEstimator, name="multi_contact_maximum_likelihood", version=2):
     """The plant's numbers, and the scales of friction at each contact, with which a simulation repeats all samples.
 
     It is `maximum_likelihood` for a machine with friction at several contacts. The response between one thrust and one

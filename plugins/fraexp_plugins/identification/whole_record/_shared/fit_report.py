@@ -13,13 +13,14 @@ from fraexp_plugins.estimators._shared.realisations import Part, combine_parts, 
 from fraexp_plugins.identification._shared.friction_curves import NORMAL_QUANTILE
 from fraexp_plugins.identification.plant._shared.parameter_symbols import parameter_symbol
 from fraexp_plugins.identification.plant._shared.whiteness import whiteness
+from fraexp_plugins.identification.whole_record._shared.fitted_records import Fitted
 from fraexp_plugins.identification.whole_record._shared.free_parameters import DEAD_TIME, SCALES
 from fraexp_plugins.identification.whole_record._shared.noise_level import NOISE, NoiseLevel
 from fraexp_plugins.identification.whole_record._shared.scaled_friction import (
     ScaledParameter,
     scaled_parameters,
 )
-from fraexp_plugins.identification.whole_record._shared.staged_fit import MAX_MEAN_RATIO, Fitted
+from fraexp_plugins.identification.whole_record._shared.staged_fit import MAX_MEAN_RATIO
 
 MAX_RATIO, MAX_RATIO_STDS = 1.1, 4.0
 """Residual over what noise and rounding explain from which a record is not repeated, and scatter allowed above it."""

@@ -42,10 +42,6 @@ class Prior(NamedTuple):
         """Return the negative logarithm of the density, but for a constant."""
         return 0.5 * float((values - self.mean) @ self.information @ (values - self.mean))
 
-    def relative_to(self, values: NDArray[np.float64]) -> "Prior":
-        """Return the distribution of changes from these values."""
-        return Prior(self.mean - values, self.information)
-
 
 class FitStep(NamedTuple):
     """Changes of the parameters, and what the linearised records tell of them."""
@@ -64,26 +60,25 @@ class FitStep(NamedTuple):
     @property
     def covariances(self) -> tuple[NDArray[np.float64], ...]:
         """Inverse of the information about shared parameters, then those of one record, shape (p + m, p + m) each."""
-        return self._covariances(is_known=False)
+        p, information = self.shared.size, self.problem.prior.information
+        for block, mixed in self._blocks:
+            information = information + block.hessian[:p, :p] - block.hessian[:p, p:] @ mixed
+        return self.covariances_given(information)
+
+    def covariances_given(self, information: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+        """Return the same where this is the information about the shared parameters, shape (p, p)."""
+        p, shared = self.shared.size, np.linalg.inv(information)
+        found = []
+        for block, mixed in self._blocks:
+            of_own = np.linalg.inv(block.hessian[p:, p:]) + mixed @ shared @ mixed.T
+            found.append(np.block([[shared, -shared @ mixed.T], [-mixed @ shared, of_own]]))
+        return tuple(found)
 
     @property
-    def covariances_given_prior(self) -> tuple[NDArray[np.float64], ...]:
-        """The same where the prior is what these records tell of the shared parameters: they do not tell it twice."""
-        return self._covariances(is_known=True)
-
-    def _covariances(self, is_known: bool) -> tuple[NDArray[np.float64], ...]:
+    def _blocks(self) -> list[tuple["_Blocks", NDArray[np.float64]]]:
+        """Blocks of the records, and how their own parameters move with the shared ones, shape (m, p) each."""
         p, blocks = self.shared.size, self.problem.blocks(self.point)
-        mixed = [_solution(block.hessian[p:, p:], block.hessian[p:, :p]) for block in blocks]
-        information = self.problem.prior.information
-        for block, each in zip(blocks, mixed, strict=True):
-            if not is_known:
-                information = information + block.hessian[:p, :p] - block.hessian[:p, p:] @ each
-        shared = np.linalg.inv(information)
-        found = []
-        for block, each in zip(blocks, mixed, strict=True):
-            of_own = np.linalg.inv(block.hessian[p:, p:]) + each @ shared @ each.T
-            found.append(np.block([[shared, -shared @ each.T], [-each @ shared, of_own]]))
-        return tuple(found)
+        return [(block, _solution(block.hessian[p:, p:], block.hessian[p:, :p])) for block in blocks]
 
 
 class _Blocks(NamedTuple):

@@ -17,6 +17,9 @@ SETTLING_PART = 8
 """Part of a record that is left out, if it has as many cycles."""
 MAX_SLOW_TERMS = 8
 """Terms slower than the period that a drift has at most."""
+START_STATES = 4
+"""States that a record may have its own at its start: position and velocity of the rigid body and of a mode. As many
+samples before its end, in which a replay is taken there, do not count."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +29,8 @@ class ReplayedRecord:
     Its own parameters are those of forces and of drift. The forces: real and negative imaginary part of a force [N]
     that is added to the control input at each excited line; by it the response at that line becomes any complex number.
     The drift [m] is added to the position: an offset, a ramp, and, of several periods, terms slower than the period. A
-    replay is periodic, and what the axis does besides, as it wanders with noise or slides off, is small and slow.
+    replay is periodic, and what the axis does besides, as it wanders with noise or slides off, is small and slow. The
+    drift also has what its start causes, to which its end does not lead.
     """
 
     segment: Segment
@@ -36,6 +40,8 @@ class ReplayedRecord:
     """G_di G_do with the hold at the excited lines, shape (lines,)."""
     has_drift: bool = True
     """Whether the position may drift; otherwise it has an offset only."""
+    starts: NDArray[np.float64] | None = None
+    """Positions [1] that other states at its start cause, shape (terms, n); None if they are not known."""
     trend: NDArray[np.float64] | float = 0.0
     """Estimate of the drift [m], shape (n,), that a replay does not follow: a leap at its end would shake the model."""
 
@@ -75,17 +81,19 @@ class ReplayedRecord:
         It leaps where the record ends and begins again; of many cycles the first are left out, which show that.
         """
         cycles = int(self.segment.lines[0]) * len(self.segment.channels[self.output])
-        return slice(self.position.size // SETTLING_PART if cycles >= SETTLING_PART else 0, None)
+        stop = None if self.starts is None else -START_STATES
+        return slice(self.position.size // SETTLING_PART if cycles >= SETTLING_PART else 0, stop)
 
     @cached_property
     def drifts(self) -> NDArray[np.float64]:
-        """Offset, ramp and slow terms of the drift, shape (d, n)."""
+        """Offset, ramp and slow terms of the drift, and those of the start, shape (d, n)."""
         periods, size = len(self.segment.channels[self.output]), self.position.size
-        if not self.has_drift:
-            return np.ones((1, size))
-        time = (np.arange(size) + 0.5) / size
-        turns = 2 * np.pi * np.outer(np.arange(1, min(periods, MAX_SLOW_TERMS + 1)), time)
-        return np.concatenate([np.ones((1, size)), (time - 0.5)[None, :], np.cos(turns), np.sin(turns)])
+        terms = [np.ones((1, size))]
+        if self.has_drift:
+            time = (np.arange(size) + 0.5) / size
+            turns = 2 * np.pi * np.outer(np.arange(1, min(periods, MAX_SLOW_TERMS + 1)), time)
+            terms += [(time - 0.5)[None, :], np.cos(turns), np.sin(turns)]
+        return np.concatenate(terms if self.starts is None else [*terms, self.starts])
 
     @property
     def forces(self) -> int:
@@ -138,6 +146,10 @@ class ReplayedRecord:
         """Return the drift [m], shape (n,)."""
         return parameters[self.forces :] @ self.drifts
 
+    def start_size(self, parameters: NDArray[np.float64]) -> float:
+        """Return the root mean square of the motion that its own start causes [m]: of terms that have 1 each."""
+        return 0.0 if self.starts is None else float(np.linalg.norm(parameters[self.count - len(self.starts) :]))
+
     def drift_in(self, residual: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the parameters of the drift that explains most of a residual of settled samples, shape (d,).
 
@@ -148,16 +160,14 @@ class ReplayedRecord:
 
     def with_needed_drift(self, position: NDArray[np.float64]) -> "ReplayedRecord":
         """Return the record with its trend; without a drift if a replayed position leaves but scatter of one."""
-        residual = (self.position - position)[self.settled_samples]
-        coefficients = self.drift_in(residual)
-        terms = coefficients.size - 1
-        allowed = 1 + (terms + DRIFT_STDS * np.sqrt(2 * terms)) / residual.size
-        is_scatter = np.var(residual) <= allowed * np.var(
-            residual - coefficients @ self.drifts[:, self.settled_samples]
-        )
-        if is_scatter:
-            return replace(self, has_drift=False)
-        return replace(self, trend=coefficients[1:] @ self.drifts[1:])
+        plain, settled = replace(self, has_drift=False), self.settled_samples
+        residual = (self.position - position)[settled]
+        coefficients, slow = self.drift_in(residual), len(self.drifts) - len(plain.drifts)
+        allowed = 1 + (slow + DRIFT_STDS * np.sqrt(2 * slow)) / residual.size
+        least = np.var(residual - coefficients @ self.drifts[:, settled])
+        if np.var(residual - plain.drift_in(residual) @ plain.drifts[:, settled]) <= allowed * least:
+            return plain
+        return replace(self, trend=coefficients[1 : slow + 1] @ self.drifts[1 : slow + 1])
 
     def replay(self, model: ReplayModel, parameters: NDArray[np.float64]) -> Replay:
         """Return the run of a model along the record, with the record's own parameters."""

@@ -2,15 +2,23 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import FrictionModel, Plant, ReplayModel, Segment, Signals
+from fraexp.api import Plant, ReplayModel, Segment, Signals
 from fraexp_plugins.estimators._shared.parameter_uncertainty import parameter_value, with_parameter
 from fraexp_plugins.estimators.effective_input import EffectiveInput
+from fraexp_plugins.identification.whole_record._shared.fitted_records import (
+    LAST_GAIN,
+    MAX_PLANT_RATIO,
+    Fitted,
+    along_directions,
+    evidence,
+    with_own_responses,
+    without_plant,
+)
 from fraexp_plugins.identification.whole_record._shared.free_parameters import (
     DEAD_TIME,
     SCALES,
@@ -18,126 +26,35 @@ from fraexp_plugins.identification.whole_record._shared.free_parameters import (
     Models,
     nonzero_numbers,
 )
-from fraexp_plugins.identification.whole_record._shared.joint_fit import Prior
 from fraexp_plugins.identification.whole_record._shared.observed_start import ObservedStart, spread_places, union_of
-from fraexp_plugins.identification.whole_record._shared.record_fit import MAX_STEPS, LinearisedFit, RecordFit, State
-from fraexp_plugins.identification.whole_record._shared.replay_error import ReplayError, replay_error
+from fraexp_plugins.identification.whole_record._shared.record_fit import MAX_STEPS, RecordFit, State
+from fraexp_plugins.identification.whole_record._shared.replay_error import replay_error
 from fraexp_plugins.identification.whole_record._shared.replayed_record import ReplayedRecord
 from fraexp_plugins.identification.whole_record._shared.scale_search import ScaleSearch
-from fraexp_plugins.identification.whole_record._shared.scaled_friction import scaled_friction
+from fraexp_plugins.plants.modal import Modal
 
 FIRST_RECORDS, SECOND_RECORDS = 8, 12
 """Records of the first stage, and those that the second one adds, spread over the frequencies."""
-STAGE_GAIN, LAST_GAIN = 5.0, 0.5
-"""Gain of the log-likelihood with which a stage ends, and the last ones."""
+STAGE_GAIN = 5.0
+"""Gain of the log-likelihood with which a stage ends, before the last ones."""
 HOPELESS_RATIO, HOPELESS_STEPS = 10.0, 2
 """Residual over what noise and rounding explain, from which a start is given up, and the steps taken after it."""
 NEAR_STEPS = 2 * MAX_STEPS
 """Steps from a start that is near: elements that share a force in ways that hardly differ take many."""
-MAX_PLANT_RATIO, MODES = 2.0, (1, 2, 3)
-"""The same from which the plant may lack a mode, and the numbers of modes that are tried then."""
+MODES = (1, 2, 3)
+"""Numbers of modes that are tried where the plant may lack one."""
+MAX_MODE_STD = 0.1
+"""Relative standard deviation of a mode's numbers from which the plant may have one too many."""
 WRONG_LAW_RATIO = 1000.0
-"""The same from which no mode helps."""
+"""Residual over what noise and rounding explain from which no mode helps."""
 MAX_START_RATIO, MAX_MEAN_RATIO = 1.3, 1.05
 """Geometric mean of the same up to which no other start is tried, and up to which the model repeats the records."""
-MIN_INDEPENDENCE, DIRECTION_SIZES = 1e-3, (5e-4, 0.02)
-"""Least eigenvalue of the information of parameters in units of what each tells alone, below which they act alike, and
-the least and greatest changes of logarithms by which derivatives are taken then."""
 MAX_PARAMETER_STD = 0.5
 """Relative standard deviation from which records do not tell a parameter."""
 MAX_REFINEMENTS, REFINEMENT = 2, 3
 """How often the replay's steps are refined if they matter, and by which factor."""
 REPLAY_TOLERANCE_RATIO = 0.1
 """Tolerance of the replay over that of y'/u: û_e may be a small part of the input."""
-
-
-@dataclass(frozen=True)
-class Fitted:
-    """A fit, the state of greatest likelihood, and the records around it."""
-
-    fit: RecordFit
-    state: State
-    linear: LinearisedFit
-    error: ReplayError | None = None
-    """How the replay's steps falsify it; None for a fit that is no result."""
-
-    @property
-    def shared(self) -> NDArray[np.float64]:
-        """Logarithms of the shared factors, without the error of the replay's steps that is known, shape (p,)."""
-        return (
-            self.state.shared
-            if self.error is None
-            else self.fit.free.limit(self.state.shared + self.error.shared_change)
-        )
-
-    @property
-    def inverse(self) -> list[NDArray[np.complex128]]:
-        """1/P̂ of each record [N/m], likewise, shape (lines,) each."""
-        assert self.error is not None
-        return [a + b for a, b in zip(self.linear.inverse, self.error.inverse_change, strict=True)]
-
-    @property
-    def shared_error(self) -> NDArray[np.float64]:
-        """What the replay's steps may still falsify of the shared logarithms, shape (p,)."""
-        assert self.error is not None
-        return np.asarray(self.error.remaining * self.error.shared_change)
-
-    @property
-    def inverse_error(self) -> list[NDArray[np.float64]]:
-        """What they may still falsify of 1/P̂ of each record, relatively, shape (lines,) each."""
-        assert self.error is not None
-        pairs = zip(self.error.inverse_change, self.inverse, strict=True)
-        return [self.error.remaining * np.abs(change / inverse) for change, inverse in pairs]
-
-    @property
-    def is_exact(self) -> bool:
-        """Whether the replay's steps falsify most responses by less than samples leave open."""
-        covariances = np.concatenate(self.inverse_covariances)
-        std = np.sqrt(covariances[:, 0, 0] + covariances[:, 1, 1]) / np.abs(np.concatenate(self.inverse))
-        return float(np.median(np.concatenate(self.inverse_error) / std)) < 1
-
-    @cached_property
-    def covariances(self) -> tuple[NDArray[np.float64], ...]:
-        """Covariance of shared parameters and those of one record, for each, shape (p + m, p + m)."""
-        step = self.fit.information(self.linear)
-        return step.covariances if self.fit.prior is None else step.covariances_given_prior
-
-    @cached_property
-    def inverse_covariances(self) -> list[NDArray[np.float64]]:
-        """Covariance of (real, imaginary) part of 1/P̂ of each record [N²/m²], shape (lines, 2, 2)."""
-        found = []
-        for slopes, covariance in zip(self.linear.inverse_slopes, self.covariances, strict=True):
-            parts = np.stack([slopes.real, slopes.imag], axis=1)
-            found.append(parts @ covariance @ parts.transpose(0, 2, 1))
-        return found
-
-    def with_noise(self, noise: float) -> "Fitted":
-        """Return the fit with another noise [m] in the likelihood, at its greatest; what is expected stays the same."""
-        expected = self.fit.noise if self.fit.expected_noise is None else self.fit.expected_noise
-        fit = replace(self.fit, noise=noise, expected_noise=expected)
-        state, linear = fit.converge(self.state, LAST_GAIN, known=self.linear)
-        return replace(self, fit=fit, state=state, linear=linear)
-
-    @property
-    def models(self) -> Models:
-        """Machine with the parameters that were found."""
-        return self.fit.free.applied_to(self.fit.start, self.shared)
-
-    @property
-    def friction(self) -> FrictionModel | None:
-        """Friction model that was found; None if the parameters of its law cannot express the scales."""
-        stroke = max(float(np.ptp(record.position)) for record in self.fit.records)
-        return scaled_friction(self.models.friction, self.fit.free.scales(self.shared), stroke)
-
-    @property
-    def ratios(self) -> NDArray[np.float64]:
-        """Residual of each record over what noise and rounding explain of it, shape (records,)."""
-        return self.fit.residual_ratios(self.linear)
-
-    @property
-    def mean_ratio(self) -> float:
-        """Geometric mean of the ratios: a few records with a leap do not decide."""
-        return float(np.exp(np.mean(np.log(self.ratios))))
 
 
 def _weak_friction(observed: ObservedStart, count: int) -> list[int]:
@@ -226,16 +143,38 @@ class StagedFit:
     def _whole(self, fit: RecordFit, before: Fitted) -> Fitted:
         """Return the fit of all records with a response for each, from that of some."""
         steps = MAX_STEPS if before.mean_ratio < HOPELESS_RATIO else HOPELESS_STEPS
-        joint = _along_directions(self._converged(fit, before.state.shared, LAST_GAIN, steps))
-        whole = _with_own_responses(joint, steps)
+        joint = self._without_untold_modes(self._converged(fit, before.state.shared, LAST_GAIN, steps))
+        joint = along_directions(joint)
+        whole = with_own_responses(joint, steps)
         if whole.mean_ratio < MAX_PLANT_RATIO:
             return whole
         logs = before.state.shared[: len(self.free.names)]
         effective = ObservedStart.of(self.observer_at(logs), self.signals).effective
-        alone = _without_plant(replace(fit, free=self.free), logs, effective, steps)
+        alone = without_plant(replace(fit, free=self.free), logs, effective, steps)
         if alone.mean_ratio > whole.mean_ratio:
             return whole
         return replace(alone, error=replay_error(alone.fit, alone.state, alone.linear))
+
+    def _without_untold_modes(self, joint: Fitted) -> Fitted:
+        """Return the joint fit without modes that the records do not tell.
+
+        Noise looks like a mode to the observer where friction hides the plant. It then takes part of the rigid body's
+        motion, so that friction's scales and the plant are known several times worse.
+        """
+        plant = joint.models.plant
+        if not isinstance(plant, Modal) or self.modes is not None or not joint.fit.free.plant:
+            return joint
+        count, std = len(plant.frequencies), np.sqrt(np.diag(joint.covariances[0])[len(self.free.names) :])
+        if not count or joint.mean_ratio > MAX_PLANT_RATIO or std.max(initial=0.0) < MAX_MODE_STD:
+            return joint
+        logs = joint.state.shared[: len(self.free.names)]
+        observer = self.observer_at(logs)
+        plant, _ = ObservedStart.of(observer, self.signals).plant(
+            self.signals, observer, count - 1, STAGES[-1].friction_error
+        )
+        fit = replace(joint.fit, start=joint.fit.start.with_plant(plant))
+        simpler = self._converged(fit, logs, LAST_GAIN)
+        return self._without_untold_modes(simpler) if evidence(simpler, joint) > 0 else joint
 
     def starts(self) -> list[NDArray[np.float64]]:
         """Return the logarithms of the free parameters at which a fit may begin, the most plausible first."""
@@ -280,7 +219,7 @@ class StagedFit:
             tried.append(self._converged(fit, self.free.with_dead_time(start, dead_time, self.sample_time), STAGE_GAIN))
             if not (self.is_thorough and MAX_PLANT_RATIO < tried[-1].mean_ratio < WRONG_LAW_RATIO):
                 return tried[-1]
-        tried.append(_without_plant(fit, logs, [observed.effective[place] for place in places]))
+        tried.append(without_plant(fit, logs, [observed.effective[place] for place in places]))
         return min(tried, key=lambda each: each.mean_ratio)
 
     def _plant_starts(
@@ -347,44 +286,3 @@ class StagedFit:
         omega = 2 * np.pi * segment.frequency
         path = self.observer.input_path(omega, segment.sample_time) * self.observer.output_path(omega)
         return ReplayedRecord(segment, self.observer.input, self.observer.output, path)
-
-
-def _along_directions(found: Fitted) -> Fitted:
-    """Return the fit with derivatives along the principal directions of its covariance, if parameters act alike.
-
-    The derivatives by two such parameters are nearly the same, and their errors, divided by the little that is left,
-    end a search anywhere in the valley that the likelihood has there, with a band that is too narrow.
-    """
-    if not found.mean_ratio < MAX_PLANT_RATIO or not found.state.shared.size:
-        return found
-    covariance = found.covariances[0][: found.state.shared.size, : found.state.shared.size]
-    information = np.linalg.inv(covariance)
-    scale = np.sqrt(np.diag(information))
-    if np.linalg.eigvalsh(information / np.outer(scale, scale))[0] > MIN_INDEPENDENCE:
-        return found
-    squares, directions = np.linalg.eigh(covariance)
-    sizes = np.clip(np.sqrt(np.maximum(squares, 0)), *DIRECTION_SIZES)
-    fit = replace(found.fit, directions=directions * sizes)
-    return Fitted(fit, *fit.converge(found.state, LAST_GAIN))
-
-
-def _without_plant(
-    fit: RecordFit, shared: NDArray[np.float64], effective: Sequence[NDArray[np.complex128]], max_steps: int = MAX_STEPS
-) -> Fitted:
-    """Return the fit in which each record has its own response, at first the observer's: the plant may lack a mode."""
-    own = tuple(
-        record.parameters_for(each, fit.start.plant) for record, each in zip(fit.records, effective, strict=True)
-    )
-    return Fitted(fit, *fit.converge(State(shared, own), LAST_GAIN, max_steps))
-
-
-def _with_own_responses(found: Fitted, max_steps: int = MAX_STEPS) -> Fitted:
-    """Return the fit in which each record has a response of its own; the others tell what all share."""
-    covariance = found.covariances[0]
-    count = found.state.shared.size
-    information = np.asarray(np.linalg.inv(covariance[:count, :count]), dtype=float)
-    known = Prior(found.state.shared, information) if count else None
-    own = replace(found.fit, has_own_forces=True, prior=known)
-    state, linear = own.converge(found.state, LAST_GAIN, max_steps, found.linear)
-    change_of_shared = replay_error(found.fit, found.state, found.linear).shared_change
-    return Fitted(own, state, linear, replay_error(own, state, linear, change_of_shared))
