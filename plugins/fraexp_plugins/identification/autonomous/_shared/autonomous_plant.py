@@ -86,6 +86,8 @@ class IdentifiedPlant:
     """D [N s/m] and its standard deviation."""
     spring: float
     """K [N/m] of elements that never slip; 0 if it is not significant."""
+    fall: float = 0.0
+    """How many standard deviations D was below 0 before it was fixed at 0."""
 
 
 def plant_cost(plant: IdentifiedPlant) -> float:
@@ -117,8 +119,10 @@ def _identify(
     values = fitted.linear.values
     if values[1] < MIN_SPRING_STDS * np.sqrt(_covariance(inverse, fitted, modal.model_error)[-1, -1]):
         fitted = _solve(inverse, LinearForces(values * [1, 0], (0,)), response, modal)
-    values, free = fitted.linear.values, fitted.linear.free
+    values, free, fall = fitted.linear.values, fitted.linear.free, 0.0
     if values[0] < 0:
+        place = fitted.solution.model.size
+        fall = -values[0] / np.sqrt(_covariance(inverse, fitted, modal.model_error)[place, place])
         fitted = _solve(inverse, LinearForces(values * [0, 1], free[1:]), response, modal)
     linear, covariance = fitted.linear, _covariance(inverse, fitted, modal.model_error)
     size = fitted.solution.model.size
@@ -132,7 +136,7 @@ def _identify(
         fits=tuple(_with_covariance(fit, fitted.solution, covariance) for fit in final.fits),
     )
     viscous = float(np.sqrt(covariance[size, size])) if 0 in linear.free else 0.0
-    return IdentifiedPlant(final, float(linear.values[0]), viscous, float(linear.values[1]))
+    return IdentifiedPlant(final, float(linear.values[0]), viscous, float(linear.values[1]), float(fall))
 
 
 def _square_root(covariance: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -21,6 +21,8 @@ MAX_GAIN_ERROR, MAX_MODE_ERROR, MAX_FORCE_ERROR = 0.01, 0.2, 0.03
 """Half-width of the 95 % intervals of k0 (relative), f1 [Hz] and ΣF_m (relative) above which the verdict is not ok."""
 MAX_PLANT_COST = 4.0
 """Mean square of what the plant leaves of P̂, over its errors, above which the verdict is not ok."""
+MAX_FALL = 3.0
+"""Standard deviations of a negative viscous coefficient above which friction falls with velocity."""
 MIN_STRIBECK_SHARE = 0.075
 """Stribeck force over the Coulomb force from which the summary mentions it."""
 
@@ -69,6 +71,11 @@ class DictionaryReport:
             yield (
                 f"a rigid body with modes leaves {np.sqrt(cost):.2g} times as much of the response as its errors "
                 f"explain; expected {np.sqrt(MAX_PLANT_COST):.2g} or less: the axis may have other modes or a lag"
+            )
+        if self.plant.fall > MAX_FALL:
+            yield (
+                "the friction force falls with velocity, hence the Coulomb force is lower beyond the velocities of the "
+                "records: raise limits.velocity"
             )
         (fit,) = self.plant.fit.fits
         errors = NORMAL_QUANTILE * fit.standard_deviation
