@@ -101,11 +101,6 @@ def check_limits(limits: MotionLimits, machine: Machine, excitation: Excitation)
     that state. Friction makes a motion smaller in general. The force that overcomes it on a moving axis, and the force
     of its compensation, are added. For periods that an excitation revises, its own statement counts.
     """
-    if len(machine.controllers) > 1:
-        thrusts = ", ".join(machine.controllers)
-        raise ParameterError(
-            f"[limits] are predicted for one controller, and there are several ({thrusts}); leave them out"
-        )
     sample_time, schedule = machine.loop.sample_time, excitation.schedule
     settles = schedule.settling_timeout > 0
     for period in excitation.periods(sample_time):
@@ -198,7 +193,10 @@ def _periodic_motion(machine: Machine, waveform: NDArray[np.float64], reference:
     )
     path_out = path_response(omega, loop.output_dead_time, loop.output_time_constants)
     plant = _viscous_plant(machine, omega)
-    (controller,) = machine.controllers.values()
+    controller, *others = machine.controllers.values()
+    if others:
+        thrusts = ", ".join(machine.controllers)
+        raise ParameterError(f"motions are predicted for one controller; there are several ({thrusts}): omit [limits]")
     feedback = controller.response(omega, loop.sample_time)
     sensitivity = 1 / (1 + feedback * path_in * plant * path_out)
     force = sensitivity * (np.fft.rfft(waveform)[1:] + feedback * np.fft.rfft(reference)[1:])

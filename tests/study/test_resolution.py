@@ -120,7 +120,9 @@ def test_a_path_leads_to_one_of_several_controllers() -> None:
         FraexpError, match=r"study.toml: \[controller.middle\]: the plant has no thrust 'middle'.*right"
     ):
         sweeps_of({**base, "controller": {"middle": left}})
-    with pytest.raises(FraexpError, match=r"\[limits\] are predicted for one controller.*\(left, right\)"):
+    with pytest.raises(
+        FraexpError, match=r"motions are predicted for one controller.*\(left, right\): omit \[limits\]"
+    ):
         sweeps_of({**base, "limits": {"force": 100.0}})
     with pytest.raises(
         FraexpError, match=r"loop_tuning takes one controller, and .* 2 controlled thrusts \(left, right"
