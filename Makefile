@@ -58,7 +58,7 @@ format: $(TOOLS)
 # Each prints a table and fails where a bound is missed; all are run. The peers are those that are installed.
 BENCHMARKS := accuracy friction band_coverage friction_band encoder_band single_period_band plant_fit \
               friction_identification drive_friction measured_bench_friction positioning controller_search autonomous \
-              coulomb_force maximum_likelihood law_selection slow_sliding excitation_design dither \
+              coulomb_force maximum_likelihood law_selection slow_sliding loop_noise excitation_design dither \
               random_machines wrong_friction certificate hostile_laws limit_checks autonomous_measurement \
               kernel contacts former_version compilation peer_table scaling monte_carlo set_up timing overhead store \
               digests flipped_bits planning estimates tui terminal window_leakage
