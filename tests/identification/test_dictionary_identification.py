@@ -159,16 +159,13 @@ def test_a_wrong_channel_has_no_good_verdict(recorded: Any) -> None:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize(("velocity", "is_covered"), [(0.04, True), (0.1, False)])
-def test_friction_that_hides_its_weakening_has_no_false_verdict(
-    velocity: float, is_covered: bool, recorded: Any
-) -> None:
+@pytest.mark.parametrize("velocity", [0.04, 0.1])
+def test_friction_that_hides_its_weakening_has_no_false_verdict(velocity: float, recorded: Any) -> None:
     signals = recorded({**WEAKENING, "stribeck_velocity": velocity}, (0.9 * FORCE, 1.4 * FORCE, 2.5 * FORCE, 6 * FORCE))
     result = DictionaryIdentification(resolution=1e-7, noise=30e-9, validation=1).estimate(signals)
     metrics = {metric.name: metric.value for metric in result.metrics}
     error = abs(metrics["Coulomb force"] - FORCE)
-    # at 0.1 m/s the force is 1.1 % off, which the interval of 0.6 % misses: the shapes are determined by few records
-    assert error <= metrics["Coulomb force, 95 %"] or not is_covered
+    assert error <= metrics["Coulomb force, 95 %"]
     assert metrics["verdict"] == 0 or error <= 0.03 * FORCE
     assert metrics["verdict"] <= (metrics["Coulomb force, 95 %"] <= 0.03 * metrics["Coulomb force"])
     assert metrics["validation error"] < 0.03  # which does not see it

@@ -15,7 +15,9 @@ from fraexp_plugins.identification.autonomous._shared.law_elements import (
     RollingElements,
     WeakeningElements,
 )
+from fraexp_plugins.identification.autonomous._shared.law_profile import LawProfile
 from fraexp_plugins.identification.autonomous._shared.law_records import LawRecords
+from scipy.optimize import minimize
 
 from fraexp.components.kinds import FrictionModel, Motion
 from fraexp.components.registry import create
@@ -119,6 +121,58 @@ def test_the_law_of_records_is_found(name: str, registry: Any) -> None:
     assert found.coulomb == pytest.approx(10.0, rel=0.01)
     assert choice.interval[0] <= 10.0 <= choice.interval[1] or abs(found.coulomb - 10.0) < 0.01
     assert found.elements.name in (name, "gms" if name == "rolling" else name)
+
+
+def test_elements_that_slide_in_few_records_are_elements_still() -> None:
+    limits, widths = np.array([0.1, 0.2, 0.3]), np.array([3e-6, 3e-5, 1.6e-4])  # the motion reaches 1 mm
+    model = RollingElements(np.log([1e-12]), widths).model(np.append(limits, np.zeros(6)), 0.0)
+    speeds = (1e-3, 3e-3, 6.3e-3)
+    segments = tuple(record_of(model, f, v / (2 * np.pi * f)) for f in np.geomspace(1, 20, 9) for v in speeds)
+    signals, observer = (
+        Signals(segments, {"u": "N", "y": "m"}),
+        ElementObserver(friction=Frictionless(), oversampling=4),
+    )
+    frequencies = np.array([0.5, 100.0])
+    choice = choose_law(signals, observer, (frequencies, -5.0 * (2 * np.pi * frequencies) ** 2 + 0j), False)
+    assert choice.best.explains, choice.residuals
+    assert choice.best.elements.name == "rolling"  # and not what weakens
+    assert choice.best.coulomb == pytest.approx(0.6, rel=0.01)
+    assert choice.interval[0] <= 0.6 <= choice.interval[1]
+
+
+@pytest.mark.thorough
+def test_a_profile_ends_at_the_best_shape_of_all_records() -> None:
+    model, noise = LAWS[2][0].model(np.array([5.0, 0.4]), 0.0), np.random.default_rng(5)
+    clean = [record_of(model, f, v / (2 * np.pi * f)) for f in (2.0, 7.0, 20.0) for v in (1e-4, 1e-3, 8e-3)]
+    segments = tuple(
+        replace(each, channels={**each.channels, "u": each.channels["u"] + noise.normal(0.0, 0.02, each.samples)})
+        for each in clean
+    )
+    signals = Signals(segments, {"u": "N", "y": "m"})
+    observer, frequencies = ElementObserver(friction=Frictionless(), oversampling=4), np.array([0.5, 100.0])
+    records = LawRecords.from_signals(signals, observer, (frequencies, -5.0 * (2 * np.pi * frequencies) ** 2 + 0j))
+    wrong = replace(LAWS[2][0], shape=LAWS[2][0].shape + np.array([0.03, -0.2, 0.1]))
+    profile = LawProfile(wrong, 0.0, records)
+    assert np.abs(profile.elements.shape - LAWS[2][0].shape)[0] < 0.02
+    low, high = profile.interval(3.0)
+    assert 0.96 * 5.0 < low < 5.0 < high < 1.04 * 5.0
+    limit = _least(records, profile, None) * (1 + 9.0 / records.equations)
+    for force, sign in ((low, -1.0), (high, 1.0)):  # held there, all else free, the best is worse by 3² variances
+        held = {step: _least(records, profile, force * (1 + step * sign)) for step in (-0.002, 0.002)}
+        assert held[-0.002] < limit < held[0.002]
+
+
+def _least(records: LawRecords, profile: LawProfile, force: float | None) -> float:
+    """Return the least sum of squares by a simplex search of the shape, at a Coulomb force [N] if given."""
+
+    def cost(values: Any) -> float:
+        law = replace(profile.elements, shape=values[1:])
+        held = None if force is None else (law.is_coulomb, force)
+        return float(np.sum(records.solve(records.deflection(law), abs(values[0]), held).residual ** 2))
+
+    start = np.array([profile.dead_time, *profile.elements.shape])
+    simplex = start + np.vstack([np.zeros(4), np.diag([1e-5, 0.02, 0.05, 0.05])])
+    return float(minimize(cost, start, method="Nelder-Mead", options={"initial_simplex": simplex, "maxfev": 400}).fun)
 
 
 def test_the_order_of_frequencies_has_no_effect_on_errors() -> None:

@@ -36,7 +36,7 @@ from fraexp_plugins.identification.autonomous._shared.dictionary_fit import (
     rough_dead_time,
     scatter_noise,
 )
-from fraexp_plugins.identification.autonomous._shared.dictionary_report import DictionaryReport
+from fraexp_plugins.identification.autonomous._shared.dictionary_report import MAX_PLANT_COST, DictionaryReport
 from fraexp_plugins.identification.autonomous._shared.force_dictionary import ForceDictionary
 from fraexp_plugins.identification.autonomous._shared.law_choice import LawChoice, choose_law
 from fraexp_plugins.identification.autonomous._shared.law_fit import fit_law, rough_inverse
@@ -47,18 +47,18 @@ MIN_LINES, MIN_EQUATIONS = 8, 24
 """Fewest frequencies, and real equations beyond one response each, from which a friction force can be chosen."""
 MAX_LINE_SCATTER = 0.1
 """Relative scatter of P̂ over the amplitudes up to which a frequency counts for the plant."""
-PLANT_MODEL_ERROR = 3e-3
-"""Relative error of P̂ that the plant's fit allows for: that of the dictionary."""
+PLANT_MODEL_ERROR, MIN_PLANT_MODEL_ERROR = 3e-3, 3e-4
+"""Relative error of P̂ that the plant's fit allows for, that of the dictionary, and the least one if it leaves less."""
 MAX_DEAD_TIME_STEPS, DEAD_TIME_TOLERANCE = 4, 5e-3
 """Fits of the dead time, each with the friction of the one before, and the step [samples] that is the last one."""
-DEAD_TIME_RANGE, MAX_DEAD_TIME_TRIALS, NO_PLANT_COST = 0.4, 12, 1e6
-"""Distance from a rough dead time in which the dead time is looked for [samples], how many are tried at most, and the
-cost where no plant fits."""
+DEAD_TIME_RANGE, NEAR_DEAD_TIME_RANGE, MAX_DEAD_TIME_TRIALS, NO_PLANT_COST = 0.4, 0.1, 12, 1e6
+"""Distance from a rough dead time in which the dead time is looked for [samples], the same from one with which a plant
+explains P̂, how many are tried at most, and the cost where no plant fits."""
 CURVE_POINTS, CURVE_RANGE = 60, (1e-5, 0.5)
 """Points of the virgin curve, and their range over the largest motion."""
 
 
-class DictionaryIdentification(DelayedEstimator, name="dictionary_identification", version=4):
+class DictionaryIdentification(DelayedEstimator, name="dictionary_identification", version=5):
     """P̂, plant, friction force and dead time from records at several amplitudes; the friction law need not be known.
 
     Each friction law that fraexp has is driven by the measured motion, with sizes and shape parameters that leave least
@@ -119,6 +119,7 @@ class DictionaryIdentification(DelayedEstimator, name="dictionary_identification
         found, choice = self._fit_law(used)
         found = found or self._fit(used)
         plant, remark = self._plant(used, found)
+        plant = self._plant_by_residuals(used, found, plant)
         doubt = "" if choice.best.explains else choice.doubt()
         return self._result(used, found, plant, (remark, doubt), self._validation_error(fresh, found, plant))
 
@@ -182,13 +183,16 @@ class DictionaryIdentification(DelayedEstimator, name="dictionary_identification
         if not self.estimate_dead_time:
             return fit(choice.best.dead_time), choice
         rough = self._settle_dead_time(signals, fit, choice.best.dead_time).dead_time
-        return fit(self._refine_dead_time(signals, fit, rough)), choice
+        return fit(self._refine_dead_time(signals, fit, (rough, choice.best.dead_time))), choice
 
-    def _refine_dead_time(self, signals: Signals, fit: Callable[[float], DictionaryFit], dead_time: float) -> float:
-        """Return the dead time [s] near a rough one with which a rigid body with modes leaves least of P̂.
+    def _refine_dead_time(
+        self, signals: Signals, fit: Callable[[float], DictionaryFit], starts: tuple[float, float]
+    ) -> float:
+        """Return the dead time [s] near the better of two with which a rigid body with modes leaves least of P̂.
 
         With much viscous friction a delay looks like mass, so that one which is taken from a fit with too few modes
-        makes k0 wrong. The sum of squares has one sharp minimum, with the modes found anew at each dead time.
+        makes k0 wrong. The sum of squares has sharp minima, with the modes found anew at each dead time. The one that
+        the law has found does not depend on the plant, which may have a mode at the end of the frequency range.
         """
         from scipy.optimize import minimize_scalar  # slow to import: only when something is estimated
 
@@ -196,13 +200,15 @@ class DictionaryIdentification(DelayedEstimator, name="dictionary_identification
             plant, _ = self._plant(signals, fit(delay))
             return plant_cost(plant) if isinstance(plant, IdentifiedPlant) else NO_PLANT_COST
 
-        sample_time = signals.segments[0].sample_time
-        low, high = max(dead_time - DEAD_TIME_RANGE * sample_time, 0.0), dead_time + DEAD_TIME_RANGE * sample_time
+        sample_time, costs = signals.segments[0].sample_time, [cost(start) for start in starts]
+        least, dead_time = min(zip(costs, starts, strict=True))
+        reach = (NEAR_DEAD_TIME_RANGE if least <= MAX_PLANT_COST else DEAD_TIME_RANGE) * sample_time
+        low, high = max(dead_time - reach, 0.0), dead_time + reach
         options = {"xatol": DEAD_TIME_TOLERANCE * sample_time, "maxiter": MAX_DEAD_TIME_TRIALS}
         found = minimize_scalar(
             lambda delay: np.log(cost(delay)), bounds=(low, high), method="bounded", options=options
         )
-        return float(found.x) if cost(float(found.x)) <= cost(dead_time) else dead_time
+        return float(found.x) if found.fun <= np.log(least) else dead_time
 
     def _dead_time_in(self, signals: Signals, found: DictionaryFit) -> float:
         """Return the dead time [s] that is left in P̂; 0 if no plant fits."""
@@ -215,8 +221,9 @@ class DictionaryIdentification(DelayedEstimator, name="dictionary_identification
             return 0.0
         return float(fit.values[fit.parameters.index("dead_time")])
 
-    def _modal(self) -> ModalFit:
-        return ModalFit(method=Conventional(), modes=self.modes, dead_time=0.0, model_error=PLANT_MODEL_ERROR)
+    def _modal(self, modes: int | None = None, model_error: float = PLANT_MODEL_ERROR) -> ModalFit:
+        modes = self.modes if modes is None else modes
+        return ModalFit(method=Conventional(), modes=modes, dead_time=0.0, model_error=model_error)
 
     def _inverse(self, signals: Signals, found: DictionaryFit) -> tuple[InverseResponse, FrequencyResponse]:
         """Return 1/P̂ with its errors, and P̂ at the frequencies that count for the plant as settled ones."""
@@ -234,6 +241,21 @@ class DictionaryIdentification(DelayedEstimator, name="dictionary_identification
                 return identify_plant(inverse, usable, self._modal()), ""
         except RecordError as error:
             return self._response(signals, found), f"no plant identified: {error}"
+
+    def _plant_by_residuals(
+        self, signals: Signals, found: DictionaryFit, plant: IdentifiedPlant | Result
+    ) -> IdentifiedPlant | Result:
+        """Return the plant with the errors that it leaves of P̂, if these are smaller than what was allowed for."""
+        if isinstance(plant, Result) or plant_cost(plant) >= 1:
+            return plant
+        model_error = max(PLANT_MODEL_ERROR * float(np.sqrt(plant_cost(plant))), MIN_PLANT_MODEL_ERROR)
+        modes = len(plant.fit.fits[0].component["frequencies"])
+        inverse, usable = self._inverse(signals, found)
+        try:
+            with np.errstate(all="ignore"):
+                return identify_plant(inverse, usable, self._modal(modes, model_error))
+        except RecordError:  # what such small errors do not determine
+            return plant
 
     def _response(self, signals: Signals, found: DictionaryFit) -> Result:
         """Return P̂ before linear forces are removed."""

@@ -18,14 +18,19 @@ from fraexp_plugins.identification.autonomous._shared.law_elements import (
     RollingElements,
     WeakeningElements,
 )
-from fraexp_plugins.identification.autonomous._shared.law_interval import LawUncertainty, law_uncertainty
+from fraexp_plugins.identification.autonomous._shared.law_interval import (
+    INTERVAL_STDS,
+    LawUncertainty,
+    law_uncertainty,
+)
+from fraexp_plugins.identification.autonomous._shared.law_profile import LawProfile
 from fraexp_plugins.identification.autonomous._shared.law_records import LawRecords, LawSolution
 
 SEARCH_STEP = 3
 """Every third frequency is taken in the search for a law; all of them judge it."""
-ROLLING_THRESHOLDS, WEAKENING_THRESHOLDS = 60, 24
+ROLLING_THRESHOLDS, WEAKENING_THRESHOLDS = 80, 32
 """Numbers of thresholds."""
-THRESHOLD_RANGE, WEAKENING_RANGE = (1e-5, 0.05), (1e-4, 0.05)
+THRESHOLD_RANGE, WEAKENING_RANGE = (1e-5, 0.7), (1e-4, 0.7)
 """Range of thresholds over the largest motion."""
 START_WIDTHS, START_VELOCITIES, START_EXCESS = np.geomspace(1e-4, 1e-2, 6), (3e-3, 3e-2), 0.2
 """Widths over the largest motion, Stribeck over largest velocities, and static over Coulomb force less 1, at which a
@@ -151,6 +156,7 @@ def choose_law(
     some = LawRecords.from_signals(signals, coarse, inverse, SEARCH_STEP)
     records = LawRecords.from_signals(signals, observer, inverse)
     fits: list[LawFit] = []
+    profiles: dict[int, LawProfile] = {}
 
     @cache
     def uncertainty(place: int) -> LawUncertainty:
@@ -160,6 +166,10 @@ def choose_law(
         fit = _searched(family, some, is_delayed)
         is_hopeless = fit.residual > HOPELESS_RATIO * min((each.residual for each in fits), default=np.inf)
         fits.append(fit if is_hopeless else _judged(fit, some, records))
+        if fits[-1].explains and fit.elements.static_excess > 0:
+            profile = profiles[len(fits) - 1] = LawProfile(fit.elements, fit.dead_time, records)
+            settled = replace(fit, elements=profile.elements, dead_time=profile.dead_time)
+            fits[-1] = _judged(settled, some, records)
         if fits[-1].is_good and uncertainty(len(fits) - 1).is_complete:
             break
     residuals = [fit.residual for fit in fits]
@@ -167,6 +177,8 @@ def choose_law(
     intervals = [
         uncertainty(place).interval for place, fit in enumerate(fits) if fit.sizes.size and fit.residual <= most
     ]
+    if best in profiles:
+        intervals.append(profiles[best].interval(INTERVAL_STDS))
     interval = min(low for low, _ in intervals), max(high for _, high in intervals)
     tried = {fit.elements.name: fit.residual for fit in fits}
     return LawChoice(fits[best], uncertainty(best).covariance, interval, records, tried)

@@ -26,6 +26,8 @@ FORCE_FLOOR = 3e-4
 """Error of a force that is allowed for besides noise, over the amplitude of the control input."""
 MIN_LEVELS = 3
 """Fewest records of a frequency that count in the search for a law."""
+HOLD_WEIGHT = 1e4
+"""Weight of the equation that holds a Coulomb force, over that of a column."""
 
 
 class LawSolution(NamedTuple):
@@ -94,15 +96,25 @@ class LawRecords:
             begin = end
         return found
 
-    def solve(self, deflection: NDArray[np.complex128], dead_time: float) -> LawSolution:
-        """Return the sizes >= 0 of the columns by least squares, with a 1/P̂ at each line and this dead time [s]."""
+    def solve(
+        self, deflection: NDArray[np.complex128], dead_time: float, held: tuple[NDArray[np.bool_], float] | None = None
+    ) -> LawSolution:
+        """Return the sizes >= 0 of the columns by least squares, with a 1/P̂ at each line and this dead time [s].
+
+        With `held` some columns have this sum [N].
+        """
         from scipy.optimize import nnls  # slow to import: only when something is estimated
 
         lines = delayed_lines(replace(self.lines, deflection=deflection), dead_time)
         problem = ProjectedProblem.of_lines(lines, self.variance)
         scale = np.linalg.norm(problem.matrix, axis=0)
         scale = np.where(scale > 0, scale, 1.0)
-        sizes, _ = nnls(problem.matrix / scale, problem.target, maxiter=100 * scale.size)
+        matrix, target = problem.matrix / scale, problem.target
+        if held is not None:
+            row = np.where(held[0], 1 / scale, 0.0)
+            weight = HOLD_WEIGHT / row.max()
+            matrix, target = np.concatenate([matrix, weight * row[None]]), np.append(target, weight * held[1])
+        sizes, _ = nnls(matrix, target, maxiter=100 * scale.size)
         sizes = sizes / scale
         return LawSolution(sizes, problem.target - problem.matrix @ sizes, problem)
 
