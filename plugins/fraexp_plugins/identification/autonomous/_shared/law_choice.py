@@ -39,8 +39,8 @@ WEAKENING_VELOCITIES = (*START_VELOCITIES, 0.1, 0.4, 1.0)
 """The same velocities for elements that weaken: they may do so in fast sliding alone, which bristles cannot hide."""
 START_ODDS, START_WIDTH_RATIOS = 1.5, (0.4, 0.8, 1.6)
 """Elastic limit over the rest of the width at which a search begins, and widths over that of LuGre's law."""
-START_RELAXATIONS = (0.03, 0.15, 0.75)
-"""Relaxation times over the sample time at which a search begins."""
+START_RELAXATIONS = (0.03, 0.15, 0.75, 3.0, 12.0)
+"""Relaxation times over the sample time, one of which is taken: up to 1.7 times as long ones are made of it."""
 START_RATES_S = (10.0, 60.0)
 """Rates of attraction over the Coulomb force [1/s] at which a search begins."""
 SHAPE_STEP, DIFFERENCE = 0.1, 1e-4
@@ -202,8 +202,10 @@ def _families(records: LawRecords, fits: Sequence[LawFit]) -> Iterator[LawFamily
     ]
     yield LawFamily(BristleElements, bristles)
     near = np.exp(fits[-1].elements.shape)
+    curves = [near[1:].tolist(), *([START_EXCESS, part * velocity] for part in START_VELOCITIES)]
     yield LawFamily(
-        ElastoplasticElements, [(ratio * near[0], *near[1:].tolist(), START_ODDS) for ratio in START_WIDTH_RATIOS]
+        ElastoplasticElements,
+        [(ratio * near[0], *curve, START_ODDS) for ratio in START_WIDTH_RATIOS for curve in curves],
     )
     few = largest * np.geomspace(*WEAKENING_RANGE, WEAKENING_THRESHOLDS)
     yield LawFamily(
