@@ -167,9 +167,10 @@ def choose_law(
         is_hopeless = fit.residual > HOPELESS_RATIO * min((each.residual for each in fits), default=np.inf)
         fits.append(fit if is_hopeless else _judged(fit, some, records))
         if fits[-1].explains and fit.elements.static_excess > 0:
-            profile = profiles[len(fits) - 1] = LawProfile(fit.elements, fit.dead_time, records)
+            every = LawRecords.from_signals(signals, coarse, inverse)  # finer steps take twice as long to the same end
+            profile = profiles[len(fits) - 1] = LawProfile(fit.elements, fit.dead_time, every)
             settled = replace(fit, elements=profile.elements, dead_time=profile.dead_time)
-            fits[-1] = _judged(settled, some, records)
+            fits[-1] = min(fits[-1], _judged(settled, some, records), key=lambda each: each.residual)
         if fits[-1].is_good and uncertainty(len(fits) - 1).is_complete:
             break
     residuals = [fit.residual for fit in fits]
