@@ -194,6 +194,22 @@ def _least(records: LawRecords, profile: LawProfile, force: float | None) -> flo
     return float(minimize(cost, start, method="Nelder-Mead", options={"initial_simplex": simplex, "maxfev": 400}).fun)
 
 
+def test_records_count_less_where_the_encoder_moves_friction() -> None:
+    limits, widths = np.array([2.0, 3.0]), np.array([1e-6, 4e-6])
+    law, sizes = RollingElements(np.log([1e-12]), widths), np.append(limits, np.zeros(4))
+    speeds = (1e-5, 1e-3, 8e-3)  # the first one moves 1.6 µm
+    segments = tuple(record_of(law.model(sizes, 0.0), 1.0, v / (2 * np.pi)) for v in speeds)
+    observer = ElementObserver(friction=Frictionless(), oversampling=2, noise=1e-6)
+    frequencies = np.array([0.5, 100.0])
+    inverse = frequencies, -5.0 * (2 * np.pi * frequencies) ** 2 + 0j
+    records = LawRecords.from_signals(Signals(segments, {"u": "N", "y": "m"}), observer, inverse)
+    added = (records.with_friction_noise(law, sizes).variance - records.variance)[0]
+    # where nothing slides the error of a phasor is 2/2000 of 1 µm²/2, times the stiffness squared
+    spring = float(np.sum(limits / widths)) ** 2 * 1e-12 / 2000
+    assert 0.3 * spring < added[0] < 4 * spring
+    assert added[2] < 0.03 * added[0]
+
+
 def test_the_order_of_frequencies_has_no_effect_on_errors() -> None:
     model = LAWS[2][0].model(np.array([5.0, 0.4]), 0.0)
     segments = tuple(record_of(model, f, 0.01 / f) for f in (40.0, 2.0, 10.0) for _ in range(3))

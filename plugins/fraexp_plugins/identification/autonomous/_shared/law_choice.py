@@ -175,6 +175,9 @@ def choose_law(
             break
     residuals = [fit.residual for fit in fits]
     best, most = int(np.argmin(residuals)), EQUAL_RATIO * min(residuals)
+    if fits[best].explains and fits[best].allowance > 1:
+        records = records.with_friction_noise(fits[best].elements, fits[best].sizes)
+        uncertainty.cache_clear()
     intervals = [
         uncertainty(place).interval for place, fit in enumerate(fits) if fit.sizes.size and fit.residual <= most
     ]

@@ -26,6 +26,8 @@ FORCE_FLOOR = 3e-4
 """Error of a force that is allowed for besides noise, over the amplitude of the control input."""
 MIN_LEVELS = 3
 """Fewest records of a frequency that count in the search for a law."""
+NOISE_SEEDS = 4
+"""Other errors of the encoder from which the error of friction follows."""
 HOLD_WEIGHT = 1e4
 """Weight of the equation that holds a Coulomb force, over that of a column."""
 
@@ -117,6 +119,16 @@ class LawRecords:
         sizes, _ = nnls(matrix, target, maxiter=100 * scale.size)
         sizes = sizes / scale
         return LawSolution(sizes, problem.target - problem.matrix @ sizes, problem)
+
+    def with_friction_noise(self, elements: LawElements, sizes: NDArray[np.float64]) -> "LawRecords":
+        """Return the records with the errors that the encoder causes by way of friction in their variance.
+
+        A small motion turns back at another time with another error: its records count less.
+        """
+        force = self.deflection(elements) @ sizes
+        changes = [self.deflection(elements, self.shaken_motions(seed)) @ sizes - force for seed in range(NOISE_SEEDS)]
+        noise = np.mean(np.abs(changes) ** 2, axis=0)
+        return replace(self, variance=self.variance + np.where(self.lines.known, noise, 0.0))
 
     def shaken_motions(self, seed: int) -> list[Motion]:
         """Return the motions with another error of the encoder."""
