@@ -6,12 +6,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fraexp_plugins.estimators.conventional import Conventional
 from fraexp_plugins.friction.dahl import Dahl
 from fraexp_plugins.friction.gms import GeneralizedMaxwellSlip
 from fraexp_plugins.identification.autonomous._shared import force_dictionary
+from fraexp_plugins.identification.autonomous._shared.autonomous_plant import InverseResponse, identify_plant
+from fraexp_plugins.identification.autonomous._shared.dictionary_report import MAX_FALL
 from fraexp_plugins.identification.autonomous._shared.force_dictionary import ForceDictionary, dahl_bristles
 from fraexp_plugins.identification.autonomous._shared.force_interval import sum_interval
 from fraexp_plugins.identification.autonomous.dictionary_identification import DictionaryIdentification
+from fraexp_plugins.identification.plant.modal_fit import ModalFit
+from fraexp_plugins.plants.modal import Modal
 
 from fraexp.components.kinds import Controller, Excitation, FrictionModel, Motion, Plant
 from fraexp.components.registry import create
@@ -21,6 +26,7 @@ from fraexp.errors import RecordError
 from fraexp.simulation.loop import simulate_loop
 from fraexp.simulation.machine import ControlLoop, Machine, Numerics
 from fraexp.study.study_file import packaged_studies
+from tests.identification.plant_responses import measured
 
 MACHINE = tomllib.loads((packaged_studies() / "machines" / "linear_motor_table.toml").read_text(encoding="utf-8"))
 FORCE, VISCOUS = 17.9, 4.69
@@ -121,6 +127,18 @@ def test_a_sum_that_others_may_replace_has_a_wide_interval() -> None:
     # both sums together: 6 +- sqrt(1/5² + 1/2²)
     sides = sum_interval(columns, target, np.ones(3, dtype=bool), rise)
     assert sides == pytest.approx((6 - np.hypot(0.2, 0.5), 6 + np.hypot(0.2, 0.5)), abs=0.01)
+
+
+@pytest.mark.parametrize("viscous", [-8.0, 8.0])
+def test_friction_that_falls_with_velocity_is_noticed_in_the_plant(viscous: float) -> None:
+    """The Coulomb force is then lower beyond the records; the static force was taken for it, with a narrow interval."""
+    frequency = np.geomspace(1.0, 100.0, 25)
+    s = 2j * np.pi * frequency
+    noise = (1e-3 * np.abs(20.0 * s**2)) ** 2
+    inverse = InverseResponse(frequency, 20.0 * s**2 + viscous * s, noise, np.zeros((frequency.size, 1), complex))
+    response = measured(Modal(rigid_body_gain=0.05), known=True, dead_time=0.0, frequency=frequency)
+    plant = identify_plant(inverse, response, ModalFit(method=Conventional(), modes=0, dead_time=0.0))
+    assert (plant.fall > MAX_FALL, plant.viscous > 0) == (viscous < 0, viscous > 0)
 
 
 def test_one_amplitude_is_refused(recorded: Any) -> None:

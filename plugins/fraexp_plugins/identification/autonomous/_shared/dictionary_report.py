@@ -41,10 +41,17 @@ class DictionaryReport:
         """Viscous coefficient [N s/m] and its standard deviation."""
         return (0.0, 0.0) if isinstance(self.plant, Result) else (self.plant.viscous, self.plant.viscous_std)
 
+    @property
+    def speed(self) -> float:
+        """Greatest velocity amplitude of a line [m/s]: beyond it nothing is known of friction."""
+        lines = self.found.lines
+        return float(2 * np.pi * np.max(lines.frequency[:, None] * np.abs(lines.motion), initial=0.0))
+
     def metrics(self) -> Iterator[Metric]:
         """Yield the numbers of friction and of the agreement of the records."""
         yield Metric("Coulomb force", self.found.coulomb, "N")
         yield Metric("Coulomb force, 95 %", self.found.coulomb_error, "N")
+        yield Metric("greatest velocity", self.speed, "m/s")
         yield Metric("viscous coefficient", self.viscous[0], "N s/m")
         yield Metric("viscous coefficient, 95 %", NORMAL_QUANTILE * self.viscous[1], "N s/m")
         yield Metric("input_dead_time", self.known_dead_time + self.found.dead_time, "s")
@@ -55,11 +62,12 @@ class DictionaryReport:
 
     def summary(self) -> str:
         """Return the law in words."""
-        if isinstance(self.found.dictionary, LawElements):
-            return f"friction is that of {self.found.dictionary.name}"
         stops, bristles, _, peaks = self.found.shares
         stribeck = f", and {peaks:.0%} more at standstill" if peaks > MIN_STRIBECK_SHARE else ""
-        return f"friction acts like rolling elements ({stops:.0%}) and Dahl bristles ({bristles:.0%}){stribeck}"
+        law = f"acts like rolling elements ({stops:.0%}) and Dahl bristles ({bristles:.0%}){stribeck}"
+        if isinstance(self.found.dictionary, LawElements):
+            law = f"is that of {self.found.dictionary.name}"
+        return f"friction {law}, at velocities up to {self.speed:.2g} m/s"
 
     def doubts(self) -> Iterator[str]:
         """Yield reasons not to believe plant or friction."""
