@@ -11,6 +11,8 @@ from fraexp_plugins.machines.folder import FolderMachine
 
 from fraexp.components.machine_session import MachineSession, PlayRequest
 from fraexp.errors import ConnectionLostError, MachineError
+from fraexp.workspace.measurement_service import MeasurementService, PointEstimated
+from fraexp.workspace.workspace_service import WorkspaceService
 from tests.waiting import HANG_TIMEOUT_S, wait_until
 
 SAMPLE_TIME = 1e-3
@@ -53,6 +55,25 @@ def test_a_program_is_a_machine(tmp_path: Path, words: tuple[str, ...]) -> None:
         found = played(session)
     np.testing.assert_allclose(found["y"], expected_position(), atol=1e-12)
     np.testing.assert_array_equal(found["u"], REQUEST.excitation(0, REQUEST.samples))
+
+
+def test_a_program_is_stopped_between_two_chunks_and_started_again(tmp_path: Path) -> None:
+    program(tmp_path)
+    with command().connect(tmp_path) as session:
+        sizes = []
+        for chunk in session.play(REQUEST):
+            sizes.append(chunk.size)
+            session.stop()
+        assert sum(sizes) < REQUEST.samples
+        np.testing.assert_allclose(played(session)["y"], expected_position(), atol=1e-12)
+
+
+def test_a_study_is_measured_on_a_program(workspace: WorkspaceService) -> None:
+    program(workspace.folder, PROGRAM.format(step=0.0005).replace("2.0", "7.6"))
+    machine = 'measurement.machine={name="command", program=["python3", "axis.py", "{file}"]}'
+    service = MeasurementService(workspace, "axis", [machine, "excitation.frequencies=[100.0]"])
+    measured = [event.measured.point for event in service.measure_points() if isinstance(event, PointEstimated)]
+    assert [point.frequency for point in measured] == ["100 Hz"]
 
 
 @pytest.mark.parametrize(

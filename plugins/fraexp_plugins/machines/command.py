@@ -96,16 +96,17 @@ class CommandSession(MachineSession):
         )
 
     def _chunks(self, samples: int) -> Iterator[Chunk]:
-        assert self._process is not None and self._process.stdout is not None
+        process = self._process
+        assert process is not None and process.stdout is not None
         start, rows = 0, list[list[float]]()
-        for number, line in enumerate(self._process.stdout, start=1):
+        for number, line in enumerate(process.stdout, start=1):
             rows.append(self._values(line, number))
             if len(rows) == CHUNK_SAMPLES or start + len(rows) == samples:
                 yield Chunk(start, dict(zip(self._machine.channels, np.array(rows).T, strict=True)))
                 start, rows = start + len(rows), []
-            if start == samples:
-                return
-        code = self._process.wait()
+            if start == samples or self._process is not process:
+                return  # complete, or stopped by whoever took the chunk: the output is closed
+        code = process.wait()
         raise ConnectionLostError(
             f"{self._machine.program[0]} ended with exit code {code} after {start + len(rows)} of {samples} samples"
         )
