@@ -15,7 +15,10 @@ class MachineDescription:
     """What a machine says of itself when it is connected."""
 
     channels: Mapping[str, str]
-    """Unit of each recorded channel by its name; the position ``y`` and the control input ``u`` are among them."""
+    """Unit of each recorded channel by its name; the position ``y`` and the control input ``u`` are among them.
+
+    Both may be in any unit of a position and a force, or of an angle and a torque.
+    """
     sample_time: float
     """Sample time [s]."""
     limits: Mapping[str, float] = field(default_factory=dict)
@@ -33,7 +36,7 @@ class PlayRequest:
     number: int
     """Number of its point in the measurement, from 0."""
     waveform: NDArray[np.float64]
-    """One period [N], shape (n,): what is added to the control input."""
+    """One period in the unit of the channel ``u``, shape (n,): what is added to the control input."""
     repetitions: int
     """How many periods are played at most; the ramp out comes after them."""
     amplitude_rise: float = 0.0
@@ -52,7 +55,7 @@ class PlayRequest:
         return self.full_samples + self.ramp_out
 
     def excitation(self, begin: int, end: int, stop: int | None = None) -> NDArray[np.float64]:
-        """Return the samples [N] from `begin` to before `end`, shape (end - begin,).
+        """Return the samples, in the unit of the channel ``u``, from `begin` to before `end`, shape (end - begin,).
 
         With `stop` the ramp out begins at that sample. After it the excitation is 0.
         """

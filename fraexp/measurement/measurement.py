@@ -8,6 +8,7 @@ from pathlib import Path
 from fraexp.components.machine_session import MachineDescription, MachineSession
 from fraexp.components.measurement_settings import MeasurementSettings
 from fraexp.components.registry import Registry
+from fraexp.data.rotary_axes import is_rotary
 from fraexp.data.sample_file import SampleHeader, SampleWriter
 from fraexp.errors import ConnectionLostError, MachineError
 from fraexp.measurement.measured_points import PLAY_COLUMN, MeasuredPoint, MeasurementFiles
@@ -21,6 +22,7 @@ from fraexp.measurement.measurement_plan import (
 from fraexp.measurement.motion_guard import MotionGuard
 from fraexp.measurement.play_demands import simulate_demands
 from fraexp.measurement.point_measurement import LimitExceededError, PointMeasurement, PointProgress, RecordAim
+from fraexp.measurement.si_session import connect_in_si
 from fraexp.measurement.tasks import MeasurementTask
 
 AMPLITUDE_AFTER_LIMIT, MAX_LOWERED = 0.8, 0.7
@@ -83,7 +85,7 @@ class Measurement:
 
         The plan is that of the task, unless another one is given.
         """
-        self._session = self._settings.machine.connect(self._folder)
+        self._session = self._connect()
         try:
             description = self._session.description
             check_description(description, self._task)
@@ -192,7 +194,10 @@ class Measurement:
     def _reconnect(self) -> None:
         with suppress(MachineError):
             self._session.close()
-        self._session = self._settings.machine.connect(self._folder)
+        self._session = self._connect()
+
+    def _connect(self) -> MachineSession:
+        return connect_in_si(self._settings.machine, self._folder, is_rotary(self._task.experiment))
 
 
 def _seconds(point: PlannedPoint) -> float:
@@ -208,7 +213,3 @@ def check_description(description: MachineDescription, task: MeasurementTask) ->
             f"the machine has a sample time of {description.sample_time:g} s; loop.sample_time is {sample_time:g} s: "
             "let them agree"
         )
-    for name in ("y", "u"):
-        if name not in description.channels:
-            known = ", ".join(description.channels)
-            raise MachineError(f"the machine records no channel '{name}'; expected y and u among {known}")

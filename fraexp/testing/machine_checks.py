@@ -1,6 +1,8 @@
 """Checks of machines. They play silence alone: a real machine stays at rest."""
 
 import tempfile
+from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +10,8 @@ import numpy as np
 from fraexp.components.kinds import MachineDriver
 from fraexp.components.machine_session import Chunk, MachineSession, PlayRequest
 from fraexp.data import units
-from fraexp.errors import FraexpError
+from fraexp.errors import FraexpError, MachineError
+from fraexp.measurement.si_session import si_factors
 from fraexp.simulation.motion_limits import MotionLimits
 from fraexp.testing import example_loop
 from fraexp.testing.component_checks import registry_with
@@ -39,14 +42,24 @@ def description(component: type[MachineDriver]) -> None:
         found = session.description
     require(found.sample_time > 0, f"its sample time is {found.sample_time} s; expected one above 0")
     require(found.watchdog > 0, f"its watchdog is {found.watchdog} s; expected a time above 0")
-    for name in ("y", "u"):
-        require(name in found.channels, f"it has no channel '{name}'; expected y and u among {list(found.channels)}")
+    require_si(found.channels)
     try:
         for unit in found.channels.values():
             units.si(unit)
         MotionLimits.parse(found.limits, "limits")
     except FraexpError as error:
         require(False, str(error))
+
+
+def require_si(channels: Mapping[str, str]) -> None:
+    """Require a position and a force, or an angle and a torque."""
+    try:
+        si_factors(channels, rotary=False)
+    except MachineError as error:
+        with suppress(MachineError):
+            si_factors(channels, rotary=True)
+            return
+        require(False, f"{error}, or an angle and a torque")
 
 
 def silence(component: type[MachineDriver]) -> None:

@@ -17,6 +17,7 @@ from fraexp.measurement.measured_points import PLAY_COLUMN, MeasuredPoint, Measu
 from fraexp.measurement.measured_study import record_section, record_study
 from fraexp.measurement.measurement import Measurement, MeasurementEvent, MeasurementNotice, check_description
 from fraexp.measurement.measurement_plan import PlannedPoint
+from fraexp.measurement.si_session import connect_in_si
 from fraexp.measurement.tasks import MeasurementTask
 from fraexp.measurement.unknown_axis import UnknownAxis
 from fraexp.records.study_writer import write_study
@@ -121,7 +122,7 @@ class AutonomousService:
     def _begin(self) -> tuple[UnknownAxis, MeasurementTask, FrictionLoop]:
         """Connect, check what the machine says of itself, and measure the friction loop unless it is known already."""
         title = describe_study(self._name, self._file).title
-        with self.settings.machine.connect(self._service.folder) as session:
+        with connect_in_si(self.settings.machine, self._service.folder, self.is_rotary) as session:
             description = session.description
             sample_time = description.sample_time
             loop = {"sample_time": sample_time, "rotary": self.is_rotary}

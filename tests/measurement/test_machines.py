@@ -10,7 +10,9 @@ from fraexp_plugins.machines.command import CommandMachine
 from fraexp_plugins.machines.folder import FolderMachine
 
 from fraexp.components.machine_session import MachineSession, PlayRequest
-from fraexp.errors import ConnectionLostError, MachineError
+from fraexp.errors import ConnectionLostError, MachineError, ParameterError
+from fraexp.testing.conformance_check import ViolationError
+from fraexp.testing.machine_checks import require_si
 from fraexp.workspace.measurement_service import MeasurementService, PointEstimated
 from fraexp.workspace.workspace_service import WorkspaceService
 from tests.waiting import HANG_TIMEOUT_S, wait_until
@@ -74,6 +76,66 @@ def test_a_study_is_measured_on_a_program(workspace: WorkspaceService) -> None:
     service = MeasurementService(workspace, "axis", [machine, "excitation.frequencies=[100.0]"])
     measured = [event.measured.point for event in service.measure_points() if isinstance(event, PointEstimated)]
     assert [point.frequency for point in measured] == ["100 Hz"]
+
+
+def commanded(units: str, text: str) -> str:
+    """Return an override: a free mass of 7.6 kg whose program counts as stated."""
+    Path("axis.py").write_text(text, encoding="utf-8")
+    return f'measurement.machine={{name="command", program=["python3", "axis.py", "{{file}}"], units={units}}}'
+
+
+def measured_in(workspace: WorkspaceService, units: str, text: str, *overrides: str) -> list[Any]:
+    """Return the points of a measurement, measured anew."""
+    machine = commanded(units, text)
+    service = MeasurementService(workspace, "axis", [machine, "excitation.frequencies=[100.0]", *overrides])
+    return [each.measured.point for each in service.measure_points(True) if isinstance(each, PointEstimated)]
+
+
+def test_limits_count_in_whatever_units_a_machine_has(workspace: WorkspaceService, monkeypatch: Any) -> None:
+    monkeypatch.chdir(workspace.folder)
+    plain = PROGRAM.format(step=0.0005).replace("2.0", "7.6")
+    scaled = plain.replace("float(line)", "1e3 * float(line)").replace(
+        "{position!r},{force!r}", "{1e3*position!r},{force/1e3!r}"
+    )
+    (si,) = measured_in(workspace, '["m", "N"]', plain)
+    (other,) = measured_in(workspace, '["mm", "kN"]', scaled)
+    assert (other.used, other.periods) == (pytest.approx(si.used, rel=1e-9), si.periods)
+    stronger = scaled.replace("7.6", "2.5")
+    with pytest.raises(MachineError, match=r"limits\.velocity is 0\.06 m/s"):
+        measured_in(workspace, '["mm", "kN"]', stronger, "limits.velocity=0.06", "excitation.frequencies=[20.0]")
+
+
+@pytest.mark.parametrize(
+    ("units", "message"),
+    [
+        ('["m", "A"]', r"channel u of the machine: 'A' is not a unit of the same kind as 'N'; expected a force"),
+        ('["rad", "N m"]', r"channel y of the machine: 'rad' is not a unit .* expected a position"),
+        ('["parsec_s", "N"]', r"channel y of the machine: 'parsec_s' is no known unit"),
+    ],
+)
+def test_units_that_no_limit_is_in_are_refused_before_anything_moves(
+    workspace: WorkspaceService, monkeypatch: Any, units: str, message: str
+) -> None:
+    monkeypatch.chdir(workspace.folder)
+    with pytest.raises(MachineError, match=message):
+        measured_in(workspace, units, "open('moved', 'w')")
+    assert not (workspace.folder / "moved").exists()
+
+
+def test_a_check_of_a_machine_finds_units_that_no_limit_is_in() -> None:
+    require_si({"y": "mm", "u": "kN"})
+    require_si({"y": "deg", "u": "Nm"})
+    for units in ({"y": "m", "u": "A"}, {"y": "rad", "u": "N"}, {"y": "m"}):
+        with pytest.raises(ViolationError, match="expected"):
+            require_si(units)
+
+
+def test_limits_of_a_machine_may_be_texts_with_units(workspace: WorkspaceService) -> None:
+    stated = 'measurement.machine={name="simulated", limits={stroke="1 um"}}'
+    with pytest.raises(MachineError, match=r"limits\.stroke is 1e-06 m"):
+        list(MeasurementService(workspace, "axis", [stated]).measure_points())
+    with pytest.raises(ParameterError, match=r"limits of the machine.*stroke"):
+        list(MeasurementService(workspace, "axis", [stated.replace("1 um", "1 furlongg")]).measure_points())
 
 
 @pytest.mark.parametrize(

@@ -32,8 +32,8 @@ TERMINATION_TIMEOUT_S = 5.0
 class CommandMachine(MachineDriver, name="command", version=1):
     """A program that is started for each play, such as ``program = ["./measure.sh", "{file}"]``.
 
-    It gets the excitation [N] as text, one sample a line: from the file whose name stands in place of ``{file}``, or
-    from standard input. It prints a line for each sample, with the channels' values separated by commas, in SI units.
+    It gets the excitation in the unit of `u` as text, one sample a line: from the file whose name stands in place of
+    ``{file}``, or from standard input. It prints a line for each sample, with the channels' values separated by commas.
     At SIGTERM, and where its output is closed, it must bring the machine to rest: that is all that is left of fraexp
     when fraexp dies. How many samples it gets is known before: a play cannot be ended early because it is good enough.
     """

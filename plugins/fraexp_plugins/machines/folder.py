@@ -25,9 +25,9 @@ POLL_INTERVAL_S = 0.05
 class FolderMachine(MachineDriver, name="folder", version=1):
     """A folder in which files are exchanged with a controller, or with somebody who carries them to it.
 
-    For each play ``play-0001.csv`` appears, with the excitation [N]; it is complete as soon as it has that name. Then
-    ``play-0001-record.csv`` is waited for: a header with the names of the channels, a line for each sample, in SI
-    units. Write it under another name, and rename it. A file ``stop`` appears where the machine must be stopped.
+    For each play ``play-0001.csv`` appears, with the excitation in the unit of `u`; it is complete as soon as it
+    has that name. Then ``play-0001-record.csv`` is waited for: a header with the names of the channels, a line for each
+    sample. Write it under another name, and rename it. A file ``stop`` appears where the machine must be stopped.
     """
 
     folder: str = param("", "folder, relative to the workspace")
@@ -41,6 +41,8 @@ class FolderMachine(MachineDriver, name="folder", version=1):
             raise MachineError(
                 f"folder has {len(self.channels)} channels and {len(self.units)} units; expected as many"
             )
+        if "u" not in self.channels:
+            raise MachineError(f"folder has the channels {', '.join(self.channels)}; expected y and u among them")
         place = folder / self.folder
         if not place.is_dir():
             raise MachineError(f"there is no folder {place}; make it, or correct measurement.machine.folder")
@@ -67,7 +69,7 @@ class FolderSession(MachineSession):
         name, self._is_playing = f"play-{self._number:04d}", True
         draft = self._folder / f".{name}.part"
         force = request.excitation(0, request.samples)
-        np.savetxt(draft, force, fmt="%.17g", header="excitation [N]", comments="")
+        np.savetxt(draft, force, fmt="%.17g", header=f"excitation [{self.description.channels['u']}]", comments="")
         draft.replace(self._folder / f"{name}.csv")
         record = self._folder / f"{name}-record.csv"
         until = time.monotonic() + self._machine.timeout
