@@ -1,14 +1,17 @@
 """What was measured: points with their place in the file of samples, and the files in which it is kept."""
 
 import json
+import os
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from fraexp.data.file_lock import try_lock
 from fraexp.data.identity import digest_of
 from fraexp.data.sample_file import SampleHeader, SampleWriter, create_sample_file, read_header
-from fraexp.errors import RecordError, StudyError
+from fraexp.errors import MachineError, RecordError, StudyError
 from fraexp.measurement.tasks import MeasurementTask
 
 PLAY_COLUMN = "play"
@@ -59,31 +62,52 @@ class MeasurementFiles:
         self.samples = folder / f"{name}.samples"
         self.log = folder / f"{name}.log"
 
-    def open(self, task: MeasurementTask, header: SampleHeader) -> SampleWriter:
-        """Return the writer of the samples; StudyError if they are of another measurement.
+    @contextmanager
+    def locked(self) -> Iterator[None]:
+        """Keep other processes from measuring into the same files; MachineError if one does."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        file = self.samples.with_suffix(".lock")  # it stays: whoever removed it could remove that of somebody else
+        with file.open("a+", encoding="utf-8") as stream:
+            if not try_lock(stream.fileno()):
+                stream.seek(0)
+                raise MachineError(
+                    f"{self.samples}: process {stream.read().strip()} is measuring into this file; wait until it has "
+                    "ended, or stop it"
+                )
+            stream.truncate(0)
+            stream.write(f"{os.getpid()}\n")
+            stream.flush()
+            yield
+
+    def open(self, task: MeasurementTask, header: SampleHeader, fresh: bool = False) -> SampleWriter:
+        """Return the writer of the samples; StudyError if they are of another measurement, unless they are discarded.
 
         A measurement is another one if the machine, the excitation or the settings differ.
         """
-        identity = measurement_identity(task)
+        if fresh:
+            self._remove()
         if not self.samples.exists():
             self.folder.mkdir(parents=True, exist_ok=True)
-            self.log.write_text(json.dumps({"identity": identity}) + "\n", encoding="utf-8")
+            self.log.write_text(json.dumps({"identity": measurement_identity(task)}) + "\n", encoding="utf-8")
             create_sample_file(self.samples, header)
-        elif self.identity() != identity or read_header(self.samples)[0] != header:
+        elif not self.are_of(task) or read_header(self.samples)[0] != header:
             raise StudyError(
                 f"{self.samples}: a measurement of another machine, excitation or setting is in this file; move it "
                 "away, or measure anew with --fresh"
             )
         return SampleWriter(self.samples)
 
-    def remove(self) -> None:
-        """Remove both files."""
+    def _remove(self) -> None:
         for file in (self.samples, self.log):
             file.unlink(missing_ok=True)
 
     def identity(self) -> str:
         """Return what tells the measurement from others; empty if there is no log."""
         return str(next(self._lines(), {}).get("identity", ""))
+
+    def are_of(self, task: MeasurementTask) -> bool:
+        """Return whether a task has been measured into these files, and no other one."""
+        return self.identity() == measurement_identity(task)
 
     def add(self, point: MeasuredPoint) -> None:
         """Note a point whose samples are in the file."""

@@ -79,11 +79,12 @@ class Measurement:
         self._session: MachineSession
 
     def events(
-        self, registry: Registry, judge: JudgeBand, planned: MeasurementPlan | None = None
+        self, registry: Registry, judge: JudgeBand, planned: MeasurementPlan | None = None, fresh: bool = False
     ) -> Generator[MeasurementEvent, None, None]:
         """Measure and yield what happens; closing the generator stops the machine, and measured points are kept.
 
-        The plan is that of the task, unless another one is given.
+        The plan is that of the task, unless another one is given. With `fresh`, points of an earlier measurement are
+        discarded as soon as the machine is there and the plan is within its limits.
         """
         self._session = self._connect()
         try:
@@ -91,7 +92,7 @@ class Measurement:
             check_description(description, self._task)
             plan = planned or plan_measurement(self._task, registry, description.limits)
             header = SampleHeader(description.sample_time, {PLAY_COLUMN: "", **description.channels})
-            with closing(self._files.open(self._task, header)) as writer:
+            with closing(self._files.open(self._task, header, fresh)) as writer:
                 yield from self._all_points(plan, writer, judge)
         finally:
             self._session.close()

@@ -83,10 +83,12 @@ class AutonomousService:
 
         What an interrupted measurement has stored is kept, unless `fresh`. Closing the generator stops the machine.
         """
-        if fresh:
-            self.files.remove()
+        with self.files.locked():
+            yield from self._measure(fresh)
+
+    def _measure(self, fresh: bool) -> Generator[AutonomousEvent, None, None]:
         yield MeasurementNotice(f"friction loop: a sine of {LOOP_HZ:g} Hz that rises until friction is overcome")
-        axis, task, loop = self._begin()
+        axis, task, loop = self._begin(fresh)
         axis = replace(axis, noise=loop.position_noise)
         closes = f"closes at {loop.force:.4g} N" if loop.has_closed else f"does not close up to {loop.amplitude:.4g} N"
         text = f"friction loop: {closes}; noise {loop.noise:.2g} m, encoder {loop.resolution:.2g} m"
@@ -119,7 +121,7 @@ class AutonomousService:
         except FraexpError as error:
             raise type(error)(f"{self._file}, [measurement]: {error}") from None
 
-    def _begin(self) -> tuple[UnknownAxis, MeasurementTask, FrictionLoop]:
+    def _begin(self, fresh: bool) -> tuple[UnknownAxis, MeasurementTask, FrictionLoop]:
         """Connect, check what the machine says of itself, and measure the friction loop unless it is known already."""
         title = describe_study(self._name, self._file).title
         with connect_in_si(self.settings.machine, self._service.folder, self.is_rotary) as session:
@@ -130,7 +132,7 @@ class AutonomousService:
             task = axis.task([{"name": ESTIMATOR}])
             check_description(description, task)
             header = SampleHeader(sample_time, {PLAY_COLUMN: "", **description.channels})
-            with closing(self.files.open(task, header)) as writer:
+            with closing(self.files.open(task, header, fresh)) as writer:
                 noted = self.files.noted(NOTE)
                 if noted is not None:
                     return axis, task, FrictionLoop(**noted)

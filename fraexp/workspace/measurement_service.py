@@ -72,11 +72,12 @@ class MeasurementService:
     def measure_points(self, fresh: bool = False) -> Generator[MeasurementEvent | PointEstimated, None, None]:
         """Do the same without running the study of the record."""
         self.check()
-        try:
-            for task in self.tasks:
-                yield from self._measure(task, fresh)
-        finally:
-            self._write_study()
+        with self.files(self.tasks[0]).locked():
+            try:
+                for task in self.tasks:
+                    yield from self._measure(task, fresh)
+            finally:
+                self._write_study()
 
     def check(self) -> None:
         """Raise StudyError if the study names no machine, or if that of the record would replace another one."""
@@ -105,8 +106,6 @@ class MeasurementService:
 
     def _measure(self, task: MeasurementTask, fresh: bool) -> Generator[MeasurementEvent | PointEstimated, None, None]:
         files, results = self.files(task), list[Result | str]()
-        if fresh:
-            files.remove()
 
         def judge(point: MeasuredPoint) -> float | None:
             results[:] = self.estimate_point(task, point)
@@ -115,7 +114,10 @@ class MeasurementService:
 
         assert task.settings is not None
         measurement = Measurement(task, task.settings, files, self._folder)
-        with _words_of_its_axis(task), closing(measurement.events(self._service.registry, judge)) as events:
+        with (
+            _words_of_its_axis(task),
+            closing(measurement.events(self._service.registry, judge, fresh=fresh)) as events,
+        ):
             for event in events:
                 yield PointEstimated(event, tuple(results)) if isinstance(event, PointMeasured) else event
 
@@ -135,7 +137,8 @@ class MeasurementService:
 
     def _write_study(self) -> None:
         """Write the study of all points that have been measured."""
-        measured = [(task, self.files(task)) for task in self.tasks if self.files(task).points()]
+        each = [(task, self.files(task)) for task in self.tasks]
+        measured = [(task, files) for task, files in each if files.are_of(task) and files.points()]
         if not measured:
             return
         self.path.parent.mkdir(parents=True, exist_ok=True)

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from fraexp.data.results import Result
-from fraexp.errors import MachineError, StudyError
-from fraexp.measurement.measurement import MeasurementNotice
+from fraexp.errors import FraexpError, MachineError, StudyError
+from fraexp.measurement.measurement import MeasurementBegun, MeasurementNotice
 from fraexp.measurement.measurement_plan import plan_measurement
 from fraexp.simulation.live_loop import LiveLoop
 from fraexp.simulation.motion_limits import Demand
@@ -170,6 +170,46 @@ def test_an_amplitude_at_which_friction_hides_the_plant_is_raised(workspace: Wor
     assert raised.amplitude > 1.5
     assert any("the amplitude can be" in repeat for repeat in raised.repeats)
     assert raised.used <= 1
+
+
+def test_a_measurement_anew_keeps_the_earlier_one_until_it_begins(workspace: WorkspaceService) -> None:
+    measure(workspace, "excitation.frequencies=[100.0]")
+    service = MeasurementService(workspace, "axis")
+    files, study = service.files(service.tasks[0]), service.path
+    before = [file.read_bytes() for file in (files.samples, files.log, study)]
+    unreachable = 'measurement.machine={name="command", program=["no_such_program"]}'
+    furlongs = 'measurement.machine={name="command", program=["python3"], units=["furlong", "A"]}'
+    for override in ("limits.acceleration=1", unreachable, furlongs):
+        with pytest.raises(FraexpError):
+            measure(workspace, override, fresh=True)
+        assert [file.read_bytes() for file in (files.samples, files.log, study)] == before
+
+
+LOCKING = """
+import sys, time
+from pathlib import Path
+from fraexp.measurement.measured_points import MeasurementFiles
+with MeasurementFiles(Path(sys.argv[1]), "axis").locked():
+    print("locked", flush=True)
+    time.sleep(600)
+"""
+
+
+def test_two_processes_do_not_measure_into_one_file(workspace: WorkspaceService) -> None:
+    folder = workspace.folder / "measurements"
+    other = subprocess.Popen([sys.executable, "-c", LOCKING, str(folder)], stdout=subprocess.PIPE)
+    assert other.stdout is not None and other.stdout.readline() == b"locked\n"
+    log = f'measurement.machine.log="{workspace.folder / "machine.log"}"'
+    with pytest.raises(MachineError, match=rf"axis\.samples: process {other.pid} is measuring into this file; wait"):
+        measure(workspace, log, fresh=True)
+    assert not (workspace.folder / "machine.log").exists()
+    other.kill()  # the system releases the lock of a process that dies
+    other.communicate()
+    events = MeasurementService(workspace, "axis").measure_points()
+    assert isinstance(next(events), MeasurementBegun)
+    with pytest.raises(MachineError, match=rf"process {os.getpid()} is measuring"):
+        measure(workspace)
+    events.close()
 
 
 @pytest.mark.thorough

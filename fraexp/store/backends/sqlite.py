@@ -2,6 +2,7 @@
 
 import os
 import sqlite3
+import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
@@ -14,6 +15,7 @@ from sqlalchemy.exc import StatementError
 from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 from sqlalchemy.pool import QueuePool
 
+from fraexp.data.file_lock import try_lock
 from fraexp.errors import StoreError, UnavailableError
 from fraexp.store.backends.engine import EXCLUSIVE, WRITE_MODE, Database, Upgrade, compact_json
 from fraexp.store.backends.file_system import file_system_type, is_on_network
@@ -315,31 +317,17 @@ def _error_text(error: BaseException | None) -> str:
 @contextmanager
 def _locked_folder(database: SqliteFile) -> Iterator[None]:
     """Hold the lock of the folder: the system releases it if the process dies, and no file is left."""
-    try:
-        import fcntl
-    except ImportError:  # on Windows only the transaction protects
+    if sys.platform == "win32":  # which opens no folder: only the transaction protects
         yield
         return
     with database.translated_errors():
         handle = os.open(database.path.resolve().parent, os.O_RDONLY)
     try:
         deadline = time.monotonic() + database.timeout
-        while not _try_lock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB):
+        while not try_lock(handle):
             if time.monotonic() > deadline:
                 raise StoreError(f"{database.path}: another process is making the database; try again")
             time.sleep(0.02)
         yield
     finally:
         os.close(handle)
-
-
-def _try_lock(handle: int, operation: int) -> bool:
-    import fcntl
-
-    try:
-        fcntl.flock(handle, operation)
-    except BlockingIOError:
-        return False
-    except OSError:  # on a file system without such locks only the transaction protects
-        return True
-    return True
