@@ -181,12 +181,26 @@ def test_a_folder_is_a_machine(tmp_path: Path) -> None:
     assert not (tmp_path / "exchange" / "stop").exists()
 
 
+def test_an_old_record_is_never_that_of_a_new_play(tmp_path: Path) -> None:
+    exchange = tmp_path / "exchange"
+    exchange.mkdir()
+    for name in ("play-0001-record.csv", "play-0003-record.csv"):
+        (exchange / name).write_text("y,u\n1,2\n", encoding="utf-8")
+    machine = FolderMachine(folder="exchange", sample_time=SAMPLE_TIME, timeout=HANG_TIMEOUT_S)
+    thread = threading.Thread(target=answer, args=(exchange, "play-0004"))
+    thread.start()
+    with machine.connect(tmp_path) as session:
+        found = played(session)
+    thread.join()
+    np.testing.assert_array_equal(found["y"], expected_position())
+
+
 def test_a_folder_without_an_answer_is_told_to_stop(tmp_path: Path) -> None:
     (tmp_path / "exchange").mkdir()
     machine = FolderMachine(folder="exchange", sample_time=SAMPLE_TIME, timeout=0.01)
-    with machine.connect(tmp_path) as session, pytest.raises(ConnectionLostError, match=r"no play-0001-record\.csv"):
+    with machine.connect(tmp_path) as session, pytest.raises(MachineError, match=r"no play-0001-record\.csv"):
         played(session)
-    assert (tmp_path / "exchange" / "stop").exists()
+    assert [file.name for file in (tmp_path / "exchange").iterdir()] == ["stop"]  # the play is taken back
     with pytest.raises(MachineError, match=r"there is no folder .*nowhere"):
         FolderMachine(folder="nowhere", sample_time=1e-3).connect(tmp_path)
 

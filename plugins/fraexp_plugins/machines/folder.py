@@ -9,7 +9,6 @@ import numpy as np
 
 from fraexp.api import (
     Chunk,
-    ConnectionLostError,
     MachineDescription,
     MachineDriver,
     MachineError,
@@ -27,7 +26,8 @@ class FolderMachine(MachineDriver, name="folder", version=1):
 
     For each play ``play-0001.csv`` appears, with the excitation in the unit of `u`; it is complete as soon as it
     has that name. Then ``play-0001-record.csv`` is waited for: a header with the names of the channels, a line for each
-    sample. Write it under another name, and rename it. A file ``stop`` appears where the machine must be stopped.
+    sample. Write it under another name, and rename it. Where the machine must be stopped, a file ``stop`` appears, and
+    the play disappears.
     """
 
     folder: str = param("", "folder, relative to the workspace")
@@ -55,7 +55,6 @@ class FolderSession(MachineSession):
     def __init__(self, machine: FolderMachine, folder: Path) -> None:
         self._machine, self._folder = machine, folder
         self._stop_file, self._is_playing = folder / "stop", False
-        self._number = max((int(file.stem[5:9]) for file in folder.glob("play-[0-9][0-9][0-9][0-9].csv")), default=0)
         self._stop_file.unlink(missing_ok=True)
 
     @property
@@ -65,20 +64,37 @@ class FolderSession(MachineSession):
         return MachineDescription(units, machine.sample_time, watchdog=machine.timeout, is_live=False)
 
     def play(self, request: PlayRequest) -> Iterator[Chunk]:
-        self._number += 1
-        name, self._is_playing = f"play-{self._number:04d}", True
+        name = f"play-{self._next_number():04d}"
         draft = self._folder / f".{name}.part"
         force = request.excitation(0, request.samples)
         np.savetxt(draft, force, fmt="%.17g", header=f"excitation [{self.description.channels['u']}]", comments="")
-        draft.replace(self._folder / f"{name}.csv")
+        self._play, self._is_playing = self._folder / f"{name}.csv", True
+        draft.replace(self._play)
         record = self._folder / f"{name}-record.csv"
+        try:
+            self._wait_for(record)
+        except BaseException:
+            self.stop()
+            raise
+        self._is_playing = False
+        yield Chunk(0, self._columns(record))
+
+    def _next_number(self) -> int:
+        """Return a number above those of all plays and records that are there: an old record is never a new one."""
+        files = self._folder.glob("play-[0-9][0-9][0-9][0-9]*.csv")
+        return 1 + max((int(file.name[5:9]) for file in files), default=0)
+
+    def _wait_for(self, record: Path) -> None:
+        """Wait for a record; MachineError after the timeout, which is none of a connection: it is not played again."""
         until = time.monotonic() + self._machine.timeout
         while not record.exists():
             if time.monotonic() > until:
-                raise ConnectionLostError(f"no {record.name} within {self._machine.timeout:g} s")
+                raise MachineError(
+                    f"no {record.name} within {self._machine.timeout:g} s; {self._play.name} was taken back, and the "
+                    "machine told to stop: see why it does not answer, or raise measurement.machine.timeout; the same "
+                    "command then continues"
+                )
             time.sleep(POLL_INTERVAL_S)
-        yield Chunk(0, self._columns(record))
-        self._is_playing = False
 
     def _columns(self, record: Path) -> dict[str, np.ndarray[tuple[int], np.dtype[np.float64]]]:
         with record.open(encoding="utf-8") as stream:
@@ -94,5 +110,6 @@ class FolderSession(MachineSession):
 
     def stop(self) -> None:
         if self._is_playing:
+            self._play.unlink(missing_ok=True)
             self._stop_file.write_text(f"{os.getpid()}\n", encoding="utf-8")
             self._is_playing = False
