@@ -11,6 +11,7 @@ from fraexp.cli.sweep_lookup import location_options
 from fraexp.errors import StudyError
 from fraexp.measurement.excitation_files import write_excitation
 from fraexp.measurement.excitation_table import excitation_table
+from fraexp.records.study_writer import write_study
 from fraexp.workspace.measurement_service import MeasurementService
 from fraexp.workspace.workspace_service import WorkspaceService
 
@@ -27,8 +28,9 @@ def execute(arguments: Namespace) -> ExitCode:
         raise StudyError(f"{arguments.study}: it has {len(plans)} experiments; write one at a time, with --set")
     record = arguments.record or output.with_name(f"{output.stem}-record.csv")
     table = excitation_table(plans[0])
-    study = service.write_record_study(record, table, arguments.force)
+    study, content = service.record_study(record, table, arguments.force)
     note = write_excitation(output, table)
+    write_study(study, content)
     position = "rad" if table.unit == "N m" else "m"
     print_plan(plans[0])
     print(f"{table.samples:,} samples, {table.samples * table.sample_time:.1f} s with pauses; {note}")

@@ -4,6 +4,7 @@ from collections.abc import Generator, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from fraexp import records
 from fraexp.components.kinds import Estimator
@@ -86,8 +87,11 @@ class MeasurementService:
             if task.settings is None:
                 raise StudyError(f"{task.study}: lacks the section [measurement], which names the machine")
 
-    def write_record_study(self, record: Path, table: ExcitationTable, force: bool) -> Path:
-        """Write the study that analyses the record of an excitation that was written to a file; return its path."""
+    def record_study(self, record: Path, table: ExcitationTable, force: bool) -> tuple[Path, dict[str, Any]]:
+        """Return the study that analyses the record of an excitation that is written to a file, and its own file.
+
+        StudyError if a different study is in that file, unless it may be replaced.
+        """
         task = self.tasks[0]
         path = self._folder / "studies" / f"{record.stem}.toml"
         rotary = bool(task.experiment["loop"].get("rotary"))
@@ -100,9 +104,7 @@ class MeasurementService:
         data = record_study([task], [section], f"{task.title}, recorded")
         if path.exists() and not is_same_study(path, data) and not force:
             raise StudyError(f"{path}: a different study is in this file; choose another record, or use --force")
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_study(path, data)
-        return path
+        return path, data
 
     def _measure(self, task: MeasurementTask, fresh: bool) -> Generator[MeasurementEvent | PointEstimated, None, None]:
         files, results = self.files(task), list[Result | str]()

@@ -13,9 +13,12 @@ import pytest
 from numpy.typing import NDArray
 from scipy.io import loadmat
 
+from fraexp.cli.exits import ExitCode
+from fraexp.cli.main import main
 from fraexp.errors import StudyError
 from fraexp.measurement.excitation_files import write_excitation
 from fraexp.measurement.excitation_table import ExcitationTable, excitation_table
+from fraexp.records.study_writer import write_study
 from fraexp.simulation.live_loop import LiveLoop, live_setup
 from fraexp.workspace.measurement_service import MeasurementService
 from fraexp.workspace.workspace_service import WorkspaceService
@@ -49,6 +52,16 @@ def test_every_point_begins_and_ends_at_rest(table: ExcitationTable) -> None:
         assert peak == pytest.approx(40, rel=1e-2)
         wave_steps = np.abs(np.diff(entry.request.waveform)).max()
         assert np.abs(np.diff(force[entry.first : after])).max() <= 1.1 * wave_steps
+
+
+def test_where_no_excitation_can_be_written_no_study_is_left(
+    workspace: WorkspaceService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(workspace.folder)
+    assert main(["excite", "axis", "-o", "nowhere/z.csv"]) == ExitCode.USAGE
+    assert [file.name for file in (workspace.folder / "studies").iterdir()] == ["axis.toml"]
+    assert main(["excite", "axis", "-o", "z.csv"]) == ExitCode.OK
+    assert (workspace.folder / "studies" / "z-record.toml").exists()
 
 
 def test_tables_for_programs_hold_the_same_samples(table: ExcitationTable, tmp_path: Path) -> None:
@@ -150,7 +163,8 @@ def test_a_played_excitation_comes_back_by_the_name_of_its_record(
     workspace: WorkspaceService, table: ExcitationTable
 ) -> None:
     service, file = MeasurementService(workspace, "axis"), workspace.folder / "axis-record.csv"
-    study = service.write_record_study(file, table, force=False)
+    study, content = service.record_study(file, table, force=False)
+    write_study(study, content)
     played = record(workspace, table.columns()["excitation"])
     np.savetxt(file, np.array([played["u"], played["y"]]).T, delimiter=",", header="u,y", comments="", fmt="%.17g")
 
