@@ -19,6 +19,7 @@ class ExitCode(IntEnum):
     INCOMPLETE = 1, "some sweeps failed, gave no usable result or were not computed, or a check failed"
     USAGE = 2, "invalid command line, study, plugin, record or file"
     STORE = 3, "the database cannot be used, or lacks the requested run or sweep"
+    MACHINE = 4, "the machine was stopped at a limit, failed, or may not play that; measured points are kept"
     INTERNAL = 70, "internal error of fraexp; --debug shows the traceback"
     OUTPUT = 74, "standard output cannot be written, such as on a full disk; what was computed is stored"
     INTERRUPTED = 130, "interrupted; finished sweeps are kept"

@@ -19,7 +19,15 @@ from fraexp.cli.exits import ExitCode
 from fraexp.cli.output import error_document, say
 from fraexp.cli.parser import UsageError
 from fraexp.cli.standard_streams import discard_unwritable, is_output_failure, open_closed_streams, watch_output
-from fraexp.errors import BeginError, FilterError, FormerNameWarning, FraexpError, StoreError, UnreachedError
+from fraexp.errors import (
+    BeginError,
+    FilterError,
+    FormerNameWarning,
+    FraexpError,
+    MachineError,
+    StoreError,
+    UnreachedError,
+)
 
 
 def console() -> None:
@@ -133,6 +141,8 @@ def _exit_code(error: FraexpError) -> ExitCode:
         return next((code for code in ExitCode if code == error.code), ExitCode.INCOMPLETE)
     if isinstance(error, UnreachedError):
         return ExitCode.INCOMPLETE
+    if isinstance(error, MachineError):
+        return ExitCode.MACHINE
     is_of_store = isinstance(error, StoreError) and not isinstance(error, FilterError)
     return ExitCode.STORE if is_of_store else ExitCode.USAGE
 

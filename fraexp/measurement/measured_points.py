@@ -17,6 +17,11 @@ from fraexp.measurement.tasks import MeasurementTask
 PLAY_COLUMN = "play"
 """Column with the number of the play in which a sample was recorded, from 1."""
 
+SETTINGS_AFTER_FAULTS = ("adapt_amplitude", "attempts")
+"""Settings that say how to go on after a fault: points that are measured need not be measured again."""
+LOST = "lost"
+"""Name under which the log has points whose samples never reached the disk."""
+
 
 @dataclass(frozen=True)
 class MeasuredPoint:
@@ -95,7 +100,14 @@ class MeasurementFiles:
                 f"{self.samples}: a measurement of another machine, excitation or setting is in this file; move it "
                 "away, or measure anew with --fresh"
             )
+        else:
+            self._cut_log()
         return SampleWriter(self.samples)
+
+    def _cut_log(self) -> None:
+        """Remove a last line that was cut off: the next one would be part of it."""
+        text = self.log.read_bytes()
+        os.truncate(self.log, text.rfind(b"\n") + 1)
 
     def _remove(self) -> None:
         for file in (self.samples, self.log):
@@ -126,8 +138,10 @@ class MeasurementFiles:
 
     def points(self) -> list[MeasuredPoint]:
         """Return the points that were measured, in the order of the excitation; of a repeated one the last."""
-        found = {}
+        found = dict[int, MeasuredPoint]()
         for line in self._lines():
+            for number in line.get(LOST, ()):
+                found.pop(number, None)
             if "point" in line:
                 fields = {**line["point"]}
                 for name in ("harmonics", "repeats"):
@@ -135,6 +149,14 @@ class MeasurementFiles:
                 point = MeasuredPoint(**fields)
                 found[point.number] = point
         return [found[number] for number in sorted(found)]
+
+    def drop_lost(self, rows: int) -> list[MeasuredPoint]:
+        """Forget the points whose samples are not among so many rows, as after a power failure; return them."""
+        lost = [point for point in self.points() if point.start + point.periods * point.samples > rows]
+        if lost:
+            with self.log.open("a", encoding="utf-8") as stream:
+                stream.write(json.dumps({LOST: [point.number for point in lost]}) + "\n")
+        return lost
 
     def _lines(self) -> Iterator[dict[str, Any]]:
         """Yield the whole lines of the log: the last one may have been cut off."""
@@ -152,4 +174,5 @@ class MeasurementFiles:
 def measurement_identity(task: MeasurementTask) -> str:
     """Return what tells a measurement from others."""
     settings = task.settings.plain() if task.settings else {}
+    settings = {key: value for key, value in settings.items() if key not in SETTINGS_AFTER_FAULTS}
     return f"{task.key} {digest_of(settings).hex()}"

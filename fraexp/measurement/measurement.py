@@ -1,6 +1,8 @@
 """A measurement: all points of a plan on a machine, repeated where that helps, and continued after an interruption."""
 
-from collections.abc import Callable, Generator, Iterator
+import re
+from collections import Counter
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -31,6 +33,12 @@ MAX_RAISED = 2.0
 """Greatest factor on an amplitude at once: friction may give way."""
 MIN_RAISED = 1.1
 """Least factor that is worth another play."""
+REMEDY_AFTER_LIMIT = (
+    ": check the nominal machine, of which less was predicted; with measurement.adapt_amplitude=true the same command "
+    "goes on with a lower amplitude, and with another excitation --fresh begins anew"
+)
+NUMBER = re.compile(r"\d+")
+"""Number in a note."""
 RECORD_RESERVE = 1.1
 """Factor on the record that a band asks for."""
 
@@ -98,9 +106,12 @@ class Measurement:
             self._session.close()
 
     def _all_points(self, plan: MeasurementPlan, writer: SampleWriter, judge: JudgeBand) -> Iterator[MeasurementEvent]:
+        lost = self._files.drop_lost(writer.rows)
         numbers = {point.number for point in plan.points}
         kept = [point for point in self._files.points() if point.number in numbers]
         yield MeasurementBegun(plan, tuple(kept))
+        for each in lost:
+            yield MeasurementNotice(f"{each.frequency}: measured again, because its samples never reached the disk")
         self._guard = MotionGuard(plan.limits, writer.header.sample_time, plan.limit_share)
         self._plays, self._limits = writer.last_play(), plan.limits
         spent, total = sum(point.machine_time for point in kept), len(plan.points)
@@ -140,11 +151,11 @@ class Measurement:
                 continue
             except LimitExceededError as error:
                 if not self._settings.adapt_amplitude:
-                    raise
+                    raise MachineError(f"{error}{REMEDY_AFTER_LIMIT}") from error
                 reason, spent = str(error), spent + play.seconds
                 point = point.with_amplitude(point.amplitude * min(AMPLITUDE_AFTER_LIMIT / error.reached, MAX_LOWERED))
                 continue
-            for note in play.notes:
+            for note in gathered(play.notes):
                 yield MeasurementNotice(f"{point.frequency}: {note}")
             found = play.result(spent, tuple(repeats))
             band = judge(found)
@@ -199,6 +210,13 @@ class Measurement:
 
     def _connect(self) -> MachineSession:
         return connect_in_si(self._settings.machine, self._folder, is_rotary(self._task.experiment))
+
+
+def gathered(notes: Sequence[str]) -> list[str]:
+    """Return the first of the notes that differ in their numbers alone, with the number of such notes."""
+    kinds = Counter(NUMBER.sub("", note) for note in notes)
+    firsts = {NUMBER.sub("", note): note for note in reversed(notes)}
+    return [f"{firsts[kind]}{f' ({count} such cases)' if count > 1 else ''}" for kind, count in kinds.items()]
 
 
 def _seconds(point: PlannedPoint) -> float:

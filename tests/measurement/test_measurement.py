@@ -11,9 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fraexp.cli.exits import ExitCode
+from fraexp.cli.main import main
 from fraexp.data.results import Result
+from fraexp.data.sample_file import read_header
 from fraexp.errors import FraexpError, MachineError, StudyError
-from fraexp.measurement.measurement import MeasurementBegun, MeasurementNotice
+from fraexp.measurement.measurement import MeasurementBegun, MeasurementNotice, gathered
 from fraexp.measurement.measurement_plan import plan_measurement
 from fraexp.simulation.live_loop import LiveLoop
 from fraexp.simulation.motion_limits import Demand
@@ -129,11 +132,23 @@ def stronger_machine(workspace: WorkspaceService) -> str:
     return f'measurement.machine={{name="simulated", plant={{{text}}}}}'
 
 
+def test_after_a_stop_at_a_limit_the_same_command_goes_on(
+    workspace: WorkspaceService, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(workspace.folder)
+    overrides = (stronger_machine(workspace), "limits.velocity=0.06", "excitation.frequencies=[20.0, 200.0]")
+    command = ["measure", "axis", *(word for each in overrides for word in ("--set", each))]
+    assert main(command) == ExitCode.MACHINE
+    assert "at 20 Hz; the machine was stopped: check the nominal machine" in capsys.readouterr().err
+    assert main([*command, "--set", "measurement.adapt_amplitude=true"]) == ExitCode.OK
+    assert "2 points, 1 kept" in capsys.readouterr().err
+
+
 def test_a_machine_that_moves_more_than_predicted_is_stopped(workspace: WorkspaceService) -> None:
     overrides = (stronger_machine(workspace), "limits.velocity=0.06", "excitation.frequencies=[20.0]")
     with pytest.raises(MachineError, match=r"the velocity was 0\.0[67]\d+ m/s; limits\.velocity is 0\.06 m/s at 20 Hz"):
         measure(workspace, *overrides)
-    events = measure(workspace, *overrides, "measurement.adapt_amplitude=true", fresh=True)
+    events = measure(workspace, *overrides, "measurement.adapt_amplitude=true")
     (point,) = (event.measured.point for event in events if isinstance(event, PointEstimated))
     assert point.amplitude < 0.8
     assert any("limits.velocity" in repeat for repeat in point.repeats)
@@ -183,6 +198,33 @@ def test_a_measurement_anew_keeps_the_earlier_one_until_it_begins(workspace: Wor
         with pytest.raises(FraexpError):
             measure(workspace, override, fresh=True)
         assert [file.read_bytes() for file in (files.samples, files.log, study)] == before
+
+
+def test_points_whose_samples_never_reached_the_disk_are_measured_again(workspace: WorkspaceService) -> None:
+    few = ("excitation.frequencies=[50.0, 100.0]",)
+    service = MeasurementService(workspace, "axis", few)
+    list(service.measure_points())
+    files = service.files(service.tasks[0])
+    first, last = sorted(files.points(), key=lambda point: point.rest)
+    header, length = read_header(files.samples)
+    with files.log.open("a", encoding="utf-8") as log:
+        log.write('{"point": {"num')
+    os.truncate(files.samples, length + 8 * len(header.units) * (last.start + 1) + 3)
+    events = list(MeasurementService(workspace, "axis", few).measure_points())
+    (notice,) = (event.what for event in events if isinstance(event, MeasurementNotice))
+    assert notice.startswith(f"{last.frequency}: measured again, because its samples never reached the disk")
+    kept, again = sorted(files.points(), key=lambda point: point.rest)
+    assert (kept, again.number) == (first, last.number)
+    assert again.rest == last.start + 1
+
+
+def test_notes_that_differ_in_numbers_are_one_line() -> None:
+    notes = [
+        "samples from 50 on were asked for again",
+        "the connection was cut at sample 60",
+        "samples from 70 on were asked for again",
+    ]
+    assert gathered(notes) == [f"{notes[0]} (2 such cases)", notes[1]]
 
 
 LOCKING = """
