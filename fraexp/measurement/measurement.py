@@ -188,7 +188,7 @@ class Measurement:
             if not aim.is_patient:
                 return point, aim._replace(is_patient=True), f"{width}, and limits allow no higher amplitude"
         recorded = found.periods * found.samples
-        needed = min(int(RECORD_RESERVE * recorded * (found.band / aim.band) ** 2), aim.longest)
+        needed = int(min(RECORD_RESERVE * recorded * (found.band / aim.band) ** 2, aim.longest))
         if needed < recorded + found.samples:
             return None
         return point, aim._replace(shortest=needed), f"{width} by the study's estimator"

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from fraexp.analysis.confidence import confidence_limits
 from fraexp.analysis.fourier import phasors
 from fraexp.analysis.response import response_result
+from fraexp.analysis.visible_motion import moves_visibly
 from fraexp.components.machine_session import Chunk, MachineSession
 from fraexp.data.results import FrequencyResponse
 from fraexp.data.sample_file import SampleWriter
@@ -27,6 +28,9 @@ BAND_GROWTH = 1.25
 """Factor between two numbers of periods at which the band is looked at: each look is a chance to stop too early."""
 HOPELESS_RATIO = 1.5
 """Band at the end of the longest record, as projected, over the one asked for, from which a record is given up."""
+
+LEAST_MOTION = 1e-12
+"""Motion [m or rad] below which an axis stands: no encoder shows it, and a simulation's rounding does."""
 
 
 class LimitExceededError(MachineError):
@@ -122,8 +126,27 @@ class PointMeasurement:
             raise LimitExceededError(
                 f"{fault} at {self._point.frequency}; the machine was stopped", self._guard.nearest()
             )
-        if self._monitor.record_start is None or not self._periods:
+        is_complete = self._monitor.record_start is not None and self._periods > 0
+        if self._stands(is_complete):
+            raise MachineError(
+                f"at {self._point.frequency} the axis does not move: its position shows nothing but the noise and the "
+                f"steps of its encoder, while the control input reaches {self._guard.of_play.force:.4g} N; release "
+                "the brake, enable the drive, check the encoder, or raise excitation.amplitude"
+            )
+        if not is_complete:
             raise ConnectionLostError(f"the play ended after {self._count} samples, before its record was complete")
+
+    def _stands(self, is_complete: bool) -> bool:
+        """Return whether the position is as good as constant, or all that a play without a record shows is noise."""
+        position = self._samples[self._channels.index("y"), : min(self._count, self._request.full_samples)]
+        size, ramp = self._point.period.waveform.size, self._point.counts.ramp
+        periods = (position.size - ramp) // size
+        if periods > 0 and np.ptp(position) < LEAST_MOTION:
+            return True
+        if is_complete or periods < 2:  # of a record the estimators say what it shows
+            return False
+        block = position[ramp : ramp + periods * size].reshape(periods, size)
+        return not moves_visibly([Segment(self._point.sample_time, {"y": block}, self._point.period.lines)], "y")
 
     def _progress(self) -> PointProgress:
         guard, settled = self._guard, self._monitor.is_settled

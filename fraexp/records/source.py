@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from fraexp.analysis.visible_motion import moves_visibly
 from fraexp.components.kinds import RecordReader
 from fraexp.components.registry import Registry, create
 from fraexp.data.identity import file_hash
@@ -43,6 +44,8 @@ from fraexp.records.timebase import MAX_JITTER
 from fraexp.records.unused_keys import check_response_keys, check_sample_keys
 from fraexp.records.wrong_samples import wrong_sample_questions
 
+POSITION_UNITS = ("m", "rad")
+"""Units of positions, as records have them."""
 MAX_VALUE = 1e100
 """Magnitude of a sample from which a file is damaged: its square could not be computed."""
 
@@ -159,8 +162,20 @@ def load(experiment: Plain, files: Mapping[str, str], registry: Registry) -> Sig
     moving = f"{unsettled} of {len(cuts)} segments were not yet periodic when they were recorded" if unsettled else ""
     outcome = Outcome.INACCURATE if wrong.do_harm or are_doubtful else Outcome.OK
     outcome = Outcome.NOT_SETTLED if unsettled else outcome
-    text = "; ".join(filter(None, (moving, *messages, unit_questions(found, units), wrong.text)))
+    still = _standstill_text(found, units)
+    outcome = Outcome.NO_MOTION if still else outcome
+    text = "; ".join(filter(None, (still, moving, *messages, unit_questions(found, units), wrong.text)))
     return Signals(tuple(found), units, outcome, text)
+
+
+def _standstill_text(segments: Sequence[Segment], units: Mapping[str, str]) -> str:
+    """Return that no position moves at the excited frequencies; empty if one does, or if there is none."""
+    positions = [name for name, unit in units.items() if unit in POSITION_UNITS]
+    if not positions or not all(segment.periodic for segment in segments):
+        return ""
+    if any(moves_visibly(segments, name) for name in positions):
+        return ""
+    return f"the axis does not move: {' and '.join(positions)} shows nothing but noise at the excited frequencies"
 
 
 def _load_segment(

@@ -13,7 +13,7 @@ import pytest
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
-from fraexp.data.results import Result
+from fraexp.data.results import Outcome, Result
 from fraexp.data.sample_file import read_header
 from fraexp.errors import FraexpError, MachineError, StudyError
 from fraexp.measurement.measurement import MeasurementBegun, MeasurementNotice, gathered
@@ -225,6 +225,21 @@ def test_notes_that_differ_in_numbers_are_one_line() -> None:
         "samples from 70 on were asked for again",
     ]
     assert gathered(notes) == [f"{notes[0]} (2 such cases)", notes[1]]
+
+
+STUCK = 'measurement.machine.friction={name="coulomb", coulomb_force=500}'
+NO_ENCODER = ("loop.noise=0", "loop.resolution=0", "measurement.band=0.1")
+
+
+def test_an_axis_that_does_not_move_is_said_not_to(workspace: WorkspaceService) -> None:
+    few = ("excitation.frequencies=[50.0, 100.0]", "measurement.attempts=2")
+    for encoder in (("loop.noise=0",), NO_ENCODER):
+        with pytest.raises(MachineError, match=r"at 100 Hz the axis does not move: .* reaches \d+\.?\d* N; release"):
+            measure(workspace, *few, STUCK, *encoder, fresh=True)
+    measure(workspace, *few, STUCK, fresh=True)  # with noise, of which averaging might make something
+    for name, result in results(workspace, "axis-measured").items():
+        assert (name, result.outcome) == (name, Outcome.NO_MOTION)
+        assert "the axis does not move: y shows nothing but noise at the excited frequencies" in result.message
 
 
 LOCKING = """
