@@ -12,7 +12,7 @@ CHANCE = 0.01
 
 
 def moves_visibly(segments: Sequence[Segment], channel: str) -> bool:
-    """Return whether what repeats in each period is more than its scatter explains; True where no period is repeated.
+    """Return whether what repeats in each period is more than its scatter explains; True if it cannot be seen.
 
     The squared means of the phasors over the periods, against their scatter, have an F distribution if there is only
     noise: all lines together, as noise differs little between them.
@@ -30,5 +30,5 @@ def moves_visibly(segments: Sequence[Segment], channel: str) -> bool:
         scatter += float(np.sum(np.abs(found - average) ** 2))
         lines, freedom = lines + average.size, freedom + average.size * (len(found) - 1)
     if scatter == 0.0:
-        return mean > 0.0
+        return mean > 0.0 or not lines
     return bool(fdtrc(2 * lines, 2 * freedom, (mean / lines) / (scatter / freedom)) < CHANCE)

@@ -133,6 +133,7 @@ class AutonomousService:
             check_description(description, task)
             header = SampleHeader(sample_time, {PLAY_COLUMN: "", **description.channels})
             with closing(self.files.open(task, header, fresh)) as writer:
+                self.files.drop_lost(writer.rows)
                 noted = self.files.noted(NOTE)
                 if noted is not None:
                     return axis, task, FrictionLoop(**noted)
