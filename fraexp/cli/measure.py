@@ -11,6 +11,7 @@ from fraexp.cli.output import print_json, say
 from fraexp.cli.plan_output import plan_document, print_plan
 from fraexp.errors import StudyError
 from fraexp.execution.events import Event
+from fraexp.measurement.measured_points import kept_points
 from fraexp.workspace.autonomous_service import AutonomousService
 from fraexp.workspace.measurement_service import MeasurementService
 from fraexp.workspace.workspace_service import WorkspaceService
@@ -28,7 +29,8 @@ def execute(arguments: Namespace) -> ExitCode:
             print_json({"plans": [plan_document(plan) for plan in plans]})
         else:
             for plan in plans:
-                print_plan(plan)
+                kept = kept_points(service.files(plan.task), plan.task)
+                print_plan(plan, {point.number for point in kept} if not arguments.fresh else ())
         return ExitCode.OK
     return _follow(service.measure(arguments.fresh), arguments, workspace)
 

@@ -9,8 +9,10 @@ from fraexp.cli.output import say
 from fraexp.cli.progress import make_bar
 from fraexp.execution.events import Event
 from fraexp.measurement.measurement import MeasurementBegun, MeasurementNotice
+from fraexp.measurement.measurement_plan import MeasurementPlan
 from fraexp.measurement.point_measurement import PointProgress
 from fraexp.views.measurement_texts import begin_text, point_text
+from fraexp.views.missed_bands import MissedBands
 from fraexp.views.words import duration_text, plural
 from fraexp.workspace.measurement_service import PointEstimated
 
@@ -22,6 +24,8 @@ class MeasurementMeter:
         self._bar = make_bar() if sys.stderr.isatty() else None
         self._task = self._bar.add_task("", total=1.0, count="", visible=False) if self._bar else None
         self._done, self._total, self._left = 0, 0, 0.0
+        self._plan: MeasurementPlan | None = None
+        self._missed = MissedBands()
 
     def follow(self, events: Generator[Any, None, None]) -> Event | None:
         """Show events up to the first one of the run that analyses the record, and return that; Ctrl-C stops all."""
@@ -29,6 +33,8 @@ class MeasurementMeter:
             with self._bar or nullcontext():
                 for event in events:
                     if isinstance(event, Event):
+                        if self._missed.text:
+                            say(self._missed.text)
                         return event
                     self._show(event)
         except BaseException:
@@ -48,7 +54,9 @@ class MeasurementMeter:
                 self._end_point(event)
 
     def _begin(self, event: MeasurementBegun) -> None:
-        self._done, self._total, self._left = len(event.kept), len(event.plan.points), event.plan.seconds
+        self._plan, left = event.plan, event.plan.seconds_without(event.kept_numbers)
+        self._done, self._total, self._left = len(event.kept), len(event.plan.points), left
+        self._missed.begin(event)
         say(begin_text(event))
 
     def _move(self, event: PointProgress) -> None:
@@ -65,4 +73,6 @@ class MeasurementMeter:
     def _end_point(self, event: PointEstimated) -> None:
         measured = event.measured
         self._done, self._total, self._left = measured.done, measured.total, measured.seconds_left
-        say(point_text(event))
+        self._missed.add(measured.point)
+        assert self._plan is not None
+        say(point_text(event, self._plan))

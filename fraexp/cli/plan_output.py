@@ -1,5 +1,7 @@
 """The plan of a measurement, printed: points, durations, and what they ask of the machine."""
 
+from collections.abc import Collection
+
 from fraexp.cli.output import print_table
 from fraexp.data.rotary_axes import is_rotary
 from fraexp.measurement.measurement_plan import MeasurementPlan
@@ -7,8 +9,11 @@ from fraexp.simulation.motion_limits import Demand
 from fraexp.views.measurement_texts import demand_names, demand_units, plan_cells, plan_heads, plan_total
 
 
-def print_plan(plan: MeasurementPlan) -> None:
-    """Print the points in the order in which they are played, and the greatest demand beside each limit."""
+def print_plan(plan: MeasurementPlan, kept: Collection[int] = ()) -> None:
+    """Print the points in the order in which they are played, and the greatest demand beside each limit.
+
+    Points that an earlier measurement has kept are given by number.
+    """
     if plan.task.label:
         print(plan.task.label)
     print_table(plan_heads(plan), [plan_cells(point) for point in plan.points])
@@ -27,7 +32,7 @@ def print_plan(plan: MeasurementPlan) -> None:
             for name, unit, value, limit in rows
         ],
     )
-    print(f"\n{plan_total(plan)}")
+    print(f"\n{plan_total(plan, kept)}")
 
 
 def plan_document(plan: MeasurementPlan) -> dict[str, object]:

@@ -171,6 +171,11 @@ class MeasurementFiles:
                 raise RecordError(f"{self.log}: it is no log of a measurement") from None
 
 
+def kept_points(files: MeasurementFiles, task: MeasurementTask) -> list[MeasuredPoint]:
+    """Return the points with which a measurement goes on; none if those that are stored are of another one."""
+    return files.points() if files.identity() == measurement_identity(task) else []
+
+
 def measurement_identity(task: MeasurementTask) -> str:
     """Return what tells a measurement from others."""
     settings = task.settings.plain() if task.settings else {}

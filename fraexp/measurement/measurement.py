@@ -51,6 +51,11 @@ class MeasurementBegun:
     kept: tuple[MeasuredPoint, ...]
     """Points of an earlier, interrupted measurement, which are not played again."""
 
+    @property
+    def kept_numbers(self) -> frozenset[int]:
+        """The numbers of the points that are kept."""
+        return frozenset(point.number for point in self.kept)
+
 
 @dataclass(frozen=True)
 class MeasurementNotice:

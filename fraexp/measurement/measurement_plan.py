@@ -1,6 +1,6 @@
 """The plan of a measurement: which points are played, in which order, how long, and what that asks of the machine."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -110,7 +110,12 @@ class MeasurementPlan:
     @property
     def seconds(self) -> float:
         """Machine time that the points are expected to take [s]."""
-        return sum((point.settling + point.counts.record + point.ramp_out) * point.sample_time for point in self.points)
+        return self.seconds_without(())
+
+    def seconds_without(self, kept: Collection[int]) -> float:
+        """Return the machine time [s] that the points are expected to take, without those of these numbers."""
+        waiting = [point for point in self.points if point.number not in kept]
+        return sum((point.settling + point.counts.record + point.ramp_out) * point.sample_time for point in waiting)
 
 
 def joint_limits(stated: MotionLimits, machine: Mapping[str, float] | None = None) -> MotionLimits:

@@ -244,6 +244,8 @@ class FraexpApp(App[None]):
             return
         live.is_end_shown = True
         if live.state == "complete":
+            if live.message:
+                self.notify(printable(f"{live.study}: {live.message}"), severity="warning", timeout=20, markup=False)
             await self._analyse(live)
         else:
             self.notify(printable(f"{live.study}: {live.state}; {live.message}"), severity="warning", markup=False)

@@ -1,11 +1,15 @@
 """Texts of a measurement that command line and terminal UI share: its plan, and what was found at its points."""
 
+from collections.abc import Collection
+
 from fraexp.data.results import Result
 from fraexp.data.rotary_axes import is_rotary, rotary_unit
 from fraexp.figures.elements.scales import decibel, degrees, readable_unit
+from fraexp.measurement.measured_points import MeasuredPoint
 from fraexp.measurement.measurement import MeasurementBegun
 from fraexp.measurement.measurement_plan import MeasurementPlan, PlannedPoint
 from fraexp.simulation.motion_limits import DEMAND_UNITS, Demand
+from fraexp.views.missed_bands import misses_band
 from fraexp.views.words import duration_text, fixed_text, number_text, plural
 from fraexp.workspace.measurement_service import PointEstimated
 
@@ -49,35 +53,56 @@ def peak_of(point: PlannedPoint) -> float:
     return point.amplitude * float(abs(point.period.waveform).max())
 
 
-def plan_total(plan: MeasurementPlan) -> str:
-    """Return how many points a plan has, and how long they take."""
-    return f"{plural(len(plan.points), 'point')}, about {duration_text(plan.seconds)} of machine time"
+def plan_total(plan: MeasurementPlan, kept: Collection[int] = ()) -> str:
+    """Return how many points a plan has, and how long those take that are not kept, which are given by number."""
+    total, count = plural(len(plan.points), "point"), sum(point.number in kept for point in plan.points)
+    if count == len(plan.points):
+        return f"{total}, all kept: nothing is left to play"
+    before = f", {count} kept" if count else ""
+    return f"{total}{before}, about {duration_text(plan.seconds_without(kept))} of machine time"
 
 
 def begin_text(event: MeasurementBegun) -> str:
     """Return which study is measured, and how much of it."""
-    plan, kept = event.plan, len(event.kept)
-    name = f"{plan.task.study} ({plan.task.label})" if plan.task.label else plan.task.study
-    before = f", {kept} kept" if kept else ""
-    return f"{name}: {plural(len(plan.points), 'point')}{before}, about {duration_text(plan.seconds)} of machine time"
+    task = event.plan.task
+    name = f"{task.study} ({task.label})" if task.label else task.study
+    return f"{name}: {plan_total(event.plan, event.kept_numbers)}"
 
 
-def point_text(event: PointEstimated) -> str:
+def point_text(event: PointEstimated, plan: MeasurementPlan) -> str:
     """Return how much has been measured, what was found at the last point, and how long it took."""
     measured = event.measured
     left = f", about {duration_text(measured.seconds_left)} left" if measured.seconds_left else ""
     time = duration_text(measured.point.machine_time)
-    return f"{measured.done}/{measured.total}  {found_text(event)}; {time}{left}"
+    return f"{measured.done}/{measured.total}  {found_text(event, plan)}; {time}{left}"
 
 
-def found_text(event: PointEstimated) -> str:
-    """Return what was found at a point, in a line."""
+def found_text(event: PointEstimated, plan: MeasurementPlan) -> str:
+    """Return what was found at a point of a plan, in a line."""
     point = event.measured.point
     settled = "settled" if point.settled else "not settled"
-    band = "" if point.band is None else f", band ±{point.band:.2g} dB"
-    factor = "" if point.amplitude == 1 else f", amplitude × {point.amplitude:.2f}"
+    band, factor = _band_text(point, plan), _amplitude_text(point, plan)
     found = "".join(f", {response_text(result)}" for result in event.results if isinstance(result, Result))
     return f"{point.frequency}: {settled}, {plural(point.periods, 'period')}{band}{factor}{found}"
+
+
+def _band_text(point: MeasuredPoint, plan: MeasurementPlan) -> str:
+    """Return the band of a point, and the one that is asked for if it is missed."""
+    target = plan.task.settings.band if plan.task.settings else None
+    reached = "" if point.band is None else f", band ±{point.band:.2g} dB"
+    missed = f"{'' if reached else ', band unknown'}, missed ±{target:g} dB" if misses_band(point, target) else ""
+    return reached + missed
+
+
+def _amplitude_text(point: MeasuredPoint, plan: MeasurementPlan) -> str:
+    """Return the peak of a point's excitation if it is not that of the study, and its ratio to the plan's."""
+    if point.amplitude == 1:
+        return ""
+    planned = next(one for one in plan.points if one.number == point.number)
+    ratio = point.amplitude / planned.amplitude
+    unit = demand_units(is_rotary(plan.task.experiment))[FORCE_PLACE]
+    peak = peak_of(planned.with_amplitude(point.amplitude))
+    return f", {number_text(peak, 3)} {unit} peak{'' if ratio == 1 else f' (planned × {ratio:.2f})'}"
 
 
 def response_text(result: Result) -> str:

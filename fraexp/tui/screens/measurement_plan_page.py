@@ -144,7 +144,9 @@ def question_text(live: LiveMeasurement, fresh: bool) -> str:
     lost = "What was recorded before is discarded. " if fresh else ""
     if live.is_autonomous:
         return f"{lost}The machine '{live.plans[0].machine}' will move, as far as its limits allow. Is it clear?"
+    if not fresh and all(plan.kept == len(plan.rows) for plan in live.plans):
+        return "All points are kept: nothing is played, and what was recorded is analysed. Go on?"
     nearest = max(motions, key=lambda motion: motion.predicted / motion.limit)
     share = f"{100 * nearest.predicted / nearest.limit:.0f} % of the limit of {nearest.name}"
-    seconds = "; ".join(plan.total for plan in live.plans)
-    return f"{lost}The machine '{live.plans[0].machine}' will move: {seconds}, up to {share}. Is it clear?"
+    total = "; ".join(plan.total_afresh if fresh else plan.total for plan in live.plans)
+    return f"{lost}The machine '{live.plans[0].machine}' will move: {total}, up to {share}. Is it clear?"

@@ -37,9 +37,9 @@ class PlanReport:
     rows: tuple[tuple[str, ...], ...]
     """Texts of each point, in the order in which they are played."""
     seconds: float
-    """Machine time that it is expected to take [s]."""
+    """Machine time that the points are expected to take that are not kept [s]."""
     total: str
-    """Number of points and machine time, in words."""
+    """Number of points, how many of them are kept, and the machine time of the others, in words."""
     frequency_range: tuple[float, float]
     """Lowest and highest frequency [Hz]."""
     band: float | None
@@ -48,6 +48,8 @@ class PlanReport:
     """Points that an earlier, interrupted measurement has stored."""
     is_other_stored: bool
     """Whether a measurement of another machine, excitation or setting is stored, which must be discarded."""
+    total_afresh: str = ""
+    """The same as `total` if nothing is kept."""
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 from fraexp.data.results import Result
 from fraexp.data.rotary_axes import is_rotary
-from fraexp.measurement.measured_points import MeasuredPoint, MeasurementFiles, measurement_identity
+from fraexp.measurement.measured_points import MeasuredPoint, MeasurementFiles, kept_points, measurement_identity
 from fraexp.measurement.measurement import MeasurementBegun, MeasurementNotice
 from fraexp.measurement.measurement_plan import MeasurementPlan
 from fraexp.measurement.point_measurement import PointProgress
@@ -31,6 +31,7 @@ from fraexp.views.measurement_texts import (
     plan_heads,
     plan_total,
 )
+from fraexp.views.missed_bands import MissedBands
 from fraexp.workspace.measurement_service import PointEstimated
 
 REPORT_INTERVAL_S = 0.1
@@ -60,7 +61,7 @@ def plan_report(plan: MeasurementPlan, files: MeasurementFiles) -> PlanReport:
         for point in plan.points
         for line in (point.period.lines[0], point.period.lines[-1])
     ]
-    is_other = bool(files.identity()) and files.identity() != measurement_identity(plan.task)
+    kept = {point.number for point in kept_points(files, plan.task)}
     return PlanReport(
         label=plan.task.label,
         machine=settings.machine.name,
@@ -68,12 +69,13 @@ def plan_report(plan: MeasurementPlan, files: MeasurementFiles) -> PlanReport:
         margin=settings.margin,
         heads=tuple(plan_heads(plan)),
         rows=tuple(tuple(plan_cells(point)) for point in plan.points),
-        seconds=plan.seconds,
-        total=plan_total(plan),
+        seconds=plan.seconds_without(kept),
+        total=plan_total(plan, kept),
         frequency_range=(float(min(frequencies)), float(max(frequencies))),
         band=settings.band,
-        kept=0 if is_other else len(files.points()),
-        is_other_stored=is_other,
+        kept=len(kept),
+        is_other_stored=files.identity() not in ("", measurement_identity(plan.task)),
+        total_afresh=plan_total(plan),
     )
 
 
@@ -83,6 +85,8 @@ class FeedReporter:
     def __init__(self, files: FilesOf, estimate: EstimatePoint) -> None:
         self._files, self._estimate = files, estimate
         self._task: MeasurementTask | None = None
+        self._plan: MeasurementPlan | None = None
+        self._missed = MissedBands()
         self._unit = ""
         self._reported: tuple[object, ...] = ()
         self._reported_at = 0.0
@@ -91,17 +95,29 @@ class FeedReporter:
         """Yield the reports of an event of a measurement."""
         match event:
             case MeasurementBegun(plan, kept):
+                self._plan = plan
+                self._missed.begin(event)
                 self._task, self._unit = plan.task, demand_units(is_rotary(plan.task.experiment))[FORCE_PLACE]
-                yield BeginReport(plan_report(plan, self._files(plan.task)), len(plan.points))
+                begun = plan_report(plan, self._files(plan.task))
+                yield BeginReport(begun, len(plan.points))
                 for place, point in enumerate(kept, start=1):
                     found = self._estimate(plan.task, point)
-                    yield PointReport(f"{point.frequency}: kept", place, plan.seconds, self._responses(found))
+                    yield PointReport(f"{point.frequency}: kept", place, begun.seconds, self._responses(found))
             case MeasurementNotice(what):
                 yield NoticeReport(what)
             case PointProgress():
                 yield from self._progress(event)
             case PointEstimated(measured, results):
-                yield PointReport(found_text(event), measured.done, measured.seconds_left, self._responses(results))
+                assert self._plan is not None
+                self._missed.add(measured.point)
+                yield PointReport(
+                    found_text(event, self._plan), measured.done, measured.seconds_left, self._responses(results)
+                )
+
+    @property
+    def remark(self) -> str:
+        """What is to be said at the end of all points; may be empty."""
+        return self._missed.text
 
     def _progress(self, event: PointProgress) -> Iterator[ProgressReport]:
         """Yield the report of a progress, unless one like it was sent just now."""

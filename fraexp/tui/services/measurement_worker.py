@@ -55,8 +55,8 @@ def open_service(workspace: WorkspaceService, study: str, overrides: list[str]) 
     return MeasurementService(workspace, study, overrides)
 
 
-def measure(service: Service, fresh: bool, writer: ReportWriter) -> None:
-    """Measure all points, and report them."""
+def measure(service: Service, fresh: bool, writer: ReportWriter) -> str:
+    """Measure all points and report them; return what is to be said at the end."""
     reporter: FeedReporter
     events: Generator[object, None, None]
     if isinstance(service, AutonomousService):
@@ -67,6 +67,7 @@ def measure(service: Service, fresh: bool, writer: ReportWriter) -> None:
         for event in events:
             for report in reporter.reports(event):
                 writer.send(report)
+    return reporter.remark
 
 
 def stop_once(number: int, frame: FrameType | None) -> NoReturn:
@@ -97,8 +98,8 @@ def main() -> None:
             order = sys.stdin.readline().strip()
             if order in (BEGIN_ORDER, FRESH_ORDER):
                 threading.Thread(target=await_end_of_orders, name="orders", daemon=True).start()
-                measure(service, order == FRESH_ORDER, writer)
-                writer.send(EndReport("complete", study=service.path.stem))
+                remark = measure(service, order == FRESH_ORDER, writer)
+                writer.send(EndReport("complete", remark, study=service.path.stem))
         except KeyboardInterrupt:
             writer.send(EndReport("stopped", "measured points are kept"))
         except FraexpError as error:
