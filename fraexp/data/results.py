@@ -17,6 +17,8 @@ EFFORT = ("stroke", "peak force", "measuring time")
 
 NAMED_FREQUENCY = re.compile(r"\d Hz\b")
 """A frequency in a message."""
+COUNTED_FREQUENCIES = re.compile(r"\b(\d+) of (\d+) frequencies\b")
+"""How many of the frequencies a message is about."""
 
 
 class Outcome(Enum):
@@ -41,8 +43,13 @@ class Outcome(Enum):
     FAILED = ERROR
 
     def remedy(self, message: str) -> str:
-        """Return what to do about a result with this message: one without a frequency is about all numbers."""
-        if self is Outcome.INACCURATE and message and not NAMED_FREQUENCY.search(message):
+        """Return what to do about a result with this message.
+
+        A message without a frequency is about all numbers, as is one that counts all of them.
+        """
+        counts = COUNTED_FREQUENCIES.findall(message)
+        is_whole = any(count == total for count, total in counts) or not NAMED_FREQUENCY.search(message)
+        if self is Outcome.INACCURATE and message and is_whole:
             return "the message is about the whole result: do what it advises, or use no number that must be accurate"
         return self.value
 

@@ -11,6 +11,11 @@ from fraexp.data.results import Outcome
         ("friction takes nearly all of the input below 3.4 Hz", "at the frequencies that the message does not name"),
         ("the response may be off at 2 to 80 Hz", "at the frequencies that the message does not name"),
         ("the law leaves 4.1 % of the input unexplained: raise the amplitude", "about the whole result: do what"),
+        (
+            "it stands at 3 of 10 frequencies (2 to 80 Hz): at 80 Hz it may be off",
+            "at the frequencies that the message",
+        ),
+        ("it stands at 10 of 10 frequencies (2 to 80 Hz): at 80 Hz it may be off", "about the whole result: do what"),
         ("", "at the frequencies that the message does not name"),
     ],
 )
