@@ -236,6 +236,12 @@ class DictionaryIdentification(DelayedEstimator, name="dictionary_identification
     def _plant(self, signals: Signals, found: DictionaryFit) -> tuple[IdentifiedPlant | Result, str]:
         """Return the plant in P̂, or P̂ alone with the reason."""
         inverse, usable = self._inverse(signals, found)
+        if (found.elements.scatter > MAX_LINE_SCATTER).all():
+            remark = (
+                f"no plant identified: the records at several amplitudes differ by more than {MAX_LINE_SCATTER:.0%} in "
+                f"their plant at all {usable.frequency.size} frequencies"
+            )
+            return self._response(signals, found), remark
         try:
             with np.errstate(all="ignore"):  # where nothing is identifiable
                 return identify_plant(inverse, usable, self._modal()), ""
