@@ -5,6 +5,8 @@ from fraexp.views.pace import rate_text
 from fraexp.views.words import duration_text, plural
 
 FULL, EMPTY = "█", "░"
+MIN_BAR = 10
+"""Fewest cells of a bar that is made to fit."""
 
 
 def finished_count(run: RunSummary) -> int:
@@ -30,22 +32,31 @@ def bar_text(part: float, width: int) -> str:
     return FULL * full + EMPTY * (width - full)
 
 
-def progress_text(run: RunSummary, rate: float | None, width: int = 20) -> str:
-    """Return a bar with percentage and counts; while the run lasts, with rate and time left."""
+def progress_text(run: RunSummary, rate: float | None, width: int = 20, room: int | None = None) -> str:
+    """Return a bar with percentage and counts; while the run lasts, with time left and rate.
+
+    The bar has `width` cells, but fewer, and MIN_BAR at least, if `room` cells do not suffice for all; what then still
+    does not fit is cut off.
+    """
     part, count = done_fraction(run), finished_count(run)
     parts = [f"{count} of {plural(run.total, 'sweep')}"]
     if run.state == "running":
+        if rate:
+            parts.append(f"about {duration_text((run.total - done_count(run)) / rate)} left")
         if run.progress and run.progress.doing:
             parts.append(run.progress.doing)
         if run.progress and run.progress.running:
             running = len(run.progress.running)
             parts.append(f"{running} or more in progress" if running >= MAX_RUNNING_SHOWN else f"{running} in progress")
         if rate:
-            parts += [rate_text(rate), f"about {duration_text((run.total - done_count(run)) / rate)} left"]
+            parts.append(rate_text(rate))
         if run.progress and run.progress.workers:
             parts.append(plural(run.progress.workers, "worker"))
     percent = 100 if count >= run.total else min(int(100 * part), 99)
-    return f"{bar_text(part if count < run.total else 1.0, width)} {percent:3d} %  {', '.join(parts)}"
+    text = f" {percent:3d} %  {', '.join(parts)}"
+    bar = width if room is None else max(MIN_BAR, min(width, room - len(text)))
+    line = f"{bar_text(part if count < run.total else 1.0, bar)}{text}"
+    return line if room is None or len(line) <= room else f"{line[: room - 1]}…"
 
 
 def counts_text(run: RunSummary) -> str:

@@ -152,3 +152,14 @@ def test_a_run_without_workers_tells_what_it_waits_for() -> None:
     process = Process("here", 1, "", "")
     run = RunSummary(1, "s", "s.toml", "run s", now, None, "running", {}, 4, 2, 0, 0, process, now, told)
     assert progress_text(run, None, 4) == "██░░  50 %  2 of 4 sweeps, no workers for 20 s"
+
+
+@pytest.mark.parametrize("room", [80, 118, 158])
+def test_the_bar_leaves_room_for_the_time_left(room: int) -> None:
+    now = datetime(2026, 1, 1, tzinfo=UTC)
+    told = RunProgress(12.0, 96, 2, dict.fromkeys("ab", 0.0), "compiling friction law 'rolling'")
+    process = Process("here", 1, "", "")
+    run = RunSummary(1, "s", "s.toml", "run s", now, None, "running", {}, 96, 12, 0, 0, process, now, told)
+    line = progress_text(run, 0.2, 40, room)
+    assert "12 of 96 sweeps, about 7 min 00 s left" in line and len(line) <= room
+    assert line.endswith("2 workers") == (room > 118)

@@ -25,7 +25,10 @@ MAX_SHOWN_REASONS = 2
 FAILURE_SIGN = "✗"
 MAX_READ_FAILURES = 40
 """Maximum number of the latest failures whose reasons are read."""
-COMPILING_HINT = "No sweep has finished yet. A friction law is compiled at its first use, which takes some seconds."
+MAX_BAR = 40
+"""Most cells of the bar of progress."""
+PADDING = 2
+"""Cells beside its texts."""
 
 
 class RunState(Static):
@@ -73,9 +76,7 @@ class RunState(Static):
         since = f"since {time_text(run.started)}, {elapsed_text(run)}"
         text.append(f"  {time_text(run.started)}{took}" if run.ended else f"  {since}")
         text.append(f"  {counts_text(run)}\n")
-        text.append(progress_text(run, self._rate(run), max(10, min(40, self.screen.size.width - 66))))
-        if _is_preparing(run):
-            text.append(f"\n{COMPILING_HINT}")
+        text.append(progress_text(run, self._rate(run), MAX_BAR, self.screen.size.width - PADDING))
         for line in self._failures:
             text.append(f"\n{printable(line)}", colours["error"] if line.startswith(FAILURE_SIGN) else "")
         if run.ended and run.computed + run.reused:
@@ -117,6 +118,6 @@ def _failure_lines(rows: Sequence[ListedSweep], total: int) -> list[str]:
 
 
 def _is_preparing(run: RunSummary) -> bool:
-    """Return whether the run may be compiling: no sweep has finished, and none shows progress."""
+    """Return whether nothing is known of its pace: no sweep has finished, and none shows progress."""
     moving = run.progress and any(0 < part < 1 for part in run.progress.running.values())
     return run.state == "running" and not (run.computed or run.failed or moving)
