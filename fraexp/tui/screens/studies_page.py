@@ -29,6 +29,8 @@ from fraexp.views.study import StudySurvey, newest_runs, study_fields, study_row
 
 PENDING_STATE = "..."
 """State of a study that is not known yet."""
+STATE_CELL = 2
+"""Place of the state in the row of a study."""
 SURVEY_DELAY_S = 0.5
 """Seconds until the studies are surveyed, which keeps a processor busy."""
 WELCOME = """\
@@ -85,6 +87,7 @@ Studies: those of this workspace, then the examples of fraexp.
   stale     sweeps are stored, but a plugin has changed since
   running   its newest run has not finished
   broken    it cannot be run, for the reason shown
+  measuring its machine is being measured; m shows it
   measure   a study for an autonomous measurement alone, which m begins
   ...       the state is being determined
 Enter opens a study, to change its values and to launch it. m measures it on its machine: first the plan, then a
@@ -130,8 +133,9 @@ question; while a machine is measured, m shows it."""
                 yield PreviewPlot("Last run")
 
     def on_mount(self) -> None:
-        """Show the command."""
+        """Show the command, and that the studies are looked for, which imports all that computes."""
         self.command = "fraexp list --studies"
+        self.show_notice("Looking for the studies ...")
 
     async def load(self) -> None:
         """Read the study files and the runs; the surveys follow one by one."""
@@ -204,6 +208,10 @@ question; while a machine is measured, m shows it."""
         entries = [entry for entry in self.entries if line.matches(entry.name, entry.title)]
         table.entries, table.last, table.is_known = entries, self.last, True
         table.rows_of = [study_row(of, self.found.get(of.name), self.last.get(of.name)) for of in entries]
+        live = self.app.measurement
+        for row in table.rows_of:
+            if live is not None and live.is_moving and row[0] == live.study:
+                row[STATE_CELL] = live.state
         table.reload()
         if self.entries and not entries:
             self.query_one("#preview", Static).update(Text(f"No study matches '{line.value}'. Esc clears the filter."))

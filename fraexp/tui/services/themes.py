@@ -39,6 +39,7 @@ STATE_SIGNS = {
     "complete": ("●", "success"),
     "ok": ("●", "success"),
     "running": ("▶", "primary"),
+    "measuring": ("▶", "primary"),
     "pending": ("·", "text-muted"),
     "...": ("·", "text-muted"),
     "new": ("○", "text-muted"),
