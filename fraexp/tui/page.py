@@ -223,9 +223,9 @@ class Page(Screen[None]):
 
     def show_header(self) -> None:
         """Show place, title, marks and command."""
-        if self.is_mounted:
+        for header in self.query(PageHeader):  # none before it is mounted, and while the screen is removed
             measuring = self.app.measuring_text
-            self.query_one(PageHeader).show(self.PLACE, self.heading, len(self.app.marks), self.command, measuring)
+            header.show(self.PLACE, self.heading, len(self.app.marks), self.command, measuring)
 
     def watch_command(self) -> None:
         """Show the new command."""
