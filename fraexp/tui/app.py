@@ -218,7 +218,7 @@ class FraexpApp(App[None]):
     def measuring_text(self) -> str:
         """What every screen says of a measurement that is running."""
         live = self.measurement
-        return f"▶ {live.state} {live.done}/{live.total}" if live and live.is_moving else ""
+        return f"▶ {live.state} {live.count_text}".rstrip() if live and live.is_moving else ""
 
     def open_measurement(self, study: str, overrides: Sequence[str]) -> None:
         """Show the measurement that is running, or plan that of a study."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Generator, Sequence
 from contextlib import closing
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from fraexp.components.measurement_settings import MeasurementSettings
@@ -37,6 +37,30 @@ LAW_METRIC = "friction law"
 """Metric that is 1 if a friction law explains the records."""
 NOTE = "friction loop"
 """Name under which the log has what the friction loop shows."""
+
+STAGES = ("friction loop", "coarse frequencies", "fine frequencies", "validation")
+"""Stages of an autonomous measurement."""
+
+
+@dataclass(frozen=True)
+class StageBegun(MeasurementNotice):
+    """A stage begins, or one of its levels."""
+
+    stage: int
+    """Its place in STAGES."""
+    label: str
+    """What its points have in common."""
+    level: int = 0
+    """Place of the level in it."""
+    levels: int = 1
+
+
+@dataclass(frozen=True)
+class EvaluationBegun(MeasurementNotice):
+    """All that was recorded so far is evaluated, after a stage; the axis rests, and nobody knows how long it takes."""
+
+    stage: int
+
 
 AutonomousEvent = MeasurementEvent | Event
 
@@ -87,7 +111,7 @@ class AutonomousService:
             yield from self._measure(fresh)
 
     def _measure(self, fresh: bool) -> Generator[AutonomousEvent, None, None]:
-        yield MeasurementNotice(f"friction loop: a sine of {LOOP_HZ:g} Hz that rises until friction is overcome")
+        yield _stage_begun(0, f"a sine of {LOOP_HZ:g} Hz that rises until friction is overcome")
         axis, task, loop = self._begin(fresh)
         axis = replace(axis, noise=loop.position_noise)
         closes = f"closes at {loop.force:.4g} N" if loop.has_closed else f"does not close up to {loop.amplitude:.4g} N"
@@ -95,16 +119,16 @@ class AutonomousService:
         yield MeasurementNotice(rotary_text(text) if axis.is_rotary else text)
         design = PointDesign(axis, loop, self._service.registry)
         coarse = design.coarse()
-        yield from self._levels(axis, task, design, coarse, 0)
-        rough = yield from self._analysed(task, loop, "coarse frequencies")
+        yield from self._levels(axis, task, design, coarse, 0, 1)
+        rough = yield from self._analysed(task, loop, 1)
         near = design.fine(*_modes(rough))
         if not (_is_good(rough) or (near and _knows_law(rough))):
             near = sorted([*near, *design.between(coarse)])
         first = len(LEVEL_RATIOS) * len(coarse)
-        yield from self._levels(axis, task, design, near, first)
+        yield from self._levels(axis, task, design, near, first, 2)
         number = first + len(LEVEL_RATIOS) * len(near)
-        what = "validation: a multisine with random phases"
-        yield from self._play(axis, task, [design.validation(number)], what)
+        begun = _stage_begun(3, "a multisine with random phases")
+        yield from self._play(axis, task, [design.validation(number)], begun)
         yield from self._final(task, loop)
 
     def estimate_point(self, task: MeasurementTask, point: MeasuredPoint) -> list[Result | str]:
@@ -143,42 +167,52 @@ class AutonomousService:
         return axis, task, found
 
     def _levels(
-        self, axis: UnknownAxis, task: MeasurementTask, design: PointDesign, frequencies: Sequence[float], first: int
+        self,
+        axis: UnknownAxis,
+        task: MeasurementTask,
+        design: PointDesign,
+        frequencies: Sequence[float],
+        first: int,
+        stage: int,
     ) -> Generator[MeasurementEvent, None, None]:
-        """Measure frequencies at all levels, each by what the one below has shown."""
+        """Measure the frequencies of a stage at all levels, each by what the one below has shown."""
         below: dict[int, MeasuredPoint] = {}
         for level in range(len(LEVEL_RATIOS) if frequencies else 0):
             begin = first + level * len(frequencies)
-            what = f"{len(frequencies)} frequencies at up to {LEVEL_RATIOS[level]:g} times friction"
-            yield from self._play(axis, task, design.level(frequencies, level, begin, below), what)
+            begun = _level_begun(stage, level, len(frequencies))
+            yield from self._play(axis, task, design.level(frequencies, level, begin, below), begun)
             below = {point.number - begin: point for point in self.files.points() if point.number >= begin}
 
     def _play(
-        self, axis: UnknownAxis, task: MeasurementTask, points: Sequence[PlannedPoint], what: str
+        self, axis: UnknownAxis, task: MeasurementTask, points: Sequence[PlannedPoint], begun: StageBegun
     ) -> Generator[MeasurementEvent, None, None]:
         kept = {point.number for point in self.files.points()}
         if all(point.number in kept for point in points):
             return
-        yield MeasurementNotice(what)
+        yield begun
         measurement = Measurement(task, axis.settings, self.files, self._service.folder)
         plan = axis.plan(task, points)
         with closing(measurement.events(self._service.registry, lambda _: None, plan)) as events:
             yield from events
 
     def _analysed(
-        self, task: MeasurementTask, loop: FrictionLoop, stage: str
+        self, task: MeasurementTask, loop: FrictionLoop, stage: int
     ) -> Generator[MeasurementEvent, None, Result | None]:
         """Run the study of what was recorded so far, and return its result; None if it has failed."""
+        yield _evaluation_begun(stage)
         self._write_study(task, loop, 0)
         result = None
         for event in self._service.run([str(self.path.resolve())]):
             if isinstance(event, Finished):
                 result = self._result_of(event)
-                yield MeasurementNotice(f"{stage}, which the next ones correct: {_summary(result, event.error)}")
+                yield MeasurementNotice(
+                    f"{STAGES[stage]}, which the next ones correct: {_summary(result, event.error)}"
+                )
         return result
 
     def _final(self, task: MeasurementTask, loop: FrictionLoop) -> Generator[AutonomousEvent, None, None]:
         """Run the study of all that was recorded, and say what was found."""
+        yield _evaluation_begun(3)
         self._write_study(task, loop, 1)
         for event in self._service.run([str(self.path.resolve())]):
             yield event
@@ -202,6 +236,24 @@ class AutonomousService:
         data = record_study([replace(task, estimators=(spec,))], [section], f"{task.title}, measured autonomously")
         self.path.parent.mkdir(parents=True, exist_ok=True)
         write_study(self.path, data)
+
+
+def _stage_begun(stage: int, what: str) -> StageBegun:
+    return StageBegun(f"stage {stage + 1} of {len(STAGES)}, {STAGES[stage]}: {what}", stage, STAGES[stage])
+
+
+def _level_begun(stage: int, level: int, count: int) -> StageBegun:
+    """Return the begin of a level of a stage with so many frequencies."""
+    label, levels = f"up to {LEVEL_RATIOS[level]:g} times friction", len(LEVEL_RATIOS)
+    place = f"stage {stage + 1} of {len(STAGES)}, {STAGES[stage]}, level {level + 1} of {levels}"
+    return StageBegun(f"{place}: {count} frequencies at {label}", stage, label, level, levels)
+
+
+def _evaluation_begun(stage: int) -> EvaluationBegun:
+    what = (
+        f"stage {stage + 1} of {len(STAGES)}, {STAGES[stage]}: evaluated while the axis rests, which may take minutes"
+    )
+    return EvaluationBegun(what, stage)
 
 
 def _modes(result: Result | None) -> tuple[list[float], list[float]]:

@@ -25,6 +25,8 @@ MAX_PANELS = 4
 """Maximum number of panels at once."""
 MIN_PANEL_ROWS = 5
 """Minimum height of a panel, with its frame."""
+LEGEND_GAP = "   "
+"""What separates two names of curves."""
 AXIS_MARGIN = 0.02
 """Fraction of its span by which an axis extends beyond the curves."""
 BAND_MARGIN = 0.25
@@ -90,12 +92,20 @@ class PlotStack(Vertical):
         theme = self.app.current_theme
         return CurveStyles.of_theme(theme.dark, self.app.no_color or plain, self.app.theme_variables)
 
-    def legend(self, labels: Sequence[str]) -> Text:
-        """Return the names of curves by their places, each after a sample of its line, in one line."""
-        styles, text = self.curve_styles, Text(no_wrap=True, overflow="ellipsis")
+    def legend(self, labels: Sequence[str], width: int | None = None) -> Text:
+        """Return the names of curves by their places, each after a sample of its line, in one line.
+
+        With a width [cells], in as many lines as that takes.
+        """
+        styles, text, used = self.curve_styles, Text(no_wrap=True, overflow="ellipsis"), 0
         for place, label in enumerate(labels):
             digit = f"{curve_digit(place)} " if styles.digits else ""
-            text.append("   " if place else "").append(f"━━ {digit}", styles.style(place)).append(printable(label))
+            cells = len(LEGEND_GAP) + 3 + len(digit) + len(label)
+            breaks = width is not None and place > 0 and used + cells > width
+            used = cells if breaks else used + cells
+            text.append("\n" if breaks else LEGEND_GAP if place else "").append(
+                f"━━ {digit}", styles.style(place)
+            ).append(printable(label))
         return text
 
     def panels(self) -> list[tuple[int, PlotPanel]]:

@@ -19,6 +19,8 @@ from fraexp.tui.widgets.measurement_state import MeasurementState
 
 REFRESH_INTERVAL_S = 0.1
 """Time between two looks at what was reported."""
+MAX_NOTICE_LENGTH = 240
+"""Most characters of a notice, of which others shall remain in sight; the run of the record has all of its message."""
 POINT_TITLE = "Motion of this point, of its limits"
 MAX_NOTICES = 500
 """Most lines of what was repeated or lost."""
@@ -58,6 +60,7 @@ At the end the record is analysed by an ordinary run, which is shown."""
         super().__init__()
         self.measurement = live
         self._shown = self._drawn = -1
+        self._state = ""
         self._notices = 0
 
     def body(self) -> ComposeResult:
@@ -87,9 +90,16 @@ At the end the record is analysed by an ordinary run, which is shown."""
     def show_measurement(self) -> None:
         """Show what has changed since the last look."""
         live = self.measurement
-        if not self.is_current or live.version == self._shown:
+        if not self.is_current:
+            return
+        if live.version == self._shown:
+            if live.stage and live.stage.rest and live.is_moving:
+                self.query_one(MeasurementState).show(live)  # how long it has rested
             return
         self._shown = live.version
+        if live.state != self._state:
+            self._state = live.state
+            self.refresh_bindings()
         self.query_one(MeasurementState).show(live)
         self._show_notices()
         plan, progress, bode = live.plan, live.progress, self.query_one(MeasuredBode)
@@ -114,12 +124,18 @@ At the end the record is analysed by an ordinary run, which is shown."""
     def _show_notices(self) -> None:
         log, notices = self.query_one(RichLog), self.measurement.notices
         for text in notices[self._notices :]:
-            log.write(Text(f"{'·' if self.measurement.is_autonomous else '↻'} {printable(text)}"))
+            log.write(Text(f"{'·' if self.measurement.is_autonomous else '↻'} {printable(_cut(text))}"))
         self._notices = len(notices)
         if self.measurement.is_autonomous:
             log.border_title = "Stages, and what they found"
         else:
             log.border_title = f"Repeated or lost: {self._notices or 'nothing'}"
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Offer to stop while the machine may move, and to continue when nothing is reported any more."""
+        if action == "again":
+            return self.measurement.has_ended
+        return self.measurement.is_moving if action == "stop" else super().check_action(action, parameters)
 
     def action_stop(self) -> None:
         """Stop the machine softly; the second time, kill the process after confirmation."""
@@ -130,16 +146,11 @@ At the end the record is analysed by an ordinary run, which is shown."""
         elif live.state == "stopping":
             question = "Kill the measuring process? The machine then stops by its watchdog; measured points are kept."
             self.app.push_screen(ConfirmDialog(question), lambda yes: live.kill() if yes else None)
-        else:
-            self.app.notify(f"the measurement is {live.state}; nothing moves", markup=False)
         self.show_measurement()
 
     def action_again(self) -> None:
         """Plan the study again, to continue with the point that was lost."""
         live = self.measurement
-        if not live.has_ended:
-            self.app.notify("it is still measuring; x stops it", markup=False)
-            return
         self.app.pop_screen()
         self.app.open_measurement(live.study, live.overrides)
 
@@ -148,3 +159,7 @@ At the end the record is analysed by an ordinary run, which is shown."""
         if self.measurement.is_moving:
             self.app.notify("the measurement goes on; m in Studies shows it", markup=False)
         super().action_back()
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= MAX_NOTICE_LENGTH else f"{text[: MAX_NOTICE_LENGTH - 4]} ..."

@@ -40,6 +40,7 @@ class LiveMeasurement(ReportedMeasurement):
     def begin(self, fresh: bool = False) -> None:
         """Let it measure; `fresh`, without what an earlier measurement has stored."""
         if self.change_state("planned", "measuring"):
+            self.is_fresh = fresh
             self._order("fresh\n" if fresh else "begin\n")
 
     def stop(self) -> None:

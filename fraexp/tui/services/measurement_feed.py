@@ -102,6 +102,20 @@ class PointReport:
 
 
 @dataclass(frozen=True)
+class StageReport:
+    """A stage of an autonomous measurement begins, or a level of it, or the evaluation after it."""
+
+    name: str
+    """Which of how many, in words."""
+    begin: float
+    """Part of all stages that is done."""
+    share: float
+    """Part of all stages that its points are."""
+    rest: str = ""
+    """Why the axis rests; empty while it moves."""
+
+
+@dataclass(frozen=True)
 class NoticeReport:
     """What was repeated or lost."""
 
@@ -118,7 +132,7 @@ class EndReport:
     """The study that analyses the record, if there is one."""
 
 
-Report = PlansReport | BeginReport | ProgressReport | PointReport | NoticeReport | EndReport
+Report = PlansReport | BeginReport | ProgressReport | PointReport | StageReport | NoticeReport | EndReport
 
 
 class ReportWriter:

@@ -2,6 +2,7 @@
 
 import shlex
 import threading
+import time
 from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any
@@ -19,6 +20,7 @@ from fraexp.tui.services.measurement_feed import (
     PointReport,
     ProgressReport,
     Report,
+    StageReport,
 )
 
 MOVING_STATES = ("measuring", "stopping")
@@ -44,6 +46,12 @@ class ReportedMeasurement:
         """The study that analyses the record; empty as long as the measurement is not complete."""
         self.is_autonomous = False
         """Whether each of its stages is planned by what the one before shows."""
+        self.is_fresh = False
+        """Whether it discards what an earlier measurement has stored."""
+        self.stage: StageReport | None = None
+        """The stage of an autonomous measurement; None of any other one."""
+        self.rest_since = 0.0
+        """When the axis began to rest for an evaluation, on the clock of time.monotonic [s]."""
         self.plans: tuple[PlanReport, ...] = ()
         self.plan: PlanReport | None = None
         """The plan of the experiment that is being measured."""
@@ -63,8 +71,21 @@ class ReportedMeasurement:
     @property
     def command(self) -> str:
         """The command line that measures the same."""
-        option = ["--autonomous"] if self.is_autonomous else []
-        return shlex.join(["fraexp", "measure", *option, self.study, *(f"--set={text}" for text in self.overrides)])
+        options = ["--autonomous"] * self.is_autonomous + ["--fresh"] * self.is_fresh
+        return shlex.join(["fraexp", "measure", *options, self.study, *(f"--set={text}" for text in self.overrides)])
+
+    @property
+    def done_fraction(self) -> float:
+        """How much of it is done, of all stages if there are some."""
+        if self.state == "complete":
+            return 1.0
+        part = self.done / self.total if self.total else 0.0
+        return self.stage.begin + self.stage.share * part if self.stage else part
+
+    @property
+    def count_text(self) -> str:
+        """How far it is in two or three words; empty while nothing is planned."""
+        return self.stage.name if self.stage else f"{self.done}/{self.total}" if self.total else ""
 
     @property
     def is_moving(self) -> bool:
@@ -111,6 +132,9 @@ class ReportedMeasurement:
                 for label, response in responses:
                     self._responses.setdefault(label, []).append(response)
                 self.response_version += bool(responses)
+            case StageReport():
+                self.stage, self.rest_since = report, time.monotonic()
+                self.progress, self.done, self.total, self.seconds_left = None, 0, 0, 0.0
             case NoticeReport(text):
                 self.notices.append(text)
             case EndReport(state, text, study) if not self.has_ended:

@@ -18,6 +18,8 @@ from fraexp.tui.services.measurement_feed import LabelledResponse
 
 MIN_PANEL_ROWS = 9
 """Least height of a panel: with less the phase is left out, and the magnitude gets its room."""
+LEGEND_PADDING = 4
+"""Cells beside the names of the curves."""
 AXIS_MARGIN = 0.02
 """Part of its length by which the frequency axis extends beyond the plan."""
 
@@ -31,7 +33,7 @@ class MeasuredBode(Vertical):
     MeasuredBode.-drawn > #empty { display: none; }
     MeasuredBode > PlotStack { display: none; }
     MeasuredBode.-drawn > PlotStack { display: block; }
-    MeasuredBode > #names { height: 1; padding: 0 1; display: none; }
+    MeasuredBode > #names { height: auto; max-height: 3; padding: 0 1; display: none; }
     MeasuredBode.-drawn > #names { display: block; }
     """
 
@@ -67,7 +69,9 @@ class MeasuredBode(Vertical):
         self.set_class(picture is not None, "-drawn")
         stack.display_picture(picture, cursor=False)
         self.mark(self._marked)
-        self.query_one("#names", Static).update(stack.legend([label for label, _ in alike]))
+        self.query_one("#names", Static).update(
+            stack.legend([label for label, _ in alike], self.size.width - LEGEND_PADDING)
+        )
         others = len(responses) - len(alike)
         self.border_subtitle = printable(f"{others} in another unit: after the measurement") if others else ""
 

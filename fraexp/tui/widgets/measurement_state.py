@@ -1,5 +1,6 @@
 """The state of a measurement above its plot: progress, the point that is played, and the last one that was measured."""
 
+import time
 from typing import TYPE_CHECKING
 
 from rich.text import Text
@@ -36,7 +37,7 @@ class MeasurementState(Static):
     def show(self, live: LiveMeasurement) -> None:
         """Show the state; of a measurement that has ended, how."""
         colours = self.app.theme_variables
-        sign, colour = state_sign("running" if live.state == "measuring" else live.state)
+        sign, colour = state_sign(live.state)
         text = Text(no_wrap=True, overflow="ellipsis").append(f"{sign} {live.state}", f"bold {colours[colour]}")
         text.append(f"  {self._progress_text(live)}")
         for line in (self._point_text(live), live.last_point and f"last  {live.last_point}"):
@@ -45,24 +46,30 @@ class MeasurementState(Static):
         self.update(text, layout=live.has_ended)
 
     def _progress_text(self, live: LiveMeasurement) -> str:
-        if not live.total:
+        if not live.total and not live.stage:
             doing = live.notices[-1] if live.notices else "connecting to the machine ..."
             return printable(doing) if live.state == "measuring" else ""
         width = min(max(self.screen.size.width - OTHER_CELLS, MIN_BAR), MAX_BAR)
         played = live.progress.seconds if live.progress else 0.0
         left = max(live.seconds_left - played, 0.0)
         name = f"{live.plan.label}: " if live.plan and live.plan.label else ""
-        time = f", about {duration_text(left)} left" if live.is_moving and left else ""
-        bar = bar_text(live.done / live.total, width)
-        return f"{bar} {name}{live.done} of {plural(live.total, 'point')}{time}"
+        of_level = " of them" if live.stage else ""
+        time_left = f", about {duration_text(left)}{of_level} left" if live.state == "measuring" and left else ""
+        points = f"{live.done} of {plural(live.total, 'point')}{time_left}" if live.total else ""
+        texts = [live.stage.name if live.stage else "", f"{name}{points}"]
+        return f"{bar_text(live.done_fraction, width)} {': '.join(filter(None, texts))}"
 
     def _point_text(self, live: LiveMeasurement) -> str:
         """Return what is played now, or why nothing is played any more."""
         if live.has_ended:
             advice = "R continues with the point that was lost" if live.state == "stopped" else "R tries again"
             return "" if live.state == "complete" else f"{live.message}; {advice}"
+        if live.stage and live.stage.rest:
+            return f"now   {live.stage.rest}: {duration_text(time.monotonic() - live.rest_since)} so far"
         if live.progress is None:
-            return "" if not live.total else "between two points: what was recorded is evaluated"
+            return (
+                "" if not live.total else "now   the axis rests between two points while what was recorded is evaluated"
+            )
         return progress_text(live.progress, live.plan.band if live.plan else None)
 
 
