@@ -2,6 +2,7 @@
 
 import tomllib
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -20,13 +21,14 @@ from fraexp_plugins.plants.modal import Modal
 
 from fraexp.components.kinds import Controller, Excitation, FrictionModel, Motion, Plant
 from fraexp.components.registry import create
-from fraexp.data.results import Outcome
+from fraexp.data.results import Outcome, Result
 from fraexp.data.signals import Signals
 from fraexp.errors import RecordError
 from fraexp.simulation.loop import simulate_loop
 from fraexp.simulation.machine import ControlLoop, Machine, Numerics
 from fraexp.study.study_file import packaged_studies
 from tests.identification.plant_responses import measured
+from tests.tui.responses import resonant
 
 MACHINE = tomllib.loads((packaged_studies() / "machines" / "linear_motor_table.toml").read_text(encoding="utf-8"))
 FORCE, VISCOUS = 17.9, 4.69
@@ -139,6 +141,15 @@ def test_friction_that_falls_with_velocity_is_noticed_in_the_plant(viscous: floa
     response = measured(Modal(rigid_body_gain=0.05), known=True, dead_time=0.0, frequency=frequency)
     plant = identify_plant(inverse, response, ModalFit(method=Conventional(), modes=0, dead_time=0.0))
     assert (plant.fall > MAX_FALL, plant.viscous > 0) == (viscous < 0, viscous > 0)
+
+
+def test_records_that_contradict_each_other_everywhere_are_named_as_such(monkeypatch: pytest.MonkeyPatch) -> None:
+    response = replace(resonant(np.array([1.0, 2.0, 4.0])), settled=np.zeros(3, dtype=bool))
+    monkeypatch.setattr(DictionaryIdentification, "_inverse", lambda *_: (None, response))
+    monkeypatch.setattr(DictionaryIdentification, "_response", lambda *_: Result(Outcome.OK, response=response))
+    found: Any = SimpleNamespace(elements=SimpleNamespace(scatter=np.array([0.2, 0.3, 5.0])))
+    _, remark = DictionaryIdentification()._plant(Signals((), {}), found)
+    assert "differ by more than 10% in their plant at all 3 frequencies" in remark
 
 
 def test_one_amplitude_is_refused(recorded: Any) -> None:
