@@ -124,7 +124,7 @@ At the end the record is analysed by an ordinary run, which is shown."""
     def _show_notices(self) -> None:
         log, notices = self.query_one(RichLog), self.measurement.notices
         for text in notices[self._notices :]:
-            log.write(Text(f"{'·' if self.measurement.is_autonomous else '↻'} {printable(_cut(text))}"))
+            log.write(Text(f"{'·' if self.measurement.is_autonomous else '↻'} {printable(_shorten_notice(text))}"))
         self._notices = len(notices)
         if self.measurement.is_autonomous:
             log.border_title = "Stages, and what they found"
@@ -161,5 +161,5 @@ At the end the record is analysed by an ordinary run, which is shown."""
         super().action_back()
 
 
-def _cut(text: str) -> str:
+def _shorten_notice(text: str) -> str:
     return text if len(text) <= MAX_NOTICE_LENGTH else f"{text[: MAX_NOTICE_LENGTH - 4]} ..."
