@@ -11,8 +11,12 @@ from fraexp_plugins.estimators.conventional import Conventional
 from fraexp_plugins.friction.dahl import Dahl
 from fraexp_plugins.friction.gms import GeneralizedMaxwellSlip
 from fraexp_plugins.identification.autonomous._shared import force_dictionary
-from fraexp_plugins.identification.autonomous._shared.autonomous_plant import InverseResponse, identify_plant
-from fraexp_plugins.identification.autonomous._shared.dictionary_report import MAX_FALL
+from fraexp_plugins.identification.autonomous._shared.autonomous_plant import (
+    IdentifiedPlant,
+    InverseResponse,
+    identify_plant,
+)
+from fraexp_plugins.identification.autonomous._shared.dictionary_report import MAX_FALL, DictionaryReport
 from fraexp_plugins.identification.autonomous._shared.force_dictionary import ForceDictionary, dahl_bristles
 from fraexp_plugins.identification.autonomous._shared.force_interval import sum_interval
 from fraexp_plugins.identification.autonomous.dictionary_identification import DictionaryIdentification
@@ -21,7 +25,7 @@ from fraexp_plugins.plants.modal import Modal
 
 from fraexp.components.kinds import Controller, Excitation, FrictionModel, Motion, Plant
 from fraexp.components.registry import create
-from fraexp.data.results import Outcome, Result
+from fraexp.data.results import Metric, Outcome, Result
 from fraexp.data.signals import Signals
 from fraexp.errors import RecordError
 from fraexp.simulation.loop import simulate_loop
@@ -150,6 +154,17 @@ def test_records_that_contradict_each_other_everywhere_are_named_as_such(monkeyp
     found: Any = SimpleNamespace(elements=SimpleNamespace(scatter=np.array([0.2, 0.3, 5.0])))
     _, remark = DictionaryIdentification()._plant(Signals((), {}), found)
     assert "differ by more than 10% in their plant at all 3 frequencies" in remark
+
+
+@pytest.mark.parametrize(("scatter", "doubts"), [(0.04, 0), (0.06, 1)])
+def test_records_that_scatter_after_friction_is_taken_off_are_a_doubt(scatter: float, doubts: int) -> None:
+    """An axis of 3.6 kg was ok with k0 3.6 % off: half of its lines scattered by more than a tenth."""
+    spring = SimpleNamespace(values=np.array([0.05]), standard_deviation=np.zeros(1), parameters=("rigid_body_gain",))
+    fit: Any = SimpleNamespace(outcome=Outcome.OK, fits=(spring,), metrics=(Metric("cost", 1.0, "1"),))
+    elements = SimpleNamespace(scatter=np.array([scatter, scatter, 1.0, 0.0, np.nan]))
+    found: Any = SimpleNamespace(elements=elements, coulomb=10.0, coulomb_error=0.1)
+    report = DictionaryReport(found, IdentifiedPlant(fit, 1.0, 0.1, 0.0), 0.0)
+    assert len([*report.doubts()]) == doubts
 
 
 def test_one_amplitude_is_refused(recorded: Any) -> None:

@@ -21,6 +21,9 @@ MAX_GAIN_ERROR, MAX_MODE_ERROR, MAX_FORCE_ERROR = 0.01, 0.2, 0.03
 """Half-width of the 95 % intervals of k0 (relative), f1 [Hz] and ΣF_m (relative) above which the verdict is not ok."""
 MAX_PLANT_COST = 4.0
 """Mean square of what the plant leaves of P̂, over its errors, above which the verdict is not ok."""
+MAX_SCATTER = 0.05
+"""Median scatter of P̂ over the records above which the verdict is not ok: what scatters most is left out of the plant,
+and the rest errs by more than it shows."""
 MAX_FALL = 3.0
 """Standard deviations of a negative viscous coefficient above which friction falls with velocity."""
 MIN_STRIBECK_SHARE = 0.075
@@ -42,6 +45,11 @@ class DictionaryReport:
         return (0.0, 0.0) if isinstance(self.plant, Result) else (self.plant.viscous, self.plant.viscous_std)
 
     @property
+    def scatter(self) -> float:
+        """Median over the lines of the relative scatter of P̂ over the records."""
+        return float(np.nanmedian(self.found.elements.scatter))
+
+    @property
     def speed(self) -> float:
         """Greatest velocity amplitude of a line [m/s]: beyond it nothing is known of friction."""
         lines = self.found.lines
@@ -58,7 +66,7 @@ class DictionaryReport:
         for name, share in zip(("rolling", "dahl"), self.found.shares, strict=False):
             yield Metric(f"force of {name}", share, "1")
         yield Metric("Stribeck force", self.found.shares[3], "1")
-        yield Metric("scatter after", float(np.nanmedian(self.found.elements.scatter)), "1")
+        yield Metric("scatter after", self.scatter, "1")
 
     def summary(self) -> str:
         """Return the law in words."""
@@ -79,6 +87,11 @@ class DictionaryReport:
             yield (
                 f"a rigid body with modes leaves {np.sqrt(cost):.2g} times as much of the response as its errors "
                 f"explain; expected {np.sqrt(MAX_PLANT_COST):.2g} or less: the axis may have other modes or a lag"
+            )
+        if self.scatter > MAX_SCATTER:
+            yield (
+                f"without the friction that was found, records of different amplitudes differ by {self.scatter:.1%} in "
+                f"their plant; expected {MAX_SCATTER:.0%} or less: record longer, or let limits allow more motion"
             )
         if self.plant.fall > MAX_FALL:
             yield (
