@@ -27,3 +27,8 @@ def test_motion_below_the_noise_of_a_sample_is_seen() -> None:
     assert moves_visibly([Segment(1e-3, {"y": position}, np.array([7]))], "y")
     assert moves_visibly([Segment(1e-3, {"y": noise[:1]}, np.array([7]))], "y")  # a single period shows no scatter
     assert not moves_visibly([Segment(1e-3, {"y": np.zeros((3, TIME.size))}, np.array([7]))], "y")
+
+
+def test_an_axis_that_wanders_is_not_said_to_stand() -> None:
+    moved = np.cumsum(np.random.default_rng(6).standard_normal((6, TIME.size)), axis=1)
+    assert moves_visibly([Segment(1e-3, {"y": moved}, np.array([7]))], "y")
