@@ -118,9 +118,8 @@ class Ports:
         for name in further:
             for kind, known in (("thrust", thrusts), ("position", positions)):
                 if name not in known:
-                    near = did_you_mean(name, known)
                     raise ParameterError(
-                        f"[controller.{name}]: the plant has no {kind} '{name}'{near}; known: {', '.join(known)}"
+                        f"[controller.{name}]: the plant has no {kind} '{name}'{did_you_mean(name, known)}"
                     )
             if name == fed_back[0]:
                 raise ParameterError(
@@ -170,8 +169,7 @@ class Ports:
 
 def _with_first(ports: Mapping[str, NDArray[np.float64]], name: str, kind: str) -> Mapping[str, NDArray[np.float64]]:
     if name and name not in ports:
-        known = ", ".join(ports)
-        raise ParameterError(f"the plant has no {kind} '{name}'{did_you_mean(name, ports)}; known: {known}")
+        raise ParameterError(f"the plant has no {kind} '{name}'{did_you_mean(name, ports)}")
     return _in_order(ports, [name]) if name else ports
 
 

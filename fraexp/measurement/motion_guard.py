@@ -11,6 +11,9 @@ DIFFERENCE_TIME_S = 1e-3
 MAX_CYCLES = 0.4
 """Cycles of the highest frequency in that time at most: with half a cycle a sine differenced would show nothing."""
 
+NOT_FINITE = "the machine recorded values that are not finite numbers"
+"""How the fault of a broken sample begins, which is no limit that was exceeded."""
+
 
 class MotionGuard:
     """Compares recorded motion with limits; what it has seen goes on from one play to the next."""
@@ -46,8 +49,9 @@ class MotionGuard:
     def look(self, chunk: Chunk) -> str:
         """Take note of what was recorded; return which limit it exceeds, in words, or an empty text."""
         position, force = chunk.channels["y"], chunk.channels["u"]
-        if not (np.isfinite(position).all() and np.isfinite(force).all()):
-            return "the machine recorded values that are not finite numbers"
+        for name, samples in (("y", position), ("u", force)):
+            if not np.isfinite(samples).all():
+                return f"{NOT_FINITE} in channel {name}"
         found = self._demand(position, force)
         self.of_play, self.seen = self.of_play.maximum_with(found), self.seen.maximum_with(found)
         for name, value, unit in zip(Demand._fields, found, DEMAND_UNITS, strict=True):

@@ -18,7 +18,7 @@ from fraexp.data.signals import Segment, Signals
 from fraexp.errors import ConnectionLostError, MachineError
 from fraexp.measurement.measured_points import MeasuredPoint
 from fraexp.measurement.measurement_plan import PlannedPoint
-from fraexp.measurement.motion_guard import MotionGuard
+from fraexp.measurement.motion_guard import NOT_FINITE, MotionGuard
 from fraexp.measurement.settling_monitor import SettlingMonitor
 from fraexp.simulation.motion_limits import Demand
 
@@ -122,6 +122,11 @@ class PointMeasurement:
             if self._is_enough:
                 self._session.stop()
             yield self._progress()
+        if fault.startswith(NOT_FINITE):
+            raise MachineError(
+                f"{fault} at {self._point.frequency}, by sample {self._count} of its play; the machine was stopped: "
+                "mend what it records"
+            )
         if fault:
             raise LimitExceededError(
                 f"{fault} at {self._point.frequency}; the machine was stopped", self._guard.nearest()

@@ -1,5 +1,7 @@
 """Points of a measurement whose band is wider than the one that is asked for."""
 
+import math
+
 from fraexp.measurement.measured_points import MeasuredPoint
 from fraexp.measurement.measurement import MeasurementBegun
 from fraexp.views.words import plural
@@ -38,7 +40,10 @@ class MissedBands:
             return ""
         known = [(point.band, point.frequency) for point in self._missed if point.band is not None]
         widest = "the widest is ±{:.2g} dB at {}".format(*max(known)) if known else "it is not known of any"
-        return (
-            f"{len(self._missed)} of {plural(self._count, 'point')} did not reach the band of ±{self._band:g} dB; "
-            f"{widest}: raise measurement.max_record_time, or the amplitude"
-        )
+        found = f"{len(self._missed)} of {plural(self._count, 'point')} did not reach the band of ±{self._band:g} dB"
+        if hidden := sum(math.isinf(band) for band, _ in known):
+            return (
+                f"{found}; at {hidden} noise hides the motion: see that the brake is released and the drive enabled "
+                "before you raise the amplitude or measurement.max_record_time"
+            )
+        return f"{found}; {widest}: raise measurement.max_record_time, or the amplitude"

@@ -105,6 +105,12 @@ def test_noise_is_no_motion(workspace: WorkspaceService, monkeypatch: Any) -> No
         measured_in(workspace, '["m", "N"]', NOISE)
 
 
+def test_samples_that_are_no_numbers_are_no_limit(workspace: WorkspaceService, monkeypatch: Any) -> None:
+    monkeypatch.chdir(workspace.folder)
+    with pytest.raises(MachineError, match=r"not finite numbers in channel y at 100 Hz, .*: mend what it records$"):
+        measured_in(workspace, '["m", "N"]', NOISE.replace("{5e-7", "{float('nan') * 5e-7"))
+
+
 def test_limits_count_in_whatever_units_a_machine_has(workspace: WorkspaceService, monkeypatch: Any) -> None:
     monkeypatch.chdir(workspace.folder)
     plain = PROGRAM.format(step=0.0005).replace("2.0", "7.6")
@@ -164,6 +170,13 @@ def test_a_program_that_does_not_measure_is_named(
 ) -> None:
     program(tmp_path, text)
     with command().connect(tmp_path) as session, pytest.raises(error, match=message):
+        played(session)
+
+
+def test_a_program_that_hangs_is_lost_after_the_timeout(tmp_path: Path) -> None:
+    program(tmp_path, "import time\nfor k in range(5):\n    print('0.0,1.0', flush=True)\ntime.sleep(60)")
+    machine = command().model_copy(update={"timeout": 0.5})
+    with machine.connect(tmp_path) as session, pytest.raises(ConnectionLostError, match=r"printed nothing for 0\.5 s"):
         played(session)
 
 

@@ -1,5 +1,7 @@
 """A program of the user's own that plays an excitation and prints what is recorded."""
 
+import os
+import selectors
 import shutil
 import subprocess
 import tempfile
@@ -25,6 +27,8 @@ EXCITATION_MARK = "{file}"
 """What stands in the command for the file with the excitation."""
 CHUNK_SAMPLES = 200
 """Samples of a chunk."""
+READ_BYTES = 1 << 16
+"""Most that is read at once of what the program printed."""
 TERMINATION_TIMEOUT_S = 5.0
 """Time that the program has to bring the machine to rest after it was asked to."""
 
@@ -61,7 +65,7 @@ class CommandSession(MachineSession):
 
     def __init__(self, machine: CommandMachine, folder: Path) -> None:
         self._machine, self._folder = machine, folder
-        self._process: subprocess.Popen[str] | None = None
+        self._process: subprocess.Popen[bytes] | None = None
 
     @property
     def description(self) -> MachineDescription:
@@ -81,7 +85,7 @@ class CommandSession(MachineSession):
                 finally:
                     self.stop()
 
-    def _start(self, excitation: Path, source: IO[str]) -> subprocess.Popen[str]:
+    def _start(self, excitation: Path, source: IO[str]) -> subprocess.Popen[bytes]:
         words = [word.replace(EXCITATION_MARK, str(excitation)) for word in self._machine.program]
         local = self._folder.resolve() / words[0]
         words[0] = str(local) if local.is_file() else words[0]
@@ -91,7 +95,6 @@ class CommandSession(MachineSession):
             cwd=self._folder,
             stdin=subprocess.DEVNULL if is_file else source,
             stdout=subprocess.PIPE,
-            text=True,
             start_new_session=True,
         )
 
@@ -99,7 +102,7 @@ class CommandSession(MachineSession):
         process = self._process
         assert process is not None and process.stdout is not None
         start, rows = 0, list[list[float]]()
-        for number, line in enumerate(process.stdout, start=1):
+        for number, line in enumerate(self._lines(process.stdout.fileno()), start=1):
             rows.append(self._values(line, number))
             if len(rows) == CHUNK_SAMPLES or start + len(rows) == samples:
                 yield Chunk(start, dict(zip(self._machine.channels, np.array(rows).T, strict=True)))
@@ -110,6 +113,25 @@ class CommandSession(MachineSession):
         raise ConnectionLostError(
             f"{self._machine.program[0]} ended with exit code {code} after {start + len(rows)} of {samples} samples"
         )
+
+    def _lines(self, pipe: int) -> Iterator[str]:
+        """Yield the lines that the program prints; ConnectionLostError if nothing comes for as long as the timeout."""
+        begun = b""
+        with selectors.DefaultSelector() as selector:
+            if os.name == "posix":  # elsewhere a pipe cannot be waited for
+                selector.register(pipe, selectors.EVENT_READ)
+            while True:
+                if selector.get_map() and not selector.select(self._machine.timeout):
+                    raise ConnectionLostError(
+                        f"{self._machine.program[0]} printed nothing for {self._machine.timeout:g} s (timeout)"
+                    )
+                printed = os.read(pipe, READ_BYTES)
+                *lines, begun = (begun + printed).split(b"\n")
+                yield from (line.decode(errors="replace") for line in lines)
+                if not printed:
+                    break
+        if begun:
+            yield begun.decode(errors="replace")
 
     def _values(self, line: str, number: int) -> list[float]:
         try:
