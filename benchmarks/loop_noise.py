@@ -19,28 +19,19 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from maximum_likelihood import REGISTRY, is_covered
 
-from fraexp.components.kinds import Controller, Estimator, Excitation, FrictionModel, Plant
+from fraexp.components.kinds import Estimator, Plant
 from fraexp.components.registry import create
 from fraexp.data.results import Result
-from fraexp.simulation.loop import simulate_loop
-from fraexp.simulation.machine import ControlLoop, Machine, Numerics
-from tests.identification.test_record_start import CONTROLLER, FRICTION, LOOP, NOISE, PLANT, RESOLUTION, SHAPE
+from tests.identification.test_record_start import FRICTION, LOOP, NOISE, PLANT, RESOLUTION, SHAPE, record_sines
 
-SINES = {"name": "stepped_sine", "amplitude": 45.0, "min_frequency": 1.5, "max_frequency": 150, "points": 20}
+SINES = {"min_frequency": 1.5, "max_frequency": 150, "points": 20}
 SCALES = ("force_scale", "displacement_scale")
 HALF_WIDTH_STDS, MAX_MISSED_SHARE = 1.96, 0.1
 
 
 def estimated(seed: int) -> Result:
     """Return what maximum likelihood finds in a record with noise of this seed."""
-    machine = Machine(
-        create(REGISTRY, Plant, PLANT),
-        create(REGISTRY, FrictionModel, FRICTION),
-        create(REGISTRY, Controller, CONTROLLER),
-        ControlLoop.parse({**LOOP, "noise": NOISE, "seed": seed}, "loop"),
-        Numerics(),
-    )
-    signals = simulate_loop(machine, create(REGISTRY, Excitation, SINES), lambda _: None)
+    signals = record_sines(REGISTRY, seed, **SINES)
     spec = {
         "name": "maximum_likelihood", "friction": FRICTION, "free": (*SCALES, *SHAPE), "resolution": RESOLUTION,
         "noise": NOISE, "input_dead_time": LOOP["input_dead_time"],

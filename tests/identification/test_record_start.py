@@ -1,5 +1,7 @@
 """A record in whose loop noise goes round begins where no replay of it ends."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from fraexp_plugins.identification.whole_record._shared.record_fit import State
@@ -23,22 +25,24 @@ LOOP = {"sample_time": 5e-4, "input_dead_time": 1e-3, "resolution": RESOLUTION}
 SHAPE = ("viscous_coefficient", "static_force", "bristle_damping", "stribeck_velocity")
 
 
+def record_sines(registry, seed, **sines):
+    """Return what the machine with noise of this seed records of sines of 45 N."""
+    machine = Machine(
+        create(registry, Plant, PLANT),
+        create(registry, FrictionModel, FRICTION),
+        create(registry, Controller, CONTROLLER),
+        ControlLoop.parse({**LOOP, "noise": NOISE, "seed": seed}, "loop"),
+        Numerics(),
+    )
+    spec = {"name": "stepped_sine", "amplitude": 45.0, **sines}
+    return simulate_loop(machine, create(registry, Excitation, spec), lambda _: None)
+
+
 @pytest.fixture(scope="module")
 def recorded(registry):
     """Return what records the machine with noise of this seed."""
 
-    def record(seed, **sines):
-        machine = Machine(
-            create(registry, Plant, PLANT),
-            create(registry, FrictionModel, FRICTION),
-            create(registry, Controller, CONTROLLER),
-            ControlLoop.parse({**LOOP, "noise": NOISE, "seed": seed}, "loop"),
-            Numerics(),
-        )
-        spec = {"name": "stepped_sine", "amplitude": 45.0, **sines}
-        return simulate_loop(machine, create(registry, Excitation, spec), lambda _: None)
-
-    return record
+    return partial(record_sines, registry)
 
 
 @pytest.fixture(scope="module")

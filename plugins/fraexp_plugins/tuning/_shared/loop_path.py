@@ -28,23 +28,22 @@ class LoopPath(NamedTuple):
         Of the dead time that is stated and the one that is known the greater counts. Raises RecordError if no sample
         time is stated for a response that has none.
         """
-        sample_time = getattr(stated, "sample_time")  # noqa: B009
-        if sample_time is None:
+        given = {name: getattr(stated, name) for name in ("sample_time", *DELAYS)}
+        if given["sample_time"] is None:
             if signals.are_stated:
                 raise RecordError(
                     f"{stated.name}: the response has no sample time; expected {stated.name}.sample_time, that of the "
                     "controller: --set sample_time=0.001"
                 )
-            sample_time = signals.segments[0].sample_time
+            given["sample_time"] = signals.segments[0].sample_time
         method = innermost_method(stated)
         known = {name: getattr(method, name, None) for name in DELAYS}
-        given = {name: getattr(stated, name) for name in DELAYS}
         late = dict(zip(fit.parameters, fit.values.tolist(), strict=True)).get("dead_time", 0.0)
         identified = {metric.name: metric.value for metric in found.metrics}.get(IDENTIFIED_DEAD_TIME)
         before = known["input_dead_time"] or 0.0 if identified is None else identified
         lags = [given[name] if given[name] is not None else known[name] or () for name in DELAYS[1::2]]
         return cls(
-            sample_time,
+            given["sample_time"],
             max(
                 (given["input_dead_time"] or 0.0) + (given["output_dead_time"] or 0.0),
                 before + (known["output_dead_time"] or 0.0) + max(late, 0.0),
