@@ -64,7 +64,7 @@ def main() -> int:
         assert result.response is not None
         errors.append(relative_errors(result))
         plant = create(REGISTRY, Plant, PLANT).response(2 * np.pi * result.response.frequency)
-        held.append(is_covered(result, plant))
+        held.append(is_covered(result, plant)[0])
         texts = " ".join(f"{each:+.2f}" for each in errors[-1])
         print(
             f"{seed:6d} {result.outcome.value or 'ok':12s} {texts}  P {held[-1].sum()} of {held[-1].size}", flush=True

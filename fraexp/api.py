@@ -35,7 +35,7 @@ from fraexp.kernels.choice import where
 from fraexp.simulation.live_loop import LiveLoop, live_setup
 from fraexp.simulation.loop import simulate_loop
 from fraexp.simulation.machine import ControlLoop, Machine, Numerics
-from fraexp.simulation.replay import Replay, ReplayModel, replay
+from fraexp.simulation.replay import Replay, Replayed, ReplayModel, replay
 
 __all__ = [
     "HARMONICS",
@@ -75,6 +75,7 @@ __all__ = [
     "RecordTable",
     "Replay",
     "ReplayModel",
+    "Replayed",
     "Result",
     "Schedule",
     "Segment",

@@ -1,8 +1,8 @@
 """A modelled machine along a record: the positions that it takes where the recorded control input drives it.
 
 A record does not tell its controller, and a mass that slides freely would drift off from its recorded position. The
-model is therefore pulled towards it by a weak controller of its own. Where the model is right, nothing pulls; where it
-is wrong, the difference to the record is nearly what it would be without.
+model is therefore pulled towards it by a controller of its own. A strong one holds a model that is wrong, and takes
+noise of the record into it; a weak one only ends an offset, and leaves the noise in the difference to the record.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,13 +16,15 @@ from numpy.typing import NDArray
 from fraexp.components.kinds import FrictionModel
 from fraexp.components.periods import Period, Schedule
 from fraexp.components.ports import Ports
-from fraexp.simulation.discretisation import DiscreteLoop, SignalPath, discretise, split_dead_time
+from fraexp.simulation.discretisation import SignalPath, discretise, split_dead_time
 from fraexp.simulation.experiment_run import run_experiments
 from fraexp.simulation.experiments import Experiment, Setup, set_valued_contacts
 from fraexp.simulation.loop_setup import accurate_steps, is_friction_soft
 
 PULL_RATIO, MAX_PULL_HZ = 1.0, 8.0
 """Crossover frequency of the pull over the geometric mean of a record's frequencies, and its greatest value [Hz]."""
+WEAK_RATIO, MAX_WEAK_RATE = 0.8, 8.0
+"""Rate of decay of an offset under a weak pull over the lowest frequency of a record, and its greatest value [1/s]."""
 LEAD_RATIO = 10.0
 """Pole over zero of the pull, a lead."""
 RAMP_CYCLES = 8.0
@@ -100,22 +102,78 @@ class Replay(NamedTuple):
     """Recorded position [m], shape (n,)."""
     frequency: NDArray[np.float64]
     """Excited frequencies of the record [Hz], shape (lines,)."""
+    damping: float | None = None
+    """Force over velocity of friction along the record [N s/m], by which the pull is made so weak that it just ends an
+    offset in time; None for a strong one, which holds a model that is wrong."""
 
 
-def replay(runs: Sequence[Replay]) -> list[NDArray[np.float64]]:
-    """Return the periodic position that each model takes [m], without rounding, shape (n,) each; NaN if it diverges."""
+class _Pull(NamedTuple):
+    """A pull towards the record."""
+
+    rate: float
+    """Crossover frequency [Hz] of a strong pull, rate of decay [1/s] of an offset that a weak one ends."""
+    damping: float = 0.0
+    """Damping of the motion that a weak one expects [N s/m]; 0 for a strong one."""
+
+    def controller(self, model: ReplayModel) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return its lead for a model, in ascending powers of z⁻¹."""
+        gain, zero = self._weak(model) if self.damping else self._strong(model)
+        pole, sample_time = zero / LEAD_RATIO, model.sample_time
+        numerator = gain * np.array([1 + zero / sample_time, -zero / sample_time])
+        denominator = np.array([1 + pole / sample_time, -pole / sample_time])
+        return numerator / denominator[0], denominator / denominator[0]
+
+    def _strong(self, model: ReplayModel) -> tuple[float, float]:
+        """Return gain [N/m] and zero [s] of a lead that crosses over the plant.
+
+        The plant moves against its viscous friction [N s/m]: where that is more than its inertia, a pull that overcomes
+        the inertia alone takes minutes to end an offset.
+        """
+        omega, viscous = 2 * np.pi * self.rate, sum(friction.viscous for friction in model.frictions.values())
+        impedance = abs(_inverse_response(model, omega) + 1j * omega * viscous)
+        return float(impedance / np.sqrt(LEAD_RATIO)), float(np.sqrt(LEAD_RATIO) / omega)
+
+    def _weak(self, model: ReplayModel) -> tuple[float, float]:
+        """Return gain and zero with which an offset of the rigid body decays against the damping, and a fast one rings
+        no longer.
+        """
+        mass = max(-_inverse_response(model, self.rate).real / self.rate**2, 0.0)
+        damping = max(self.damping, 2 * mass * self.rate)
+        return damping * self.rate, (1 - self.damping / damping) / self.rate
+
+
+@lru_cache(maxsize=4096)
+def _inverse_response(model: ReplayModel, omega: float) -> complex:
+    """Return 1/P(jω) of the plant alone [N/m]."""
+    return complex(1 / model.ports.response(np.array([omega]))[0])
+
+
+def _step_down(value: float, octaves: float = 0.5) -> float:
+    """Return a value to the next lower power of 2 to the octaves: few controllers, whose constants are kept."""
+    return float(2.0 ** (np.floor(np.log2(value) / octaves) * octaves))
+
+
+class Replayed(NamedTuple):
+    """What a replay gives."""
+
+    position: NDArray[np.float64]
+    """Periodic position that the model takes [m], without rounding, shape (n,); NaN if it diverges."""
+    is_settled: bool
+    """Whether it is known to repeat itself: a long record may leave no time to see that."""
+
+
+def replay(runs: Sequence[Replay]) -> list[Replayed]:
+    """Return the motion of each model."""
     experiments = [_experiment(run, number) for number, run in enumerate(runs)]
-    positions: list[NDArray[np.float64]] = [np.empty(0)] * len(runs)
+    replayed = [Replayed(np.full(run.position.size, np.nan), False) for run in runs]
     for group in _alike(experiments):
         segments = run_experiments([experiments[place] for place in group], lambda _: None)
         for place, segment in zip(group, segments, strict=True):
-            size = runs[place].position.size
-            if segment is None or segment.settling is None:
-                positions[place] = np.full(size, np.nan)
-                continue
-            waited = round(segment.settling.time / segment.sample_time)
-            positions[place] = np.roll(segment.channels["y"][0], waited % size)
-    return positions
+            if segment is not None and segment.settling is not None:
+                waited = round(segment.settling.time / segment.sample_time)
+                position = np.roll(segment.channels["y"][0], waited % runs[place].position.size)
+                replayed[place] = Replayed(position, segment.settling.settled)
+    return replayed
 
 
 def _alike(experiments: Sequence[Experiment]) -> list[list[int]]:
@@ -132,25 +190,42 @@ def _alike(experiments: Sequence[Experiment]) -> list[list[int]]:
 
 def _experiment(run: Replay, number: int) -> Experiment:
     lowest, middle = float(run.frequency.min()), float(np.exp(np.mean(np.log(run.frequency))))
-    crossover = min(PULL_RATIO * middle, MAX_PULL_HZ)
-    octave = 2.0 ** np.floor(np.log2(crossover))  # few different controllers: their constants are computed once
+    if run.damping is None:
+        pull = _Pull(_step_down(min(PULL_RATIO * middle, MAX_PULL_HZ), 1.0))
+    else:
+        pull = _Pull(_step_down(min(WEAK_RATIO * lowest, MAX_WEAK_RATE)), _step_down(run.damping))
     forgets = all(friction.has_unique_periodic_force for friction in run.model.frictions.values())
     ramp = 0.0 if forgets else RAMP_CYCLES / lowest
     timeout = ramp + max(SETTLING_CYCLES / lowest, MIN_SETTLING_S)
     line = max(round(lowest * run.position.size * run.model.sample_time), 1)
     period = Period(run.control_input, np.array([line]), run.position)
     schedule = Schedule(ramp, run.model.tolerance, timeout)
-    return Experiment(_setup(run.model, float(octave)), period, schedule, number)
+    return Experiment(_setup(run.model, pull), period, schedule, number)
 
 
 @lru_cache(maxsize=4096)
-def _setup(model: ReplayModel, crossover: float) -> Setup:
-    """Return the loop of a model that is pulled with a crossover frequency [Hz]."""
+def _setup(model: ReplayModel, pull: _Pull) -> Setup:
+    """Return the loop of a model that is pulled."""
+    numerator, denominator = pull.controller(model)
+    free = _free_setup(model)
+    return replace(free, discrete=free.discrete._replace(numerator=numerator[None], denominator=denominator[None]))
+
+
+@lru_cache(maxsize=4096)
+def _free_setup(model: ReplayModel) -> Setup:
+    """Return the loop of a model that nothing pulls: that of all pulls but for the controller."""
     sample_time, inward, outward = model.sample_time, SignalPath(*model.input_path), SignalPath(*model.output_path)
-    ports, _ = _scaled(model)
-    viscous = sum(friction.viscous for friction in model.frictions.values())
-    numerator, denominator = _pull(ports, viscous, crossover, sample_time)
-    discrete = _open_loop(model)._replace(numerator=numerator[None], denominator=denominator[None])
+    ports, viscous = _scaled(model)
+    discrete = discretise(
+        ports,
+        viscous,
+        [(np.zeros(1), np.ones(1))],
+        sample_time=sample_time,
+        steps=model.steps,
+        is_force_held=set_valued_contacts(model.frictions),
+        input_path=inward,
+        output_path=outward,
+    )
     lags = sum(inward.lags) + sum(outward.lags)
     return Setup(
         frictions=model.frictions,
@@ -170,24 +245,8 @@ def _setup(model: ReplayModel, crossover: float) -> Setup:
     )
 
 
-@lru_cache(maxsize=4096)
-def _open_loop(model: ReplayModel) -> DiscreteLoop:
-    """Return the constants of a model that nothing pulls: those of all crossover frequencies but for the controller."""
-    ports, viscous = _scaled(model)
-    return discretise(
-        ports,
-        viscous,
-        [(np.zeros(1), np.ones(1))],
-        sample_time=model.sample_time,
-        steps=model.steps,
-        is_force_held=set_valued_contacts(model.frictions),
-        input_path=SignalPath(*model.input_path),
-        output_path=SignalPath(*model.output_path),
-    )
-
-
 def _is_in_lanes(model: ReplayModel) -> bool:
-    return _setup(model, MAX_PULL_HZ).is_vectorised
+    return _free_setup(model).is_vectorised
 
 
 def _scaled(model: ReplayModel) -> tuple[Ports, dict[str, float]]:
@@ -201,20 +260,3 @@ def _scaled(model: ReplayModel) -> tuple[Ports, dict[str, float]]:
         contacts[name] = replace(contact, force=contact.force * force, displacement=contact.displacement / displacement)
         viscous[name] = model.frictions[name].viscous * displacement / force
     return replace(model.ports, contacts=contacts), viscous
-
-
-def _pull(
-    ports: Ports, viscous: float, crossover: float, sample_time: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return a lead that crosses over the plant at a frequency [Hz], in ascending powers of z⁻¹.
-
-    The plant moves against its viscous friction [N s/m]: where that is more than its inertia, a pull that overcomes the
-    inertia alone takes minutes to end an offset.
-    """
-    omega = 2 * np.pi * crossover
-    zero, pole = np.sqrt(LEAD_RATIO) / omega, 1 / (np.sqrt(LEAD_RATIO) * omega)
-    impedance = abs(1 / ports.response(np.array([omega]))[0] + 1j * omega * viscous)
-    gain = impedance / np.sqrt(LEAD_RATIO)
-    numerator = gain * np.array([1 + zero / sample_time, -zero / sample_time])
-    denominator = np.array([1 + pole / sample_time, -pole / sample_time])
-    return numerator / denominator[0], denominator / denominator[0]

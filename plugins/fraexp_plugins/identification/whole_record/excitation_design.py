@@ -44,7 +44,7 @@ MIN_WIDER_RATIO = 1.01
 """Interval of a parameter over that with equal sines from which the message names it."""
 
 
-class ExcitationDesign(Estimator, name="excitation_design", version=3):
+class ExcitationDesign(Estimator, name="excitation_design", version=4):
     """The sines that tell most of plant and friction in a given measuring time (optimal input design).
 
     `method` finds plant, friction and noise from the records there are: those of a short measurement, or of a simulated

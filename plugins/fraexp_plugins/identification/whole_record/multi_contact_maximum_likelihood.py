@@ -35,7 +35,7 @@ from fraexp_plugins.identification.whole_record._shared.staged_fit import (
 )
 
 
-class MultiContactMaximumLikelihood(DelayedEstimator, name="multi_contact_maximum_likelihood", version=2):
+class MultiContactMaximumLikelihood(DelayedEstimator, name="multi_contact_maximum_likelihood", version=3):
     """The plant's numbers, and the scales of friction at each contact, with which a simulation repeats all samples.
 
     It is `maximum_likelihood` for a machine with friction at several contacts. The response between one thrust and one

@@ -163,7 +163,8 @@ def with_own_responses(found: Fitted, max_steps: int = MAX_STEPS) -> Fitted:
     count = found.state.shared.size
     information = np.asarray(np.linalg.inv(covariance[:count, :count]), dtype=float)
     known = Prior(found.state.shared, information) if count else None
-    own = replace(found.fit, has_own_forces=True, prior=known)
+    stds = np.array([record.std for record in found.linear.records])
+    own = replace(found.fit, has_own_forces=True, prior=known, prior_stds=stds)
     state, linear = own.converge(found.state, LAST_GAIN, max_steps, found.linear)
     change_of_shared = replay_error(found.fit, found.state, found.linear).shared_change
     return Fitted(own, state, linear, replay_error(own, state, linear, change_of_shared))

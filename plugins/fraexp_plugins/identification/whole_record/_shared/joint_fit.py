@@ -63,15 +63,30 @@ class FitStep(NamedTuple):
         p, information = self.shared.size, self.problem.prior.information
         for block, mixed in self._blocks:
             information = information + block.hessian[:p, :p] - block.hessian[:p, p:] @ mixed
-        return self.covariances_given(information)
-
-    def covariances_given(self, information: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-        """Return the same where this is the information about the shared parameters, shape (p, p)."""
-        p, shared = self.shared.size, np.linalg.inv(information)
-        found = []
+        shared, found = np.linalg.inv(information), []
         for block, mixed in self._blocks:
             of_own = np.linalg.inv(block.hessian[p:, p:]) + mixed @ shared @ mixed.T
             found.append(np.block([[shared, -shared @ mixed.T], [-mixed @ shared, of_own]]))
+        return tuple(found)
+
+    def covariances_beside(
+        self, shared: NDArray[np.float64], weights: NDArray[np.float64], added: Sequence[int]
+    ) -> tuple[NDArray[np.float64], ...]:
+        """Return the same where shared parameters are held as an efficient fit to the same records has them.
+
+        `shared` is their covariance, shape (p, p), `weights` the weight of each record there over that here, and
+        `added` says how many of its own parameters, the first ones, that fit did not have. What a record tells against
+        an efficient estimate is independent of it (J. A. Hausman, Econometrica 46(6), 1978), so that these parameters
+        are known better than beside an estimate from other records.
+        """
+        p, found = len(shared), []
+        for (block, mixed), weight, count in zip(self._blocks, weights, added, strict=True):
+            own, to_shared = block.hessian[p:, p:], block.hessian[p:, :p]
+            beside = to_shared - own[:, count:] @ _solution(own[count:, count:], to_shared[count:])
+            common = weight * _solution(own, beside) @ shared
+            cross = common - mixed @ shared
+            of_own = np.linalg.inv(own) - cross @ mixed.T - mixed @ common.T
+            found.append(np.block([[shared, cross.T], [cross, of_own]]))
         return tuple(found)
 
     @property

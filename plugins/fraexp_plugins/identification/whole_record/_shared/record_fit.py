@@ -11,7 +11,7 @@ from fraexp.api import ParameterError
 from fraexp_plugins.identification.whole_record._shared.free_parameters import FreeParameters, Models
 from fraexp_plugins.identification.whole_record._shared.interval_likelihood import interval_loss
 from fraexp_plugins.identification.whole_record._shared.joint_fit import FitStep, LinearRecord, Prior, fit_linear
-from fraexp_plugins.identification.whole_record._shared.record_start import start_terms
+from fraexp_plugins.identification.whole_record._shared.record_preparation import prepared_records
 from fraexp_plugins.identification.whole_record._shared.replayed_record import ReplayedRecord, Trial, positions_of
 
 SHARED_DIFFERENCE = 5e-4
@@ -82,7 +82,10 @@ class RecordFit:
     has_own_forces: bool = True
     """Whether the response of each record is its own; otherwise it is the plant's."""
     prior: Prior | None = None
-    """What other samples tell of the shared parameters, which stay there; None where these samples tell it."""
+    """What a joint fit to the same records tells of the shared parameters, which stay there; None where this one tells
+    it."""
+    prior_stds: NDArray[np.float64] | float = 1.0
+    """Standard deviation [m] that the likelihood of that fit assumed of each record, shape (records,)."""
     expected_noise: float | None = None
     """Noise [m] that the records show, if the likelihood assumes another one."""
     directions: NDArray[np.float64] | None = None
@@ -118,15 +121,11 @@ class RecordFit:
         return bool(np.median(self.residual_ratios(linear)) < MAX_MEDIAN_RATIO)
 
     def with_needed_drifts(self, state: State) -> "RecordFit":
-        """Return the fit in which the records have a start of their own, and a drift where they show one."""
+        """Return the fit in which the records have a start of their own, a drift where they show one, and the
+        pull that they need.
+        """
         model = self.free.applied_to(self.start, state.shared).replay
-        positions = positions_of(
-            [Trial(record, model, own) for record, own in zip(self.records, state.own, strict=True)]
-        )
-        starts = start_terms(self.records, model, state.own)
-        triples = zip(self.records, positions, starts, strict=True)
-        records = [replace(record, starts=start).with_needed_drift(y) for record, y, start in triples]
-        return replace(self, records=records)
+        return replace(self, records=prepared_records(self.records, model, state.own))
 
     def with_more_steps(self, factor: int) -> "RecordFit":
         """Return the fit whose replay takes more steps by a factor."""
@@ -352,7 +351,13 @@ class RecordFit:
         It is that of the likelihood, or, where shared parameters are held, that of what is known of them.
         """
         step = self.newton_step(linear.records, np.zeros(len(self.free.names)), NO_RADIUS)
-        return step.covariances if self.prior is None else step.covariances_given(self.prior.information)
+        if self.prior is None:
+            return step.covariances
+        stds = np.array([record.std for record in linear.records])
+        weights = np.minimum(stds / self.prior_stds, 1.0) ** 2
+        forces = [record.forces for record in self.records]
+        shared = np.asarray(np.linalg.inv(self.prior.information), dtype=float)
+        return step.covariances_beside(shared, weights, forces)
 
 
 @dataclass(frozen=True)

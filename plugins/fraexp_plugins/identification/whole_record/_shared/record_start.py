@@ -45,7 +45,7 @@ def start_terms(
         size = PULSE_SHARE * float(np.abs(run.control_input).max())
         for pulse in size * np.eye(pulses, run.control_input.size, run.control_input.size - pulses) if is_long else ():
             runs += [run._replace(control_input=run.control_input + sign * pulse) for sign in (1, -1)]
-    moved = iter(replay(runs))
+    moved = iter([each.position for each in replay(runs)])
     return [_orthogonal([next(moved) - next(moved) for _ in range(pulses)]) if is_long else None for is_long in long]
 
 
@@ -55,6 +55,7 @@ def _orthogonal(moved: Sequence[NDArray[np.float64]]) -> NDArray[np.float64] | N
     There are none if a replay diverges.
     """
     responses = np.array(moved)
+    responses = responses - responses[:, :-START_STATES].mean(axis=1, keepdims=True)  # every record has an offset
     counted = responses[:, :-START_STATES]
     if not np.isfinite(responses).all() or not counted.any():
         return None

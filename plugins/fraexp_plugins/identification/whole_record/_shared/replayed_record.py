@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import Plant, Replay, ReplayModel, Segment, replay
+from fraexp.api import Plant, Replay, Replayed, ReplayModel, Segment, replay
 from fraexp_plugins.identification.whole_record._shared.free_parameters import Models
 
 DRIFT_STDS = 4.0
@@ -44,6 +44,8 @@ class ReplayedRecord:
     """Positions [1] that other states at its start cause, shape (terms, n); None if they are not known."""
     trend: NDArray[np.float64] | float = 0.0
     """Estimate of the drift [m], shape (n,), that a replay does not follow: a leap at its end would shake the model."""
+    is_weakly_pulled: bool = False
+    """Whether a replay is pulled towards the record by no more than ends an offset."""
 
     @property
     def frequency(self) -> NDArray[np.float64]:
@@ -73,6 +75,15 @@ class ReplayedRecord:
             return float(np.sqrt(np.mean(np.diff(periods, axis=0) ** 2)))
         settling = self.segment.settling
         return float(np.nan_to_num(settling.residual) * self.position.std()) if settling else 0.0
+
+    @cached_property
+    def damping(self) -> float:
+        """Force over velocity of a slow motion besides the recorded one [N s/m]: half of that of the recorded one, if
+        it is Coulomb friction that takes the power.
+        """
+        velocity = 2j * np.pi * self.frequency * self.measured
+        power = float(np.sum(self.control * self.path * velocity.conj()).real)
+        return max(power, float(np.finfo(float).tiny)) / (2 * float(np.sum(np.abs(velocity) ** 2)))
 
     @property
     def settled_samples(self) -> slice:
@@ -158,13 +169,21 @@ class ReplayedRecord:
         terms = self.drifts[:, self.settled_samples]
         return np.asarray(np.linalg.lstsq(terms @ terms.T, terms @ residual, rcond=None)[0])
 
+    def scatter_about(self, position: NDArray[np.float64]) -> float:
+        """Return the variance of what a replayed position, shape (n,), and the drift leave [m²]; infinite for NaN."""
+        settled = self.settled_samples
+        residual = (self.position - position)[settled]
+        if not np.isfinite(residual).all():
+            return np.inf
+        return float(np.var(residual - self.drift_in(residual) @ self.drifts[:, settled]))
+
     def with_needed_drift(self, position: NDArray[np.float64]) -> "ReplayedRecord":
         """Return the record with its trend; without a drift if a replayed position leaves but scatter of one."""
         plain, settled = replace(self, has_drift=False), self.settled_samples
         residual = (self.position - position)[settled]
         coefficients, slow = self.drift_in(residual), len(self.drifts) - len(plain.drifts)
         allowed = 1 + (slow + DRIFT_STDS * np.sqrt(2 * slow)) / residual.size
-        least = np.var(residual - coefficients @ self.drifts[:, settled])
+        least = self.scatter_about(position)
         if np.var(residual - plain.drift_in(residual) @ plain.drifts[:, settled]) <= allowed * least:
             return plain
         return replace(self, trend=coefficients[1 : slow + 1] @ self.drifts[1 : slow + 1])
@@ -172,7 +191,8 @@ class ReplayedRecord:
     def replay(self, model: ReplayModel, parameters: NDArray[np.float64]) -> Replay:
         """Return the run of a model along the record, with the record's own parameters."""
         control = self.segment.channels[self.input].ravel() + parameters[: self.forces] @ self.waves
-        return Replay(model, control, self.position - self.trend, self.frequency)
+        damping = self.damping if self.is_weakly_pulled else None
+        return Replay(model, control, self.position - self.trend, self.frequency, damping)
 
 
 class Trial(NamedTuple):
@@ -184,6 +204,11 @@ class Trial(NamedTuple):
     """The record's own parameters, shape (m,)."""
 
 
-def positions_of(trials: Sequence[Trial]) -> list[NDArray[np.float64]]:
-    """Return the periodic position of each trial, without its drift [m], shape (n,) each."""
+def replays_of(trials: Sequence[Trial]) -> list[Replayed]:
+    """Return the replay of each trial, without its drift."""
     return replay([trial.record.replay(trial.model, trial.parameters) for trial in trials])
+
+
+def positions_of(trials: Sequence[Trial]) -> list[NDArray[np.float64]]:
+    """Return the periodic position of each trial, without its drift [m], shape (n,) each; NaN if it diverges."""
+    return [each.position for each in replays_of(trials)]
