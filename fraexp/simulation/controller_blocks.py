@@ -11,6 +11,7 @@ from fraexp.components.feedforward import Feedforward
 from fraexp.components.kinds import Controller, FrictionModel
 from fraexp.components.translation import blocks
 from fraexp.components.translation.blocks import Block, BlockInput
+from fraexp.simulation.delta_form import delta_form
 from fraexp.simulation.discretisation import SignalPath
 from fraexp.simulation.experiments import Compensation
 
@@ -106,16 +107,14 @@ class ControllerParts:
         )
 
     def _controllers(self, controller: Controller, sample_time: float) -> Iterator[Block]:
-        numerator, denominator = controller.transfer_function(sample_time)
-        size = max(numerator.size, denominator.size)
-        numerator = np.pad(numerator, (0, size - numerator.size))
-        constants = {"controller": (numerator, np.pad(denominator, (0, size - denominator.size)))}
+        form = delta_form(*controller.transfer_function(sample_time))
+        constants, states = {"controller": form}, {"filtered": 2 * form[0].size}
         error = np.sin(0.3 * np.arange(TEST_SAMPLES)) * 1e-5
         yield Block(
             "feedback",
             f"Feedback C(z): {controller.name}",
             blocks.feedback,
-            {"filtered": size},
+            states,
             (BlockInput("error", self._length, "position reference less measured position"),),
             constants,
             BlockInput("control", self._force, "control input"),
@@ -141,7 +140,7 @@ class ControllerParts:
             blocks.positioning_control,
             {
                 "course": blocks.COURSE_STATES,
-                "filtered": constants["controller"][0].size,
+                "filtered": 2 * constants["controller"][0].size,
                 **(_law_states(friction) if friction else {"z": 1, "z_next": 1}),
             },
             (
@@ -165,7 +164,7 @@ class ControllerParts:
             "control",
             f"Feedback, and {compensation.gain:g} of the friction force by the law {friction.name}",
             blocks.compensated_feedback,
-            {"filtered": constants["controller"][0].size, "past": 2, **_law_states(friction)},
+            {"filtered": 2 * constants["controller"][0].size, "past": 2, **_law_states(friction)},
             (
                 BlockInput("position", self._length, "measured position"),
                 BlockInput("reference", self._length, "position reference"),

@@ -60,8 +60,8 @@ class Block:
 Numbers = NDArray[np.float64]
 FrictionLaw = tuple[Callable[..., float], tuple[Any, ...], float]
 """A friction law, its arguments behind z_next, and the viscous coefficient [N s/m]."""
-TransferFunction = tuple[Numbers, Numbers]
-"""Numerator and denominator in ascending powers of z⁻¹, of the same size."""
+DeltaForm = tuple[Numbers, Numbers, Numbers]
+"""Numerator, denominator and centres of a controller, as `delta_form` returns them, of the same size."""
 
 
 def friction_force(z: Numbers, z_next: Numbers, moved: float, time: float, friction: FrictionLaw) -> float:
@@ -73,12 +73,21 @@ def friction_force(z: Numbers, z_next: Numbers, moved: float, time: float, frict
     return force + viscous * (moved / time)
 
 
-def feedback(filtered: Numbers, error: float, controller: TransferFunction) -> float:
-    """Control input [N] of C(z) from the position error [m], in transposed direct form II."""
-    numerator, denominator = controller
+def feedback(filtered: Numbers, error: float, controller: DeltaForm) -> float:
+    """Control input [N] of C(z) from the position error [m].
+
+    A transposed direct form whose delays are 1/(z - c). The first half of `filtered` are their values, the second half
+    is what rounding took of each sum, which the next one makes good (W. Kahan, Comm. ACM 8, 1965).
+    """
+    numerator, denominator, centres = controller
+    size = numerator.size
     control = numerator[0] * error + filtered[0]
-    for i in range(1, numerator.size):
-        filtered[i - 1] = numerator[i] * error - denominator[i] * control + filtered[i]
+    for i in range(1, size):
+        kept = centres[i] * filtered[i - 1]
+        change = numerator[i] * error - denominator[i] * control + filtered[i] - filtered[size + i - 1]
+        total = kept + change
+        filtered[size + i - 1] = (total - kept) - change
+        filtered[i - 1] = total
     return float(control)
 
 
@@ -141,7 +150,7 @@ def compensated_feedback(
     z_next: Numbers,
     position: float,
     reference: float,
-    controller: TransferFunction,
+    controller: DeltaForm,
     gain: float,
     sample_time: float,
     friction: FrictionLaw,
@@ -164,7 +173,7 @@ def positioning_control(
     position: float,
     target: float,
     tables: tuple[Numbers, Numbers, Numbers, float, int],
-    controller: TransferFunction,
+    controller: DeltaForm,
     sample_time: float,
     friction: FrictionLaw,
 ) -> float:

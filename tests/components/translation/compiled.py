@@ -41,21 +41,21 @@ def compile_c(folder: Path, source: str, *options: str) -> Path:
 class CompiledBlocks:
     """Blocks in a shared library, each with a loop over samples."""
 
-    def __init__(self, folder: Path, blocks: Sequence[Block]) -> None:
+    def __init__(self, folder: Path, blocks: Sequence[Block], is_single: bool = False) -> None:
         self._blocks = {block.name: block for block in blocks}
         loops = "".join(self._loop(block) for block in blocks)
-        library = compile_c(folder, c_text(blocks, "axis", ["test"]) + loops, "-shared", "-fPIC")
+        library = compile_c(folder, c_text(blocks, "axis", ["test"], is_single) + loops, "-shared", "-fPIC")
         self._library = ctypes.CDLL(str(library))
 
     @staticmethod
     def _loop(block: Block) -> str:
         count = len(block.inputs)
-        given = ", ".join(f"in[{count} * k + {i}]" for i in range(count))
+        given = ", ".join(f"(axis_real)in[{count} * k + {i}]" for i in range(count))
         return (
             f"void run_{block.name}(long n, const double *in, double *out);\n"
             f"void run_{block.name}(long n, const double *in, double *out) {{\n"
             f"    axis_{block.name}_state state;\n    axis_{block.name}_reset(&state);\n"
-            f"    for (long k = 0; k < n; ++k) out[k] = axis_{block.name}_step(&state, {given});\n}}\n"
+            f"    for (long k = 0; k < n; ++k) out[k] = (double)axis_{block.name}_step(&state, {given});\n}}\n"
         )
 
     def run(self, name: str, inputs: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -7,6 +7,7 @@ blocks whose variables live on, and FOR loops whose end is included.
 import math
 import operator
 import re
+import struct
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -236,6 +237,8 @@ class Machine:
 
     def __init__(self, text: str) -> None:
         self.units = {unit.name: unit for unit in Parser(text).units()}
+        kinds = {kind for unit in self.units.values() for _, kind, _ in unit.variables.values()}
+        self._round = single if "real" in kinds else float
 
     def create(self, name: str) -> dict[str, Any]:
         """Return an instance of a function block or a program, with the first values of its variables."""
@@ -328,7 +331,7 @@ class Machine:
                 found = self._call(name, arguments, variables)
             case _:
                 raise AssertionError(expression)
-        return found
+        return self._round(found) if type(found) is float else found
 
     def _call(self, name: str, arguments: list[tuple[str, Any]], variables: dict[str, Any]) -> Any:
         values = [(key, self._value(value, variables)) for key, value in arguments]
@@ -347,6 +350,11 @@ class Machine:
             inner[key] = value
         self._run_body(unit, inner)
         return inner[name]
+
+
+def single(value: float) -> float:
+    """Return a number as REAL holds it: sums and products of such numbers are rounded the same by way of LREAL."""
+    return float(struct.unpack("f", struct.pack("f", value))[0])
 
 
 def binary(sign: str, left: Any, right: Any) -> Any:
