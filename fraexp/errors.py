@@ -41,6 +41,18 @@ class ConnectionLostError(MachineError):
     """The connection to a machine broke while it played: the same play may succeed later."""
 
 
+class LimitError(MachineError):
+    """A machine was stopped, because it moved beyond a limit."""
+
+
+class BusyError(MachineError):
+    """Another process uses the machine, or measures into the same files."""
+
+
+class PlanError(MachineError):
+    """A study asks for what its machine or the limits do not allow: nothing has moved."""
+
+
 class UnreachedError(FraexpError):
     """Those who compute are gone for good, in mid-run: sweeps are left that were not reached."""
 

@@ -21,10 +21,13 @@ from fraexp.cli.parser import UsageError
 from fraexp.cli.standard_streams import discard_unwritable, is_output_failure, open_closed_streams, watch_output
 from fraexp.errors import (
     BeginError,
+    BusyError,
     FilterError,
     FormerNameWarning,
     FraexpError,
+    LimitError,
     MachineError,
+    PlanError,
     StoreError,
     UnreachedError,
 )
@@ -136,15 +139,23 @@ def _execute_guarded(parsed: Namespace) -> tuple[str, int]:
         return f"fraexp: internal error: {type(error).__name__}: {error}; {more}", ExitCode.INTERNAL
 
 
+EXIT_CODES: dict[type, ExitCode] = {
+    FraexpError: ExitCode.USAGE,
+    StoreError: ExitCode.STORE,
+    FilterError: ExitCode.USAGE,
+    UnreachedError: ExitCode.INCOMPLETE,
+    MachineError: ExitCode.MACHINE,
+    PlanError: ExitCode.USAGE,
+    LimitError: ExitCode.LIMIT,
+    BusyError: ExitCode.BUSY,
+}
+"""Exit code of each error, and of those derived from it."""
+
+
 def _exit_code(error: FraexpError) -> ExitCode:
     if isinstance(error, BeginError):
         return next((code for code in ExitCode if code == error.code), ExitCode.INCOMPLETE)
-    if isinstance(error, UnreachedError):
-        return ExitCode.INCOMPLETE
-    if isinstance(error, MachineError):
-        return ExitCode.MACHINE
-    is_of_store = isinstance(error, StoreError) and not isinstance(error, FilterError)
-    return ExitCode.STORE if is_of_store else ExitCode.USAGE
+    return next(EXIT_CODES[kind] for kind in type(error).__mro__ if kind in EXIT_CODES)
 
 
 def _execute(parsed: Namespace) -> int:

@@ -369,6 +369,10 @@ class MachineDriver(Component, ABC):
     def connect(self, folder: Path) -> MachineSession:
         """Return the connected machine; `folder` is the workspace's. MachineError if it cannot be reached."""
 
+    def address(self, folder: Path) -> str:
+        """Return what tells the machine from others, so that one process at a time plays on it; empty: nothing does."""
+        return ""
+
 
 KINDS: tuple[type[Component], ...] = (
     FrictionModel, Plant, Controller, Excitation, Estimator, RecordReader, MachineDriver,

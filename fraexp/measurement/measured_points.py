@@ -8,10 +8,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from fraexp.data.file_lock import try_lock
 from fraexp.data.identity import digest_of
 from fraexp.data.sample_file import SampleHeader, SampleWriter, create_sample_file, read_header
-from fraexp.errors import MachineError, RecordError, StudyError
+from fraexp.errors import RecordError, StudyError
+from fraexp.measurement.process_lock import process_lock
 from fraexp.measurement.tasks import MeasurementTask
 
 PLAY_COLUMN = "play"
@@ -69,19 +69,8 @@ class MeasurementFiles:
 
     @contextmanager
     def locked(self) -> Iterator[None]:
-        """Keep other processes from measuring into the same files; MachineError if one does."""
-        self.folder.mkdir(parents=True, exist_ok=True)
-        file = self.samples.with_suffix(".lock")  # it stays: whoever removed it could remove that of somebody else
-        with file.open("a+", encoding="utf-8") as stream:
-            if not try_lock(stream.fileno()):
-                stream.seek(0)
-                raise MachineError(
-                    f"{self.samples}: process {stream.read().strip()} is measuring into this file; wait until it has "
-                    "ended, or stop it"
-                )
-            stream.truncate(0)
-            stream.write(f"{os.getpid()}\n")
-            stream.flush()
+        """Keep other processes from measuring into the same files; BusyError if one does."""
+        with process_lock(self.samples.with_suffix(".lock"), f"{self.samples}", "into this file"):
             yield
 
     def open(self, task: MeasurementTask, header: SampleHeader, fresh: bool = False) -> SampleWriter:

@@ -12,7 +12,7 @@ from fraexp.components.measurement_settings import MeasurementSettings
 from fraexp.components.registry import Registry
 from fraexp.data.rotary_axes import is_rotary
 from fraexp.data.sample_file import SampleHeader, SampleWriter
-from fraexp.errors import ConnectionLostError, MachineError
+from fraexp.errors import ConnectionLostError, LimitError, MachineError, PlanError
 from fraexp.measurement.measured_points import PLAY_COLUMN, MeasuredPoint, MeasurementFiles
 from fraexp.measurement.measurement_plan import (
     SETTLING_RESERVE,
@@ -23,7 +23,13 @@ from fraexp.measurement.measurement_plan import (
 )
 from fraexp.measurement.motion_guard import MotionGuard
 from fraexp.measurement.play_demands import simulate_demands
-from fraexp.measurement.point_measurement import LimitExceededError, PointMeasurement, PointProgress, RecordAim
+from fraexp.measurement.point_measurement import (
+    LimitExceededError,
+    PointMeasurement,
+    PointProgress,
+    RecordAim,
+    UnsettledError,
+)
 from fraexp.measurement.si_session import connect_in_si
 from fraexp.measurement.tasks import MeasurementTask
 
@@ -39,6 +45,8 @@ REMEDY_AFTER_LIMIT = (
 )
 NUMBER = re.compile(r"\d+")
 """Number in a note."""
+STRONGEST_SHARE = 0.99
+"""Part of the strongest excitation of a plan from which a point counts as one with it."""
 RECORD_RESERVE = 1.1
 """Factor on the record that a band asks for."""
 
@@ -119,6 +127,7 @@ class Measurement:
             yield MeasurementNotice(f"{each.frequency}: measured again, because its samples never reached the disk")
         self._guard = MotionGuard(plan.limits, writer.header.sample_time, plan.limit_share)
         self._plays, self._limits = writer.last_play(), plan.limits
+        self._strongest = max(point.rms for point in plan.points)
         spent, total = sum(point.machine_time for point in kept), len(plan.points)
         done = {point.number for point in kept}
         waiting = [point for point in plan.points if point.number not in done]
@@ -140,6 +149,7 @@ class Measurement:
         """Play a point until its record is good enough, and return it."""
         repeats: list[str] = []
         spent, reason = 0.0, ""
+        failure: type[MachineError] = MachineError
         aim = self._aim(point)
         for attempt in range(self._settings.attempts):
             if reason:
@@ -150,14 +160,15 @@ class Measurement:
             play = PointMeasurement(point, self._session, writer, self._guard, aim, self._plays, reserve)
             try:
                 yield from play
-            except ConnectionLostError as error:
-                reason, spent = str(error), spent + play.seconds
-                self._reconnect()
+            except (ConnectionLostError, UnsettledError) as error:
+                reason, spent, failure = str(error), spent + play.seconds, MachineError
+                if isinstance(error, ConnectionLostError):
+                    self._reconnect()
                 continue
             except LimitExceededError as error:
                 if not self._settings.adapt_amplitude:
-                    raise MachineError(f"{error}{REMEDY_AFTER_LIMIT}") from error
-                reason, spent = str(error), spent + play.seconds
+                    raise LimitError(f"{error}{REMEDY_AFTER_LIMIT}") from error
+                reason, spent, failure = str(error), spent + play.seconds, LimitError
                 point = point.with_amplitude(point.amplitude * min(AMPLITUDE_AFTER_LIMIT / error.reached, MAX_LOWERED))
                 continue
             for note in gathered(play.notes):
@@ -167,10 +178,13 @@ class Measurement:
             found = replace(found, band=found.band if band is None else band)
             better = self._improved(point, aim, play, found) if attempt + 1 < self._settings.attempts else None
             if better is None:
+                if play.hides_motion and point.rms >= STRONGEST_SHARE * self._strongest:
+                    raise play.standstill_error()
                 return found
             point, aim, reason = better
             spent += play.seconds
-        raise MachineError(f"{point.frequency}: given up after {self._settings.attempts} plays; the last: {reason}")
+        plays = f"{self._settings.attempts} plays (measurement.attempts)"
+        raise failure(f"{point.frequency}: given up after {plays}; the last: {reason}")
 
     def _aim(self, point: PlannedPoint) -> RecordAim:
         shortest, settings = point.counts.record, self._settings
@@ -203,7 +217,7 @@ class Measurement:
         while factor >= MIN_RAISED:
             higher = point.with_amplitude(point.amplitude * factor)
             higher = replace(higher, demand=higher.demand.maximum_with(*simulate_demands([higher.simulated_play])))
-            with suppress(MachineError):
+            with suppress(PlanError):
                 return check_points([higher], self._limits, self._settings.margin)[0]
             factor *= 0.9
         return None
@@ -230,10 +244,10 @@ def _seconds(point: PlannedPoint) -> float:
 
 
 def check_description(description: MachineDescription, task: MeasurementTask) -> None:
-    """Raise MachineError if a machine does not fit the study."""
+    """Raise PlanError if a machine does not fit the study."""
     sample_time = task.experiment["loop"]["sample_time"]
     if abs(description.sample_time / sample_time - 1) > 1e-9:
-        raise MachineError(
+        raise PlanError(
             f"the machine has a sample time of {description.sample_time:g} s; loop.sample_time is {sample_time:g} s: "
             "let them agree"
         )

@@ -11,7 +11,7 @@ from fraexp.components.measurement_settings import MeasurementSettings, ramp_out
 from fraexp.components.periods import Period
 from fraexp.components.registry import Registry, create
 from fraexp.data.frequency_text import frequency_text
-from fraexp.errors import MachineError, StudyError
+from fraexp.errors import PlanError, StudyError
 from fraexp.measurement.play_demands import SimulatedPlay, simulate_demands
 from fraexp.measurement.tasks import REQUIRED_LIMITS, MeasurementTask
 from fraexp.simulation.experiment_run import run_experiments
@@ -63,6 +63,11 @@ class PlannedPoint:
     def frequency(self) -> str:
         """Its frequency, or range of frequencies."""
         return frequency_text(self.period.lines / (self.period.waveform.size * self.sample_time))
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the excitation [N]: few samples of a sine may all miss its peak."""
+        return self.amplitude * float(np.sqrt(np.mean(self.period.waveform**2)))
 
     @property
     def simulated_play(self) -> SimulatedPlay:
@@ -139,7 +144,7 @@ def joint_limits(stated: MotionLimits, machine: Mapping[str, float] | None = Non
 def plan_measurement(
     task: MeasurementTask, registry: Registry, machine_limits: Mapping[str, float] | None = None
 ) -> MeasurementPlan:
-    """Return the plan of a task, checked against the limits; MachineError names the first that would be exceeded."""
+    """Return the plan of a task, checked against the limits; PlanError names the first that would be exceeded."""
     limits = joint_limits(task.limits, machine_limits)
     machine, excitation = build_machine(task.experiment, registry), _excitation(task, registry)
     setup, schedule = planning_setup(machine), excitation.schedule
@@ -172,7 +177,7 @@ def planning_setup(machine: Machine) -> Setup:
 
 
 def plan_points(machine: Machine, experiments: Sequence[Experiment], ramp_out: int) -> list[PlannedPoint]:
-    """Return what experiments on one machine are to play, and ask for; MachineError if one diverges.
+    """Return what experiments on one machine are to play, and ask for; PlanError if one diverges.
 
     A point asks for the motion that is simulated from rest to rest, or for that of the linear loop if it is greater.
     """
@@ -194,7 +199,7 @@ def _settling_times(experiments: Sequence[Experiment]) -> list[int]:
         if segment is None or segment.settling is None:
             period = experiment.period
             frequency = frequency_text(period.lines / (period.waveform.size * experiment.setup.sample_time))
-            raise MachineError(
+            raise PlanError(
                 f"at {frequency} the study's machine diverges in the simulation; expected one that comes to rest: "
                 "lower the controller's gain or the amplitude, or correct plant and dead times"
             )
@@ -205,7 +210,7 @@ def _settling_times(experiments: Sequence[Experiment]) -> list[int]:
 def check_points(points: Sequence[PlannedPoint], limits: MotionLimits, margin: float) -> list[PlannedPoint]:
     """Return the points with what they ask for, those that come near a limit looked at closely.
 
-    MachineError names the first that is predicted to come nearer to a limit than the margin.
+    PlanError names the first that is predicted to come nearer to a limit than the margin.
     """
     for point in points:
         check_demand(point, limits, margin)
@@ -229,11 +234,11 @@ def _comes_near(demand: Demand, limits: MotionLimits, margin: float) -> bool:
 
 
 def check_demand(point: PlannedPoint, limits: MotionLimits, margin: float) -> None:
-    """Raise MachineError if a point is predicted to come nearer to a limit than the margin."""
+    """Raise PlanError if a point is predicted to come nearer to a limit than the margin."""
     for name, found, unit in zip(Demand._fields, point.demand, DEMAND_UNITS, strict=True):
         allowed = getattr(limits, name)
         if allowed is not None and not found <= (1 - margin) * allowed:
-            raise MachineError(
+            raise PlanError(
                 f"at {point.frequency} the excitation is predicted to need a {name.replace('_', ' ')} of {found:.4g} "
                 f"{unit}; limits.{name} is {allowed:g} {unit}, of which measurement.margin leaves "
                 f"{(1 - margin) * allowed:.4g} {unit}: lower the amplitude, lengthen "

@@ -29,8 +29,14 @@ BAND_GROWTH = 1.25
 HOPELESS_RATIO = 1.5
 """Band at the end of the longest record, as projected, over the one asked for, from which a record is given up."""
 
+VISIBLE_RATIO = 5.0
+"""Predicted stroke, over the range of a position that shows nothing but noise, from which the axis stands."""
 LEAST_MOTION = 1e-12
 """Motion [m or rad] below which an axis stands: no encoder shows it, and a simulation's rounding does."""
+
+
+class UnsettledError(MachineError):
+    """A play was too short: the machine settles more slowly than was predicted."""
 
 
 class LimitExceededError(MachineError):
@@ -89,8 +95,9 @@ class PointMeasurement:
         self._point, self._session, self._writer, self._guard = point, session, writer, guard
         self._goal, self._record, self._longest, self._is_patient = aim
         self._play, self.is_hopeless = play, False
-        live = session.description.is_live
-        self._request = point.request(self._longest) if live else point.expected_request(self._record, reserve)
+        self._is_live = session.description.is_live
+        expected = point.expected_request(self._record, reserve)
+        self._request = point.request(self._longest) if self._is_live else expected
         self._monitor = SettlingMonitor(point.counts, point.may_drift)
         self._channels = [name for name in writer.header.units if name in session.description.channels]
         self._samples = np.empty((len(self._channels), self._request.samples))
@@ -107,7 +114,7 @@ class PointMeasurement:
         return self._count * self._point.sample_time
 
     def __iter__(self) -> Iterator[PointProgress]:
-        """Play; LimitExceededError or ConnectionLostError if it was of no use."""
+        """Play; LimitExceededError, UnsettledError or ConnectionLostError if it was of no use."""
         period = self._point.period
         highest = period.lines[-1] / (period.waveform.size * self._point.sample_time)
         self._guard.begin(float(highest))
@@ -115,13 +122,13 @@ class PointMeasurement:
         for chunk in self._session.play(self._request):
             self._store(chunk)
             fault = fault or self._guard.look(chunk)
-            if fault or self._is_enough:
+            is_over = fault or self._is_enough
+            if not is_over:
+                self._evaluate()
+            if fault or (self._is_enough and self._is_live):
                 self._session.stop()
-                continue
-            self._evaluate()
-            if self._is_enough:
-                self._session.stop()
-            yield self._progress()
+            if not is_over:
+                yield self._progress()
         if fault.startswith(NOT_FINITE):
             raise MachineError(
                 f"{fault} at {self._point.frequency}, by sample {self._count} of its play; the machine was stopped: "
@@ -133,13 +140,18 @@ class PointMeasurement:
             )
         is_complete = self._monitor.record_start is not None and self._periods > 0
         if self._stands(is_complete):
-            raise MachineError(
-                f"at {self._point.frequency} the axis does not move: its position shows nothing but the noise and the "
-                f"steps of its encoder, while the control input reaches {self._guard.of_play.force:.4g} N; release "
-                "the brake, enable the drive, check the encoder, or raise excitation.amplitude"
-            )
+            raise self.standstill_error()
+        if not is_complete and self._count < self._request.full_samples:
+            raise ConnectionLostError(f"the play ended after {self._count} of {self._request.samples} samples")
         if not is_complete:
-            raise ConnectionLostError(f"the play ended after {self._count} samples, before its record was complete")
+            raise UnsettledError(f"in the {self.seconds:.3g} s that were played it did not settle in time for a record")
+
+    @property
+    def hides_motion(self) -> bool:
+        """Whether the record shows nothing but noise, although the predicted motion is far above it."""
+        record = self.segment()
+        is_visible = self._point.demand.stroke > VISIBLE_RATIO * float(np.ptp(record.channels["y"]))
+        return is_visible and not moves_visibly([record], "y")
 
     def _stands(self, is_complete: bool) -> bool:
         """Return whether the position is as good as constant, or all that a play without a record shows is noise."""
@@ -152,6 +164,14 @@ class PointMeasurement:
             return False
         block = position[ramp : ramp + periods * size].reshape(periods, size)
         return not moves_visibly([Segment(self._point.sample_time, {"y": block}, self._point.period.lines)], "y")
+
+    def standstill_error(self) -> MachineError:
+        """Return the error that the axis does not move."""
+        return MachineError(
+            f"at {self._point.frequency} the axis does not move: its position shows nothing but the noise and the "
+            f"steps of its encoder, while the control input reaches {self._guard.of_play.force:.4g} N; release "
+            "the brake, enable the drive, check the encoder, or raise excitation.amplitude"
+        )
 
     def _progress(self) -> PointProgress:
         guard, settled = self._guard, self._monitor.is_settled

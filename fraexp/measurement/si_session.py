@@ -1,13 +1,17 @@
 """A connected machine in SI units, whatever units it counts in: limits mean nothing beside any others."""
 
 from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, suppress
 from dataclasses import replace
 from pathlib import Path
 
 from fraexp.components.kinds import MachineDriver
 from fraexp.components.machine_session import Chunk, MachineDescription, MachineSession, PlayRequest
 from fraexp.data import units
-from fraexp.errors import MachineError, ParameterError
+from fraexp.data.identity import digest_of
+from fraexp.errors import ParameterError, PlanError
+from fraexp.kernels.cache_folder import cache_folder
+from fraexp.measurement.process_lock import process_lock
 from fraexp.simulation.motion_limits import MotionLimits
 
 SI_UNITS = {False: {"y": ("m", "a position"), "u": ("N", "a force")}}
@@ -18,27 +22,32 @@ SI_UNITS[True] = {"y": ("rad", "an angle"), "u": ("N m", "a torque")}
 def connect_in_si(machine: MachineDriver, folder: Path, rotary: bool) -> MachineSession:
     """Return a machine, connected, whose position, control input and limits are in SI units.
 
-    MachineError if it cannot be reached, or if its units are not those of such an axis; nothing has moved then.
+    MachineError if it cannot be reached, PlanError if its units are not those of such an axis, and BusyError if another
+    process of this user measures on it; nothing has moved then.
     """
-    session = machine.connect(folder)
-    try:
-        return SiSession(session, rotary)
-    except BaseException:
-        session.close()
-        raise
+    with ExitStack() as stack:
+        if address := machine.address(folder):
+            file = cache_folder() / "machines" / f"{digest_of([machine.name, address]).hex()}.lock"
+            with suppress(OSError):  # a cache that cannot be written locks nothing
+                stack.enter_context(process_lock(file, f"{machine.name} {address}", "on this machine"))
+        session = machine.connect(folder)
+        stack.callback(session.close)
+        found = SiSession(session, rotary)
+        found.at_close = stack.pop_all()
+    return found
 
 
 def si_factors(channels: Mapping[str, str], rotary: bool) -> dict[str, float]:
-    """Return what samples of ``y`` and ``u`` are multiplied by to be in SI units; MachineError if they cannot be."""
+    """Return what samples of ``y`` and ``u`` are multiplied by to be in SI units; PlanError if they cannot be."""
     found = {}
     for name, (unit, quantity) in SI_UNITS[rotary].items():
         if name not in channels:
             known = ", ".join(channels)
-            raise MachineError(f"the machine records no channel '{name}'; expected y and u among {known}")
+            raise PlanError(f"the machine records no channel '{name}'; expected y and u among {known}")
         try:
             found[name] = units.factor(channels[name], unit)
         except ParameterError as error:
-            raise MachineError(
+            raise PlanError(
                 f"channel {name} of the machine: {error}; expected {quantity}, because limits are compared with it"
             ) from None
     return found
@@ -49,6 +58,8 @@ class SiSession(MachineSession):
 
     def __init__(self, session: MachineSession, rotary: bool) -> None:
         self._session, found = session, session.description
+        self.at_close = ExitStack()
+        """What is released with the connection."""
         self._factors = si_factors(found.channels, rotary)
         limits = MotionLimits.parse(found.limits, "limits of the machine", rotary=rotary).plain()
         stated = {name: value for name, value in limits.items() if value is not None}
@@ -68,4 +79,4 @@ class SiSession(MachineSession):
         self._session.stop()
 
     def close(self) -> None:
-        self._session.close()
+        self.at_close.close()

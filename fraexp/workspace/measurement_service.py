@@ -175,4 +175,4 @@ def _words_of_its_axis(task: MeasurementTask) -> Iterator[None]:
     try:
         yield
     except MachineError as error:
-        raise MachineError(rotary_text(str(error)) if is_rotary(task.experiment) else str(error)) from error
+        raise type(error)(rotary_text(str(error)) if is_rotary(task.experiment) else str(error)) from error

@@ -1,5 +1,6 @@
 """Programs and folders as machines, the template, and what they say when something is wrong."""
 
+import os
 import threading
 from pathlib import Path
 from typing import Any
@@ -9,8 +10,11 @@ import pytest
 from fraexp_plugins.machines.command import CommandMachine
 from fraexp_plugins.machines.folder import FolderMachine
 
+from fraexp.cli.exits import ExitCode
+from fraexp.cli.main import main
 from fraexp.components.machine_session import MachineSession, PlayRequest
-from fraexp.errors import ConnectionLostError, MachineError, ParameterError
+from fraexp.errors import BusyError, ConnectionLostError, MachineError, ParameterError
+from fraexp.measurement.si_session import connect_in_si
 from fraexp.testing.conformance_check import ViolationError
 from fraexp.testing.machine_checks import require_si
 from fraexp.workspace.measurement_service import MeasurementService, PointEstimated
@@ -163,6 +167,11 @@ def test_limits_of_a_machine_may_be_texts_with_units(workspace: WorkspaceService
     [
         ("print('1,2')", ConnectionLostError, r"python3 ended with exit code 0 after 1 of 320 samples"),
         ("print('1;2')", MachineError, r"python3, line 1: '1;2'; expected numbers for y,u"),
+        (
+            f"print('0,0')\n{PROGRAM.format(step=SAMPLE_TIME)}",
+            MachineError,
+            r"python3, line 321: '.*', after a line for each of the 320 samples; expected no other lines",
+        ),
     ],
 )
 def test_a_program_that_does_not_measure_is_named(
@@ -173,11 +182,70 @@ def test_a_program_that_does_not_measure_is_named(
         played(session)
 
 
+def test_a_program_may_go_on_in_silence_until_it_is_told_to_end(tmp_path: Path) -> None:
+    program(tmp_path, f"{PROGRAM.format(step=SAMPLE_TIME)}\nimport time\ntime.sleep(60)")
+    with command().model_copy(update={"timeout": 0.2}).connect(tmp_path) as session:
+        assert played(session)["y"].size == REQUEST.samples
+
+
+SLOW = """
+import math, sys
+y = [0.0]
+for k, line in enumerate(open(sys.argv[1])):
+    y.append(y[-1] + 1e-7 * math.exp(-k / 2e4) + 1e-7 * float(line))
+    print(f"{y[-1]!r},{line.strip()}")
+"""
+
+
+def test_a_machine_that_settles_too_late_is_said_to(workspace: WorkspaceService, monkeypatch: Any) -> None:
+    monkeypatch.chdir(workspace.folder)
+    found = (
+        r"given up after 2 plays \(measurement.attempts\); the last: in the [\d.]+ s that were played it did not settle"
+    )
+    with pytest.raises(MachineError, match=found):
+        measured_in(workspace, '["m", "N"]', SLOW, "measurement.attempts=2")
+
+
 def test_a_program_that_hangs_is_lost_after_the_timeout(tmp_path: Path) -> None:
     program(tmp_path, "import time\nfor k in range(5):\n    print('0.0,1.0', flush=True)\ntime.sleep(60)")
     machine = command().model_copy(update={"timeout": 0.5})
     with machine.connect(tmp_path) as session, pytest.raises(ConnectionLostError, match=r"printed nothing for 0\.5 s"):
         played(session)
+
+
+def test_one_process_at_a_time_measures_on_a_machine(tmp_path: Path) -> None:
+    """Another study or workspace that names the same machine is refused before anything moves."""
+    program(tmp_path)
+    with connect_in_si(command(), tmp_path, rotary=False):
+        with pytest.raises(BusyError, match=rf"command .* axis.py: process {os.getpid()} is measuring on this machine"):
+            connect_in_si(command(), tmp_path, rotary=False)
+        connect_in_si(command("{file}"), tmp_path, rotary=False).close()
+    connect_in_si(command(), tmp_path, rotary=False).close()
+
+
+EXITS = {
+    "limits.force=30": ExitCode.USAGE,
+    "measurement.margin=7": ExitCode.USAGE,
+    'measurement.machine={name="command", program=["python3", "axis.py"], units=["m", "A"]}': ExitCode.USAGE,
+    'measurement.machine={name="command", program=["no_such_program"]}': ExitCode.MACHINE,
+    'measurement.machine={name="command", program=["python3", "-c", "print(1)"]}': ExitCode.MACHINE,
+}
+"""Override of the study, and how its measurement ends: at a limit it does in `test_measurement`."""
+
+
+@pytest.mark.parametrize("override", EXITS)
+def test_the_exit_code_says_whose_fault_it_is(workspace: WorkspaceService, monkeypatch: Any, override: str) -> None:
+    monkeypatch.chdir(workspace.folder)
+    program(workspace.folder, PROGRAM.format(step=0.0005))
+    assert main(["measure", "axis", "--set", override]) == EXITS[override]
+
+
+def test_a_machine_that_is_in_use_has_an_exit_code_of_its_own(workspace: WorkspaceService, monkeypatch: Any) -> None:
+    monkeypatch.chdir(workspace.folder)
+    events = MeasurementService(workspace, "axis").measure_points()
+    next(events)
+    assert main(["measure", "axis"]) == ExitCode.BUSY
+    events.close()
 
 
 def test_a_missing_program_is_named(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ import pytest
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
-from fraexp.data.results import Outcome, Result
+from fraexp.data.results import Result
 from fraexp.data.sample_file import read_header
 from fraexp.errors import FraexpError, MachineError, StudyError
 from fraexp.measurement.measurement import MeasurementBegun, MeasurementNotice, gathered
@@ -138,7 +138,7 @@ def test_after_a_stop_at_a_limit_the_same_command_goes_on(
     monkeypatch.chdir(workspace.folder)
     overrides = (stronger_machine(workspace), "limits.velocity=0.06", "excitation.frequencies=[20.0, 200.0]")
     command = ["measure", "axis", *(word for each in overrides for word in ("--set", each))]
-    assert main(command) == ExitCode.MACHINE
+    assert main(command) == ExitCode.LIMIT
     assert "at 20 Hz; the machine was stopped: check the nominal machine" in capsys.readouterr().err
     assert main([*command, "--set", "measurement.adapt_amplitude=true"]) == ExitCode.OK
     assert "2 points, 1 kept" in capsys.readouterr().err
@@ -236,10 +236,23 @@ def test_an_axis_that_does_not_move_is_said_not_to(workspace: WorkspaceService) 
     for encoder in (("loop.noise=0",), NO_ENCODER):
         with pytest.raises(MachineError, match=r"at 100 Hz the axis does not move: .* reaches \d+\.?\d* N; release"):
             measure(workspace, *few, STUCK, *encoder, fresh=True)
-    measure(workspace, *few, STUCK, fresh=True)  # with noise, of which averaging might make something
-    for name, result in results(workspace, "axis-measured").items():
-        assert (name, result.outcome) == (name, Outcome.NO_MOTION)
-        assert "the axis does not move: y shows nothing but noise at the excited frequencies" in result.message
+
+
+def test_with_noise_too_a_brake_ends_the_measurement_at_the_first_point(workspace: WorkspaceService) -> None:
+    service = MeasurementService(workspace, "axis", [STUCK])
+    with pytest.raises(
+        MachineError, match=r"at 100 Hz the axis does not move: .* reaches 40\.\d+ N; release the brake"
+    ):
+        list(service.measure_points())
+    assert service.files(service.tasks[0]).points() == []  # it is measured once the brake is released
+
+
+def test_where_another_point_pushes_harder_the_measurement_goes_on(workspace: WorkspaceService) -> None:
+    """A point of little force shows no motion: friction holds the axis there, and not at the next one."""
+    held = 'measurement.machine.friction={name="coulomb", coulomb_force=30}'
+    two = "excitation={name='sine_list', frequencies=[100.0, 50.0], amplitudes=[20.0, 40.0], recorded_periods=4}"
+    events = MeasurementService(workspace, "axis", [two, held]).measure_points()
+    assert sum(isinstance(event, PointEstimated) for event in events) == 2
 
 
 LOCKING = """

@@ -61,6 +61,9 @@ class AdsMachine(MachineDriver, name="ads", version=1):
     watchdog: float = param("s", "time without a sample taken after which the block stops", 0.5, above=0)
     poll: float = param("s", "time between two looks for samples", 0.01, above=0)
 
+    def address(self, folder: Path) -> str:
+        return f"{self.net_id} {self.port} {self.block.lower()}"
+
     def connect(self, folder: Path) -> "AdsSession":
         try:
             pyads = import_module("pyads")

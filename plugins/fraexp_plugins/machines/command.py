@@ -37,7 +37,8 @@ class CommandMachine(MachineDriver, name="command", version=1):
     """A program that is started for each play, such as ``program = ["./measure.sh", "{file}"]``.
 
     It gets the excitation in the unit of `u` as text, one sample a line: from the file whose name stands in place of
-    ``{file}``, or from standard input. It prints a line for each sample, with the channels' values separated by commas.
+    ``{file}``, or from standard input. It prints a line for each sample, with the channels' values separated by commas,
+    and nothing else: one line more would shift all rows. Then it ends.
     At SIGTERM, and where its output is closed, it must bring the machine to rest: that is all that is left of fraexp
     when fraexp dies. How many samples it gets is known before: a play cannot be ended early because it is good enough.
     """
@@ -47,6 +48,9 @@ class CommandMachine(MachineDriver, name="command", version=1):
     channels: tuple[str, ...] = param("", "channels that it prints, in their order", ("y", "u"))
     units: tuple[str, ...] = param("", "their units", ("m", "N"))
     timeout: float = param("s", "time without a line after which the machine counts as lost", 10.0, above=0)
+
+    def address(self, folder: Path) -> str:
+        return f"{folder.resolve()} {' '.join(self.program)}"
 
     def connect(self, folder: Path) -> "CommandSession":
         if len(self.channels) != len(self.units) or not self.program:
@@ -102,17 +106,32 @@ class CommandSession(MachineSession):
         process = self._process
         assert process is not None and process.stdout is not None
         start, rows = 0, list[list[float]]()
-        for number, line in enumerate(self._lines(process.stdout.fileno()), start=1):
+        lines = self._lines(process.stdout.fileno())
+        for number, line in enumerate(lines, start=1):
             rows.append(self._values(line, number))
             if len(rows) == CHUNK_SAMPLES or start + len(rows) == samples:
                 yield Chunk(start, dict(zip(self._machine.channels, np.array(rows).T, strict=True)))
                 start, rows = start + len(rows), []
-            if start == samples or self._process is not process:
-                return  # complete, or stopped by whoever took the chunk: the output is closed
+            if self._process is not process:
+                return  # stopped by whoever took the chunk: the output is closed
+            if start == samples:
+                return self._check_end(lines, samples)
         code = process.wait()
         raise ConnectionLostError(
             f"{self._machine.program[0]} ended with exit code {code} after {start + len(rows)} of {samples} samples"
         )
+
+    def _check_end(self, lines: Iterator[str], samples: int) -> None:
+        """Raise MachineError if lines follow those of all samples: which of them is no sample is not known."""
+        more = ""
+        with suppress(ConnectionLostError):  # it goes on in silence, until it is told to end
+            more = next((line for line in lines if line.strip()), "")
+        if more:
+            raise MachineError(
+                f"{self._machine.program[0]}, line {samples + 1}: '{more.strip()[:60]}', after a line for each of the "
+                f"{samples} samples; expected no other lines, such as a header, as they shift all rows: print them to "
+                "standard error"
+            )
 
     def _lines(self, pipe: int) -> Iterator[str]:
         """Yield the lines that the program prints; ConnectionLostError if nothing comes for as long as the timeout."""

@@ -36,6 +36,9 @@ class FolderMachine(MachineDriver, name="folder", version=1):
     units: tuple[str, ...] = param("", "their units", ("m", "N"))
     timeout: float = param("s", "time for which a record is waited for", 3600.0, above=0)
 
+    def address(self, folder: Path) -> str:
+        return str((folder / self.folder).resolve())
+
     def connect(self, folder: Path) -> "FolderSession":
         if len(self.channels) != len(self.units):
             raise MachineError(
