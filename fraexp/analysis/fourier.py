@@ -44,6 +44,11 @@ def phasors(segment: Segment, channel: str) -> NDArray[np.complex128]:
     return _cached_sums(segment, channel, "phasors", segment.lines)
 
 
+def line_amplitude(segment: Segment, channel: str) -> float:
+    """Return the amplitude of a channel at the excited lines together: √Σ|X|² of the mean phasors [unit]."""
+    return float(np.linalg.norm(phasors(segment, channel).mean(axis=0)))
+
+
 def harmonic_phasors(segment: Segment, channel: str) -> NDArray[np.complex128]:
     """Return the phasors [unit] of each period at a single line and its harmonics below Nyquist, (periods, orders)."""
     highest = max((segment.samples - 1) // (2 * int(segment.lines[0])), 1)

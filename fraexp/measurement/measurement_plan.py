@@ -1,16 +1,18 @@
 """The plan of a measurement: which points are played, in which order, how long, and what that asks of the machine."""
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from fraexp.analysis.fourier import line_amplitude
 from fraexp.components.kinds import Excitation
 from fraexp.components.machine_session import PlayRequest
 from fraexp.components.measurement_settings import MeasurementSettings, ramp_out_samples
 from fraexp.components.periods import Period
 from fraexp.components.registry import Registry, create
 from fraexp.data.frequency_text import frequency_text
+from fraexp.data.signals import Segment
 from fraexp.errors import PlanError, StudyError
 from fraexp.measurement.play_demands import SimulatedPlay, simulate_demands
 from fraexp.measurement.tasks import REQUIRED_LIMITS, MeasurementTask
@@ -46,6 +48,8 @@ class PlannedPoint:
     """What it asks of the machine, as predicted."""
     amplitude: float = 1.0
     """Factor on the amplitude that the study gives."""
+    expected: Mapping[str, float] = field(default_factory=dict)
+    """Amplitude of each channel at the excited lines, as predicted [N or m]; empty if nothing is."""
     may_drift: bool = False
     """Whether the mean position may still move slowly in the record: its estimator takes that off."""
 
@@ -182,18 +186,20 @@ def plan_points(machine: Machine, experiments: Sequence[Experiment], ramp_out: i
     A point asks for the motion that is simulated from rest to rest, or for that of the linear loop if it is greater.
     """
     points = []
-    for experiment, settling in zip(experiments, _settling_times(experiments), strict=True):
+    for experiment, segment in zip(experiments, _predicted_records(experiments), strict=True):
         counts = ExperimentPlan.from_experiment(experiment)
         linear = predict_demand(machine, experiment.period)
-        points.append(PlannedPoint(experiment.number, counts, settling, ramp_out, linear))
+        settling = round(segment.settling.time / segment.sample_time) if segment.settling else 0
+        expected = {name: line_amplitude(segment, name) for name in segment.channels}
+        points.append(PlannedPoint(experiment.number, counts, settling, ramp_out, linear, expected=expected))
     simulated = simulate_demands([point.simulated_play for point in points])
     return [
         replace(point, demand=point.demand.maximum_with(more)) for point, more in zip(points, simulated, strict=True)
     ]
 
 
-def _settling_times(experiments: Sequence[Experiment]) -> list[int]:
-    """Return after how many samples each experiment is recorded on the study's machine."""
+def _predicted_records(experiments: Sequence[Experiment]) -> list[Segment]:
+    """Return what the study's machine records of each experiment, with its settling."""
     found = []
     for experiment, segment in zip(experiments, run_experiments(experiments, lambda _: None), strict=True):
         if segment is None or segment.settling is None:
@@ -203,7 +209,7 @@ def _settling_times(experiments: Sequence[Experiment]) -> list[int]:
                 f"at {frequency} the study's machine diverges in the simulation; expected one that comes to rest: "
                 "lower the controller's gain or the amplitude, or correct plant and dead times"
             )
-        found.append(round(segment.settling.time / segment.sample_time))
+        found.append(segment)
     return found
 
 

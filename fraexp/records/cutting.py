@@ -1,7 +1,7 @@
 """Division of a record into blocks of whole periods and whole samples."""
 
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -53,6 +53,8 @@ class Cut:
     """Whether it was periodic at its start, if it is known."""
     residual: float | None = None
     """Relative difference of the last periods compared before it, if it is known."""
+    expected: Mapping[str, float] = field(default_factory=dict)
+    """Amplitude of channels at the excited lines [N or m, or N m and rad], where it was predicted."""
 
     def blocks_of(self, channel: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the blocks of a channel, shape (blocks, samples)."""
@@ -67,7 +69,7 @@ class Cut:
             "sample_time": self.sample_time,
             "lines": list(self.lines),
             **({} if self.periodic else {"periodic": False}),
-            **{key: getattr(self, key) for key in ("left_out", "doubtful") if getattr(self, key)},
+            **{key: getattr(self, key) for key in ("left_out", "doubtful", "expected") if getattr(self, key)},
             **{key: getattr(self, key) for key in ("rest", "settled", "residual") if getattr(self, key) is not None},
         }
 
@@ -77,8 +79,18 @@ class Cut:
         lines, periodic = tuple(data["lines"]), data.get("periodic", True)
         weak = (data.get("left_out", 0), data.get("doubtful", 0))
         before = (data.get("rest"), data.get("settled"), data.get("residual"))
+        expected = data.get("expected", {})
         return cls(
-            data["start"], data["periods"], data["samples"], 1, data["sample_time"], lines, periodic, *weak, *before
+            data["start"],
+            data["periods"],
+            data["samples"],
+            1,
+            data["sample_time"],
+            lines,
+            periodic,
+            *weak,
+            *before,
+            expected,
         )
 
     @property
@@ -204,7 +216,8 @@ def played_cuts(settings: RecordSettings, rate: float, length: int, place: str) 
             raise RecordError(f"{here}: rest is sample {one.rest}; expected one before its start, {one.start}")
         lines = tuple(sorted(one.harmonics))
         cut = Cut(one.start, one.periods, one.samples, 1, 1 / rate, lines)
-        cuts.append(replace(cut, rest=one.rest, settled=one.settled, residual=one.residual))
+        known = replace(cut, rest=one.rest, settled=one.settled, residual=one.residual)
+        cuts.append(replace(known, expected=one.expected))
     return cuts
 
 

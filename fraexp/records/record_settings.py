@@ -39,6 +39,7 @@ class PlayedSegment(Parameters):
     rest: int | None = param("1", "sample before which the machine was at rest", None, at_least=0, at_most=MAX_SAMPLES)
     settled: bool | None = param("", "whether it was periodic when the periods began; not stated if absent", None)
     residual: float | None = param("1", "relative difference of the last periods compared", None, at_least=0)
+    expected: dict[str, float] = param("", "amplitude of channels at the excited lines, as it was predicted in SI", {})
 
 
 class RecordSettings(Parameters):

@@ -34,6 +34,7 @@ from fraexp.records.excited import describe_doubts
 from fraexp.records.joined_files import JoinedFiles
 from fraexp.records.line_selection import check_step_frequencies, common_lines, select_lines
 from fraexp.records.plausibility import unit_questions
+from fraexp.records.predicted_records import prediction_doubt
 from fraexp.records.quantities import PlainTable, auxiliary_values, channel_columns, channel_values, resolve_channel
 from fraexp.records.record_sampling import plan_sampling, sampled_table, sampling_columns, sampling_text
 from fraexp.records.record_segments import check_levels, parse_condition, select_runs
@@ -157,14 +158,15 @@ def load(experiment: Plain, files: Mapping[str, str], registry: Registry) -> Sig
         found += [_load_segment(Cut.from_plain(plain), values, part["channels"], path) for plain in own]
     units = {name: str(channel["unit"]) for name, channel in parts[0]["channels"].items()}
     wrong = wrong_sample_questions(found, units)
-    are_doubtful = any(2 * cut.doubtful > len(cut.lines) for cut in cuts)
+    unexpected = prediction_doubt(found, [cut.expected for cut in cuts], units)
+    are_doubtful = bool(unexpected) or any(2 * cut.doubtful > len(cut.lines) for cut in cuts)
     unsettled = sum(cut.settled is False for cut in cuts)
     moving = f"{unsettled} of {len(cuts)} segments were not yet periodic when they were recorded" if unsettled else ""
     outcome = Outcome.INACCURATE if wrong.do_harm or are_doubtful else Outcome.OK
     outcome = Outcome.NOT_SETTLED if unsettled else outcome
     still = _standstill_text(found, units)
     outcome = Outcome.NO_MOTION if still else outcome
-    text = "; ".join(filter(None, (still, moving, *messages, unit_questions(found, units), wrong.text)))
+    text = "; ".join(filter(None, (still, moving, unexpected, *messages, unit_questions(found, units), wrong.text)))
     return Signals(tuple(found), units, outcome, text)
 
 

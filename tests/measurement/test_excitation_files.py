@@ -13,11 +13,14 @@ import pytest
 from numpy.typing import NDArray
 from scipy.io import loadmat
 
+from fraexp import records
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
+from fraexp.data.results import Outcome
 from fraexp.errors import StudyError
 from fraexp.measurement.excitation_files import write_excitation
 from fraexp.measurement.excitation_table import ExcitationTable, excitation_table
+from fraexp.records.record_settings import RecordSettings
 from fraexp.records.study_writer import write_study
 from fraexp.simulation.live_loop import LiveLoop, live_setup
 from fraexp.workspace.measurement_service import MeasurementService
@@ -182,3 +185,41 @@ def test_a_played_excitation_comes_back_by_the_name_of_its_record(
         found, expected = recorded[name].response, result.response
         assert found is not None and expected is not None
         np.testing.assert_allclose(found.response, expected.response, rtol=3e-3)
+
+
+WRONG_RECORDS = {
+    "swapped": (
+        lambda u, y: (y, u),
+        r"^'u' and 'y' have the amplitudes that were predicted of each other .* swapped\?",
+    ),
+    "mm": (
+        lambda u, y: (u, 1e3 * y),
+        r"^'y' has [\d,]+ times .* in mm\? if so, state it, .*channels\.y = \"y \[mm\]\"$",
+    ),
+    "counts": (lambda u, y: (u, y / 2e-8), r"^'y' has \S+e\+07 times .* such as counts or percent, .*\? if so"),
+    "percent": (
+        lambda u, y: (u / 1.5, y),
+        r"^'u' has 0\.6\d+ times .* percent, .* such as record.channels.u = \"u \* 1\.\d+",
+    ),
+    "kN": (lambda u, y: (u / 1e3, y), r"^'u' has 0\.00\d+ times .* column in kN\?"),
+    "right": (lambda u, y: (u, y), "^$"),
+    "y with a sign": (lambda u, y: (u, -y), "^$"),
+}
+"""Columns of a record that came back, by what has happened to them, and what is said of them."""
+
+
+def test_columns_of_a_played_excitation_are_compared_with_what_was_predicted(
+    workspace: WorkspaceService, table: ExcitationTable
+) -> None:
+    file = workspace.folder / "axis-record.csv"
+    _, content = MeasurementService(workspace, "axis").record_study(file, table, force=False)
+    settings = RecordSettings.parse(content["record"], "record")
+    played = record(workspace, table.columns()["excitation"])
+    for name, (change, message) in WRONG_RECORDS.items():
+        columns = np.array(change(played["u"], played["y"])).T
+        np.savetxt(file, columns, delimiter=",", header="u,y", comments="", fmt="%.17g")
+        signals = records.load(
+            *records.resolve(settings, file.parent / "studies", workspace.registry), workspace.registry
+        )
+        assert re.search(message, signals.message), (name, signals.message)
+        assert signals.outcome is (Outcome.OK if message == "^$" else Outcome.INACCURATE), name
