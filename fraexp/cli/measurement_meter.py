@@ -13,7 +13,8 @@ from fraexp.measurement.measurement_plan import MeasurementPlan
 from fraexp.measurement.point_measurement import PointProgress
 from fraexp.views.measurement_texts import begin_text, point_text
 from fraexp.views.missed_bands import MissedBands
-from fraexp.views.words import duration_text, plural
+from fraexp.views.words import duration_text, elapsed_text, plural
+from fraexp.workspace.autonomous_service import EvaluationProgress
 from fraexp.workspace.measurement_service import PointEstimated
 
 
@@ -48,6 +49,8 @@ class MeasurementMeter:
                 self._begin(event)
             case MeasurementNotice():
                 say(event.what)
+            case EvaluationProgress():
+                self._wait(event)
             case PointProgress():
                 self._move(event)
             case PointEstimated():
@@ -69,6 +72,13 @@ class MeasurementMeter:
         self._bar.update(
             self._task, description=event.point.frequency, completed=self._done / self._total, count=text, visible=True
         )
+
+    def _wait(self, event: EvaluationProgress) -> None:
+        if self._bar is None or self._task is None:
+            return
+        share = min(event.elapsed / event.seconds, 1.0) if event.seconds else 0.0
+        text = elapsed_text(event.elapsed, event.seconds)
+        self._bar.update(self._task, description="evaluated", completed=share, count=text, visible=True)
 
     def _end_point(self, event: PointEstimated) -> None:
         measured = event.measured

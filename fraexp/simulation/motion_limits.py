@@ -196,7 +196,10 @@ def _periodic_motion(machine: Machine, waveform: NDArray[np.float64], reference:
     controller, *others = machine.controllers.values()
     if others:
         thrusts = ", ".join(machine.controllers)
-        raise ParameterError(f"motions are predicted for one controller; there are several ({thrusts}): omit [limits]")
+        raise ParameterError(
+            f"motions are predicted for one controller; there are several ({thrusts}): omit [limits] to simulate the "
+            "machine; it cannot be measured"
+        )
     feedback = controller.response(omega, loop.sample_time)
     sensitivity = 1 / (1 + feedback * path_in * plant * path_out)
     force = sensitivity * (np.fft.rfft(waveform)[1:] + feedback * np.fft.rfft(reference)[1:])

@@ -36,6 +36,15 @@ def duration_text(seconds: float) -> str:
     return f"{whole // 3600} h {whole % 3600 // 60:02d} min"
 
 
+def elapsed_text(elapsed: float, expected: float) -> str:
+    """Return how long something has taken [s], of the time that was expected; 0 where that is not known."""
+    return (
+        f"{duration_text(elapsed)} of about {duration_text(expected)}"
+        if expected
+        else f"{duration_text(elapsed)} so far"
+    )
+
+
 def plural(count: int, word: str, many: str = "") -> str:
     """Return a count with its word: ``1 sweep``, ``2 sweeps``; `many` where adding s is wrong."""
     return f"{count} {word if count == 1 else many or f'{word}s'}"

@@ -1,5 +1,6 @@
 """An autonomous measurement: from an axis with limits to plant, friction, bands and a verdict, stage by stage."""
 
+import time
 from collections.abc import Generator, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
@@ -10,7 +11,8 @@ from fraexp.data.results import Result
 from fraexp.data.rotary_axes import rotary_text
 from fraexp.data.sample_file import SampleHeader
 from fraexp.errors import FraexpError, StudyError
-from fraexp.execution.events import Event, Finished, Noticed
+from fraexp.execution.events import Event, Finished, Noticed, Planned, Progress
+from fraexp.figures.elements.scales import displacement_unit
 from fraexp.measurement.autonomous_points import LEVEL_RATIOS, PointDesign
 from fraexp.measurement.friction_loop import LOOP_HZ, FrictionLoop, measure_friction_loop
 from fraexp.measurement.measured_points import PLAY_COLUMN, MeasuredPoint, MeasurementFiles
@@ -57,12 +59,24 @@ class StageBegun(MeasurementNotice):
 
 @dataclass(frozen=True)
 class EvaluationBegun(MeasurementNotice):
-    """All that was recorded so far is evaluated, after a stage; the axis rests, and nobody knows how long it takes."""
+    """All that was recorded so far is evaluated, after a stage; the axis rests."""
 
     stage: int
+    seconds: float = 0.0
+    """Time that this is expected to take [s]; 0 if it is not known."""
 
 
-AutonomousEvent = MeasurementEvent | Event
+@dataclass(frozen=True)
+class EvaluationProgress:
+    """How long an evaluation has taken so far."""
+
+    elapsed: float
+    """Time since its begin [s]."""
+    seconds: float
+    """Time that it is expected to take [s]; 0 if it is not known."""
+
+
+AutonomousEvent = MeasurementEvent | EvaluationProgress | Event
 
 
 class AutonomousService:
@@ -115,7 +129,8 @@ class AutonomousService:
         axis, task, loop = self._begin(fresh)
         axis = replace(axis, noise=loop.position_noise)
         closes = f"closes at {loop.force:.4g} N" if loop.has_closed else f"does not close up to {loop.amplitude:.4g} N"
-        text = f"friction loop: {closes}; noise {loop.noise:.2g} m, encoder {loop.resolution:.2g} m"
+        noise, resolution = map(_length_text, (loop.noise, loop.resolution))
+        text = f"friction loop: {closes}; noise {noise}, encoder {resolution}"
         yield MeasurementNotice(rotary_text(text) if axis.is_rotary else text)
         design = PointDesign(axis, loop, self._service.registry)
         coarse = design.coarse()
@@ -197,12 +212,16 @@ class AutonomousService:
 
     def _analysed(
         self, task: MeasurementTask, loop: FrictionLoop, stage: int
-    ) -> Generator[MeasurementEvent, None, Result | None]:
+    ) -> Generator[AutonomousEvent, None, Result | None]:
         """Run the study of what was recorded so far, and return its result; None if it has failed."""
-        yield _evaluation_begun(stage)
         self._write_study(task, loop, 0)
-        result = None
+        result, expected, begun = None, 0.0, time.monotonic()
         for event in self._service.run([str(self.path.resolve())]):
+            if isinstance(event, Planned):
+                expected = event.seconds or 0.0
+                yield _evaluation_begun(stage, expected)
+            if isinstance(event, Progress):
+                yield EvaluationProgress(time.monotonic() - begun, expected)
             if isinstance(event, Finished):
                 result = self._result_of(event)
                 yield MeasurementNotice(
@@ -212,9 +231,10 @@ class AutonomousService:
 
     def _final(self, task: MeasurementTask, loop: FrictionLoop) -> Generator[AutonomousEvent, None, None]:
         """Run the study of all that was recorded, and say what was found."""
-        yield _evaluation_begun(3)
         self._write_study(task, loop, 1)
         for event in self._service.run([str(self.path.resolve())]):
+            if isinstance(event, Planned):
+                yield _evaluation_begun(3, event.seconds or 0.0)
             yield event
             if isinstance(event, Finished):
                 self.result = self._result_of(event)
@@ -249,11 +269,15 @@ def _level_begun(stage: int, level: int, count: int) -> StageBegun:
     return StageBegun(f"{place}: {count} frequencies at {label}", stage, label, level, levels)
 
 
-def _evaluation_begun(stage: int) -> EvaluationBegun:
-    what = (
-        f"stage {stage + 1} of {len(STAGES)}, {STAGES[stage]}: evaluated while the axis rests, which may take minutes"
-    )
-    return EvaluationBegun(what, stage)
+def _evaluation_begun(stage: int, seconds: float) -> EvaluationBegun:
+    what = f"stage {stage + 1} of {len(STAGES)}, {STAGES[stage]}: evaluated while the axis rests"
+    what += f", about {seconds:.0f} s" if seconds >= 1 else ""
+    return EvaluationBegun(what, stage, seconds)
+
+
+def _length_text(length: float) -> str:
+    factor, unit = displacement_unit(length)
+    return f"{factor * length:.2g} {unit}"
 
 
 def _modes(result: Result | None) -> tuple[list[float], list[float]]:

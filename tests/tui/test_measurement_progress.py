@@ -42,6 +42,12 @@ def stage(number: int, level: int = 0, levels: int = LEVELS) -> StageBegun:
     return StageBegun("", number, "up to 0.9 times friction", level, levels)
 
 
+def test_points_that_are_kept_are_counted_from_the_beginning() -> None:
+    live = measuring()
+    live.add(BeginReport(plan_of(12), 12, 12))
+    assert (live.count_text, live.done_fraction) == ("12/12", 1.0)
+
+
 def test_the_bar_of_an_autonomous_measurement_is_over_its_stages() -> None:
     live, fractions = measuring(is_autonomous=True), []
     for event in (stage(0, levels=1), stage(1), stage(1, 1), stage(1, 3), stage(2), stage(3, levels=1)):
@@ -103,15 +109,13 @@ def test_what_is_shown_while_it_is_measured_and_after(tmp_path) -> None:
         live.add(stage_report(stage(1, 1)))
         live.add(BeginReport(plan_of(), 20))
         live.add(PointReport("1 Hz", 12, 16.0, ()))
-        await shows(pilot, "stage 2 of 4, level 2 of 4: 12 of 20 points, about 16 s of them left", "x stop")
+        await shows(pilot, "stage 2 of 4, level 2 of 4: 12 of 20 points, about 16 s left", "x stop")
         assert "continue" not in screen_text(app).splitlines()[-1]
         live.add(NoticeReport("rolling 402, dahl 919, " * 100))
-        live.add(evaluation_report(EvaluationBegun("", 1)))
-        await shows(
-            pilot, "now   the axis rests while what was recorded is evaluated, which may take minutes: ", " so far"
-        )
+        live.add(evaluation_report(EvaluationBegun("", 1, 40.0)))
+        await shows(pilot, "now   the axis rests while what was recorded is evaluated: ", " of about 40 s")
         live.rest_since -= 100
-        await shows(pilot, "1 min 40 s so far")
+        await shows(pilot, "1 min 40 s of about 40 s")
         assert screen_text(app).count("dahl") < MAX_NOTICE_LENGTH / len("rolling 402, dahl 919, ") + 1
         live.add(stage_report(stage(2)))
         live.add(BeginReport(plan_of(), 20))

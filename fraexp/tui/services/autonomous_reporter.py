@@ -44,8 +44,8 @@ def stage_report(event: StageBegun) -> StageReport:
 
 def evaluation_report(event: EvaluationBegun) -> StageReport:
     """Return how far a measurement is when a stage is evaluated."""
-    rest = "the axis rests while what was recorded is evaluated, which may take minutes"
-    return StageReport(stage_text(event.stage), (PARTS_BEFORE[event.stage] + 1) / PARTS, 0.0, rest)
+    rest = "the axis rests while what was recorded is evaluated"
+    return StageReport(stage_text(event.stage), (PARTS_BEFORE[event.stage] + 1) / PARTS, 0.0, rest, event.seconds)
 
 
 def stage_text(stage: int) -> str:

@@ -68,6 +68,8 @@ class BeginReport:
     plan: PlanReport
     """The plan by the limits of study and machine together."""
     points: int
+    kept: int = 0
+    """Points of an earlier measurement, which are not played again."""
 
 
 @dataclass(frozen=True)
@@ -113,6 +115,8 @@ class StageReport:
     """Part of all stages that its points are."""
     rest: str = ""
     """Why the axis rests; empty while it moves."""
+    rest_seconds: float = 0.0
+    """Time that it is expected to rest [s]; 0 if it is not known."""
 
 
 @dataclass(frozen=True)

@@ -99,10 +99,10 @@ class FeedReporter:
                 self._missed.begin(event)
                 self._task, self._unit = plan.task, demand_units(is_rotary(plan.task.experiment))[FORCE_PLACE]
                 begun = plan_report(plan, self._files(plan.task))
-                yield BeginReport(begun, len(plan.points))
-                for place, point in enumerate(kept, start=1):
+                yield BeginReport(begun, len(plan.points), len(kept))
+                for point in kept:
                     found = self._estimate(plan.task, point)
-                    yield PointReport(f"{point.frequency}: kept", place, begun.seconds, self._responses(found))
+                    yield PointReport(f"{point.frequency}: kept", len(kept), begun.seconds, self._responses(found))
             case MeasurementNotice(what):
                 yield NoticeReport(what)
             case PointProgress():

@@ -121,9 +121,9 @@ class ReportedMeasurement:
         match report:
             case PlansReport(plans, is_autonomous):
                 self.plans, self.is_autonomous, self.state = plans, is_autonomous, "planned"
-            case BeginReport(plan, points):
+            case BeginReport(plan, points, kept):
                 self.plan, self.progress = plan, None
-                self.done, self.total, self.seconds_left = 0, points, plan.seconds
+                self.done, self.total, self.seconds_left = kept, points, plan.seconds
             case ProgressReport():
                 self.progress = report
                 self.greatest = tuple(map(max, report.demand, self.greatest or report.demand))

@@ -68,7 +68,8 @@ class LimitGauges(Static):
             state = "error" if now > 1 else "warning" if now > 1 - margin else "success"
             colour = self.app.theme_variables[state]
             gauge = Text(_bar_text(now, expected, 1 - margin, bar), colour)
-            value = Text(f"{_value_text(motion, used):<{values}} {100 * (now if used else expected):3.0f} %")
+            share = f" {100 * (now if used else expected):3.0f} %" if used or expected else ""
+            value = Text(f"{_value_text(motion, used):<{values}}{share}")
             value.append("" if state == "success" else " !", f"bold {colour}")
             text.append("\n" if number else "").append(f"{motion.name:<{names}}  ", "bold")
             text.append_text(Text("\n" if is_narrow else "  ").join([value, gauge] if is_narrow else [gauge, value]))
@@ -76,9 +77,9 @@ class LimitGauges(Static):
 
 
 def _value_text(motion: LimitedMotion, used: Sequence[float]) -> str:
-    """Return a value beside its limit; without a value what is predicted."""
-    value = used[motion.place] if used else motion.predicted
-    return f"{prefixed_text(float(f'{value:.3g}'), motion.unit)} of {prefixed_text(motion.limit, motion.unit)}"
+    """Return a value beside its limit; without a value what is predicted, and the limit alone without either."""
+    value, limit = used[motion.place] if used else motion.predicted, prefixed_text(motion.limit, motion.unit)
+    return f"{prefixed_text(float(f'{value:.3g}'), motion.unit)} of {limit}" if used or value else limit
 
 
 def _bar_text(used: float, predicted: float, margin: float, width: int) -> str:

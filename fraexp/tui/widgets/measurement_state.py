@@ -11,15 +11,15 @@ from fraexp.tui.services.live_measurement import LiveMeasurement
 from fraexp.tui.services.measurement_feed import ProgressReport
 from fraexp.tui.services.themes import state_sign
 from fraexp.views.run_progress import bar_text
-from fraexp.views.words import duration_text, plural
+from fraexp.views.words import duration_text, elapsed_text, plural
 
 if TYPE_CHECKING:
     from fraexp.tui.app import FraexpApp
 
 MIN_BAR, MAX_BAR = 10, 40
 """Least and most cells of the bar of progress."""
-OTHER_CELLS = 62
-"""Cells of the other texts in its line."""
+OTHER_CELLS, OTHER_STAGE_CELLS = 62, 84
+"""Cells of the other texts in its line, and those where they name a stage."""
 
 
 class MeasurementState(Static):
@@ -49,12 +49,12 @@ class MeasurementState(Static):
         if not live.total and not live.stage:
             doing = live.notices[-1] if live.notices else "connecting to the machine ..."
             return printable(doing) if live.state == "measuring" else ""
-        width = min(max(self.screen.size.width - OTHER_CELLS, MIN_BAR), MAX_BAR)
+        others = OTHER_STAGE_CELLS if live.stage else OTHER_CELLS
+        width = min(max(self.screen.size.width - others, MIN_BAR), MAX_BAR)
         played = live.progress.seconds if live.progress else 0.0
         left = max(live.seconds_left - played, 0.0)
         name = f"{live.plan.label}: " if live.plan and live.plan.label else ""
-        of_level = " of them" if live.stage else ""
-        time_left = f", about {duration_text(left)}{of_level} left" if live.state == "measuring" and left else ""
+        time_left = f", about {duration_text(left)} left" if live.state == "measuring" and left else ""
         points = f"{live.done} of {plural(live.total, 'point')}{time_left}" if live.total else ""
         texts = [live.stage.name if live.stage else "", f"{name}{points}"]
         return f"{bar_text(live.done_fraction, width)} {': '.join(filter(None, texts))}"
@@ -65,7 +65,9 @@ class MeasurementState(Static):
             advice = "R continues with the point that was lost" if live.state == "stopped" else "R tries again"
             return "" if live.state == "complete" else f"{live.message}; {advice}"
         if live.stage and live.stage.rest:
-            return f"now   {live.stage.rest}: {duration_text(time.monotonic() - live.rest_since)} so far"
+            return (
+                f"now   {live.stage.rest}: {elapsed_text(time.monotonic() - live.rest_since, live.stage.rest_seconds)}"
+            )
         if live.progress is None:
             return (
                 "" if not live.total else "now   the axis rests between two points while what was recorded is evaluated"
