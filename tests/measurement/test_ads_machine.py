@@ -198,6 +198,13 @@ def play(session: AdsSession, request: PlayRequest, use: Callable[[int], None] =
     return np.hstack(parts)
 
 
+def test_the_library_prints_nothing(plc: ControllerHandler, capfd: pytest.CaptureFixture[str]) -> None:
+    """It says when a connection ends, for one."""
+    with connect():
+        pass
+    assert capfd.readouterr() == ("", "")
+
+
 def request_of(repetitions: int = 5, size: int = 1000) -> PlayRequest:
     wave = 30 * np.sin(2 * np.pi * 10 * np.arange(size) / size) + 0.1
     return PlayRequest(0, wave, repetitions, amplitude_rise=1 / 300, ramp_out=200)

@@ -1,5 +1,6 @@
 """TwinCAT controllers over ADS, through the package pyads."""
 
+import ctypes
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -33,6 +34,8 @@ REST_TIMEOUT_S = 5.0
 """Time for which the end of an earlier play is waited for, and the begin of the next one."""
 LREAL_SIZE = 8
 """Bytes of a number."""
+LOG_LEVEL, SILENT_LEVEL = "_ZN6Logger8logLevelE", 4
+"""Symbol of the level from which the library prints, and one above that of its errors."""
 AT_REST, PLAYS = 0, 1
 """States of the block."""
 STOP_REASONS = {
@@ -69,7 +72,17 @@ class AdsMachine(MachineDriver, name="ads", version=1):
             pyads = import_module("pyads")
         except (ImportError, OSError):  # its library may be missing for this platform
             raise MachineError("ads needs the package pyads for this platform; pip install 'fraexp[ads]'") from None
+        _silence(pyads)
         return AdsSession(self, pyads)
+
+
+def _silence(pyads: Any) -> None:
+    """Keep Beckhoff's library from printing between fraexp's lines: what goes wrong is an error of pyads, too.
+
+    Its level has no function; libraries for other platforms lack it, and print nothing.
+    """
+    with suppress(AttributeError, ValueError):
+        ctypes.c_size_t.in_dll(pyads.pyads_ex._adsDLL, LOG_LEVEL).value = SILENT_LEVEL
 
 
 class AdsSession(MachineSession):
