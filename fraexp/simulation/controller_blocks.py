@@ -107,14 +107,13 @@ class ControllerParts:
         )
 
     def _controllers(self, controller: Controller, sample_time: float) -> Iterator[Block]:
-        form = delta_form(*controller.transfer_function(sample_time))
-        constants, states = {"controller": form}, {"filtered": 2 * form[0].size}
+        constants = {"controller": delta_form(*controller.transfer_function(sample_time))}
         error = np.sin(0.3 * np.arange(TEST_SAMPLES)) * 1e-5
         yield Block(
             "feedback",
             f"Feedback C(z): {controller.name}",
             blocks.feedback,
-            states,
+            _feedback_states(constants),
             (BlockInput("error", self._length, "position reference less measured position"),),
             constants,
             BlockInput("control", self._force, "control input"),
@@ -140,7 +139,7 @@ class ControllerParts:
             blocks.positioning_control,
             {
                 "course": blocks.COURSE_STATES,
-                "filtered": 2 * constants["controller"][0].size,
+                **_feedback_states(constants),
                 **(_law_states(friction) if friction else {"z": 1, "z_next": 1}),
             },
             (
@@ -164,7 +163,7 @@ class ControllerParts:
             "control",
             f"Feedback, and {compensation.gain:g} of the friction force by the law {friction.name}",
             blocks.compensated_feedback,
-            {"filtered": 2 * constants["controller"][0].size, "past": 2, **_law_states(friction)},
+            {**_feedback_states(constants), "past": 2, **_law_states(friction)},
             (
                 BlockInput("position", self._length, "measured position"),
                 BlockInput("reference", self._length, "position reference"),
@@ -192,6 +191,10 @@ def _no_friction(z: NDArray[np.float64], dy: float, dt: float, z_next: NDArray[n
 def _law(friction: FrictionModel) -> dict[str, Any]:
     """Return the constants of a block that uses a friction model."""
     return {"friction": (friction.law, friction.law_arguments(), float(friction.viscous))}
+
+
+def _feedback_states(constants: dict[str, Any]) -> dict[str, int]:
+    return {"filtered": 2 * constants["controller"][0].size}
 
 
 def _law_states(friction: FrictionModel) -> dict[str, int]:

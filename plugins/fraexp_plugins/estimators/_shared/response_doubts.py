@@ -157,7 +157,7 @@ def _check_suspects(found: Result, error: ModelError | None, suspect: str, remed
     if not wrong.any():
         return found
     worst = int(np.argmax(np.where(wrong, size, 0.0)))
-    off = f"by {20 * np.log10(1 + size[worst]):.2g} dB" if size[worst] < 1 else "by any amount"
+    off = f"by about {20 * np.log10(1 + size[worst]):.2g} dB" if size[worst] < 1 else "by any amount"
     places = f"{wrong.sum()} of {wrong.size} frequencies ({frequency_text(response.frequency[wrong])})"
     return with_doubt(
         found,
