@@ -13,8 +13,10 @@ from fraexp.measurement.unknown_axis import LOWEST_HZ, UnknownAxis
 
 LEVEL_RATIOS = (0.9, 1.4, 2.5, 6.0)
 """Amplitudes over the friction force: nearly still, just sliding, and sliding."""
-COARSE_POINTS = 20
-"""Frequencies of the first look at the plant."""
+COARSE_POINTS, COUNT_TOLERANCE = 20, 1e-9
+"""Frequencies of the first look at friction and plant, and rounding of the number of those above."""
+UPPER_LEVELS = (2, 3)
+"""Levels at frequencies above those that show friction: where sliding hides least of the plant."""
 MODE_OFFSETS = (-2.0, -0.7, 0.7, 2.0)
 """Frequencies around a mode at which it is looked at again, in half-widths of its resonance."""
 MIN_HALF_WIDTH = 0.015
@@ -35,8 +37,11 @@ class PointDesign:
         self._axis, self._loop, self._registry = axis, loop, registry
 
     def coarse(self) -> list[float]:
-        """Return the frequencies of the first look [Hz]."""
-        return [float(f) for f in np.geomspace(LOWEST_HZ, self._axis.top, COARSE_POINTS)]
+        """Return the frequencies of the first look [Hz], above `top` with the same ratio."""
+        low, high = self._axis.top, self._axis.plant_top
+        found = np.geomspace(LOWEST_HZ, low, COARSE_POINTS)
+        count = int(np.ceil(np.log(high / low) / np.log(found[1] / found[0]) - COUNT_TOLERANCE))
+        return [*found.tolist(), *np.geomspace(low, high, count + 1)[1:].tolist()]
 
     def fine(self, frequencies: Sequence[float], damping: Sequence[float]) -> list[float]:
         """Return frequencies [Hz] near the modes that were found, where their parameters change the response most."""
@@ -44,7 +49,7 @@ class PointDesign:
         for frequency, ratio in zip(frequencies, damping, strict=True):
             width = max(ratio, MIN_HALF_WIDTH) * frequency
             found += [frequency + offset * width for offset in MODE_OFFSETS]
-        return sorted(f for f in found if LOWEST_HZ <= f <= self._axis.top)
+        return sorted(f for f in found if LOWEST_HZ <= f <= self._axis.plant_top)
 
     def between(self, frequencies: Sequence[float]) -> list[float]:
         """Return the frequencies [Hz] halfway between others, where these do not show the plant."""
@@ -57,9 +62,12 @@ class PointDesign:
 
         `first` is the number of the first frequency's point, and `below` has the point of the level below by the place
         of its frequency: what it took of a limit is extrapolated, and the amplitude kept lower where that is too much.
+        Frequencies above those that show friction have no points at the lower levels.
         """
         points = []
         for place, period in enumerate(self._axis.sines(frequencies, self._registry)):
+            if frequencies[place] > self._axis.top and level not in UPPER_LEVELS:
+                continue
             amplitude = self._safe_amplitude(LEVEL_RATIOS[level] * self._loop.force, below.get(place))
             points.append(self._axis.point(first + place, period, amplitude))
         return points[::-1]

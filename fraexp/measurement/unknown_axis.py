@@ -30,8 +30,9 @@ MIN_RECORD_S, RECORDED_PERIODS = 0.3, 2
 """Time and periods of a record."""
 ATTEMPTS = 8
 """How often a point is played at most, each time with a lower amplitude."""
-TOP_RATIO, TOP_HZ, LOWEST_HZ = 0.1, 250.0, 1.0
-"""Highest frequency, over the sampling rate and at most [Hz], and lowest one [Hz]."""
+TOP_RATIO, PLANT_TOP_RATIO, TOP_HZ, LOWEST_HZ = 0.1, 0.25, 250.0, 1.0
+"""Highest frequency over the sampling rate at which friction shows, that at which the plant does, highest and lowest
+frequency [Hz]."""
 
 
 @dataclass(frozen=True)
@@ -67,8 +68,13 @@ class UnknownAxis:
 
     @property
     def top(self) -> float:
-        """Highest frequency that is excited [Hz]."""
+        """Highest frequency at which records show friction [Hz]: ten samples a period."""
         return min(TOP_RATIO / self.sample_time, TOP_HZ)
+
+    @property
+    def plant_top(self) -> float:
+        """Highest frequency that is excited [Hz]."""
+        return min(PLANT_TOP_RATIO / self.sample_time, TOP_HZ)
 
     @property
     def share(self) -> float:

@@ -194,8 +194,8 @@ class AutonomousService:
         below: dict[int, MeasuredPoint] = {}
         for level in range(len(LEVEL_RATIOS) if frequencies else 0):
             begin = first + level * len(frequencies)
-            begun = _level_begun(stage, level, len(frequencies))
-            yield from self._play(axis, task, design.level(frequencies, level, begin, below), begun)
+            points = design.level(frequencies, level, begin, below)
+            yield from self._play(axis, task, points, _level_begun(stage, level, len(points)))
             below = {point.number - begin: point for point in self.files.points() if point.number >= begin}
 
     def _play(

@@ -13,7 +13,7 @@ from fraexp.components.registry import Registry, discover
 from fraexp.data.sample_file import SampleHeader, SampleWriter, create_sample_file
 from fraexp.errors import FraexpError, MachineError
 from fraexp.measurement import autonomous_points
-from fraexp.measurement.autonomous_points import PointDesign
+from fraexp.measurement.autonomous_points import LEVEL_RATIOS, PointDesign
 from fraexp.measurement.friction_loop import LOOP_HZ, FrictionLoop, measure_friction_loop
 from fraexp.measurement.measured_points import MeasuredPoint
 from fraexp.measurement.motion_guard import MotionGuard
@@ -170,6 +170,23 @@ def test_no_level_is_expected_beyond_its_share_of_the_limits(components: Registr
     # sliding takes what is above 8 N of friction: 0.63 of the limit where 17 N took 0.4
     assert careful.amplitude == pytest.approx(8 + 17 * 0.63 / 0.4)
     assert [point.number for point in design.level([5.0, 20.0], 0, 7, {})] == [8, 7]
+
+
+@pytest.mark.parametrize(
+    ("sample_time", "top", "highest"), [(1e-3, 100.0, 250.0), (2e-3, 50.0, 125.0), (2.5e-4, 250.0, 250.0)]
+)
+def test_the_plant_is_looked_at_above_the_records_that_show_friction(
+    sample_time: float, top: float, highest: float, components: Registry
+) -> None:
+    """A mode just above what was measured hid in the dead time: k0 was 3 to 8 % wrong."""
+    axis = axis_of(MotionLimits(stroke=20e-3, velocity=1.0, force=100.0), sample_time)
+    design = PointDesign(axis, FrictionLoop(10.0, True, 1e-8, 1e-7, 30.0), components)
+    coarse = np.array(design.coarse())
+    assert (axis.top, coarse[-1]) == (top, pytest.approx(highest))
+    assert np.sum(coarse <= top) == autonomous_points.COARSE_POINTS
+    assert np.diff(np.log(coarse)).max() == pytest.approx(np.log(coarse[1] / coarse[0]))
+    above = [design.level([0.9 * top, 1.1 * top], level, 0, {}) for level in range(len(LEVEL_RATIOS))]
+    assert [len(points) for points in above] == [1, 1, 2, 2]
 
 
 def measured(amplitude: float, used: float) -> MeasuredPoint:

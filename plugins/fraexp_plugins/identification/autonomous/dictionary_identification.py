@@ -58,7 +58,7 @@ CURVE_POINTS, CURVE_RANGE = 60, (1e-5, 0.5)
 """Points of the virgin curve, and their range over the largest motion."""
 
 
-class DictionaryIdentification(DelayedEstimator, name="dictionary_identification", version=5):
+class DictionaryIdentification(DelayedEstimator, name="dictionary_identification", version=6):
     """P̂, plant, friction force and dead time from records at several amplitudes; the friction law need not be known.
 
     Each friction law that fraexp has is driven by the measured motion, with sizes and shape parameters that leave least
@@ -230,13 +230,13 @@ class DictionaryIdentification(DelayedEstimator, name="dictionary_identification
         response, elements = self._response(signals, found).response, found.elements
         assert response is not None
         inverse = InverseResponse(found.lines.frequency, elements.inverse, elements.noise, elements.inverse_columns)
-        is_known = elements.scatter <= MAX_LINE_SCATTER
+        is_known = found.scatter <= MAX_LINE_SCATTER
         return inverse, replace(response, settled=response.settled & is_known)
 
     def _plant(self, signals: Signals, found: DictionaryFit) -> tuple[IdentifiedPlant | Result, str]:
         """Return the plant in P̂, or P̂ alone with the reason."""
         inverse, usable = self._inverse(signals, found)
-        if (found.elements.scatter > MAX_LINE_SCATTER).all():
+        if (found.scatter > MAX_LINE_SCATTER).all():
             remark = (
                 f"no plant identified: the records at several amplitudes differ by more than {MAX_LINE_SCATTER:.0%} in "
                 f"their plant at all {usable.frequency.size} frequencies"

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import Motion, RecordError, Segment, Signals, fourier_sums, phasors
+from fraexp_plugins.estimators._shared.delayed_estimator import LoopDelays
 from fraexp_plugins.estimators._shared.realisations import mean
 from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.identification._shared.stop_operator import stop_operators
@@ -90,6 +91,8 @@ class SpectralLines:
     """Mean phasors at L lines of up to M records each."""
 
     groups: tuple[SegmentPlaces, ...]
+    delays: LoopDelays
+    """The delays that `thrust` contains."""
     frequency: NDArray[np.float64]
     """Frequency [Hz], shape (L,)."""
     thrust: NDArray[np.complex128]
@@ -100,6 +103,8 @@ class SpectralLines:
     """Deflection of each element [m], complex, shape (L, M, N)."""
     known: NDArray[np.bool_]
     """Whether there is a record, shape (L, M)."""
+    sample_time: NDArray[np.float64]
+    """Sample time [s], shape (L,)."""
 
     @property
     def equations(self) -> int:
@@ -165,8 +170,9 @@ def spectral_lines(signals: Signals, observer: ElementObserver, elements: Driven
                 f"plant_and_friction: '{observer.input}' or '{observer.output}' is 0 in all records at some line from "
                 f"{frequency[0]:.4g} Hz on; leave that line out"
             )
-        parts.append((frequency, u, y, z, known))
-    return SpectralLines(groups, *(np.concatenate(column) for column in zip(*parts, strict=True)))
+        times = np.full(lines, signals.segments[group[0]].sample_time)
+        parts.append((frequency, u, y, z, known, times))
+    return SpectralLines(groups, observer.delays, *(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
 def noise_variances(

@@ -59,6 +59,19 @@ class DictionaryFit:
         first, second, third, fourth = (float(self.forces[part].sum()) / total for part in self.dictionary.parts)
         return first, second, third, fourth
 
+    @cached_property
+    def scatter(self) -> NDArray[np.float64]:
+        """How far the records of each line differ in P̂, relative and weighted as P̂ is, shape (L,).
+
+        A record in which friction balances nearly all of the thrust shows little of the plant, and counts as little. Of
+        one record it is what noise explains.
+        """
+        lines, known = self.lines, self.lines.known
+        weight, count = np.where(known, 1 / np.where(known, self.variance, 1.0), 0.0), known.sum(axis=1)
+        left = np.sum(weight * np.abs(residuals(lines, self.elements)) ** 2, axis=1) / np.maximum(count - 1, 1)
+        power = np.sum(weight * np.abs(self.elements.inverse[:, None] * lines.motion) ** 2, axis=1) / count
+        return np.where(count > 1, np.sqrt(left / power), self.elements.noise_floor)
+
     @property
     def coulomb(self) -> float:
         """Force in gross sliding [N]."""
@@ -130,9 +143,11 @@ def _variances(lines: SpectralLines, weights: Weights) -> NDArray[np.float64]:
 
 
 def delayed_lines(lines: SpectralLines, dead_time: float) -> SpectralLines:
-    """Return the lines with a thrust that comes later by a dead time [s]."""
-    turn = np.exp(-2j * np.pi * lines.frequency * dead_time)
-    return replace(lines, thrust=lines.thrust * turn[:, None])
+    """Return the lines with a thrust that comes later by a dead time [s]; the hold's images come later too."""
+    omega, known = 2 * np.pi * lines.frequency, lines.delays
+    later = known._replace(input_dead_time=known.input_dead_time + dead_time)
+    turn = later.input_path(omega, lines.sample_time) / known.input_path(omega, lines.sample_time)
+    return replace(lines, thrust=lines.thrust * turn[:, None], delays=later)
 
 
 def residuals(lines: SpectralLines, elements: AutonomousElements) -> NDArray[np.complex128]:

@@ -21,9 +21,8 @@ MAX_GAIN_ERROR, MAX_MODE_ERROR, MAX_FORCE_ERROR = 0.01, 0.2, 0.03
 """Half-width of the 95 % intervals of k0 (relative), f1 [Hz] and ΣF_m (relative) above which the verdict is not ok."""
 MAX_PLANT_COST = 4.0
 """Mean square of what the plant leaves of P̂, over its errors, above which the verdict is not ok."""
-MAX_SCATTER = 0.05
-"""Median scatter of P̂ over the records above which the verdict is not ok: what scatters most is left out of the plant,
-and the rest errs by more than it shows."""
+MAX_SCATTER = 0.02
+"""Median scatter of P̂ over the records above which the verdict is not ok: the plant errs as much as they do."""
 MAX_FALL = 3.0
 """Standard deviations of a negative viscous coefficient above which friction falls with velocity."""
 MIN_STRIBECK_SHARE = 0.075
@@ -47,7 +46,7 @@ class DictionaryReport:
     @property
     def scatter(self) -> float:
         """Median over the lines of the relative scatter of P̂ over the records."""
-        return float(np.nanmedian(self.found.elements.scatter))
+        return float(np.median(self.found.scatter))
 
     @property
     def speed(self) -> float:

@@ -32,7 +32,7 @@ ROLLING_THRESHOLDS, WEAKENING_THRESHOLDS = 80, 32
 """Numbers of thresholds."""
 THRESHOLD_RANGE, WEAKENING_RANGE = (1e-5, 0.7), (1e-4, 0.7)
 """Range of thresholds over the largest motion."""
-START_WIDTHS, START_VELOCITIES, START_EXCESS = np.geomspace(1e-4, 1e-2, 6), (3e-3, 3e-2), 0.2
+START_WIDTHS, START_VELOCITIES, START_EXCESS = np.geomspace(1e-4, 0.16, 9), (3e-3, 3e-2), 0.2
 """Widths over the largest motion, Stribeck over largest velocities, and static over Coulomb force less 1, at which a
 search may begin."""
 WEAKENING_VELOCITIES = (*START_VELOCITIES, 0.1, 0.4, 1.0)
