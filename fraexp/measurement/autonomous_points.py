@@ -13,8 +13,8 @@ from fraexp.measurement.unknown_axis import LOWEST_HZ, UnknownAxis
 
 LEVEL_RATIOS = (0.9, 1.4, 2.5, 6.0)
 """Amplitudes over the friction force: nearly still, just sliding, and sliding."""
-COARSE_POINTS, COUNT_TOLERANCE = 20, 1e-9
-"""Frequencies of the first look at friction and plant, and rounding of the number of those above."""
+COARSE_POINTS = 20
+"""Frequencies of the first look at friction and plant."""
 UPPER_LEVELS = (2, 3)
 """Levels at frequencies above those that show friction: where sliding hides least of the plant."""
 MODE_OFFSETS = (-2.0, -0.7, 0.7, 2.0)
@@ -40,7 +40,7 @@ class PointDesign:
         """Return the frequencies of the first look [Hz], above `top` with the same ratio."""
         low, high = self._axis.top, self._axis.plant_top
         found = np.geomspace(LOWEST_HZ, low, COARSE_POINTS)
-        count = int(np.ceil(np.log(high / low) / np.log(found[1] / found[0]) - COUNT_TOLERANCE))
+        count = int(np.ceil(np.log(high / low) / np.log(found[1] / found[0])))
         return [*found.tolist(), *np.geomspace(low, high, count + 1)[1:].tolist()]
 
     def fine(self, frequencies: Sequence[float], damping: Sequence[float]) -> list[float]:

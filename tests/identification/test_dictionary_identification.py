@@ -10,8 +10,9 @@ import pytest
 from fraexp_plugins.estimators.conventional import Conventional
 from fraexp_plugins.friction.dahl import Dahl
 from fraexp_plugins.friction.gms import GeneralizedMaxwellSlip
+from fraexp_plugins.friction.none import Frictionless
 from fraexp_plugins.identification.autonomous._shared import force_dictionary
-from fraexp_plugins.identification.autonomous._shared.autonomous_lines import SpectralLines
+from fraexp_plugins.identification.autonomous._shared.autonomous_lines import ElementObserver, SpectralLines
 from fraexp_plugins.identification.autonomous._shared.autonomous_plant import (
     IdentifiedPlant,
     InverseResponse,
@@ -21,6 +22,7 @@ from fraexp_plugins.identification.autonomous._shared.dictionary_fit import Dict
 from fraexp_plugins.identification.autonomous._shared.dictionary_report import MAX_FALL, DictionaryReport
 from fraexp_plugins.identification.autonomous._shared.force_dictionary import ForceDictionary, dahl_bristles
 from fraexp_plugins.identification.autonomous._shared.force_interval import sum_interval
+from fraexp_plugins.identification.autonomous._shared.law_records import LawRecords
 from fraexp_plugins.identification.autonomous.dictionary_identification import DictionaryIdentification
 from fraexp_plugins.identification.plant.modal_fit import ModalFit
 from fraexp_plugins.plants.modal import Modal
@@ -28,7 +30,7 @@ from fraexp_plugins.plants.modal import Modal
 from fraexp.components.kinds import Controller, Excitation, FrictionModel, Motion, Plant
 from fraexp.components.registry import create
 from fraexp.data.results import Metric, Outcome, Result
-from fraexp.data.signals import Signals
+from fraexp.data.signals import Segment, Signals
 from fraexp.errors import RecordError
 from fraexp.simulation.loop import simulate_loop
 from fraexp.simulation.machine import ControlLoop, Machine, Numerics
@@ -185,6 +187,22 @@ def test_a_later_thrust_has_the_images_of_that_dead_time(dead_time: float) -> No
     )  # fmt: skip
     later = Conventional(input_dead_time=0.4e-3 + dead_time).input_path(2 * np.pi * frequency, times)
     np.testing.assert_allclose(delayed_lines(lines, dead_time).thrust[:, 0], later, rtol=1e-12)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-7])
+def test_rounding_is_an_error_of_all_periods_and_noise_one_of_each(noise: float) -> None:
+    """Rounding as noise of its own in each period left friction errors of a light axis unexplained by its own law."""
+    step, periods, count = 1e-7, 25, 400
+    true = 40e-6 * np.sin(2 * np.pi * np.arange(count) / count)
+    errors = noise * np.random.default_rng(5).normal(size=(periods, count))
+    y = step * np.round((true + errors) / step)
+    segment = Segment(1e-3, {"u": np.tile(true, (periods, 1)), "y": y}, np.array([1]))
+    signals = Signals((segment,) * 3, {"u": "N", "y": "m"})
+    observer = ElementObserver(friction=Frictionless(), resolution=step, noise=noise, oversampling=2)
+    records = LawRecords.from_signals(signals, observer, (np.array([2.5]), np.ones(1, complex)))
+    error = float(np.std(y.mean(axis=0) - true))
+    assert error <= 1.05 * records.deviations[0]
+    assert noise or error == pytest.approx(records.deviations[0], rel=0.05)
 
 
 @pytest.mark.parametrize(("scatter", "doubts"), [(0.015, 0), (0.025, 1)])

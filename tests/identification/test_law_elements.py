@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from fraexp_plugins.friction.elastoplastic import Elastoplastic
+from fraexp_plugins.friction.lugre import LuGre
 from fraexp_plugins.friction.none import Frictionless
 from fraexp_plugins.friction.rolling import Rolling
 from fraexp_plugins.identification.autonomous._shared.autonomous_lines import ElementObserver, remove_drift
@@ -127,6 +128,21 @@ def choice_of(model: FrictionModel) -> LawChoice:
     observer = ElementObserver(friction=Frictionless(), oversampling=4)
     frequencies = np.array([0.5, 100.0])
     return choose_law(signals, observer, (frequencies, -5.0 * (2 * np.pi * frequencies) ** 2 + 0j), True)
+
+
+def test_bristles_that_bend_far_and_weaken_in_fast_sliding_are_found() -> None:
+    """No start had such bristles, and a search from Dahl's law stays where nothing weakens."""
+    model = LuGre(
+        bristle_stiffness=3.1e4, bristle_damping=15.7, coulomb_force=2.6, static_force=3.5, stribeck_velocity=3.5e-3
+    )
+    speeds, frequencies = (3e-4, 1.5e-3, 7e-3), np.array([0.5, 100.0])
+    segments = tuple(record_of(model, f, v / (2 * np.pi * f)) for f in np.geomspace(1, 20, 9) for v in speeds)
+    observer = ElementObserver(friction=Frictionless(), oversampling=2)
+    inverse = frequencies, -5.0 * (2 * np.pi * frequencies) ** 2 + 0j
+    choice = choose_law(Signals(segments, {"u": "N", "y": "m"}), observer, inverse, False)
+    assert choice.best.elements.name == "lugre"
+    assert choice.best.explains, choice.residuals
+    assert choice.best.coulomb == pytest.approx(2.6, rel=1e-3)
 
 
 @pytest.mark.thorough

@@ -35,6 +35,8 @@ THRESHOLD_RANGE, WEAKENING_RANGE = (1e-5, 0.7), (1e-4, 0.7)
 START_WIDTHS, START_VELOCITIES, START_EXCESS = np.geomspace(1e-4, 0.16, 9), (3e-3, 3e-2), 0.2
 """Widths over the largest motion, Stribeck over largest velocities, and static over Coulomb force less 1, at which a
 search may begin."""
+RESTART_VELOCITY = 0.3
+"""The same velocity for bristles once those have led to no law: a search from Dahl's width may never leave it."""
 WEAKENING_VELOCITIES = (*START_VELOCITIES, 0.1, 0.4, 1.0)
 """The same velocities for elements that weaken: they may do so in fast sliding alone, which bristles cannot hide."""
 START_ODDS, START_WIDTH_RATIOS = 1.5, (0.4, 0.8, 1.6)
@@ -75,6 +77,8 @@ class LawFamily(NamedTuple):
     starts: list[LawStart]
     is_linear: bool = False
     """Whether a start is as good as its best shape."""
+    restarts: Sequence[LawStart] = ()
+    """Starts of a second search, where the first one leads to no good law."""
 
 
 @dataclass(frozen=True)
@@ -204,7 +208,8 @@ def _families(records: LawRecords, fits: Sequence[LawFit]) -> Iterator[LawFamily
         for start in (width, *(largest * START_WIDTHS).tolist())
         for part in START_VELOCITIES
     ]
-    yield LawFamily(BristleElements, bristles)
+    again = [(start, START_EXCESS, RESTART_VELOCITY * velocity) for start in (largest * START_WIDTHS).tolist()]
+    yield LawFamily(BristleElements, bristles, restarts=again)
     near = np.exp(fits[-1].elements.shape)
     curves = [near[1:].tolist(), *([START_EXCESS, part * velocity] for part in START_VELOCITIES)]
     yield LawFamily(
@@ -219,11 +224,19 @@ def _families(records: LawRecords, fits: Sequence[LawFit]) -> Iterator[LawFamily
 
 
 def _searched(family: LawFamily, records: LawRecords, is_delayed: bool) -> LawFit:
-    """Return the law of a family that explains some records best, with a grid that is refined once."""
+    """Return the law of a family that explains some records best, after a second search if the first one fails."""
+    fit = _searched_from(family, family.starts, records, is_delayed)
+    if fit.residual <= GOOD or not family.restarts:
+        return fit
+    return min(fit, _searched_from(family, family.restarts, records, is_delayed), key=lambda each: each.residual)
+
+
+def _searched_from(family: LawFamily, begins: Sequence[LawStart], records: LawRecords, is_delayed: bool) -> LawFit:
+    """Return the law to which the best start leads, with a grid that is refined once."""
     sample_time = records.signals.segments[0].sample_time
     search = _Search(records, family.elements)
     delays = START_DEAD_TIMES if is_delayed else (0.0,)
-    starts = [np.array([delay, *np.log(start)]) for start in family.starts for delay in delays]
+    starts = [np.array([delay, *np.log(start)]) for start in begins for delay in delays]
     best = min(starts, key=search.cost)
     for _ in range(2):
         best = search.minimised(best, family.is_linear, is_delayed)

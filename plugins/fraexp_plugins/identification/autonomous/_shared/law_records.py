@@ -66,19 +66,19 @@ class LawRecords:
         chosen = _chosen_segments(signals.segments, step)
         own = replace(signals, segments=tuple(_with_harmonics(segment) for segment in chosen))
         lines = spectral_lines(own, observer, StopElements(np.empty(0)))
-        motions, spread = [], np.hypot(observer.noise, observer.resolution / np.sqrt(12))
-        for segment in own.segments:
-            motions.append(observer.with_drift(observer.periodic_motion(segment), segment))
-        counts = np.array([segment.channels[observer.output].size for segment in own.segments])
+        motions = [observer.with_drift(observer.periodic_motion(segment), segment) for segment in own.segments]
+        periods = np.array([len(segment.channels[observer.output]) for segment in own.segments])
+        samples = np.array([segment.samples for segment in own.segments])
+        # rounding repeats itself from period to period, noise does not
+        deviations = np.hypot(observer.noise / np.sqrt(periods), observer.resolution / np.sqrt(12))
         order = np.argsort(inverse[0])  # they come as they were played
         known = np.log(inverse[0][order]), np.log(np.abs(inverse[1][order]))
         stiffness = np.exp(np.interp(np.log(lines.frequency), *known))
         amplitudes = [np.sqrt(2 * np.mean(segment.channels[observer.input] ** 2)) for segment in own.segments]
         floor = FORCE_FLOOR * _by_line(lines, own.segments, np.array(amplitudes))
-        noise = stiffness[:, None] * _by_line(lines, own.segments, spread * np.sqrt(2 / counts))
+        noise = stiffness[:, None] * _by_line(lines, own.segments, deviations * np.sqrt(2 / samples))
         variance = np.where(lines.known, floor**2 + noise**2, 1.0)
-        periods = np.array([len(segment.channels[observer.output]) for segment in own.segments])
-        return cls(own, lines, tuple(motions), variance, spread / np.sqrt(periods))
+        return cls(own, lines, tuple(motions), variance, deviations)
 
     @property
     def equations(self) -> int:
