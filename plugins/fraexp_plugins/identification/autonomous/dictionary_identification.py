@@ -54,6 +54,9 @@ MAX_DEAD_TIME_STEPS, DEAD_TIME_TOLERANCE = 4, 5e-3
 DEAD_TIME_RANGE, NEAR_DEAD_TIME_RANGE, MAX_DEAD_TIME_TRIALS, NO_PLANT_COST = 0.4, 0.1, 12, 1e6
 """Distance from a rough dead time in which the dead time is looked for [samples], the same from one with which a plant
 explains P̂, how many are tried at most, and the cost where no plant fits."""
+MAX_LAW_RESIDUAL = 10.0
+"""Residual of the best law over its allowance, 0.3 % of the thrust, up to which it is nearer than a dictionary, though
+noise may not explain it."""
 CURVE_POINTS, CURVE_RANGE = 60, (1e-5, 0.5)
 """Points of the virgin curve, and their range over the largest motion."""
 
@@ -66,13 +69,14 @@ class DictionaryIdentification(DelayedEstimator, name="dictionary_identification
     line. Sizes are eliminated (variable projection: G. H. Golub and V. Pereyra, SIAM J. Numerical Analysis 10(2), 1973,
     doi 10.1137/0710036); elements of unknown number are sizes >= 0 on a grid of thresholds (C. L. Lawson and R. J.
     Hanson, Solving Least Squares Problems, 1974, ch. 23, doi 10.1137/1.9781611971217). The law that leaves least is
-    taken if noise and rounding explain that.
+    taken if noise and rounding explain that; if they do not, but it leaves 0.3 % of the thrust or less, it is taken
+    with a verdict that is not ok.
 
-    If no law does, the friction force is a sum of forces of a dictionary: stop operators (rolling elements), Dahl
-    bristles of many widths, dampers beside the elements (D_i, σ1), Stribeck peaks, and elements that weaken in sliding.
-    Their sizes follow by the same least squares at the excited lines. What no column repeats, as near breakaway, counts
-    less in a second and third pass (iteratively reweighted least squares: P. W. Holland and R. E. Welsch,
-    Communications in Statistics A6(9), 1977, doi 10.1080/03610927708827533).
+    If all laws leave more, the friction force is a sum of forces of a dictionary: stop operators (rolling elements),
+    Dahl bristles of many widths, dampers beside the elements (D_i, σ1), Stribeck peaks, and elements that weaken in
+    sliding. Their sizes follow by the same least squares at the excited lines. What no column repeats, as near
+    breakaway, counts less in a second and third pass (iteratively reweighted least squares: P. W. Holland and R. E.
+    Welsch, Communications in Statistics A6(9), 1977, doi 10.1080/03610927708827533).
 
     A rigid body with modes and viscous friction is then fitted to P̂ as `modal_fit` does, and with it the dead time.
     With `validation` the last segments are held out: the metric `validation error` is the part of their control input
@@ -170,12 +174,12 @@ class DictionaryIdentification(DelayedEstimator, name="dictionary_identification
         return found
 
     def _fit_law(self, signals: Signals) -> tuple[DictionaryFit | None, LawChoice]:
-        """Return the law that leaves least of the records, and their fit if that is what noise explains."""
+        """Return the law that leaves least of the records, and their fit if that is little."""
         observer = self._observer()
         bare = self._bare_lines(signals)
         inverse = rough_inverse(bare)
         choice = choose_law(signals, observer, (bare.frequency, inverse), self.estimate_dead_time)
-        if not choice.best.explains:
+        if not choice.best.explains and choice.best.residual > MAX_LAW_RESIDUAL:
             return None, choice
         lines = spectral_lines(signals, observer, choice.best.elements)
         variance = scatter_noise(signals, lines, observer, inverse) + self.model_error**2 * np.abs(lines.thrust) ** 2

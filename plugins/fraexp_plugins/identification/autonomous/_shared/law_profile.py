@@ -11,7 +11,7 @@ from fraexp_plugins.identification.autonomous._shared.law_records import LawReco
 FIRST_CHANGE, MAX_CHANGE = 0.01, 0.08
 """Relative change of the Coulomb force that is tried first, and the one from which the interval is wide enough to be of
 no use; each change is twice the one before."""
-FIRST_TRIALS, MAX_TRIALS, TOLERANCE = 10, 4, 1e-3
+FIRST_TRIALS, MAX_TRIALS, TOLERANCE = 10, 6, 1e-3
 """Steps of the shape at most, to the best one and at each change from there, and relative change of the sum of squares
 at which they end."""
 SHAPE_STEP, MAX_SHIFT, DIFFERENCE = 0.1, 7.0, 1e-4
