@@ -5,7 +5,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from fraexp_plugins.identification.whole_record._shared.free_parameters import SCALES
+from fraexp_plugins.identification.whole_record._shared.free_parameters import SCALES, FreeParameters, nonzero_numbers
 from fraexp_plugins.identification.whole_record._shared.plan_search import PlanSearch
 from fraexp_plugins.identification.whole_record._shared.planned_records import (
     Plan,
@@ -13,7 +13,7 @@ from fraexp_plugins.identification.whole_record._shared.planned_records import (
     planned_records,
 )
 
-from fraexp.components.kinds import Estimator, Excitation, Plant
+from fraexp.components.kinds import Estimator, Excitation, FrictionModel, Plant
 from fraexp.components.registry import create, discover
 from fraexp.data.results import Outcome
 from fraexp.errors import ParameterError, RecordError
@@ -35,19 +35,23 @@ def design(**given):
 
 
 def drawn_record(random, frequency, amplitude, has_dither=True):
-    """Return a record of random information, of which a greater amplitude tells more."""
-    columns = amplitude * random.normal(0, 1, (6, 3))
-    slopes, own = random.normal(0, 1, (2, 3)), random.normal(0, 1, (2, 2)) / amplitude
+    """Return a record of random information, of which a greater amplitude tells more.
+
+    Its six samples depend on three shared parameters, and on the two parts of its own response.
+    """
+    shared, own = amplitude * random.normal(0, 1, (6, 3)), amplitude * random.normal(0, 1, (6, 2))
+    known, told = np.linalg.inv(own.T @ own), np.linalg.lstsq(own, shared)[0]
+    times = 1 / frequency, 0.2 + 1 / frequency
     return PlannedRecord(
         frequency,
         amplitude,
-        1 / frequency,
-        0.2 + 1 / frequency,
+        *times,
         amplitude,
-        columns.T @ columns,
-        own @ own.T,
-        slopes,
-        has_dither,
+        shared.T @ shared,
+        known,
+        slopes=-told,
+        told=told,
+        has_dither=has_dither,
     )
 
 
@@ -71,7 +75,7 @@ def every_plan(search):
 
 def test_the_search_finds_the_best_of_all_plans(search):
     start = search.uniform()
-    found = search.best(start)
+    found = search.best()
     best = min(map(search.criterion, every_plan(search)))
     assert start.time <= search.time
     assert found.time <= search.time
@@ -103,6 +107,17 @@ def test_a_plan_lasts_as_long_as_its_simulation(recorded, registry):
 def short(recorded):
     """One period at each frequency."""
     return recorded(excitation=SINE, noise=NOISE)
+
+
+@pytest.mark.thorough
+def test_the_bands_of_a_plan_are_those_of_the_estimate(short, registry):
+    friction, plant = create(registry, FrictionModel, MACHINE["friction"]), create(registry, Plant, MACHINE["plant"])
+    method = design().method.model_copy(update={"friction": friction})
+    fit = method.staged_fit(short, NOISE, SCALES).fit_around(plant)
+    records = planned_records(replace(fit, free=FreeParameters(SCALES, nonzero_numbers(plant))), (12.0,) * 12)
+    response = method.estimate(short).response
+    found = response.standard_deviation / np.abs(response.response)
+    np.testing.assert_allclose(Plan(tuple(records), (1,) * 12).standard_deviations(), found, rtol=0.06)
 
 
 @pytest.mark.thorough

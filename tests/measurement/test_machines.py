@@ -184,7 +184,7 @@ def test_a_program_that_does_not_measure_is_named(
 
 def test_a_program_may_go_on_in_silence_until_it_is_told_to_end(tmp_path: Path) -> None:
     program(tmp_path, f"{PROGRAM.format(step=SAMPLE_TIME)}\nimport time\ntime.sleep(60)")
-    with command().model_copy(update={"timeout": 0.2}).connect(tmp_path) as session:
+    with command().model_copy(update={"timeout": 2.0}).connect(tmp_path) as session:
         assert played(session)["y"].size == REQUEST.samples
 
 

@@ -99,13 +99,13 @@ class ExcitationDesign(Estimator, name="excitation_design", version=4):
             text = "no excitation is designed, as the preliminary machine is not known"
             return replace(found, message="; ".join(filter(None, (found.message, text))))
         search = self._search(self._preliminary(report))
-        uniform = search.uniform()
-        if uniform is None:
+        uniform, best = search.uniform(), search.best()
+        if uniform is None or best is None:
             raise RecordError(
                 f"excitation_design: a period of each frequency takes {search.shortest_time:.4g} s with settling; "
                 f"measuring_time is {self.measuring_time:g} s: raise it, or leave frequencies out"
             )
-        return self._with_plans(found, search, uniform, search.best(uniform))
+        return self._with_plans(found, search, uniform, best)
 
     def _preliminary(self, report: FitReport) -> "_Preliminary":
         """Return the machine that was found."""

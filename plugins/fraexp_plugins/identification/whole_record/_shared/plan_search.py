@@ -72,7 +72,12 @@ class PlanSearch:
             found.append(next(pairs) if is_wanted else (records[0], 0))
         return Plan(*zip(*found, strict=True))
 
-    def best(self, plan: Plan) -> Plan:
+    def best(self) -> Plan | None:
+        """Return the best plan to which exchanges lead from a plan of one amplitude; None without time."""
+        found = [self._improved(plan) for plan in self._uniform_plans()]
+        return min(found, key=self.criterion) if found else None
+
+    def _improved(self, plan: Plan) -> Plan:
         """Return the plan to which exchanges lead from one."""
         cost = self.criterion(plan)
         for _ in range(MAX_EXCHANGES):

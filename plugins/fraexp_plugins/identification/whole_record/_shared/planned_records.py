@@ -33,6 +33,9 @@ class PlannedRecord(NamedTuple):
     """Relative covariance of 1/P̂ from a period whose friction is known, shape (2, 2)."""
     slopes: NDArray[np.float64]
     """Relative change of 1/P̂ by the shared parameters, shape (2, p): as they are wrong, so is the response."""
+    told: NDArray[np.float64]
+    """Covariance of the error of 1/P̂ that is the record's own with the shared parameters, over that of the latter,
+    shape (2, p): the record tells them, too."""
     has_dither: bool
     """Whether a repeated period tells as much again."""
 
@@ -64,7 +67,7 @@ def planned_records(fit: RecordFit, amplitudes: Sequence[float]) -> list[Planned
         amplitudes, fit.records, linear.records, linear.inverse, linear.inverse_slopes, strict=True
     ):
         segment = record.segment
-        shared, own, by_shared = _information(each, slopes[0] / inverse[0], record.forces)
+        shared, own, by_shared, told = _information(each, slopes[0] / inverse[0], record.forces)
         found.append(
             PlannedRecord(
                 frequency=float(record.frequency[0]),
@@ -75,6 +78,7 @@ def planned_records(fit: RecordFit, amplitudes: Sequence[float]) -> list[Planned
                 shared=shared,
                 own=own,
                 slopes=by_shared,
+                told=told,
                 has_dither=has_dither,
             )
         )
@@ -83,8 +87,8 @@ def planned_records(fit: RecordFit, amplitudes: Sequence[float]) -> list[Planned
 
 def _information(
     record: LinearRecord, slopes: NDArray[np.complex128], forces: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return the information about shared parameters, the covariance of ln(1/P̂) by the own ones, and its slopes."""
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return what a planned record knows: `shared`, `own`, `slopes` and `told`."""
     p = record.shared.shape[1]
     curvature = interval_loss(record.residual, record.resolution, record.std).curvature
     jacobian = np.hstack([record.shared, record.own])
@@ -92,11 +96,13 @@ def _information(
     # Where the response is the plant's, a record has a drift of its own only.
     drift = hessian[p + forces :, p + forces :]
     mixed_drift = hessian[p + forces :, :p]
-    shared = hessian[:p, :p] - mixed_drift.T @ np.linalg.solve(drift, mixed_drift)
-    mixed = np.linalg.solve(hessian[p:, p:], hessian[p:, :p])
+    by_drift = np.linalg.solve(drift, mixed_drift)
+    shared = hessian[:p, :p] - mixed_drift.T @ by_drift
     parts = np.stack([slopes.real, slopes.imag])
-    own = parts[:, p:] @ np.linalg.inv(hessian[p:, p:]) @ parts[:, p:].T
-    return shared, own, parts[:, :p] - parts[:, p:] @ mixed
+    gain = np.linalg.solve(hessian[p:, p:], parts[:, p:].T).T
+    own, mixed = gain @ parts[:, p:].T, hessian[p:, :p]
+    told = gain @ (mixed - hessian[p:, p + forces :] @ by_drift)
+    return shared, own, parts[:, :p] - gain @ mixed, told
 
 
 class Plan(NamedTuple):
@@ -121,12 +127,16 @@ class Plan(NamedTuple):
         return np.asarray(np.linalg.pinv(sum(r.weight(n) * r.shared for r, n in self.measured), hermitian=True))
 
     def standard_deviations(self) -> NDArray[np.float64]:
-        """Return the relative standard deviation of P̂ of each measured record, shape (n,)."""
+        """Return the relative standard deviation of P̂ of each measured record, shape (n,).
+
+        The shared parameters are told by all records, that of the response among them: see `covariances_beside`.
+        """
         covariance, measured = self.covariance(), self.measured
         weights = np.array([record.weight(count) for record, count in measured])
         own = np.array([np.trace(record.own) for record, _ in measured]) / weights
-        slopes = np.array([record.slopes for record, _ in measured])
-        return np.asarray(np.sqrt(own + np.einsum("kip,pq,kiq->k", slopes, covariance, slopes)))
+        slopes, told = (np.array(each) for each in zip(*((r.slopes, r.told) for r, _ in measured), strict=True))
+        by_shared = np.einsum("kip,pq,kiq->k", slopes, covariance, slopes + 2 * told)
+        return np.asarray(np.sqrt(own + by_shared))
 
 
 def log_deviation(plan: Plan, friction: int, is_wanted: Sequence[bool]) -> float:

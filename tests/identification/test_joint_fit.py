@@ -1,0 +1,78 @@
+"""The likelihood of rounded samples, and the linear step that maximises it for all records jointly."""
+
+import numpy as np
+import pytest
+from fraexp_plugins.identification.whole_record._shared.interval_likelihood import interval_loss
+from fraexp_plugins.identification.whole_record._shared.joint_fit import LinearRecord, Prior, fit_linear
+from scipy.optimize import minimize
+from scipy.stats import norm
+
+
+@pytest.mark.parametrize(("resolution", "std"), [(1.0, 0.3), (1.0, 0.03), (1.0, 5.0), (0.0, 0.7)])
+def test_the_loss_is_that_of_a_rounded_normal_variable(resolution, std):
+    residual = np.linspace(-1.5, 1.5, 61)
+    loss = interval_loss(residual, resolution, std)
+    if resolution:
+        # the survival function is exact where the distribution function rounds to 1
+        far = np.abs(residual)
+        expected = norm.sf((far - resolution / 2) / std) - norm.sf((far + resolution / 2) / std)
+        known = expected > 1e-290
+        np.testing.assert_allclose(np.exp(-loss.value)[known], expected[known], rtol=1e-9)
+    else:
+        np.testing.assert_allclose(loss.value, residual**2 / (2 * std**2))
+    step = 1e-5
+    after, before = (interval_loss(residual + sign * step, resolution, std) for sign in (1, -1))
+    scale = np.abs(loss.slope).max()
+    np.testing.assert_allclose(loss.slope, (after.value - before.value) / (2 * step), rtol=1e-5, atol=1e-6 * scale)
+    rise = (after.slope - before.slope) / (2 * step)
+    np.testing.assert_allclose(loss.curvature, rise, rtol=1e-4, atol=1e-5 * np.abs(rise).max())
+
+
+def test_the_joint_step_is_that_of_a_minimiser_that_knows_no_blocks():
+    random = np.random.default_rng(3)
+    records = [
+        LinearRecord(random.normal(0, 2, 40), random.normal(0, 1, (40, 2)), random.normal(0, 1, (40, 3)), 1.0, 0.4)
+        for _ in range(3)
+    ]
+    radii, prior = (np.full(2, 5.0), [np.full(3, 5.0)] * 3), Prior(np.array([0.3, -0.2]), np.diag([4.0, 9.0]))
+
+    def loss(values):
+        shared, own = values[:2], values[2:].reshape(3, 3)
+        total = 0.5 * np.sum(values**2) / 25 + prior.loss(shared)
+        for record, each in zip(records, own, strict=True):
+            residual = record.residual - record.shared @ shared - record.own @ each
+            total += interval_loss(residual, record.resolution, record.std).value.sum()
+        return total
+
+    expected = minimize(loss, np.zeros(11), method="BFGS", options={"gtol": 1e-7})
+    step = fit_linear(records, *radii, prior)
+    np.testing.assert_allclose(np.concatenate([step.shared, *step.own]), expected.x, atol=2e-6)
+    assert step.gain == pytest.approx(loss(np.zeros(11)) - expected.fun, rel=1e-9)
+    h, unit = 1e-3, np.eye(11)
+    corners = [
+        [[loss(expected.x + s * h * (a + t * b)) * t for s in (1, -1) for t in (1, -1)] for a in unit] for b in unit
+    ]
+    covariance = np.linalg.inv(np.sum(corners, axis=2) / (4 * h**2))
+    np.testing.assert_allclose(step.covariances[1][:2, :2], covariance[:2, :2], rtol=0.01)
+
+
+def test_own_parameters_beside_those_of_a_joint_fit_scatter_as_their_covariance_says():
+    """The whole estimator as a matrix, from the noise of all records to each parameter, by least squares alone."""
+    random, std, forces, own = np.random.default_rng(8), 0.4, 2, 3
+    records = [
+        LinearRecord(random.normal(0, 2, 40), random.normal(0, 1, (40, 2)), random.normal(0, 1, (40, own)), 0.0, std)
+        for _ in range(3)
+    ]
+    design = np.zeros((120, 2 + 3))  # that of the joint fit: of its own parameters each record has the last one only
+    for place, record in enumerate(records):
+        rows = slice(40 * place, 40 * place + 40)
+        design[rows, :2], design[rows, 2 + place] = record.shared, record.own[:, -1]
+    of_shared = np.linalg.pinv(design)[:2]
+    radii = np.full(2, 1e6), [np.full(own, 1e6)] * 3
+    found = fit_linear(records, *radii).covariances_beside(std**2 * of_shared @ of_shared.T, np.ones(3), [forces] * 3)
+    for place, record in enumerate(records):
+        of_own = np.zeros((own, 120))
+        of_own[:, 40 * place : 40 * place + 40] = np.linalg.pinv(record.own)
+        of_own -= np.linalg.pinv(record.own) @ record.shared @ of_shared
+        every = np.concatenate([of_shared, of_own])
+        np.testing.assert_allclose(found[place], std**2 * every @ every.T, rtol=1e-6, atol=1e-12)
