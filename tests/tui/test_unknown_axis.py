@@ -14,7 +14,7 @@ def test_an_unknown_axis_is_measured_stage_by_stage_and_stopped_by_one_key(tmp_p
         await choose(app, pilot)
         await pilot.press("m")
         await shows(pilot, "an autonomous measurement", "friction loop", "which the model found must predict")
-        await shows(pilot, "Limits, of which no motion is predicted yet", "0 m of 20 mm")
+        await shows(pilot, "Limits, of which no motion is predicted yet", "20 mm")
         assert app.screen.command == "fraexp measure --autonomous axis"
         await pilot.press("enter")
         await shows(pilot, "will move, as far as its limits allow.")
