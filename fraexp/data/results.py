@@ -17,8 +17,8 @@ EFFORT = ("stroke", "peak force", "measuring time")
 
 NAMED_FREQUENCY = re.compile(r"\d Hz\b")
 """A frequency in a message."""
-COUNTED_FREQUENCIES = re.compile(r"\b(\d+) of (\d+) frequencies\b")
-"""How many of the frequencies a message is about."""
+COUNTED_FREQUENCIES = re.compile(r"\b(\d+) of (\d+) (?:frequencies|records)\b")
+"""How many of the frequencies, or of their records, a message is about."""
 
 
 class Outcome(Enum):

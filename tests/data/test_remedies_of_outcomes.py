@@ -16,6 +16,8 @@ from fraexp.data.results import Outcome
             "at the frequencies that the message",
         ),
         ("it stands at 10 of 10 frequencies (2 to 80 Hz): at 80 Hz it may be off", "about the whole result: do what"),
+        ("what it leaves of 17 of 17 records (2 to 125 Hz) is too much", "about the whole result: do what"),
+        ("what it leaves of 2 of 17 records (at 2 and 3 Hz) is too much", "at the frequencies that the message"),
         ("", "at the frequencies that the message does not name"),
     ],
 )
