@@ -15,6 +15,7 @@ coverage     how often the band (ellipse, magnitude, phase) covers P at 16 frequ
              their values; the error over the bound that the information sets. The records are simulated with 60 steps
              per sample: with the 7 that are chosen, their own error is as large as that by noise from 12 Hz on, and the
              band contains both. The fit to the first record is where the others start
+agreement    how often responses at 12 and 75 N agree within the bands of both
 
 The exit code is 1 if a bound is missed.
 """
@@ -293,14 +294,16 @@ def is_covered(result: Result, plant: np.ndarray) -> np.ndarray:
     response = result.response
     assert response is not None
     numerical = np.zeros(plant.size) if response.numerical_error is None else response.numerical_error
-    error = response.response - plant
-    error = error * np.maximum(1 - numerical * np.abs(plant) / np.abs(error), 0)
-    parts = np.stack([error.real, error.imag], axis=1)
-    distance = np.einsum("ni,nij,nj->n", parts, np.linalg.inv(response.covariance), parts)
     limits, ratio = confidence_limits(response), plant / response.response
-    factor = circle_factor(np.full(plant.size, np.inf))
     within = [_between(np.abs(ratio), limits.magnitude), _between(np.angle(ratio), limits.phase)]
-    return np.array([distance <= 2 * factor**2, *within])
+    return np.array([_in_ellipse(response.response - plant, response.covariance, numerical * np.abs(plant)), *within])
+
+
+def _in_ellipse(error: np.ndarray, covariance: np.ndarray, numerical: np.ndarray) -> np.ndarray:
+    error = error * np.maximum(1 - numerical / np.abs(error), 0)
+    parts = np.stack([error.real, error.imag], axis=1)
+    distance = np.einsum("ni,nij,nj->n", parts, np.linalg.inv(covariance), parts)
+    return np.asarray(distance <= 2 * circle_factor(np.full(error.size, np.inf)) ** 2)
 
 
 def _between(value: np.ndarray, limits: np.ndarray) -> np.ndarray:
@@ -344,6 +347,25 @@ def coverage(table: Table, reduced: bool, first_seed: int = 0) -> None:
         table.row(f"interval of {name}", f"{each:.1%} of {seeds}", bool(each >= 0.93) or reduced)
 
 
+def agreement(table: Table, reduced: bool, first_seed: int = 0) -> None:
+    """Print how often responses at 12 and 75 N agree within the bands of both."""
+    spec = {
+        "name": "maximum_likelihood", "friction": PAPER["friction"], "resolution": RESOLUTION_M, "noise": NOISE_M,
+        "input_dead_time": PAPER["loop"]["input_dead_time"],
+    }  # fmt: skip
+    estimator, held, seeds = create(REGISTRY, Estimator, spec), [], 5 if reduced else 20
+    for seed in range(first_seed, first_seed + 2 * seeds, 2):
+        pair = []
+        for place, amplitude in enumerate((12.0, 75.0)):
+            sine = {"frequencies": COVERED_HZ, "recorded_periods": PERIODS, "amplitude": amplitude}
+            pair.append(estimator.estimate(paper_signals(sine, COVERAGE_STEPS, noise=NOISE_M, seed=seed + place)))
+        small, large = (result.response for result in pair)
+        numerical = sum(each.numerical_error * np.abs(each.response) for each in (small, large))
+        held.append(_in_ellipse(small.response - large.response, small.covariance + large.covariance, numerical))
+    share = float(np.mean(held))
+    table.row("12 and 75 N agree", f"{share:.1%} of {np.size(held)}", reduced or abs(share - 0.95) <= 0.02)
+
+
 QUESTIONS: dict[str, Callable[..., None]] = {
     "accuracy": accuracy,
     "starts": starts,
@@ -351,6 +373,7 @@ QUESTIONS: dict[str, Callable[..., None]] = {
     "strangers": strangers,
     "times": times,
     "coverage": coverage,
+    "agreement": agreement,
 }
 
 
@@ -359,12 +382,12 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("questions", nargs="*", choices=[*QUESTIONS, []], help="which to answer; all by default")
     parser.add_argument("--reduced", action="store_true", help="fewer points, starts, machines and seeds")
-    parser.add_argument("--first-seed", type=int, default=0, help="first seed of the noise of coverage (0)")
+    parser.add_argument("--first-seed", type=int, default=0, help="first seed of the noise (0)")
     arguments = parser.parse_args()
     table = Table()
     for name in arguments.questions or QUESTIONS:
         print(f"\n{name}: {(QUESTIONS[name].__doc__ or '').strip()}")
-        seeds = {"first_seed": arguments.first_seed} if name == "coverage" else {}
+        seeds = {"first_seed": arguments.first_seed} if name in ("coverage", "agreement") else {}
         QUESTIONS[name](table, arguments.reduced, **seeds)
     print(f"\n{table.missed} missed")
     return int(table.missed > 0)
