@@ -142,6 +142,8 @@ def test_intervals_hold_where_the_coulomb_force_is_extrapolated(recorded, veloci
         name: abs(value - slow[name]) / each for name, value, each in zip(fit.parameters, fit.values, std, strict=True)
     }
     assert max(errors.values()) < 3
+    told = metrics(result)
+    assert told["static_force"] == fit.values[fit.parameters.index("static_force")]  # as the law's own table says it
     assert std[fit.parameters.index("coulomb_force")] / 17.9 < 0.01
 
 

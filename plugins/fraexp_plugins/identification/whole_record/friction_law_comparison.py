@@ -35,7 +35,7 @@ COULOMB_PARAMETERS = ("coulomb_force", "limit_force")
 """Parameters of a friction law whose sum is its force in gross sliding."""
 
 
-class FrictionLawComparison(DelayedEstimator, name="friction_law_comparison", version=8):
+class FrictionLawComparison(DelayedEstimator, name="friction_law_comparison", version=9):
     """Plant, friction law and its parameters, from records alone: the law that predicts records it has not seen.
 
     Every candidate is fitted to three quarters of the records by maximum likelihood, as `maximum_likelihood` does,

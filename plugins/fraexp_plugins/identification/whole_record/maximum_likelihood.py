@@ -27,7 +27,7 @@ from fraexp_plugins.identification.whole_record._shared.staged_fit import (
 )
 
 
-class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=6):
+class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=7):
     """P̂ of greatest likelihood: a simulated machine that repeats all samples of the records, friction included.
 
     The observer of `effective_input` drives its friction model by measured positions, and takes the small difference of

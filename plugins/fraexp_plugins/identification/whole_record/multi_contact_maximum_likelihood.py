@@ -1,11 +1,8 @@
 """Plant and friction of greatest likelihood for a machine with friction at several contacts."""
 
-from collections.abc import Iterator
-
 import numpy as np
 
 from fraexp.api import (
-    Fit,
     FrictionModel,
     ParameterError,
     Plant,
@@ -137,9 +134,8 @@ class MultiContactMaximumLikelihood(DelayedEstimator, name="multi_contact_maximu
 class ContactFitReport(FitReport):
     """The report of a fit to a machine with several contacts."""
 
-    def _fits(self) -> Iterator[Fit]:
-        """Yield the plant; the scales of friction are metrics."""
-        yield from self._plant_fits()
+    def _friction_fit(self) -> None:
+        """Return no component: the friction of several contacts is told by its scales."""
 
 
 def _unmoved(fit: RecordFit) -> State:

@@ -148,15 +148,20 @@ class FitReport:
             yield f"the records do not tell {names}, held at the start: raise the amplitude, or leave it out of free"
 
     def _metrics(self) -> Iterator[Metric]:
-        """Yield friction's parameters with their intervals, and how well they repeat the records."""
+        """Yield friction's parameters with their intervals, and how well they repeat the records.
+
+        A number of the law is that of the law found: its scales are applied.
+        """
         fit, logs = self.found.fit, self.found.shared
         values, units = fit.free.values(fit.start, logs), fit.free.units(fit.start)
         std = np.sqrt(np.diag(self._shared_covariance))
         std = std * np.abs(fit.free.slopes(fit.start, logs))
         names = (*fit.free.friction, *(parameter_symbol(name) for name in fit.free.plant))
+        law = _values(self._friction_fit())
         for name, value, unit, each in zip(names, values, units, std, strict=True):
-            yield Metric(name, float(value), unit)
-            yield Metric(f"{name}, 95 %", float(NORMAL_QUANTILE * each), unit)
+            of_law, error = law.get(name, (value, each))
+            yield Metric(name, float(of_law), unit)
+            yield Metric(f"{name}, 95 %", float(NORMAL_QUANTILE * error), unit)
         if self.noise is not None:
             yield Metric(NOISE, self.noise.value, self.signals.unit(fit.records[0].output))
             yield Metric(f"{NOISE}, 95 %", NORMAL_QUANTILE * self.noise.std, self.signals.unit(fit.records[0].output))
@@ -189,23 +194,33 @@ class FitReport:
         return Curve("residual", columns, {"frequency": "Hz", "residual": "m", RESIDUAL_RATIO: "1"})
 
     def _fits(self) -> Iterator[Fit]:
-        """Yield plant and friction as components; a law whose parameters do not scale gives none."""
-        fit, friction = self.found.fit, self.found.friction
-        yield from self._plant_fits()
-        if friction is not None:
-            count = len(fit.free.friction)
-            yield _friction_fit(friction, fit.free.friction, self._shared_covariance[:count, :count])
-
-    def _plant_fits(self) -> Iterator[Fit]:
-        """Yield the plant as a component, if its numbers were estimated."""
+        """Yield plant and friction as components, as far as they were estimated."""
         fit, logs, count = self.found.fit, self.found.shared, len(self.found.fit.free.friction)
         if fit.free.plant:
             values, units = fit.free.values(fit.start, logs)[count:], fit.free.units(fit.start)[count:]
             spread = np.outer(values, values) * self._shared_covariance[count:, count:]
             yield Fit("plant", self.found.models.plant.spec(), fit.free.plant, units, values, spread)
+        friction = self._friction_fit()
+        if friction is not None:
+            yield friction
+
+    def _friction_fit(self) -> Fit | None:
+        """Return friction as a component; none for a law whose parameters do not scale."""
+        free, friction = self.found.fit.free.friction, self.found.friction
+        if friction is None:
+            return None
+        return _scaled_fit(friction, free, self._shared_covariance[: len(free), : len(free)])
 
 
-def _friction_fit(friction: FrictionModel, free: Sequence[str], covariance: NDArray[np.float64]) -> Fit:
+def _values(fit: Fit | None) -> dict[str, tuple[float, float]]:
+    """Return value and standard deviation of each parameter of a component by its name."""
+    if fit is None:
+        return {}
+    std = np.sqrt(np.diag(fit.covariance))
+    return dict(zip(fit.parameters, zip(fit.values.tolist(), std.tolist(), strict=True), strict=True))
+
+
+def _scaled_fit(friction: FrictionModel, free: Sequence[str], covariance: NDArray[np.float64]) -> Fit:
     """Return a friction model with the covariance that its scales and free parameters, given in logarithms, cause."""
     known = list(scaled_parameters(friction))
     known += [
