@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar, Self, cast, get_args
+from typing import TYPE_CHECKING, Any, ClassVar, Self, cast, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, model_validator
 from pydantic.fields import FieldInfo
@@ -52,6 +52,11 @@ def unit_of(info: FieldInfo, *, rotary: bool = False) -> str:
     extra = info.json_schema_extra
     unit = str(extra["unit"]) if isinstance(extra, dict) else ""
     return rotary_unit(unit) if rotary else unit
+
+
+def _kind_of(info: FieldInfo) -> str:
+    """Return what a parameter without unit expects."""
+    return "table" if get_origin(info.annotation) is dict else "text"
 
 
 def inherited_from(info: FieldInfo) -> str | None:
@@ -225,15 +230,17 @@ def _error_sentence(cls: type[Parameters], title: str, data: Mapping[str, Any], 
             return f"{title} has no parameter '{name}'{did_you_mean(name, cls.model_fields)}"
         case "tuple_type" if info is not None and len(loc) == 1:
             given = json.dumps(data[name], default=str)
-            what = f"{info.description}, {unit_of(info) or 'text'}"
+            what = f"{info.description}, {unit_of(info) or _kind_of(info)}"
             return f"{title}.{name} is {given} ({what}); expected a list, such as [{given}]"
         case "missing" if info is not None:
-            return f"{title} lacks '{name}' ({info.description}, {unit_of(info) or 'text'})"
+            source = inherited_from(info)
+            remedy = f"; state it here, or '{source}' in the study" if source else ""
+            return f"{title} lacks '{name}' ({info.description}, {unit_of(info) or _kind_of(info)}){remedy}"
         case "greater_than" | "greater_than_equal" | "less_than" | "less_than_equal" if info is not None:
             bound = f"{BOUNDS[found['type']]} {next(iter(found['ctx'].values())):g} {unit_of(info)}".removesuffix(" 1")
             return f"{title}.{place} is {toml.as_text(found['input'])}; the {info.description} must be {bound}"
     expected = found["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
-    what = f" ({info.description}, {unit_of(info) or 'text'})" if info is not None else ""
+    what = f" ({info.description}, {unit_of(info) or _kind_of(info)})" if info is not None else ""
     if len(loc) == 1 and isinstance(found["input"], list | tuple):
         expected += "; a study varies it in [grid]"
     return (

@@ -87,6 +87,7 @@ def find_studies(name: str, folder: Path) -> list[tuple[str, Path]]:
     for base in (folder, *roots):
         for path in (base / name, base / f"{name}.toml"):
             if path.is_file():
+                _require_one(name, path, roots[0] / f"{name}.toml")
                 return [(study_name(path, roots), path)]
             files = sorted(file for file in path.glob("*.toml") if file.is_file()) if path.is_dir() else []
             if files:
@@ -98,6 +99,12 @@ def find_studies(name: str, folder: Path) -> list[tuple[str, Path]]:
         if path.parent.name != "machines" and path.is_file()
     }
     raise StudyError(f"there is no study '{name}'{did_you_mean(name.removesuffix('.toml'), names)}")
+
+
+def _require_one(name: str, found: Path, own: Path) -> None:
+    """Raise StudyError if a name may mean a file of the workspace as well as one of its studies."""
+    if found.name != Path(name).name and own.is_file() and not own.samefile(found):
+        raise StudyError(f"the study '{name}' may be {found} or {own}; give the path of the file, or rename one")
 
 
 def study_name(path: Path, roots: Sequence[Path]) -> str:

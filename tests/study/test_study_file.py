@@ -253,3 +253,14 @@ def test_studies_are_found_by_name_path_and_folder(tmp_path):
     assert find_studies("quick", tmp_path)[0][0] == "quick"  # comes along
     with pytest.raises(StudyError, match="there is no study 'minee'; did you mean"):
         find_studies("minee", tmp_path)
+
+
+def test_a_name_that_may_mean_two_files_of_a_workspace_is_refused(tmp_path):
+    """The terminal UI lists the second one; a measurement of the first one would move another axis."""
+    (tmp_path / "studies").mkdir()
+    for folder in (tmp_path, tmp_path / "studies"):
+        (folder / "axis.toml").write_text("", encoding="utf-8")
+    with pytest.raises(StudyError, match=r"'axis' may be .*axis\.toml or .*studies.axis\.toml; give the path"):
+        find_studies("axis", tmp_path)
+    assert find_studies("axis.toml", tmp_path)[0][1] == tmp_path / "axis.toml"
+    assert find_studies("studies/axis", tmp_path)[0][1] == tmp_path / "studies" / "axis.toml"
