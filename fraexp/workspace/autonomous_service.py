@@ -276,8 +276,10 @@ def _evaluation_begun(stage: int, seconds: float) -> EvaluationBegun:
 
 
 def _length_text(length: float) -> str:
+    if not length:
+        return "none"
     factor, unit = displacement_unit(length)
-    return f"{factor * length:.2g} {unit}"
+    return f"{factor * length:.3g} {unit}"
 
 
 def _modes(result: Result | None) -> tuple[list[float], list[float]]:
