@@ -71,8 +71,11 @@ def controller_parts(sweep: StoredSweep, result: Result, registry: Registry) -> 
     loop: Mapping[str, Any] = experiment.get("loop", {})
     excitation = experiment.get("excitation")
     controller = fitted.get(Controller.kind) or experiment.get("controller")
-    if components_by_port(controller):
-        raise FraexpError("the machine has a controller for each of several thrusts; expected one")
+    if several := components_by_port(controller):
+        raise FraexpError(
+            f"the machine has a controller for each of several thrusts ({', '.join(several)}); expected one: export "
+            "each from a study of its own, with it as [controller] and its thrust as loop.thrust"
+        )
     metrics = {metric.name: metric.value for metric in result.metrics}
     sample_time = metrics.get(TUNED_SAMPLE_TIME) or loop.get("sample_time")
     motion = create(registry, Excitation, excitation) if excitation else None

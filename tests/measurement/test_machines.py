@@ -2,6 +2,7 @@
 
 import os
 import threading
+import time
 from pathlib import Path
 from typing import Any
 
@@ -183,9 +184,11 @@ def test_a_program_that_does_not_measure_is_named(
 
 
 def test_a_program_may_go_on_in_silence_until_it_is_told_to_end(tmp_path: Path) -> None:
-    program(tmp_path, f"{PROGRAM.format(step=SAMPLE_TIME)}\nimport time\ntime.sleep(60)")
-    with command().model_copy(update={"timeout": 2.0}).connect(tmp_path) as session:
+    program(tmp_path, f"{PROGRAM.format(step=SAMPLE_TIME)}\nimport time\ntime.sleep(600)")
+    with command().model_copy(update={"timeout": 300.0}).connect(tmp_path) as session:
+        begun = time.monotonic()
         assert played(session)["y"].size == REQUEST.samples
+        assert time.monotonic() - begun < 100.0  # the timeout is that of a sample that does not come
 
 
 SLOW = """
@@ -288,6 +291,27 @@ def test_an_old_record_is_never_that_of_a_new_play(tmp_path: Path) -> None:
         found = played(session)
     thread.join()
     np.testing.assert_array_equal(found["y"], expected_position())
+
+
+def test_a_record_of_more_samples_than_were_played_is_refused(tmp_path: Path) -> None:
+    exchange = tmp_path / "exchange"
+    exchange.mkdir()
+    machine = FolderMachine(folder="exchange", sample_time=SAMPLE_TIME, timeout=HANG_TIMEOUT_S)
+    longer = "y,u\n" + "0,1\n" * (REQUEST.samples + 5)
+    with machine.connect(tmp_path) as session:
+        playing = session.play(REQUEST)
+        thread = threading.Thread(target=put_record, args=(exchange, longer))
+        thread.start()
+        with pytest.raises(MachineError, match=r"-record\.csv has 325 rows of samples, and play-0001\.csv 320"):
+            next(playing)
+        thread.join()
+
+
+def put_record(folder: Path, text: str) -> None:
+    """Answer the first play with a record."""
+    wait_until(lambda: next(iter(folder.glob("play-0001.csv")), None))
+    (folder / "draft").write_text(text, encoding="utf-8")
+    (folder / "draft").rename(folder / "play-0001-record.csv")
 
 
 def test_a_folder_without_an_answer_is_told_to_stop(tmp_path: Path) -> None:

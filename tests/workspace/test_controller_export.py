@@ -3,13 +3,16 @@
 import subprocess
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 
 import fraexp
 from fraexp.cli.main import main
-from fraexp.data.results import Fit, Result
+from fraexp.components.registry import Registry
+from fraexp.data.results import Fit, Outcome, Result
 from fraexp.errors import FraexpError
 from fraexp.store import StoredSweep
 from fraexp.workspace.controller_export import controller_parts, export_controller
@@ -168,3 +171,11 @@ def test_command_line_and_python_write_the_same_code(tmp_path: Path, moves: tupl
     assert by_command.read_bytes() == (tmp_path / "axis.st").read_bytes()
     assert main([*arguments, "--single", "--force"]) == 0
     assert "LREAL" not in by_command.read_text("utf-8")
+
+
+def test_a_controller_for_each_of_several_thrusts_is_refused_with_what_to_do(registry: Registry) -> None:
+    pid = {"name": "pid", "proportional": 1e3}
+    sweep = SimpleNamespace(experiment={"controller": {"left": pid, "right": pid}}, estimator={"name": "conventional"})
+    remedy = r"several thrusts \(left, right\); expected one: export each from a study of its own, .* loop\.thrust$"
+    with pytest.raises(FraexpError, match=remedy):
+        controller_parts(cast(StoredSweep, sweep), Result(Outcome.OK), registry)

@@ -29,6 +29,8 @@ CHUNK_SAMPLES = 200
 """Samples of a chunk."""
 READ_BYTES = 1 << 16
 """Most that is read at once of what the program printed."""
+SILENCE_S = 0.25
+"""Time without a line after which a program has printed all: one that goes on has been at its end for that long."""
 TERMINATION_TIMEOUT_S = 5.0
 """Time that the program has to bring the machine to rest after it was asked to."""
 
@@ -70,6 +72,7 @@ class CommandSession(MachineSession):
     def __init__(self, machine: CommandMachine, folder: Path) -> None:
         self._machine, self._folder = machine, folder
         self._process: subprocess.Popen[bytes] | None = None
+        self._patience = machine.timeout
 
     @property
     def description(self) -> MachineDescription:
@@ -105,7 +108,7 @@ class CommandSession(MachineSession):
     def _chunks(self, samples: int) -> Iterator[Chunk]:
         process = self._process
         assert process is not None and process.stdout is not None
-        start, rows = 0, list[list[float]]()
+        start, rows, self._patience = 0, list[list[float]](), self._machine.timeout
         lines = self._lines(process.stdout.fileno())
         for number, line in enumerate(lines, start=1):
             rows.append(self._values(line, number))
@@ -123,7 +126,7 @@ class CommandSession(MachineSession):
 
     def _check_end(self, lines: Iterator[str], samples: int) -> None:
         """Raise MachineError if lines follow those of all samples: which of them is no sample is not known."""
-        more = ""
+        more, self._patience = "", min(self._machine.timeout, SILENCE_S)
         with suppress(ConnectionLostError):  # it goes on in silence, until it is told to end
             more = next((line for line in lines if line.strip()), "")
         if more:
@@ -140,9 +143,9 @@ class CommandSession(MachineSession):
             if os.name == "posix":  # elsewhere a pipe cannot be waited for
                 selector.register(pipe, selectors.EVENT_READ)
             while True:
-                if selector.get_map() and not selector.select(self._machine.timeout):
+                if selector.get_map() and not selector.select(self._patience):
                     raise ConnectionLostError(
-                        f"{self._machine.program[0]} printed nothing for {self._machine.timeout:g} s (timeout)"
+                        f"{self._machine.program[0]} printed nothing for {self._patience:g} s (timeout)"
                     )
                 printed = os.read(pipe, READ_BYTES)
                 *lines, begun = (begun + printed).split(b"\n")

@@ -80,7 +80,14 @@ class FolderSession(MachineSession):
             self.stop()
             raise
         self._is_playing = False
-        yield Chunk(0, self._columns(record))
+        columns = self._columns(record)
+        rows = columns["u"].size
+        if rows > request.samples:
+            raise MachineError(
+                f"{record.name} has {rows} rows of samples, and {name}.csv {request.samples}; expected one for each: "
+                "record from its first sample to its last, at its sample time"
+            )
+        yield Chunk(0, columns)
 
     def _next_number(self) -> int:
         """Return a number above those of all plays and records that are there: an old record is never a new one."""
