@@ -29,14 +29,16 @@ class TableEntry:
     @property
     def segment(self) -> dict[str, Any]:
         """What the section [record] says of it: the last periods before the ramp out."""
-        size, record, of = self.point.period.waveform.size, self.point.counts.record, self.point.expected
+        size, record = self.point.period.waveform.size, self.point.counts.record
+        start = self.request.full_samples - record
         return {
-            "start": self.first + self.request.full_samples - record,
+            "start": self.first + start,
             "periods": record // size,
             "samples": size,
             "harmonics": [int(line) for line in self.point.period.lines],
             "rest": self.first,
-            "expected": {name: float(f"{of[name]:.4g}") for name in ("u", "y") if name in of},
+            "expected": self.point.expected_amplitudes,
+            "excitation": [list(each) for each in self.point.excitation_at(start)],
         }
 
 

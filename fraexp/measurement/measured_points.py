@@ -4,7 +4,7 @@ import json
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -51,12 +51,22 @@ class MeasuredPoint:
     """Half-width of the 95 % band by the scatter of the periods [dB]; None if there are too few."""
     used: float = 0.0
     """Greatest part of a limit that its last play reached."""
+    expected: Mapping[str, float] = field(default_factory=dict)
+    """Amplitude of channels at the excited lines, if it was predicted [N or m]."""
+    excitation: tuple[tuple[float, float], ...] = ()
+    """Amplitude [N] and phase [deg] of what was played at each line, from `start` on."""
 
     def as_segment(self) -> dict[str, Any]:
         """Return what the section [record] of a study says of it."""
         known = {"rest": self.rest, "settled": self.settled, "residual": self.residual}
         counts = {"start": self.start, "periods": self.periods, "samples": self.samples}
-        return {**counts, "harmonics": list(self.harmonics), **{k: v for k, v in known.items() if v is not None}}
+        played = {"expected": dict(self.expected), "excitation": [list(each) for each in self.excitation]}
+        return {
+            **counts,
+            "harmonics": list(self.harmonics),
+            **{k: v for k, v in known.items() if v is not None},
+            **{k: v for k, v in played.items() if v},
+        }
 
 
 class MeasurementFiles:
@@ -135,6 +145,7 @@ class MeasurementFiles:
                 fields = {**line["point"]}
                 for name in ("harmonics", "repeats"):
                     fields[name] = tuple(fields[name])
+                fields["excitation"] = tuple(map(tuple, fields.get("excitation", ())))
                 point = MeasuredPoint(**fields)
                 found[point.number] = point
         return [found[number] for number in sorted(found)]

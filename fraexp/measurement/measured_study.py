@@ -14,12 +14,27 @@ CHANNEL_ORDER = ("u", "y")
 """Channels that come first: the input, then the output."""
 
 
-def record_section(samples: Path, points: Sequence[MeasuredPoint], folder: Path) -> dict[str, Any]:
-    """Return the section [record] for points in a file of samples, of a study in `folder`."""
+def record_section(
+    samples: Path, points: Sequence[MeasuredPoint], folder: Path, task: MeasurementTask
+) -> dict[str, Any]:
+    """Return the section [record] for points of a task in a file of samples, of a study in `folder`."""
     names = [name for name in read_header(samples)[0].units if name != PLAY_COLUMN]
     names.sort(key=lambda name: CHANNEL_ORDER.index(name) if name in CHANNEL_ORDER else len(CHANNEL_ORDER))
     segments = [point.as_segment() for point in points]
-    return {"file": relative_file(samples, folder), "channels": {name: name for name in names}, "segments": segments}
+    channels = {name: name for name in names}
+    return {
+        "file": relative_file(samples, folder),
+        "channels": channels,
+        **known_controller(task),
+        "segments": segments,
+    }
+
+
+def known_controller(task: MeasurementTask) -> dict[str, Any]:
+    """Return the key of [record] with the controller whose answer to y is in u; empty if more than that is in u."""
+    controller = task.experiment.get("controller", {})
+    is_one = "name" in controller and "compensation" not in task.experiment
+    return {"controller": without_versions(controller)} if is_one else {}
 
 
 def relative_file(file: Path, folder: Path) -> str:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fraexp.analysis.fourier import line_amplitude
+from fraexp.analysis.fourier import fourier_sums, line_amplitude
 from fraexp.components.kinds import Excitation
 from fraexp.components.machine_session import PlayRequest
 from fraexp.components.measurement_settings import MeasurementSettings, ramp_out_samples
@@ -93,6 +93,18 @@ class PlannedPoint:
         wave = self.amplitude * self.period.waveform
         repetitions = int(np.ceil(samples / wave.size))
         return PlayRequest(self.number, wave, repetitions, self.counts.amplitude_rise, self.ramp_out)
+
+    @property
+    def expected_amplitudes(self) -> dict[str, float]:
+        """Amplitudes of u and y that are expected; none at another amplitude, which friction answers in its own way."""
+        of = self.expected if self.amplitude == 1 else {}
+        return {name: float(f"{of[name]:.4g}") for name in ("u", "y") if name in of}
+
+    def excitation_at(self, sample: int) -> tuple[tuple[float, float], ...]:
+        """Return amplitude [N] and phase [deg] of each line, as played from a sample after the rise on."""
+        wave = np.roll(self.amplitude * self.period.waveform, -sample)
+        sums = fourier_sums(wave[None, :], self.period.lines)[0]
+        return tuple((float(f"{abs(of):.7g}"), round(float(np.angle(of, deg=True)), 5)) for of in sums)
 
     def with_amplitude(self, factor: float) -> "PlannedPoint":
         """Return the point with another factor on its amplitude; what it asks for grows with it, or falls."""

@@ -15,11 +15,13 @@ from fraexp.components.machine_session import Chunk, MachineSession
 from fraexp.data.results import FrequencyResponse
 from fraexp.data.sample_file import SampleWriter
 from fraexp.data.signals import Segment, Signals
-from fraexp.errors import ConnectionLostError, MachineError
+from fraexp.errors import ConnectionLostError, LimitError, MachineError
 from fraexp.measurement.measured_points import MeasuredPoint
 from fraexp.measurement.measurement_plan import PlannedPoint
 from fraexp.measurement.motion_guard import NOT_FINITE, MotionGuard
 from fraexp.measurement.settling_monitor import SettlingMonitor
+from fraexp.records.column_doubts import fault_finding
+from fraexp.records.played_records import LoopController, judge_play
 from fraexp.simulation.motion_limits import Demand
 
 MIN_BAND_PERIODS = 4
@@ -33,6 +35,13 @@ VISIBLE_RATIO = 5.0
 """Predicted stroke, over the range of a position that shows nothing but noise, from which the axis stands."""
 LEAST_MOTION = 1e-12
 """Motion [m or rad] below which an axis stands: no encoder shows it, and a simulation's rounding does."""
+
+
+MIN_JUDGED_SAMPLES = 20
+"""Samples from which a play shows what its channels are."""
+
+
+CHANNEL_REMEDY = "correct what the machine records, or state its units in measurement.machine"
 
 
 class UnsettledError(MachineError):
@@ -118,10 +127,11 @@ class PointMeasurement:
         period = self._point.period
         highest = period.lines[-1] / (period.waveform.size * self._point.sample_time)
         self._guard.begin(float(highest))
-        fault = ""
+        fault = wrong = ""
         for chunk in self._session.play(self._request):
             self._store(chunk)
-            fault = fault or self._guard.look(chunk)
+            if not fault and (fault := self._guard.look(chunk)):
+                wrong = self._wrong_channels()  # before the ramp out
             is_over = fault or self._is_enough
             if not is_over:
                 self._evaluate()
@@ -129,22 +139,32 @@ class PointMeasurement:
                 self._session.stop()
             if not is_over:
                 yield self._progress()
-        if fault.startswith(NOT_FINITE):
-            raise MachineError(
-                f"{fault} at {self._point.frequency}, by sample {self._count} of its play; the machine was stopped: "
-                "mend what it records"
-            )
         if fault:
-            raise LimitExceededError(
-                f"{fault} at {self._point.frequency}; the machine was stopped", self._guard.nearest()
-            )
+            raise self._stop_error(fault, wrong)
         is_complete = self._monitor.record_start is not None and self._periods > 0
         if self._stands(is_complete):
             raise self.standstill_error()
         if not is_complete and self._count < self._request.full_samples:
             raise ConnectionLostError(f"the play ended after {self._count} of {self._request.samples} samples")
         if not is_complete:
-            raise UnsettledError(f"in the {self.seconds:.3g} s that were played it did not settle in time for a record")
+            raise self._unsettled_error()
+
+    def _stop_error(self, fault: str, wrong: str) -> MachineError:
+        """Return the error that the machine was stopped for a fault, while its channels were wrong as stated."""
+        if fault.startswith(NOT_FINITE):
+            return MachineError(
+                f"{fault} at {self._point.frequency}, by sample {self._count} of its play; the machine was stopped: "
+                "mend what it records"
+            )
+        stopped = f"{fault} at {self._point.frequency}; the machine was stopped"
+        return LimitError(f"{stopped}: {wrong}") if wrong else LimitExceededError(stopped, self._guard.nearest())
+
+    def _unsettled_error(self) -> MachineError:
+        unsettled, wrong = (
+            f"in the {self.seconds:.3g} s that were played it did not settle in time for a record",
+            self._wrong_channels(),
+        )
+        return MachineError(f"{self._point.frequency}: {unsettled}: {wrong}") if wrong else UnsettledError(unsettled)
 
     @property
     def hides_motion(self) -> bool:
@@ -172,6 +192,20 @@ class PointMeasurement:
             f"steps of its encoder, while the control input reaches {self._guard.of_play.force:.4g} N; release "
             "the brake, enable the drive, check the encoder, or raise excitation.amplitude"
         )
+
+    def _wrong_channels(self) -> str:
+        """Return what the channels are instead of u and y, and the remedy; empty if they are right, or not known."""
+        setup, count = self._point.counts.experiment.setup, min(self._count, self._request.full_samples)
+        controller = LoopController(setup.discrete.numerator[0], setup.discrete.denominator[0])
+        u, y = (self._samples[self._channels.index(name), :count] for name in ("u", "y"))
+        if count < MIN_JUDGED_SAMPLES or not np.isfinite(u + y).all():
+            return ""
+        if setup.compensation or not controller.numerator.any():
+            return ""
+        fault = judge_play(u, y, self._request.excitation(0, count), controller)
+        rotary = self._writer.header.units["y"] == "rad"
+        units = {"u": "N m", "y": "rad"} if rotary else {"u": "N", "y": "m"}
+        return f"{fault_finding(fault, units)}; {CHANNEL_REMEDY}" if fault else ""
 
     def _progress(self) -> PointProgress:
         guard, settled = self._guard, self._monitor.is_settled
@@ -242,6 +276,8 @@ class PointMeasurement:
             repeats=(*repeats, *self.notes),
             band=self.band,
             used=self._guard.nearest(),
+            expected=self._point.expected_amplitudes,
+            excitation=self._point.excitation_at(monitor.record_start or 0),
         )
 
 

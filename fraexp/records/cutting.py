@@ -55,6 +55,8 @@ class Cut:
     """Relative difference of the last periods compared before it, if it is known."""
     expected: Mapping[str, float] = field(default_factory=dict)
     """Amplitude of channels at the excited lines [N or m, or N m and rad], where it was predicted."""
+    excitation: tuple[tuple[float, float], ...] = ()
+    """Amplitude [N or N m] and phase [deg] of what was to be played at each line, from `start` on, if it is known."""
 
     def blocks_of(self, channel: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the blocks of a channel, shape (blocks, samples)."""
@@ -69,7 +71,11 @@ class Cut:
             "sample_time": self.sample_time,
             "lines": list(self.lines),
             **({} if self.periodic else {"periodic": False}),
-            **{key: getattr(self, key) for key in ("left_out", "doubtful", "expected") if getattr(self, key)},
+            **{
+                key: getattr(self, key)
+                for key in ("left_out", "doubtful", "expected", "excitation")
+                if getattr(self, key)
+            },
             **{key: getattr(self, key) for key in ("rest", "settled", "residual") if getattr(self, key) is not None},
         }
 
@@ -79,7 +85,7 @@ class Cut:
         lines, periodic = tuple(data["lines"]), data.get("periodic", True)
         weak = (data.get("left_out", 0), data.get("doubtful", 0))
         before = (data.get("rest"), data.get("settled"), data.get("residual"))
-        expected = data.get("expected", {})
+        played = (data.get("expected", {}), tuple(map(tuple, data.get("excitation", ()))))
         return cls(
             data["start"],
             data["periods"],
@@ -90,7 +96,7 @@ class Cut:
             periodic,
             *weak,
             *before,
-            expected,
+            *played,
         )
 
     @property
@@ -214,10 +220,16 @@ def played_cuts(settings: RecordSettings, rate: float, length: int, place: str) 
             raise RecordError(f"{here}: its harmonics are {stated}; expected some from 1 to below {one.samples / 2:g}")
         if one.rest is not None and one.rest > one.start:
             raise RecordError(f"{here}: rest is sample {one.rest}; expected one before its start, {one.start}")
+        if one.excitation and len(one.excitation) != len(one.harmonics):
+            raise RecordError(
+                f"{here}: excitation has {len(one.excitation)} pairs of amplitude and phase, and there are "
+                f"{len(one.harmonics)} harmonics; expected one for each, or none"
+            )
         lines = tuple(sorted(one.harmonics))
+        excitation = tuple(one.excitation[k] for k in np.argsort(one.harmonics).tolist()) if one.excitation else ()
         cut = Cut(one.start, one.periods, one.samples, 1, 1 / rate, lines)
         known = replace(cut, rest=one.rest, settled=one.settled, residual=one.residual)
-        cuts.append(replace(known, expected=one.expected))
+        cuts.append(replace(known, expected=one.expected, excitation=excitation))
     return cuts
 
 

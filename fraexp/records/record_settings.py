@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from itertools import product
-from typing import ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal, Self
 
 from pydantic import field_validator
 
@@ -40,6 +40,9 @@ class PlayedSegment(Parameters):
     settled: bool | None = param("", "whether it was periodic when the periods began; not stated if absent", None)
     residual: float | None = param("1", "relative difference of the last periods compared", None, at_least=0)
     expected: dict[str, float] = param("", "amplitude of channels at the excited lines, as it was predicted in SI", {})
+    excitation: tuple[tuple[float, float], ...] = param(
+        "", "amplitude in SI and phase [deg] of what is played at each of the harmonics, from `start` on", ()
+    )
 
 
 class RecordSettings(Parameters):
@@ -105,6 +108,9 @@ class RecordSettings(Parameters):
     steps: tuple[Step, ...] = param("", "stretches of a stepped sine: start, stop, frequency", ())
     segments: tuple[PlayedSegment, ...] = param(
         "", "periods of an excitation that fraexp has played: start, periods, samples, harmonics", ()
+    )
+    controller: dict[str, Any] | None = param(
+        "", "controller of the machine that has played the segments: its answer to y is looked for in u", None
     )
     frequency_column: Channel | None = param(
         "", "column with the frequency of a stepped sine; 0 where there is none", None

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.analysis.visible_motion import moves_visibly
-from fraexp.components.kinds import RecordReader
+from fraexp.components.kinds import Controller, RecordReader
 from fraexp.components.registry import Registry, create
 from fraexp.data.identity import file_hash
 from fraexp.data.record_table import RecordTable
@@ -21,6 +21,7 @@ from fraexp.errors import RecordError, did_you_mean
 from fraexp.records.calculus import integrate_blocks
 from fraexp.records.channels import Channel
 from fraexp.records.clocks import ColumnReader
+from fraexp.records.column_doubts import column_doubt
 from fraexp.records.cutting import (
     Cut,
     find_steps,
@@ -34,7 +35,6 @@ from fraexp.records.excited import describe_doubts
 from fraexp.records.joined_files import JoinedFiles
 from fraexp.records.line_selection import check_step_frequencies, common_lines, select_lines
 from fraexp.records.plausibility import unit_questions
-from fraexp.records.predicted_records import prediction_doubt
 from fraexp.records.quantities import PlainTable, auxiliary_values, channel_columns, channel_values, resolve_channel
 from fraexp.records.record_sampling import plan_sampling, sampled_table, sampling_columns, sampling_text
 from fraexp.records.record_segments import check_levels, parse_condition, select_runs
@@ -102,6 +102,9 @@ def resolve(settings: RecordSettings, base_folder: Path, registry: Registry) -> 
     segments = [cut.as_plain() for cut in cuts]
     first = parts[0]
     record: PlainTable = {"reader": first.reader, "sample_rate": first.rate, "segments": segments}
+    if settings.controller is not None:
+        controller = create(registry, Controller, settings.controller, place="record.controller")
+        record["controller"] = [part.tolist() for part in controller.transfer_function(1 / first.rate)]
     if len(parts) == 1:
         record |= first.as_plain()
     else:
@@ -158,7 +161,7 @@ def load(experiment: Plain, files: Mapping[str, str], registry: Registry) -> Sig
         found += [_load_segment(Cut.from_plain(plain), values, part["channels"], path) for plain in own]
     units = {name: str(channel["unit"]) for name, channel in parts[0]["channels"].items()}
     wrong = wrong_sample_questions(found, units)
-    unexpected = prediction_doubt(found, [cut.expected for cut in cuts], units)
+    unexpected = column_doubt(found, cuts, units, record.get("controller"))
     are_doubtful = bool(unexpected) or any(2 * cut.doubtful > len(cut.lines) for cut in cuts)
     unsettled = sum(cut.settled is False for cut in cuts)
     moving = f"{unsettled} of {len(cuts)} segments were not yet periodic when they were recorded" if unsettled else ""

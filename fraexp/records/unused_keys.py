@@ -34,6 +34,11 @@ def check_sample_keys(settings: RecordSettings) -> None:
                 f"{key} describes a response; expected channels frequency with magnitude and phase, or with real and "
                 f"imaginary: leave {key} out of a record over time"
             )
+    if settings.controller is not None and not settings.segments:
+        raise ParameterError(
+            "controller is compared with what was played, which segments state; leave controller out of a record "
+            "without segments"
+        )
     for way, unused in UNUSED_KEYS.items():
         given = [key for key in unused if getattr(settings, way) and _is_given(settings, key)]
         if given:

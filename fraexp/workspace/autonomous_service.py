@@ -252,7 +252,7 @@ class AutonomousService:
         spec: dict[str, Any] = {"name": ESTIMATOR, "resolution": loop.resolution, "noise": loop.noise}
         if validation:
             spec["validation"] = validation
-        section = record_section(self.files.samples, points, self.path.parent)
+        section = record_section(self.files.samples, points, self.path.parent, task)
         data = record_study([replace(task, estimators=(spec,))], [section], f"{task.title}, measured autonomously")
         self.path.parent.mkdir(parents=True, exist_ok=True)
         write_study(self.path, data)

@@ -17,7 +17,7 @@ from fraexp.execution.events import Event
 from fraexp.execution.job import tolerated_error
 from fraexp.measurement.excitation_table import ExcitationTable
 from fraexp.measurement.measured_points import MeasuredPoint, MeasurementFiles
-from fraexp.measurement.measured_study import record_section, record_study, relative_file
+from fraexp.measurement.measured_study import known_controller, record_section, record_study, relative_file
 from fraexp.measurement.measurement import Measurement, MeasurementEvent, PointMeasured
 from fraexp.measurement.measurement_plan import MeasurementPlan, plan_measurement
 from fraexp.measurement.point_measurement import noise_band
@@ -99,6 +99,7 @@ class MeasurementService:
             "file": relative_file(record, path.parent),
             "sample_rate": 1 / table.sample_time,
             "channels": {"u": f"u [{table.unit}]", "y": "y [rad]" if rotary else "y [m]"},
+            **known_controller(task),
             "segments": table.segments(),
         }
         data = record_study([task], [section], f"{task.title}, recorded")
@@ -144,7 +145,7 @@ class MeasurementService:
         if not measured:
             return
         self.path.parent.mkdir(parents=True, exist_ok=True)
-        sections = [record_section(files.samples, files.points(), self.path.parent) for _, files in measured]
+        sections = [record_section(files.samples, files.points(), self.path.parent, task) for task, files in measured]
         data = record_study([task for task, _ in measured], sections, f"{self.tasks[0].title}, measured")
         write_study(self.path, data)
 
@@ -156,7 +157,7 @@ def results_at(
 
     `folder` is that of the study of the record.
     """
-    section = record_section(files.samples, [point], folder)
+    section = record_section(files.samples, [point], folder, task)
     experiment, paths = records.resolve(records.RecordSettings.parse(section, "record"), folder, registry)
     signals = records.load(experiment, paths, registry)
     found: list[Result | str] = []

@@ -223,6 +223,20 @@ CASES = [
         remove(),
     ),
     RefusedSection(
+        "a played excitation for other harmonics",
+        PLAIN,
+        played(excitation=[(5.0, 90.0)]),
+        r"excitation has 1 pairs of amplitude and phase, .*; expected one for each, or (none)",
+        lambda section, found: section["segments"][0].pop("excitation"),
+    ),
+    RefusedSection(
+        "a controller without segments",
+        PLAIN,
+        periodic(controller={"name": "pid", "proportional": 1e3}),
+        r"leave (controller) out of a record without segments",
+        remove(),
+    ),
+    RefusedSection(
         "a file of another ending", write_log, periodic(file="a.trc"), r"give reader = one of (csv)", put("reader")
     ),
     RefusedSection("another reader", PLAIN, periodic(reader="csvv"), r"did you mean '(csv)'", put("reader")),

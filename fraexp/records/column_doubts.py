@@ -1,0 +1,122 @@
+"""Doubts about the columns of a record whose excitation is known, in words: what they are instead, and the remedy."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from fraexp.data.signals import Segment
+from fraexp.records.cutting import Cut
+from fraexp.records.loop_equation import FaultKind, LoopFault
+from fraexp.records.played_records import LoopController, judge_columns
+from fraexp.records.predicted_records import FACTORS, prediction_doubt
+
+EXACT_RATIO = 1.05
+"""Ratio to a unit, either way, up to which it is named: what the controller answers shows it exactly."""
+LOOP_UNITS = (("N", "m"), ("N m", "rad"))
+"""Units of control input and position in which controllers count."""
+
+
+def column_doubt(
+    segments: Sequence[Segment],
+    cuts: Sequence[Cut],
+    units: Mapping[str, str],
+    controller: Sequence[Sequence[float]] | None,
+) -> str:
+    """Return what is wrong with the columns of a record that was played, in a line; empty if nothing is.
+
+    Where the controller is known, what it answers to the position is looked for in the control input. That says more
+    than amplitudes that were predicted, which count where it says nothing.
+    """
+    predicted = [cut.expected for cut in cuts]
+    if controller is None or (units.get("u"), units.get("y")) not in LOOP_UNITS:
+        return prediction_doubt(segments, predicted, units)
+    known = LoopController(*(np.array(part) for part in controller))
+    verdict = judge_columns(segments, [cut.excitation for cut in cuts], known)
+    if verdict.fault is not None and verdict.fault.kind is not FaultKind.UNKNOWN:
+        return fault_text(verdict.fault, units)
+    doubt = "" if verdict.is_shown else prediction_doubt(segments, predicted, units)
+    return doubt or (fault_text(verdict.fault, units) if verdict.fault else "")
+
+
+def fault_text(fault: LoopFault, units: Mapping[str, str]) -> str:
+    """Return what was found in the columns of a record, and the remedy, in a line."""
+    return f"{fault_finding(fault, units)}: {_remedy(fault, units)}"
+
+
+def fault_finding(fault: LoopFault, units: Mapping[str, str]) -> str:
+    """Return what was found in the columns."""
+    if fault.kind in FACTORED:
+        name, right = FACTORED[fault.kind]
+        if _is_opposite(fault):
+            return f"'{name}' has the opposite sign of {right}"
+        unit = _unit(fault, units)
+        return f"'{name}' is {fault.factor:,.4g} times {right}{f', as if its column were in {unit}' if unit else ''}"
+    if fault.samples:
+        size, time = abs(fault.samples), "late" if fault.samples > 0 else "early"
+        return f"{DELAYED[fault.kind]} {size:,} sample{'' if size == 1 else 's'} {time}"
+    return TEXTS[fault.kind][0].format(factor=fault.factor)
+
+
+def _remedy(fault: LoopFault, units: Mapping[str, str]) -> str:
+    if fault.kind in FACTORED:
+        name, _ = FACTORED[fault.kind]
+        unit = _unit(fault, units)
+        column = f"{name} [{unit}]" if unit else f"{name} * {1 / fault.factor:.4g} [{units[name]}]"
+        gain = f", or correct record.controller if its gain is {1 / fault.factor:.4g} times as great"
+        return f'state record.channels.{name} = "{column}"{gain if name == "y" else ""}'
+    if fault.kind is FaultKind.BEGUN_LATE:
+        change = "lower" if fault.samples > 0 else "raise"
+        return f"begin it with the excitation, or {change} start and rest of record.segments by {abs(fault.samples)}"
+    if fault.samples:
+        delay = ", or state a delay of the controller in record.controller"
+        is_slow = fault.kind is FaultKind.OUTPUT_SHIFT and fault.samples < 0
+        return f"record 'y' as the controller reads it, and 'u' of the same cycle{delay if is_slow else ''}"
+    return TEXTS[fault.kind][1]
+
+
+def _is_opposite(fault: LoopFault) -> bool:
+    return fault.factor < 0 and abs(np.log(-fault.factor)) < np.log(EXACT_RATIO)
+
+
+def _unit(fault: LoopFault, units: Mapping[str, str]) -> str:
+    """Return the unit that explains a factor; empty if none does."""
+    known = FACTORS[units[FACTORED[fault.kind][0]]].items()
+    near = (of for factor, of in known if fault.factor > 0 and abs(np.log(fault.factor / factor)) < np.log(EXACT_RATIO))
+    return next(near, "")
+
+
+FACTORED = {
+    FaultKind.INPUT_FACTOR: ("u", "the excitation minus what the controller makes of 'y'"),
+    FaultKind.OUTPUT_FACTOR: ("y", "the position that the controller answers in 'u'"),
+}
+"""Channels that may be in another unit, and what they are to be."""
+DELAYED = {
+    FaultKind.INPUT_SHIFT: "'u' is recorded",
+    FaultKind.OUTPUT_SHIFT: "beside the controller's answer in 'u', 'y' is recorded",
+    FaultKind.BEGUN_LATE: "the record begins",
+}
+"""What may be late."""
+TEXTS = {
+    FaultKind.ALONE: (
+        "'u' is the excitation alone, without what the controller makes of 'y'",
+        "record the controller's whole output, or delete record.controller if the machine has no feedback",
+    ),
+    FaultKind.FEEDBACK: (
+        "'u' is what the controller makes of 'y', without the excitation",
+        "record the sum of both",
+    ),
+    FaultKind.EXCITATION_FACTOR: (
+        "'u' has {factor:,.4g} times the excitation that was written",
+        "correct gain and sign of the output that plays it, or leave excitation out of record.segments if it is meant",
+    ),
+    FaultKind.SWAPPED: (
+        "'u' and 'y' are swapped, as 'y' is the excitation minus what the controller makes of 'u'",
+        "exchange their columns in record.channels",
+    ),
+    FaultKind.UNKNOWN: (
+        "'u' is not the excitation minus what the controller makes of 'y', and no factor or delay explains it",
+        "correct record.controller if the machine has another one, or delete it if that is not known; else see what "
+        "the columns are",
+    ),
+}
+"""What else was found, and the remedy."""

@@ -1,0 +1,225 @@
+"""What is said of the columns of a record that was played: each wrong one is named, and no right one is doubted."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fraexp.components.kinds import Excitation
+from fraexp.components.registry import Registry, create
+from fraexp.data.results import Outcome
+from fraexp.errors import LimitError, MachineError
+from fraexp.measurement.excitation_table import ExcitationTable, excitation_table
+from fraexp.measurement.measurement_plan import MeasurementPlan, plan_points, planning_setup
+from fraexp.measurement.tasks import MeasurementTask
+from fraexp.simulation.experiments import Experiment
+from fraexp.simulation.live_loop import LiveLoop, live_setup
+from fraexp.simulation.machine import build_machine
+from fraexp.simulation.motion_limits import MotionLimits
+from fraexp.workspace.measurement_service import MeasurementService, PointEstimated
+from fraexp.workspace.workspace_service import WorkspaceService
+from tests.measurement.conftest import STUDY
+from tests.measurement.played_axes import (
+    CORRUPTIONS,
+    RIGHT,
+    Array,
+    is_doubted,
+    load_record,
+    section_of,
+    write_record,
+)
+
+SECTIONS = ("plant", "friction", "controller", "loop", "numerics")
+
+
+class Played:
+    """A play of the study's machine: excitation, control input and position, and what its study says of it."""
+
+    def __init__(self, folder: Path) -> None:
+        (folder / "studies").mkdir()
+        (folder / "studies" / "axis.toml").write_text(STUDY, encoding="utf-8")
+        workspace = WorkspaceService.open(folder)
+        service = MeasurementService(workspace, "axis")
+        table, experiment = excitation_table(service.plans()[0]), service.tasks[0].experiment
+        self.registry, self.file = workspace.registry, folder / "studies" / "axis-record.csv"
+        self.section = service.record_study(self.file, table, force=False)[1]["record"]
+        self.excitation = table.columns()["excitation"]
+        self._setup = live_setup({name: experiment[name] for name in SECTIONS}, folder)
+        self.u, self.y = self.recorded(self.excitation)
+
+    def recorded(self, excitation: Array) -> tuple[Array, Array]:
+        played = LiveLoop(self._setup).play(excitation)
+        return played["u"], played["y"]
+
+    def message(self, u: Array, y: Array, **changes: Any) -> str:
+        write_record(self.file, u, y)
+        signals = load_record(self.file, {**self.section, **changes}, self.registry)
+        assert signals.outcome is (Outcome.INACCURATE if signals.message else Outcome.OK)
+        return signals.message
+
+
+@pytest.fixture(scope="module")
+def played(tmp_path_factory: pytest.TempPathFactory) -> Played:
+    return Played(tmp_path_factory.mktemp("played"))
+
+
+@pytest.mark.parametrize("name", CORRUPTIONS)
+def test_a_wrong_column_is_named(played: Played, name: str) -> None:
+    change, message = CORRUPTIONS[name]
+    found = played.message(*change(played.excitation, played.u, played.y))
+    assert re.search(message, found), found
+
+
+@pytest.mark.parametrize("name", RIGHT)
+def test_a_right_record_is_not_doubted(played: Played, name: str) -> None:
+    assert not played.message(*RIGHT[name](played.u, played.y))
+
+
+def test_an_excitation_that_came_weaker_does_no_harm_and_another_one_is_named(played: Played) -> None:
+    assert not played.message(*played.recorded(0.9 * played.excitation))
+    found = played.message(*played.recorded(0.5 * played.excitation))
+    assert found.startswith("'u' has 0.5 times the excitation that was written: correct gain and sign of the output")
+
+
+def test_another_controller_is_said_to_be_another_one(played: Played) -> None:
+    controller = {**played.section["controller"], "derivative_time": 0.02}
+    found = played.message(played.u, played.y, controller=controller)
+    assert found.startswith("'u' is not the excitation minus what the controller makes of 'y', and no factor or delay")
+    assert "correct record.controller if the machine has another one, or delete it" in found
+    assert not played.message(
+        played.u, played.y, controller={"name": "pid", **controller, "derivative_time": 0.0566204}
+    )
+
+
+@pytest.mark.parametrize("strong", [True, False])
+def test_without_the_controller_amplitudes_that_were_predicted_count(played: Played, strong: bool) -> None:
+    section = {key: value for key, value in played.section.items() if key != "controller"}
+    write_record(played.file, played.u, (1e3 if strong else -1) * played.y)
+    found = load_record(played.file, section, played.registry).message
+    assert found.startswith("'y' has ") if strong else not found
+
+
+def table_of(sections: dict[str, Any], registry: Registry) -> ExcitationTable:
+    """Return the excitation of a drawn machine as it is written to a file."""
+    machine, excitation = build_machine(sections, registry), create(registry, Excitation, sections["excitation"])
+    setup = planning_setup(machine)
+    periods = enumerate(excitation.periods(setup.sample_time))
+    points = plan_points(machine, [Experiment(setup, of, excitation.schedule, k) for k, of in periods], ramp_out=20)
+    limits = MotionLimits()
+    task = MeasurementTask("drawn", "drawn", "", sections, "", limits, None, ())
+    return excitation_table(MeasurementPlan(task, tuple(points), limits))
+
+
+WEAKLY_SEEN = ("y late", "y early")
+"""What is not seen where the feedback does little at frequencies at which a sample matters."""
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("number", range(30))
+def test_on_drawn_machines_too(
+    number: int, checkout: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, components: Registry
+) -> None:
+    monkeypatch.syspath_prepend(str(checkout / "benchmarks"))
+    from drawn_machines import LAWS, drawn_machine
+
+    draws = np.random.default_rng([40611, number])
+    sections = drawn_machine(number, 40611, LAWS[number % len(LAWS)], (2.5e-4, 5e-4, 1e-3)).sections()
+    resolution, noise = 10 ** draws.uniform(-9, -6.5), 10 ** draws.uniform(-9, -7)
+    has_steps, has_noise = draws.integers(2, size=2)
+    sections["loop"].update(resolution=resolution * has_steps, noise=noise * has_noise, seed=number)
+    table = table_of(sections, components)
+    excitation = table.columns()["excitation"]
+    played = LiveLoop(live_setup({name: sections[name] for name in SECTIONS}, tmp_path)).play(excitation)
+    section = section_of(tmp_path / "drawn.csv", table, sections["controller"])
+    for name, right in RIGHT.items():
+        write_record(tmp_path / "drawn.csv", *right(played["u"], played["y"]))
+        found = load_record(tmp_path / "drawn.csv", section, components)
+        assert not is_doubted(found), (name, found.message)
+    for name, (change, message) in CORRUPTIONS.items():
+        write_record(tmp_path / "drawn.csv", *change(excitation, played["u"], played["y"]))
+        found = load_record(tmp_path / "drawn.csv", section, components)
+        assert re.search(message, found.message) or (name in WEAKLY_SEEN and not found.message), (name, found.message)
+
+
+PROGRAM = """
+import sys
+numerator, denominator = {numerator}, {denominator}
+errors, answers = [0.0] * len(numerator), [0.0] * len(denominator)
+y = v = 0.0
+for k, line in enumerate(open(sys.argv[1])):
+    w = float(line)
+    errors = [-y, *errors[:-1]]
+    answer = sum(b * e for b, e in zip(numerator, errors)) - sum(a * c for a, c in zip(denominator[1:], answers))
+    answers = [answer, *answers[:-1]]
+    u = w + answer
+    print({printed}, flush=True)
+    for _ in range(10):
+        v += (u - 15.0 * v / (abs(v) + 1e-4) - 4.7 * v) / 7.6 * 5e-5
+        y += v * 5e-5
+"""
+"""A mass with friction under the study's controller, simulated by the user's own program."""
+
+
+def program_of(workspace: WorkspaceService, printed: str, channels: str = '["y", "u"]') -> str:
+    """Write the program, and return the override that names it."""
+    experiment = workspace.studies(["axis"])[0].sweeps[0].experiment
+    parts = build_machine(experiment, workspace.registry).controller.transfer_function(5e-4)
+    numerator, denominator = (part.tolist() for part in parts)
+    text = PROGRAM.format(numerator=numerator, denominator=denominator, printed=printed)
+    (workspace.folder / "axis.py").write_text(text, encoding="utf-8")
+    return f'measurement.machine={{name="command", program=["python3", "axis.py", "{{file}}"], channels={channels}}}'
+
+
+LOOSE = ("limits.stroke=1e6", "limits.velocity=1e9", "limits.force=1e6", 'grid.estimator=[{name="conventional"}]')
+
+
+@pytest.mark.parametrize(
+    ("printed", "message"),
+    [
+        ("f'{y!r},{u!r}'", ""),
+        ("f'{y!r},{w!r}'", "'u' is the excitation alone"),
+        ("f'{y!r},{u / 2!r}'", "'u' is 0.5 times the excitation minus"),
+        ("f'{-y!r},{u!r}'", "'y' has the opposite sign"),
+        ("f'{y / 1e3!r},{u!r}'", "'y' is 0.001 times"),
+        ("f'{u!r},{y!r}'", "'u' and 'y' are swapped"),
+    ],
+)
+def test_measured_records_are_compared_like_imported_ones(
+    workspace: WorkspaceService, printed: str, message: str
+) -> None:
+    service = MeasurementService(workspace, "axis", (program_of(workspace, printed), *LOOSE))
+    points = [event for event in service.measure_points() if isinstance(event, PointEstimated)]
+    assert len(points) == 3
+    (study,) = workspace.studies(["axis-measured"])
+    record = study.sweeps[0].experiment["record"]
+    assert len(record["controller"]) == 2
+    assert all(segment["excitation"] for segment in record["segments"])
+    list(workspace.run(["axis-measured"], executor="serial"))
+    with workspace.open_store() as store:
+        (result,) = store.results([study.sweeps[0].key]).values()
+    assert result.message.startswith(message), result.message
+    assert (result.outcome is Outcome.OK) == (not message)
+
+
+@pytest.mark.parametrize(
+    ("printed", "message"),
+    [
+        ("f'{1e3 * y!r},{u!r}'", "'y' is 1,000 times the position .*, as if its column were in mm; correct what"),
+        ("f'{u!r},{y!r}'", "'u' and 'y' are swapped, .*; correct what the machine records, or state its units"),
+    ],
+)
+def test_a_stop_at_a_limit_names_the_column_that_caused_it(
+    workspace: WorkspaceService, printed: str, message: str
+) -> None:
+    service = MeasurementService(workspace, "axis", (program_of(workspace, printed),))
+    with pytest.raises(LimitError, match=rf"limits\.\w+ is .* the machine was stopped: {message}"):
+        list(service.measure_points())
+
+
+def test_a_play_that_does_not_settle_names_it_too(workspace: WorkspaceService) -> None:
+    drifting = program_of(workspace, "f'{3 * y + 1e-9 * k!r},{u!r}'")
+    service = MeasurementService(workspace, "axis", (drifting, *LOOSE))
+    with pytest.raises(MachineError, match=r"did not settle in time for a record: 'y' is 3 times the position"):
+        list(service.measure_points())
