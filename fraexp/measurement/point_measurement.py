@@ -39,8 +39,6 @@ LEAST_MOTION = 1e-12
 
 MIN_JUDGED_SAMPLES = 20
 """Samples from which a play shows what its channels are."""
-
-
 CHANNEL_REMEDY = "correct what the machine records, or state its units in measurement.machine"
 
 
@@ -160,10 +158,8 @@ class PointMeasurement:
         return LimitError(f"{stopped}: {wrong}") if wrong else LimitExceededError(stopped, self._guard.nearest())
 
     def _unsettled_error(self) -> MachineError:
-        unsettled, wrong = (
-            f"in the {self.seconds:.3g} s that were played it did not settle in time for a record",
-            self._wrong_channels(),
-        )
+        unsettled = f"in the {self.seconds:.3g} s that were played it did not settle in time for a record"
+        wrong = self._wrong_channels()
         return MachineError(f"{self._point.frequency}: {unsettled}: {wrong}") if wrong else UnsettledError(unsettled)
 
     @property

@@ -15,8 +15,9 @@ TOLERANCE = 0.01
 """Relative error of each term that counts as exact: gains of converters, and numbers that were rounded."""
 MAX_MISFIT = 3.0
 """Residual over what tolerance and noise allow, above which the equation does not hold."""
-ALIKE_MISFIT, ALIKE_SHARE = 0.1, 0.03
-"""Misfit, and part of that without an explanation, below which two of them are as good as each other."""
+ALIKE_RATIO, ALIKE_MISFIT, ALIKE_SHARE = 3.0, 0.01, 0.03
+"""Misfit over the least one, misfit, and part of that without an explanation, up to which explanations are as good as
+each other."""
 NAMED_SHARE = 0.2
 """Part of the misfit that an explanation leaves at most: noise leaves as much of any."""
 EXACT_SHARE, EXACT_MISFIT, MIN_EXACT_LINES = 0.1, 0.02, 3
@@ -139,10 +140,9 @@ def find_fault(terms: LoopTerms, swapped: LoopTerms | None = None) -> LoopFault 
     `swapped` are the terms of the record with u and y exchanged. Where the feedback is weak the equation nearly holds
     whatever y is: then a fault counts if it makes the equation exact.
     """
-    before = terms.misfit
-    alike = min(ALIKE_MISFIT, ALIKE_SHARE * before)
-    found = [(max(of.misfit, alike), fault) for fault, of in _explanations(terms, swapped)]
-    misfit, fault = min(found, key=lambda one: one[0])
+    before, found = terms.misfit, [(of.misfit, fault) for fault, of in _explanations(terms, swapped)]
+    alike = max(ALIKE_RATIO * min(misfit for misfit, _ in found), min(ALIKE_MISFIT, ALIKE_SHARE * before))
+    misfit, fault = next(one for one in found if one[0] <= alike)
     if before > MAX_MISFIT:
         return LoopFault(FaultKind.UNKNOWN) if misfit > NAMED_SHARE * before else _harmful(fault)
     is_exact = before > EXACT_MISFIT and misfit < EXACT_SHARE * before and terms.input.values.size >= MIN_EXACT_LINES

@@ -36,10 +36,10 @@ HARMLESS_SHARE = 0.01
 """Part of a record by which it may begin late or early: the rest of it is as periodic."""
 
 
-WRONG_NUMBERS = (
-    FaultKind.INPUT_FACTOR, FaultKind.OUTPUT_FACTOR, FaultKind.EXCITATION_FACTOR, FaultKind.SWAPPED,
-)  # fmt: skip
-"""Faults for which a motion is beyond a limit, or does not settle, that would not otherwise."""
+WRONG_NUMBERS = (FaultKind.INPUT_FACTOR, FaultKind.OUTPUT_FACTOR, FaultKind.EXCITATION_FACTOR)
+PLAIN_FACTOR = 2.0
+"""Faults for which a motion is beyond a limit, or does not settle, that would not otherwise, and the factor, either
+way, from which one is not taken for another controller's gain."""
 
 
 class LoopController(NamedTuple):
@@ -137,7 +137,9 @@ def judge_play(
         for acting, moved in ((force, position), (position, force))
     )
     fault = find_fault(terms, swapped)
-    return fault if fault is not None and fault.kind in WRONG_NUMBERS else None
+    if fault is None or (fault.kind in WRONG_NUMBERS and 1 / PLAIN_FACTOR <= fault.factor <= PLAIN_FACTOR):
+        return None
+    return fault if fault.kind in (*WRONG_NUMBERS, FaultKind.SWAPPED) else None
 
 
 def _play_term(samples: NDArray[np.float64]) -> LoopTerm:
