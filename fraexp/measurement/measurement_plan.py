@@ -20,14 +20,21 @@ from fraexp.simulation.experiment_run import run_experiments
 from fraexp.simulation.experiments import Experiment, ExperimentPlan, Setup
 from fraexp.simulation.loop_setup import accurate_steps, prepare_setup, setup_with_steps
 from fraexp.simulation.machine import Machine, build_machine
-from fraexp.simulation.motion_limits import DEMAND_UNITS, Demand, MotionLimits, predict_demand
+from fraexp.simulation.motion_limits import (
+    DEMAND_UNITS,
+    NO_DEMAND,
+    Demand,
+    MotionLimits,
+    encoder_noise_demand,
+    predict_demand,
+)
 
 SETTLING_RESERVE = 1.5
 """Factor on the settling time that the simulation predicts, where it must be known before."""
 MOTION_TOLERANCE = 1e-3
 """Relative error that steps may cause: what drifts by friction over a whole play is off by far more than that."""
-NEAR_RATIO = 0.7
-"""Part of what a limit allows from which on a point is looked at closely: few stops show a quarter less at worst."""
+NEAR_RATIO = 0.25
+"""Part of what a limit allows from which on a point is looked at closely: few stops show less than half at worst."""
 DEFAULT_MARGIN, DEFAULT_RAMP_OUT_S = (MeasurementSettings.model_fields[name].default for name in ("margin", "ramp_out"))
 """Those of a study without a section [measurement]."""
 
@@ -50,6 +57,8 @@ class PlannedPoint:
     """Factor on the amplitude that the study gives."""
     expected: Mapping[str, float] = field(default_factory=dict)
     """Amplitude of each channel at the excited lines, as predicted [N or m]; empty if nothing is."""
+    noise: Demand = NO_DEMAND
+    """What noise of the encoder may ask for beyond what is simulated."""
     may_drift: bool = False
     """Whether the mean position may still move slowly in the record: its estimator takes that off."""
 
@@ -77,7 +86,7 @@ class PlannedPoint:
     def simulated_play(self) -> SimulatedPlay:
         """The play of its record, as it is expected, on the study's machine."""
         request, setup = self.expected_request(self.counts.record), self.counts.experiment.setup
-        return SimulatedPlay(setup, request, self.period.lines.tolist(), self.settling)
+        return SimulatedPlay(setup, request, self.period.lines.tolist(), self.settling, self.noise)
 
     def request(self, record: int) -> PlayRequest:
         """Return what to play so that, however slowly it settles, `record` samples can follow."""
@@ -195,15 +204,17 @@ def planning_setup(machine: Machine) -> Setup:
 def plan_points(machine: Machine, experiments: Sequence[Experiment], ramp_out: int) -> list[PlannedPoint]:
     """Return what experiments on one machine are to play, and ask for; PlanError if one diverges.
 
-    A point asks for the motion that is simulated from rest to rest, or for that of the linear loop if it is greater.
+    A point asks for the motion that is simulated from rest to rest, and what other noise of the encoder may add, or for
+    that of the linear loop if it is greater.
     """
-    points = []
+    points, noise = [], encoder_noise_demand(machine)
     for experiment, segment in zip(experiments, _predicted_records(experiments), strict=True):
         counts = ExperimentPlan.from_experiment(experiment)
         linear = predict_demand(machine, experiment.period)
         settling = round(segment.settling.time / segment.sample_time) if segment.settling else 0
         expected = {name: line_amplitude(segment, name) for name in segment.channels}
-        points.append(PlannedPoint(experiment.number, counts, settling, ramp_out, linear, expected=expected))
+        point = PlannedPoint(experiment.number, counts, settling, ramp_out, linear, expected=expected, noise=noise)
+        points.append(point)
     simulated = simulate_demands([point.simulated_play for point in points])
     return [
         replace(point, demand=point.demand.maximum_with(more)) for point, more in zip(points, simulated, strict=True)

@@ -18,10 +18,16 @@ not the same in both halves of a sine: it has the effect of twice as many."""
 CLOSE_EARLY_STOPS, MAX_CLOSE_LATE_STOPS, CLOSE_ROUNDS = 24, 64, 3
 """Of a play that is looked at closely: the same, with LATE_STOPS for each period of its highest line up to the maximum,
 and how many times the stops beside the greatest demands are simulated as well."""
+CLOSE_SAMPLES = 500_000
+"""Samples that evenly spaced stops of a play may take together when it is looked at closely: a play of up to about 700
+samples is stopped at each of them. What follows a stop within a transient differs from one to the next."""
 WATCHED_S = 4.0
 """Time after a play in which a motion is awaited that goes further: an integrator that winds up against friction."""
 STILL_RATIO, STILL_RESERVE = 1e-3, 1.25
 """Growth of the stroke that no longer counts, and factor on the time after which it does not grow by more."""
+REST_RATIO, REST_SHARE = 0.02, 3
+"""Part of the stroke by which a machine at rest moves at most in the last third of the time after a play: if it moves
+on, it is watched twice as long."""
 SAMPLES_AT_ONCE = 1_000_000
 """Samples of all plays that are simulated side by side: they are kept until they have been looked at."""
 
@@ -29,18 +35,20 @@ SAMPLES_AT_ONCE = 1_000_000
 class SimulatedPlay:
     """A play on the simulated machine, and what it asks for where it is stopped."""
 
-    def __init__(self, setup: Setup, request: PlayRequest, lines: Collection[int], settling: int) -> None:
-        """Take what is played, its excited lines, and the samples after which it is periodic."""
-        self._setup, self._request, self._settling = setup, request, settling
+    def __init__(
+        self, setup: Setup, request: PlayRequest, lines: Collection[int], settling: int, noise: Demand
+    ) -> None:
+        """Take what is played, its excited lines, the samples after which it is periodic, and what noise may add."""
+        self._setup, self._request, self._settling, self._noise = setup, request, settling, noise
         self._highest_line = max(lines)
-        self._rest = max(settling, int(WATCHED_S / setup.sample_time))
+        self._rest = self._longest_rest = max(settling, int(WATCHED_S / setup.sample_time))
         self._found: dict[int, Demand] = {}
         """By the sample at which it is stopped."""
 
     @property
     def demand(self) -> Demand:
-        """The greatest of what has been found."""
-        return Demand(*np.max(list(self._found.values()), axis=0).tolist())
+        """The greatest of what has been found, with what noise may add."""
+        return Demand(*(np.max(list(self._found.values()), axis=0) + self._noise).tolist())
 
     @property
     def end(self) -> list[int]:
@@ -54,9 +62,11 @@ class SimulatedPlay:
 
     @property
     def close_stops(self) -> list[int]:
-        """More of them, enough for the fastest line of the excitation."""
+        """More of them, enough for the fastest line of the excitation, and each sample of a short play."""
         late = min(LATE_STOPS * self._highest_line, MAX_CLOSE_LATE_STOPS)
-        return [*self._early_stops(CLOSE_EARLY_STOPS), *self._late_stops(max(late, LATE_STOPS))]
+        end = self._request.full_samples
+        stride = end * (end // 2 + self._request.ramp_out + self._rest) // CLOSE_SAMPLES + 1
+        return [*range(1, end, stride), *self._early_stops(CLOSE_EARLY_STOPS), *self._late_stops(max(late, LATE_STOPS))]
 
     @property
     def halfway_stops(self) -> list[int]:
@@ -91,16 +101,29 @@ class SimulatedPlay:
         return Experiment(self._setup, period, Schedule(settling_timeout=0.0), request.number)
 
     def note(self, stop: int, segment: Segment | None) -> None:
-        """Keep what a simulated play asks for, at the contact that moves most; NaN if it diverges."""
+        """Keep what a simulated play asks for, at the contact that moves most; NaN if it diverges.
+
+        It is not kept, and is unknown still, if the machine has not come to rest and can be watched for longer.
+        """
         if segment is None:
             self._found[stop] = Demand(*[float("nan")] * len(Demand._fields))
             return
         moved = [y[0] for name, y in segment.channels.items() if name.partition(".")[0] == "displacement"]
+        rest = moved[0].size - stop - self._request.ramp_out
+        if rest < self._longest_rest and not all(self._is_at_rest(y, rest) for y in moved):
+            self._rest = min(max(self._rest, 2 * rest), self._longest_rest)
+            return
         demands = [Demand.of_samples(y, segment.channels["u"][0], segment.sample_time) for y in moved]
         self._found[stop] = Demand(*map(max, zip(*demands, strict=True)))
         if [stop] == self.end:
             still = max(map(_still_after, moved)) - stop - self._request.ramp_out
             self._rest = max(self._settling, int(STILL_RESERVE * still))
+
+    def _is_at_rest(self, displacement: np.ndarray, rest: int) -> bool:
+        """Return whether a machine hardly moves at the end of the rest after a play."""
+        return bool(
+            np.ptp(displacement[-rest // REST_SHARE :]) <= REST_RATIO * np.ptp(displacement) + self._noise.stroke
+        )
 
 
 def _still_after(displacement: np.ndarray) -> int:
@@ -119,11 +142,12 @@ def simulate_demands(plays: Sequence[SimulatedPlay], *, closely: bool = False) -
 
 
 def _simulate(plays: Sequence[SimulatedPlay], chosen: Callable[[SimulatedPlay], list[int]]) -> None:
-    """Simulate plays, each with the stops that are chosen for it and are not known."""
-    stopped = [(play, stop) for play in plays for stop in play.unknown(chosen(play))]
-    segments = chain.from_iterable(run_experiments(group, lambda _: None) for group in _groups(stopped))
-    for (play, stop), segment in zip(stopped, segments, strict=True):
-        play.note(stop, segment)
+    """Simulate plays, each with the stops that are chosen for it, until all of them are known."""
+    asked = [(play, play.unknown(chosen(play))) for play in plays]
+    while stopped := [(play, stop) for play, stops in asked for stop in play.unknown(stops)]:
+        segments = chain.from_iterable(run_experiments(group, lambda _: None) for group in _groups(stopped))
+        for (play, stop), segment in zip(stopped, segments, strict=True):
+            play.note(stop, segment)
 
 
 def _groups(stopped: Sequence[tuple[SimulatedPlay, int]]) -> Iterator[list[Experiment]]:

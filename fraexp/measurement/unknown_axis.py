@@ -16,10 +16,8 @@ from fraexp.measurement.measurement_plan import MeasurementPlan, PlannedPoint, j
 from fraexp.measurement.tasks import MeasurementTask
 from fraexp.simulation.discretisation import SignalPath, discretise
 from fraexp.simulation.experiments import Experiment, ExperimentPlan, Setup
-from fraexp.simulation.motion_limits import Demand, MotionLimits
+from fraexp.simulation.motion_limits import NO_DEMAND, MotionLimits
 
-NO_DEMAND = Demand(0.0, 0.0, 0.0, 0.0, 0.0)
-"""What is predicted of an unknown axis: nothing."""
 LATENCY_S = 0.02
 """Time in which any change of the control input shows in the position."""
 SETTLING_TOLERANCE, SETTLING_TIMEOUT_S = 1e-3, 8.0

@@ -72,6 +72,10 @@ class Demand(NamedTuple):
         return Demand(*map(max, self, other))
 
 
+NO_DEMAND = Demand(0.0, 0.0, 0.0, 0.0, 0.0)
+"""Of nothing that moves, or where nothing is predicted."""
+
+
 class _Motion(NamedTuple):
     """The linear loop's motion over a period, at its samples and perhaps between them; the force at its samples."""
 
@@ -90,6 +94,9 @@ MIN_SILENCE_S, MAX_SILENCE_MOTIONS = 1.0, 64
 """Time after a motion from rest in which the loop comes to rest again: the shortest [s], the longest in motions."""
 MIN_MOTION_POINTS = 64
 """Points of a period at which its motion is computed at least: between few samples it goes much further."""
+NOISE_RESERVE, NOISE_FREQUENCIES = 3.0, 1 << 13
+"""Standard deviations by which the greatest of a play's noise may exceed that of another, about 3 to 4 of them: once in
+ten million plays of a thousand samples. Number of frequencies at which it is computed."""
 REST_RATIO = 1e-3
 """Displacement that counts as rest, relative to the greatest one."""
 
@@ -186,8 +193,39 @@ def _next_power_of_two(samples: float) -> int:
 
 def _periodic_motion(machine: Machine, waveform: NDArray[np.float64], reference: NDArray[np.float64]) -> _Motion:
     """Return the linear loop's periodic motion, without means."""
-    loop, samples = machine.loop, waveform.size
-    omega = 2 * np.pi * np.fft.rfftfreq(samples, loop.sample_time)[1:]
+    samples = waveform.size
+    omega = 2 * np.pi * np.fft.rfftfreq(samples, machine.loop.sample_time)[1:]
+    moved, sensitivity, feedback = _loop_responses(machine, omega)
+    force = sensitivity * (np.fft.rfft(waveform)[1:] + feedback * np.fft.rfft(reference)[1:])
+    motion = moved * force
+    bins = (motion, 1j * omega * motion, -(omega**2) * motion)
+    fine = samples * max(MIN_MOTION_POINTS // samples, 1)
+    displacement, velocity, acceleration = (_synthesise(each, samples, fine) for each in bins)
+    return _Motion(displacement, velocity, acceleration, _synthesise(force, samples, samples))
+
+
+def encoder_noise_demand(machine: Machine) -> Demand:
+    """Return what the encoder's noise may add to a motion that is simulated with other noise of the same size.
+
+    Nobody knows the greatest of noise before: it is NOISE_RESERVE standard deviations, in the linear loop, above the
+    greatest of that which is simulated. A quantisation step counts as noise: when it comes is chance, too.
+    """
+    loop = machine.loop
+    noise = float(np.hypot(loop.noise, loop.resolution / np.sqrt(12)))
+    if not noise:
+        return NO_DEMAND
+    omega = (np.arange(NOISE_FREQUENCIES) + 0.5) / NOISE_FREQUENCIES * np.pi / loop.sample_time
+    moved, sensitivity, feedback = _loop_responses(machine, omega)
+    force = feedback * sensitivity
+    rate = 2 * np.sin(omega * loop.sample_time / 2) / loop.sample_time * force
+    motion = moved * force
+    parts = (2 * motion, omega * motion, omega**2 * motion, force, rate)
+    return Demand(*(NOISE_RESERVE * noise * float(np.sqrt(np.mean(np.abs(part) ** 2))) for part in parts))
+
+
+def _loop_responses(machine: Machine, omega: NDArray[np.floating]) -> tuple[NDArray[np.complex128], ...]:
+    """Return displacement over force, sensitivity and controller of the linear loop, each of the shape of `omega`."""
+    loop = machine.loop
     path_in = path_response(omega, loop.input_dead_time, loop.input_time_constants) * hold_response(
         omega, loop.sample_time
     )
@@ -201,13 +239,7 @@ def _periodic_motion(machine: Machine, waveform: NDArray[np.float64], reference:
             "machine; it cannot be measured"
         )
     feedback = controller.response(omega, loop.sample_time)
-    sensitivity = 1 / (1 + feedback * path_in * plant * path_out)
-    force = sensitivity * (np.fft.rfft(waveform)[1:] + feedback * np.fft.rfft(reference)[1:])
-    motion = path_in * plant * force
-    bins = (motion, 1j * omega * motion, -(omega**2) * motion)
-    fine = samples * max(MIN_MOTION_POINTS // samples, 1)
-    moved, velocity, acceleration = (_synthesise(each, samples, fine) for each in bins)
-    return _Motion(moved, velocity, acceleration, _synthesise(force, samples, samples))
+    return path_in * plant, 1 / (1 + feedback * path_in * plant * path_out), feedback
 
 
 def _viscous_plant(machine: Machine, omega: NDArray[np.floating]) -> NDArray[np.complex128]:

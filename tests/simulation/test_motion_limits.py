@@ -15,7 +15,14 @@ from fraexp.errors import ParameterError
 from fraexp.simulation.experiments import Compensation
 from fraexp.simulation.loop import simulate_loop
 from fraexp.simulation.machine import ControlLoop, Machine, Numerics
-from fraexp.simulation.motion_limits import MotionLimits, check_limits, predict_demand, predict_demand_from_rest
+from fraexp.simulation.motion_limits import (
+    NOISE_RESERVE,
+    MotionLimits,
+    check_limits,
+    encoder_noise_demand,
+    predict_demand,
+    predict_demand_from_rest,
+)
 from tests.machines import FRICTIONLESS, LEAD, TABLE, guide
 
 
@@ -33,6 +40,21 @@ def test_the_prediction_is_what_the_loop_without_friction_does() -> None:
         assert demand.stroke == pytest.approx(np.ptp(place), rel=0.02)
         assert demand.velocity == pytest.approx(np.abs(speed).max(), rel=0.03)
         assert demand.force == pytest.approx(max(np.abs(segment.channels["u"]).max(), 12.0), rel=0.01)
+
+
+def test_noise_of_the_encoder_asks_for_what_it_does_in_the_loop_without_friction() -> None:
+    loop = ControlLoop(sample_time=500e-6, input_dead_time=1e-3, noise=1e-7)
+    noisy = Machine(TABLE, FRICTIONLESS, LEAD, loop, Numerics())
+    excitation = FromRest(amplitude=1e-9, frequencies=(0.25,))
+    (segment,) = simulate_loop(noisy, excitation, lambda _: None).segments
+    place, force = (segment.channels[name].ravel() for name in ("displacement", "u"))
+    speed = np.gradient(place, 500e-6)
+    parts = (2 * place, speed, np.diff(place, 2) / 500e-6**2, force, np.diff(force) / 500e-6)
+    found = [part.std() for part in parts]
+    known = np.array(encoder_noise_demand(noisy)) / NOISE_RESERVE
+    assert known[[0, 1, 3, 4]] == pytest.approx(np.array(found)[[0, 1, 3, 4]], rel=0.1)
+    assert found[2] < known[2] < 1.3 * found[2]  # a difference over samples is less than what is between them
+    assert encoder_noise_demand(machine()) == (0, 0, 0, 0, 0)
 
 
 def test_a_moving_reference_counts() -> None:

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from fraexp.execution.events import Noticed
 from fraexp.measurement.measurement import PointMeasured
-from fraexp.measurement.unknown_axis import NO_DEMAND
+from fraexp.simulation.motion_limits import NO_DEMAND
 from fraexp.tui.services.measurement_feed import NoticeReport, PlanReport, PlansReport, Report, StageReport
 from fraexp.tui.services.measurement_reporter import FeedReporter, limited_motions
 from fraexp.views.measurement_texts import AUTONOMOUS_STAGES, AUTONOMOUS_TOTAL

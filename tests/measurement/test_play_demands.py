@@ -1,0 +1,32 @@
+"""What is predicted of a play that is stopped, against the motion after a stop at each of its samples."""
+
+import numpy as np
+import pytest
+
+from fraexp.components.machine_session import PlayRequest
+from fraexp.measurement.measurement_plan import planning_setup
+from fraexp.measurement.play_demands import SimulatedPlay, simulate_demands
+from fraexp.simulation.live_loop import LiveLoop
+from fraexp.simulation.machine import ControlLoop, Machine, Numerics
+from fraexp.simulation.motion_limits import NO_DEMAND, Demand
+from tests.machines import FRICTIONLESS, LEAD, TABLE
+
+SAMPLE_TIME, SILENCE = 1e-3, 4000
+
+
+def shortfall(period: int, repetitions: int, settling: int) -> float:
+    """Return the greatest demand of any stop of a sine, over what a close look finds."""
+    setup = planning_setup(Machine(TABLE, FRICTIONLESS, LEAD, ControlLoop(sample_time=SAMPLE_TIME), Numerics()))
+    request = PlayRequest(0, 60 * np.sin(2 * np.pi * np.arange(period) / period), repetitions, 0.02, 10)
+    (found,) = simulate_demands([SimulatedPlay(setup, request, [1], settling, NO_DEMAND)], closely=True)
+    asked = []
+    for stop in range(1, request.full_samples):
+        moved = LiveLoop(setup).play(request.excitation(0, stop + request.ramp_out + SILENCE, stop))
+        asked.append(Demand.of_samples(moved["displacement"], moved["u"], SAMPLE_TIME))
+    return float((np.max(asked, axis=0) / np.array(found)).max())
+
+
+@pytest.mark.parametrize(("period", "repetitions"), [(5, 40), (29, 20)])
+def test_no_stop_of_a_short_play_asks_for_more_than_a_close_look_finds(period: int, repetitions: int) -> None:
+    """Without friction, what follows a stop takes longer than the play itself to come to rest."""
+    assert shortfall(period, repetitions, 25) < 1.005
