@@ -61,7 +61,8 @@ format: $(TOOLS)
 BENCHMARKS := accuracy friction band_coverage friction_band encoder_band single_period_band plant_fit \
               friction_identification drive_friction measured_bench_friction positioning controller_search autonomous \
               coulomb_force maximum_likelihood law_selection slow_sliding loop_noise excitation_design dither \
-              random_machines wrong_friction certificate hostile_laws limit_checks autonomous_measurement \
+              random_machines wrong_friction certificate hostile_laws limit_checks limit_probability \
+              autonomous_measurement \
               kernel contacts former_version compilation peer_table scaling monte_carlo set_up timing overhead store \
               digests flipped_bits planning estimates tui terminal window_leakage
 # These disturb runs, for hours at full size.

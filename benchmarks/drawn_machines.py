@@ -77,13 +77,14 @@ def drawn_machine(
     Its law is the one that is given, or the next one in turn.
     """
     draws = (np.random.default_rng([seed, number, attempt]) for attempt in range(100))
-    attempts = (_machine_or_none(number, random, law, sample_times) for random in draws)
+    attempts = (stable_machine_or_none(number, random, law, sample_times) for random in draws)
     return next(machine for machine in attempts if machine)
 
 
-def _machine_or_none(
+def stable_machine_or_none(
     number: int, random: np.random.Generator, law: str, sample_times: Sequence[float]
 ) -> DrawnMachine | None:
+    """Return a machine, or None if no controller that is tried stabilises it."""
     law = law or ("none" if number % 20 == 19 else LAWS[number % len(LAWS)])
     mass = _log(random, 0.5, 30)
     modes = _modes(random)

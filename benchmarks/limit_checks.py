@@ -96,6 +96,11 @@ class LimitTally:
 def draw_machine(number: int, seed: int, random: np.random.Generator) -> tuple[DrawnMachine, dict[str, object]]:
     """Return a machine, and its study's sections."""
     machine = with_whole_steps(drawn_machine(number, seed, LAWS[number % len(LAWS)], SAMPLE_TIMES))
+    return machine, draw_sections(random, machine)
+
+
+def draw_sections(random: np.random.Generator, machine: DrawnMachine) -> dict[str, object]:
+    """Return a machine's study, with an encoder and a tolerance of the simulation."""
     sections = machine.sections()
     sections["loop"].update(
         resolution=10 ** random.uniform(-9, -6.5) * int(random.integers(2)),
@@ -103,7 +108,7 @@ def draw_machine(number: int, seed: int, random: np.random.Generator) -> tuple[D
         seed=int(random.integers(1000)),
     )
     sections["numerics"] = {"tolerance": 10 ** random.uniform(-4, -1)}
-    return machine, sections
+    return sections
 
 
 def with_whole_steps(machine: DrawnMachine) -> DrawnMachine:
@@ -131,19 +136,26 @@ def draw_wave(random: np.random.Generator) -> Period:
 
 def draw_points(random: np.random.Generator, machine: DrawnMachine, model: Machine, setup: Setup) -> list[PlannedPoint]:
     """Return planned points of one machine."""
-    experiments = []
-    for number in range(PER_BATCH):
-        wave = draw_wave(random)
-        force = machine.amplitude / machine.relative_amplitude * 10 ** random.uniform(-1, 1)
-        schedule = Schedule(
-            ramp=float(random.choice([0.0, 0.01, 0.05, 0.2])),
-            settling_tolerance=10 ** random.uniform(-4, -2),
-            settling_timeout=0.3,
-            recorded_periods=int(random.integers(1, 4)),
-        )
-        experiments.append(Experiment(setup, replace(wave, waveform=force * wave.waveform), schedule, number))
-    ramp_out = random.choice([MIN_RAMP_OUT_S, 0.02, 0.05])
-    return plan_points(model, experiments, ramp_out_samples(ramp_out, setup.sample_time))
+    experiments = [draw_experiment(random, machine, setup, number) for number in range(PER_BATCH)]
+    return plan_points(model, experiments, draw_ramp_out(random, setup))
+
+
+def draw_experiment(random: np.random.Generator, machine: DrawnMachine, setup: Setup, number: int) -> Experiment:
+    """Return an excitation, from a tenth to ten times the force of friction, and how it is settled and recorded."""
+    wave = draw_wave(random)
+    force = machine.amplitude / machine.relative_amplitude * 10 ** random.uniform(-1, 1)
+    schedule = Schedule(
+        ramp=float(random.choice([0.0, 0.01, 0.05, 0.2])),
+        settling_tolerance=10 ** random.uniform(-4, -2),
+        settling_timeout=0.3,
+        recorded_periods=int(random.integers(1, 4)),
+    )
+    return Experiment(setup, replace(wave, waveform=force * wave.waveform), schedule, number)
+
+
+def draw_ramp_out(random: np.random.Generator, setup: Setup) -> int:
+    """Return the samples in which an excitation falls to 0."""
+    return ramp_out_samples(random.choice([MIN_RAMP_OUT_S, 0.02, 0.05]), setup.sample_time)
 
 
 def draw_limits(random: np.random.Generator, points: list[PlannedPoint], margin: float) -> NDArray[np.float64]:
