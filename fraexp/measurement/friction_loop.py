@@ -21,7 +21,7 @@ CYCLES, START_RATIO = 48, 1e-3
 """Cycles in which the sine grows to the limit of the force, and its part of that at the start: it grows by 16 % in a
 cycle, and by little until a limit that comes near has stopped it."""
 GROWTH_CYCLES, MAX_GROWTH = 4, 1.1
-"""Cycles over which friction is compared, and its growth up to which it has reached its end."""
+"""Cycles over which friction and peak force are compared, and their growth up to which they have reached their end."""
 CLOSED_RATIO, SLIDING_RATIO = 0.5, 0.5
 """Friction over the peak force that a loop reaches before it slides, and below which it falls when it slides."""
 MIN_DRY_RATIO = 0.1
@@ -89,6 +89,9 @@ class _LoopWatch:
         """Stroke of each cycle [m]."""
         self.peaks: list[float] = []
         """Peak control input of each cycle [N]."""
+        self.works: list[float] = []
+        """Mean product of control input and position of each cycle [N m]: above 0 if springs take the input, below 0 if
+        mass does."""
 
     def look(self, position: NDArray[np.float64], force: NDArray[np.float64]) -> bool:
         """Take note of complete cycles; return whether the loop has closed."""
@@ -100,6 +103,7 @@ class _LoopWatch:
             self.forces.append(energy / (2 * swing) if swing > MIN_MOTION * self._noise else 0.0)
             self.swings.append(swing)
             self.peaks.append(float(np.abs(u).max()))
+            self.works.append(float(np.mean((u - u.mean()) * (y - y.mean()))))
         return self.has_closed
 
     @property
@@ -111,13 +115,16 @@ class _LoopWatch:
     def has_closed(self) -> bool:
         """Whether friction took most of the force in some cycle, and now takes less than half of it, or grows no more.
 
-        It grows no more, although the excitation does, where the feedback takes the rest of the excitation.
+        It grows no more, although the excitation does, where the feedback takes the rest of the excitation. Mass or
+        feedback has to take the rest: springs do where a part of the bristles or elements has slipped alone.
         """
         ratios = self.ratios
         if ratios.size <= GROWTH_CYCLES or ratios.max() <= CLOSED_RATIO:
             return False
         before, now = self.forces[-1 - GROWTH_CYCLES], self.forces[-1]
-        return bool(0 < ratios[-1] < SLIDING_RATIO) or 0 < now < MAX_GROWTH * before
+        is_moved, is_held = self.works[-1] < 0, self.peaks[-1] < MAX_GROWTH * self.peaks[-1 - GROWTH_CYCLES]
+        slides = is_moved and 0 < ratios[-1] < SLIDING_RATIO
+        return bool(slides or ((is_moved or is_held) and 0 < now < MAX_GROWTH * before))
 
     def dry_force(self) -> float:
         """Return the friction force of the last cycle [N] without the part that grows with the stroke: the viscous one.
@@ -127,7 +134,7 @@ class _LoopWatch:
         last, now = self.swings[-1], self.forces[-1]
         earlier, before = (self.swings[-2], self.forces[-2]) if len(self.swings) > 1 else (last, now)
         dry = (before * last - now * earlier) / (last - earlier) if last > earlier else now
-        return min(dry, now) if dry > MIN_DRY_RATIO * now else now
+        return min(dry, now)
 
     def loop(self, noise: float, resolution: float) -> FrictionLoop:
         """Return what all cycles show."""
@@ -136,9 +143,11 @@ class _LoopWatch:
                 "the axis does not move within its limits: nothing but noise was recorded up to "
                 f"{max(self.peaks, default=0.0):.4g} N; raise limits.force, or check the drive"
             )
-        slides = bool(self.ratios.max() > CLOSED_RATIO)
-        force = self.dry_force() if slides else FREE_RATIO * self.peaks[-1]
-        return FrictionLoop(force, slides, noise, resolution, self.peaks[-1])
+        dry, now, free = self.dry_force(), self.forces[-1], FREE_RATIO * self.peaks[-1]
+        took_most = bool(self.ratios.max() > CLOSED_RATIO)
+        slides = took_most or dry > free  # of a heavy axis mass takes the most, and bristles may still bend
+        force = dry if took_most and dry > MIN_DRY_RATIO * now else now
+        return FrictionLoop(force if slides else free, slides, noise, resolution, self.peaks[-1])
 
 
 def _record_play(
