@@ -167,6 +167,29 @@ def test_a_law_that_noise_does_not_explain_is_nearer_than_a_dictionary(monkeypat
     assert metrics["k0"] == pytest.approx(0.2, rel=5e-3)
 
 
+@pytest.mark.parametrize("error", [0.0, 0.02])
+def test_a_law_is_judged_by_what_the_encoder_does_to_it(error: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Errors of stuck records, 200 times those of others, had let a law pass that 2 % of the thrust contradict."""
+    families = law_choice._families
+    monkeypatch.setattr(law_choice, "_families", lambda *given: [next(families(*given))])
+    limits, widths, generator = np.array([3.0, 7.0]), np.array([3e-7, 6e-6]), np.random.default_rng(5)
+    model, segments, step = Rolling(stiffness=limits / widths, limit_force=limits), [], 1e-7
+    for frequency in np.geomspace(1, 40, 12):
+        for size in (6e-7, 1e-5, 0.06 / (2 * np.pi * frequency)):  # m: six steps of the encoder, bending, and sliding
+            record = record_of(model, frequency, size)
+            y = record.channels["y"] + generator.normal(0, step / 2, record.channels["y"].shape)
+            u = (1 + error * generator.normal()) * record.channels["u"]
+            segments.append(replace(record, channels={"u": u, "y": step * np.round(y / step)}))
+    observer = ElementObserver(friction=Frictionless(), oversampling=4, resolution=step, noise=0.58 * step)
+    frequencies = np.array([0.5, 100.0])
+    inverse = frequencies, -5.0 * (2 * np.pi * frequencies) ** 2 + 0j
+    best = choose_law(Signals(tuple(segments), {"u": "N", "y": "m"}), observer, inverse, False).best
+    assert best.explains == (error == 0)
+    if not error:
+        assert best.residual < 1.5
+        assert best.coulomb == pytest.approx(10.0, rel=0.01)
+
+
 @pytest.mark.thorough
 def test_a_misled_lugre_law_is_not_the_only_start_of_elastoplastic_bristles() -> None:
     model = Elastoplastic(

@@ -40,6 +40,7 @@ from fraexp_plugins.identification.autonomous._shared.dictionary_report import M
 from fraexp_plugins.identification.autonomous._shared.force_dictionary import ForceDictionary
 from fraexp_plugins.identification.autonomous._shared.law_choice import LawChoice, choose_law
 from fraexp_plugins.identification.autonomous._shared.law_fit import fit_law, rough_inverse
+from fraexp_plugins.identification.autonomous._shared.law_records import LawRecords
 from fraexp_plugins.identification.plant.modal_fit import ModalFit
 from fraexp_plugins.plants.modal import Modal
 
@@ -61,7 +62,7 @@ CURVE_POINTS, CURVE_RANGE = 60, (1e-5, 0.5)
 """Points of the virgin curve, and their range over the largest motion."""
 
 
-class DictionaryIdentification(DelayedEstimator, name="dictionary_identification", version=6):
+class DictionaryIdentification(DelayedEstimator, name="dictionary_identification", version=7):
     """P̂, plant, friction force and dead time from records at several amplitudes; the friction law need not be known.
 
     Each friction law that fraexp has is driven by the measured motion, with sizes and shape parameters that leave least
@@ -178,16 +179,19 @@ class DictionaryIdentification(DelayedEstimator, name="dictionary_identification
         observer = self._observer()
         bare = self._bare_lines(signals)
         inverse = rough_inverse(bare)
-        choice = choose_law(signals, observer, (bare.frequency, inverse), self.estimate_dead_time)
+        rough = bare.frequency, inverse
+        choice = choose_law(signals, observer, rough, self.estimate_dead_time)
         if not choice.best.explains and choice.best.residual > MAX_LAW_RESIDUAL:
             return None, choice
         lines = spectral_lines(signals, observer, choice.best.elements)
         variance = scatter_noise(signals, lines, observer, inverse) + self.model_error**2 * np.abs(lines.thrust) ** 2
+        records, best = LawRecords.at_lines(signals, observer, rough), choice.best
+        variance += records.friction_noise(best.elements, best.sizes)
         fit = partial(fit_law, choice, lines, variance)
         if not self.estimate_dead_time:
             return fit(choice.best.dead_time), choice
-        rough = self._settle_dead_time(signals, fit, choice.best.dead_time).dead_time
-        return fit(self._refine_dead_time(signals, fit, (rough, choice.best.dead_time))), choice
+        settled = self._settle_dead_time(signals, fit, choice.best.dead_time).dead_time
+        return fit(self._refine_dead_time(signals, fit, (settled, choice.best.dead_time))), choice
 
     def _refine_dead_time(
         self, signals: Signals, fit: Callable[[float], DictionaryFit], starts: tuple[float, float]

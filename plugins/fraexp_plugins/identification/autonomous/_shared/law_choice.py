@@ -154,34 +154,38 @@ def choose_law(
 
     The law drives friction along the measured motion: G U = Y/P̂ + F(y) at each line and its odd harmonics, with a free
     1/P̂ at each of them. What is linear is eliminated (variable projection: G. H. Golub and V. Pereyra, SIAM J.
-    Numerical Analysis 10(2), 1973, doi 10.1137/0710036); shape parameters are found from several starts.
+    Numerical Analysis 10(2), 1973, doi 10.1137/0710036); shape parameters are found from several starts. A record
+    counts by what the encoder's errors do to its friction, by the best law so far: where stiff bristles bend by a few
+    steps of the encoder, these errors are a hundred times those of a record that slides.
     """
     coarse = observer.model_copy(update={"oversampling": min(observer.oversampling, SEARCH_OVERSAMPLING)})
-    some = LawRecords.from_signals(signals, coarse, inverse, SEARCH_STEP)
-    records = LawRecords.from_signals(signals, observer, inverse)
-    fits: list[LawFit] = []
+    bare = LawRecords.from_signals(signals, observer, inverse)
+    few = LawRecords.from_signals(signals, coarse, inverse, SEARCH_STEP)
+    records, some, fits = bare, few, list[LawFit]()
     profiles: dict[int, LawProfile] = {}
 
     @cache
     def uncertainty(place: int) -> LawUncertainty:
         return law_uncertainty(fits[place].elements, fits[place].dead_time, records)
 
-    for family in _families(records, fits):
+    for family in _families(bare, fits):
         fit = _searched(family, some, is_delayed)
         is_hopeless = fit.residual > HOPELESS_RATIO * min((each.residual for each in fits), default=np.inf)
         fits.append(fit if is_hopeless else _judged(fit, some, records))
         if fits[-1].explains and fit.elements.static_excess > 0:
             every = LawRecords.from_signals(signals, coarse, inverse)  # finer steps take twice as long to the same end
+            every = replace(every, variance=records.variance)
             profile = profiles[len(fits) - 1] = LawProfile(fit.elements, fit.dead_time, every)
             settled = replace(fit, elements=profile.elements, dead_time=profile.dead_time)
             fits[-1] = min(fits[-1], _judged(settled, some, records), key=lambda each: each.residual)
+        if fits[-1].residual <= min(each.residual for each in fits):  # no other law knows better what noise does
+            some, records = (each.with_friction_noise(fits[-1].elements, fits[-1].sizes) for each in (few, bare))
+            fits[:] = [_judged(each, some, records) if each.sizes.size else each for each in fits]
+            uncertainty.cache_clear()
         if fits[-1].is_good and uncertainty(len(fits) - 1).is_complete:
             break
     residuals = [fit.residual for fit in fits]
     best, most = int(np.argmin(residuals)), EQUAL_RATIO * min(residuals)
-    if fits[best].explains and fits[best].allowance > 1:
-        records = records.with_friction_noise(fits[best].elements, fits[best].sizes)
-        uncertainty.cache_clear()
     intervals = [
         uncertainty(place).interval for place, fit in enumerate(fits) if fit.sizes.size and fit.residual <= most
     ]

@@ -65,6 +65,13 @@ class LawRecords:
         """Return the records of every `step`th frequency; `inverse` has frequencies [Hz] and 1/P̂ [N/m] there."""
         chosen = _chosen_segments(signals.segments, step)
         own = replace(signals, segments=tuple(_with_harmonics(segment) for segment in chosen))
+        return cls.at_lines(own, observer, inverse)
+
+    @classmethod
+    def at_lines(
+        cls, own: Signals, observer: ElementObserver, inverse: tuple[NDArray[np.float64], NDArray[np.complex128]]
+    ) -> "LawRecords":
+        """Return the records at the lines of their segments, of all of these."""
         lines = spectral_lines(own, observer, StopElements(np.empty(0)))
         motions = [observer.with_drift(observer.periodic_motion(segment), segment) for segment in own.segments]
         periods = np.array([len(segment.channels[observer.output]) for segment in own.segments])
@@ -125,10 +132,13 @@ class LawRecords:
 
         A small motion turns back at another time with another error: its records count less.
         """
+        return replace(self, variance=self.variance + self.friction_noise(elements, sizes))
+
+    def friction_noise(self, elements: LawElements, sizes: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return E|e|² of the friction force by the encoder's errors [N²], shape (L, M)."""
         force = self.deflection(elements) @ sizes
         changes = [self.deflection(elements, self.shaken_motions(seed)) @ sizes - force for seed in range(NOISE_SEEDS)]
-        noise = np.mean(np.abs(changes) ** 2, axis=0)
-        return replace(self, variance=self.variance + np.where(self.lines.known, noise, 0.0))
+        return np.where(self.lines.known, np.mean(np.abs(changes) ** 2, axis=0), 0.0)
 
     def shaken_motions(self, seed: int) -> list[Motion]:
         """Return the motions with another error of the encoder."""
