@@ -1,11 +1,13 @@
 """Forces of one law: their columns add up to the law, and the law that made a motion's records is found again."""
 
+import itertools
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from fraexp_plugins.friction.elastoplastic import Elastoplastic
+from fraexp_plugins.friction.gms import GeneralizedMaxwellSlip
 from fraexp_plugins.friction.lugre import LuGre
 from fraexp_plugins.friction.none import Frictionless
 from fraexp_plugins.friction.rolling import Rolling
@@ -188,6 +190,21 @@ def test_a_law_is_judged_by_what_the_encoder_does_to_it(error: float, monkeypatc
     if not error:
         assert best.residual < 1.5
         assert best.coulomb == pytest.approx(10.0, rel=0.01)
+
+
+@pytest.mark.thorough
+def test_elements_that_weaken_may_be_as_stiff_as_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The stiffest threshold was 1e-4 of the largest motion, ten times that of rolling elements: no law explained."""
+    families = law_choice._families
+    monkeypatch.setattr(law_choice, "_families", lambda *given: itertools.islice(families(*given), 0, None, 4))
+    model = GeneralizedMaxwellSlip(
+        stiffness=(4.0 / 0.3e-6, 6.0 / 8e-6), force_fractions=(0.4, 0.6), coulomb_force=10.0, static_force=12.0,
+        stribeck_velocity=2e-3, attraction_rate=300.0,
+    )  # fmt: skip
+    choice = choice_of(model)  # whose motion reaches 9.5 mm
+    assert choice.best.elements.name == "gms"
+    assert choice.best.explains, choice.residuals
+    assert choice.best.coulomb == pytest.approx(10.0, rel=2e-3)
 
 
 @pytest.mark.thorough

@@ -28,9 +28,9 @@ from fraexp_plugins.identification.autonomous._shared.law_records import LawReco
 
 SEARCH_STEP = 3
 """Every third frequency is taken in the search for a law; all of them judge it."""
-ROLLING_THRESHOLDS, WEAKENING_THRESHOLDS = 80, 32
+ROLLING_THRESHOLDS, WEAKENING_THRESHOLDS = 80, 40
 """Numbers of thresholds."""
-THRESHOLD_RANGE, WEAKENING_RANGE = (1e-5, 0.7), (1e-4, 0.7)
+THRESHOLD_RANGE = (1e-5, 0.7)
 """Range of thresholds over the largest motion."""
 START_WIDTHS, START_VELOCITIES, START_EXCESS = np.geomspace(1e-4, 0.16, 9), (3e-3, 3e-2), 0.2
 """Widths over the largest motion, Stribeck over largest velocities, and static over Coulomb force less 1, at which a
@@ -220,7 +220,7 @@ def _families(records: LawRecords, fits: Sequence[LawFit]) -> Iterator[LawFamily
         ElastoplasticElements,
         [(ratio * near[0], *curve, START_ODDS) for ratio in START_WIDTH_RATIOS for curve in curves],
     )
-    few = largest * np.geomspace(*WEAKENING_RANGE, WEAKENING_THRESHOLDS)
+    few = largest * np.geomspace(*THRESHOLD_RANGE, WEAKENING_THRESHOLDS)
     yield LawFamily(
         lambda shape: WeakeningElements(shape, few),
         [(START_EXCESS, part * velocity, rate) for part in WEAKENING_VELOCITIES for rate in START_RATES_S],
