@@ -44,7 +44,7 @@ CORRUPTIONS: dict[str, tuple[Callable[[Array, Array, Array], tuple[Array, Array]
 """What becomes of excitation, control input and position in a wrong record, and what is said of it."""
 RIGHT: dict[str, Callable[[Array, Array], tuple[Array, Array]]] = {
     "exact": lambda u, y: (u, y),
-    "few digits": lambda u, y: (np.round(u, 2), np.round(y, 8)),
+    "few digits": lambda u, y: (np.round(u, 2), np.round(y / np.ptp(y), 4) * np.ptp(y)),
     "begun by a sample late": lambda u, y: (late(u, -1), late(y, -1)),
     "gain of 2 % in u": lambda u, y: (1.02 * u, y),
 }

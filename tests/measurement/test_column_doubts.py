@@ -10,7 +10,7 @@ import pytest
 from fraexp.components.kinds import Excitation
 from fraexp.components.registry import Registry, create
 from fraexp.data.results import Outcome
-from fraexp.errors import LimitError, MachineError
+from fraexp.errors import LimitError, MachineError, RecordError
 from fraexp.measurement import measurement_plan
 from fraexp.measurement.excitation_table import ExcitationTable, excitation_table
 from fraexp.measurement.measurement_plan import MeasurementPlan, plan_points, planning_setup
@@ -116,6 +116,10 @@ def table_of(sections: dict[str, Any], registry: Registry) -> ExcitationTable:
 WEAKLY_SEEN = ("y late", "y early", "u in percent")
 """What may not be seen where the feedback does little, or little at frequencies at which a sample matters."""
 
+WEAK_SHARE = 0.05
+SEEN_BY_FEEDBACK = ("excitation as u", "y negated", "y / 1000", "y * 3", "y in mm", "y in counts", "swapped")
+"""Part of the excitation below which a feedback is weak, and what may then be unseen, or be taken for another fault."""
+
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("number", range(30))
@@ -138,13 +142,22 @@ def test_on_drawn_machines_too(
     excitation = table.columns()["excitation"]
     played = LiveLoop(live_setup({name: sections[name] for name in SECTIONS}, tmp_path)).play(excitation)
     section = section_of(tmp_path / "drawn.csv", table, sections["controller"])
+    if not np.ptp(played["y"]):
+        return  # its encoder shows nothing
+    is_weak = np.std(played["u"] - excitation) < WEAK_SHARE * np.std(excitation)
     for name, right in RIGHT.items():
         write_record(tmp_path / "drawn.csv", *right(played["u"], played["y"]))
         found = load_record(tmp_path / "drawn.csv", section, registry)
         assert not is_doubted(found), (name, found.message)
     for name, (change, message) in CORRUPTIONS.items():
+        if is_weak and name in SEEN_BY_FEEDBACK:
+            continue
         write_record(tmp_path / "drawn.csv", *change(excitation, played["u"], played["y"]))
-        found = load_record(tmp_path / "drawn.csv", section, registry)
+        try:
+            found = load_record(tmp_path / "drawn.csv", section, registry)
+        except RecordError:  # what resonates is refused as the input of a stepped sine
+            assert name in ("swapped", "u without excitation"), name
+            continue
         assert re.search(message, found.message) or (name in WEAKLY_SEEN and not found.message), (name, found.message)
 
 
