@@ -16,6 +16,7 @@ from fraexp_plugins.identification.autonomous._shared.autonomous_lines import El
 from fraexp_plugins.identification.autonomous._shared.law_choice import LawChoice, LawFit, choose_law
 from fraexp_plugins.identification.autonomous._shared.law_elements import (
     BristleElements,
+    DahlElements,
     ElastoplasticElements,
     LawElements,
     RollingElements,
@@ -190,6 +191,25 @@ def test_a_law_is_judged_by_what_the_encoder_does_to_it(error: float, monkeypatc
     if not error:
         assert best.residual < 1.5
         assert best.coulomb == pytest.approx(10.0, rel=0.01)
+
+
+def test_a_search_does_not_begin_without_any_force() -> None:
+    """Three of four amplitudes bend elastic bristles: no force leaves least of most records, and stayed none."""
+    model = Elastoplastic(
+        bristle_stiffness=2.8e4, bristle_damping=28.0, coulomb_force=1.09, static_force=1.13,
+        stribeck_velocity=7e-4, elastic_limit_ratio=0.81,
+    )  # fmt: skip
+    segments = tuple(
+        record_of(model, f, size, 29.0) for f in np.geomspace(1, 5, 6) for size in (1e-5, 1.6e-5, 2.8e-5, 1.9e-4)
+    )
+    observer = ElementObserver(friction=Frictionless(), oversampling=2, resolution=1e-7, noise=2e-7)
+    frequencies = np.array([0.5, 100.0])
+    inverse = frequencies, -29.0 * (2 * np.pi * frequencies) ** 2 + 0j
+    records = LawRecords.from_signals(Signals(segments, {"u": "N", "y": "m"}), observer, inverse)
+    family = law_choice.LawFamily(DahlElements, [(1e-7,), (1e-5,)])
+    fit = law_choice._searched(family, records, False)
+    force = records.solve(records.deflection(fit.elements), 0.0).sizes[0]
+    assert force > 0.5  # of the wrong law, at whose width the other searches begin
 
 
 @pytest.mark.thorough

@@ -242,6 +242,8 @@ def _searched_from(family: LawFamily, begins: Sequence[LawStart], records: LawRe
     delays = START_DEAD_TIMES if is_delayed else (0.0,)
     starts = [np.array([delay, *np.log(start)]) for start in begins for delay in delays]
     best = min(starts, key=search.cost)
+    if not search.solve_for(best).sizes.any():  # a search that begins with no force finds none
+        best = min(starts, key=lambda each: float(np.sum(search.solve_for(each).residual ** 2)))
     for _ in range(2):
         best = search.minimised(best, family.is_linear, is_delayed)
         elements = search.elements(best[1:])
