@@ -18,7 +18,7 @@ SHARE = 0.1
 """Part of a level's samples that lie in the next one."""
 ACCEPTED_SHARE = 0.44
 """Part of the moves that shall be accepted: their size adapts to it."""
-ADAPTATION = 30
+ADAPTATION = 10
 """Moves over which a size adapts."""
 Score = Callable[[NDArray[np.float64]], float]
 """Takes coordinates, shape (d,); NaN if nothing can be drawn with them: others are drawn instead."""
@@ -57,8 +57,11 @@ def climb(
     yield level
     for _ in range(levels):
         threshold = float(np.sort(level.scores)[-round(SHARE * size) - 1])
+        greatest = level.scores.max()
+        if greatest <= threshold:  # more than a tenth of the samples share it
+            threshold = float(np.max(level.scores, initial=-np.inf, where=level.scores < greatest))
         above = level.scores > threshold
-        if not above.any():
+        if above.all():
             return
         samples, scores = level.samples[above], level.scores[above]
         chain = [(samples, scores)]
