@@ -83,8 +83,9 @@ class DictionaryIdentification(DelayedEstimator, name="dictionary_identification
     With `validation` the last segments are held out: the metric `validation error` is the part of their control input
     that the identified plant and friction do not explain along the measured motion.
 
-    The interval of the Coulomb force is that of all laws that leave as little as the best one. Friction that weakens
-    only above the largest velocity that was measured counts as Coulomb force.
+    The interval of the Coulomb force is that of all laws that leave as little as the best one, or of the first law that
+    noise explains. Friction that weakens only above the largest velocity that was measured, or much later than half a
+    period of the lowest frequency, counts as Coulomb force.
 
     The verdict is 1 if a law explains the records, the plant explains P̂, the validation error is not above
     `validation_tolerance`, and the 95 % intervals are within 1 % for k0, 0.2 Hz for f1 and 3 % for ΣF_m. Otherwise it

@@ -161,6 +161,7 @@ def choose_law(
     coarse = observer.model_copy(update={"oversampling": min(observer.oversampling, SEARCH_OVERSAMPLING)})
     bare = LawRecords.from_signals(signals, observer, inverse)
     few = LawRecords.from_signals(signals, coarse, inverse, SEARCH_STEP)
+    every = LawRecords.from_signals(signals, coarse, inverse)  # finer steps take twice as long to the same end
     records, some, fits = bare, few, list[LawFit]()
     profiles: dict[int, LawProfile] = {}
 
@@ -169,31 +170,38 @@ def choose_law(
         return law_uncertainty(fits[place].elements, fits[place].dead_time, records)
 
     for family in _families(bare, fits):
-        fit = _searched(family, some, is_delayed)
+        fit, place = _searched(family, some, is_delayed), len(fits)
         is_hopeless = fit.residual > HOPELESS_RATIO * min((each.residual for each in fits), default=np.inf)
         fits.append(fit if is_hopeless else _judged(fit, some, records))
-        if fits[-1].explains and fit.elements.static_excess > 0:
-            every = LawRecords.from_signals(signals, coarse, inverse)  # finer steps take twice as long to the same end
-            every = replace(every, variance=records.variance)
-            profile = profiles[len(fits) - 1] = LawProfile(fit.elements, fit.dead_time, every)
-            settled = replace(fit, elements=profile.elements, dead_time=profile.dead_time)
-            fits[-1] = min(fits[-1], _judged(settled, some, records), key=lambda each: each.residual)
-        if fits[-1].residual <= min(each.residual for each in fits):  # no other law knows better what noise does
-            some, records = (each.with_friction_noise(fits[-1].elements, fits[-1].sizes) for each in (few, bare))
+        if fits[place] is _best(fits):  # no other law knows better what noise does
+            some, records = (each.with_friction_noise(fits[place].elements, fits[place].sizes) for each in (few, bare))
             fits[:] = [_judged(each, some, records) if each.sizes.size else each for each in fits]
             uncertainty.cache_clear()
-        if fits[-1].is_good and uncertainty(len(fits) - 1).is_complete:
+        if fits[place].explains and fits[place].elements.static_excess > 0:
+            weighted = replace(every, variance=records.variance)
+            profile = profiles[place] = LawProfile(fits[place].elements, fits[place].dead_time, weighted)
+            settled = replace(fits[place], elements=profile.elements, dead_time=profile.dead_time)
+            fits[place] = _best([fits[place], _judged(settled, some, records)])
+        if fits[place].is_good and uncertainty(place).is_complete:
             break
-    residuals = [fit.residual for fit in fits]
-    best, most = int(np.argmin(residuals)), EQUAL_RATIO * min(residuals)
-    intervals = [
-        uncertainty(place).interval for place, fit in enumerate(fits) if fit.sizes.size and fit.residual <= most
-    ]
+    most = EQUAL_RATIO * _best(fits).residual
+    equals = [place for place, fit in enumerate(fits) if fit.sizes.size and fit.residual <= most]
+    best = fits.index(_best(fits))
+    for place in equals:
+        if fits[place].is_good and uncertainty(place).is_complete:  # no other law would have been tried
+            best, equals = place, [place]
+            break
+    intervals = [uncertainty(place).interval for place in equals]
     if best in profiles:
         intervals.append(profiles[best].interval(INTERVAL_STDS))
     interval = min(low for low, _ in intervals), max(high for _, high in intervals)
     tried = {fit.elements.name: fit.residual for fit in fits}
     return LawChoice(fits[best], uncertainty(best).covariance, interval, records, tried)
+
+
+def _best(fits: Sequence[LawFit]) -> LawFit:
+    """Return the law that leaves least of all records, which a hopeless one was not compared with."""
+    return min((fit for fit in fits if fit.sizes.size), key=lambda fit: fit.residual)
 
 
 def _families(records: LawRecords, fits: Sequence[LawFit]) -> Iterator[LawFamily]:
@@ -222,7 +230,7 @@ def _families(records: LawRecords, fits: Sequence[LawFit]) -> Iterator[LawFamily
     )
     few = largest * np.geomspace(*THRESHOLD_RANGE, WEAKENING_THRESHOLDS)
     yield LawFamily(
-        lambda shape: WeakeningElements(shape, few),
+        lambda shape: WeakeningElements(shape, few, 2 * float(records.lines.frequency.min())),
         [(START_EXCESS, part * velocity, rate) for part in WEAKENING_VELOCITIES for rate in START_RATES_S],
     )
 
@@ -298,9 +306,9 @@ class _Search:
 def _judged(fit: LawFit, some: LawRecords, records: LawRecords) -> LawFit:
     """Return a law with what it leaves of all records; what noise explains of that follows from some."""
     elements = fit.elements
-    solution = records.solve(records.deflection(elements), fit.dead_time)
-    square = float(np.sum(solution.residual**2)) / records.equations
+    sizes, left, _ = records.solve(records.deflection(elements), fit.dead_time)
+    residual = float(np.sqrt(np.sum(left**2) / records.equations))
     changes = some.deflection(elements, some.shaken_motions(0)) - some.deflection(elements)
-    noise = np.abs(changes @ solution.sizes) ** 2 / some.variance
+    noise = np.abs(changes @ sizes) ** 2 / some.variance
     allowance = float(np.sqrt(np.sum(noise[some.lines.known]) / some.equations))
-    return replace(fit, sizes=solution.sizes, residual=float(np.sqrt(square)), allowance=allowance)
+    return replace(fit, sizes=sizes, residual=residual, allowance=allowance)

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import Fit, FrictionModel
+from fraexp_plugins.identification._shared.friction_curves import NORMAL_QUANTILE
 from fraexp_plugins.identification.autonomous._shared.law_fit import LawDictionaryFit
 
 DIFFERENCE = 1e-4
@@ -17,7 +18,9 @@ UNCERTAIN = {"viscous_coefficient"}
 def law_component(found: LawDictionaryFit, viscous: float, viscous_std: float) -> Fit:
     """Return the friction model with a viscous coefficient [N s/m] and its standard deviation.
 
-    The covariance follows from that of shape and sizes by finite differences.
+    The covariance follows from that of shape and sizes by finite differences. It is as much wider as the interval of
+    the Coulomb force is than the one that follows so: errors of a law, as those by the encoder's steps, are not
+    independent, and the covariance of records that are says too little of all parameters.
     """
     from dataclasses import replace
 
@@ -38,6 +41,10 @@ def law_component(found: LawDictionaryFit, viscous: float, viscous_std: float) -
     for place in varied:
         slopes[:, place] = (vary(place) - np.array(values)) / _step(whole, place, shape.size)
     covariance = slopes @ found.choice.covariance @ slopes.T
+    if "coulomb_force" in names:  # a sum of elements has none of its own
+        force = names.index("coulomb_force")
+        known, whole_variance = covariance[force, force], (found.coulomb_error / NORMAL_QUANTILE) ** 2
+        covariance *= max(whole_variance / known, 1.0) if known > 0 else 1.0
     own = names.index("viscous_coefficient")
     covariance[own], covariance[:, own] = 0.0, 0.0
     covariance[own, own] = viscous_std**2

@@ -132,12 +132,15 @@ class RollingElements(LawElements):
 class WeakeningElements(LawElements):
     """Elements of many thresholds whose force follows one Stribeck curve with a lag: generalized Maxwell slip.
 
-    Shape: static over Coulomb force less 1, Stribeck velocity [m/s], and rate of attraction over Coulomb force [1/s].
+    Shape: static over Coulomb force less 1, Stribeck velocity [m/s], and rate of attraction over Coulomb force, less
+    the lowest one [1/s].
     """
 
     name: ClassVar[str] = "gms"
     thresholds: NDArray[np.float64]
     """Thresholds in sliding [m], ascending, shape (E,)."""
+    lowest_rate: float = 0.0
+    """Lowest rate of attraction over Coulomb force [1/s]: what is far slower than a record never weakens there."""
 
     @property
     def is_coulomb(self) -> NDArray[np.bool_]:
@@ -157,7 +160,7 @@ class WeakeningElements(LawElements):
             coulomb_force=force,
             static_force=force * (1 + excess),
             stribeck_velocity=velocity,
-            attraction_rate=force * rate,
+            attraction_rate=force * (self.lowest_rate + rate),
         )
 
     def forces(self, motions: Sequence[Motion]) -> list[NDArray[np.float64]]:
