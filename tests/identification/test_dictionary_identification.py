@@ -205,7 +205,7 @@ def test_rounding_is_an_error_of_all_periods_and_noise_one_of_each(noise: float)
     assert noise or error == pytest.approx(records.deviations[0], rel=0.05)
 
 
-@pytest.mark.parametrize(("scatter", "doubts"), [(0.015, 0), (0.025, 1)])
+@pytest.mark.parametrize(("scatter", "doubts"), [(0.009, 0), (0.011, 1)])
 def test_records_that_scatter_after_friction_is_taken_off_are_a_doubt(scatter: float, doubts: int) -> None:
     spring = SimpleNamespace(values=np.array([0.05]), standard_deviation=np.zeros(1), parameters=("rigid_body_gain",))
     fit: Any = SimpleNamespace(outcome=Outcome.OK, fits=(spring,), metrics=(Metric("cost", 1.0, "1"),))
@@ -233,6 +233,10 @@ def test_plant_and_force_are_found_whatever_the_law(friction: dict[str, Any], re
     assert metrics["Coulomb force"] == pytest.approx(FORCE, rel=0.03)
     assert metrics["input_dead_time"] == pytest.approx(1e-3, abs=0.2 * 5e-4)
     assert metrics["validation error"] < 0.03
+    (table,) = [fit for fit in result.fits if fit.kind == "friction"]
+    for name, value, deviation in zip(table.parameters, table.values, table.standard_deviation, strict=True):
+        if name in friction and deviation > 0 and name != "viscous_coefficient":
+            assert abs(value - friction[name]) <= 1.96 * deviation, name
 
 
 @pytest.mark.thorough

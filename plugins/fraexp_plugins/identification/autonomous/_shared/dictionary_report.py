@@ -21,8 +21,10 @@ MAX_GAIN_ERROR, MAX_MODE_ERROR, MAX_FORCE_ERROR = 0.01, 0.2, 0.03
 """Half-width of the 95 % intervals of k0 (relative), f1 [Hz] and ΣF_m (relative) above which the verdict is not ok."""
 MAX_PLANT_COST = 4.0
 """Mean square of what the plant leaves of P̂, over its errors, above which the verdict is not ok."""
-MAX_SCATTER = 0.02
-"""Median scatter of P̂ over the records above which the verdict is not ok: the plant errs as much as they do."""
+MAX_SCATTER = 0.01
+"""Median scatter of P̂ over the records above which the verdict is not ok: the plant errs as much as they do. Of 32
+drawn machines the 25 that were found with their law had 0.36 % or less, and one without a plant 13 %. Five with a wrong
+law had 0.2 to 0.75 %: that is for what the law leaves to tell."""
 MAX_FALL = 3.0
 """Standard deviations of a negative viscous coefficient above which friction falls with velocity."""
 MIN_STRIBECK_SHARE = 0.075
@@ -110,7 +112,7 @@ class DictionaryReport:
             yield (
                 f"the Coulomb force, {force:.4g} N, may be any from {low:.4g} to {high:.4g} N, since friction that "
                 f"weakens in sliding may be a part of it; expected {MAX_FORCE_ERROR:.0%} or better: let the axis move "
-                "faster at low frequencies, by a softer controller"
+                "faster at low frequencies, by a softer controller or a larger limits.force"
             )
 
     def friction(self) -> Fit:
