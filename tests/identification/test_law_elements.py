@@ -274,6 +274,16 @@ def test_laws_are_compared_with_the_weights_that_the_encoder_gives(laws: int, mo
     assert min(others, default=np.inf) > law_choice.EQUAL_RATIO * choice.best.residual  # gms 1.1 with those weights
 
 
+@pytest.mark.parametrize(
+    "elements", [RollingElements(np.zeros(1), THRESHOLDS), WeakeningElements(np.zeros(3), THRESHOLDS)]
+)
+def test_elements_without_a_force_keep_their_thresholds(elements: RollingElements | WeakeningElements) -> None:
+    """A law that no record shows was refined to one without elements, and the whole estimate failed."""
+    found = elements.refine(np.zeros(elements.is_coulomb.size))
+    assert isinstance(found, type(elements))
+    np.testing.assert_array_equal(found.thresholds, THRESHOLDS)
+
+
 def test_no_force_weakens_later_than_the_records_show() -> None:
     """A force that weakens within a year is the static one in all records, and says nothing of the Coulomb force."""
     slow, slowest = (WeakeningElements(np.log([0.5, 1e-3, rate]), THRESHOLDS, 2.0) for rate in (1e-9, 1e-12))

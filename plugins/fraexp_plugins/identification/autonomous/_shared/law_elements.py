@@ -283,8 +283,13 @@ class ElastoplasticElements(BristleElements):
 
 
 def _refined_grid(thresholds: NDArray[np.float64], sizes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return thresholds [m] between the neighbours of those that have a force, ascending; no more than before."""
+    """Return thresholds [m] between the neighbours of those that have a force, ascending; no more than before.
+
+    They are the same if none has one.
+    """
     places = np.flatnonzero(sizes > MIN_SHARE * sizes.sum())
+    if not places.size:
+        return thresholds
     steps = np.linspace(-1.0, 1.0, 2 * REFINEMENT + 1)
     if places.size * steps.size > thresholds.size:  # many elements: each is small, and the grid fine enough
         steps = np.array([-0.5, 0.0, 0.5])
