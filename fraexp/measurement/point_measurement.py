@@ -160,7 +160,18 @@ class PointMeasurement:
     def _unsettled_error(self) -> MachineError:
         unsettled = f"in the {self.seconds:.3g} s that were played it did not settle in time for a record"
         wrong = self._wrong_channels()
-        return MachineError(f"{self._point.frequency}: {unsettled}: {wrong}") if wrong else UnsettledError(unsettled)
+        if wrong:
+            return MachineError(f"{self._point.frequency}: {unsettled}: {wrong}")
+        return UnsettledError("; ".join(filter(None, (unsettled, self.noise_remark))))
+
+    @property
+    def noise_remark(self) -> str:
+        """That noise which the study does not state has kept it from settling; empty if it has settled, or drifts."""
+        noise = self._monitor.noise
+        if self._monitor.is_settled or not noise:
+            return ""
+        found = f"{noise:.2g} {self._writer.header.units['y']}"
+        return f'its periods differ by noise of {found}, more than the study states: set loop.noise = "{found}"'
 
     @property
     def hides_motion(self) -> bool:

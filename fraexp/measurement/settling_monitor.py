@@ -24,6 +24,8 @@ class SettlingMonitor:
         self._cycles = int(lines[0]) if lines.size == 1 else 0
         self.residual = float("nan")
         """Relative difference of the last two windows."""
+        self.noise = 0.0
+        """Noise of the position [m] by which the last two windows differ; 0 if they differ smoothly, as motions do."""
         self.is_settled = counts.window == 0
         self.record_start: int | None = 0 if counts.window == 0 else None
         """First sample of the record; None while it is not known."""
@@ -47,6 +49,8 @@ class SettlingMonitor:
         if abs(np.mean(difference)) <= self._max_drift * motion:
             difference = difference - np.mean(difference)
         change = float(np.sqrt(np.mean(difference**2)))
+        is_noise = np.mean(np.diff(difference) ** 2) > change**2  # twice as much if white, next to nothing of a motion
+        self.noise = change / np.sqrt(2) if is_noise else 0.0
         if motion == 0.0:
             return change == 0.0
         self.residual = change / motion

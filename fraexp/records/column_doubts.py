@@ -62,8 +62,11 @@ def _remedy(fault: LoopFault, units: Mapping[str, str]) -> str:
         name, _ = FACTORED[fault.kind]
         unit = _unit(fault, units)
         column = f"{name} [{unit}]" if unit else f"{name} * {1 / fault.factor:.4g} [{units[name]}]"
-        gain = f", or correct record.controller if its gain is {1 / fault.factor:.4g} times as great"
-        return f'state record.channels.{name} = "{column}"{gain if name == "y" else ""}'
+        stated = f'state record.channels.{name} = "{column}"'
+        if name == "y" and not _is_opposite(fault):  # a controller of another gain answers as much
+            gain = f"correct record.controller if its gain is {1 / fault.factor:.4g} times as great"
+            return f"{stated}, or {gain}" if unit else f"{gain}; if 'y' is wrong, {stated}"
+        return stated
     if fault.kind is FaultKind.BEGUN_LATE:
         change = "lower" if fault.samples > 0 else "raise"
         return f"begin it with the excitation, or {change} start and rest of record.segments by {abs(fault.samples)}"

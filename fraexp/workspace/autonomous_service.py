@@ -10,7 +10,7 @@ from fraexp.components.measurement_settings import MeasurementSettings
 from fraexp.data.results import Result
 from fraexp.data.rotary_axes import rotary_text
 from fraexp.data.sample_file import SampleHeader
-from fraexp.errors import FraexpError, StudyError
+from fraexp.errors import FraexpError, MachineError, StudyError
 from fraexp.execution.events import Event, Finished, Noticed, Planned, Progress
 from fraexp.figures.elements.scales import displacement_unit
 from fraexp.measurement.autonomous_points import LEVEL_RATIOS, PointDesign
@@ -165,6 +165,12 @@ class AutonomousService:
         title = describe_study(self._name, self._file).title
         with connect_in_si(self.settings.machine, self._service.folder, self.is_rotary) as session:
             description = session.description
+            if not description.is_live:
+                raise MachineError(
+                    f"{self._file}: of an unknown axis nothing can be predicted, and '{self.settings.machine.name}' "
+                    "shows its samples after a play; expected a machine that shows them while it plays, such as ads or "
+                    "a plugin of your own (fraexp new machine)"
+                )
             sample_time = description.sample_time
             loop = {"sample_time": sample_time, "rotary": self.is_rotary}
             axis = UnknownAxis.from_sections(self._name, title, loop, self.limits, description.limits, self.settings)
