@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fraexp.data.signals import Segment
 from fraexp.records.cutting import Cut
@@ -12,6 +13,10 @@ from fraexp.records.predicted_records import FACTORS, prediction_doubt
 
 EXACT_RATIO = 1.05
 """Ratio to a unit, either way, up to which it is named: what the controller answers shows it exactly."""
+LIKELY_GAINS = (0.5, 2.0)
+"""Factors on the position that are more likely another gain of the controller."""
+SATURATED_SHARE, SATURATION_TOLERANCE = 0.01, 1e-6
+"""Share of the samples at either limit from which a drive is at it, and relative distance that counts as there."""
 LOOP_UNITS = (("N", "m"), ("N m", "rad"))
 """Units of control input and position in which controllers count."""
 
@@ -34,8 +39,22 @@ def column_doubt(
     verdict = judge_columns(segments, [cut.excitation for cut in cuts], known)
     if verdict.fault is not None and verdict.fault.kind is not FaultKind.UNKNOWN:
         return fault_text(verdict.fault, units)
+    if verdict.fault is not None and (limit := _saturation([segment.channels["u"] for segment in segments])):
+        force = units["u"]
+        return (
+            f"'u' stays at {limit:.4g} {force} and at {-limit:.4g} {force} for a part of the time, and is not the "
+            "excitation minus what the controller makes of 'y': the drive is at its limit; lower excitation.amplitude"
+        )
     doubt = "" if verdict.is_shown else prediction_doubt(segments, predicted, units)
     return doubt or (fault_text(verdict.fault, units) if verdict.fault else "")
+
+
+def _saturation(inputs: Sequence[NDArray[np.float64]]) -> float:
+    """Return the control input beyond which none goes, either way, and at which many samples stay; 0 if none does."""
+    samples = np.concatenate([each.ravel() for each in inputs])
+    limit = float(np.abs(samples).max())
+    shares = [np.mean(np.isclose(samples, sign * limit, rtol=SATURATION_TOLERANCE, atol=0.0)) for sign in (1, -1)]
+    return limit if min(shares) > SATURATED_SHARE else 0.0
 
 
 def fault_text(fault: LoopFault, units: Mapping[str, str]) -> str:
@@ -65,7 +84,8 @@ def _remedy(fault: LoopFault, units: Mapping[str, str]) -> str:
         stated = f'state record.channels.{name} = "{column}"'
         if name == "y" and not _is_opposite(fault):  # a controller of another gain answers as much
             gain = f"correct record.controller if its gain is {1 / fault.factor:.4g} times as great"
-            return f"{stated}, or {gain}" if unit else f"{gain}; if 'y' is wrong, {stated}"
+            is_likely = LIKELY_GAINS[0] <= fault.factor <= LIKELY_GAINS[1]
+            return f"{gain}; if 'y' is wrong, {stated}" if is_likely else f"{stated}, or {gain}"
         return stated
     if fault.kind is FaultKind.BEGUN_LATE:
         change = "lower" if fault.samples > 0 else "raise"
