@@ -36,11 +36,6 @@ CORRUPTIONS: dict[str, tuple[Callable[[Array, Array, Array], tuple[Array, Array]
     "y in counts": (lambda w, u, y: (u, y / 2e-8), r"^'y' is 5e\+07 times .*\"y \* 2e-08 \[m\]\""),
     "y late": (lambda w, u, y: (u, late(y, 1)), "'y' is recorded 1 sample late: record 'y' as the controller reads"),
     "y early": (lambda w, u, y: (u, late(y, -1)), "'y' is recorded 1 sample early: .* a delay of the controller"),
-    "y * 1.5": (
-        lambda w, u, y: (u, 1.5 * y),
-        r"^'y' is 1\.5 times .* record\.controller if its gain is 0\.6667",
-    ),
-    "saturated": (lambda w, u, y: (np.clip(u, -20, 20), y), "^'u' stays at 20 N and at -20 N .* at its limit; lower"),
     "u late": (lambda w, u, y: (late(u, 1), y), "^'u' is recorded 1 sample late"),
     "swapped": (lambda w, u, y: (y, u), "^'u' and 'y' are swapped"),
     "begun late": (lambda w, u, y: (late(u, -150), late(y, -150)), "^the record begins 150 samples late: .* lower"),

@@ -73,6 +73,18 @@ def test_a_wrong_column_is_named(played: Played, name: str) -> None:
     assert re.search(message, found), found
 
 
+def test_a_likely_gain_of_the_controller_comes_before_one_of_the_position(played: Played) -> None:
+    found = played.message(played.u, 1.5 * played.y)
+    assert re.search(
+        r"^'y' is 1\.5 times .*: correct record\.controller if its gain is 0\.6667 .* if 'y' is wrong", found
+    )
+
+
+def test_a_drive_at_its_limit_is_named(played: Played) -> None:
+    found = played.message(np.clip(played.u, -20, 20), played.y)
+    assert re.search("^'u' stays at 20 N and at -20 N .* the drive is at its limit; lower excitation.amplitude", found)
+
+
 @pytest.mark.parametrize("name", RIGHT)
 def test_a_right_record_is_not_doubted(played: Played, name: str) -> None:
     assert not played.message(*RIGHT[name](played.u, played.y))
