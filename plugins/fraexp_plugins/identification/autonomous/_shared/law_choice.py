@@ -169,19 +169,24 @@ def choose_law(
     def uncertainty(place: int) -> LawUncertainty:
         return law_uncertainty(fits[place].elements, fits[place].dead_time, records)
 
-    for family in _families(bare, fits):
-        fit, place = _searched(family, some, is_delayed), len(fits)
-        is_hopeless = fit.residual > HOPELESS_RATIO * min((each.residual for each in fits), default=np.inf)
-        fits.append(fit if is_hopeless else _judged(fit, some, records))
+    def weigh_by(place: int) -> None:
+        nonlocal some, records
         if fits[place] is _best(fits):  # no other law knows better what noise does
             some, records = (each.with_friction_noise(fits[place].elements, fits[place].sizes) for each in (few, bare))
             fits[:] = [_judged(each, some, records) if each.sizes.size else each for each in fits]
             uncertainty.cache_clear()
+
+    for family in _families(bare, fits):
+        fit, place = _searched(family, some, is_delayed), len(fits)
+        is_hopeless = fit.residual > HOPELESS_RATIO * min((each.residual for each in fits), default=np.inf)
+        fits.append(fit if is_hopeless else _judged(fit, some, records))
+        weigh_by(place)
         if fits[place].explains and fits[place].elements.static_excess > 0:
             weighted = replace(every, variance=records.variance)
             profile = profiles[place] = LawProfile(fits[place].elements, fits[place].dead_time, weighted)
             settled = replace(fits[place], elements=profile.elements, dead_time=profile.dead_time)
             fits[place] = _best([fits[place], _judged(settled, some, records)])
+        weigh_by(place)  # once more: its sizes have changed, and perhaps its shape
         if fits[place].is_good and uncertainty(place).is_complete:
             break
     most = EQUAL_RATIO * _best(fits).residual
