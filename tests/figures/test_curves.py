@@ -74,6 +74,16 @@ def test_frequency_and_amplitudes_over_it_are_in_decades():
     np.testing.assert_allclose(upper.lines[0].get_ydata(), 1 / FREQUENCY**2)
 
 
+@pytest.mark.parametrize(
+    ("amplitudes", "scale"), [(np.geomspace(1e-8, 1e-2, 25), "log"), (np.linspace(1e-8, 1e-2, 25), "linear")]
+)
+def test_an_abscissa_spaced_by_ratios_is_in_decades(amplitudes, scale):
+    columns = {"amplitude": amplitudes, "modulus margin": np.linspace(0.3, 0.6, 25)}
+    (axes,) = draw_curves(curves_info([("a", Curve("loop", columns, {"amplitude": "m", "modulus margin": "1"}))])).axes
+    assert (axes.get_xscale(), axes.get_yscale()) == (scale, "linear")
+    assert (axes.get_xlabel(), axes.get_xlim()[1]) == ("Amplitude [mm]", pytest.approx(10, rel=0.06))
+
+
 def test_amplitudes_in_one_unit_share_their_decades():
     output, noise, change = draw_curves(curves_info([("a", levels())])).axes
     assert output.get_yscale() == noise.get_yscale() == "log"

@@ -119,8 +119,8 @@ def named_styles(count: int) -> list[LineStyle]:
     ]
 
 
-def set_frequency_axis(axes: Axes, span: tuple[float, float]) -> None:
-    """Make x a logarithmic frequency axis over `span` [Hz], labelled with plain numbers."""
+def set_log_abscissa(axes: Axes, span: tuple[float, float]) -> None:
+    """Make x a logarithmic axis over `span`, labelled with plain numbers."""
     axes.set_xscale("log")
     low, high = span
     margin = 1.01 if high > low else 2.0  # a little, so that 199.9 Hz still gets its tick at 200

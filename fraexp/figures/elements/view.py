@@ -90,7 +90,7 @@ def zoom_to_band(figure: "Figure", band: tuple[float, float]) -> None:
 
     for axes in figure.axes:
         if axes.get_xscale() == "log":
-            canvas.set_frequency_axis(axes, band)
+            canvas.set_log_abscissa(axes, band)
             _fit_vertically(axes, band)
             if _is_phase_axis(axes) and axes.get_yscale() == "linear":
                 canvas.set_phase_ticks(axes)

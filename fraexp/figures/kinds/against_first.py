@@ -158,7 +158,7 @@ def draw_difference(info: DifferenceInfo) -> "Figure":
         draw_error_parts(list(panels.facets.values()), list(facets.values()), styles)
         upper, lower = panels.first
         frequency = np.concatenate([curve.frequency for curve in info.curves])
-        canvas.set_frequency_axis(lower, (float(frequency.min()), float(frequency.max())))
+        canvas.set_log_abscissa(lower, (float(frequency.min()), float(frequency.max())))
         canvas.draw_grid(*panels.all)
         y_titles = (
             canvas.error_axis_title(upper, "Magnitude difference", "dB"),

@@ -189,7 +189,7 @@ def draw_amplitude_map(info: AmplitudeMapInfo) -> "Figure":
         _draw_row(figure, panels[0], info, "magnitude")
         _draw_row(figure, panels[1], info, "phase")
         for upper, lower, of in zip(*panels, info.maps, strict=True):
-            canvas.set_frequency_axis(lower, (float(of.frequency[0]), float(of.frequency[-1])))
+            canvas.set_log_abscissa(lower, (float(of.frequency[0]), float(of.frequency[-1])))
             lower.set_xlabel("Frequency [Hz]")
             upper.set_title(drawable(of.label) if count > 1 else canvas.wrapped_title(figure, info.title))
         if count > 1:

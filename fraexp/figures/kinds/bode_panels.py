@@ -60,7 +60,7 @@ def draw_bode_facets(facets: Mapping[str, BodeInfo]) -> "Figure":
             _draw_part(lower, info, "phase", styles)
             lower.set_label(PHASE_LABEL)
         lower = panels.first[1]
-        canvas.set_frequency_axis(lower, _frequency_span(infos))
+        canvas.set_log_abscissa(lower, _frequency_span(infos))
         canvas.set_phase_ticks(lower)
         canvas.draw_grid(*panels.all)
         panels.label(infos[0].title, ["Frequency [Hz]"], (f"Magnitude [dB re 1 {infos[0].unit}]", "Phase [deg]"))

@@ -107,7 +107,7 @@ def draw_coherence(info: CoherenceInfo) -> "Figure":
         for axes, part in zip(panels.first, info.parts, strict=True):
             _set_axis(axes, part, info.is_logarithmic)
         frequency = np.concatenate([curve.frequency for curve in info.curves])
-        canvas.set_frequency_axis(panels.first[0], (float(frequency.min()), float(frequency.max())))
+        canvas.set_log_abscissa(panels.first[0], (float(frequency.min()), float(frequency.max())))
         canvas.draw_grid(*panels.all)
         panels.label(info.title, ["Frequency [Hz]"], [AXIS_TITLES[part] for part in info.parts])
         panels.add_legend(places)

@@ -127,7 +127,7 @@ def draw_levels(info: LevelsInfo) -> "Figure":
         for axes in grid[:, 0]:
             axes.set_ylabel(f"Level [dB re 1 {info.unit}]")
         frequency = np.concatenate([panel.frequency for panel in info.panels])
-        canvas.set_frequency_axis(grid[0, 0], (float(frequency.min()), float(frequency.max())))
+        canvas.set_log_abscissa(grid[0, 0], (float(frequency.min()), float(frequency.max())))
         canvas.draw_grid(*list(grid.flat)[:count])
         if count > 1:
             figure.suptitle(canvas.wrapped_title(figure, info.title))

@@ -42,6 +42,8 @@ if TYPE_CHECKING:
 MODEL_COLUMN = "model"
 LOG_AXIS_RATIO = 10.0
 """Ratio of largest to smallest value over frequency above which an axis is logarithmic."""
+GEOMETRIC_TOLERANCE = 1e-6
+"""Relative difference of the ratios of neighbours up to which an abscissa is spaced by ratios."""
 MIN_BRANCH_GAP = 5.0
 """Gap between positive and negative values, relative to the span of either, from which each gets its own panel."""
 ANGLE_UNITS = ("deg", "rad")
@@ -96,8 +98,8 @@ class CurveFamily:
     """Name of its curves; empty if they have different names, which the legend shows."""
     abscissa: str
     """Name and unit of the common abscissa."""
-    frequency: tuple[float, float] | None
-    """Lowest and highest frequency; None if the abscissa is another quantity."""
+    log_range: tuple[float, float] | None
+    """Least and greatest value of a logarithmic abscissa; None if it is linear."""
     panels: tuple[CurvePanel, ...]
 
 
@@ -153,17 +155,27 @@ def _curve_family(alike: Sequence[LabelledCurve], has_labels: bool) -> CurveFami
         ]
     abscissa, *others = dict.fromkeys(name for _, curve, _ in alike for name in curve.columns)
     ordinates = others[:1] + [name for name in others[1:] if name not in (MODEL_COLUMN, *LIMIT_COLUMNS)]
-    x = np.concatenate([curve.columns[abscissa] for _, curve, _ in alike])
+    stored = np.concatenate([curve.columns[abscissa] for _, curve, _ in alike])
     units = _shown_units(alike, (abscissa,)) | _shown_units(alike, ordinates)
-    spectral = units[abscissa].name == "Hz" and x.size > 0 and bool((x > 0).all())
+    x = units[abscissa].factor * stored
+    is_spectral = units[abscissa].name == "Hz" and x.size > 0 and bool((x > 0).all())
+    is_logarithmic = is_spectral or all(_is_geometric(curve.columns[abscissa]) for _, curve, _ in alike)
     whole = [_curve_panel(alike, abscissa, name, units, name == others[0]) for name in ordinates]
     panels = [part for panel in whole for part in _split_branches(panel)]
     return CurveFamily(
         _capitalised(_force_name(names[0], units[others[0]].stored)) if len(names) == 1 else "",
         _axis_title(abscissa, units),
-        (float(x.min()), float(x.max())) if spectral else None,
-        tuple(_with_log_axes(panels) if spectral else panels),
+        (float(x.min()), float(x.max())) if is_logarithmic else None,
+        tuple(_with_log_axes(panels) if is_spectral else panels),
     )
+
+
+def _is_geometric(x: NDArray[np.float64]) -> bool:
+    """Return whether values rise by one ratio, to more than ten times the first."""
+    if x.size < 3 or not (np.isfinite(x) & (x > 0)).all():
+        return False
+    steps = np.diff(np.log(x))
+    return bool(x[-1] > LOG_AXIS_RATIO * x[0] and np.ptp(steps) < GEOMETRIC_TOLERANCE * steps.mean())
 
 
 def _full_name(name: str, curve: Curve, also: bool) -> str:
@@ -345,8 +357,8 @@ def _draw_family(axes: Sequence["Axes"], family: CurveFamily, styles: dict[str, 
         _draw_traces(of, singles, styles)
     for of in (of for of, panel in zip(axes, family.panels, strict=True) if panel.log_unit):
         canvas.set_decade_ticks(of)
-    if family.frequency:
-        canvas.set_frequency_axis(axes[-1], family.frequency)
+    if family.log_range:
+        canvas.set_log_abscissa(axes[-1], family.log_range)
     axes[-1].set_xlabel(drawable(family.abscissa))
 
 

@@ -170,7 +170,7 @@ def draw_errors(info: ErrorsInfo) -> "Figure":
         panels[0, 0].set_ylabel(canvas.error_axis_title(panels[0, 0], "Magnitude error", "dB"))
         panels[1, 0].set_ylabel(canvas.error_axis_title(panels[1, 0], "Phase error", "deg"))
         frequency = np.concatenate([curve.frequency for curve in info.curves])
-        canvas.set_frequency_axis(panels[1, 0], (float(frequency.min()), float(frequency.max())))
+        canvas.set_log_abscissa(panels[1, 0], (float(frequency.min()), float(frequency.max())))
         canvas.draw_grid(*panels.flat)
         parts[0].align_ylabels(panels[:, 0])
         table.draw(parts[1].subplots(), [styles[place.group] for place in places])

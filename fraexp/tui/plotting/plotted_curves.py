@@ -307,7 +307,7 @@ def _other_picture(found: Sequence[tuple[str, Curve]]) -> Picture:
     info = curves_info(found)
     panels = []
     for axis, family in enumerate(info.families):
-        spectral = family.frequency is not None
+        spectral = family.log_range is not None
         unit = family.abscissa.rpartition("[")[2].rstrip("]")
         for panel in family.panels:
             scale: Callable[[NDArray[np.float64]], NDArray[np.float64]] = _logarithm if panel.log_unit else np.asarray

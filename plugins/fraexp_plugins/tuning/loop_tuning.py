@@ -44,7 +44,7 @@ AMPLITUDES = 72
 PLANT_RELATIVE_DEGREE = 2
 
 
-class LoopTuning(Estimator, name="loop_tuning", version=2):
+class LoopTuning(Estimator, name="loop_tuning", version=3):
     """PID gains with notches such that every plant of the band keeps the margins, at every amplitude of friction.
 
     The loop is C G P/(1 + P N): N(A, ω) is the friction model's describing function (A. Gelb and W. E. Vander Velde,
@@ -163,7 +163,7 @@ class LoopTuning(Estimator, name="loop_tuning", version=2):
             yield Metric(f"{prefix}modulus margin", margins.modulus, "1")
             yield Metric(f"{prefix}gain margin", margins.gain, "1")
             yield Metric(f"{prefix}gain reduction margin", margins.gain_reduction, "1")
-            yield Metric(f"{prefix}phase margin", margins.phase, "rad")
+            yield Metric(f"{prefix}phase margin", math.degrees(margins.phase), "deg")
             stable = [cycle for cycle in loop.limit_cycles(controller) if cycle.is_stable]
             for cycle in stable[:1]:
                 yield Metric(f"{prefix}limit cycle amplitude", cycle.amplitude, "m")
@@ -176,12 +176,14 @@ class LoopTuning(Estimator, name="loop_tuning", version=2):
 
     def _curves(self, loop: "_Loop", controller: Controller, name: str) -> tuple[Curve, ...]:
         sensitivity = loop.family.sensitivity(loop.family.control(controller))
-        frequency, decade = loop.family.band.frequency, "log10 of amplitude in m"
-        over_frequency = {"frequency": frequency, "largest sensitivity": _finite(sensitivity.max(axis=1))}
-        over_amplitude = {decade: np.log10(loop.friction.amplitudes), "modulus margin": 1 / sensitivity.max(axis=0)}
+        over_frequency = {
+            "frequency": loop.family.band.frequency,
+            "largest sensitivity": _finite(sensitivity.max(axis=1)),
+        }
+        over_amplitude = {"amplitude": loop.friction.amplitudes, "modulus margin": 1 / sensitivity.max(axis=0)}
         return (
             Curve(name, over_frequency, {"frequency": "Hz", "largest sensitivity": "1"}),
-            Curve(name, over_amplitude, {decade: "1", "modulus margin": "1"}),
+            Curve(name, over_amplitude, {"amplitude": "m", "modulus margin": "1"}),
         )
 
 
