@@ -94,11 +94,15 @@ class SimulatedPlay:
         return sorted(set(stops) - self._found.keys())
 
     def experiment(self, stop: int) -> Experiment:
-        """Return the play, stopped at a sample, and the rest after it, as one period that is recorded."""
+        """Return the play, stopped at a sample, and the rest after it, as one period that is recorded.
+
+        Its number is the stop, which gives each another noise of the encoder: what all stops have in common, such as a
+        fast rise, is then not judged by a single noise, which may have made it smaller.
+        """
         request = self._request
         moved = request.excitation(0, stop + request.ramp_out, stop)
         period = Period(np.append(moved, np.zeros(self._rest)), np.array([1]), recorded_periods=1)
-        return Experiment(self._setup, period, Schedule(settling_timeout=0.0), request.number)
+        return Experiment(self._setup, period, Schedule(settling_timeout=0.0), stop)
 
     def note(self, stop: int, segment: Segment | None) -> None:
         """Keep what a simulated play asks for, at the contact that moves most; NaN if it diverges.

@@ -30,3 +30,17 @@ def shortfall(period: int, repetitions: int, settling: int) -> float:
 def test_no_stop_of_a_short_play_asks_for_more_than_a_close_look_finds(period: int, repetitions: int) -> None:
     """Without friction, what follows a stop takes longer than the play itself to come to rest."""
     assert shortfall(period, repetitions, 25) < 1.005
+
+
+def rising_force_rate(noise: float, seed: int) -> float:
+    """Return the force rate that is found of a play that rises at once."""
+    loop = ControlLoop(sample_time=SAMPLE_TIME, noise=noise, seed=seed)
+    setup = planning_setup(Machine(TABLE, FRICTIONLESS, LEAD, loop, Numerics()))
+    request = PlayRequest(0, np.cos(2 * np.pi * np.arange(200) / 200), 2, 1.0, 50)
+    (demand,) = simulate_demands([SimulatedPlay(setup, request, [1], 25, NO_DEMAND)])
+    return demand.force_rate
+
+
+def test_a_rise_that_all_stops_have_in_common_is_judged_by_more_than_one_noise() -> None:
+    """One noise takes off as much as it adds where the force rate is greatest in a single sample."""
+    assert min(rising_force_rate(1e-7, seed) for seed in range(12)) > rising_force_rate(0.0, 0)
