@@ -117,7 +117,9 @@ class SimulatedPlay:
         if rest < self._longest_rest and not all(self._is_at_rest(y, rest) for y in moved):
             self._rest = min(max(self._rest, 2 * rest), self._longest_rest)
             return
-        demands = [Demand.of_samples(y, segment.channels["u"][0], segment.sample_time) for y in moved]
+        pairs = zip(moved, self._setup.discrete.sample_compliance, strict=True)
+        u, sample_time = segment.channels["u"][0], segment.sample_time
+        demands = [Demand.of_samples(y, u, sample_time, compliance) for y, compliance in pairs]
         self._found[stop] = Demand(*map(max, zip(*demands, strict=True)))
         if [stop] == self.end:
             still = max(map(_still_after, moved)) - stop - self._request.ramp_out

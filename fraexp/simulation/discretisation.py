@@ -90,6 +90,13 @@ class DiscreteLoop(NamedTuple):
         return int(self.compliance.shape[0]) // self.contacts
 
     @property
+    def sample_compliance(self) -> list[float]:
+        """Displacement of each contact [m/N] after a sample from rest by the excited thrust, size c."""
+        states = self.transition.shape[0]
+        moved = np.abs(self.displacement[-self.contacts :, states : states + 2].sum(axis=1))
+        return [float(each) for each in moved]
+
+    @property
     def step_compliance(self) -> NDArray[np.float64]:
         """Displacements at a step's end that the forces there take away [m/N], shape (c, c)."""
         return self.compliance[: self.contacts, self.contacts : 2 * self.contacts]

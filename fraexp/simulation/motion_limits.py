@@ -49,19 +49,27 @@ class Demand(NamedTuple):
 
     @classmethod
     def of_samples(
-        cls, displacement: NDArray[np.float64], control_input: NDArray[np.float64], sample_time: float
+        cls,
+        displacement: NDArray[np.float64],
+        control_input: NDArray[np.float64],
+        sample_time: float,
+        compliance: float = 0.0,
     ) -> "Demand":
         """Return what a sampled motion asks for; both are of shape (n,).
 
         Stroke and velocity are the greatest ones between samples. While a force is held, a velocity differs from its
-        mean over a sample by half of the change from one sample to the next.
+        mean over a sample by half of the change from one sample to the next. That of a force which alternates from
+        sample to sample is not seen in the samples; it follows from `compliance`, how far 1 N that is held for one
+        sample moves the machine [m/N].
         """
         velocity = np.abs(np.diff(displacement)) / sample_time
         change = np.abs(np.diff(displacement, 2, prepend=displacement[0], append=displacement[-1])) / sample_time
-        bend = PATH_RATIO * change * sample_time
+        alternation = np.abs(np.diff(control_input, 2)).max(initial=0.0) / 4  # of the force about its mean
+        hidden = 2 * compliance * alternation / sample_time
+        bend = PATH_RATIO * (change + hidden) * sample_time
         return cls(
             stroke=float((displacement + bend).max() - (displacement - bend).min()),
-            velocity=float((velocity + np.maximum(change[1:], change[:-1]) / 2).max(initial=0.0)),
+            velocity=float((velocity + np.maximum(change[1:], change[:-1]) / 2).max(initial=0.0)) + float(hidden / 2),
             acceleration=float(change[1:-1].max(initial=0.0)) / sample_time,
             force=float(np.abs(control_input).max()),
             force_rate=float(np.abs(np.diff(control_input)).max(initial=0.0)) / sample_time,

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 
 from fraexp.components.machine_session import PlayRequest
 from fraexp.measurement.measurement_plan import planning_setup
@@ -44,3 +45,33 @@ def rising_force_rate(noise: float, seed: int) -> float:
 def test_a_rise_that_all_stops_have_in_common_is_judged_by_more_than_one_noise() -> None:
     """One noise takes off as much as it adds where the force rate is greatest in a single sample."""
     assert min(rising_force_rate(1e-7, seed) for seed in range(12)) > rising_force_rate(0.0, 0)
+
+
+def velocity_of_held_force(force: np.ndarray, delay: int, parts: int) -> np.ndarray:
+    """Return the velocity of the table in `parts` of each sample, for a held force that acts `delay` parts later."""
+    modes = zip(TABLE.frequencies, TABLE.damping_ratios, TABLE.modal_gain_ratios, strict=True)
+    kinds = [(0.0, 0.0, 1.0), *((2 * np.pi * frequency, damping, ratio) for frequency, damping, ratio in modes)]
+    total = np.zeros(force.size * parts)
+    for omega, damping, ratio in kinds:
+        gain = TABLE.rigid_body_gain * ratio
+        block = np.array([[0.0, 1.0, 0.0], [-(omega**2), -2 * damping * omega, gain], [0.0, 0.0, 0.0]])
+        step, state = expm(block * SAMPLE_TIME / parts), np.zeros(3)
+        for k in range(total.size):
+            state[2] = force[(k - delay) // parts] if k >= delay else 0.0
+            state = step @ state
+            total[k] += state[1]
+    return total
+
+
+@pytest.mark.parametrize("waveform", [(1, 1, 1, -3), (1, -1), (1, 0, -1, 0), (1, 1, -1, -1, 1, -2, 1)])
+def test_velocities_between_few_samples_a_period_are_found(waveform: tuple[int, ...]) -> None:
+    """Between samples the table is faster than the samples show, for a force that alternates from one to the next."""
+    loop = ControlLoop(sample_time=SAMPLE_TIME, input_dead_time=0.2 * SAMPLE_TIME)
+    setup = planning_setup(Machine(TABLE, FRICTIONLESS, LEAD, loop, Numerics()))
+    request = PlayRequest(0, np.array(waveform, dtype=float), 100 // len(waveform), 0.2, 10)
+    (found,) = simulate_demands([SimulatedPlay(setup, request, [1], 25, NO_DEMAND)])
+    moved = LiveLoop(setup).play(request.excitation(0, request.full_samples, request.full_samples))
+    velocity = velocity_of_held_force(moved["u"], 2, 10)
+    mean = velocity.reshape(-1, 10).mean(axis=1)[5:-1] * SAMPLE_TIME
+    assert np.diff(moved["displacement"])[5:] == pytest.approx(mean, abs=0.1 * np.ptp(mean))
+    assert np.abs(velocity).max() <= found.velocity < 2.5 * np.abs(velocity).max()
