@@ -25,7 +25,7 @@ MIN_VALUES = 50
 MIN_ENTRY_STEP = 0.35
 """Step before and after a run, relative to the rms of all: machines that reverse or stick slow down or start slowly."""
 MIN_ENTRY_COUNTS = 3.0
-"""The same step, in steps of the encoder."""
+"""The same step, in steps of the encoder or of rounded numbers; short runs take more, as `_rounded_top_steps` says."""
 MAX_STICKING = 0.2
 """Samples in such runs elsewhere, relative to those at the limits, above which the machine sticks."""
 
@@ -36,8 +36,8 @@ class _Runs(NamedTuple):
     number: int
     samples: int
     """Samples in all runs."""
-    steps: NDArray[np.float64]
-    """Magnitude of the smaller of the steps just before and after each run, shape (n,)."""
+    entries: NDArray[np.float64]
+    """Smaller of the steps just before and after each run, over the one from which it is fast, shape (n,)."""
 
 
 def clipping_question(periods: NDArray[np.float64], name: str, unit: str) -> str:
@@ -51,9 +51,7 @@ def clipping_question(periods: NDArray[np.float64], name: str, unit: str) -> str
     limits = float(channel.min()), float(channel.max())
     if np.mean(np.isin(channel, limits)) > MAX_CLIPPED_SHARE:
         return ""
-    usual = float(np.sqrt(np.mean(np.diff(channel) ** 2)))
-    least = max(MIN_ENTRY_STEP * usual, MIN_ENTRY_COUNTS * smallest_step(channel))
-    found = {limit: runs for limit in limits if _is_clipped(runs := _runs_at(channel, limit), channel.size, least)}
+    found = {limit: runs for limit in limits if _is_clipped(runs := _runs_at(channel, limit), channel.size)}
     at_limits = sum(runs.samples for runs in found.values())
     if not found or _resting_samples(channel, limits) > MAX_STICKING * at_limits:
         return ""
@@ -65,9 +63,9 @@ def clipping_question(periods: NDArray[np.float64], name: str, unit: str) -> str
     )
 
 
-def _is_clipped(runs: _Runs, size: int, least_step: float) -> bool:
+def _is_clipped(runs: _Runs, size: int) -> bool:
     many = runs.number >= MIN_RUNS and runs.samples >= MIN_CLIPPED_SHARE * size
-    return many and float(np.median(runs.steps)) > least_step
+    return many and float(np.median(runs.entries)) > 1
 
 
 def _resting_samples(channel: NDArray[np.float64], limits: tuple[float, float]) -> int:
@@ -84,5 +82,17 @@ def _runs_at(channel: NDArray[np.float64], limit: float) -> _Runs:
     inner = (ends - starts >= MIN_RUN_SAMPLES) & (starts >= 2) & (ends + 2 <= channel.size)
     starts, ends = starts[inner], ends[inner]
     before, after = channel[starts - 1] - channel[starts - 2], channel[ends + 1] - channel[ends]
-    steps = np.minimum(np.abs(before), np.abs(after))
-    return _Runs(starts.size, int(np.sum(ends - starts)), steps)
+    steps, usual = np.minimum(np.abs(before), np.abs(after)), float(np.sqrt(np.mean(np.diff(channel) ** 2)))
+    counts = np.maximum(MIN_ENTRY_COUNTS, _rounded_top_steps(ends - starts))
+    fast = np.maximum(MIN_ENTRY_STEP * usual, counts * smallest_step(channel))
+    return _Runs(starts.size, int(np.sum(ends - starts)), steps / fast)
+
+
+def _rounded_top_steps(samples: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return the greatest step [steps of rounding] just before or after runs that rounding makes of a smooth top.
+
+    n samples that are rounded alike fall by one step at most from the middle to the ends, (n - 1)/2 samples away. The
+    flattest top of a wave with its third harmonic falls as the fourth power does: by at most ((n + 3)⁴ - (n + 1)⁴) /
+    (n - 1)⁴ steps between the two samples that follow, which are rounded as well. Rounder tops fall by less.
+    """
+    return ((samples + 3.0) ** 4 - (samples + 1.0) ** 4) / (samples - 1.0) ** 4 + 1

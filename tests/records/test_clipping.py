@@ -15,6 +15,12 @@ WAVE = np.cos(2 * np.pi * np.outer(TIME, LINES) + LINES**2) @ (1.0 / LINES)
 SINE = np.sin(2 * np.pi * TIME)
 STICKING = np.cumsum(np.sign(SINE) * np.maximum(np.abs(SINE) - 0.5, 0)) / 100
 """It stands still for a third of the time, at both reversals."""
+FLATTER = ("3 % flatter", "6 % flatter", "10 % flatter")
+
+
+def flat_wave(line: int, flatter: float) -> NDArray[np.float64]:
+    """Return a sine with a third harmonic that flattens its tops, as friction does."""
+    return np.cos(2 * np.pi * line * TIME) - flatter * np.cos(6 * np.pi * line * TIME)
 
 
 def questions(y: NDArray[np.float64], name: str = "y", unit: str = "rad") -> str:
@@ -22,7 +28,7 @@ def questions(y: NDArray[np.float64], name: str = "y", unit: str = "rad") -> str
 
 
 @pytest.mark.parametrize("level", [0.5, 0.7, 0.9])
-@pytest.mark.parametrize("step", [1e-9, 1e-3])
+@pytest.mark.parametrize("step", [1e-9, 1e-3, 0.005])
 def test_a_clipped_motion_is_questioned(level: float, step: float) -> None:
     top = level * np.abs(WAVE).max()
     y = np.clip(np.round(WAVE / step) * step + 1e-9 * NOISE, -top, top)
@@ -55,8 +61,11 @@ def test_one_limit_is_enough(lower: float) -> None:
         np.clip(3 * SINE + 0.0 * NOISE, -1, 1),
         np.round(STICKING, 3),
         np.round(np.abs(np.mod(2 * TIME, 2) - 1), 2),
+        np.round(50 * flat_wave(35, 0.03)) / 50,
+        np.round(45 * flat_wave(38, 0.06)) / 45,
+        np.round(45 * flat_wave(43, 0.1)) / 45,
     ],
-    ids=["wave", "sine", "fine", "coarse", "noisy", "levels", "square", "relay", "sticking", "triangle"],
+    ids=["wave", "sine", "fine", "coarse", "noisy", "levels", "square", "relay", "sticking", "triangle", *FLATTER],
 )
 def test_what_machines_do_is_not_clipped(y: NDArray[np.float64]) -> None:
     assert "clipped" not in questions(y)
