@@ -167,6 +167,12 @@ def test_limits_of_a_machine_may_be_texts_with_units(workspace: WorkspaceService
     ("text", "error", "message"),
     [
         ("print('1,2')", ConnectionLostError, r"python3 ended with exit code 0 after 1 of 320 samples"),
+        (
+            "print('1,2', flush=True)\nraise ValueError('no port')",
+            MachineError,
+            r"python3 ended with exit code 1 after 1 of 320 samples: ValueError: no port; mend the program",
+        ),
+        ("import os\nos._exit(3)", MachineError, r"exit code 3 after 0 of 320 samples; mend the program"),
         ("print('1;2')", MachineError, r"python3, line 1: '1;2'; expected numbers for y,u"),
         (
             f"print('0,0')\n{PROGRAM.format(step=SAMPLE_TIME)}",
@@ -181,6 +187,14 @@ def test_a_program_that_does_not_measure_is_named(
     program(tmp_path, text)
     with command().connect(tmp_path) as session, pytest.raises(error, match=message):
         played(session)
+
+
+def test_a_program_that_fails_is_started_once(workspace: WorkspaceService, monkeypatch: Any) -> None:
+    monkeypatch.chdir(workspace.folder)
+    failing = "open('starts', 'a').write('x')\nraise SystemExit('the drive is off')"
+    with pytest.raises(MachineError, match=r"ended with exit code 1 after 0 of \d+ samples: the drive is off"):
+        measured_in(workspace, '["m", "N"]', failing)
+    assert (workspace.folder / "starts").read_text(encoding="utf-8") == "x"
 
 
 def test_a_program_may_go_on_in_silence_until_it_is_told_to_end(tmp_path: Path) -> None:

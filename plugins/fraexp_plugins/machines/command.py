@@ -31,6 +31,8 @@ READ_BYTES = 1 << 16
 """Most that is read at once of what the program printed."""
 SILENCE_S = 0.25
 """Time without a line after which a program has printed all: one that goes on has been at its end for that long."""
+MAX_ERROR_LETTERS = 200
+"""Letters of what a program that failed has said last."""
 TERMINATION_TIMEOUT_S = 5.0
 """Time that the program has to bring the machine to rest after it was asked to."""
 
@@ -43,6 +45,8 @@ class CommandMachine(MachineDriver, name="command", version=1):
     and nothing else: one line more would shift all rows. Then it ends.
     At SIGTERM, and where its output is closed, it must bring the machine to rest: that is all that is left of fraexp
     when fraexp dies. How many samples it gets is known before: a play cannot be ended early because it is good enough.
+    A program that ends too early with another exit code than 0 has failed: the measurement ends with the last line of
+    its standard error. With exit code 0 the connection to the machine counts as lost, and the play is repeated.
     """
 
     program: tuple[str, ...] = param("", "program and its arguments, relative to the workspace")
@@ -83,16 +87,16 @@ class CommandSession(MachineSession):
     def play(self, request: PlayRequest) -> Iterator[Chunk]:
         lines = [f"{sample!r}\n" for sample in request.excitation(0, request.samples).tolist()]
         with tempfile.TemporaryDirectory() as spare:
-            excitation = Path(spare) / "excitation.txt"
+            excitation, errors = Path(spare) / "excitation.txt", Path(spare) / "errors.txt"
             excitation.write_text("".join(lines), encoding="utf-8")
-            with excitation.open(encoding="utf-8") as source:
-                self._process = self._start(excitation, source)
+            with excitation.open(encoding="utf-8") as source, errors.open("wb") as error_file:
+                self._process = self._start(excitation, source, error_file)
                 try:
-                    yield from self._chunks(request.samples)
+                    yield from self._chunks(request.samples, errors)
                 finally:
                     self.stop()
 
-    def _start(self, excitation: Path, source: IO[str]) -> subprocess.Popen[bytes]:
+    def _start(self, excitation: Path, source: IO[str], errors: IO[bytes]) -> subprocess.Popen[bytes]:
         words = [word.replace(EXCITATION_MARK, str(excitation)) for word in self._machine.program]
         local = self._folder.resolve() / words[0]
         words[0] = str(local) if local.is_file() else words[0]
@@ -102,10 +106,11 @@ class CommandSession(MachineSession):
             cwd=self._folder,
             stdin=subprocess.DEVNULL if is_file else source,
             stdout=subprocess.PIPE,
+            stderr=errors,
             start_new_session=True,
         )
 
-    def _chunks(self, samples: int) -> Iterator[Chunk]:
+    def _chunks(self, samples: int, errors: Path) -> Iterator[Chunk]:
         process = self._process
         assert process is not None and process.stdout is not None
         start, rows, self._patience = 0, list[list[float]](), self._machine.timeout
@@ -119,10 +124,12 @@ class CommandSession(MachineSession):
                 return  # stopped by whoever took the chunk: the output is closed
             if start == samples:
                 return self._check_end(lines, samples)
-        code = process.wait()
-        raise ConnectionLostError(
-            f"{self._machine.program[0]} ended with exit code {code} after {start + len(rows)} of {samples} samples"
-        )
+        code, said = process.wait(), errors.read_text(encoding="utf-8", errors="replace").split("\n")
+        ended = f"{self._machine.program[0]} ended with exit code {code} after {start + len(rows)} of {samples} samples"
+        if code == 0:
+            raise ConnectionLostError(ended)
+        last = next((line.strip()[:MAX_ERROR_LETTERS] for line in reversed(said) if line.strip()), "")
+        raise MachineError(f"{ended}{f': {last}' if last else ''}; mend the program, or try it by hand")
 
     def _check_end(self, lines: Iterator[str], samples: int) -> None:
         """Raise MachineError if lines follow those of all samples: which of them is no sample is not known."""
