@@ -11,7 +11,7 @@ from fraexp.execution.events import Event
 from fraexp.measurement.measurement import MeasurementBegun, MeasurementNotice
 from fraexp.measurement.measurement_plan import MeasurementPlan
 from fraexp.measurement.point_measurement import PointProgress
-from fraexp.views.measurement_texts import begin_text, point_text
+from fraexp.views.measurement_texts import band_text, begin_text, point_text
 from fraexp.views.missed_bands import MissedBands
 from fraexp.views.words import duration_text, elapsed_text, plural
 from fraexp.workspace.autonomous_service import EvaluationProgress
@@ -66,7 +66,7 @@ class MeasurementMeter:
         if self._bar is None or self._task is None:
             return
         state = plural(event.periods, "period") if event.is_settled or event.periods else "settling"
-        band = "" if event.band is None else f", band ±{event.band:.2g} dB"
+        band = "" if event.band is None else f", {band_text(event.band)}"
         left = f"about {duration_text(self._left)} left"
         text = f"{self._done}/{self._total}, {state}{band}, {100 * event.used:.0f} % of a limit, {left}"
         self._bar.update(

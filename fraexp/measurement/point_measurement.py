@@ -293,12 +293,18 @@ def scatter_band(segment: Segment) -> float:
     signals = Signals((segment,), {"u": "N", "y": "m"})
     sums = [[phasors(segment, name)] for name in ("u", "y")]
     found = response_result(signals, *sums, names=("u", "y"), units=("N", "m")).response
-    return float("inf") if found is None else noise_band(found)
+    band = None if found is None else noise_band(found)
+    return float("inf") if band is None else band
 
 
-def noise_band(response: FrequencyResponse) -> float:
-    """Return the half-width [dB] of a response's 95 % band by noise alone, at the frequency where it is widest."""
+def noise_band(response: FrequencyResponse) -> float | None:
+    """Return the half-width [dB] of a response's 95 % band by noise alone, at the frequency where it is widest.
+
+    It is infinite where noise hides the response, and None if the band is not known, as from one period.
+    """
     by_noise = replace(response, model_covariance=None, numerical_error=None)
+    if np.isnan(by_noise.covariance).any():
+        return None
     return half_width(np.asarray(confidence_limits(by_noise).magnitude))
 
 

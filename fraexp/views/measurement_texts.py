@@ -1,5 +1,6 @@
 """Texts of a measurement that command line and terminal UI share: its plan, and what was found at its points."""
 
+import math
 from collections.abc import Collection
 
 from fraexp.data.results import Result
@@ -89,9 +90,14 @@ def found_text(event: PointEstimated, plan: MeasurementPlan) -> str:
 def _band_text(point: MeasuredPoint, plan: MeasurementPlan) -> str:
     """Return the band of a point, and the one that is asked for if it is missed."""
     target = plan.task.settings.band if plan.task.settings else None
-    reached = "" if point.band is None else f", band ±{point.band:.2g} dB"
-    missed = f"{'' if reached else ', band unknown'}, missed ±{target:g} dB" if misses_band(point, target) else ""
-    return reached + missed
+    missed = f", missed ±{target:g} dB" if misses_band(point, target) else ""
+    unknown = ", band not known from one period" if point.periods == 1 else ", band unknown" if missed else ""
+    return (unknown if point.band is None else f", {band_text(point.band)}") + missed
+
+
+def band_text(band: float) -> str:
+    """Return the half-width of a band [dB] in words."""
+    return f"band ±{band:.2g} dB" if math.isfinite(band) else "no band, as noise hides the motion"
 
 
 def _amplitude_text(point: MeasuredPoint, plan: MeasurementPlan) -> str:

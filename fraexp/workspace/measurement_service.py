@@ -113,7 +113,8 @@ class MeasurementService:
         def judge(point: MeasuredPoint) -> float | None:
             results[:] = self.estimate_point(task, point)
             responses = [one.response for one in results if isinstance(one, Result) and one.response is not None]
-            return max((noise_band(response) for response in responses), default=None)
+            bands = [noise_band(response) for response in responses]
+            return max((band for band in bands if band is not None), default=None)
 
         assert task.settings is not None
         measurement = Measurement(task, task.settings, files, self._folder)

@@ -168,6 +168,16 @@ def test_a_record_goes_on_until_its_band_is_narrow(workspace: WorkspaceService) 
     assert response is not None and response.frequency.size == 2
 
 
+def test_a_single_period_has_no_band(workspace: WorkspaceService) -> None:
+    single = (
+        "excitation.recorded_periods=1",
+        "excitation.frequencies=[100.0]",
+        "grid.estimator=[{name='conventional'}]",
+    )
+    (point,) = (each.measured.point for each in measure(workspace, *single) if isinstance(each, PointEstimated))
+    assert (point.periods, point.band) == (1, None)
+
+
 @pytest.mark.thorough
 def test_an_amplitude_at_which_friction_hides_the_plant_is_raised(workspace: WorkspaceService) -> None:
     hidden = (

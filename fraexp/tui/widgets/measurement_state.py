@@ -10,6 +10,7 @@ from fraexp.data.terminal_text import printable
 from fraexp.tui.services.live_measurement import LiveMeasurement
 from fraexp.tui.services.measurement_feed import ProgressReport
 from fraexp.tui.services.themes import state_sign
+from fraexp.views.measurement_texts import band_text
 from fraexp.views.run_progress import bar_text
 from fraexp.views.words import duration_text, elapsed_text, plural
 
@@ -78,7 +79,7 @@ class MeasurementState(Static):
 def progress_text(progress: ProgressReport, target: float | None) -> str:
     """Return the point that is played: frequency, amplitude, settled or not, periods, band and its target."""
     state = "settled" if progress.is_settled else "settling"
-    band = "" if progress.band is None else f", band ±{progress.band:.2g} dB"
+    band = "" if progress.band is None else f", {band_text(progress.band)}"
     aim = "" if target is None else f", target ±{target:g} dB"
     counted = f"{state}, {plural(progress.periods, 'period')}"
     return f"now   {progress.frequency}, {progress.peak} peak: {counted}{band}{aim}, {progress.seconds:.1f} s"
