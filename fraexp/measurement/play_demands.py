@@ -27,7 +27,7 @@ STILL_RATIO, STILL_RESERVE = 1e-3, 1.25
 """Growth of the stroke that no longer counts, and factor on the time after which it does not grow by more."""
 REST_RATIO, REST_SHARE = 0.02, 3
 """Part of the stroke by which a machine at rest moves at most in the last third of the time after a play: if it moves
-on, it is watched twice as long."""
+on, it is watched twice as long. The time is that of the ramp out at least: in a few samples nothing moves."""
 SAMPLES_AT_ONCE = 1_000_000
 """Samples of all plays that are simulated side by side: they are kept until they have been looked at."""
 
@@ -123,7 +123,7 @@ class SimulatedPlay:
         self._found[stop] = Demand(*map(max, zip(*demands, strict=True)))
         if [stop] == self.end:
             still = max(map(_still_after, moved)) - stop - self._request.ramp_out
-            self._rest = max(self._settling, int(STILL_RESERVE * still))
+            self._rest = max(self._settling, self._request.ramp_out, int(STILL_RESERVE * still))
 
     def _is_at_rest(self, displacement: np.ndarray, rest: int) -> bool:
         """Return whether a machine hardly moves at the end of the rest after a play."""

@@ -27,10 +27,15 @@ def shortfall(period: int, repetitions: int, settling: int) -> float:
     return float((np.max(asked, axis=0) / np.array(found)).max())
 
 
-@pytest.mark.parametrize(("period", "repetitions"), [(5, 40), (29, 20)])
-def test_no_stop_of_a_short_play_asks_for_more_than_a_close_look_finds(period: int, repetitions: int) -> None:
-    """Without friction, what follows a stop takes longer than the play itself to come to rest."""
-    assert shortfall(period, repetitions, 25) < 1.005
+@pytest.mark.parametrize(("period", "repetitions", "settling"), [(5, 40, 25), (29, 20, 25), (17, 3, 2)])
+def test_no_stop_of_a_short_play_asks_for_more_than_a_close_look_finds(
+    period: int, repetitions: int, settling: int
+) -> None:
+    """Without friction, what follows a stop takes longer than the play itself to come to rest.
+
+    The last play ends still by itself; stopped before, it goes 1.4 times as far as it has gone a few samples later.
+    """
+    assert shortfall(period, repetitions, settling) < 1.005
 
 
 def rising_force_rate(noise: float, seed: int) -> float:
