@@ -10,6 +10,7 @@ from fraexp.components.kinds import Component, Estimator
 from fraexp.components.registry import Registry
 from fraexp.data import toml
 from fraexp.data.atomic_file import atomic_file
+from fraexp.data.identity import hash_bytes
 from fraexp.errors import StudyError, did_you_mean
 from fraexp.records.record_settings import INJECTED_CHANNELS
 from fraexp.records.stated_response import INPUT, OUTPUT, is_response
@@ -170,7 +171,34 @@ def is_same_study(path: Path, data: Mapping[str, object]) -> bool:
 
 def write_study(path: Path, data: Mapping[str, object]) -> None:
     """Write a study as a TOML file, complete or not at all, into a folder that is made; StudyError if it cannot be."""
+    _write_text(path, study_text(data))
+
+
+def renew_study(path: Path, data: Mapping[str, object]) -> Path:
+    """Write a study that is written anew each time, and return its file.
+
+    A file that was edited since is kept, and the study is written beside it, as NAME-new.toml.
+    """
+    while path.exists() and not _is_unedited(path):
+        path = path.with_stem(f"{path.stem}-new")
     text = study_text(data)
+    _write_text(path, f"{_unedited_mark(text)}\n{text}")
+    return path
+
+
+def _is_unedited(path: Path) -> bool:
+    """Return whether a file is as it was written."""
+    mark, _, text = path.read_bytes().decode(errors="replace").partition("\n")
+    return mark == _unedited_mark(text)
+
+
+def _unedited_mark(text: str) -> str:
+    """Return the first line of a file that contains a text, by which it shows that it was not edited."""
+    digest = hash_bytes(text.encode()).hex()
+    return f"# Each measurement writes this study anew, unless it was edited: digest {digest}"
+
+
+def _write_text(path: Path, text: str) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with atomic_file(path) as draft:

@@ -1,7 +1,7 @@
 """An autonomous measurement: from an axis with limits to plant, friction, bands and a verdict, stage by stage."""
 
 import time
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -22,11 +22,11 @@ from fraexp.measurement.measurement_plan import PlannedPoint
 from fraexp.measurement.si_session import connect_in_si
 from fraexp.measurement.tasks import MeasurementTask
 from fraexp.measurement.unknown_axis import UnknownAxis
-from fraexp.records.study_writer import write_study
+from fraexp.records.study_writer import renew_study
 from fraexp.simulation.motion_limits import MotionLimits
 from fraexp.study.resolution import Resolver
 from fraexp.study.study_file import describe_study, find_studies, outline
-from fraexp.workspace.measurement_service import results_at
+from fraexp.workspace.measurement_service import kept_text, results_at
 from fraexp.workspace.workspace_service import WorkspaceService
 
 ESTIMATOR = "dictionary_identification"
@@ -220,7 +220,7 @@ class AutonomousService:
         self, task: MeasurementTask, loop: FrictionLoop, stage: int
     ) -> Generator[AutonomousEvent, None, Result | None]:
         """Run the study of what was recorded so far, and return its result; None if it has failed."""
-        self._write_study(task, loop, 0)
+        yield from self._write_study(task, loop, 0)
         result, expected, begun = None, 0.0, time.monotonic()
         for event in self._service.run([str(self.path.resolve())]):
             if isinstance(event, Planned):
@@ -237,7 +237,7 @@ class AutonomousService:
 
     def _final(self, task: MeasurementTask, loop: FrictionLoop) -> Generator[AutonomousEvent, None, None]:
         """Run the study of all that was recorded, and say what was found."""
-        self._write_study(task, loop, 1)
+        yield from self._write_study(task, loop, 1)
         for event in self._service.run([str(self.path.resolve())]):
             if isinstance(event, Planned):
                 yield _evaluation_begun(3, event.seconds or 0.0)
@@ -253,15 +253,16 @@ class AutonomousService:
         with self._service.open_store() as store:
             return store.result(event.sweep.key)
 
-    def _write_study(self, task: MeasurementTask, loop: FrictionLoop, validation: int) -> None:
+    def _write_study(self, task: MeasurementTask, loop: FrictionLoop, validation: int) -> Iterator[MeasurementNotice]:
         points = self.files.points()
         spec: dict[str, Any] = {"name": ESTIMATOR, "resolution": loop.resolution, "noise": loop.noise}
         if validation:
             spec["validation"] = validation
         section = record_section(self.files.samples, points, self.path.parent, task)
         data = record_study([replace(task, estimators=(spec,))], [section], f"{task.title}, measured autonomously")
-        self.path.parent.mkdir(parents=True, exist_ok=True)
-        write_study(self.path, data)
+        usual, self.path = self.path, renew_study(self.path, data)
+        if self.path != usual:
+            yield MeasurementNotice(kept_text(usual, self.path))
 
 
 def _stage_begun(stage: int, what: str) -> StageBegun:

@@ -18,11 +18,11 @@ from fraexp.execution.job import tolerated_error
 from fraexp.measurement.excitation_table import ExcitationTable
 from fraexp.measurement.measured_points import MeasuredPoint, MeasurementFiles
 from fraexp.measurement.measured_study import known_controller, record_section, record_study, relative_file
-from fraexp.measurement.measurement import Measurement, MeasurementEvent, PointMeasured
+from fraexp.measurement.measurement import Measurement, MeasurementEvent, MeasurementNotice, PointMeasured
 from fraexp.measurement.measurement_plan import MeasurementPlan, plan_measurement
 from fraexp.measurement.point_measurement import noise_band
 from fraexp.measurement.tasks import MeasurementTask, measurement_tasks
-from fraexp.records.study_writer import is_same_study, write_study
+from fraexp.records.study_writer import is_same_study, renew_study
 from fraexp.study.study_file import read
 from fraexp.workspace.workspace_service import WorkspaceService
 
@@ -46,7 +46,7 @@ class MeasurementService:
         self._service, self._folder = service, service.folder
         self.tasks = measurement_tasks(found[0], service.folder, service.registry, overrides)
         self.path = service.folder / "studies" / f"{self.tasks[0].stem}-measured.toml"
-        """The study that analyses the record."""
+        """The study that analyses the record; once it is written, its own file beside one that was edited."""
 
     def plans(self) -> list[MeasurementPlan]:
         """Return the plan of each experiment, by the limits that the study states; nothing is connected or played."""
@@ -67,7 +67,10 @@ class MeasurementService:
 
         What an interrupted measurement has stored is kept, unless `fresh`. Closing the generator stops the machine.
         """
+        usual = self.path
         yield from self.measure_points(fresh)
+        if self.path != usual:
+            yield MeasurementNotice(kept_text(usual, self.path))
         yield from self._service.run([str(self.path.resolve())])
 
     def measure_points(self, fresh: bool = False) -> Generator[MeasurementEvent | PointEstimated, None, None]:
@@ -145,10 +148,14 @@ class MeasurementService:
         measured = [(task, files) for task, files in each if files.are_of(task) and files.points()]
         if not measured:
             return
-        self.path.parent.mkdir(parents=True, exist_ok=True)
         sections = [record_section(files.samples, files.points(), self.path.parent, task) for task, files in measured]
         data = record_study([task for task, _ in measured], sections, f"{self.tasks[0].title}, measured")
-        write_study(self.path, data)
+        self.path = renew_study(self.path, data)
+
+
+def kept_text(edited: Path, written: Path) -> str:
+    """Return that an edited study was kept."""
+    return f"{edited.name} was edited and is kept; the study of this record is {written.name}"
 
 
 def results_at(

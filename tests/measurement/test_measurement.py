@@ -210,6 +210,27 @@ def test_a_measurement_anew_keeps_the_earlier_one_until_it_begins(workspace: Wor
         assert [file.read_bytes() for file in (files.samples, files.log, study)] == before
 
 
+def test_a_study_that_was_edited_is_kept(workspace: WorkspaceService) -> None:
+    few = ("excitation.frequencies=[100.0]", "grid.estimator=[{name='conventional'}]")
+    measure(workspace, *few)
+    measure(workspace, *few, fresh=True)
+    usual = MeasurementService(workspace, "axis").path
+    beside = usual.with_stem("axis-measured-new")
+    assert not beside.exists()
+    edited = usual.read_text(encoding="utf-8").replace("An axis, measured", "My axis")
+    for _ in range(2):
+        usual.write_text(edited, encoding="utf-8")
+        notices = [each.what for each in measure(workspace, *few) if isinstance(each, MeasurementNotice)]
+        assert notices == [
+            "axis-measured.toml was edited and is kept; the study of this record is axis-measured-new.toml"
+        ]
+        assert usual.read_text(encoding="utf-8") == edited
+        assert "An axis, measured" in beside.read_text(encoding="utf-8")
+    assert not usual.with_stem("axis-measured-new-new").exists()
+    with workspace.open_store() as store:
+        assert store.runs()[0].study == "axis-measured-new"
+
+
 def test_points_whose_samples_never_reached_the_disk_are_measured_again(workspace: WorkspaceService) -> None:
     few = ("excitation.frequencies=[50.0, 100.0]",)
     service = MeasurementService(workspace, "axis", few)
