@@ -20,7 +20,8 @@ from fraexp.measurement.measured_points import MeasuredPoint
 from fraexp.measurement.measurement_plan import PlannedPoint
 from fraexp.measurement.motion_guard import NOT_FINITE, MotionGuard
 from fraexp.measurement.settling_monitor import SettlingMonitor
-from fraexp.records.column_doubts import fault_finding
+from fraexp.records.column_doubts import fault_finding, fault_text
+from fraexp.records.loop_equation import FaultKind
 from fraexp.records.played_records import LoopController, judge_play
 from fraexp.simulation.motion_limits import Demand
 
@@ -209,10 +210,15 @@ class PointMeasurement:
             return ""
         if setup.compensation or not controller.numerator.any():
             return ""
-        fault = judge_play(u, y, self._request.excitation(0, count), controller)
+        period = self._point.period
+        shortest = period.waveform.size / period.lines[-1]
+        fault = judge_play(u, y, self._request.excitation(0, count), controller, shortest)
         rotary = self._writer.header.units["y"] == "rad"
         units = {"u": "N m", "y": "rad"} if rotary else {"u": "N", "y": "m"}
-        return f"{fault_finding(fault, units)}; {CHANNEL_REMEDY}" if fault else ""
+        if fault is None:
+            return ""
+        is_meant = fault.kind is FaultKind.COMPENSATION
+        return fault_text(fault, units) if is_meant else f"{fault_finding(fault, units)}; {CHANNEL_REMEDY}"
 
     def _progress(self) -> PointProgress:
         guard, settled = self._guard, self._monitor.is_settled

@@ -73,7 +73,7 @@ def fault_finding(fault: LoopFault, units: Mapping[str, str]) -> str:
     if fault.samples:
         size, time = abs(fault.samples), "late" if fault.samples > 0 else "early"
         return f"{DELAYED[fault.kind]} {size:,} sample{'' if size == 1 else 's'} {time}"
-    return TEXTS[fault.kind][0].format(factor=fault.factor)
+    return TEXTS[fault.kind][0].format(factor=fault.factor, unit=units["u"])
 
 
 def _remedy(fault: LoopFault, units: Mapping[str, str]) -> str:
@@ -135,6 +135,11 @@ TEXTS = {
     FaultKind.SWAPPED: (
         "'u' and 'y' are swapped, as 'y' is the excitation minus what the controller makes of 'u'",
         "exchange their columns in record.channels",
+    ),
+    FaultKind.COMPENSATION: (
+        "'u' has {factor:.3g} {unit} in the direction of motion beside the excitation minus what the controller makes "
+        "of 'y', as by a friction compensation of the machine",
+        "switch it off while the machine is measured, or delete record.controller if 'u' is all that the drive gets",
     ),
     FaultKind.UNKNOWN: (
         "'u' is not the excitation minus what the controller makes of 'y', and no factor or delay explains it",

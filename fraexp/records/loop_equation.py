@@ -46,6 +46,8 @@ class FaultKind(Enum):
     EXCITATION_FACTOR = auto()
     SWAPPED = auto()
     BEGUN_LATE = auto()
+    COMPENSATION = auto()
+    """u has a force that follows the direction of motion, too."""
     UNKNOWN = auto()
     """Nothing of these: another controller."""
 
@@ -61,7 +63,7 @@ class LoopFault(NamedTuple):
 
     kind: FaultKind
     factor: float = 1.0
-    """Column over what it should be."""
+    """Column over what it should be; of a compensation its force [N]."""
     samples: int = 0
     """Samples by which it is late."""
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from fraexp.analysis.fourier import fourier_sums
 from fraexp.analysis.quantisation import grid_step
 from fraexp.data.signals import Segment
+from fraexp.records.direction_force import direction_force
 from fraexp.records.loop_equation import (
     MAX_SHIFT,
     TOLERANCE,
@@ -111,6 +112,9 @@ def judge_columns(
     terms = _terms(sums, played)
     if find_fault(terms) is None:
         return PlayVerdict(None, terms.shows_feedback)
+    followed = [_direction_force(*pair, controller) for pair in pairs]
+    if 2 * np.count_nonzero(followed) > len(followed):
+        return PlayVerdict(LoopFault(FaultKind.COMPENSATION, float(np.median(followed))), False)
     swapped = _terms([_loop_sums(segment, controller, "y", "u") for segment, _ in pairs], played)
     fault = find_fault(terms, swapped)
     if fault is not None and fault.kind in (FaultKind.UNKNOWN, FaultKind.EXCITATION_FACTOR):
@@ -127,17 +131,23 @@ def judge_play(
     position: NDArray[np.float64],
     excitation: NDArray[np.float64],
     controller: LoopController,
+    shortest: float,
 ) -> LoopFault | None:
     """Return what the columns of a play are instead, sample by sample from rest on, each of shape (n,).
 
-    None if they are right, if it is not known, or if the numbers of the motion are right all the same.
+    None if they are right, if it is not known, or if the numbers of the motion are right all the same. `shortest` is
+    the shortest period of the excitation [samples].
     """
     terms, swapped = (
         LoopTerms(_play_term(acting), _play_term(excitation), _play_term(controller.answer(moved)))
         for acting, moved in ((force, position), (position, force))
     )
     fault = find_fault(terms, swapped)
-    if fault is None or (fault.kind in WRONG_NUMBERS and 1 / PLAIN_FACTOR <= fault.factor <= PLAIN_FACTOR):
+    if fault is None:
+        return None
+    if followed := direction_force(force - excitation + controller.answer(position), position, shortest):
+        return LoopFault(FaultKind.COMPENSATION, followed)
+    if fault.kind in WRONG_NUMBERS and 1 / PLAIN_FACTOR <= fault.factor <= PLAIN_FACTOR:
         return None
     return fault if fault.kind in (*WRONG_NUMBERS, FaultKind.SWAPPED) else None
 
@@ -145,6 +155,20 @@ def judge_play(
 def _play_term(samples: NDArray[np.float64]) -> LoopTerm:
     change = samples - samples[0]
     return LoopTerm(change.astype(complex), TOLERANCE * float(np.sqrt(np.mean(change**2))))
+
+
+def _direction_force(segment: Segment, played: NDArray[np.complex128], controller: LoopController) -> float:
+    """Return the force [N] with which what is left of the equation follows the direction of motion; 0 if it does not.
+
+    It is looked for in the mean period, as the excitation before that is not known, and without its mean.
+    """
+    size = segment.samples
+    force, moved = (np.fft.rfft(segment.channels[name].mean(axis=0)) for name in ("u", "y"))
+    turn = np.exp(-2j * np.pi / size * np.arange(1, force.size))
+    gain = np.polynomial.Polynomial(controller.numerator)(turn) / np.polynomial.Polynomial(controller.denominator)(turn)
+    residual = np.concatenate([[0.0], force[1:] + gain * moved[1:]])
+    residual[segment.lines] -= played * size / 2
+    return direction_force(np.fft.irfft(residual, size), np.fft.irfft(moved, size), size / segment.lines.max())
 
 
 def _phasors(excitation: Sequence[Sequence[float]]) -> NDArray[np.complex128]:

@@ -37,6 +37,10 @@ CORRUPTIONS: dict[str, tuple[Callable[[Array, Array, Array], tuple[Array, Array]
     "y late": (lambda w, u, y: (u, late(y, 1)), "'y' is recorded 1 sample late: record 'y' as the controller reads"),
     "y early": (lambda w, u, y: (u, late(y, -1)), "'y' is recorded 1 sample early: .* a delay of the controller"),
     "u late": (lambda w, u, y: (late(u, 1), y), "^'u' is recorded 1 sample late"),
+    "compensation": (
+        lambda w, u, y: (u + 0.3 * np.abs(w).max() * np.sign(np.gradient(y)), y),
+        "^'u' has .* in the dir",
+    ),
     "swapped": (lambda w, u, y: (y, u), "^'u' and 'y' are swapped"),
     "begun late": (lambda w, u, y: (late(u, -150), late(y, -150)), "^the record begins 150 samples late: .* lower"),
     "begun early": (lambda w, u, y: (late(u, 230), late(y, 230)), "^the record begins 230 samples early: .* raise"),

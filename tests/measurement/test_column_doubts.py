@@ -248,6 +248,17 @@ def test_a_stop_at_a_limit_names_the_column_that_caused_it(
         list(service.measure_points())
 
 
+def test_a_friction_compensation_that_keeps_a_play_from_settling_is_named(workspace: WorkspaceService) -> None:
+    program = program_of(workspace, "f'{y!r},{u!r}'")
+    file = workspace.folder / "axis.py"
+    text = file.read_text(encoding="utf-8").replace("y = v = 0.0", "y = v = last = 0.0")
+    text = text.replace("    u = w + answer\n", "    u = w + answer + 8.0 * ((y > last) - (y < last))\n    last = y\n")
+    file.write_text(text, encoding="utf-8")
+    service = MeasurementService(workspace, "axis", (program, *LOOSE))
+    with pytest.raises(MachineError, match=r"in time for a record: 'u' has 8 N in the direction .*: switch it off"):
+        list(service.measure_points())
+
+
 def test_a_play_that_does_not_settle_names_it_too(workspace: WorkspaceService) -> None:
     drifting = program_of(workspace, "f'{3 * y + 1e-9 * k!r},{u!r}'")
     service = MeasurementService(workspace, "axis", (drifting, *LOOSE))
