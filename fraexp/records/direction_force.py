@@ -19,9 +19,9 @@ def direction_force(residual: NDArray[np.float64], position: NDArray[np.float64]
     Both are sample by sample, shape (n,), and `shortest` is the shortest period in them [samples].
     """
     span = max(round(SPEED_SPAN * shortest), 1)
-    if position.size <= 2 * span:
-        return 0.0
     speed = position[span:] - position[:-span]
+    if not speed.any():
+        return 0.0
     sums = np.cumsum(residual)
     force = (sums[span:] - sums[:-span]) / span
     clear = np.abs(speed) > CLEAR_SPEED * np.abs(speed).max()
