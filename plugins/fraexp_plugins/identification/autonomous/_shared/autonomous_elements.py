@@ -1,6 +1,6 @@
 """The friction elements with which P̂ is the same in all records: a convex problem without start values."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -11,6 +11,8 @@ from fraexp_plugins.identification.autonomous._shared.autonomous_lines import Sp
 
 PRIOR_FORCE_RATIO = 0.3
 """Prior standard deviation of ΣF_m over the peak thrust, for independent elements."""
+FREE_BODY_TERMS = 4
+"""Terms of the power series of 1/P̂ far below the first mode."""
 NEIGHBOURHOOD = 3
 """Places on the grid around an element at which another one may be in its place."""
 
@@ -119,6 +121,21 @@ class ProjectedProblem:
         slopes, offset = -np.einsum("la,lan->ln", projection, z), np.sum(projection * u, axis=1)
         matrix = _real_and_imaginary((z + y[..., None] * slopes[:, None]).reshape(-1, z.shape[-1]))
         return cls(matrix, _real_and_imaginary((u - y * offset[:, None]).ravel()), offset, slopes, power)
+
+    def with_free_body(self, frequency: NDArray[np.float64], places: NDArray[np.int64]) -> "ProjectedProblem":
+        """Return the problem with equations that the axis is a free body at lines in these places, frequencies in Hz.
+
+        1/P̂ is the series D s + m s² + c s³ + ... far below the first mode, without a spring. Its coefficients are
+        projected out, too.
+        """
+        weight, s = np.sqrt(self.power[places, None]), 1j * frequency[places, None] / frequency[places].max()
+        inverse = np.column_stack([-self.slopes[places], self.offset[places]])
+        rows = _real_and_imaginary(weight * inverse)
+        series, _ = np.linalg.qr(_real_and_imaginary(weight * s ** np.arange(1, FREE_BODY_TERMS + 1)))
+        rows -= series @ (series.T @ rows)
+        return replace(
+            self, matrix=np.concatenate([self.matrix, rows[:, :-1]]), target=np.append(self.target, rows[:, -1])
+        )
 
 
 def fit_elements(

@@ -63,6 +63,9 @@ SEARCH_OVERSAMPLING = 2
 """Points per sample at which the motion drives friction in a search."""
 HOPELESS_RATIO = 2.0
 """Residual in a search over that of the best law from which a law is not looked at any further."""
+MAX_STRAIN = 10.0
+"""Strain up to which the lowest frequencies are those of a free body: with the first mode at the highest one it is
+1000."""
 EQUAL_RATIO = 1.3
 """Residual over that of the best law up to which a law is as good."""
 
@@ -94,6 +97,8 @@ class LawFit:
     """The same, as far as noise explains it."""
     dead_time: float
     """Dead time that goes with it [s]."""
+    strain: float = 0.0
+    """Mean square of what it leaves of the equations of a free body, over that of all or over what is allowed for."""
 
     @property
     def coulomb(self) -> float:
@@ -171,9 +176,13 @@ def choose_law(
 
     def weigh_by(place: int) -> None:
         nonlocal some, records
-        if fits[place] is _best(fits):  # no other law knows better what noise does
-            some, records = (each.with_friction_noise(fits[place].elements, fits[place].sizes) for each in (few, bare))
-            fits[:] = [_judged(each, some, records) if each.sizes.size else each for each in fits]
+        fit = fits[place]
+        if fit is _best(fits):  # no other law knows better what noise does
+            for plain in (bare.as_free_body(), bare):  # the second where a mode or a spring is near
+                some, records = (each.with_friction_noise(fit.elements, fit.sizes) for each in (few, plain))
+                fits[:] = [_judged(each, some, records) if each.sizes.size else each for each in fits]
+                if _best(fits).strain <= MAX_STRAIN:
+                    break
             uncertainty.cache_clear()
 
     for family in _families(bare, fits):
@@ -182,16 +191,16 @@ def choose_law(
         fits.append(fit if is_hopeless else _judged(fit, some, records))
         weigh_by(place)
         if fits[place].explains and fits[place].elements.static_excess > 0:
-            weighted = replace(every, variance=records.variance)
+            weighted = replace(every, variance=records.variance, free_lines=records.free_lines)
             profile = profiles[place] = LawProfile(fits[place].elements, fits[place].dead_time, weighted)
             settled = replace(fits[place], elements=profile.elements, dead_time=profile.dead_time)
             fits[place] = _best([fits[place], _judged(settled, some, records)])
         weigh_by(place)  # once more: its sizes have changed, and perhaps its shape
         if fits[place].is_good and uncertainty(place).is_complete:
             break
-    most = EQUAL_RATIO * _best(fits).residual
-    equals = [place for place, fit in enumerate(fits) if fit.sizes.size and fit.residual <= most]
     best = fits.index(_best(fits))
+    most = EQUAL_RATIO * fits[best].residual
+    equals = [place for place, fit in enumerate(fits) if fit.sizes.size and fit.residual <= most]
     for place in equals:
         if fits[place].is_good and uncertainty(place).is_complete:  # no other law would have been tried
             best, equals = place, [place]
@@ -313,7 +322,8 @@ def _judged(fit: LawFit, some: LawRecords, records: LawRecords) -> LawFit:
     elements = fit.elements
     sizes, left, _ = records.solve(records.deflection(elements), fit.dead_time)
     residual = float(np.sqrt(np.sum(left**2) / records.equations))
+    of_body = float(np.sum(left[2 * records.lines.known.size :] ** 2)) / max(records.free_equations, 1)
     changes = some.deflection(elements, some.shaken_motions(0)) - some.deflection(elements)
     noise = np.abs(changes @ sizes) ** 2 / some.variance
     allowance = float(np.sqrt(np.sum(noise[some.lines.known]) / some.equations))
-    return replace(fit, sizes=sizes, residual=residual, allowance=allowance)
+    return replace(fit, sizes=sizes, residual=residual, allowance=allowance, strain=of_body / max(residual, 1.0) ** 2)

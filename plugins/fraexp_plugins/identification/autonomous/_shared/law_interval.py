@@ -77,8 +77,8 @@ def _shape_columns(
     dead_time: float,
     records: LawRecords,
 ) -> NDArray[np.float64]:
-    """Return the derivative of the weighted forces by the shape, shape (2 L M, S); a linear law has none."""
-    columns = [np.empty((2 * records.lines.known.size, 0))]
+    """Return the derivative of the weighted forces by the shape, shape (equations, S); a linear law has none."""
+    columns = [np.empty((2 * (records.lines.known.size + records.free_lines.size), 0))]
     for place in range(0 if isinstance(elements, RollingElements) else elements.shape.size):
         moved = elements.shape + SHAPE_DIFFERENCE * (np.arange(elements.shape.size) == place)
         change = (records.deflection(replace(elements, shape=moved)) - deflection) @ sizes / SHAPE_DIFFERENCE
@@ -89,7 +89,7 @@ def _shape_columns(
 def _weakening_columns(
     elements: LawElements, sizes: NDArray[np.float64], dead_time: float, records: LawRecords
 ) -> NDArray[np.float64]:
-    """Return how the weighted forces change with Stribeck effects that a law lacks, shape (2 L M, velocities x lags).
+    """Return how the weighted forces change with Stribeck effects that a law lacks, a column for each.
 
     It is that of a few elements along the law's virgin curve (generalized Maxwell slip), per unit of excess.
     """

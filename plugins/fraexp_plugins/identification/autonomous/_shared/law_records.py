@@ -1,14 +1,14 @@
 """Records whose odd harmonics show the force of friction, beside their excited lines, and what a law leaves of them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import Motion, Segment, Signals, fourier_sums
-from fraexp_plugins.identification.autonomous._shared.autonomous_elements import ProjectedProblem
+from fraexp_plugins.identification.autonomous._shared.autonomous_elements import FREE_BODY_TERMS, ProjectedProblem
 from fraexp_plugins.identification.autonomous._shared.autonomous_lines import (
     ElementObserver,
     SpectralLines,
@@ -28,6 +28,8 @@ MIN_LEVELS = 3
 """Fewest records of a frequency that count in the search for a law."""
 NOISE_SEEDS = 4
 """Other errors of the encoder from which the error of friction follows."""
+FREE_BODY_RANGE = 3.05
+"""Frequencies over the lowest one up to which an axis may be a free body: the third harmonic of the lowest one too."""
 HOLD_WEIGHT = 1e4
 """Weight of the equation that holds a Coulomb force, over that of a column."""
 
@@ -38,7 +40,7 @@ class LawSolution(NamedTuple):
     sizes: NDArray[np.float64]
     """Force of each column [N], shape (N,)."""
     residual: NDArray[np.float64]
-    """Weighted residuals, shape (2 L M,)."""
+    """Weighted residuals, shape (2 L M,), and then those of the equations of a free body, shape (2 K,)."""
     problem: ProjectedProblem
 
 
@@ -53,6 +55,8 @@ class LawRecords:
     """E|e|² of G U - F̂ - Y/P̂ [N²], shape (L, M)."""
     deviations: NDArray[np.float64]
     """Standard deviation of the mean position of each record [m], shape (segments,)."""
+    free_lines: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    """Places of lines far below the first mode, where 1/P̂ is that of a free body, shape (K,)."""
 
     @classmethod
     def from_signals(
@@ -90,7 +94,21 @@ class LawRecords:
     @property
     def equations(self) -> int:
         """Number of real equations once 1/P̂ is eliminated."""
-        return max(self.lines.equations, 1)
+        return max(self.lines.equations + self.free_equations, 1)
+
+    @property
+    def free_equations(self) -> int:
+        """How many of them say that the axis is a free body."""
+        return max(2 * self.free_lines.size - FREE_BODY_TERMS, 0)
+
+    def as_free_body(self) -> "LawRecords":
+        """Return the records of an axis whose lowest frequencies are far below its first mode.
+
+        Elements that slip in hardly any record are a spring in the others, and 1/P̂ of each line hides a spring: one of
+        1.2 N that slips after 21 mm was a part of the Coulomb force.
+        """
+        frequency = self.lines.frequency
+        return replace(self, free_lines=np.flatnonzero(frequency <= FREE_BODY_RANGE * frequency.min()))
 
     def deflection(self, elements: LawElements, motions: Sequence[Motion] = ()) -> NDArray[np.complex128]:
         """Return the phasors of each column [N/N], complex, shape (L, M, N)."""
@@ -116,6 +134,8 @@ class LawRecords:
 
         lines = delayed_lines(replace(self.lines, deflection=deflection), dead_time)
         problem = ProjectedProblem.of_lines(lines, self.variance)
+        if self.free_lines.size:
+            problem = problem.with_free_body(lines.frequency, self.free_lines)
         scale = np.linalg.norm(problem.matrix, axis=0)
         scale = np.where(scale > 0, scale, 1.0)
         matrix, target = problem.matrix / scale, problem.target
