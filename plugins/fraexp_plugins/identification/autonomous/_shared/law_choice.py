@@ -323,7 +323,8 @@ def _judged(fit: LawFit, some: LawRecords, records: LawRecords) -> LawFit:
     sizes, left, _ = records.solve(records.deflection(elements), fit.dead_time)
     residual = float(np.sqrt(np.sum(left**2) / records.equations))
     of_body = float(np.sum(left[2 * records.lines.known.size :] ** 2)) / max(records.free_equations, 1)
-    changes = some.deflection(elements, some.shaken_motions(0)) - some.deflection(elements)
-    noise = np.abs(changes @ sizes) ** 2 / some.variance
+    law, acting = elements.acting(sizes)
+    changes = some.deflection(law, some.shaken_motions(0)) - some.deflection(law)
+    noise = np.abs(changes @ acting) ** 2 / some.variance
     allowance = float(np.sqrt(np.sum(noise[some.lines.known]) / some.equations))
     return replace(fit, sizes=sizes, residual=residual, allowance=allowance, strain=of_body / max(residual, 1.0) ** 2)

@@ -63,6 +63,10 @@ class LawElements(ABC):
         """Return elements with finer thresholds around those that have a force, of the same shape."""
         return self
 
+    def acting(self, sizes: NDArray[np.float64]) -> tuple["LawElements", NDArray[np.float64]]:
+        """Return the elements that have a force, and the sizes of their columns: the same force in less time."""
+        return self, sizes
+
     @property
     def widths(self) -> NDArray[np.float64]:
         """Factor that makes a coefficient of each column its force, shape (N,)."""
@@ -112,6 +116,12 @@ class RollingElements(LawElements):
     def refine(self, sizes: NDArray[np.float64]) -> LawElements:
         """Return elements with finer thresholds around those that have a force, of the same shape."""
         return replace(self, thresholds=_refined_grid(self.thresholds, sizes.reshape(len(RELAXATIONS), -1).sum(axis=0)))
+
+    def acting(self, sizes: NDArray[np.float64]) -> tuple[LawElements, NDArray[np.float64]]:
+        """Return the elements that have a force, and the sizes of their columns: the same force in less time."""
+        parts = sizes.reshape(len(RELAXATIONS), -1)
+        acts = parts.any(axis=0)
+        return replace(self, thresholds=self.thresholds[acts]), parts[:, acts].ravel()
 
     def model(self, sizes: NDArray[np.float64], viscous: float) -> FrictionModel:
         """Return the elements that have a force, with the mean of their dampers."""
@@ -175,6 +185,11 @@ class WeakeningElements(LawElements):
     def refine(self, sizes: NDArray[np.float64]) -> LawElements:
         """Return elements with finer thresholds around those that have a force, of the same shape."""
         return replace(self, thresholds=_refined_grid(self.thresholds, sizes))
+
+    def acting(self, sizes: NDArray[np.float64]) -> tuple[LawElements, NDArray[np.float64]]:
+        """Return the elements that have a force, and the sizes of their columns: the same force in less time."""
+        acts = sizes > 0
+        return (replace(self, thresholds=self.thresholds[acts]), sizes[acts]) if acts.any() else (self, sizes)
 
     def model(self, sizes: NDArray[np.float64], viscous: float) -> FrictionModel:
         """Return the model of the elements that have a force."""

@@ -26,8 +26,9 @@ FORCE_FLOOR = 3e-4
 """Error of a force that is allowed for besides noise, over the amplitude of the control input."""
 MIN_LEVELS = 3
 """Fewest records of a frequency that count in the search for a law."""
-NOISE_SEEDS = 4
-"""Other errors of the encoder from which the error of friction follows."""
+NOISE_SEEDS = 12
+"""Other errors of the encoder from which the error of friction follows: of few a record may seem to have hardly any, as
+most of them change nothing where an element only just slips."""
 FREE_BODY_RANGE = 3.05
 """Frequencies over the lowest one up to which an axis may be a free body: the third harmonic of the lowest one too."""
 HOLD_WEIGHT = 1e4
@@ -156,8 +157,9 @@ class LawRecords:
 
     def friction_noise(self, elements: LawElements, sizes: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return E|e|² of the friction force by the encoder's errors [N²], shape (L, M)."""
-        force = self.deflection(elements) @ sizes
-        changes = [self.deflection(elements, self.shaken_motions(seed)) @ sizes - force for seed in range(NOISE_SEEDS)]
+        law, acting = elements.acting(sizes)
+        force = self.deflection(law) @ acting
+        changes = [self.deflection(law, self.shaken_motions(seed)) @ acting - force for seed in range(NOISE_SEEDS)]
         return np.where(self.lines.known, np.mean(np.abs(changes) ** 2, axis=0), 0.0)
 
     def shaken_motions(self, seed: int) -> list[Motion]:
