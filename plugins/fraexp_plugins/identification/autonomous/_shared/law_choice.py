@@ -166,7 +166,7 @@ def choose_law(
     coarse = observer.model_copy(update={"oversampling": min(observer.oversampling, SEARCH_OVERSAMPLING)})
     bare = LawRecords.from_signals(signals, observer, inverse)
     few = LawRecords.from_signals(signals, coarse, inverse, SEARCH_STEP)
-    every = LawRecords.from_signals(signals, coarse, inverse)  # finer steps take twice as long to the same end
+    every = LawRecords.from_signals(signals, coarse, inverse)
     records, some, fits = bare, few, list[LawFit]()
     profiles: dict[int, LawProfile] = {}
 
@@ -191,10 +191,7 @@ def choose_law(
         fits.append(fit if is_hopeless else _judged(fit, some, records))
         weigh_by(place)
         if fits[place].explains and fits[place].elements.static_excess > 0:
-            weighted = replace(every, variance=records.variance, free_lines=records.free_lines)
-            profile = profiles[place] = LawProfile(fits[place].elements, fits[place].dead_time, weighted)
-            settled = replace(fits[place], elements=profile.elements, dead_time=profile.dead_time)
-            fits[place] = _best([fits[place], _judged(settled, some, records)])
+            fits[place], profiles[place] = _settled(fits[place], some, every, records)
         weigh_by(place)  # once more: its sizes have changed, and perhaps its shape
         if fits[place].is_good and uncertainty(place).is_complete:
             break
@@ -315,6 +312,22 @@ class _Search:
             max_nfev=MAX_TRIALS, ftol=SEARCH_TOLERANCE,
         )  # fmt: skip
         return np.concatenate([found.x, start[free:]])
+
+
+def _settled(fit: LawFit, some: LawRecords, coarse: LawRecords, records: LawRecords) -> tuple[LawFit, LawProfile]:
+    """Return a law of the best shape by all records, and the profile from there.
+
+    The steps of the search take half as long, and lead to the same shape as a rule. Where they do not lead to a good
+    law, the finer steps by which it is judged follow.
+    """
+    for each in (coarse, records):
+        weighted = replace(each, variance=records.variance, free_lines=records.free_lines)
+        profile = LawProfile(fit.elements, fit.dead_time, weighted)
+        shaped = replace(fit, elements=profile.elements, dead_time=profile.dead_time)
+        fit = _best([fit, _judged(shaped, some, records)])
+        if fit.is_good:
+            break
+    return fit, profile
 
 
 def _judged(fit: LawFit, some: LawRecords, records: LawRecords) -> LawFit:
