@@ -64,8 +64,8 @@ SEARCH_OVERSAMPLING = 2
 HOPELESS_RATIO = 2.0
 """Residual in a search over that of the best law from which a law is not looked at any further."""
 MAX_STRAIN = 10.0
-"""Strain up to which the lowest frequencies are those of a free body: with the first mode at the highest one it is
-1000."""
+"""Strain up to which the lowest frequencies are those of a free body: with the first mode at the highest of them it is
+over 1000."""
 EQUAL_RATIO = 1.3
 """Residual over that of the best law up to which a law is as good."""
 
