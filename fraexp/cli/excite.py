@@ -5,6 +5,7 @@ from argparse import Namespace
 from pathlib import Path
 
 from fraexp.cli.exits import ExitCode
+from fraexp.cli.measurement_meter import MeasurementMeter
 from fraexp.cli.output import print_path, say
 from fraexp.cli.plan_output import print_plan
 from fraexp.cli.sweep_lookup import location_options
@@ -19,11 +20,13 @@ from fraexp.workspace.workspace_service import WorkspaceService
 def execute(arguments: Namespace) -> ExitCode:
     """Check the excitation against the limits, write it, and print its plan."""
     workspace = WorkspaceService.open(arguments.workspace, arguments.db)
-    service = MeasurementService(workspace, arguments.study, arguments.overrides)
+    meter = MeasurementMeter()
+    service = MeasurementService(workspace, arguments.study, arguments.overrides, meter.show_planning)
     output: Path = arguments.output
     if os.path.lexists(output) and not arguments.force:
         raise StudyError(f"{output}: already exists; overwrite it with --force, or choose another file")
-    plans = service.plans()
+    with meter.bar:
+        plans = service.plans()
     if len(plans) > 1:
         raise StudyError(f"{arguments.study}: it has {len(plans)} experiments; write one at a time, with --set")
     record = arguments.record or output.with_name(f"{output.stem}-record.csv")

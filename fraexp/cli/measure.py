@@ -22,9 +22,11 @@ def execute(arguments: Namespace) -> ExitCode:
     workspace = WorkspaceService.open(arguments.workspace, arguments.db)
     if arguments.autonomous:
         return _measure_autonomously(arguments, workspace)
-    service = MeasurementService(workspace, arguments.study, arguments.overrides)
+    meter = MeasurementMeter()
+    service = MeasurementService(workspace, arguments.study, arguments.overrides, meter.show_planning)
     if arguments.dry_run:
-        plans = service.plans()
+        with meter.bar:
+            plans = service.plans()
         if arguments.json:
             print_json({"plans": [plan_document(plan) for plan in plans]})
         else:
@@ -32,7 +34,7 @@ def execute(arguments: Namespace) -> ExitCode:
                 kept = kept_points(service.files(plan.task), plan.task)
                 print_plan(plan, {point.number for point in kept} if not arguments.fresh else ())
         return ExitCode.OK
-    return _follow(service.measure(arguments.fresh), arguments, workspace)
+    return _follow(service.measure(arguments.fresh), meter, arguments, workspace)
 
 
 def _measure_autonomously(arguments: Namespace, workspace: WorkspaceService) -> ExitCode:
@@ -40,13 +42,14 @@ def _measure_autonomously(arguments: Namespace, workspace: WorkspaceService) -> 
     if arguments.dry_run:
         raise StudyError("--dry-run: an autonomous measurement plans each stage by the one before; leave it out")
     service = AutonomousService(workspace, arguments.study, arguments.overrides)
-    code = _follow(service.measure(arguments.fresh), arguments, workspace)
+    code = _follow(service.measure(arguments.fresh), MeasurementMeter(), arguments, workspace)
     return ExitCode.INCOMPLETE if code is ExitCode.OK and not service.is_good else code
 
 
-def _follow(events: Generator[Any, None, None], arguments: Namespace, workspace: WorkspaceService) -> ExitCode:
+def _follow(
+    events: Generator[Any, None, None], meter: MeasurementMeter, arguments: Namespace, workspace: WorkspaceService
+) -> ExitCode:
     """Show a measurement and the run of its record; return the exit code."""
-    meter = MeasurementMeter()
     try:
         first = meter.follow(events)
     except KeyboardInterrupt:

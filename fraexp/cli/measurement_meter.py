@@ -1,12 +1,13 @@
 """A measurement while it runs: a line for each point, and on a terminal a bar for the one that is played."""
 
 import sys
+import time
 from collections.abc import Generator
-from contextlib import closing, nullcontext
+from contextlib import AbstractContextManager, closing, nullcontext
 from typing import Any
 
 from fraexp.cli.output import say
-from fraexp.cli.progress import make_bar
+from fraexp.cli.progress import REPORT_INTERVAL_S, make_bar
 from fraexp.execution.events import Event
 from fraexp.measurement.measurement import MeasurementBegun, MeasurementNotice
 from fraexp.measurement.measurement_plan import MeasurementPlan
@@ -17,9 +18,12 @@ from fraexp.views.words import duration_text, elapsed_text, plural
 from fraexp.workspace.autonomous_service import EvaluationProgress
 from fraexp.workspace.measurement_service import PointEstimated
 
+MIN_PLANNING_S = 1.0
+"""Time after which a plan that is being made is shown."""
+
 
 class MeasurementMeter:
-    """Shows the events of a measurement."""
+    """Shows the events of a measurement, and its plan while it is made."""
 
     def __init__(self) -> None:
         self._bar = make_bar() if sys.stderr.isatty() else None
@@ -27,11 +31,33 @@ class MeasurementMeter:
         self._done, self._total, self._left = 0, 0, 0.0
         self._plan: MeasurementPlan | None = None
         self._missed = MissedBands()
+        self._planning: float | None = None
+        self._said = 0.0
+
+    @property
+    def bar(self) -> AbstractContextManager[object]:
+        """What shows a bar as long as it is open, on a terminal."""
+        return self._bar or nullcontext()
+
+    def show_planning(self, share: float) -> None:
+        """Show how far the plan is, if it takes some time."""
+        now = time.monotonic()
+        if self._planning is None or share == 1:  # one plan after the other
+            self._planning = self._said = now
+        spent = now - self._planning
+        if spent < MIN_PLANNING_S and share < 1:
+            return
+        left = f"about {duration_text(spent * (1 / share - 1))} left" if share > 0 else ""
+        if self._bar is not None and self._task is not None:
+            self._bar.update(self._task, description="planning", completed=share, count=left, visible=share < 1)
+        elif now - self._said >= REPORT_INTERVAL_S:
+            self._said = now
+            say(", ".join(filter(None, [f"planning near the limits: {100 * share:.0f} %", left])))
 
     def follow(self, events: Generator[Any, None, None]) -> Event | None:
         """Show events up to the first one of the run that analyses the record, and return that; Ctrl-C stops all."""
         try:
-            with self._bar or nullcontext():
+            with self.bar:
                 for event in events:
                     if isinstance(event, Event):
                         if self._missed.text:

@@ -22,7 +22,7 @@ from fraexp.measurement.measurement_plan import (
     plan_measurement,
 )
 from fraexp.measurement.motion_guard import MotionGuard
-from fraexp.measurement.play_demands import simulate_demands
+from fraexp.measurement.play_demands import Report, simulate_demands
 from fraexp.measurement.point_measurement import (
     LimitExceededError,
     PointMeasurement,
@@ -100,18 +100,23 @@ class Measurement:
         self._session: MachineSession
 
     def events(
-        self, registry: Registry, judge: JudgeBand, planned: MeasurementPlan | None = None, fresh: bool = False
+        self,
+        registry: Registry,
+        judge: JudgeBand,
+        planned: MeasurementPlan | None = None,
+        fresh: bool = False,
+        report: Report = lambda _: None,
     ) -> Generator[MeasurementEvent, None, None]:
         """Measure and yield what happens; closing the generator stops the machine, and measured points are kept.
 
         The plan is that of the task, unless another one is given. With `fresh`, points of an earlier measurement are
-        discarded as soon as the machine is there and the plan is within its limits.
+        discarded as soon as the machine is there and the plan is within its limits. `report` is told how far a plan is.
         """
         self._session = self._connect()
         try:
             description = self._session.description
             check_description(description, self._task)
-            plan = planned or plan_measurement(self._task, registry, description.limits)
+            plan = planned or plan_measurement(self._task, registry, description.limits, report)
             header = SampleHeader(description.sample_time, {PLAY_COLUMN: "", **description.channels})
             with closing(self._files.open(self._task, header, fresh)) as writer:
                 yield from self._all_points(plan, writer, judge)

@@ -14,7 +14,7 @@ from fraexp.components.registry import Registry, create
 from fraexp.data.frequency_text import frequency_text
 from fraexp.data.signals import Segment
 from fraexp.errors import PlanError, StudyError
-from fraexp.measurement.play_demands import SimulatedPlay, simulate_demands
+from fraexp.measurement.play_demands import Report, SimulatedPlay, simulate_demands
 from fraexp.measurement.tasks import REQUIRED_LIMITS, MeasurementTask
 from fraexp.simulation.experiment_run import run_experiments
 from fraexp.simulation.experiments import Experiment, ExperimentPlan, Setup
@@ -167,9 +167,15 @@ def joint_limits(stated: MotionLimits, machine: Mapping[str, float] | None = Non
 
 
 def plan_measurement(
-    task: MeasurementTask, registry: Registry, machine_limits: Mapping[str, float] | None = None
+    task: MeasurementTask,
+    registry: Registry,
+    machine_limits: Mapping[str, float] | None = None,
+    report: Report = lambda _: None,
 ) -> MeasurementPlan:
-    """Return the plan of a task, checked against the limits; PlanError names the first that would be exceeded."""
+    """Return the plan of a task, checked against the limits; PlanError names the first that would be exceeded.
+
+    `report` is told how far it is.
+    """
     limits = joint_limits(task.limits, machine_limits)
     machine, excitation = build_machine(task.experiment, registry), _excitation(task, registry)
     setup, schedule = planning_setup(machine), excitation.schedule
@@ -179,7 +185,7 @@ def plan_measurement(
     ]
     ramp_out_s = task.settings.ramp_out if task.settings else DEFAULT_RAMP_OUT_S
     points = plan_points(machine, experiments, ramp_out_samples(ramp_out_s, setup.sample_time))
-    points = check_points(points, limits, task.settings.margin if task.settings else DEFAULT_MARGIN)
+    points = check_points(points, limits, task.settings.margin if task.settings else DEFAULT_MARGIN, report)
     return MeasurementPlan(task, tuple(sorted(points, key=lambda point: point.demand.stroke)), limits)
 
 
@@ -236,16 +242,21 @@ def _predicted_records(experiments: Sequence[Experiment]) -> list[Segment]:
     return found
 
 
-def check_points(points: Sequence[PlannedPoint], limits: MotionLimits, margin: float) -> list[PlannedPoint]:
+def check_points(
+    points: Sequence[PlannedPoint], limits: MotionLimits, margin: float, report: Report = lambda _: None
+) -> list[PlannedPoint]:
     """Return the points with what they ask for, those that come near a limit looked at closely.
 
-    PlanError names the first that is predicted to come nearer to a limit than the margin.
+    PlanError names the first that is predicted to come nearer to a limit than the margin. `report` is told how far the
+    close look is, which takes several times as long as all before.
     """
     for point in points:
         check_demand(point, limits, margin)
     near = [point for point in points if _comes_near(point.demand, limits, margin)]
     plays = [point.simulated_play for point in near]
-    closer = dict(zip((point.number for point in near), simulate_demands(plays, closely=True), strict=True))
+    closer = dict(
+        zip((point.number for point in near), simulate_demands(plays, closely=True, report=report), strict=True)
+    )
     found = [
         replace(point, demand=point.demand.maximum_with(closer.get(point.number, point.demand))) for point in points
     ]

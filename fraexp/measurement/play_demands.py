@@ -30,6 +30,8 @@ REST_RATIO, REST_SHARE = 0.02, 3
 on, it is watched twice as long. The time is that of the ramp out at least: in a few samples nothing moves."""
 SAMPLES_AT_ONCE = 1_000_000
 """Samples of all plays that are simulated side by side: they are kept until they have been looked at."""
+Report = Callable[[float], None]
+"""Takes the part of a simulation that is done, from 0 to 1."""
 
 
 class SimulatedPlay:
@@ -138,22 +140,32 @@ def _still_after(displacement: np.ndarray) -> int:
     return int(np.searchsorted(stroke, (1 - STILL_RATIO) * stroke[-1]))
 
 
-def simulate_demands(plays: Sequence[SimulatedPlay], *, closely: bool = False) -> list[Demand]:
-    """Return what plays on one machine ask for, wherever they are stopped; looked at closely, some percent nearer."""
+def simulate_demands(
+    plays: Sequence[SimulatedPlay], *, closely: bool = False, report: Report = lambda _: None
+) -> list[Demand]:
+    """Return what plays on one machine ask for, wherever they are stopped; looked at closely, some percent nearer.
+
+    `report` is told how far the stops all over the plays are, which take nearly all of the time.
+    """
     _simulate(plays, lambda play: play.end)
-    _simulate(plays, lambda play: play.close_stops if closely else play.stops)
+    _simulate(plays, lambda play: play.close_stops if closely else play.stops, report)
     for _ in range(CLOSE_ROUNDS if closely else 0):
         _simulate(plays, lambda play: play.halfway_stops)
     return [play.demand for play in plays]
 
 
-def _simulate(plays: Sequence[SimulatedPlay], chosen: Callable[[SimulatedPlay], list[int]]) -> None:
+def _simulate(
+    plays: Sequence[SimulatedPlay], chosen: Callable[[SimulatedPlay], list[int]], report: Report = lambda _: None
+) -> None:
     """Simulate plays, each with the stops that are chosen for it, until all of them are known."""
     asked = [(play, play.unknown(chosen(play))) for play in plays]
+    known, total = 0, sum(len(stops) for _, stops in asked)
     while stopped := [(play, stop) for play, stops in asked for stop in play.unknown(stops)]:
         segments = chain.from_iterable(run_experiments(group, lambda _: None) for group in _groups(stopped))
         for (play, stop), segment in zip(stopped, segments, strict=True):
             play.note(stop, segment)
+            known += not play.unknown([stop])  # it is simulated once more if it was not at rest
+            report(known / total)
 
 
 def _groups(stopped: Sequence[tuple[SimulatedPlay, int]]) -> Iterator[list[Experiment]]:

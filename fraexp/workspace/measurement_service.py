@@ -20,6 +20,7 @@ from fraexp.measurement.measured_points import MeasuredPoint, MeasurementFiles
 from fraexp.measurement.measured_study import known_controller, record_section, record_study, relative_file
 from fraexp.measurement.measurement import Measurement, MeasurementEvent, MeasurementNotice, PointMeasured
 from fraexp.measurement.measurement_plan import MeasurementPlan, plan_measurement
+from fraexp.measurement.play_demands import Report
 from fraexp.measurement.point_measurement import noise_band
 from fraexp.measurement.tasks import MeasurementTask, measurement_tasks
 from fraexp.records.study_writer import is_same_study, renew_study
@@ -39,7 +40,15 @@ class PointEstimated:
 class MeasurementService:
     """The measurement of one study."""
 
-    def __init__(self, service: WorkspaceService, study: str, overrides: Sequence[str] = ()) -> None:
+    def __init__(
+        self,
+        service: WorkspaceService,
+        study: str,
+        overrides: Sequence[str] = (),
+        report: Report = lambda _: None,
+    ) -> None:
+        """Read a study; `report` is told how far each plan is, from 0 to 1."""
+        self._report = report
         found = service.studies([study], overrides)
         if len(found) != 1:
             raise StudyError(f"{study}: it is a folder of {len(found)} studies; measure one at a time")
@@ -53,7 +62,7 @@ class MeasurementService:
         found = []
         for task in self.tasks:
             with _words_of_its_axis(task):
-                found.append(plan_measurement(task, self._service.registry))
+                found.append(plan_measurement(task, self._service.registry, report=self._report))
         return found
 
     def files(self, task: MeasurementTask) -> MeasurementFiles:
@@ -123,7 +132,7 @@ class MeasurementService:
         measurement = Measurement(task, task.settings, files, self._folder)
         with (
             _words_of_its_axis(task),
-            closing(measurement.events(self._service.registry, judge, fresh=fresh)) as events,
+            closing(measurement.events(self._service.registry, judge, fresh=fresh, report=self._report)) as events,
         ):
             for event in events:
                 yield PointEstimated(event, tuple(results)) if isinstance(event, PointMeasured) else event

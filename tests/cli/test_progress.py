@@ -5,6 +5,7 @@ from datetime import UTC, datetime
 import pytest
 
 from fraexp.cli import progress
+from fraexp.cli.measurement_meter import MeasurementMeter
 from fraexp.cli.progress import Meter
 from fraexp.store import RunProgress, RunSummary
 from fraexp.store.liveness import Process
@@ -163,3 +164,14 @@ def test_the_bar_leaves_room_for_the_time_left(room: int) -> None:
     line = progress_text(run, 0.2, 40, room)
     assert "12 of 96 sweeps, about 7 min 00 s left" in line and len(line) <= room
     assert line.endswith("2 workers") == (room > 118)
+
+
+def test_a_plan_that_takes_long_tells_the_time_left(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    times = iter([100.0, 100.5, 106.0, 107.0, 120.0])
+    monkeypatch.setattr("fraexp.cli.measurement_meter.time.monotonic", lambda: next(times))
+    meter = MeasurementMeter()
+    for share in (0.0, 0.1, 0.25, 0.5, 1.0):
+        meter.show_planning(share)
+    assert capsys.readouterr().err == "planning near the limits: 25 %, about 18 s left\n"
