@@ -66,7 +66,7 @@ def test_finer_steps_follow_where_coarse_ones_do_not_lead_to_a_good_law() -> Non
     shaped = LawProfile(truth, 0.0, coarse).elements
     _, left, _ = fine.solve(fine.deflection(shaped), 0.0)
     assert np.sqrt(np.sum(left**2) / fine.equations) > law_choice.GOOD
-    found, profile = law_choice._settled(LawFit(shaped, np.empty(0), np.inf, 0.0, 0.0), coarse, coarse, fine)
+    found, profile = law_choice._shape_law(LawFit(shaped, np.empty(0), np.inf, 0.0, 0.0), coarse, coarse, fine)
     assert found.residual < 0.2
     np.testing.assert_allclose(np.exp(found.elements.shape), np.exp(truth.shape), rtol=3e-3)
     np.testing.assert_array_equal(profile.elements.shape, found.elements.shape)

@@ -191,7 +191,7 @@ def choose_law(
         fits.append(fit if is_hopeless else _judged(fit, some, records))
         weigh_by(place)
         if fits[place].explains and fits[place].elements.static_excess > 0:
-            fits[place], profiles[place] = _settled(fits[place], some, every, records)
+            fits[place], profiles[place] = _shape_law(fits[place], some, every, records)
         weigh_by(place)  # once more: its sizes have changed, and perhaps its shape
         if fits[place].is_good and uncertainty(place).is_complete:
             break
@@ -314,7 +314,7 @@ class _Search:
         return np.concatenate([found.x, start[free:]])
 
 
-def _settled(fit: LawFit, some: LawRecords, coarse: LawRecords, records: LawRecords) -> tuple[LawFit, LawProfile]:
+def _shape_law(fit: LawFit, some: LawRecords, coarse: LawRecords, records: LawRecords) -> tuple[LawFit, LawProfile]:
     """Return a law of the best shape by all records, and the profile from there.
 
     The steps of the search take half as long, and lead to the same shape as a rule. Where they do not lead to a good
