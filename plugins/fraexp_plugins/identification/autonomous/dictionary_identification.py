@@ -62,7 +62,7 @@ CURVE_POINTS, CURVE_RANGE = 60, (1e-5, 0.5)
 """Points of the virgin curve, and their range over the largest motion."""
 
 
-class DictionaryIdentification(DelayedEstimator, name="dictionary_identification", version=8):
+class DictionaryIdentification(DelayedEstimator, name="dictionary_identification", version=9):
     """P̂, plant, friction force and dead time from records at several amplitudes; the friction law need not be known.
 
     Each friction law that fraexp has is driven by the measured motion, with sizes and shape parameters that leave least
@@ -87,6 +87,7 @@ class DictionaryIdentification(DelayedEstimator, name="dictionary_identification
     noise explains. Friction that weakens only above the largest velocity that was measured, or much later than half a
     period of the lowest frequency, counts as Coulomb force. An element that slips in hardly any record is a spring in
     the others; a law is judged with the plant as a free body at the lowest frequencies, unless they contradict it.
+    The widest elements are left out where the law leaves hardly more without them.
 
     The verdict is 1 if a law explains the records, the plant explains P̂, the validation error is not above
     `validation_tolerance`, and the 95 % intervals are within 1 % for k0, 0.2 Hz for f1 and 3 % for ΣF_m. Otherwise it

@@ -68,6 +68,9 @@ MAX_STRAIN = 10.0
 over 1000."""
 EQUAL_RATIO = 1.3
 """Residual over that of the best law up to which a law is as good."""
+NARROW_RANGES, NARROW_RATIO = (0.05, 0.2), 1.15
+"""Widths over the largest motion beyond which a law may have no elements, and residual without these over that with
+them up to which they are left out."""
 
 LawStart = tuple[float, ...]
 
@@ -202,12 +205,13 @@ def choose_law(
         if fits[place].is_good and uncertainty(place).is_complete:  # no other law would have been tried
             best, equals = place, [place]
             break
-    intervals = [uncertainty(place).interval for place in equals]
+    chosen, doubt = _without_springs(fits[best], uncertainty(best), some, records)
+    intervals = [doubt.interval, *(uncertainty(place).interval for place in equals)]
     if best in profiles:
         intervals.append(profiles[best].interval(INTERVAL_STDS))
     interval = min(low for low, _ in intervals), max(high for _, high in intervals)
     tried = {fit.elements.name: fit.residual for fit in fits}
-    return LawChoice(fits[best], uncertainty(best).covariance, interval, records, tried)
+    return LawChoice(chosen, doubt.covariance, interval, records, tried)
 
 
 def _best(fits: Sequence[LawFit]) -> LawFit:
@@ -217,7 +221,7 @@ def _best(fits: Sequence[LawFit]) -> LawFit:
 
 def _families(records: LawRecords, fits: Sequence[LawFit]) -> Iterator[LawFamily]:
     """Yield the laws, the cheapest ones first; `fits` are those that were fitted already."""
-    largest = max(float(np.ptp(motion.displacement)) / 2 for motion in records.motions)
+    largest = _largest_motion(records)
     velocity = float((2 * np.pi * records.lines.frequency[:, None] * np.abs(records.lines.motion)).max())
     sample_time = records.signals.segments[0].sample_time
     thresholds = largest * np.geomspace(*THRESHOLD_RANGE, ROLLING_THRESHOLDS)
@@ -244,6 +248,11 @@ def _families(records: LawRecords, fits: Sequence[LawFit]) -> Iterator[LawFamily
         lambda shape: WeakeningElements(shape, few, 2 * float(records.lines.frequency.min())),
         [(START_EXCESS, part * velocity, rate) for part in WEAKENING_VELOCITIES for rate in START_RATES_S],
     )
+
+
+def _largest_motion(records: LawRecords) -> float:
+    """Return the greatest amplitude of all records [m]."""
+    return max(float(np.ptp(motion.displacement)) / 2 for motion in records.motions)
 
 
 def _searched(family: LawFamily, records: LawRecords, is_delayed: bool) -> LawFit:
@@ -328,6 +337,27 @@ def _shape_law(fit: LawFit, some: LawRecords, coarse: LawRecords, records: LawRe
         if fit.is_good:
             break
     return fit, profile
+
+
+def _without_springs(
+    fit: LawFit, doubt: LawUncertainty, some: LawRecords, records: LawRecords
+) -> tuple[LawFit, LawUncertainty]:
+    """Return a law without its widest elements, if they explain hardly anything, else the law; and its uncertainty.
+
+    An element that slips in few records is a spring in the others, and 1/P̂ of each line hides springs. Forces cannot be
+    negative: errors of the records thus add springs, never take any off, and the Coulomb force becomes too great.
+    """
+    elements = fit.elements
+    if not isinstance(elements, RollingElements | WeakeningElements):
+        return fit, doubt
+    largest = _largest_motion(records)
+    for part in NARROW_RANGES:
+        narrow = elements.thresholds[elements.thresholds <= part * largest]
+        if 1 < narrow.size < elements.thresholds.size:
+            found = _judged(replace(fit, elements=replace(elements, thresholds=narrow)), some, records)
+            if found.residual <= NARROW_RATIO * fit.residual:
+                return found, law_uncertainty(found.elements, found.dead_time, records)
+    return fit, doubt
 
 
 def _judged(fit: LawFit, some: LawRecords, records: LawRecords) -> LawFit:
