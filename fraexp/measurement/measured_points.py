@@ -3,7 +3,7 @@
 import json
 import os
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -83,13 +83,37 @@ class MeasurementFiles:
         with process_lock(self.samples.with_suffix(".lock"), f"{self.samples}", "into this file"):
             yield
 
-    def open(self, task: MeasurementTask, header: SampleHeader, fresh: bool = False) -> SampleWriter:
-        """Return the writer of the samples; StudyError if they are of another measurement, unless they are discarded.
+    @contextmanager
+    def opened(self, task: MeasurementTask, header: SampleHeader, fresh: bool = False) -> Iterator[SampleWriter]:
+        """Open the samples for more of them; StudyError if they are of another measurement, unless it is a fresh one.
 
-        A measurement is another one if the machine, the excitation or the settings differ.
+        A measurement is another one if the machine, the excitation or the settings differ. A fresh one discards what is
+        there with its first samples: if the machine gives none, nothing is lost.
         """
+        self._settle_aside()
         if fresh:
-            self._remove()
+            for file in self._both:
+                if file.exists():
+                    file.replace(_aside(file))
+        try:
+            with closing(self._writer(task, header)) as writer:
+                yield writer
+        finally:
+            self._settle_aside()
+
+    def _settle_aside(self) -> None:
+        """Discard what was set aside for a fresh measurement that has samples, else put it back."""
+        kept = _aside(self.samples)
+        if not kept.exists():
+            return
+        has_samples = self.samples.exists() and self.samples.stat().st_size > read_header(self.samples)[1]
+        for file in reversed(self._both):  # the samples last: while they are aside, this is not finished
+            if has_samples:
+                _aside(file).unlink(missing_ok=True)
+            elif _aside(file).exists():
+                _aside(file).replace(file)
+
+    def _writer(self, task: MeasurementTask, header: SampleHeader) -> SampleWriter:
         if not self.samples.exists():
             self.folder.mkdir(parents=True, exist_ok=True)
             self.log.write_text(json.dumps({"identity": measurement_identity(task)}) + "\n", encoding="utf-8")
@@ -108,9 +132,10 @@ class MeasurementFiles:
         text = self.log.read_bytes()
         os.truncate(self.log, text.rfind(b"\n") + 1)
 
-    def _remove(self) -> None:
-        for file in (self.samples, self.log):
-            file.unlink(missing_ok=True)
+    @property
+    def _both(self) -> tuple[Path, Path]:
+        """Samples and log."""
+        return self.samples, self.log
 
     def identity(self) -> str:
         """Return what tells the measurement from others; empty if there is no log."""
@@ -169,6 +194,11 @@ class MeasurementFiles:
                 return
             except RecursionError:
                 raise RecordError(f"{self.log}: it is no log of a measurement") from None
+
+
+def _aside(file: Path) -> Path:
+    """Return where a file is until a fresh measurement has samples."""
+    return file.with_name(f"{file.name}.before")
 
 
 def kept_points(files: MeasurementFiles, task: MeasurementTask) -> list[MeasuredPoint]:

@@ -3,7 +3,7 @@
 import re
 from collections import Counter
 from collections.abc import Callable, Generator, Iterator, Sequence
-from contextlib import closing, suppress
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -118,7 +118,7 @@ class Measurement:
             check_description(description, self._task)
             plan = planned or plan_measurement(self._task, registry, description.limits, report)
             header = SampleHeader(description.sample_time, {PLAY_COLUMN: "", **description.channels})
-            with closing(self._files.open(self._task, header, fresh)) as writer:
+            with self._files.opened(self._task, header, fresh) as writer:
                 yield from self._all_points(plan, writer, judge)
         finally:
             self._session.close()

@@ -204,10 +204,29 @@ def test_a_measurement_anew_keeps_the_earlier_one_until_it_begins(workspace: Wor
     before = [file.read_bytes() for file in (files.samples, files.log, study)]
     unreachable = 'measurement.machine={name="command", program=["no_such_program"]}'
     furlongs = 'measurement.machine={name="command", program=["python3"], units=["furlong", "A"]}'
-    for override in ("limits.acceleration=1", unreachable, furlongs):
+    silent = 'measurement.machine={name="command", program=["python3", "-c", "raise SystemExit(3)"]}'
+    for override in ("limits.acceleration=1", unreachable, furlongs, silent):
         with pytest.raises(FraexpError):
             measure(workspace, override, fresh=True)
         assert [file.read_bytes() for file in (files.samples, files.log, study)] == before
+    assert {file.suffix for file in files.folder.iterdir()} == {".samples", ".log", ".lock"}
+
+
+def test_what_a_killed_measurement_had_set_aside_is_put_back_or_discarded(workspace: WorkspaceService) -> None:
+    few = ("excitation.frequencies=[50.0, 100.0]",)
+    measure(workspace, *few)
+    service = MeasurementService(workspace, "axis", few)
+    files = service.files(service.tasks[0])
+    before = [file.read_bytes() for file in (files.samples, files.log)]
+    files.samples.rename(files.samples.with_name("axis.samples.before"))  # killed before the log was moved, too
+    assert not [event for event in measure(workspace, *few) if isinstance(event, PointEstimated)]
+    assert [file.read_bytes() for file in (files.samples, files.log)] == before
+    events = service.measure_points(fresh=True)
+    while not isinstance(next(events), PointEstimated):
+        pass
+    events.close()
+    assert len(files.points()) == 1
+    assert not list(files.folder.glob("*.before"))
 
 
 def test_a_study_that_was_edited_is_kept(workspace: WorkspaceService) -> None:
