@@ -25,6 +25,7 @@ from fraexp.simulation.motion_limits import (
     NO_DEMAND,
     Demand,
     MotionLimits,
+    demand_text,
     encoder_noise_demand,
     predict_demand,
 )
@@ -247,11 +248,10 @@ def check_points(
 ) -> list[PlannedPoint]:
     """Return the points with what they ask for, those that come near a limit looked at closely.
 
-    PlanError names the first that is predicted to come nearer to a limit than the margin. `report` is told how far the
+    PlanError names the worst that is predicted to come nearer to a limit than the margin. `report` is told how far the
     close look is, which takes several times as long as all before.
     """
-    for point in points:
-        check_demand(point, limits, margin)
+    check_demands(points, limits, margin)
     near = [point for point in points if _comes_near(point.demand, limits, margin)]
     plays = [point.simulated_play for point in near]
     closer = dict(
@@ -260,8 +260,7 @@ def check_points(
     found = [
         replace(point, demand=point.demand.maximum_with(closer.get(point.number, point.demand))) for point in points
     ]
-    for point in found:
-        check_demand(point, limits, margin)
+    check_demands(found, limits, margin)
     return found
 
 
@@ -273,14 +272,19 @@ def _comes_near(demand: Demand, limits: MotionLimits, margin: float) -> bool:
     )
 
 
-def check_demand(point: PlannedPoint, limits: MotionLimits, margin: float) -> None:
-    """Raise PlanError if a point is predicted to come nearer to a limit than the margin."""
-    for name, found, unit in zip(Demand._fields, point.demand, DEMAND_UNITS, strict=True):
-        allowed = getattr(limits, name)
-        if allowed is not None and not found <= (1 - margin) * allowed:
-            raise PlanError(
-                f"at {point.frequency} the excitation is predicted to need a {name.replace('_', ' ')} of {found:.4g} "
-                f"{unit}; limits.{name} is {allowed:g} {unit}, of which measurement.margin leaves "
-                f"{(1 - margin) * allowed:.4g} {unit}: lower the amplitude, lengthen "
-                "measurement.ramp_out, or leave out the frequency"
-            )
+def check_demands(points: Sequence[PlannedPoint], limits: MotionLimits, margin: float) -> None:
+    """Raise PlanError if a point is predicted to come nearer to a limit than the margin; it names the worst."""
+    allowed = [getattr(limits, name) for name in Demand._fields]
+    allowed = [np.inf if limit is None else (1 - margin) * limit for limit in allowed]
+    shares = np.array([np.array(point.demand) / allowed for point in points])
+    if (shares <= 1).all():  # false for one that is not a number, too
+        return
+    place, column = divmod(int(np.argmax(np.nan_to_num(shares, nan=np.inf))), shares.shape[1])
+    name, unit, share = Demand._fields[column], DEMAND_UNITS[column], shares[place, column]
+    needed = demand_text(name, points[place].demand[column], unit)
+    raise PlanError(
+        f"at {points[place].frequency} the excitation is predicted to need {needed}; limits.{name} is "
+        f"{getattr(limits, name):g} {unit}, of which measurement.margin leaves {allowed[column]:.4g} {unit}: lower the "
+        f"amplitude to {0.99 / share:.0%} or less, or leave out the frequency; if it is the stop that asks for so "
+        "much, lengthen measurement.ramp_out"
+    )

@@ -80,6 +80,12 @@ class Demand(NamedTuple):
         return Demand(*map(max, self, other))
 
 
+def demand_text(name: str, value: float, unit: str) -> str:
+    """Return in words one of what a motion asks for, by its name."""
+    article = "an" if name.startswith("a") else "a"
+    return f"{article} {name.replace('_', ' ')} of {value:.4g} {unit}"
+
+
 NO_DEMAND = Demand(0.0, 0.0, 0.0, 0.0, 0.0)
 """Of nothing that moves, or where nothing is predicted."""
 
@@ -138,7 +144,7 @@ def check_limits(limits: MotionLimits, machine: Machine, excitation: Excitation)
                     else "ask for less, or take more time"
                 )
                 raise ParameterError(
-                    f"{what} is predicted to need a {name} of {found:.4g} {unit}; "
+                    f"{what} is predicted to need {demand_text(name, found, unit)}; "
                     f"limits.{name} is {allowed:g} {unit}: {remedy}"
                 )
 
