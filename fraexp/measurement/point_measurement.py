@@ -20,7 +20,7 @@ from fraexp.measurement.measured_points import MeasuredPoint
 from fraexp.measurement.measurement_plan import PlannedPoint
 from fraexp.measurement.motion_guard import NOT_FINITE, MotionGuard
 from fraexp.measurement.settling_monitor import SettlingMonitor
-from fraexp.records.column_doubts import fault_finding, fault_text
+from fraexp.records.column_doubts import fault_finding
 from fraexp.records.loop_equation import FaultKind
 from fraexp.records.played_records import LoopController, judge_play
 from fraexp.simulation.motion_limits import Demand
@@ -41,6 +41,7 @@ LEAST_MOTION = 1e-12
 MIN_JUDGED_SAMPLES = 20
 """Samples from which a play shows what its channels are."""
 CHANNEL_REMEDY = "correct what the machine records, or state its units in measurement.machine"
+COMPENSATION_REMEDY = "switch it off while the machine is measured, or raise excitation.settling_tolerance"
 
 
 class UnsettledError(MachineError):
@@ -217,8 +218,8 @@ class PointMeasurement:
         units = {"u": "N m", "y": "rad"} if rotary else {"u": "N", "y": "m"}
         if fault is None:
             return ""
-        is_meant = fault.kind is FaultKind.COMPENSATION
-        return fault_text(fault, units) if is_meant else f"{fault_finding(fault, units)}; {CHANNEL_REMEDY}"
+        remedy = COMPENSATION_REMEDY if fault.kind is FaultKind.COMPENSATION else CHANNEL_REMEDY
+        return f"{fault_finding(fault, units)}; {remedy}"
 
     def _progress(self) -> PointProgress:
         guard, settled = self._guard, self._monitor.is_settled

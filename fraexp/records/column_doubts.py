@@ -144,7 +144,7 @@ TEXTS = {
     FaultKind.UNKNOWN: (
         "'u' is not the excitation minus what the controller makes of 'y', and no factor or delay explains it",
         "correct record.controller if the machine has another one, or delete it if that is not known; else see what "
-        "the columns are, and whether the record begins with the excitation",
+        "the columns are, and whether the record begins with the excitation and has its sample time",
     ),
 }
 """What else was found, and the remedy."""

@@ -262,7 +262,7 @@ def test_a_friction_compensation_that_keeps_a_play_from_settling_is_named(worksp
     text = text.replace("    u = w + answer\n", "    u = w + answer + 8.0 * ((y > last) - (y < last))\n    last = y\n")
     file.write_text(text, encoding="utf-8")
     service = MeasurementService(workspace, "axis", (program, *LOOSE))
-    with pytest.raises(MachineError, match=r"in time for a record: 'u' has 8 N in the direction .*: switch it off"):
+    with pytest.raises(MachineError, match=r"in time for a record: 'u' has 8 N in the direction .*; switch it off"):
         list(service.measure_points())
 
 
