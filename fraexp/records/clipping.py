@@ -22,8 +22,9 @@ MAX_CLIPPED_SHARE = 0.7
 """Share of samples at the two limits above which these are the two levels of a square wave."""
 MIN_VALUES = 50
 """Different values from which a channel is no coarse one."""
-MIN_ENTRY_STEP = 0.35
-"""Step before and after a run, relative to the rms of all: machines that reverse or stick slow down or start slowly."""
+MIN_ENTRY_STEP, MIN_ENTRY_BENDS, USUAL_BEND = 0.35, 3.0, 0.99
+"""Step before and after a run, relative to the rms of all steps, or to the change from one step to the next that is not
+exceeded by this share of the others: machines that reverse or stick slow down or start slowly."""
 MIN_ENTRY_COUNTS = 3.0
 """The same step, in steps of the encoder or of rounded numbers; short runs take more, as `_rounded_top_steps` says."""
 MAX_STICKING = 0.2
@@ -84,8 +85,16 @@ def _runs_at(channel: NDArray[np.float64], limit: float) -> _Runs:
     before, after = channel[starts - 1] - channel[starts - 2], channel[ends + 1] - channel[ends]
     steps, usual = np.minimum(np.abs(before), np.abs(after)), float(np.sqrt(np.mean(np.diff(channel) ** 2)))
     counts = np.maximum(MIN_ENTRY_COUNTS, _rounded_top_steps(ends - starts))
-    fast = np.maximum(MIN_ENTRY_STEP * usual, counts * smallest_step(channel))
+    least = min(MIN_ENTRY_STEP * usual, MIN_ENTRY_BENDS * _usual_bend(channel))
+    fast = np.maximum(least, counts * smallest_step(channel))
     return _Runs(starts.size, int(np.sum(ends - starts)), steps / fast)
+
+
+def _usual_bend(channel: NDArray[np.float64]) -> float:
+    """Return what most changes from one step to the next have at most, apart from those at either limit."""
+    near = np.convolve(np.isin(channel, (channel.min(), channel.max())), np.ones(5), "same")[1:-1] > 0
+    bends = np.abs(np.diff(channel, 2))[~near]
+    return float(np.quantile(bends, USUAL_BEND)) if bends.size else np.inf
 
 
 def _rounded_top_steps(samples: NDArray[np.int64]) -> NDArray[np.float64]:

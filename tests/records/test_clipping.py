@@ -48,6 +48,13 @@ def test_one_limit_is_enough(lower: float) -> None:
     )
 
 
+@pytest.mark.parametrize("level", [0.5, 0.9, 0.97, 0.99])
+def test_a_wave_that_is_clipped_near_its_top_is_questioned(level: float) -> None:
+    """It slows down before, but is as fast as many changes from step to step when it stops."""
+    flat = flat_wave(1, 0.08)
+    assert "is it clipped" in questions(np.clip(np.round(flat, 5), -np.inf, level * flat.max()))
+
+
 @pytest.mark.parametrize(
     "y",
     [
