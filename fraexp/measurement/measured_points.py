@@ -84,7 +84,7 @@ class MeasurementFiles:
             yield
 
     @contextmanager
-    def opened(self, task: MeasurementTask, header: SampleHeader, fresh: bool = False) -> Iterator[SampleWriter]:
+    def open_samples(self, task: MeasurementTask, header: SampleHeader, fresh: bool = False) -> Iterator[SampleWriter]:
         """Open the samples for more of them; StudyError if they are of another measurement, unless it is a fresh one.
 
         A measurement is another one if the machine, the excitation or the settings differ. A fresh one discards what is
@@ -94,7 +94,7 @@ class MeasurementFiles:
         if fresh:
             for file in self._both:
                 if file.exists():
-                    file.replace(_aside(file))
+                    file.replace(_aside_path(file))
         try:
             with closing(self._writer(task, header)) as writer:
                 yield writer
@@ -103,15 +103,15 @@ class MeasurementFiles:
 
     def _settle_aside(self) -> None:
         """Discard what was set aside for a fresh measurement that has samples, else put it back."""
-        kept = _aside(self.samples)
+        kept = _aside_path(self.samples)
         if not kept.exists():
             return
         has_samples = self.samples.exists() and self.samples.stat().st_size > read_header(self.samples)[1]
         for file in reversed(self._both):  # the samples last: while they are aside, this is not finished
             if has_samples:
-                _aside(file).unlink(missing_ok=True)
-            elif _aside(file).exists():
-                _aside(file).replace(file)
+                _aside_path(file).unlink(missing_ok=True)
+            elif _aside_path(file).exists():
+                _aside_path(file).replace(file)
 
     def _writer(self, task: MeasurementTask, header: SampleHeader) -> SampleWriter:
         if not self.samples.exists():
@@ -196,7 +196,7 @@ class MeasurementFiles:
                 raise RecordError(f"{self.log}: it is no log of a measurement") from None
 
 
-def _aside(file: Path) -> Path:
+def _aside_path(file: Path) -> Path:
     """Return where a file is until a fresh measurement has samples."""
     return file.with_name(f"{file.name}.before")
 

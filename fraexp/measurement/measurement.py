@@ -118,7 +118,7 @@ class Measurement:
             check_description(description, self._task)
             plan = planned or plan_measurement(self._task, registry, description.limits, report)
             header = SampleHeader(description.sample_time, {PLAY_COLUMN: "", **description.channels})
-            with self._files.opened(self._task, header, fresh) as writer:
+            with self._files.open_samples(self._task, header, fresh) as writer:
                 yield from self._all_points(plan, writer, judge)
         finally:
             self._session.close()

@@ -177,7 +177,7 @@ class AutonomousService:
             task = axis.task([{"name": ESTIMATOR}])
             check_description(description, task)
             header = SampleHeader(sample_time, {PLAY_COLUMN: "", **description.channels})
-            with self.files.opened(task, header, fresh) as writer:
+            with self.files.open_samples(task, header, fresh) as writer:
                 self.files.drop_lost(writer.rows)
                 noted = self.files.noted(NOTE)
                 if noted is not None:
