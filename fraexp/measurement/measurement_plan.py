@@ -173,7 +173,7 @@ def plan_measurement(
     machine_limits: Mapping[str, float] | None = None,
     report: Report = lambda _: None,
 ) -> MeasurementPlan:
-    """Return the plan of a task, checked against the limits; PlanError names the first that would be exceeded.
+    """Return the plan of a task, checked against the limits; PlanError names the worst that would be exceeded.
 
     `report` is told how far it is.
     """
@@ -279,7 +279,13 @@ def check_demands(points: Sequence[PlannedPoint], limits: MotionLimits, margin: 
     shares = np.array([np.array(point.demand) / allowed for point in points])
     if (shares <= 1).all():  # false for one that is not a number, too
         return
-    place, column = divmod(int(np.argmax(np.nan_to_num(shares, nan=np.inf))), shares.shape[1])
+    diverging = [point.frequency for point in points if np.isnan(point.demand).any()]
+    if diverging:
+        raise PlanError(
+            f"at {diverging[0]} the study's machine diverges in the simulation where the excitation is stopped; "
+            "expected one that comes to rest: lower the controller's gain or the amplitude"
+        )
+    place, column = divmod(int(np.argmax(shares)), shares.shape[1])
     name, unit, share = Demand._fields[column], DEMAND_UNITS[column], shares[place, column]
     needed = demand_text(name, points[place].demand[column], unit)
     raise PlanError(

@@ -76,8 +76,8 @@ class Demand(NamedTuple):
         )
 
     def maximum_with(self, other: "Demand") -> "Demand":
-        """Return the greater of each demand."""
-        return Demand(*map(max, self, other))
+        """Return the greater of each demand; one that is not a number, of a motion that diverges, stays so."""
+        return Demand(*np.maximum(self, other).tolist())
 
 
 def demand_text(name: str, value: float, unit: str) -> str:

@@ -18,6 +18,7 @@ from fraexp.data.sample_file import read_header
 from fraexp.errors import FraexpError, MachineError, StudyError
 from fraexp.measurement.measurement import MeasurementBegun, MeasurementNotice, gathered
 from fraexp.measurement.measurement_plan import plan_measurement
+from fraexp.measurement.play_demands import SimulatedPlay
 from fraexp.simulation.live_loop import LiveLoop
 from fraexp.simulation.motion_limits import Demand
 from fraexp.workspace.measurement_service import MeasurementService, PointEstimated
@@ -109,6 +110,16 @@ def test_what_is_predicted_to_exceed_a_limit_is_refused(
 def test_a_machine_that_diverges_in_its_plan_is_refused_with_the_frequency(workspace: WorkspaceService) -> None:
     with pytest.raises(MachineError, match=r"at 10 Hz the study's machine diverges in the simulation; .* lower the"):
         measure(workspace, "controller.proportional=1e8", "limits.force=1e9", "limits.velocity=1e9")
+
+
+def test_a_play_that_diverges_where_it_is_stopped_is_refused(
+    workspace: WorkspaceService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    note = SimulatedPlay.note
+    monkeypatch.setattr(SimulatedPlay, "note", lambda play, stop, _: note(play, stop, None))
+    service = MeasurementService(workspace, "axis", ("excitation.frequencies=[50.0]",))
+    with pytest.raises(MachineError, match=r"at 50 Hz the study's machine diverges in the simulation where .* stopped"):
+        service.plans()
 
 
 @pytest.mark.parametrize("frequency", [10.0, 500.0])
