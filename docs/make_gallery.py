@@ -65,7 +65,7 @@ ENTRIES = [
         "friction/hysteresis",
         "hysteresis.png",
         "Six loops of friction force over displacement, from a rectangle (Coulomb) to slender leaves (rolling, GMS)",
-        "[Friction laws](reference/friction.md)",
+        "[Friction laws](reference/README.md)",
     ),
     Entry(
         "contacts/ball_screw",

@@ -1,14 +1,20 @@
-"""What the site has beyond the folder docs: pages from the top of the repository, and folders in the navigation."""
+"""What the site has beyond the folder docs: pages from the top of the repository, the generated reference, and folders
+in the navigation.
+"""
 
+import importlib.util
 import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
+
+from fraexp.components.registry import discover
 
 ROOT = Path(__file__).parents[2]
 MOVED = {
@@ -18,6 +24,8 @@ MOVED = {
     "docs/README.md": "all-pages.md",
 }
 """Path in the repository and path in the site, of pages for which they differ by more than the folder docs."""
+REFERENCE = "reference/README.md"
+"""Page of the site that lists the generated pages beside it."""
 LINK = re.compile(r"(?P<text>\[[^\]]*\])\((?P<target>[^)#\s]+)(?P<anchor>#[^)]*)?\)")
 SCRIPT = re.compile(r"<script\b.*?</script>", re.DOTALL)
 PAGE_LINK = re.compile(r'(?<= href=")(?!https?:)([^"#]+)\.(?:md|ipynb)(?=["#])')
@@ -46,18 +54,31 @@ def _expanded(entries: list[Any], docs: Path) -> Iterator[Any]:
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add the pages that lie elsewhere in the repository."""
+    """Add the pages that lie elsewhere in the repository, and those that are generated."""
     found = files.get_file_from_path("README.md")
     assert found is not None
     files.remove(found)
     for source, target in MOVED.items():
         files.append(File.generated(config, target, content=(ROOT / source).read_text("utf-8")))
+    for name, text in _make_reference().pages(discover()).items():
+        files.append(File.generated(config, f"reference/{name}", content=text))
     return files
+
+
+def _make_reference() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("make_reference", ROOT / "docs/make_reference.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
     """Let the links of a page, which are right in the repository, be right in the site."""
     path = page.file.src_uri
+    if path == REFERENCE:
+        markdown += _make_reference().contents(discover())
     source = next((key for key, value in MOVED.items() if value == path), f"docs/{path}")
     return LINK.sub(lambda link: _moved_link(link, source, path), markdown)
 

@@ -1,15 +1,18 @@
-"""The pages against the code: what is generated is current, what is named exists, and nothing is left out."""
+"""The pages against the code: what is named exists, links lead somewhere, and nothing is left out."""
 
 import ast
 import importlib.util
+import os
 import re
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
 from fraexp.cli.arguments import COMMANDS
+from fraexp.cli.exits import ExitCode
 from fraexp.components.registry import Registry
 from fraexp.data.results import Outcome
 from fraexp.study.study_file import KEYS
@@ -30,31 +33,59 @@ def read(page: str) -> str:
     return (ROOT / page).read_text("utf-8")
 
 
-def test_generated_pages_are_current(registry: Registry) -> None:
+@pytest.fixture(scope="module")
+def make_reference() -> ModuleType:
     spec = importlib.util.spec_from_file_location("make_reference", ROOT / "docs/make_reference.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    stale = [path.name for path, text in module.pages(registry).items() if path.read_text("utf-8") != text]
-    assert stale == [], "run: .venv/bin/python docs/make_reference.py"
+    return module
 
 
-def test_every_component_and_parameter_is_in_the_reference(registry: Registry) -> None:
-    reference = "".join(path.read_text("utf-8") for path in (ROOT / "docs/reference").glob("*.md"))
+@pytest.fixture
+def reference(make_reference: ModuleType, registry: Registry) -> dict[str, str]:
+    """Return the generated pages by their path, with the page that lists them."""
+    pages = {f"docs/reference/{name}": text for name, text in make_reference.pages(registry).items()}
+    return {**pages, "docs/reference/README.md": read("docs/reference/README.md") + make_reference.contents(registry)}
+
+
+def test_every_component_and_parameter_is_in_the_reference(reference: dict[str, str], registry: Registry) -> None:
+    text = "".join(reference.values())
     for (kind, name), provider in registry.providers.items():
-        section = reference.partition(f"## {kind} `{name}`, version {provider.component.version}\n")[2].partition(
-            "\n#"
-        )[0]
+        section = text.partition(f"## {kind} `{name}`, version {provider.component.version}\n")[2].partition("\n#")[0]
         assert section, f"{kind} {name}"
         for parameter in provider.component.model_fields:
             assert f"| `{parameter}` |" in section
 
 
+def test_links_of_the_reference_lead_to_headings(reference: dict[str, str]) -> None:
+    for page, text in reference.items():
+        folder = Path(page).parent
+        for link in LINK.findall(text):
+            target = os.path.normpath(folder / link)
+            assert target in reference or (ROOT / target).exists(), f"{page}: {link}"
+        for file, name in ANCHOR.findall(text):
+            target = os.path.normpath(folder / file) if file else page
+            assert name in anchors(reference.get(target) or read(target)), f"{page}: {file}#{name}"
+
+
+def test_every_command_and_option_is_in_the_reference(reference: dict[str, str]) -> None:
+    for command in COMMANDS:
+        assert f"## `fraexp {command}`" in reference["docs/reference/commands.md"]
+    assert "`--workspace DIR`" in reference["docs/reference/commands.md"]
+    assert "`table.mark`" in reference["docs/reference/keys.md"]
+
+
 def test_every_command_is_in_the_readme_and_on_its_page() -> None:
     for command in COMMANDS:
         assert re.search(rf"`?fraexp {command}\b", read("README.md")), command
-        assert f"## `fraexp {command}`" in read("docs/command-line.md")
+        assert re.search(rf"`fraexp {command}\b", read("docs/command-line.md")), command
+
+
+def test_every_exit_code_is_on_the_page_of_the_command_line() -> None:
+    page = read("docs/command-line.md")
+    assert [code.value for code in ExitCode if f"| {code.value} | {code.sentence} |" not in page] == []
 
 
 def test_every_section_of_a_study_is_explained() -> None:

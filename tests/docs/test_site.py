@@ -13,6 +13,7 @@ from types import ModuleType
 
 import pytest
 
+from fraexp.components.registry import Registry
 from tests.docs.conftest import ROOT, Follow, blocks
 from tests.waiting import HANG_TIMEOUT_S
 
@@ -56,7 +57,14 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.thorough
 def test_the_site_builds_and_loads_nothing_from_elsewhere(site: Path) -> None:
     pages = {path.relative_to(site).as_posix(): path.read_text("utf-8") for path in site.rglob("*.html")}
-    assert {"index.html", "tutorial.html", "reference/friction.html", "decisions/index.html"} <= pages.keys()
+    assert {
+        "index.html",
+        "tutorial.html",
+        "reference/index.html",
+        "reference/friction.html",
+        "decisions/index.html",
+    } <= pages.keys()
+    assert 'href="friction.html#friction-lugre' in pages["reference/index.html"]
     assert "Makefile" not in {path.name for path in site.rglob("*")}
     assert [path for path in site.rglob("*") if path.suffix in {".py", ".yml", ".md"}] == []
     assert {name: LOADED.findall(text) for name, text in pages.items() if LOADED.findall(text)} == {}
@@ -91,7 +99,7 @@ def test_the_search_works_in_pages_that_are_opened_as_files(site: Path) -> None:
     assert [url for url in requested if not url.startswith(("file:", "data:", "about:"))] == []
 
 
-def test_every_page_is_in_the_navigation_once() -> None:
+def test_every_page_is_in_the_navigation_once(registry: Registry) -> None:
     nav = CONFIG.read_text("utf-8").partition("\nnav:\n")[2].partition("\ntheme:")[0]
     named = re.findall(r"^ +- (?:[^#\n]*: )?(\S+\.md)", nav, re.MULTILINE)
     folders = re.findall(r"^ +- [^#\n]*: (\S+/)$", nav, re.MULTILINE)
@@ -99,7 +107,8 @@ def test_every_page_is_in_the_navigation_once() -> None:
     elsewhere = ("paper/", *folders)  # the article is published elsewhere
     pages = [page for page in pages if page != "README.md" and not page.startswith(elsewhere)]
     moved = module_of(DOCS / "site/hooks.py").MOVED.values()
-    assert sorted(named) == sorted([*pages, *moved])
+    generated = [f"reference/{name}" for name in module_of(DOCS / "make_reference.py").pages(registry)]
+    assert sorted(named) == sorted([*pages, *moved, *generated])
 
 
 def test_folders_of_the_navigation_are_their_pages(tmp_path: Path) -> None:
@@ -119,7 +128,7 @@ def test_folders_of_the_navigation_are_their_pages(tmp_path: Path) -> None:
         ("README.md", "index.md", "[a](docs/studies.md#limits)", "[a](studies.md#limits)"),
         ("README.md", "index.md", "[a](LICENSE)", "a"),
         ("docs/README.md", "all-pages.md", "[a](../CONTRIBUTING.md)", "[a](contributing.md)"),
-        ("docs/reference/index.md", "reference/index.md", "[a](../README.md)", "[a](../all-pages.md)"),
+        ("docs/reference/README.md", "reference/README.md", "[a](../README.md)", "[a](../all-pages.md)"),
         ("docs/concepts.md", "concepts.md", "[a](https://example.org/x)", "[a](https://example.org/x)"),
     ],
 )
