@@ -8,7 +8,9 @@ from fraexp.analysis.confidence import relative_deviations
 from fraexp.data.results import FrequencyResponse, Outcome, Result
 from fraexp.errors import FraexpError
 from fraexp.figures.drawing import draw_figure
-from fraexp.figures.elements.frequency_lines import MODEL_LINE_WIDTH, isolated_points
+from fraexp.figures.elements.bands import isolated_points
+from fraexp.figures.elements.frequency_lines import MODEL_LINE_WIDTH
+from fraexp.figures.elements.grouping import CurvePlace
 from fraexp.figures.elements.shown import ShownResult
 from fraexp.figures.kinds.bode import bode_info
 from fraexp.figures.kinds.bode_panels import RIGID_BODY_STYLE, draw_bode
@@ -50,8 +52,24 @@ def test_a_band_without_a_limit_ends_at_the_edge_of_the_axis(make_response: Resp
     span = np.ptp(axes.get_ylim())
     assert span < 2 * np.ptp(20 * np.log10(np.abs(plant))), "the lines keep most of the axis"
     edges = axes.collections[0].get_paths()[0].vertices[:, 1]
-    assert edges.min() == pytest.approx(axes.get_ylim()[0])
+    assert edges.min() < axes.get_ylim()[0]
     assert np.isfinite(edges).all()
+
+
+@pytest.mark.parametrize("lower", [0.0, 1e-45])
+def test_the_axis_of_many_facets_follows_the_curves_and_not_a_band_that_nearly_reaches_zero(
+    make_response: ResponseMaker, lower: float
+) -> None:
+    frequency = np.geomspace(1, 100, 20)
+    plant = -1e-3 / frequency**2
+    deviation = np.abs(plant) * np.where(frequency < 5, (1 - lower) / 1.959964, 1e-3)
+    places = [CurvePlace(facet=f"facet {n}", group="a", point=str(n)) for n in range(9)]
+    results = [Result(Outcome.OK, response=make_response(frequency, plant, deviation=deviation)) for _ in places]
+    figure = draw_figure([ShownResult("a", of, place) for of, place in zip(results, places, strict=True)])
+    magnitude = 20 * np.log10(1e3 * np.abs(plant))
+    low, high = figure.axes[0].get_ylim()
+    assert low < magnitude.min() < magnitude.max() < high
+    assert high - low < 2 * np.ptp(magnitude)
 
 
 def test_the_band_covers_95_percent_of_noisy_responses() -> None:

@@ -3,6 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fraexp.figures.elements.bands import ordinate_limits
 from fraexp.figures.elements.scales import continuous_phase, decibel, degrees, readable_unit
 
 
@@ -63,3 +64,21 @@ def test_the_branch_changes_no_phase_but_by_whole_turns(phase: list[float], anch
     everywhere = np.ones(len(phase), dtype=bool)
     turns = (continuous_phase(given_phase, everywhere, np.full(len(phase), anchor)) - given_phase) / 360
     np.testing.assert_allclose(turns, np.round(turns), atol=1e-9)
+
+
+@pytest.mark.parametrize(("lower", "upper", "expected"), [
+    (-900.0, 1.0, (-75.0, 1.0)),
+    (-np.inf, np.inf, (-75.0, 15.0)),
+    (-3.0, 3.0, (-63.0, 3.0)),
+])  # fmt: skip
+def test_an_axis_holds_its_curves_and_follows_bands_only_a_little(
+    lower: float, upper: float, expected: tuple[float, float]
+) -> None:
+    curve = np.linspace(0, -60, 5)
+    assert ordinate_limits([curve], [(curve, curve + np.array([[lower], [upper]]))]) == expected
+
+
+def test_a_flat_curve_leaves_its_band_the_axis() -> None:
+    flat = np.zeros(3)
+    assert ordinate_limits([flat], [(flat, np.array([[-1.0, -1, -np.inf], [1, 1, np.inf]]))]) == (-1, 1)
+    assert ordinate_limits([np.full(3, np.nan)], []) is None

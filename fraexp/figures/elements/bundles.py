@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from fraexp.figures.elements.bands import DrawnBand, draw_bands
 from fraexp.figures.elements.labels import drawable
 
 if TYPE_CHECKING:
@@ -86,11 +87,14 @@ def draw_bundles(
     names = dict.fromkeys(bundle.label for bundle in bundles)
     chosen = [(colours or dict(zip(names, cycle(OKABE_ITO), strict=False)))[bundle.label] for bundle in bundles]
     quantiles = [bundle.quantiles for bundle in bundles]
+    bands: list[DrawnBand] = []
     for bundle, levels, colour in zip(bundles, quantiles, chosen, strict=True):
         if levels is None or len(bundles) == 1:
             _draw_lines(axes, bundle, mix_grey(colour, 1.0, 0.0 if levels is None else TINT_SHARE))
         if levels is not None:
-            _draw_quantiles(axes, bundle.x[0], levels, colour)
+            axes.plot(bundle.x[0], levels[1], color=mix_grey(colour, 0.0, SHADE_SHARE), linewidth=1.8, zorder=3)
+            bands.append(DrawnBand(bundle.x[0], levels[1], levels[[0, 2]], colour))
+    draw_bands(axes, bands, BAND_OPACITY, zorder=2.5)
     if has_legend:
         _add_legend_entries(axes, bundles, chosen, any(levels is not None for levels in quantiles))
 
@@ -113,12 +117,6 @@ def _draw_lines(axes: "Axes", bundle: Bundle, colour: Colour) -> None:
     x, y = bundle.x[drawn], bundle.y[drawn]
     axes.update_datalim([(x.min(), y.min()), (x.max(), y.max())])
     axes.autoscale_view()
-
-
-def _draw_quantiles(axes: "Axes", x: NDArray[np.float64], levels: NDArray[np.float64], colour: str) -> None:
-    low, middle, high = levels
-    axes.fill_between(x, low, high, color=colour, alpha=BAND_OPACITY, linewidth=0, zorder=2.5)
-    axes.plot(x, middle, color=mix_grey(colour, 0.0, SHADE_SHARE), linewidth=1.8, zorder=3)
 
 
 def mix_grey(colour: str, grey: float, share: float) -> Colour:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.data.results import Curve
+from fraexp.figures.elements.bands import BAND_OPACITY, isolated_points
 from fraexp.figures.elements.bundles import TINT_SHARE, Colour, mix_grey
 from fraexp.figures.elements.labels import drawable
 from fraexp.figures.elements.line_style import LineStyle
@@ -13,12 +14,6 @@ from fraexp.figures.elements.line_style import LineStyle
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-BAND_OPACITY = 0.22
-"""Opacity of a band."""
-BAR_OPACITY, BAR_WIDTH = 0.55, 1.6
-"""Opacity of a bar, and its width in points."""
-BAND_MARGIN = 0.25
-"""Share of its span by which an axis grows at each end for bands beyond the lines."""
 LIMIT_COLUMNS = ("lower 95 %", "upper 95 %")
 """Columns of a curve that are the 95 % limits of its first ordinate."""
 POINT_SIZE = 3.2
@@ -42,16 +37,6 @@ Fill = Literal["full", "none"]
 def with_gaps(values: NDArray[np.float64], settled: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Return values of shape (..., n) with NaN, a gap in the line, where the response was not settled."""
     return np.where(settled, values, np.nan)
-
-
-def isolated_points(settled: NDArray[np.bool_], joined: NDArray[np.bool_] | None = None) -> NDArray[np.bool_]:
-    """Return whether a settled point is joined to no neighbour, shape (n,): it is drawn as a point.
-
-    `joined` says whether each point may be joined to the next one, shape (n - 1,); all may if it is not given.
-    """
-    links = np.zeros(settled.size + 1, dtype=bool)  # before each point, and after the last one
-    links[1:-1] = settled[:-1] & settled[1:] & (True if joined is None else joined)
-    return settled & ~links[:-1] & ~links[1:]
 
 
 def near_neighbours(frequency: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -169,32 +154,3 @@ def curve_limits(curve: Curve) -> NDArray[np.float64] | None:
         return None
     limits = np.stack([curve.columns[name] for name in LIMIT_COLUMNS])
     return None if np.isnan(limits).all() else limits
-
-
-def draw_bands(
-    axes: "Axes", bands: list[tuple[NDArray[np.float64], NDArray[np.float64], str]], opacity: float = BAND_OPACITY
-) -> None:
-    """Draw bands, each with frequency (n,), limits (2, n) and colour; the lines must have been drawn.
-
-    If limits are infinite or far from all lines, the band ends at the edge of the axis. A point between gaps, which are
-    NaN, has a bar.
-    """
-    known = [band for band in bands if not np.isnan(band[1]).all()]
-    if not known:
-        return
-    edges = _axis_limits(axes.get_ylim(), np.concatenate([limits.ravel() for _, limits, _ in known]))
-    for frequency, limits, colour in known:
-        low, high = np.clip(limits, *edges)
-        axes.fill_between(frequency, low, high, color=colour, alpha=opacity, linewidth=0)
-        alone = isolated_points(np.asarray(~np.isnan(limits).any(axis=0)))
-        if alone.any():
-            axes.vlines(frequency[alone], low[alone], high[alone], color=colour, alpha=BAR_OPACITY, linewidth=BAR_WIDTH)
-    is_shared = len(axes.get_shared_y_axes().get_siblings(axes)) > 1
-    axes.set_ylim(edges, auto=None if is_shared else False)  # lines of further facets may need more
-
-
-def _axis_limits(span: tuple[float, float], limits: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the limits of an axis for its lines and the nearer part of their bands."""
-    low, high = span
-    room, known = BAND_MARGIN * (high - low), limits[~np.isnan(limits)]
-    return min(low, max(low - room, float(known.min()))), max(high, min(high + room, float(known.max())))

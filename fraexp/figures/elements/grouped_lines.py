@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from fraexp.figures.elements.bands import DrawnBand, draw_bands
 from fraexp.figures.elements.bundles import Bundle, add_quantile_legend, draw_bundles, stack_padded
 from fraexp.figures.elements.facets import is_explained
-from fraexp.figures.elements.frequency_lines import draw_bands, draw_line, with_gaps
+from fraexp.figures.elements.frequency_lines import draw_line, with_gaps
 from fraexp.figures.elements.grouping import CurvePlace, point_indices
 from fraexp.figures.elements.line_style import LineStyle
 
@@ -58,7 +59,11 @@ def draw_grouped_lines(
     for line in singles:
         name = "" if explained else line.place.group or line.name
         draw_line(axes, line.x, line.y, line.usable, name if line.name else "", styles[line.place.group])
-    bands = [(of.x, with_gaps(of.band, of.usable), colours[of.place.group]) for of in singles if of.band is not None]
+    bands = [
+        DrawnBand(of.x, of.y, with_gaps(of.band, of.usable), colours[of.place.group])
+        for of in singles
+        if of.band is not None
+    ]
     draw_bands(axes, bands, **({} if opacity is None else {"opacity": opacity}))
 
 

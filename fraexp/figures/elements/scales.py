@@ -57,6 +57,12 @@ def decibel_limits(limits: NDArray[np.float64]) -> NDArray[np.float64]:
     return levels
 
 
+def degree_limits(limits: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return limits [rad] relative to a phase in degrees: infinite from half a turn on, which leaves every phase."""
+    with np.errstate(invalid="ignore"):
+        return np.where(np.abs(limits) >= np.pi, np.copysign(np.inf, limits), np.degrees(limits))
+
+
 def degrees(response: NDArray[np.complex128]) -> NDArray[np.float64]:
     """Return the phase [deg] of a complex response, shape (n,), within ±180°; NaN where it is not finite."""
     finite = np.isfinite(response)

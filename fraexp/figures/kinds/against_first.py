@@ -12,7 +12,7 @@ from fraexp.data.results import FrequencyResponse
 from fraexp.errors import FraexpError
 from fraexp.figures.elements.facets import by_facet, facet_panels, group_styles
 from fraexp.figures.elements.grouping import OWN_PLACE, CurvePlace
-from fraexp.figures.elements.scales import continuous_phase, decibel, degrees
+from fraexp.figures.elements.scales import continuous_phase, decibel, degree_limits, degrees
 from fraexp.figures.elements.shown import ShownResult, curve_places
 from fraexp.figures.kinds.difference import on_frequencies
 from fraexp.figures.kinds.plant_errors import ErrorCurve, draw_error_parts
@@ -101,7 +101,7 @@ def difference_curve(
         phase=phase,
         settled=settled,
         magnitude_band=magnitude + DB_PER_NEPER * spread[0],
-        phase_band=phase + np.clip(np.degrees(spread[1]), -360, 360),
+        phase_band=phase + degree_limits(spread[1]),
         key=key,
         place=place,
     )

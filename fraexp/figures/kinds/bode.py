@@ -15,7 +15,14 @@ from fraexp.figures.elements.branches import continuous_phases
 from fraexp.figures.elements.bundles import Bundle, stack_padded
 from fraexp.figures.elements.frequency_lines import with_gaps
 from fraexp.figures.elements.grouping import CurvePlace, point_indices
-from fraexp.figures.elements.scales import continuous_phase, decibel, decibel_limits, degrees, readable_unit
+from fraexp.figures.elements.scales import (
+    continuous_phase,
+    decibel,
+    decibel_limits,
+    degree_limits,
+    degrees,
+    readable_unit,
+)
 from fraexp.figures.elements.view import wrap_phase
 
 Reference = tuple[str, NDArray[np.float64], NDArray[np.complex128]]
@@ -213,10 +220,9 @@ def _bode_curve(label: str, source: FrequencyResponse, factor: float, anchor: Ph
     order = np.argsort(source.frequency, kind="stable")
     frequency, phase, settled = _phase_branch(source, anchor)
     band, turn = (each[:, order] for each in confidence_limits(source))
-    spread = np.clip(np.degrees(turn), -180, 180)
     magnitude = decibel(factor * source.response[order])
     return BodeCurve(
-        label, frequency, magnitude, phase, settled, magnitude + decibel_limits(band), phase + spread
+        label, frequency, magnitude, phase, settled, magnitude + decibel_limits(band), phase + degree_limits(turn)
     )  # fmt: skip
 
 

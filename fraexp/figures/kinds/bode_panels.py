@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fraexp.figures.elements.asymptotes import mass_text, stiffness_text
+from fraexp.figures.elements.bands import DrawnBand, draw_bands
 from fraexp.figures.elements.bundles import draw_bundles
 from fraexp.figures.elements.facets import facet_panels
 from fraexp.figures.elements.frequency_lines import (
@@ -13,7 +14,6 @@ from fraexp.figures.elements.frequency_lines import (
     LEGEND_GREY,
     add_fitted_legend,
     add_model_legend,
-    draw_bands,
     draw_extrema,
     draw_line,
     draw_points_and_model,
@@ -102,7 +102,8 @@ def _draw_part(axes: "Axes", info: BodeInfo, part: str, styles: Mapping[str, Lin
                     axes.plot(model.spring.frequency, [model.spring_level] * 2, **SPRING_STYLE)
             add_fitted_legend(axes, curve.label if model.has_phase else f"{curve.label} (fit of the magnitude)", style)
         band = curve.with_gaps(getattr(curve, f"{part}_band"))
-        bands.append((*split_line(curve.frequency, band, joined), str(style["color"])))
+        x, of_line = split_line(curve.frequency, np.vstack([values, band]), joined)
+        bands.append(DrawnBand(x, of_line[0], of_line[1:], str(style["color"])))
     if any(curve.model for curve in info.curves):
         add_model_legend(axes, "fitted plant")
         _add_plant_legend(axes, [curve.model for curve in info.curves if curve.model], info.source_unit)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from fraexp.data.results import Curve
 from fraexp.errors import FraexpError
+from fraexp.figures.elements.bands import DrawnBand, draw_bands
 from fraexp.figures.elements.bundles import Bundle, draw_bundles, stack_padded
 from fraexp.figures.elements.facets import facet_panels, group_styles, is_explained
 from fraexp.figures.elements.frequency_lines import (
@@ -21,7 +22,6 @@ from fraexp.figures.elements.frequency_lines import (
     add_fitted_legend,
     add_model_legend,
     curve_limits,
-    draw_bands,
     draw_line,
     draw_points_and_model,
 )
@@ -369,7 +369,7 @@ def _draw_traces(axes: "Axes", traces: Sequence[CurveTrace], styles: dict[str, L
             draw_line(axes, trace.x, trace.y, known, "", style)
         else:
             draw_points_and_model(axes, (trace.x, trace.y), known, (trace.x, trace.model), style)
-    bands = [(of.x, of.limits, styles[of.name]["color"]) for of in traces if of.limits is not None]
+    bands = [DrawnBand(of.x, of.y, of.limits, styles[of.name]["color"]) for of in traces if of.limits is not None]
     draw_bands(axes, bands)
 
 

@@ -17,7 +17,7 @@ from fraexp.figures.elements.grouped_lines import GroupedLine, draw_grouped_line
 from fraexp.figures.elements.grouping import CurvePlace, facet_indices
 from fraexp.figures.elements.labels import MAX_GROUPS, drawable
 from fraexp.figures.elements.line_style import LineStyle
-from fraexp.figures.elements.scales import decibel, decibel_limits, degrees, readable_unit
+from fraexp.figures.elements.scales import decibel, decibel_limits, degree_limits, degrees, readable_unit
 from fraexp.figures.elements.shown import ShownResult
 from fraexp.figures.elements.table_panel import FigureTable
 
@@ -135,7 +135,7 @@ def error_curve(
         phase=phase,
         settled=response.settled[order],
         magnitude_band=magnitude + decibel_limits(band),
-        phase_band=phase + np.clip(np.degrees(turn), -360, 360),
+        phase_band=phase + degree_limits(turn),
         cost=tuple(metric for name in EFFORT for metric in result.metrics if metric.name == name),
         key=key,
         place=place,

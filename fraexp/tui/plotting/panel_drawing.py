@@ -224,10 +224,3 @@ def nearest_point(trace: PlotTrace, cursor: float) -> int | None:
     if not known.size:
         return None
     return int(known[np.argmin(np.abs(trace.at[known] - cursor))])
-
-
-def finite_span(values: Sequence[NDArray[np.float64]]) -> tuple[float, float] | None:
-    """Return minimum and maximum of all finite values; None without one."""
-    known = np.concatenate([np.ravel(of) for of in values]) if values else np.zeros(0)
-    known = known[np.isfinite(known)]
-    return (float(known.min()), float(known.max())) if known.size else None

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from fraexp.figures.elements.bands import finite_span
 from fraexp.tui.plotting.curve_styles import CurveStyles
-from fraexp.tui.plotting.panel_drawing import ViewRange, finite_span
+from fraexp.tui.plotting.panel_drawing import ViewRange
 from fraexp.tui.plotting.plot_widget import Plot
 from fraexp.tui.plotting.plotted_curves import REFERENCE, PlotPanel, PlotTrace
 

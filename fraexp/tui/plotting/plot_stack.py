@@ -13,11 +13,12 @@ from textual.message import Message
 
 from fraexp.data.results import FrequencyResponse, Outcome, Result
 from fraexp.data.terminal_text import printable
+from fraexp.figures.elements.bands import finite_span, ordinate_limits
 from fraexp.figures.elements.shown import ShownResult
 from fraexp.figures.elements.view import FREQUENCY_KINDS, View
 from fraexp.tui.plotting.braille import DOTS_ACROSS, DOTS_DOWN, Window
 from fraexp.tui.plotting.curve_styles import CurveStyles, curve_digit
-from fraexp.tui.plotting.panel_drawing import ViewRange, finite_span, nearest_point, settled_line
+from fraexp.tui.plotting.panel_drawing import ViewRange, nearest_point, settled_line
 from fraexp.tui.plotting.plot_widget import LEFT_CELLS, RIGHT_CELLS, TOP_CELLS, Plot
 from fraexp.tui.plotting.plotted_curves import Picture, PlotPanel, PlotTrace, Reference, bode_picture
 
@@ -29,8 +30,6 @@ LEGEND_GAP = "   "
 """What separates two names of curves."""
 AXIS_MARGIN = 0.02
 """Fraction of its span by which an axis extends beyond the curves."""
-BAND_MARGIN = 0.25
-"""Fraction by which it extends further for confidence bands."""
 Span = tuple[float, float]
 
 
@@ -159,13 +158,9 @@ class PlotStack(Vertical):
             return -190.0, 190.0
         traces = self._visible_traces(panel)
         lines = [settled_line(trace) for trace in traces]
-        core = finite_span([line.y for line in lines]) or finite_span([trace.y for trace in traces]) or (0.0, 1.0)
-        low, high = _widen(core, AXIS_MARGIN)
-        edges = finite_span([line.band for line in lines if line.band is not None])
-        if edges and self.view_range.bands:
-            room = BAND_MARGIN * (high - low)
-            low, high = min(low, max(low - room, edges[0])), max(high, min(high + room, edges[1]))
-        return low, high
+        bands = [(line.y, line.band) for line in lines if line.band is not None and self.view_range.bands]
+        core = ordinate_limits([line.y for line in lines], bands) or finite_span([trace.y for trace in traces])
+        return _widen(core or (0.0, 1.0), AXIS_MARGIN)
 
     def _equal_scales(self, x: Span, y: Span) -> tuple[Span, Span]:
         """Return wider spans with equal scales in both directions."""
