@@ -1,7 +1,6 @@
 """Plant and friction whatever the law is: the dictionary, accuracy on simulated machines, and what is refused."""
 
 import tomllib
-from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -12,7 +11,7 @@ from fraexp_plugins.estimators.conventional import Conventional
 from fraexp_plugins.friction.dahl import Dahl
 from fraexp_plugins.friction.gms import GeneralizedMaxwellSlip
 from fraexp_plugins.friction.none import Frictionless
-from fraexp_plugins.identification.autonomous._shared import autonomous_lines, force_dictionary
+from fraexp_plugins.identification.autonomous._shared import force_dictionary
 from fraexp_plugins.identification.autonomous._shared.autonomous_lines import ElementObserver, SpectralLines
 from fraexp_plugins.identification.autonomous._shared.autonomous_plant import (
     IdentifiedPlant,
@@ -204,37 +203,6 @@ def test_rounding_is_an_error_of_all_periods_and_noise_one_of_each(noise: float)
     error = float(np.std(y.mean(axis=0) - true))
     assert error <= 1.05 * records.deviations[0]
     assert noise or error == pytest.approx(records.deviations[0], rel=0.05)
-
-
-def parabolas(cycles: np.ndarray) -> np.ndarray:
-    """Return a motion of 1 mm at times in cycles: it turns at a constant acceleration, as with friction."""
-    part = np.mod(cycles, 1.0)
-    return 16e-3 * np.where(part < 0.5, part * (0.5 - part), (part - 0.5) * (part - 1))
-
-
-def sine(cycles: np.ndarray) -> np.ndarray:
-    return 1e-3 * np.sin(2 * np.pi * cycles)
-
-
-@pytest.mark.parametrize("noise", [2e-8, 2e-7])
-@pytest.mark.parametrize(("motion", "ratio"), [(parabolas, 0.9), (sine, 1.1)])
-def test_small_harmonics_place_the_turns_of_a_motion(
-    motion: Callable[[np.ndarray], np.ndarray], ratio: float, noise: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Omitted one by one, they made a Coulomb force 5 % wrong; where there are none, noise is not taken for them."""
-    samples, step, errors = 428, 1e-7, dict[float, float]()
-    times, fine = np.arange(2 * samples) / samples + 0.37, np.arange(4 * samples) / (4 * samples) + 0.37
-    observer = ElementObserver(friction=Frictionless(), resolution=step, noise=noise, oversampling=4)
-    for power in (autonomous_lines.MIN_HARMONIC_POWER, np.inf):
-        monkeypatch.setattr(autonomous_lines, "MIN_HARMONIC_POWER", power)
-        generator, found = np.random.default_rng(3), []
-        for _ in range(20):
-            y = step * np.round((motion(times) + noise * generator.normal(size=times.size)) / step)
-            segment = Segment(1e-3, {"y": y.reshape(2, -1)}, np.array([1]))
-            found.append(observer.periodic_motion(segment).displacement - motion(fine))
-        errors[power] = float(np.std(found))
-    together, one_by_one = errors.values()
-    assert together < ratio * one_by_one
 
 
 @pytest.mark.parametrize(("scatter", "doubts"), [(0.009, 0), (0.011, 1)])

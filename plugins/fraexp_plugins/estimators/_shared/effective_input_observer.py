@@ -260,13 +260,10 @@ class ObserverEstimator(DelayedEstimator, ABC):
 
     def _bins(self, segment: Segment) -> NDArray[np.complex128]:
         """Return the Fourier series of a record without the terms below the encoder's resolution and noise."""
-        return _significant_terms(record_spectrum(segment, self.output), self._scatter(segment))
-
-    def _scatter(self, segment: Segment) -> float:
-        """Return the variance of each term of a record's Fourier series [m²], as `rfft` scales it."""
         periods, samples = segment.channels[self.output].shape
         # rounding repeats itself from period to period and adds up, noise does not
-        return (self.noise**2 * periods + self.resolution**2 / 12 * periods**2) * samples
+        scatter = self.noise**2 * periods + self.resolution**2 / 12 * periods**2
+        return _significant_terms(record_spectrum(segment, self.output), scatter * samples)
 
     def _fine_displacement_from_rest(self, segment: Segment) -> NDArray[np.float64]:
         """Return the same for a record that begins at rest and does not return to it.

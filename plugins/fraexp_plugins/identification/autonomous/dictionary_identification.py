@@ -62,7 +62,7 @@ CURVE_POINTS, CURVE_RANGE = 60, (1e-5, 0.5)
 """Points of the virgin curve, and their range over the largest motion."""
 
 
-class DictionaryIdentification(DelayedEstimator, name="dictionary_identification", version=9):
+class DictionaryIdentification(DelayedEstimator, name="dictionary_identification", version=10):
     """P̂, plant, friction force and dead time from records at several amplitudes; the friction law need not be known.
 
     Each friction law that fraexp has is driven by the measured motion, with sizes and shape parameters that leave least

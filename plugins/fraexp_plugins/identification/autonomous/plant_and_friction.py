@@ -57,7 +57,7 @@ WIDTH_FORCE_RATIO = 1 - np.exp(-1)
 """Part of ΣF_m at the width of a virgin curve."""
 
 
-class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=3):
+class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=4):
     """Friction elements, P̂ and the plant of eq (1) together, such that P̂ is the same at all amplitudes and phases.
 
     With f̂ = Σ K_i z_i of stop operators z_i (elasto-slide elements, eqs 6-11) at a grid of thresholds the error law is

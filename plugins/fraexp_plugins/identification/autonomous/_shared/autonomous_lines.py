@@ -6,7 +6,7 @@ from typing import ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import Motion, RecordError, Segment, Signals, fourier_sums, phasors, record_spectrum
+from fraexp.api import Motion, RecordError, Segment, Signals, fourier_sums, phasors
 from fraexp_plugins.estimators._shared.delayed_estimator import LoopDelays
 from fraexp_plugins.estimators._shared.realisations import mean
 from fraexp_plugins.estimators.effective_input import EffectiveInput
@@ -21,9 +21,6 @@ DRIFT = "drift"
 MIN_DRIFT_STDS, DRIFT_PERIODS = 5.0, 2
 """Drift in a period from which it counts, in its standard deviations by the encoder, and periods of a motion with drift
 in which friction forgets how it began."""
-HARMONIC_NEIGHBOURS, MIN_HARMONIC_POWER, MAX_HARMONIC_POWER = 6, 2.5, 9.0
-"""Odd harmonics on either side over which the power of one is averaged, that mean over the power of noise and rounding
-from which it is kept, and the most that each counts in it: a fundamental alone keeps no harmonic beside it."""
 ROUNDING_SEED = 0
 """Seed of the alternative rounding errors."""
 
@@ -76,23 +73,6 @@ class ElementObserver(EffectiveInput):
         y, periods = mean(segment.channels[self.output]), len(segment.channels[self.output])
         quieter = self.model_copy(update={"noise": self.noise / np.sqrt(periods)})
         return quieter.motion(replace(segment, channels={self.output: y[None]}))
-
-    def _bins(self, segment: Segment) -> NDArray[np.complex128]:
-        """Return the Fourier series of a record without what noise and rounding hide.
-
-        A sine moves an axis at odd harmonics, whose powers fall slowly from one to the next: those around one tell
-        better whether it shows than it does alone. The small ones place the turns of a motion within a sample.
-        """
-        found, line = super()._bins(segment), int(segment.lines[0])
-        if (segment.lines % (2 * line) != line).any():  # no sine, whose lines may be its odd harmonics
-            return found
-        first, scatter = line * len(segment.channels[self.output]), self._scatter(segment)
-        odd = record_spectrum(segment, self.output)[first :: 2 * first]
-        powers = np.minimum(np.abs(odd) ** 2, MAX_HARMONIC_POWER * scatter)
-        around = np.convolve(powers, np.ones(2 * HARMONIC_NEIGHBOURS + 1))[HARMONIC_NEIGHBOURS:][: odd.size]
-        shows = around >= (2 * HARMONIC_NEIGHBOURS + 1) * MIN_HARMONIC_POWER * scatter
-        found[first :: 2 * first] = np.where(shows, odd, found[first :: 2 * first])
-        return found
 
     def with_drift(self, motion: Motion, segment: Segment) -> Motion:
         """Return a period of motion with the drift that was taken off its record, after periods that lead to it."""
