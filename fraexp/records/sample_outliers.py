@@ -3,8 +3,8 @@
 from typing import NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
 
 from fraexp.analysis.quantisation import smallest_step
 
@@ -12,8 +12,6 @@ MAX_OUTLIER_SHARE = 0.01
 """Share of samples up to which they are outliers: more are a motion that does not repeat."""
 NEIGHBOURS = 7
 """Samples around a place between whose values an edge lies that comes a little earlier or later."""
-OFFSET_WINDOW = 5
-"""Samples whose median is the offset of a period, as of a machine that settles; at most two wrong ones in a row."""
 MIN_OUTLIER = 0.1
 """How far an outlier is from what is usual at its place, in widths of the channel's range."""
 OUTLIER_FACTOR = 10.0
@@ -53,9 +51,10 @@ def outlier_question(periods: NDArray[np.float64], name: str, unit: str) -> Samp
     """
     usual = np.median(periods, axis=0)
     span = float(np.ptp(usual))
-    offset = median_filter((periods - usual).ravel(), OFFSET_WINDOW).reshape(periods.shape)
-    low = minimum_filter1d(usual, NEIGHBOURS, mode="wrap")
-    high = maximum_filter1d(usual, NEIGHBOURS, mode="wrap")
+    # the offset of a period, as of a machine that settles; at most two wrong samples in a row do not count
+    offset = _running_median((periods - usual).ravel()).reshape(periods.shape)
+    around = sliding_window_view(np.pad(usual, NEIGHBOURS // 2, mode="wrap"), NEIGHBOURS)
+    low, high = around.min(axis=-1), around.max(axis=-1)
     level = periods - offset
     beyond = np.maximum(np.maximum(level - high, low - level), 0.0)
     largest_usual = np.quantile(beyond, USUAL_SHARE, axis=1, keepdims=True)  # more in a first period that settles
@@ -71,6 +70,17 @@ def outlier_question(periods: NDArray[np.float64], name: str, unit: str) -> Samp
         "before the import"
     )
     return SampleQuestion(text, float(np.sum(beyond[far])))
+
+
+def _running_median(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the median of five values around each, shape (n,); the ends are mirrored.
+
+    `scipy.ndimage` has this too, but its import takes longer than the import of a record.
+    """
+    first, second, middle, fourth, fifth = sliding_window_view(np.pad(values, 2, mode="symmetric"), len(values))
+    low = np.maximum(np.minimum(first, second), np.minimum(fourth, fifth))
+    high = np.minimum(np.maximum(first, second), np.maximum(fourth, fifth))
+    return np.maximum(np.minimum(low, high), np.minimum(np.maximum(low, high), middle))
 
 
 def frozen_question(periods: NDArray[np.float64], name: str, unit: str, sample_time: float) -> str:

@@ -1,6 +1,7 @@
 """Every format gives back the numbers that went in, as precisely as it can hold them."""
 
 import json
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -129,6 +130,15 @@ def test_universal_files_hold_twelve_digits(tmp_path: Path, result: Result, resp
     np.testing.assert_allclose(sets[0]["x"], response.frequency, rtol=5e-6)  # the format's abscissa: 6 digits
     np.testing.assert_allclose(sets[1]["data"], response.frequency, rtol=1e-11)
     np.testing.assert_allclose(sets[2]["data"], response.standard_deviation, rtol=1e-11)
+
+
+def test_a_universal_file_without_its_library_names_the_extra(
+    tmp_path: Path, result: Result, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "pyuff", None)
+    with pytest.raises(FraexpError, match=r"pyuff; pip install 'fraexp\[uff\]', or export to \.json"):
+        export(result, HEADER, tmp_path / "a.unv")
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.fixture

@@ -1,5 +1,6 @@
 """Every layout of text and MATLAB file gives the same numbers; what is wrong is said in one line."""
 
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -286,3 +287,17 @@ def test_a_rate_that_a_number_states_is_proposed_before_a_time_without_a_unit(
     np.savez(tmp_path / "other.npz", time_ms=ticks / 1000, fs=2500.0, force=wave, position=wave)
     proposal = propose_import(tmp_path / "other.npz", list_contents(tmp_path / "other.npz", registry), registry)
     assert "--time 'time_ms [ms]'" in proposal.command
+
+
+@pytest.mark.parametrize(("name", "package", "extra"), [
+    ("a.tdms", "nptdms", "tdms"), ("a.mf4", "asammdf", "mdf"), ("a.mcap", "mcap.reader", "mcap"),
+    ("a.parquet", "pyarrow.parquet", "parquet"), ("a.unv", "pyuff", "uff"),
+])  # fmt: skip
+def test_a_format_whose_library_is_missing_names_the_extra(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, package: str, extra: str, registry: Registry
+) -> None:
+    monkeypatch.setitem(sys.modules, package, None)
+    path = tmp_path / name
+    path.write_bytes(b"MDF     ")
+    with pytest.raises(RecordError, match=rf"{name}: reading it needs .*; pip install 'fraexp\[{extra}\]'$"):
+        list_contents(path, registry)

@@ -17,8 +17,12 @@ MIN_POINTS = 2
 
 def write_universal(result: Result, header: Header, path: Path) -> None:
     """Write the response, its frequencies and standard deviation, or else the curves."""
-    import pyuff
-
+    try:
+        import pyuff
+    except ImportError:
+        raise FraexpError(
+            "a .unv file needs the package pyuff; pip install 'fraexp[uff]', or export to .json"
+        ) from None
     title = one_line(header.get("title", header.get("study", "fraexp")))[:72]
     sets = _response_sets(result.response, title) if result.response is not None else _curve_sets(result.curves, title)
     if not sets or any(len(one["data"]) < MIN_POINTS for one in sets):

@@ -54,7 +54,7 @@ Function = tuple[NDArray[np.float64], str, float | None]
 
 def _functions(path: Path) -> dict[str, Function]:
     check_size(path, "the file", path.stat().st_size)
-    pyuff = load_package(path, "pyuff", "")
+    pyuff = load_package(path, "pyuff", "uff")
     with format_errors(path, "a universal file"):
         file = pyuff.UFF(str(path))
         numbers = [n for n, kind in enumerate(file.get_set_types()) if int(kind) == FUNCTION_DATASET]
