@@ -5,6 +5,7 @@ FRAEXP_UPDATE_SNAPSHOTS=1 writes the snapshots anew; look at the difference befo
 
 import os
 import re
+from collections.abc import AsyncIterator
 from itertools import count
 from pathlib import Path
 
@@ -35,7 +36,8 @@ GRID = np.geomspace(1.0, 200.0, 60)
 DURATION = r"\d+(\.\d+)? (s|ms|min)\b( including \d+(\.\d+)? (s|min) for compiling)?"
 CHANGING = re.compile(rf" *(\d\d:\d\d(:\d\d)?|\d{{4}}-\d\d-\d\d|{DURATION}|--workspace=\S+|/\S*/\S*) *")
 """What differs from run to run, with the blanks around it: times, durations and paths."""
-SCREENS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+Screens = dict[str, tuple[tuple[str, ...], tuple[str, ...]]]
+SCREENS: Screens = {
     "studies": (("s", "slash", *"quick", "enter"), ("Quick look",)),
     "launch": (("s", "enter"), ("excitation.amplitude",)),
     "runs": (("r",), ("case",)),
@@ -91,29 +93,40 @@ def _look(segment) -> str:
     return "/".join(colours) + ("b" if style and style.bold else "")
 
 
+def store_examples(folder: Path) -> None:
+    """Store three sweeps: two with a response, one with a loop."""
+    results = [found(resonant(GRID)), found(resonant(GRID, at=60.0))]
+    store_results(folder, [*results, type(results[0])(results[0].outcome, curves=(loop(1e-5),))])
+
+
+async def walk(app: FraexpApp, pilot: Pilot[None], screens: Screens) -> AsyncIterator[str]:
+    """Show each of the screens, and that of a measurement, and yield its name."""
+    for name, (keys, texts) in screens.items():
+        while len(app.screen_stack) > 1:
+            await pilot.press("escape")
+        await pilot.press(*keys)
+        await shows(pilot, *texts)
+        await settle(pilot)
+        yield name
+    measured = MeasurementPage(example_measurement())  # type: ignore[arg-type]
+    await app.push_screen(measured)
+    await until(pilot, lambda: measured.query_one(MeasuredBode).has_class("-drawn"))
+    await settle(pilot)
+    yield "measurement"
+
+
 @pytest.mark.thorough
 @pytest.mark.parametrize("theme", [DARK.name, LIGHT.name])
 def test_each_screen_looks_as_it_was_approved(tmp_path: Path, theme: str, monkeypatch: pytest.MonkeyPatch) -> None:
     # The run takes 100 s, whatever the machine: a duration decides how wide its column is.
     monkeypatch.setattr("fraexp.store.store.steady_time", count(0.0, 100.0).__next__)
-    results = [found(resonant(GRID)), found(resonant(GRID, at=60.0))]
-    store_results(tmp_path, [*results, type(results[0])(results[0].outcome, curves=(loop(1e-5),))])
+    store_examples(tmp_path)
     drawn: dict[str, str] = {}
 
     async def steps(app: FraexpApp, pilot: Pilot[None]) -> None:
         app.theme = theme
-        for name, (keys, texts) in SCREENS.items():
-            while len(app.screen_stack) > 1:
-                await pilot.press("escape")
-            await pilot.press(*keys)
-            await shows(pilot, *texts)
-            await settle(pilot)
+        async for name in walk(app, pilot, SCREENS):
             drawn[name] = screen_lines(app)
-        measured = MeasurementPage(example_measurement())  # type: ignore[arg-type]
-        await app.push_screen(measured)
-        await until(pilot, lambda: measured.query_one(MeasuredBode).has_class("-drawn"))
-        await settle(pilot)
-        drawn["measurement"] = screen_lines(app)
 
     pilot_of(tmp_path, steps, size=(100, 30))
     FOLDER.mkdir(exist_ok=True)

@@ -1,11 +1,21 @@
 """The colours of the themes: every text can be read, and a state is known without its colour."""
 
+from collections.abc import Iterable
+from pathlib import Path
+
 import pytest
+from rich.style import Style
 from textual.color import Color
+from textual.pilot import Pilot
+from textual.theme import BUILTIN_THEMES
 
 from fraexp.data.results import Outcome
+from fraexp.tui.app import FraexpApp
 from fraexp.tui.plotting.curve_styles import ON_DARK, ON_LIGHT
-from fraexp.tui.services.themes import DARK, LIGHT, STATE_SIGNS, state_cell, state_sign
+from fraexp.tui.services.themes import DARK, LIGHT, STATE_SIGNS, rich_colour, state_cell, state_sign
+from fraexp.tui.widgets.paged_table import PagedTable
+from tests.tui.pilots import pilot_of, screen_text, settle, shows
+from tests.tui.test_snapshots import SCREENS, Screens, store_examples, walk
 
 AA_TEXT, AA_GRAPHICS = 4.5, 3.0
 """Contrasts of WCAG 2.2: 1.4.3 for texts, 1.4.11 for graphical objects."""
@@ -14,6 +24,14 @@ TEXTS = (
     "primary", "accent", "error", "success", "warning", "axis", "footer-description-foreground",
 )  # fmt: skip
 GROUNDS = ("background", "surface", "panel")
+THEMES = {**BUILTIN_THEMES, DARK.name: DARK, LIGHT.name: LIGHT}
+PAGES = SCREENS | {
+    "plugins": (("p",), ("friction",)),
+    "trial": (("p", "slash", *"lugre", "enter", "enter"), ("|N| [N/m] over amplitude [m]",)),
+}
+"""The screens that have a snapshot, and those whose content changes with each plugin."""
+TYPICAL_THEMES = ("nord", "ansi-dark")
+"""A theme with opacities and contrasts, as all but ours have, and one in the colours of the terminal."""
 
 
 def luminance(text: str) -> float:
@@ -63,3 +81,59 @@ def test_a_state_is_known_by_its_first_words(state, sign):
 def test_no_outcome_but_the_usable_ones_looks_fine():
     fine = {outcome for outcome in Outcome if state_sign(outcome.name.lower().replace("_", " "))[1] == "success"}
     assert fine == {Outcome.OK}
+
+
+@pytest.mark.parametrize("name", THEMES)
+def test_each_colour_of_a_theme_can_be_a_style_of_rich(name):
+    colours = {**THEMES[name].to_color_system().generate(), **THEMES[name].variables}
+    for colour in (name for name, text in colours.items() if name in TEXTS or text.startswith(("#", "auto", "ansi_"))):
+        assert Style.parse(f"bold {rich_colour(colours, colour)}").color is not None
+
+
+def test_a_muted_text_stands_out_less_than_others():
+    colours = THEMES["nord"].to_color_system().generate()
+    ground, muted, full = (rich_colour(colours, name) for name in ("background", "text-muted", "foreground"))
+    assert AA_TEXT <= contrast(muted, ground) < contrast(full, ground)
+
+
+def test_a_typical_theme_can_draw_what_is_coloured(tmp_path):
+    pages = {name: PAGES[name] for name in ("runs", "run", "sweep", "bode")}
+    draw_pages(tmp_path, pages, TYPICAL_THEMES)
+
+
+@pytest.mark.thorough
+def test_each_theme_can_draw_each_page(tmp_path):
+    draw_pages(tmp_path, PAGES, THEMES)
+
+
+def draw_pages(folder: Path, pages: Screens, themes: Iterable[str]) -> None:
+    """Show each page in each theme: an error would end the terminal UI."""
+    store_examples(folder)
+    drawn = set()
+
+    async def steps(app: FraexpApp, pilot: Pilot[None]) -> None:
+        app.theme = next(iter(themes))
+        async for name in walk(app, pilot, pages):
+            for theme in themes:
+                app.theme = theme
+                await pilot.pause()
+                assert screen_text(app).strip()
+                drawn.add((name, theme))
+
+    pilot_of(folder, steps, size=(100, 30))
+    assert drawn == {(name, theme) for name in [*pages, "measurement"] for theme in themes}
+
+
+def test_a_table_takes_the_colours_of_another_theme(tmp_path):
+    store_examples(tmp_path)
+
+    async def steps(app: FraexpApp, pilot: Pilot[None]) -> None:
+        await pilot.press("r")
+        await shows(pilot, "rows 1-1 of 1")
+        for theme in (LIGHT, DARK):
+            app.theme = theme.name
+            await settle(pilot)
+            cell = next(of for of in app.screen.query_one(PagedTable).get_row_at(0) if "complete" in of.plain)
+            assert str(cell.style) == theme.success
+
+    pilot_of(tmp_path, steps)

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from fraexp.tui.plotting.plotted_curves import REFERENCE
+from fraexp.tui.services.themes import rich_colour
 
 ON_DARK = ("#56B4E9", "#E69F00", "#CC79A7", "#00B98B", "#F0E442", "#FF7F45")
 """The palette of Okabe and Ito (2008), light enough for a dark background."""
@@ -30,8 +31,8 @@ class CurveStyles:
     @classmethod
     def of_theme(cls, dark: bool, digits: bool, colours: Mapping[str, str]) -> "CurveStyles":
         """Return the styles of a theme; `colours` are its variables."""
-        axis, grid = (colours.get(name, default[dark]) for name, default in
-                      (("axis", AXIS_COLOURS), ("grid", GRID_COLOURS)))  # fmt: skip
+        wanted = (("axis", AXIS_COLOURS), ("grid", GRID_COLOURS))
+        axis, grid = (rich_colour(colours, name) if name in colours else of[dark] for name, of in wanted)
         return cls(dark, digits, axis, grid)
 
     @property

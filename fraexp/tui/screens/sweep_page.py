@@ -1,6 +1,6 @@
 """A sweep: its result, points, parameters, provenance and log."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -11,6 +11,7 @@ from rich.text import Text
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, VerticalScroll
+from textual.content import Content
 from textual.events import DescendantFocus
 from textual.widgets import Static, TabbedContent, TabPane
 
@@ -175,9 +176,7 @@ plugins that computed the sweep have changed since.
         self.query_one("#top").display = self.query_one(TabbedContent).display = shown
 
     def _show(self, found: SweepDetails) -> None:
-        self.query_one("#summary", Static).update(
-            _summary_text(found.sweep, self.app.backend.workspace.registry, self.app.theme_variables)
-        )
+        self.query_one("#summary", Static).update(_summary_text(found.sweep, self.app.backend.workspace.registry))
         self.query_one("#result-text", TextSection).show_parts(*_result_parts(self.key, found.result))
         log = [printable(line) for line in found.log.splitlines()]
         self.query_one("#log-text", TextSection).show_parts(Text("\n".join(log) or "no log, as the sweep did not fail"))
@@ -284,21 +283,19 @@ plugins that computed the sweep have changed since.
         self.app.action_place("compare")
 
 
-def _summary_text(sweep: StoredSweep, registry: Registry, colours: Mapping[str, str]) -> Text:
+def _summary_text(sweep: StoredSweep, registry: Registry) -> Content:
     state = state_text(sweep)
     sign, colour = state_sign(state)
-    text = Text().append(f"{sign} {state}", style=f"bold {colours[colour]}")
-    for label in sweep_labels(sweep, registry):
-        text.append(f"\n{printable(label)}", style="none")
+    parts: list[str | tuple[str, str]] = [(f"{sign} {state}", f"bold ${colour}")]
+    parts += [f"\n{printable(label)}" for label in sweep_labels(sweep, registry)]
     if sweep.created:
-        text.append(f"\ncomputed {timestamp_text(sweep.created)} in {duration_text(sweep.elapsed)}", style="none")
+        parts.append(f"\ncomputed {timestamp_text(sweep.created)} in {duration_text(sweep.elapsed)}")
     told = {"tags": " ".join(sweep.tags), "note": sweep.note}  # before the message, which may be long
     told |= {"message": sweep.message, "remedy": remedy_text(sweep)}
     for name, value in told.items():
         if value:
-            text.append(f"\n{name} ", style="bold")
-            text.append(printable(value), style="none")
-    return text
+            parts += [(f"\n{name} ", "bold"), printable(value)]
+    return Content.assemble(*parts)
 
 
 def _parameter_lines(row: ResolvedParameter) -> Iterable[RenderableType]:

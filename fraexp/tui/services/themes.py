@@ -4,8 +4,10 @@ All text has a contrast of at least 4.5 (WCAG 2.2, level AA) on the backgrounds 
 """
 
 from collections.abc import Mapping
+from functools import lru_cache
 
 from rich.text import Text
+from textual.style import Style
 from textual.theme import Theme
 
 DARK = Theme(
@@ -73,4 +75,22 @@ def state_cell(state: str) -> str:
 
 def state_text(cell: str, state: str, colours: Mapping[str, str]) -> Text:
     """Return a text in the colour of a state; `colours` are the variables of the theme."""
-    return Text(cell, style=colours.get(state_sign(state)[1], "") if state else "")
+    return Text(cell, style=rich_colour(colours, state_sign(state)[1]) if state else "")
+
+
+def rich_colour(colours: Mapping[str, str], name: str) -> str:
+    """Return a colour of the theme in the notation of Rich; `colours` are the variables of the theme.
+
+    Textual's own notation also has opacities, `auto` for a contrast with the background, and the colours of the
+    terminal. Only this function gives colours of a theme to Rich.
+    """
+    return _resolve_colour(colours[name], colours["background"])
+
+
+@lru_cache
+def _resolve_colour(text: str, background: str) -> str:
+    style = Style.parse(f"{text} on {background}")
+    assert style.foreground is not None and style.background is not None
+    colour, ground = style.foreground, style.background
+    colour = ground.get_contrast_text(colour.a) if colour.auto else colour
+    return (ground + colour if colour.ansi is None else colour).rich_color.name

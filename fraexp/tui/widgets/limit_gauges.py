@@ -1,17 +1,14 @@
 """Gauges of motion and force beside their limits."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from rich.text import Text
+from textual.content import Content
 from textual.widgets import Static
 
 from fraexp.tui.plotting.panels import prefixed_text
 from fraexp.tui.services.measurement_feed import LimitedMotion
 from fraexp.views.run_progress import EMPTY, FULL
-
-if TYPE_CHECKING:
-    from fraexp.tui.app import FraexpApp
 
 PREDICTED_SIGN, MARGIN_SIGN = "┃", "│"
 """Signs on a bar: what is predicted, and where the margin begins that predicted motion leaves free."""
@@ -27,8 +24,7 @@ class LimitGauges(Static):
     No bar depends on its colour: the part of the limit stands beside it, with a sign where the margin is used.
     """
 
-    DEFAULT_CSS = "LimitGauges { height: auto; padding: 0 1; }"
-    app: "FraexpApp"
+    DEFAULT_CSS = "LimitGauges { height: auto; padding: 0 1; text-wrap: nowrap; text-overflow: ellipsis; }"
 
     def __init__(self, title: str) -> None:
         super().__init__(classes="panel")
@@ -54,26 +50,27 @@ class LimitGauges(Static):
 
     def _text(
         self, motions: Sequence[LimitedMotion], margin: float, used: Sequence[float], predicted: Sequence[float]
-    ) -> Text:
+    ) -> Content:
         names = max((len(motion.name) for motion in motions), default=0)
         values = max((len(_value_text(motion, used)) for motion in motions), default=0)
         width = self.content_size.width or MAX_BAR
         bar = width - names - values - OTHER_CELLS
         is_narrow = bar < MIN_BAR
         bar = min(width if is_narrow else bar, MAX_BAR)
-        text = Text(no_wrap=True, overflow="ellipsis")
-        for number, motion in enumerate(motions):
+        lines = []
+        for motion in motions:
             now = used[motion.place] / motion.limit if used else 0.0
             expected = (predicted[motion.place] if predicted else motion.predicted) / motion.limit
-            state = "error" if now > 1 else "warning" if now > 1 - margin else "success"
-            colour = self.app.theme_variables[state]
-            gauge = Text(_bar_text(now, expected, 1 - margin, bar), colour)
+            colour = "$error" if now > 1 else "$warning" if now > 1 - margin else "$success"
+            gauge = Content.styled(_bar_text(now, expected, 1 - margin, bar), colour)
             share = f" {100 * (now if used else expected):3.0f} %" if used or expected else ""
-            value = Text(f"{_value_text(motion, used):<{values}}{share}")
-            value.append("" if state == "success" else " !", f"bold {colour}")
-            text.append("\n" if number else "").append(f"{motion.name:<{names}}  ", "bold")
-            text.append_text(Text("\n" if is_narrow else "  ").join([value, gauge] if is_narrow else [gauge, value]))
-        return text
+            value = Content.assemble(
+                f"{_value_text(motion, used):<{values}}{share}",
+                ("" if colour == "$success" else " !", f"bold {colour}"),
+            )
+            parts = (value, "\n", gauge) if is_narrow else (gauge, "  ", value)
+            lines.append(Content.assemble((f"{motion.name:<{names}}  ", "bold"), *parts))
+        return Content("\n").join(lines)
 
 
 def _value_text(motion: LimitedMotion, used: Sequence[float]) -> str:

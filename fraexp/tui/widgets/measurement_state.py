@@ -1,9 +1,8 @@
 """The state of a measurement above its plot: progress, the point that is played, and the last one that was measured."""
 
 import time
-from typing import TYPE_CHECKING
 
-from rich.text import Text
+from textual.content import Content
 from textual.widgets import Static
 
 from fraexp.data.terminal_text import printable
@@ -13,9 +12,6 @@ from fraexp.tui.services.themes import state_sign
 from fraexp.views.measurement_texts import band_text
 from fraexp.views.run_progress import bar_text
 from fraexp.views.words import duration_text, elapsed_text, plural
-
-if TYPE_CHECKING:
-    from fraexp.tui.app import FraexpApp
 
 MIN_BAR, MAX_BAR = 10, 40
 """Least and most cells of the bar of progress."""
@@ -27,22 +23,21 @@ class MeasurementState(Static):
     """A line on the progress, one on the point that is played, and one on the last point that was measured."""
 
     DEFAULT_CSS = """
-    MeasurementState { height: 3; padding: 0 1; }
+    MeasurementState { height: 3; padding: 0 1; text-wrap: nowrap; text-overflow: ellipsis; }
     MeasurementState.-ended { height: auto; min-height: 3; max-height: 8; }
     """
-    app: "FraexpApp"
 
     def __init__(self) -> None:
         super().__init__("starting ...")
 
     def show(self, live: LiveMeasurement) -> None:
         """Show the state; of a measurement that has ended, how."""
-        colours = self.app.theme_variables
         sign, colour = state_sign(live.state)
-        text = Text(no_wrap=True, overflow="ellipsis").append(f"{sign} {live.state}", f"bold {colours[colour]}")
-        text.append(f"  {self._progress_text(live)}")
-        for line in (self._point_text(live), live.last_point and f"last  {live.last_point}"):
-            text.append(f"\n{printable(line)}")
+        last = f"last  {live.last_point}" if live.last_point else ""
+        text = Content.assemble(
+            (f"{sign} {live.state}", f"bold ${colour}"),
+            f"  {self._progress_text(live)}\n{printable(self._point_text(live))}\n{printable(last)}",
+        )
         self.set_class(live.has_ended, "-ended")  # a reason may be long
         self.update(text, layout=live.has_ended)
 

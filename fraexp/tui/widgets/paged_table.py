@@ -15,7 +15,7 @@ from textual.widgets import DataTable
 from fraexp.data.terminal_text import printable
 from fraexp.errors import FraexpError
 from fraexp.tui.page import TABLE_GROUP
-from fraexp.tui.services.themes import state_cell, state_text
+from fraexp.tui.services.themes import rich_colour, state_cell, state_text
 from fraexp.views.listing import COLUMN_GAP, Column, fit_columns
 
 if TYPE_CHECKING:
@@ -223,7 +223,7 @@ class PagedTable(DataTable[Text]):
         return cell
 
     def _mark_cell(self, marked: bool) -> Text:
-        return Text(MARK_SIGN, style=f"bold {self.app.theme_variables['accent']}") if marked else Text(" ")
+        return Text(MARK_SIGN, f"bold {rich_colour(self.app.theme_variables, 'accent')}") if marked else Text(" ")
 
     def is_marked(self, key: str) -> bool:
         """Return whether a row is marked."""
@@ -243,10 +243,18 @@ class PagedTable(DataTable[Text]):
         self.border_subtitle = Text(printable(text))
         self.set_class(error, "-error")
 
-    def on_resize(self, event: events.Resize) -> None:
-        """Show as many rows as fit now."""
+    def on_mount(self) -> None:
+        """Draw all cells again when the theme changes."""
+        self.watch(self.app, "theme", self.redraw, init=False)
+
+    def redraw(self) -> None:
+        """Read the page, and draw all of its cells."""
         self._drawn = None
         self.reload()
+
+    def on_resize(self, event: events.Resize) -> None:
+        """Show as many rows as fit now."""
+        self.redraw()
 
     def action_cursor_down(self) -> None:
         """Move to the next row."""

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from rich.text import Text
+from textual.content import Content
 from textual.widgets import Static
 
 from fraexp.data.results import Outcome
@@ -40,7 +40,7 @@ class RunState(Static):
     def __init__(self, text: str) -> None:
         super().__init__(text, id="state")
         self._speed = Speed()
-        self._shown = Text()
+        self._shown: list[str | tuple[str, str]] = []
         self._failures: list[str] = []
         self._failure_count = 0
 
@@ -57,33 +57,34 @@ class RunState(Static):
 
     def show(self, run: RunSummary, is_stopping: bool) -> None:
         """Show the progress and the last failures."""
-        text = self._text(run, is_stopping)
-        if text != self._shown or text.style != self._shown.style:
-            lines = text.plain.count("\n") != self._shown.plain.count("\n")
-            self.update(text, layout=lines)  # a layout draws the whole screen
-            self._shown = text
+        parts = self._parts(run, is_stopping)
+        if parts != self._shown:
+            text, before = Content.assemble(*parts), Content.assemble(*self._shown)
+            self.update(text, layout=len(text.split()) != len(before.split()))  # a layout draws the whole screen
+            self._shown = parts
 
     def show_start_failure(self, text: str) -> None:
         """Show how a process ended that has begun no run."""
-        self.update(Text(text))
+        self.update(Content(text))
 
-    def _text(self, run: RunSummary, is_stopping: bool) -> Text:
-        colours, is_running = self.app.theme_variables, run.state == "running"
-        state = "stopping" if is_stopping and is_running else run_state_text(run)
+    def _parts(self, run: RunSummary, is_stopping: bool) -> list[str | tuple[str, str]]:
+        state = "stopping" if is_stopping and run.state == "running" else run_state_text(run)
         sign, colour = state_sign(state)
-        text = Text().append(f"{sign} {state}", style=f"bold {colours[colour]}")
         took = f", took {run_duration_text(run)}" if run.ended else ""
         since = f"since {time_text(run.started)}, {elapsed_text(run)}"
-        text.append(f"  {time_text(run.started)}{took}" if run.ended else f"  {since}")
-        text.append(f"  {counts_text(run)}\n")
-        text.append(progress_text(run, self._rate(run), MAX_BAR, self.screen.size.width - PADDING))
+        parts: list[str | tuple[str, str]] = [
+            (f"{sign} {state}", f"bold ${colour}"),
+            f"  {time_text(run.started)}{took}" if run.ended else f"  {since}",
+            f"  {counts_text(run)}\n",
+            progress_text(run, self._rate(run), MAX_BAR, self.screen.size.width - PADDING),
+        ]
         for line in self._failures:
-            text.append(f"\n{printable(line)}", colours["error"] if line.startswith(FAILURE_SIGN) else "")
+            parts.append((f"\n{printable(line)}", "$error" if line.startswith(FAILURE_SIGN) else ""))
         if run.ended and run.computed + run.reused:
-            text.append("\nc shows its figure", colours["text-muted"])
+            parts.append(("\nc shows its figure", "$text-muted"))
         if run.state == "interrupted":
-            text.append(f"\n{_interruption_text(run, is_stopping)}")
-        return text
+            parts.append(f"\n{_interruption_text(run, is_stopping)}")
+        return parts
 
     def _rate(self, run: RunSummary) -> float | None:
         if run.state != "running":
