@@ -1,10 +1,11 @@
-"""What the site has beyond the folder docs: pages from the top of the repository, the generated reference, and folders
-in the navigation.
+"""What the site has beyond the folder docs: pages from the top of the repository, the generated reference and
+gallery, and folders in the navigation.
 """
 
 import importlib.util
 import os
 import re
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
@@ -60,16 +61,19 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     files.remove(found)
     for source, target in MOVED.items():
         files.append(File.generated(config, target, content=(ROOT / source).read_text("utf-8")))
-    for name, text in _make_reference().pages(discover()).items():
+    for name, text in _script("make_reference").pages(discover()).items():
         files.append(File.generated(config, f"reference/{name}", content=text))
+    files.append(File.generated(config, "gallery.md", content=_script("make_gallery").page()))
     return files
 
 
-def _make_reference() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("make_reference", ROOT / "docs/make_reference.py")
+def _script(name: str) -> ModuleType:
+    """Return a script of the folder docs as a module."""
+    spec = importlib.util.spec_from_file_location(name, ROOT / f"docs/{name}.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # dataclasses look it up
     spec.loader.exec_module(module)
     return module
 
@@ -78,7 +82,7 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     """Let the links of a page, which are right in the repository, be right in the site."""
     path = page.file.src_uri
     if path == REFERENCE:
-        markdown += _make_reference().contents(discover())
+        markdown += _script("make_reference").contents(discover())
     source = next((key for key, value in MOVED.items() if value == path), f"docs/{path}")
     return LINK.sub(lambda link: _moved_link(link, source, path), markdown)
 

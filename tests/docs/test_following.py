@@ -67,11 +67,6 @@ def test_the_page_on_studies(follow: Follow) -> None:
     first = printed["fraexp run drive wrong"]
     assert first.count(" complete: ") == 2
     assert " diverged " not in first
-
-
-@pytest.mark.thorough
-def test_the_page_on_varying_studies(follow: Follow) -> None:
-    printed = follow("docs/varying-studies.md")
     assert " complete: " in printed["fraexp run chain"]
     assert "80 reused" in printed["fraexp run tolerances --set monte_carlo.count=60"]
 
@@ -91,6 +86,8 @@ def test_the_tutorial(follow: Follow) -> None:
     for shown in [block.text for block in blocks("docs/tutorial.md") if block.text.startswith("error against")]:
         tables = [table.partition("\n\n")[0] for table in printed.values() if table.startswith("error against")]
         assert any(same_numbers(shown, table) for table in tables), shown
+    for study in ("paper/fig08_identified", "autonomous"):
+        assert re.search(r"run \d+ complete: .*, 0 failed", printed[f"fraexp run {study}"])
 
 
 def same_numbers(shown: str, printed: str) -> bool:
@@ -133,6 +130,8 @@ def test_the_page_on_writing_plugins(follow: Follow, tmp_path: Path) -> None:
     assert "friction element  version 1" in found
     assert "broken" not in found
     assert "third harmonic" in printed["fraexp run own_machine own_multisine"]
+    assert "  expected  odd " in printed["fraexp check one_way"]
+    assert (tmp_path / "fraexp-other-law/fraexp_other_law.py").is_file()
 
 
 @pytest.mark.thorough

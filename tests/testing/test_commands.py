@@ -13,12 +13,9 @@ from fraexp.cli.main import main
 from fraexp.cli.options import KINDS
 from fraexp.components.kinds import KINDS as CLASSES
 from fraexp.testing import checks_for
-from tests.docs.conftest import Follow, follow
 from tests.examples import thorough
 from tests.testing.defects import Element
 from tests.waiting import HANG_TIMEOUT_S
-
-__all__ = ["follow"]  # a fixture
 
 BROKEN = (
     '"""A law."""\nfrom fraexp.api import FrictionModel, param\n\n\n'
@@ -159,10 +156,3 @@ def test_every_check_has_its_own_name_and_a_sentence() -> None:
     checks = checks_for(Element)
     assert len({check.name for check in checks}) == len(checks) > 20
     assert [check.name for check in checks if not check.meaning.endswith(".")] == []
-
-
-@pytest.mark.thorough
-def test_the_page_about_checking(follow: Follow, tmp_path: Path) -> None:
-    printed = follow("docs/checking-a-model.md")
-    assert "  expected  odd " in printed["fraexp check one_way"]
-    assert (tmp_path / "fraexp-other-law/fraexp_other_law.py").is_file()
