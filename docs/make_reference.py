@@ -6,10 +6,13 @@ python docs/make_reference.py FOLDER
 """
 
 import argparse
+import importlib
 import inspect
+import pkgutil
 import re
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+import unicodedata
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Literal, get_args, get_origin
@@ -17,6 +20,7 @@ from typing import Any, Literal, get_args, get_origin
 from pydantic.fields import FieldInfo
 
 import fraexp.api
+import fraexp.tui
 from fraexp.cli import arguments
 from fraexp.cli.exits import ExitCode
 from fraexp.components.kinds import KINDS, Component, nested_kind
@@ -29,7 +33,6 @@ from fraexp.records.record_settings import PlayedSegment, RecordSettings, Step
 from fraexp.simulation.experiments import Compensation
 from fraexp.simulation.machine import ControlLoop, Numerics
 from fraexp.simulation.motion_limits import MotionLimits
-from fraexp.tui.services import key_bindings
 from fraexp.views.components import BOUND_SIGNS
 
 SECTIONS: Mapping[str, type[Parameters]] = {
@@ -298,21 +301,51 @@ PLACES = {
 """Where keys are found, by the class that has them; others by its name."""
 
 
+KEY_TEXTS = {
+    "escape": "Esc",
+    "space": "Space",
+    "minus": "-",
+    "plus": "+",
+    "slash": "/",
+    "pageup": "PgUp",
+    "pagedown": "PgDn",
+}
+"""Texts of keys whose name is neither their character nor its name in Unicode."""
+
+
 def _keys() -> list[str]:
     rows = [
         [
-            PLACES.get(of.owner, of.owner.removesuffix("Page").lower()),
-            " ".join(map(key_bindings.key_text, of.keys)),
-            of.meaning,
-            of.name,
+            PLACES.get(owner.__name__, owner.__name__.removesuffix("Page").lower()),
+            " ".join(f"`{_key_text(key)}`" for key in binding.key.split(",")),
+            binding.tooltip or binding.description,
         ]
-        for of in key_bindings.named_bindings().values()
+        for owner in _screens_and_widgets()
+        for binding in owner.__dict__.get("BINDINGS", ())
+        if binding.tooltip or binding.description
     ]
     first = list(dict.fromkeys(PLACES.values()))
     rows.sort(key=lambda row: (first.index(row[0]) if row[0] in first else len(first), row[0]))
-    cells = [[place, *(f"`{key}`" for key in (pressed, name)), meaning] for place, pressed, meaning, name in rows]
-    lines = ["# Keys of the terminal UI", "", "[Settings](../terminal-ui.md#settings) change keys by these names.", ""]
-    return [*lines, *_table(["where", "keys", "name", "what it does"], cells)]
+    return ["# Keys of the terminal UI", "", *_table(["where", "keys", "what it does"], rows)]
+
+
+def _screens_and_widgets() -> Iterator[type]:
+    """Yield the classes of the terminal UI that may have keys."""
+    for info in sorted(pkgutil.walk_packages(fraexp.tui.__path__, "fraexp.tui."), key=lambda info: info.name):
+        module = importlib.import_module(info.name)
+        for _, owner in inspect.getmembers(module, inspect.isclass):
+            if owner.__module__ == module.__name__:
+                yield owner
+
+
+def _key_text(key: str) -> str:
+    """Return the text of a key: ``?`` for question_mark."""
+    if key in KEY_TEXTS or len(key) == 1:
+        return KEY_TEXTS.get(key, key)
+    try:
+        return unicodedata.lookup(key.replace("_", " "))
+    except KeyError:
+        return key.capitalize()
 
 
 def _commands() -> list[str]:

@@ -108,10 +108,6 @@ def _serve(parser: Parser) -> None:
     )
 
 
-def _tui(parser: Parser) -> None:
-    parser.add_argument("--ascii", action="store_true", help="draw with ASCII characters only")
-
-
 def _rerun_class(text: str) -> str:
     """Return which stored sweeps are computed again; ``failed`` is the earlier name of those without a result."""
     if text == "failed":
@@ -356,7 +352,7 @@ DECLARE = {
     "delete": _delete,
     "merge": _merge,
     "migrate": _migrate,
-    "tui": _tui,
+    "tui": lambda parser: None,  # those of every command
     "serve": _serve,
     "doctor": _json,
 }

@@ -16,12 +16,9 @@ def execute(arguments: Namespace) -> ExitCode:
         raise FraexpError("tui: no terminal; use the commands instead: fraexp list, show, compare")
     if not Path(arguments.workspace).is_dir():
         WorkspaceFolder.open(arguments.workspace)  # raises the error before the UI starts
-    from fraexp.tui.services import gc_policy
-
-    gc_policy.postpone_full_collections()
     from fraexp.tui.app import FraexpApp
 
-    app = FraexpApp(arguments.workspace, arguments.db, arguments.ascii or None, arguments.debug)
+    app = FraexpApp(arguments.workspace, arguments.db, arguments.debug)
     app.run()
     return ExitCode.INTERNAL if app.return_code else ExitCode.OK
 

@@ -1,7 +1,7 @@
 """The application: its screens, the keys that work everywhere, and the polling of database and plugins."""
 
 import asyncio
-import os
+import gc
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property
@@ -13,7 +13,6 @@ from rich.text import Text
 from textual import events
 from textual.app import App, SystemCommand
 from textual.binding import Binding, BindingType
-from textual.filter import LineFilter
 from textual.message import Message
 from textual.notifications import SeverityLevel
 from textual.screen import Screen
@@ -24,8 +23,6 @@ from fraexp.tui.dialogs import ConfirmDialog
 from fraexp.tui.key_queue import KeyQueue
 from fraexp.tui.page import PLACES, DatabaseChanged, Page, shorten
 from fraexp.tui.services import user_settings
-from fraexp.tui.services.ascii_filter import AsciiFilter
-from fraexp.tui.services.gc_policy import GarbageCollector
 from fraexp.tui.services.plugin_watch import PluginsChanged, PluginWatch, reload_plugins
 from fraexp.tui.services.selection import Selection
 from fraexp.tui.services.terminal_watch import end_with_terminal
@@ -48,8 +45,6 @@ MEASUREMENT_POLL_INTERVAL_S = 0.2
 """Seconds between two looks at a measurement that is running."""
 STOP_TIMEOUT_S = 10.0
 """Seconds that quitting waits for the machine to come to rest."""
-GC_INTERVAL_S = 15.0
-"""Seconds between two attempts to collect garbage."""
 SCREENS = {
     "studies": ("fraexp.tui.screens.studies_page", "StudiesPage"),
     "runs": ("fraexp.tui.screens.runs_page", "RunsPage"),
@@ -85,21 +80,19 @@ class FraexpApp(App[None]):
     HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (110, "-wide")]  # noqa: RUF012 - as Textual declares it
     VERTICAL_BREAKPOINTS = [(0, "-low"), (32, "-high")]  # noqa: RUF012
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("s", "place('studies')", "Studies", show=False, id="studies", tooltip="the studies that can be run"),
-        Binding("r", "place('runs')", "Runs", show=False, id="runs", tooltip="finished and running runs"),
-        Binding("w", "place('sweeps')", "Sweeps", show=False, id="sweeps", tooltip="all sweeps in the database"),
-        Binding("c", "place('compare')", "Compare", show=False, id="compare", tooltip="compare the marked sweeps"),
-        Binding("p", "place('plugins')", "Plugins", show=False, id="plugins", tooltip="components and their state"),
-        Binding("colon", "command_palette", "commands", show=False, id="palette", tooltip="search for a command"),
-        Binding("q", "quit", "quit", show=False, id="quit", tooltip="quit; runs continue, a measurement is stopped"),
+        Binding("s", "place('studies')", "Studies", show=False, tooltip="the studies that can be run"),
+        Binding("r", "place('runs')", "Runs", show=False, tooltip="finished and running runs"),
+        Binding("w", "place('sweeps')", "Sweeps", show=False, tooltip="all sweeps in the database"),
+        Binding("c", "place('compare')", "Compare", show=False, tooltip="compare the marked sweeps"),
+        Binding("p", "place('plugins')", "Plugins", show=False, tooltip="components and their state"),
+        Binding("colon", "command_palette", "commands", show=False, tooltip="search for a command"),
+        Binding("q", "quit", "quit", show=False, tooltip="quit; runs continue, a measurement is stopped"),
     ]
 
-    def __init__(
-        self, folder: str | Path, database: str | None = None, plain: bool | None = None, tracing: bool = False
-    ) -> None:
+    def __init__(self, folder: str | Path, database: str | None = None, tracing: bool = False) -> None:
         """Open a workspace; FraexpError if the settings are invalid.
 
-        `plain` draws with ASCII characters only, `tracing` shows the traceback of an internal error.
+        `tracing` shows the traceback of an internal error.
         """
         super().__init__()
         self.settings = user_settings.read_settings(user_settings.settings_file())
@@ -111,14 +104,11 @@ class FraexpApp(App[None]):
         self.drafts: dict[str, FormDraft] = {}
         """Unlaunched changes in the forms of studies, by study."""
         self._plugins = PluginWatch(Path(folder) / "plugins")
-        wished = self.settings.ascii if plain is None else plain
-        self._ascii = AsciiFilter(user_settings.is_ascii_terminal(os.environ) if wished is None else wished)
         self._tracing = tracing
         self._version: object = "not looked yet"
         self._looks = 0
-        self._collector = GarbageCollector()
         self._key_queue = KeyQueue(self)
-        self._choose()
+        self._choose_theme()
 
     @cached_property
     def backend(self) -> "Backend":
@@ -127,10 +117,12 @@ class FraexpApp(App[None]):
             Backend,  # it imports all that computes and stores: the first frame must not wait for it
         )
 
-        return Backend(*self._place)
+        backend = Backend(*self._place)
+        gc.freeze()  # a full collection that visits all imported objects takes tenths of a second, for which keys wait
+        return backend
 
-    def _choose(self) -> None:
-        """Apply the theme and the keys of the user."""
+    def _choose_theme(self) -> None:
+        """Apply the theme of the user."""
         for theme in (DARK, LIGHT):
             self.register_theme(theme)
         self.theme = DEFAULT_THEME
@@ -139,22 +131,6 @@ class FraexpApp(App[None]):
                 known = did_you_mean(self.settings.theme, self.available_themes)
                 raise FraexpError(f"{user_settings.settings_file()}: unknown theme '{self.settings.theme}'{known}")
             self.theme = self.settings.theme
-        if self.settings.keys:
-            from fraexp.tui.services import (
-                key_bindings,  # it imports all screens: only for users with keys of their own
-            )
-
-            key_bindings.check_keys(self.settings.keys, str(user_settings.settings_file()))
-            self.set_keymap(dict(self.settings.keys))
-
-    @property
-    def plain(self) -> bool:
-        """Whether all is drawn with ASCII characters."""
-        return self._ascii.enabled
-
-    def get_line_filters(self) -> Sequence[LineFilter]:
-        """Return the filters of each line that is shown."""
-        return [*super().get_line_filters(), *([self._ascii] if self._ascii.enabled else [])]
 
     def get_default_screen(self) -> Screen[Any]:
         """Return the first frame."""
@@ -172,13 +148,11 @@ class FraexpApp(App[None]):
         self.switch_mode("studies")
         self.set_interval(POLL_INTERVAL_S, self.poll_database)
         self.set_interval(PLUGIN_POLL_INTERVAL_S, self.poll_plugins)
-        self.set_interval(GC_INTERVAL_S, self._collector.collect_if_idle)
         self.set_interval(MEASUREMENT_POLL_INTERVAL_S, self.poll_measurement)
 
     async def on_event(self, event: events.Event) -> None:
         """Handle an event of the terminal."""
         if isinstance(event, events.Key) and not event.is_forwarded:  # a forwarded key comes back from a screen
-            self._collector.note_key()
             key = (
                 events.Key("enter", "\r") if event.key == "ctrl+j" else event
             )  # Enter before the terminal is in raw mode
@@ -304,11 +278,6 @@ class FraexpApp(App[None]):
         """Remove the previous notification: two of them would cover the plots."""
         self.clear_notifications()
 
-    def get_key_display(self, binding: Binding) -> str:
-        """Return the text of a key; the sign for Enter has no counterpart in ASCII."""
-        text = super().get_key_display(binding)
-        return text.replace("⏎", "Enter") if self.plain else text
-
     def action_keys(self) -> None:
         """Show the help of the screen and its keys."""
         from fraexp.tui.screens.help_screen import HelpPage
@@ -317,30 +286,20 @@ class FraexpApp(App[None]):
             self.push_screen(HelpPage(self.screen))
 
     def get_system_commands(self, screen: Screen[object]) -> Iterable[SystemCommand]:
-        """Return the entries of the command palette: places, keys of the screen, theme, ASCII and quit."""
+        """Return the entries of the command palette: places, keys of the screen, theme and quit."""
         for place, name in PLACES.items():
             yield SystemCommand(name, f"go to {name}", lambda place=place: self.action_place(place))
         for binding in screen.active_bindings.values():
             key = binding.binding
-            ours = key.id and key.description  # skip those that Textual adds to every screen
+            ours = key.tooltip and key.description  # those of Textual have no description or no tooltip
             if binding.node is screen and ours and key.action not in ("back", "app.keys"):
                 text = f"{key.tooltip or key.description} (key {self.get_key_display(key)})"
                 yield SystemCommand(key.description, text, lambda action=key.action: self._act(action))
         yield SystemCommand("Theme", "choose colours", self.action_change_theme)
-        yield SystemCommand("ASCII", "switch between ASCII and Unicode characters", self.action_ascii)
         yield SystemCommand("Quit", "quit; runs continue, a measurement is stopped", self.action_quit)
 
     def _act(self, action: str) -> None:
         self.call_later(self.screen.run_action, action)
-
-    def action_ascii(self) -> None:
-        """Switch between ASCII and Unicode characters."""
-        self._ascii.enabled = not self._ascii.enabled
-        self.refresh_css(animate=False)
-        self.screen.refresh_bindings()
-        for node in self.screen.walk_children():
-            node.refresh()  # lines that are kept were made with the previous characters
-        self.screen.refresh(layout=True)
 
     def _fatal_error(self) -> None:
         """End with one line after an unexpected error; runs continue."""

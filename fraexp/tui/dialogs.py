@@ -26,8 +26,8 @@ class ConfirmDialog(ModalScreen[bool]):
 
     DEFAULT_CSS = "ConfirmDialog { align: center middle; } ConfirmDialog > Vertical {" + BOX_CSS + "}"
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("y", "answer(True)", "yes", id="confirm.yes"),
-        Binding("n,escape,enter", "answer(False)", "no", id="confirm.no"),
+        Binding("y", "answer(True)", "yes"),
+        Binding("n,escape,enter", "answer(False)", "no"),
     ]
 
     def __init__(self, question: str) -> None:
@@ -54,8 +54,8 @@ class InputDialog(ModalScreen[str | None]):
         + "} InputDialog .wrong { color: $text-error; }"
     )
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("escape", "leave", "cancel", id="ask.leave"),
-        Binding("tab", "take", "complete", id="ask.take", priority=True, tooltip="accept the completion"),
+        Binding("escape", "leave", "cancel"),
+        Binding("tab", "take", "complete", priority=True, tooltip="accept the completion"),
     ]
 
     def __init__(
@@ -107,8 +107,8 @@ class GroupingDialog(ModalScreen[list[str] | None]):
         + "} GroupingDialog SelectionList { height: auto; max-height: 12; }"
     )
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("escape", "leave", "cancel", id="group.leave"),
-        Binding("enter", "answer", "show", id="group.answer", priority=True),
+        Binding("escape", "leave", "cancel"),
+        Binding("enter", "answer", "show", priority=True),
     ]
 
     def __init__(self, labels: Mapping[str, str], chosen: Sequence[str] | None) -> None:

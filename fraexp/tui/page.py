@@ -116,9 +116,9 @@ class Page(Screen[None]):
     HELP: ClassVar[str] = ""
     """The help text: purpose and terms of the screen."""
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("escape", "back", "back", show=False, id="back", tooltip="go back"),
-        Binding("question_mark,f1", "app.keys", "help", id="help", tooltip="help: purpose and keys of this screen"),
-        Binding("y", "copy_command", "copy", show=False, id="copy", tooltip="copy the command line at the top"),
+        Binding("escape", "back", "back", show=False, tooltip="go back"),
+        Binding("question_mark,f1", "app.keys", "help", tooltip="help: purpose and keys of this screen"),
+        Binding("y", "copy_command", "copy", show=False, tooltip="copy the command line at the top"),
     ]
     live: bool = False
     """Whether the content changes with time, as a running run does."""

@@ -329,21 +329,6 @@ def test_failed_sweeps_are_left_out_and_told(workspace: Path, keys: list[str]) -
 
 
 @pytest.mark.thorough
-def test_in_ascii_all_is_ascii_and_curves_carry_digits(workspace: Path, keys: list[str]) -> None:
-    async def steps(app: FraexpApp, pilot: Pilot[None]) -> None:
-        page = await compare(app, pilot, keys)
-        page.stack.draw()
-        for key in ("b", "d", "n", "t", "i"):
-            await pilot.press(key)
-            await settle(pilot)
-            strips = app.screen._compositor.render_strips()
-            shown = [strip.apply_filter(app._ascii, app.screen.background_colors[1]).text for strip in strips]
-            assert "\n".join(shown).isascii()
-
-    pilot_of(FraexpApp(workspace, plain=True), steps)
-
-
-@pytest.mark.thorough
 def test_names_cannot_command_the_terminal(tmp_path: Path) -> None:
     keys = store_results(tmp_path, [found(resonant(GRID)), found(resonant(GRID, at=60.0))], "[bold]\x1b[31m")
 

@@ -1,13 +1,21 @@
 """Help tells the keys as they are, on every screen."""
 
+import importlib
+import inspect
+import pkgutil
+
 import pytest
+from textual.screen import ModalScreen
 from textual.widgets import Static
 
+import fraexp.tui.screens
+from fraexp.tui import dialogs, page
+from fraexp.tui.app import FraexpApp
 from fraexp.tui.dialogs import ConfirmDialog, InputDialog
 from fraexp.tui.page import PLACES
 from fraexp.tui.screens.help_screen import HelpPage
 from fraexp.tui.screens.trial_page import TrialPage
-from fraexp.tui.services import key_bindings
+from fraexp.tui.widgets import paged_table, sweep_table, tagging
 from tests.tui.pilots import pilot_of, shows, until
 
 
@@ -27,23 +35,6 @@ def test_help_of_a_place_tells_what_it_is_for_and_closes(workspace, place):
 
 
 @pytest.mark.thorough
-def test_help_tells_a_key_that_was_changed(workspace, tmp_path, monkeypatch):
-    settings = tmp_path / "tui.toml"
-    settings.write_text('[keys]\nplugins = "P"\n"plugins.filter" = "f5"\n', "utf-8")
-    monkeypatch.setenv("FRAEXP_TUI_SETTINGS", str(settings))
-
-    async def steps(app, pilot):
-        await pilot.press("P")
-        await until(pilot, lambda: app.screen.PLACE == "plugins")
-        await pilot.press("f5")
-        await until(pilot, lambda: app.screen.query_one("#filter").has_class("-shown"))
-        await pilot.press("escape", "question_mark")
-        await shows(pilot, "f5  ")
-
-    pilot_of(workspace, steps, size=(160, 50))
-
-
-@pytest.mark.thorough
 def test_f1_helps_where_letters_are_typed(workspace):
     async def steps(app, pilot):
         await app.push_screen(TrialPage("dahl"))
@@ -56,25 +47,21 @@ def test_f1_helps_where_letters_are_typed(workspace):
     pilot_of(workspace, steps)
 
 
-def test_every_key_has_a_name_and_a_meaning():
-    assert all(known.meaning for known in key_bindings.named_bindings().values())
-    assert {"studies", "quit", "back", "help", "copy", "table.mark", "trial.more"} <= set(key_bindings.named_bindings())
-
-
 def test_no_screen_takes_the_keys_of_the_places():
     """A key that leads elsewhere must do so everywhere, but for the sweep's own c, which compares it too."""
-    places = {
-        key
-        for name in ("studies", "runs", "sweeps", "plugins", "quit", "palette")
-        for key in key_bindings.named_bindings()[name].keys
-    }
-    modal = ("HelpPage", "InputDialog", "ConfirmDialog")
+    names = [info.name for info in pkgutil.walk_packages(fraexp.tui.screens.__path__, "fraexp.tui.screens.")]
+    modules = [*map(importlib.import_module, names), dialogs, paged_table, sweep_table, tagging, page]
+    owners = {of for module in modules for _, of in inspect.getmembers(module, inspect.isclass)}
     taken = {
-        known.name
-        for known in key_bindings.named_bindings().values()
-        if places & set(known.keys) and known.owner not in modal
+        (key, owner.__name__)
+        for owner in owners - {HelpPage, FraexpApp}
+        for binding in owner.__dict__.get("BINDINGS", ())
+        if owner.__module__.startswith("fraexp.") and not issubclass(owner, ModalScreen)
+        for key in binding.key.split(",")
     }
-    assert taken == {"studies", "runs", "sweeps", "plugins", "quit", "palette"}
+    places = {binding.key for binding in FraexpApp.BINDINGS}
+    assert len(taken) > 50
+    assert {(key, owner) for key, owner in taken if key in places} == {("c", "SweepPage"), ("c", "RunPage")}
 
 
 @pytest.mark.thorough

@@ -11,9 +11,8 @@ import pytest
 
 from fraexp.errors import FraexpError
 from fraexp.tui.app import FraexpApp
-from fraexp.tui.services import key_bindings
 from fraexp.tui.services.user_settings import read_settings, settings_file
-from tests.tui.pilots import pilot_of, settle, until
+from tests.tui.pilots import pilot_of
 from tests.waiting import HANG_TIMEOUT_S
 
 GUIDE = Path(__file__).parents[2] / "docs/terminal-ui.md"
@@ -41,28 +40,9 @@ def test_the_example_of_the_guide_is_taken(workspace, write):
     settings = read_settings(write(example()))
     assert settings.theme
     assert settings.phase == "wrapped"
-    assert settings.keys
 
     async def steps(app, pilot):
         assert app.theme == settings.theme
-
-    pilot_of(FraexpApp(workspace), steps)
-
-
-@pytest.mark.thorough
-def test_keys_do_what_they_are_told_and_the_old_ones_no_longer(workspace, write):
-    write('[keys]\nsweeps = "S,f2"\n')
-
-    async def steps(app, pilot):
-        await pilot.press("w")
-        await settle(pilot)
-        assert app.screen.PLACE == "studies"
-        await pilot.press("f2")
-        await until(pilot, lambda: app.screen.PLACE == "sweeps")
-        await pilot.press("s")
-        await until(pilot, lambda: app.screen.PLACE == "studies")
-        await pilot.press("S")
-        await until(pilot, lambda: app.screen.PLACE == "sweeps")
 
     pilot_of(FraexpApp(workspace), steps)
 
@@ -71,20 +51,7 @@ WRONG = [
     ("theme = 'nordic'", "unknown theme 'nordic'; did you mean 'nord'?"),
     ("them = 'nord'", "settings has no parameter 'them'; did you mean 'theme'?"),
     ("phase = 'up'", "phase is 'up'; expected unwrapped or wrapped"),
-    ("ascii = 'maybe'", "settings.ascii is 'maybe'"),
     ("theme = ", "cannot be read as TOML"),
-    ("ascii = 'yes'", "settings.ascii is 'yes'; expected true or false"),
-    ("ascii = 1", "settings.ascii is 1; expected true or false"),
-    ("[keys]\nsweeps = 'r'", "keys.sweeps: key 'r' is already 'runs' on the same screen; choose another key"),
-    ("[keys]\nsweeps = 't'", "keys.sweeps: key 't' is already '"),
-    ("[keys]\n'table.mark' = 'D'", "keys.table.mark: key 'D' is already 'delete' on the same screen"),
-    ("[keys]\n'table.mark' = '?'", "keys.table.mark: key 'question_mark' is already 'help' on the same screen"),
-    ("keys = 3", "settings.keys is 3"),
-    ("[keys]\nsweps = 'w'", "unknown key binding 'sweps'; did you mean 'sweeps'?"),
-    ("[keys]\ntable.mrk = 'w'", "unknown key binding 'table.mrk'; did you mean 'table.mark'?"),
-    ("[keys]\nxyzzy123 = 'w'", "unknown key binding 'xyzzy123'; see docs/terminal-ui.md"),
-    ("[keys]\nsweeps = 'spcae'", "keys.sweeps: unknown key 'spcae'; did you mean 'space'?"),
-    ("[keys]\nsweeps = ''", "keys.sweeps: unknown key ''; expected a character"),
 ]
 
 
@@ -117,7 +84,7 @@ def test_the_place_is_the_users_unless_told(monkeypatch, tmp_path):
 
 
 def test_the_command_ends_with_2_and_one_line(workspace, write):
-    write("[keys]\nsweps = 'w'")
+    write("them = 'nord'")
     ours, theirs = pty.openpty()
     command = [sys.executable, "-m", "fraexp", "tui", "--workspace", str(workspace)]
     done = subprocess.run(
@@ -127,14 +94,4 @@ def test_the_command_ends_with_2_and_one_line(workspace, write):
     os.close(ours)
     assert done.returncode == 2
     assert done.stderr.decode().count("\n") == 1
-    assert "unknown key binding 'sweps'" in done.stderr.decode()
-
-
-@pytest.mark.parametrize("text", ["m", "M", "+", "ctrl+k", "f5", "space", "question_mark", "shift+up", "comma", "plus"])
-def test_names_of_keys(text):
-    assert key_bindings.is_key(text)
-
-
-def test_a_key_that_another_one_gives_up_may_be_taken():
-    key_bindings.check_keys({"sweeps": "r", "runs": "w"}, "settings")
-    key_bindings.check_keys({"trial.plots": "f5"}, "settings")  # of another screen's
+    assert "did you mean 'theme'?" in done.stderr.decode()

@@ -213,17 +213,6 @@ def test_sweeps_are_marked_one_by_one_and_all_that_match(workspace, monkeypatch)
 
 
 @pytest.mark.thorough
-def test_marks_are_told_without_unicode(workspace):
-    async def steps(app, pilot):
-        await opened(app, pilot)
-        await pilot.press("space")
-        await shows(pilot, " x  ")
-        assert screen_text(app).isascii()
-
-    pilot_of(FraexpApp(workspace, plain=True), steps)
-
-
-@pytest.mark.thorough
 def test_marked_sweeps_are_tagged_and_untagged(workspace):
     async def steps(app, pilot):
         table = await opened(app, pilot)

@@ -1,7 +1,9 @@
 """Colours, dashes and digits that distinguish curves, on dark and light terminals."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
+
+from textual.app import App
 
 from fraexp.tui.plotting.plotted_curves import REFERENCE
 from fraexp.tui.services.themes import rich_colour
@@ -29,11 +31,12 @@ class CurveStyles:
     grid: str = GRID_COLOURS[True]
 
     @classmethod
-    def of_theme(cls, dark: bool, digits: bool, colours: Mapping[str, str]) -> "CurveStyles":
-        """Return the styles of a theme; `colours` are its variables."""
+    def of_app(cls, app: App[Any]) -> "CurveStyles":
+        """Return the styles for the theme of an application; without colours, curves carry digits."""
+        dark, colours = app.current_theme.dark, app.theme_variables
         wanted = (("axis", AXIS_COLOURS), ("grid", GRID_COLOURS))
         axis, grid = (rich_colour(colours, name) if name in colours else of[dark] for name, of in wanted)
-        return cls(dark, digits, axis, grid)
+        return cls(dark, app.no_color, axis, grid)
 
     @property
     def neutral(self) -> str:

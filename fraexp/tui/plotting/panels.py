@@ -47,10 +47,8 @@ class SmallPlot(Plot):
         panel = PlotPanel(self._title, "", "", tuple(traces), spectral=self._x_decades, decades=self._y_decades)
         x, y = ([getattr(trace, part) for trace in traces] for part in ("x", "y"))
         window = *_span(x), *_span(y)
-        theme, plain = self.app.current_theme, bool(getattr(self.app, "plain", False))
-        styles = CurveStyles.of_theme(theme.dark, self.app.no_color or plain, self.app.theme_variables)
         cursor = bar if bar is None or not self._x_decades else 10.0**bar
-        self.show(panel, window, ViewRange(cursor=cursor), styles, upright=True, labelled=True)
+        self.show(panel, window, ViewRange(cursor=cursor), CurveStyles.of_app(self.app), upright=True, labelled=True)
 
 
 def _trace(of: int, line: Line) -> PlotTrace:

@@ -87,9 +87,7 @@ class PlotStack(Vertical):
     @property
     def curve_styles(self) -> CurveStyles:
         """The styles that distinguish curves on this terminal."""
-        plain = bool(getattr(self.app, "plain", False))
-        theme = self.app.current_theme
-        return CurveStyles.of_theme(theme.dark, self.app.no_color or plain, self.app.theme_variables)
+        return CurveStyles.of_app(self.app)
 
     def legend(self, labels: Sequence[str], width: int | None = None) -> Text:
         """Return the names of curves by their places, each after a sample of its line, in one line.

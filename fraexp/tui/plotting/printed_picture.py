@@ -26,7 +26,8 @@ class PictureApp(App[None]):
 
     def __init__(self, picture: Picture, dark: bool, plain: bool) -> None:
         super().__init__()
-        self.picture, self.plain = picture, plain
+        self.picture = picture
+        self.no_color = self.no_color or plain
         self.theme = DARK_THEME if dark else LIGHT_THEME
 
     def compose(self) -> ComposeResult:

@@ -77,19 +77,19 @@ An exported figure shows the visible curves and frequencies.
     """
     )
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("b", "view('bode')", "Bode", id="compare.bode", tooltip="magnitude and phase over frequency"),
-        Binding("d", "view('difference')", "diff", id="compare.difference", tooltip="difference from the reference"),
-        Binding("n", "view('nyquist')", "Nyquist", id="compare.nyquist", tooltip="responses in the complex plane"),
-        Binding("t", "view('coherence')", "THD", id="compare.coherence", tooltip="coherence and harmonic distortion"),
-        Binding("v", "view('curves')", "curves", id="compare.curves", tooltip="loops, motions and other curves"),
-        Binding("i", "table", "table", id="compare.table", tooltip="table of the differences"),
-        Binding("tab", "table", show=False, id="compare.table-tab", tooltip="table of the differences"),
-        Binding("R", "reference", "ref", id="compare.reference", tooltip="use the focused curve as the reference"),
-        Binding("e", "export", "export", id="compare.export", tooltip="export the plot as PNG, SVG or PDF"),
-        Binding("space", "unmark", show=False, id="compare.unmark", tooltip="unmark the focused sweep"),
-        Binding("enter", "open", show=False, id="compare.open", tooltip="open the focused sweep"),
-        Binding("g", "group", show=False, id="compare.group", tooltip="next unit, facet, or kind of curves"),
-        Binding("G", "group_by", "group", id="compare.group-by", tooltip="choose the labels that make groups"),
+        Binding("b", "view('bode')", "Bode", tooltip="magnitude and phase over frequency"),
+        Binding("d", "view('difference')", "diff", tooltip="difference from the reference"),
+        Binding("n", "view('nyquist')", "Nyquist", tooltip="responses in the complex plane"),
+        Binding("t", "view('coherence')", "THD", tooltip="coherence and harmonic distortion"),
+        Binding("v", "view('curves')", "curves", tooltip="loops, motions and other curves"),
+        Binding("i", "table", "table", tooltip="table of the differences"),
+        Binding("tab", "table", show=False, tooltip="table of the differences"),
+        Binding("R", "reference", "ref", tooltip="use the focused curve as the reference"),
+        Binding("e", "export", "export", tooltip="export the plot as PNG, SVG or PDF"),
+        Binding("space", "unmark", show=False, tooltip="unmark the focused sweep"),
+        Binding("enter", "open", show=False, tooltip="open the focused sweep"),
+        Binding("g", "group", show=False, tooltip="next unit, facet, or kind of curves"),
+        Binding("G", "group_by", "group", tooltip="choose the labels that make groups"),
     ]  # fmt: skip
 
     def __init__(self) -> None:

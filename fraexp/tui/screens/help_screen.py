@@ -13,6 +13,8 @@ from textual.widgets import Static
 from fraexp.tui.page import Page
 from fraexp.tui.services import user_settings
 
+TOOLKIT_KEYS = ("ctrl+q", "ctrl+p")
+"""Keys that Textual adds to every screen, with a meaning that other keys have too."""
 MAX_LISTED_KEYS = 4
 """Maximum number of keys with one meaning that are listed one by one."""
 
@@ -28,11 +30,11 @@ class HelpPage(ModalScreen[None]):
     }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("escape,question_mark,f1,q,enter", "dismiss", "close", id="help.close"),
-        Binding("j", "scroll(1)", "down", show=False, id="help.down", tooltip="scroll down"),
-        Binding("k", "scroll(-1)", "up", show=False, id="help.up", tooltip="scroll up"),
-        Binding("g", "turn(False)", "top", show=False, id="help.top", tooltip="scroll to the top"),
-        Binding("G", "turn(True)", "end", show=False, id="help.end", tooltip="scroll to the end"),
+        Binding("escape,question_mark,f1,q,enter", "dismiss", "close"),
+        Binding("j", "scroll(1)", "down", show=False, tooltip="scroll down"),
+        Binding("k", "scroll(-1)", "up", show=False, tooltip="scroll up"),
+        Binding("g", "turn(False)", "top", show=False, tooltip="scroll to the top"),
+        Binding("G", "turn(True)", "end", show=False, tooltip="scroll to the end"),
     ]
 
     def __init__(self, page: Page) -> None:
@@ -45,7 +47,7 @@ class HelpPage(ModalScreen[None]):
             yield Static(Text(_reflow(self._page.HELP) + "\n"))
             yield Static(self._keys())
             place = user_settings.settings_file()
-            yield Static(Text(f"\nSettings (keys, theme, ASCII): {place}. : or ctrl+p finds commands by name."))
+            yield Static(Text(f"\nSettings (theme, phase): {place}. : or ctrl+p finds commands by name."))
 
     def _keys(self) -> Table:
         table = Table(box=None, padding=(0, 2, 0, 0), show_header=False)
@@ -54,8 +56,8 @@ class HelpPage(ModalScreen[None]):
         seen: dict[tuple[str, str], list[str]] = {}
         for active in self._page.active_bindings.values():
             binding = active.binding
-            if binding.id:  # skip those that Textual adds to every screen
-                what = binding.tooltip or binding.description
+            what = binding.tooltip
+            if what and binding.key not in TOOLKIT_KEYS:
                 kind = binding.action.partition("(")[0]  # the keys of all curves have the same meaning
                 seen.setdefault((kind, what), []).append(self.app.get_key_display(binding))
         for (_, what), keys in seen.items():

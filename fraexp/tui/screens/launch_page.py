@@ -58,19 +58,13 @@ The run is a separate process: it continues if you quit or the connection is los
     LaunchPage #hint { height: 3; padding: 0 1; background: $panel; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("f5", "launch", "launch", id="launch.start", tooltip="launch, from any line"),
-        Binding("f6", "measure", "measure", id="launch.measure", tooltip="measure with these values, from any line"),
-        Binding("down,enter", "next(1)", "next", show=False, id="launch.next", tooltip="next line"),
-        Binding("up", "next(-1)", "previous", show=False, id="launch.before", tooltip="previous line"),
-        Binding("pagedown", "next(8)", "on", show=False, id="launch.on", tooltip="eight lines down"),
-        Binding("pageup", "next(-8)", "back", show=False, id="launch.back", tooltip="eight lines up"),
-        Binding(
-            "ctrl+r",
-            "restore",
-            "restore",
-            id="launch.restore",
-            tooltip="restore the value of the line; on Launch, of all lines",
-        ),
+        Binding("f5", "launch", "launch", tooltip="launch, from any line"),
+        Binding("f6", "measure", "measure", tooltip="measure with these values, from any line"),
+        Binding("down,enter", "next(1)", "next", show=False, tooltip="next line"),
+        Binding("up", "next(-1)", "previous", show=False, tooltip="previous line"),
+        Binding("pagedown", "next(8)", "on", show=False, tooltip="eight lines down"),
+        Binding("pageup", "next(-8)", "back", show=False, tooltip="eight lines up"),
+        Binding("ctrl+r", "restore", "restore", tooltip="restore the value of the line; on Launch, of all lines"),
     ]
     AUTO_FOCUS = "Button"
 

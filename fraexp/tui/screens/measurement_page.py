@@ -52,8 +52,8 @@ At the end the record is analysed by an ordinary run, which is shown."""
     MeasurementPage.-wide RichLog { height: 1fr; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("x", "stop", "stop", id="measurement.stop", tooltip="stop the machine softly; again: kill the process"),
-        Binding("R", "again", "continue", id="measurement.again", tooltip="continue a measurement that was stopped"),
+        Binding("x", "stop", "stop", tooltip="stop the machine softly; again: kill the process"),
+        Binding("R", "again", "continue", tooltip="continue a measurement that was stopped"),
     ]
 
     def __init__(self, live: LiveMeasurement) -> None:

@@ -44,8 +44,8 @@ To change amplitudes, frequencies or limits, open the study with Enter in Studie
     MeasurementPlanPage.-none #start Button { display: none; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("f5", "measure(False)", "measure", id="plan.measure", tooltip="measure, after a question"),
-        Binding("F", "measure(True)", "afresh", id="plan.fresh", tooltip="discard what was recorded, and measure anew"),
+        Binding("f5", "measure(False)", "measure", tooltip="measure, after a question"),
+        Binding("F", "measure(True)", "afresh", tooltip="discard what was recorded, and measure anew"),
     ]
     AUTO_FOCUS = "Button"
 

@@ -32,35 +32,31 @@ class PlotPage(Page):
     """A screen whose body has a `PlotStack` and a Static with the id ``readout``."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("left,h", "step(-1)", show=False, id="compare.left", tooltip="cursor left"),
-        Binding("right,l", "step(1)", show=False, id="compare.right", tooltip="cursor right"),
-        Binding("ctrl+left", f"step(-{FAST_COLUMNS})", show=False, id="compare.fast-left", tooltip="cursor left, fast"),
-        Binding(
-            "ctrl+right", f"step({FAST_COLUMNS})", show=False, id="compare.fast-right", tooltip="cursor right, fast"
-        ),
-        Binding(
-            "left_square_bracket,up,k", "focus_curve(-1)", show=False, id="compare.before", tooltip="previous curve"
-        ),
-        Binding("right_square_bracket,down,j", "focus_curve(1)", show=False, id="compare.next", tooltip="next curve"),
-        *(Binding(str(n), f"curve({n - 1})", show=False, id=f"compare.curve-{n}", tooltip="hide or show this curve")
+        Binding("left,h", "step(-1)", show=False, tooltip="cursor left"),
+        Binding("right,l", "step(1)", show=False, tooltip="cursor right"),
+        Binding("ctrl+left", f"step(-{FAST_COLUMNS})", show=False, tooltip="cursor left, fast"),
+        Binding("ctrl+right", f"step({FAST_COLUMNS})", show=False, tooltip="cursor right, fast"),
+        Binding("left_square_bracket,up,k", "focus_curve(-1)", show=False, tooltip="previous curve"),
+        Binding("right_square_bracket,down,j", "focus_curve(1)", show=False, tooltip="next curve"),
+        *(Binding(str(n), f"curve({n - 1})", show=False, tooltip="hide or show this curve")
           for n in range(1, 10)),
-        Binding("full_stop", "hide", show=False, id="compare.hide", tooltip="hide or show the focused curve"),
-        Binding("0", "all", show=False, id="compare.all", tooltip="show all curves"),
-        Binding("x", "zoom(True,False,True)", show=False, id="compare.zoom-x", tooltip="zoom into x"),
-        Binding("X", "zoom(True,False,False)", show=False, id="compare.unzoom-x", tooltip="zoom out of x"),
-        Binding("z", "zoom(False,True,True)", show=False, id="compare.zoom-y", tooltip="zoom into y"),
-        Binding("Z", "zoom(False,True,False)", show=False, id="compare.unzoom-y", tooltip="zoom out of y"),
-        Binding("plus", "zoom(True,True,True)", show=False, id="compare.zoom", tooltip="zoom in"),
-        Binding("minus", "zoom(True,True,False)", show=False, id="compare.unzoom", tooltip="zoom out"),
-        Binding("H,shift+left", "pan(-1,0)", show=False, id="compare.pan-left", tooltip="move left"),
-        Binding("L,shift+right", "pan(1,0)", show=False, id="compare.pan-right", tooltip="move right"),
-        Binding("J,shift+down", "pan(0,-1)", show=False, id="compare.pan-down", tooltip="move down"),
-        Binding("K,shift+up", "pan(0,1)", show=False, id="compare.pan-up", tooltip="move up"),
-        Binding("equals_sign", "home", show=False, id="compare.home", tooltip="show all again"),
-        Binding("pageup", "panels(-1)", show=False, id="compare.panels-before", tooltip="previous panels"),
-        Binding("pagedown", "panels(1)", show=False, id="compare.panels-next", tooltip="next panels"),
-        Binding("u", "bands", show=False, id="compare.bands", tooltip="show or hide 95 % limits"),
-        Binding("W", "wrap", show=False, id="compare.wrap", tooltip="wrap or unwrap the phase"),
+        Binding("full_stop", "hide", show=False, tooltip="hide or show the focused curve"),
+        Binding("0", "all", show=False, tooltip="show all curves"),
+        Binding("x", "zoom(True,False,True)", show=False, tooltip="zoom into x"),
+        Binding("X", "zoom(True,False,False)", show=False, tooltip="zoom out of x"),
+        Binding("z", "zoom(False,True,True)", show=False, tooltip="zoom into y"),
+        Binding("Z", "zoom(False,True,False)", show=False, tooltip="zoom out of y"),
+        Binding("plus", "zoom(True,True,True)", show=False, tooltip="zoom in"),
+        Binding("minus", "zoom(True,True,False)", show=False, tooltip="zoom out"),
+        Binding("H,shift+left", "pan(-1,0)", show=False, tooltip="move left"),
+        Binding("L,shift+right", "pan(1,0)", show=False, tooltip="move right"),
+        Binding("J,shift+down", "pan(0,-1)", show=False, tooltip="move down"),
+        Binding("K,shift+up", "pan(0,1)", show=False, tooltip="move up"),
+        Binding("equals_sign", "home", show=False, tooltip="show all again"),
+        Binding("pageup", "panels(-1)", show=False, tooltip="previous panels"),
+        Binding("pagedown", "panels(1)", show=False, tooltip="next panels"),
+        Binding("u", "bands", show=False, tooltip="show or hide 95 % limits"),
+        Binding("W", "wrap", show=False, tooltip="wrap or unwrap the phase"),
     ]  # fmt: skip
 
     @property

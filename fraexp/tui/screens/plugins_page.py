@@ -127,9 +127,9 @@ Enter on a friction model opens a trial: force loop and describing function, upd
     PluginsPage.-wide #detail { height: 1fr; width: 50%; border-left: solid $panel-lighten-2; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("slash", "filter", "filter", id="plugins.filter", tooltip="filter by words"),
-        Binding("d", "scroll(1)", "", show=False, id="plugins.down", tooltip="scroll the description down"),
-        Binding("u", "scroll(-1)", "", show=False, id="plugins.up", tooltip="scroll the description up"),
+        Binding("slash", "filter", "filter", tooltip="filter by words"),
+        Binding("d", "scroll(1)", "", show=False, tooltip="scroll the description down"),
+        Binding("u", "scroll(-1)", "", show=False, tooltip="scroll the description up"),
     ]
 
     def __init__(self) -> None:
@@ -255,8 +255,8 @@ class ComponentPage(Page):
     HELP: ClassVar[str] = "The description of a component by its author, and its parameters."
     DEFAULT_CSS = "ComponentPage VerticalScroll { padding: 0 1; }"
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("j", "scroll(1)", show=False, id="component.down", tooltip="scroll down"),
-        Binding("k", "scroll(-1)", show=False, id="component.up", tooltip="scroll up"),
+        Binding("j", "scroll(1)", show=False, tooltip="scroll down"),
+        Binding("k", "scroll(-1)", show=False, tooltip="scroll up"),
     ]
 
     def __init__(self, offer: Offer, sources: SourceCounts) -> None:

@@ -62,12 +62,12 @@ Enter opens a sweep, Space marks it; c compares the marked sweeps, or all of the
     RunPage.-wide.-curves PreviewPlot { display: none; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("x", "stop", "stop", id="run.stop", tooltip="stop the run; again: kill it"),
-        Binding("R", "again", "run again", id="run.again", tooltip="run the study again; stored sweeps are reused"),
-        Binding("c", "compare", "compare", id="run.compare", tooltip="compare the marked sweeps, or all of this run"),
-        Binding("v", "curves", "curves", id="run.curves", tooltip="show or hide its curves"),
-        Binding("f", "follow", "follow", id="run.follow", tooltip="follow the sweep that is being computed, or stop"),
-        Binding("slash", "filter", "filter", show=False, id="run.filter", tooltip="filter its sweeps"),
+        Binding("x", "stop", "stop", tooltip="stop the run; again: kill it"),
+        Binding("R", "again", "run again", tooltip="run the study again; stored sweeps are reused"),
+        Binding("c", "compare", "compare", tooltip="compare the marked sweeps, or all of this run"),
+        Binding("v", "curves", "curves", tooltip="show or hide its curves"),
+        Binding("f", "follow", "follow", tooltip="follow the sweep that is being computed, or stop"),
+        Binding("slash", "filter", "filter", show=False, tooltip="filter its sweeps"),
     ]
 
     def __init__(self, run: int | BackgroundRun) -> None:

@@ -70,8 +70,8 @@ Runs, newest first.
   process lost      its process died; finished sweeps are kept
 Enter opens a run: its sweeps, its log, and the keys that stop it or start it again."""
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("slash", "filter", "filter", id="runs.filter", tooltip="filter by study, state or command"),
-        Binding("D", "delete", "delete", id="runs.delete", tooltip="delete the run, and sweeps that no other run has"),
+        Binding("slash", "filter", "filter", tooltip="filter by study, state or command"),
+        Binding("D", "delete", "delete", tooltip="delete the run, and sweeps that no other run has"),
     ]
     AUTO_FOCUS = "RunTable"
     HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (150, "-wide")]  # noqa: RUF012 - as Textual declares it

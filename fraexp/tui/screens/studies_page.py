@@ -105,9 +105,9 @@ question; while a machine is measured, m shows it."""
     StudiesPage.-wide #side { width: 1fr; height: 1fr; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("slash", "filter", "filter", id="studies.filter", tooltip="filter by name or title"),
-        Binding("m", "measure", "measure", id="studies.measure", tooltip="measure the study on its machine"),
-        Binding("e", "file", "file", id="studies.file", tooltip="show the study's file"),
+        Binding("slash", "filter", "filter", tooltip="filter by name or title"),
+        Binding("m", "measure", "measure", tooltip="measure the study on its machine"),
+        Binding("e", "file", "file", tooltip="show the study's file"),
     ]
     live = True  # files may be added or changed
     AUTO_FOCUS = "StudyTable"
@@ -298,8 +298,8 @@ class FilePage(Page):
     PLACE: ClassVar[str] = "studies"
     HELP: ClassVar[str] = "The study file. Edit it with an editor; the list follows."
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("j", "scroll(1)", "down", show=False, id="file.down"),
-        Binding("k", "scroll(-1)", "up", show=False, id="file.up"),
+        Binding("j", "scroll(1)", show=False, tooltip="scroll down"),
+        Binding("k", "scroll(-1)", show=False, tooltip="scroll up"),
     ]
     DEFAULT_CSS = "FilePage #text { padding: 0 1; }"
 

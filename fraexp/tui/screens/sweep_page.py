@@ -54,10 +54,10 @@ class TextSection(VerticalScroll):
     """Text that can be scrolled."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("j", "scroll_down", "down", show=False, id="section.down", tooltip="scroll down"),
-        Binding("k", "scroll_up", "up", show=False, id="section.up", tooltip="scroll up"),
-        Binding("g", "scroll_home", "top", show=False, id="section.top", tooltip="scroll to the top"),
-        Binding("G", "scroll_end", "end", show=False, id="section.end", tooltip="scroll to the end"),
+        Binding("j", "scroll_down", "down", show=False, tooltip="scroll down"),
+        Binding("k", "scroll_up", "up", show=False, tooltip="scroll up"),
+        Binding("g", "scroll_home", "top", show=False, tooltip="scroll to the top"),
+        Binding("G", "scroll_end", "end", show=False, tooltip="scroll to the end"),
     ]
 
     def compose(self) -> ComposeResult:
@@ -87,14 +87,14 @@ value: the grid of the study, the study or its machine, a default, or another pa
 plugins that computed the sweep have changed since.
 """
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("space", "mark", "mark", id="sweep.mark", tooltip="mark or unmark the sweep"),
-        Binding("c", "compare", "compare", id="sweep.compare", tooltip="compare with the marked sweeps"),
+        Binding("space", "mark", "mark", tooltip="mark or unmark the sweep"),
+        Binding("c", "compare", "compare", tooltip="compare with the marked sweeps"),
         *(
-            Binding(str(index), f"section('{name}')", title, show=False, id=f"sweep.{name}", tooltip=f"section {title}")
+            Binding(str(index), f"section('{name}')", title, show=False, tooltip=f"section {title}")
             for index, (name, title) in enumerate(SECTIONS.items(), 1)
         ),
-        Binding("right_square_bracket", "turn(1)", "section", id="sweep.next", tooltip="next section"),
-        Binding("left_square_bracket", "turn(-1)", "back", show=False, id="sweep.before", tooltip="previous section"),
+        Binding("right_square_bracket", "turn(1)", "section", tooltip="next section"),
+        Binding("left_square_bracket", "turn(-1)", "back", show=False, tooltip="previous section"),
     ]
     DEFAULT_CSS = """
     SweepPage #top { height: auto; max-height: 10; }

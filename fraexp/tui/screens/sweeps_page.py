@@ -38,7 +38,7 @@ Fields are the columns, tag, note, run, the path of any parameter, and metric.NA
 is searched in all fields. Tab completes names.
 """
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("slash", "filter", "filter", id="filter", tooltip="edit the filter"),
+        Binding("slash", "filter", "filter", tooltip="edit the filter"),
     ]
     AUTO_FOCUS: ClassVar[str | None] = "SweepTable"
     HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (150, "-wide")]  # noqa: RUF012 - as Textual declares it

@@ -76,10 +76,8 @@ class NumberInput(Input):
     """An input for a value, which up and down change."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("up", f"move({STEP_FRACTION})", "more", id="trial.more", tooltip="increase by 5 %, or next choice"),
-        Binding(
-            "down", f"move(-{STEP_FRACTION})", "less", id="trial.less", tooltip="decrease by 5 %, or previous choice"
-        ),
+        Binding("up", f"move({STEP_FRACTION})", "more", tooltip="increase by 5 %, or next choice"),
+        Binding("down", f"move(-{STEP_FRACTION})", "less", tooltip="decrease by 5 %, or previous choice"),
     ]
 
     def __init__(self, entry: ParameterEntry) -> None:
@@ -150,7 +148,7 @@ The law is evaluated in plain Python; the command at the top computes the same l
     TrialPage.-low.-turned #loop { display: none; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("f6", "turn", "plots", id="trial.plots", tooltip="show the other plots, if only two fit"),
+        Binding("f6", "turn", "plots", tooltip="show the other plots, if only two fit"),
     ]
 
     def __init__(self, name: str) -> None:

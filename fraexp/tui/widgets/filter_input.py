@@ -50,7 +50,7 @@ class SweepFilter(Input):
     """The input; Tab or → accepts the completion, Enter and ↓ move to the table."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("tab", "take", "complete", id="filter.take", tooltip="accept the completion"),
+        Binding("tab", "take", "complete", tooltip="accept the completion"),
     ]
 
     def __init__(self) -> None:

@@ -15,8 +15,8 @@ class FilterLine(Input):
     FilterLine.-shown { display: block; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("escape", "clear_away", "clear", show=False, id="filter.clear", tooltip="clear the filter"),
-        Binding("enter,down", "leave", "go on", show=False, id="filter.leave", tooltip="move to the table"),
+        Binding("escape", "clear_away", "clear", show=False, tooltip="clear the filter"),
+        Binding("enter,down", "leave", "go on", show=False, tooltip="move to the table"),
     ]
 
     class Left(Message):

@@ -63,13 +63,13 @@ class PagedTable(DataTable[Text]):
     }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("enter", "select_cursor", "open", id="table.open", tooltip="open the selected row"),
-        Binding("down,j", "cursor_down", "down", show=False, id="table.down", tooltip="next row"),
-        Binding("up,k", "cursor_up", "up", show=False, id="table.up", tooltip="previous row"),
-        Binding("pagedown,right,l", "page_down", "page", show=False, id="table.next", tooltip="next page"),
-        Binding("pageup,left,h", "page_up", "page back", show=False, id="table.before", tooltip="previous page"),
-        Binding("g,home,ctrl+home", "scroll_top", "first", show=False, id="table.first", tooltip="first row"),
-        Binding("G,end,ctrl+end", "scroll_bottom", "last", show=False, id="table.last", tooltip="last row"),
+        Binding("enter", "select_cursor", "open", tooltip="open the selected row"),
+        Binding("down,j", "cursor_down", "down", show=False, tooltip="next row"),
+        Binding("up,k", "cursor_up", "up", show=False, tooltip="previous row"),
+        Binding("pagedown,right,l", "page_down", "page", show=False, tooltip="next page"),
+        Binding("pageup,left,h", "page_up", "page back", show=False, tooltip="previous page"),
+        Binding("g,home,ctrl+home", "scroll_top", "first", show=False, tooltip="first row"),
+        Binding("G,end,ctrl+end", "scroll_bottom", "last", show=False, tooltip="last row"),
     ]
     TITLE: ClassVar[str] = ""
     """Title of the panel."""

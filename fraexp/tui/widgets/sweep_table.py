@@ -29,11 +29,11 @@ class SweepTable(PagedTable):
     TITLE = "Sweeps"
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("space", "mark", "mark", id="table.mark", tooltip="mark or unmark the sweep"),
-        Binding("a", "mark_all", "all", show=False, id="table.all", tooltip="mark all matching sweeps"),
-        Binding("A", "unmark_all", "unmark", show=False, id="table.unmark", tooltip="unmark all sweeps"),
-        Binding("o", "order", "sort", id="table.order", tooltip="sort by a column, a parameter or a metric"),
-        Binding("O", "turn_order", "reverse", show=False, id="table.turn", tooltip="reverse the order"),
+        Binding("space", "mark", "mark", tooltip="mark or unmark the sweep"),
+        Binding("a", "mark_all", "all", show=False, tooltip="mark all matching sweeps"),
+        Binding("A", "unmark_all", "unmark", show=False, tooltip="unmark all sweeps"),
+        Binding("o", "order", "sort", tooltip="sort by a column, a parameter or a metric"),
+        Binding("O", "turn_order", "reverse", show=False, tooltip="reverse the order"),
     ]
     filter: reactive[str] = reactive("", init=False)
     """Filter in the syntax of `Store.page`."""

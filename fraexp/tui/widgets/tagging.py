@@ -18,12 +18,10 @@ class TaggingPage(Page):
     """A screen with a sweep under the cursor; actions apply to the marked sweeps, if there are any."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("t", "tag", "tag", id="tag", tooltip="tag the marked sweeps, or this one"),
-        Binding(
-            "T", "untag", "untag", show=False, id="untag", tooltip="remove a tag from the marked sweeps, or this one"
-        ),
-        Binding("n", "note", "note", id="note", tooltip="edit the note of this sweep"),
-        Binding("D", "delete", "delete", show=False, id="delete", tooltip="delete the marked sweeps, or this one"),
+        Binding("t", "tag", "tag", tooltip="tag the marked sweeps, or this one"),
+        Binding("T", "untag", "untag", show=False, tooltip="remove a tag from the marked sweeps, or this one"),
+        Binding("n", "note", "note", tooltip="edit the note of this sweep"),
+        Binding("D", "delete", "delete", show=False, tooltip="delete the marked sweeps, or this one"),
     ]
 
     def current(self) -> str | None:
