@@ -64,7 +64,7 @@ BENCHMARKS := accuracy friction band_coverage friction_band encoder_band single_
               random_machines wrong_friction certificate hostile_laws limit_checks limit_probability \
               autonomous_measurement \
               kernel contacts former_version compilation peer_table scaling monte_carlo set_up timing overhead store \
-              digests flipped_bits planning estimates tui terminal window_leakage
+              digests flipped_bits planning tui terminal window_leakage
 # These disturb runs, for hours at full size.
 DISTURBANCES := histories outages torture dask_torture
 

@@ -19,9 +19,8 @@ from fraexp.execution.background import announce_begin
 from fraexp.execution.events import Begun, Ended, Event, Finished, Noticed, Planned, Preparing, Progress
 from fraexp.store import RunSummary, StoredSweep, mark_damaged
 from fraexp.views.fields import remedies, run_state_text
-from fraexp.views.pace import expected_time_text
 from fraexp.views.plan import why_document, why_lines
-from fraexp.views.run_progress import counts_text
+from fraexp.views.run_progress import counts_text, time_text
 from fraexp.views.text_tables import sweep_table
 from fraexp.views.words import duration_text, plural, short_key
 from fraexp.workspace.workspace_service import WorkspaceService
@@ -30,7 +29,7 @@ MAX_TABLE_SWEEPS = 50
 """Maximum number of sweeps in the table at the end; ``fraexp show`` has all."""
 MAX_REPORTED_FAILURES = 20
 """Maximum number of reasons of failures that are reported; ``fraexp show`` has all."""
-PLAN_FIELDS = ("study", "title", "total", "reused", "missing", "stale", "seconds", "compiling")
+PLAN_FIELDS = ("study", "title", "total", "reused", "missing", "stale")
 
 
 class FinishedRun(NamedTuple):
@@ -87,7 +86,7 @@ def _handle_event(event: Event, followed: RunEvents, meter: Meter) -> None:
         case Noticed():
             say(event.what)
         case Progress():
-            meter.move(event.done, event.total, event.running, event.doing)
+            meter.move(event.done, event.total, event.running, event.doing, event.time)
         case Finished():
             meter.finish()
             if event.state == "computed":
@@ -121,7 +120,7 @@ def _report_failure(event: Finished, reasons: Counter[str]) -> None:
 
 def _plan_text(planned: Planned) -> str:
     stale = f" ({planned.stale} stale: a plugin's source has changed; --rerun stale)" if planned.stale else ""
-    time = expected_time_text(planned.seconds, planned.compiling)
+    time = f", {time_text(planned.time)}" if planned.missing else ""
     sweeps = plural(planned.total, "sweep")
     return f"{planned.study}: {sweeps}, {planned.reused} reused{stale}, {planned.missing} to compute{time}"
 
@@ -187,6 +186,7 @@ def _document(followed: RunEvents, runs: Sequence[FinishedRun]) -> dict[str, obj
         "planned": [
             {
                 **{name: getattr(planned, name) for name in PLAN_FIELDS},
+                **planned.time._asdict(),
                 **({"why": [json_value(why_document(why)) for why in planned.whys]} if planned.whys else {}),
             }
             for planned in followed.planned

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Self, TextIO, cast
 from fraexp.cli.output import say
 from fraexp.cli.standard_streams import TolerantStream
 from fraexp.data.terminal_text import printable
-from fraexp.views.pace import Speed, rate_text
+from fraexp.execution.events import TimeLeft
+from fraexp.views.run_progress import time_text
 from fraexp.views.words import duration_text, plural
 
 if TYPE_CHECKING:
@@ -16,8 +17,6 @@ if TYPE_CHECKING:
 
 REPORT_INTERVAL_S = 5.0
 """Minimum time between two lines [s]."""
-END_SPEED_WINDOW_S = 300.0
-"""Time over which the rate of finished sweeps is measured [s]: longer than a sweep takes."""
 MAX_UNFINISHED_FRACTION = 0.99
 """Greatest fraction that is shown while a sweep is unfinished."""
 
@@ -43,19 +42,13 @@ class Meter:
             self._bar.stop()
 
     def begin(self, reused: int = 0) -> None:
-        """Start with another study; its reused sweeps come first, and do not count for the rate."""
-        self._started = self._last_end = time.monotonic()
-        self._finished, self._work, self._ends = -reused, Speed(), Speed(END_SPEED_WINDOW_S)
-        self._since: float | None = None
-        self._idle: float | None = None
+        """Start with another study; its reused sweeps come first."""
+        self._started = time.monotonic()
+        self._finished = -reused
 
     def finish(self) -> None:
         """Count a finished sweep."""
         self._finished += 1
-        self._last_end = time.monotonic()
-        if self._finished == 1:
-            self._ends.update(self._since or self._started, 0)
-        self._ends.update(self._last_end, max(self._finished, 0))
 
     def note(self, text: str) -> None:
         """Show what is being prepared."""
@@ -64,17 +57,15 @@ class Meter:
         else:
             say(text)
 
-    def move(self, done: float, total: float, running: int | None = None, doing: str = "") -> None:
+    def move(
+        self, done: float, total: float, running: int | None = None, doing: str = "", left: TimeLeft | None = None
+    ) -> None:
         """Show that `done` of `total` sweeps are done, including the finished parts of those that are `running`."""
         now, finished = time.monotonic(), max(self._finished, 0)
-        self._work.update(now, done)
-        if done <= 0:
-            self._since, self._idle = self._since or now, now
-        elif not finished and self._idle:  # earlier time, such as compiling, does not recur
-            self._since, self._idle = self._idle, None
         share = done / total if total > 0 else 1.0
         share = share if finished >= total else min(share, MAX_UNFINISHED_FRACTION)
-        told = [_running_text(done - finished, int(total) - finished, running), *self._pace(now, done, total)]
+        rest = "estimating" if done >= total else time_text(left, "left") if left else ""
+        told = [_running_text(done - finished, int(total) - finished, running), rest if total > finished else ""]
         if self._bar and self._task is not None:
             text = ", ".join(filter(None, [f"{finished}/{int(total)} sweeps", *told]))
             self._bar.update(
@@ -88,21 +79,6 @@ class Meter:
                     filter(None, [counted, printable(doing), told[0], duration_text(now - self._started), *told[1:]])
                 )
             )
-
-    def _pace(self, now: float, done: float, total: float) -> list[str]:
-        """Return the measured rate and the time left; while only estimators are left, say so."""
-        finished = max(self._finished, 0)
-        if done >= total:
-            return ["estimating"] if total > finished else []
-        rate = self._ends.rate if finished else None
-        if rate:  # it includes the time of estimators and fits
-            left = (total - finished) / rate - (now - self._last_end)
-            return [rate_text(rate), f"about {duration_text(left)} left"] if left > 0 else [rate_text(rate)]
-        rate = self._work.rate
-        if not rate:
-            return []
-        remaining = f"at least {duration_text((total - done) / rate)} left"
-        return [rate_text(rate), remaining] if total > 1 else [remaining]  # the rate of a single sweep says nothing
 
 
 def _running_text(part: float, left: int, running: int | None) -> str:

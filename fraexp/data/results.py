@@ -163,20 +163,6 @@ class Fit:
 
 
 @dataclass(frozen=True)
-class Timing:
-    """Processor time of a sweep, which other programs do not disturb; for the run that computes it, and not stored."""
-
-    experiment: float
-    """Time of the experiment, which sweeps may share [s]."""
-    sharers: int
-    """Number of sweeps that share the experiment."""
-    estimator: float
-    """Time of the sweep's own estimator [s]."""
-    is_warm: tuple[bool, bool]
-    """Whether the process had done the like of either before, so that nothing had to be loaded or compiled."""
-
-
-@dataclass(frozen=True)
 class Result:
     """All that one sweep has taught."""
 
@@ -191,8 +177,6 @@ class Result:
     """How the signals were simulated, such as ``5 steps per sample, 8 lanes``; empty for measured ones."""
     elapsed: float = field(default=0.0, compare=False)
     """Computing time [s] of this sweep (its share, where sweeps share an experiment)."""
-    timing: Timing | None = field(default=None, compare=False)
-    """Its processor time; None for a stored result."""
 
     @property
     def parity_levels(self) -> dict[str, NDArray[np.float64]]:

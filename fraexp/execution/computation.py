@@ -20,6 +20,7 @@ from fraexp.execution.database_retry import WAITING_TEXT, Clock, DatabaseRetry
 from fraexp.execution.events import Event, Finished, Noticed, Preparing, Progress
 from fraexp.execution.executors import Answer, WorkerLostError, Workers
 from fraexp.execution.job import Failure, Job
+from fraexp.execution.run_time import RunTime
 from fraexp.execution.used_components import component_origins, local_sources
 from fraexp.store import MAX_RUNNING_SHOWN, ComponentOrigin, RunProgress, Store
 
@@ -62,8 +63,8 @@ class RunContext:
     """Folder of the workspace's own plugins; empty for none."""
     is_rerun: bool
     """Whether sweeps are computed again if their result is older than the run."""
-    compiling: float = 0.0
-    """Expected compile time [s]."""
+    time: RunTime
+    """What its missing sweeps are expected to take; sweeps that end are noted there."""
     retry: DatabaseRetry = field(default_factory=DatabaseRetry)
     spool: Callable[[Sequence[ComputedSweep]], str] = discard
     """Keeps results that the database does not accept elsewhere, and returns the remedy for the user."""
@@ -80,14 +81,13 @@ class Heartbeat:
         self.finished_before = 0
         """Sweeps of earlier batches."""
 
-    def beat(self, done: float, workers: int, running: Iterable[tuple[str, float]], doing: str) -> None:
+    def beat(self, progress: Progress, workers: int, running: Iterable[tuple[str, float]]) -> None:
         """Send a heartbeat if one is due; `running` are the keys of running sweeps with the fraction that is done."""
         waited = self._clock.now() - self._last
         if waited < PROGRESS_INTERVAL_S:
             return
-        now = RunProgress(
-            self.finished_before + done, self._total, workers, dict(islice(running, MAX_RUNNING_SHOWN)), doing
-        )
+        done, shown = self.finished_before + progress.done, dict(islice(running, MAX_RUNNING_SHOWN))
+        now = RunProgress(done, self._total, workers, shown, progress.doing, *progress.time)
         if now != self._sent or waited > HEARTBEAT_INTERVAL_S:
             self._store.beat(self._run, now)
             self._last, self._sent = self._clock.now(), now
@@ -240,6 +240,8 @@ class Computation:
         if reused:
             yield from self._retried(lambda: self._store.reuse(self._context.run, [sweep.key for sweep in reused]))
             self._finished += len(reused)
+            for sweep in reused:
+                self._context.time.finish(sweep)
             yield from (Finished(sweep, None, "reused") for sweep in reused)
         if holding_runs and not (self._running or self._pending or self._retries):
             runs = ", ".join(str(run) for run in sorted(set(holding_runs.values())))
@@ -277,8 +279,7 @@ class Computation:
             text = self._compiling[number] = f"compiling friction law {laws}"
             if text not in self._announced:
                 self._announced.add(text)
-                about = f", about {self._context.compiling:.0f} s" if self._context.compiling >= 1 else ""
-                yield Preparing(f"{text} (once per machine{about})")
+                yield Preparing(f"{text} (once per machine)")
 
     def _accept(self, group: _SweepGroup, future: "Future[Answer]") -> None:
         error = future.exception()
@@ -324,6 +325,7 @@ class Computation:
         finished = [(sweep, found) for sweep, found in pairs if sweep.key in stored]
         self._finished += len(finished)
         for sweep, found in finished:
+            self._context.time.finish(sweep, found.elapsed if isinstance(found, Result) else None)
             if isinstance(found, Failure):
                 yield Finished(sweep, None, "failed", found.message)
             else:
@@ -368,16 +370,17 @@ class Computation:
     def _report_progress(self) -> Iterator[Event]:
         """Yield the progress, and send it to the database."""
         self._reported_at = self._clock.now()
-        fractions = self._fractions
-        started = [(sweep.key, part) for number, part in fractions.items() for sweep in self._running[number].sweeps]
         progress = self._progress(self._workers.status() or next(iter(self._compiling.values()), ""))
-        yield from self._retried(
-            lambda: self._heartbeat.beat(progress.done, self._workers.count, started, progress.doing)
-        )
+        running = [(sweep.key, part) for sweep, part in self._parts_done()]
+        yield from self._retried(lambda: self._heartbeat.beat(progress, self._workers.count, running))
         yield progress
 
+    def _parts_done(self) -> list[tuple[Sweep, float]]:
+        """Return the running sweeps, each with the fraction of its experiment that is done."""
+        return [(sweep, part) for number, part in self._fractions.items() for sweep in self._running[number].sweeps]
+
     def _progress(self, doing: str) -> Progress:
-        fractions = self._fractions
-        done = self._finished + len(self._answered)
-        share = done + sum(len(self._running[number].sweeps) * part for number, part in fractions.items())
-        return Progress(share, self._total, sum(len(self._running[number].sweeps) for number in fractions), doing)
+        running = self._parts_done()
+        done = self._finished + len(self._answered) + sum(part for _, part in running)
+        time = self._context.time.left(self._workers.count, running)
+        return Progress(done, self._total, len(running), doing, time)

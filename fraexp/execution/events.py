@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 from fraexp.data.results import Result
 from fraexp.data.sweep import Sweep
@@ -23,6 +24,20 @@ class Why:
     """Details of single sweeps, by key."""
 
 
+class TimeLeft(NamedTuple):
+    """The expected time until the last sweep of a run has been computed."""
+
+    seconds: float | None = None
+    """Time of the sweeps of which it is known [s]; None if it is unknown of all."""
+    like: int = 0
+    """Number of computed like sweeps from which it follows."""
+    unlike: int = 0
+    """Number of sweeps of which it is unknown, because none like them has been computed."""
+
+
+UNKNOWN_TIME = TimeLeft()
+
+
 @dataclass(frozen=True)
 class Planned:
     """The plan of a run."""
@@ -34,10 +49,8 @@ class Planned:
     missing: int
     stale: int
     """Sweeps that are reused although a plugin's source has changed since."""
-    seconds: float | None
-    """Expected time with compiling [s]; None if nothing is missing."""
-    compiling: float = 0.0
-    """Part of the expected time in which friction laws are compiled [s]."""
+    time: TimeLeft = UNKNOWN_TIME
+    """The expected time to compute the missing sweeps."""
     executor: str = ""
     """The executor that computes the missing sweeps; empty if there are none."""
     whys: tuple[Why, ...] = ()
@@ -76,6 +89,8 @@ class Progress:
     """Number of sweeps that are being computed; None if unknown."""
     doing: str = ""
     """What delays the run, such as compiling, or a cluster without workers."""
+    time: TimeLeft = UNKNOWN_TIME
+    """The expected time until the last sweep is computed."""
 
 
 @dataclass(frozen=True)

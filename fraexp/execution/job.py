@@ -11,12 +11,12 @@ from fraexp import records
 from fraexp.components.first_trial import first_trial, friction_specs
 from fraexp.components.kinds import Estimator, Excitation, FrictionModel
 from fraexp.components.registry import Registry, create, discover
-from fraexp.data.results import Result, Timing
-from fraexp.data.rotary_axes import is_rotary, rotary_signals, rotary_text
+from fraexp.data.results import UNUSABLE_OUTCOMES, Result
+from fraexp.data.rotary_axes import are_rotary, as_linear, is_rotary, rotary_result, rotary_signals, rotary_text
 from fraexp.data.signals import Signals
-from fraexp.data.sweep import Plain, component_names
-from fraexp.errors import FraexpError, PluginError
-from fraexp.execution.estimation import apply_estimator
+from fraexp.data.sweep import Plain
+from fraexp.errors import FraexpError, PluginError, RecordError
+from fraexp.execution.certificate import certify
 from fraexp.kernels.announcement import compilation_listener
 from fraexp.kernels.law_error import LawError
 from fraexp.simulation import loop
@@ -63,8 +63,7 @@ def run_job(
 
 
 def _run_job(job: Job, progress: ReportProgress, begins: ReportEstimator) -> list[Result | Failure]:
-    began, computing = time.perf_counter(), time.thread_time()
-    was_warm = _is_warm(job.experiment)
+    began = time.perf_counter()
     try:
         registry = job_registry(job)
         for spec in friction_specs([job.experiment, *job.estimators]):
@@ -76,11 +75,10 @@ def _run_job(job: Job, progress: ReportProgress, begins: ReportEstimator) -> lis
             failure = replace(failure, message=rotary_text(failure.message))
         return [failure] * len(job.estimators)
     shared = (time.perf_counter() - began) / len(job.estimators)
-    timing = Timing(time.thread_time() - computing, len(job.estimators), 0.0, (was_warm, False))
     answers = []
     for number, estimator in enumerate(job.estimators):
         begins(number)
-        answers.append(_estimate(registry, estimator, signals, shared, timing, tolerated_error(job.experiment)))
+        answers.append(_estimate(registry, estimator, signals, shared, tolerated_error(job.experiment)))
     return answers
 
 
@@ -93,19 +91,6 @@ def _law_names(job: Job) -> str:
     """Return the names of the friction laws that a job uses, as the user reads them."""
     names = dict.fromkeys(str(spec["name"]) for spec in friction_specs([job.experiment, *job.estimators]))
     return " and ".join(f"'{name}'" for name in names) or "of the study"
-
-
-_computed_components: set[tuple[str, ...]] = set()
-"""Names of the components with which this process has computed already."""
-
-
-def _is_warm(spec: Plain) -> bool:
-    """Return whether this process has computed with these components before, and note that it has now."""
-    names = tuple(component_names(spec))
-    if names in _computed_components:
-        return True
-    _computed_components.add(names)
-    return False
 
 
 def job_registry(job: Job) -> Registry:
@@ -152,11 +137,8 @@ def _simulate(experiment: Plain, registry: Registry, progress: ReportProgress) -
     return loop.simulate_loop(build_machine(experiment, registry), excitation, progress)
 
 
-def _estimate(
-    registry: Registry, spec: Plain, signals: Signals, shared: float, timing: Timing, tolerance: float
-) -> Result | Failure:
-    began, computing = time.perf_counter(), time.thread_time()
-    was_warm = _is_warm(spec)
+def _estimate(registry: Registry, spec: Plain, signals: Signals, shared: float, tolerance: float) -> Result | Failure:
+    began = time.perf_counter()
     try:
         estimator = create(registry, Estimator, spec)
         result = apply_estimator(estimator, signals, tolerance)
@@ -167,8 +149,35 @@ def _estimate(
         metrics=result.metrics + signals.metrics,
         numerics=signals.numerics,
         elapsed=shared + time.perf_counter() - began,
-        timing=replace(timing, estimator=time.thread_time() - computing, is_warm=(timing.is_warm[0], was_warm)),
     )
+
+
+def apply_estimator(estimator: Estimator, signals: Signals, tolerance: float) -> Result:
+    """Return what an estimator learns from signals, certified to a numerical error; PluginError if it is no Result.
+
+    Estimators know straight axes only: what they get and return is translated if the signals are those of a rotary one.
+    """
+    if not are_rotary(signals.units.values()):
+        return _apply_linear(estimator, signals, tolerance)
+    try:
+        return rotary_result(_apply_linear(estimator, as_linear(signals), tolerance))
+    except FraexpError as error:
+        raise type(error)(rotary_text(str(error))) from error
+
+
+def _apply_linear(estimator: Estimator, signals: Signals, tolerance: float) -> Result:
+    if signals.are_stated and not estimator.takes_responses:
+        raise RecordError(
+            f"{estimator.name} needs samples over time, and the record is a response that was measured elsewhere; use "
+            "an estimator of responses to sines, such as the one that fraexp import takes by itself"
+        )
+    if signals.outcome not in UNUSABLE_OUTCOMES:
+        signals.check_values()
+    estimator = estimator.resolve_for(signals)
+    result = estimator.estimate(signals)
+    if not isinstance(result, Result):
+        raise PluginError(f"{estimator.name} returns {result!r:.60}; expected a Result")
+    return certify(estimator, signals, result, tolerance)
 
 
 def describe_failure(error: BaseException) -> Failure:

@@ -16,12 +16,10 @@ from fraexp.data.sweep import Plain, Sweep
 from fraexp.errors import FraexpError, StoreError, StudyError, UnavailableError, did_you_mean
 from fraexp.execution.computation import Computation, ComputedSweep, Heartbeat, RunContext
 from fraexp.execution.database_retry import DatabaseRetry
-from fraexp.execution.estimates.estimate import estimate
-from fraexp.execution.estimates.learning import Lessons
-from fraexp.execution.estimates.speeds import read_speeds
-from fraexp.execution.events import Begun, Ended, Event, Finished, Noticed, Planned, Preparing, Progress
-from fraexp.execution.executors import ResourceLimits, Workers, create_workers
+from fraexp.execution.events import Begun, Ended, Event, Finished, Noticed, Planned, Preparing, Progress, TimeLeft
+from fraexp.execution.executors import ResourceLimits, Workers, create_workers, worker_count
 from fraexp.execution.explain import Origins, reasons
+from fraexp.execution.run_time import PROCESSES, choose_executor, run_time_of
 from fraexp.store import Store, StoredState
 from fraexp.study.study_file import ResolvedStudy
 
@@ -45,7 +43,7 @@ def plan(
     ----------
     rerun : which stored sweeps are computed again: None, ``stale``, ``unusable`` or ``all``.
     explain : whether the plan gives the reason of each sweep.
-    executor : the executor whose time is estimated; by default the faster one within `limits`.
+    executor : the executor whose time is estimated; by default one that suits the sweeps and the `limits`.
     """
     known = store.stored_states([sweep.key for sweep in study.sweeps]) if store else {}
     stale = _changed_components(study.sweeps, known, registry)
@@ -57,10 +55,12 @@ def plan(
     missing = [sweep for sweep in study.sweeps if sweep.key not in known or sweep.key in again]
     reused = len(study.sweeps) - len(missing)
     kept = len(set(stale) - again)
-    planned = Planned(study.name, study.title, len(study.sweeps), reused, len(missing), kept, None)
+    planned = Planned(study.name, study.title, len(study.sweeps), reused, len(missing), kept, TimeLeft(0.0))
     if missing:
-        found = estimate(missing, registry, read_speeds(), executor, limits)
-        planned = replace(planned, seconds=found.seconds, compiling=found.compiling, executor=found.executor)
+        time = run_time_of(missing, store)
+        needs_process = limits is not None and limits.memory is not None
+        chosen = executor or (PROCESSES if needs_process else choose_executor(missing, time.left(workers=1)))
+        planned = replace(planned, time=time.left(worker_count(chosen)), executor=chosen)
     if not explain:
         return missing, planned
     whys = reasons(study.sweeps, known, again, stale, store, study.name, registry)
@@ -90,7 +90,7 @@ def run(
 ) -> Generator[Event, None, None]:
     """Compute the missing sweeps of a study and yield events; closing the iterator interrupts the run.
 
-    Without an `executor` all cores are used, unless one process is expected to finish earlier.
+    Without an `executor` all cores are used, unless worker processes would start too late to help.
     """
     limits = limits or ResourceLimits()
     retry = DatabaseRetry(timeout=limits.database)
@@ -101,17 +101,14 @@ def run(
     for text in filter(None, (_repeats_text(study), store.notice, store.advice)):
         yield Noticed(text)
     yield from (yield from retry.call(lambda: list(_notice_new_versions(study, planned, store, registry))))
-    lessons = Lessons(registry)
+    time = yield from retry.call(lambda: run_time_of(missing, store))
     # Workers are created before the run is recorded, because the executor may refuse; without sweeps none are needed.
     with create_workers(planned.executor, len(missing), limits) if missing else nullcontext() as workers:
         facts = {**provenance, "run_id": uuid4().hex}
         number = yield from begin_run(study, store, command, facts, retry)
         spool = Spool(study, command, facts, Path(plugins).parent if plugins else Path.cwd())
-        context = RunContext(
-            number, store, registry, plugins, rerun is not None, planned.compiling, retry, spool.keep_results
-        )
-        state = yield from compute_recorded(study, missing, context, workers, lessons)
-    lessons.save_speeds(planned.executor)
+        context = RunContext(number, store, registry, plugins, rerun is not None, time, retry, spool.keep_results)
+        state = yield from compute_recorded(study, missing, context, workers)
     yield Ended(number, state)
 
 
@@ -169,11 +166,7 @@ class Spool:
 
 
 def compute_recorded(
-    study: ResolvedStudy,
-    missing: Sequence[Sweep],
-    context: RunContext,
-    workers: Workers | None,
-    lessons: Lessons | None = None,
+    study: ResolvedStudy, missing: Sequence[Sweep], context: RunContext, workers: Workers | None
 ) -> Generator[Event, None, str]:
     """Compute the missing sweeps of a recorded run and return its final state, which is stored if that is possible."""
     retry = context.retry
@@ -192,8 +185,6 @@ def compute_recorded(
                 for event in events:
                     if isinstance(event, Finished):
                         failures += event.state == "failed"
-                        if lessons:
-                            lessons.add(event.sweep, event.result)
                     yield event
         state = "partial" if failures else "complete"
         yield from retry.call(lambda: context.store.end_run(context.run, state))
@@ -215,6 +206,7 @@ def _compute_batches(missing: Sequence[Sweep], context: RunContext, workers: Wor
         ready, blocked = yield from context.retry.call(partial(_split_by_fits, batch, fits))
         for sweep, reason in blocked:
             yield from context.retry.call(partial(context.store.fail, context.run, sweep.key, reason, ""))
+            context.time.finish(sweep)
             yield Finished(sweep, None, "failed", reason)
         # An iterator that is only dropped could not report that its last results were not stored.
         with closing(Computation(ready, context, workers, fits.component, heartbeat).events()) as events:

@@ -10,8 +10,7 @@ from fraexp.data import fit_references
 from fraexp.data.results import Result
 from fraexp.data.sweep import Plain, Sweep, component_names
 from fraexp.errors import StudyError
-from fraexp.execution.estimation import apply_estimator
-from fraexp.execution.job import Job, load_signals, tolerated_error
+from fraexp.execution.job import Job, apply_estimator, load_signals, tolerated_error
 from fraexp.execution.scheduler import StoredFits
 from fraexp.interface.recordings import Recording
 from fraexp.interface.run_monitor import computing_meter

@@ -129,11 +129,15 @@ class Workspace:
         return run
 
     def plan(self, study: str | Path | Study, changes: Mapping[str, object] | None = None) -> dict[str, Any]:
-        """Return how many sweeps a run would reuse and compute, and the expected time [s]; nothing is written."""
+        """Return how many sweeps a run would reuse and compute, and the expected time; nothing is written.
+
+        ``seconds`` is the time [s] that follows from ``like`` computed sweeps, None if there are none; it leaves out
+        ``unlike`` sweeps, of which it is unknown.
+        """
         resolved, _ = self._resolve(study, changes)
         (planned,) = self._service.plan_resolved([resolved])
-        seconds = planned.seconds or 0.0
-        return {"total": planned.total, "reused": planned.reused, "missing": planned.missing, "seconds": seconds}
+        counts = {"total": planned.total, "reused": planned.reused, "missing": planned.missing}
+        return counts | planned.time._asdict()
 
     def _resolve(self, study: str | Path | Study, changes: Mapping[str, object] | None) -> tuple[ResolvedStudy, str]:
         """Return a study with all its sweeps, and the command that the database keeps."""

@@ -1,4 +1,4 @@
-"""The folder of files that can be made again and are worth keeping: measured speeds, compiled kernels."""
+"""The folder of files that can be made again and are worth keeping: compiled kernels."""
 
 import os
 from pathlib import Path

@@ -21,6 +21,7 @@ from fraexp.store.queries.known_names import UnitDeclarations, no_declared_units
 from fraexp.store.schema import Schema, check_readable, migrate_database, prepare_database
 from fraexp.store.stored_records import (
     ComponentOrigin,
+    Likeness,
     ListingPage,
     MergeSummary,
     MigrationSummary,
@@ -130,6 +131,11 @@ class Store:
         """Return the state of each sweep that has a result."""
         with self._reading() as connection:
             return stored_results.stored_states(connection, keys)
+
+    def like_times(self) -> dict[Likeness, list[float]]:
+        """Return the computing times [s] of the newest results by the components of their sweeps, newest first."""
+        with self._reading() as connection:
+            return stored_results.like_times(connection)
 
     def begin_run(self, study: str, study_file: str, command: str, provenance: Plain, sweeps: Sequence[Sweep]) -> int:
         """Store a run of this process with its sweeps, all pending, and return its number.

@@ -33,6 +33,10 @@ class StoredState:
     """Computing time [s]."""
 
 
+Likeness = tuple[str | None, ...]
+"""Source and names of plant, friction, controller, excitation and estimator of a sweep."""
+
+
 @dataclass(frozen=True)
 class RunProgress:
     """Progress of a run."""
@@ -47,6 +51,12 @@ class RunProgress:
     """Fraction done of the running sweeps, by key, of the first MAX_RUNNING_SHOWN of them."""
     doing: str = ""
     """What delays the first sweep, such as compiling."""
+    seconds_left: float | None = None
+    """Expected time until the last sweep is computed [s]; None if it is unknown."""
+    like: int = 0
+    """Number of computed like sweeps from which that time follows."""
+    unlike: int = 0
+    """Number of sweeps that it leaves out, because none like them has been computed."""
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
-"""Progress of a run, in words and as a bar."""
+"""Progress of a run and its expected time, in words and as a bar."""
 
+from fraexp.execution.events import TimeLeft
 from fraexp.store import MAX_RUNNING_SHOWN, RunSummary
-from fraexp.views.pace import rate_text
 from fraexp.views.words import duration_text, plural
 
 FULL, EMPTY = "█", "░"
@@ -32,26 +32,31 @@ def bar_text(part: float, width: int) -> str:
     return FULL * full + EMPTY * (width - full)
 
 
-def progress_text(run: RunSummary, rate: float | None, width: int = 20, room: int | None = None) -> str:
-    """Return a bar with percentage and counts; while the run lasts, with time left and rate.
+def time_text(time: TimeLeft, what: str = "") -> str:
+    """Return the expected time of a plan, or of what is ``left`` of a run, and from how many sweeps it follows."""
+    word = f" {what}" if what else ""
+    if time.seconds is None:
+        return f"time{word} unknown"
+    bound = "at least" if time.unlike else "about"
+    return f"{bound} {duration_text(time.seconds)}{word}, from {plural(time.like, 'like sweep')}"
+
+
+def progress_text(run: RunSummary, width: int = 20, room: int | None = None) -> str:
+    """Return a bar with percentage and counts; while the run lasts, with the time left.
 
     The bar has `width` cells, but fewer, and MIN_BAR at least, if `room` cells do not suffice for all; what then still
     does not fit is cut off.
     """
     part, count = done_fraction(run), finished_count(run)
     parts = [f"{count} of {plural(run.total, 'sweep')}"]
-    if run.state == "running":
-        if rate:
-            parts.append(f"about {duration_text((run.total - done_count(run)) / rate)} left")
-        if run.progress and run.progress.doing:
-            parts.append(run.progress.doing)
-        if run.progress and run.progress.running:
-            running = len(run.progress.running)
+    if run.state == "running" and (progress := run.progress):
+        left = TimeLeft(progress.seconds_left, progress.like, progress.unlike)
+        parts += [time_text(left, "left")] if count < run.total else []
+        parts += [progress.doing] if progress.doing else []
+        if running := len(progress.running):
             parts.append(f"{running} or more in progress" if running >= MAX_RUNNING_SHOWN else f"{running} in progress")
-        if rate:
-            parts.append(rate_text(rate))
-        if run.progress and run.progress.workers:
-            parts.append(plural(run.progress.workers, "worker"))
+        if progress.workers:
+            parts.append(plural(progress.workers, "worker"))
     percent = 100 if count >= run.total else min(int(100 * part), 99)
     text = f" {percent:3d} %  {', '.join(parts)}"
     bar = width if room is None else max(MIN_BAR, min(width, room - len(text)))

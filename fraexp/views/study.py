@@ -4,13 +4,12 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 
 from fraexp.errors import FraexpError, StoreError
-from fraexp.execution.events import Planned
+from fraexp.execution.events import UNKNOWN_TIME, Planned, TimeLeft
 from fraexp.store import RunSummary
 from fraexp.study.catalogue import FIRST_STUDY, StudyEntry
 from fraexp.study.sections import SECTIONS, is_for_autonomous
 from fraexp.views.fields import run_duration_text, run_state_text, toml_value
-from fraexp.views.pace import expected_time_text
-from fraexp.views.run_progress import counts_text
+from fraexp.views.run_progress import counts_text, time_text
 from fraexp.views.words import plural, timestamp_text
 from fraexp.workspace.workspace_service import WorkspaceService
 
@@ -28,10 +27,8 @@ class StudySurvey:
     reused: int = 0
     missing: int = 0
     stale: int = 0
-    seconds: float | None = None
-    """Expected time, compiling included [s]; None if nothing is missing."""
-    compiling: float = 0.0
-    """Part of it in which friction laws are compiled [s]."""
+    time: TimeLeft = UNKNOWN_TIME
+    """Expected time of the missing sweeps."""
     error: str = ""
     """Why the study cannot be run; empty if it can."""
     command: str = ""
@@ -71,8 +68,7 @@ def survey_study(workspace: WorkspaceService, entry: StudyEntry) -> StudySurvey:
 
 def survey_plan(name: str, planned: Planned) -> StudySurvey:
     """Return the survey of a study from its plan."""
-    numbers = (planned.total, planned.reused, planned.missing, planned.stale, planned.seconds, planned.compiling)
-    return StudySurvey(name, *numbers)
+    return StudySurvey(name, planned.total, planned.reused, planned.missing, planned.stale, planned.time)
 
 
 def survey_studies(
@@ -132,14 +128,17 @@ def study_document(entry: StudyEntry, found: StudySurvey | None, last: RunSummar
         "question": entry.question,
         "file": str(entry.file),
         "state": study_state(entry, found, last),
-        **{key: value for key, value in asdict(found or StudySurvey(entry.name)).items() if key != "name"},
+        **{
+            key: value for key, value in asdict(found or StudySurvey(entry.name)).items() if key not in ("name", "time")
+        },
+        **(found.time if found else UNKNOWN_TIME)._asdict(),
         "last_run": last.number if last else None,
     }
 
 
 def plan_summary(found: StudySurvey) -> str:
     """Return in one line what running a study would compute."""
-    time = expected_time_text(found.seconds, found.compiling)
+    time = f", {time_text(found.time)}" if found.missing else ""
     stale = f" ({found.stale} stale)" if found.stale else ""
     return f"{plural(found.total, 'sweep')}: {found.reused} reused{stale}, {found.missing} to compute{time}"
 

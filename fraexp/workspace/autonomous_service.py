@@ -224,7 +224,7 @@ class AutonomousService:
         result, expected, begun = None, 0.0, time.monotonic()
         for event in self._service.run([str(self.path.resolve())]):
             if isinstance(event, Planned):
-                expected = event.seconds or 0.0
+                expected = event.time.seconds or 0.0
                 yield _evaluation_begun(stage, expected)
             if isinstance(event, Progress):
                 yield EvaluationProgress(time.monotonic() - begun, expected)
@@ -240,7 +240,7 @@ class AutonomousService:
         yield from self._write_study(task, loop, 1)
         for event in self._service.run([str(self.path.resolve())]):
             if isinstance(event, Planned):
-                yield _evaluation_begun(3, event.seconds or 0.0)
+                yield _evaluation_begun(3, event.time.seconds or 0.0)
             yield event
             if isinstance(event, Finished):
                 self.result = self._result_of(event)

@@ -12,9 +12,8 @@ from fraexp.components.registry import Registry, create
 from fraexp.data.results import Result
 from fraexp.data.rotary_axes import is_rotary, rotary_text
 from fraexp.errors import FraexpError, MachineError, StudyError
-from fraexp.execution.estimation import apply_estimator
 from fraexp.execution.events import Event
-from fraexp.execution.job import tolerated_error
+from fraexp.execution.job import apply_estimator, tolerated_error
 from fraexp.measurement.excitation_table import ExcitationTable
 from fraexp.measurement.measured_points import MeasuredPoint, MeasurementFiles
 from fraexp.measurement.measured_study import known_controller, record_section, record_study, relative_file

@@ -16,7 +16,6 @@ from fraexp.data.sweep import experiment_key
 from fraexp.errors import FraexpError, StudyError
 from fraexp.execution import background, provenance, scheduler
 from fraexp.execution.database_retry import DatabaseRetry
-from fraexp.execution.estimates.learning import draw_timed
 from fraexp.execution.events import Ended, Event, Noticed, Planned
 from fraexp.execution.executors import ResourceLimits, worker_count
 from fraexp.records.study_writer import ImportRequest, is_same_study, study_data, write_study
@@ -274,8 +273,8 @@ class WorkspaceService(WorkspaceFolder):
     ) -> Generator[Event, None, Ended]:
         """Draw the figures of a run that has ended, and return its event with them, or with why there are none."""
         try:
-            figures = yield from retry.call(lambda: draw_timed(lambda: self._draw_figures(study, store, ended.run)))
-            return replace(ended, figures=figures)
+            figures = yield from retry.call(lambda: self._draw_figures(study, store, ended.run))
+            return replace(ended, figures=tuple(figures))
         except FraexpError as error:
             return replace(ended, note=str(error))
         except Exception as error:  # a figure is worth less than the run, whose results are stored

@@ -9,12 +9,12 @@ from fraexp.cli.exits import ExitCode
 from fraexp.cli.follow import RunEvents, follow, print_outcome
 from fraexp.data.results import Outcome, Result
 from fraexp.data.sweep import Sweep
-from fraexp.execution.events import Begun, Ended, Event, Finished, Planned, Preparing, Progress
+from fraexp.execution.events import Begun, Ended, Event, Finished, Planned, Preparing, Progress, TimeLeft
 from fraexp.store import Store
 from fraexp.views.words import short_key
 from fraexp.workspace.workspace_service import WorkspaceService
 
-PLANNED = Planned("bench", "Two sensors", 5, 3, 2, 1, 65.0)
+PLANNED = Planned("bench", "Two sensors", 5, 3, 2, 1, TimeLeft(65.0, 7, 0))
 
 
 @pytest.fixture
@@ -37,7 +37,7 @@ def test_events_become_talk_on_stderr(sweeps: list[Sweep], capsys: pytest.Captur
     assert printed.out == ""
     assert printed.err.splitlines() == [
         "bench: 5 sweeps, 3 reused (1 stale: a plugin's source has changed; --rerun stale), 2 to compute, about "
-        "1 min 05 s",
+        "1 min 05 s, from 7 like sweeps",
         "starting 2 workers",
         rf"{short_key(sweeps[4].key)} failed: ZeroDivisionError: \x1b[31mdivision",
     ]

@@ -7,10 +7,10 @@ import pytest
 from fraexp.cli import progress
 from fraexp.cli.measurement_meter import MeasurementMeter
 from fraexp.cli.progress import Meter
+from fraexp.execution.events import TimeLeft
 from fraexp.store import RunProgress, RunSummary
 from fraexp.store.liveness import Process
-from fraexp.views.pace import Speed, rate_text
-from fraexp.views.run_progress import progress_text
+from fraexp.views.run_progress import progress_text, time_text
 
 
 class Clock:
@@ -27,29 +27,15 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     return clock
 
 
-def test_the_speed_is_that_of_the_last_seconds_and_not_of_the_preparation() -> None:
-    speed = Speed()
-    for now in range(20):
-        speed.update(now, 0)
-    assert speed.rate is None
-    for now in range(20, 40):
-        speed.update(now, 2.0 * (now - 19))
-    assert speed.rate == pytest.approx(2)
-    for now in range(40, 80):
-        speed.update(now, 40.0 + 10 * (now - 39))
-    assert speed.rate == pytest.approx(10), "what was 40 s ago is forgotten"
-    speed.update(80, 0.5)
-    assert speed.rate is None, "another study"
-
-
-def test_a_line_tells_what_has_ended_how_fast_and_how_long(clock: Clock, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_line_tells_what_has_ended_and_how_long_it_lasts(clock: Clock, capsys: pytest.CaptureFixture[str]) -> None:
     meter = Meter()
     meter.move(0, 1000, 0)
     clock.now += 10
     for _ in range(195):
         meter.finish()
-    meter.move(200, 1000, 8)
-    assert capsys.readouterr().err == "195 of 1000 sweeps, 8 in progress, 10 s, 20/s, about 41 s left\n"
+    meter.move(200, 1000, 8, left=TimeLeft(41.2, 15, 0))
+    told = "195 of 1000 sweeps, 8 in progress, 10 s, about 41 s left, from 15 like sweeps\n"
+    assert capsys.readouterr().err == told
 
 
 def test_what_is_under_way_is_told_and_no_share_that_contradicts_the_count(
@@ -59,7 +45,7 @@ def test_what_is_under_way_is_told_and_no_share_that_contradicts_the_count(
     meter.move(0, 4, 0)
     clock.now += 10
     meter.move(2, 4, 4)
-    assert capsys.readouterr().err == "0 of 4 sweeps, 4 in progress at 50 %, 10 s, 12/min, at least 10 s left\n"
+    assert capsys.readouterr().err == "0 of 4 sweeps, 4 in progress at 50 %, 10 s\n"
     clock.now += 10
     meter.move(2, 4)
     assert capsys.readouterr().err.startswith("0 of 4 sweeps, others in progress, 20 s")
@@ -80,34 +66,16 @@ def test_it_is_not_all_done_while_a_sweep_is_estimated(clock: Clock, capsys: pyt
     assert capsys.readouterr().err == "2 of 2 sweeps, 20 s\n"
 
 
-def test_the_time_left_knows_that_estimators_take_longer(clock: Clock, capsys: pytest.CaptureFixture[str]) -> None:
-    meter = Meter()  # 1 s of simulation and 9 s of estimation for each of ten sweeps, one by one
-    meter.move(0, 10, 0)
-    for ended in range(2):
-        clock.now += 1
-        meter.move(ended + 1, 10, 1)
-        clock.now += 9
-        meter.finish()
-    clock.now += 5
-    meter.move(3, 10, 1)
-    assert (
-        capsys.readouterr().err.splitlines()[-1]
-        == "2 of 10 sweeps, 1 in progress, 25 s, 6.0/min, about 1 min 15 s left"
-    )
-
-
-def test_sweeps_that_tell_nothing_before_they_end_have_a_speed(
-    clock: Clock, capsys: pytest.CaptureFixture[str]
-) -> None:
-    meter = Meter()
-    meter.move(0, 6, 3)
-    clock.now += 20
-    meter.move(0, 6, 3)
-    for _ in range(3):
-        meter.finish()
-    clock.now += 5
-    meter.move(3, 6, 3)
-    assert capsys.readouterr().err.splitlines()[-1] == "3 of 6 sweeps, 3 in progress, 25 s, 9.0/min, about 15 s left"
+@pytest.mark.parametrize(
+    ("time", "text"),
+    [
+        (TimeLeft(None, 0, 300), "time left unknown"),
+        (TimeLeft(4.0, 2, 0), "about 4 s left, from 2 like sweeps"),
+        (TimeLeft(75.0, 1, 100), "at least 1 min 15 s left, from 1 like sweep"),
+    ],
+)
+def test_the_time_left_says_what_it_follows_from(time: TimeLeft, text: str) -> None:
+    assert time_text(time, "left") == text
 
 
 def test_what_another_run_computes_meanwhile_counts_but_not_what_was_there(
@@ -132,19 +100,12 @@ def test_another_study_counts_anew(clock: Clock, capsys: pytest.CaptureFixture[s
     assert capsys.readouterr().err == "0 of 2 sweeps, 1 in progress, 5 s\n"
 
 
-@pytest.mark.parametrize(
-    ("rate", "text"), [(123.4, "123/s"), (2.5, "2.5/s"), (0.5, "30/min"), (0.02, "1.2/min"), (0.001, "3.6/h")]
-)
-def test_rates_are_numbers_above_one(rate: float, text: str) -> None:
-    assert rate_text(rate) == text
-
-
 def test_a_run_that_is_watched_tells_what_is_under_way() -> None:
     now = datetime(2026, 1, 1, tzinfo=UTC)
     told = RunProgress(2.0, 4, 4, dict.fromkeys("abcd", 0.5))
     process = Process("here", 1, "", "")
     run = RunSummary(1, "s", "s.toml", "run s", now, None, "running", {}, 4, 0, 0, 0, process, now, told)
-    assert progress_text(run, None, 4) == "██░░  50 %  0 of 4 sweeps, 4 in progress, 4 workers"
+    assert progress_text(run, 4) == "██░░  50 %  0 of 4 sweeps, time left unknown, 4 in progress, 4 workers"
 
 
 def test_a_run_without_workers_tells_what_it_waits_for() -> None:
@@ -152,16 +113,16 @@ def test_a_run_without_workers_tells_what_it_waits_for() -> None:
     told = RunProgress(2.0, 4, 0, {}, "no workers for 20 s")
     process = Process("here", 1, "", "")
     run = RunSummary(1, "s", "s.toml", "run s", now, None, "running", {}, 4, 2, 0, 0, process, now, told)
-    assert progress_text(run, None, 4) == "██░░  50 %  2 of 4 sweeps, no workers for 20 s"
+    assert progress_text(run, 4) == "██░░  50 %  2 of 4 sweeps, time left unknown, no workers for 20 s"
 
 
 @pytest.mark.parametrize("room", [80, 118, 158])
 def test_the_bar_leaves_room_for_the_time_left(room: int) -> None:
     now = datetime(2026, 1, 1, tzinfo=UTC)
-    told = RunProgress(12.0, 96, 2, dict.fromkeys("ab", 0.0), "compiling friction law 'rolling'")
+    told = RunProgress(12.0, 96, 2, dict.fromkeys("ab", 0.0), "compiling friction law 'rolling'", 420.0, 12)
     process = Process("here", 1, "", "")
     run = RunSummary(1, "s", "s.toml", "run s", now, None, "running", {}, 96, 12, 0, 0, process, now, told)
-    line = progress_text(run, 0.2, 40, room)
+    line = progress_text(run, 40, room)
     assert "12 of 96 sweeps, about 7 min 00 s left" in line and len(line) <= room
     assert line.endswith("2 workers") == (room > 118)
 

@@ -106,7 +106,7 @@ def test_a_dry_run_tells_and_writes_nothing(folder: Path, capsys: pytest.Capture
     assert main(["run", "methods", "--dry-run"]) == ExitCode.OK
     printed = capsys.readouterr()
     assert printed.out == ""
-    assert printed.err.startswith("methods: 2 sweeps, 0 reused, 2 to compute, about ")
+    assert printed.err.startswith("methods: 2 sweeps, 0 reused, 2 to compute, time unknown\n")
     assert [path.name for path in folder.iterdir()] == ["studies"]
 
 

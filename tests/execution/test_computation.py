@@ -20,6 +20,7 @@ from fraexp.execution.computation import Computation, Heartbeat, RunContext
 from fraexp.execution.events import Event, Finished
 from fraexp.execution.executors import Answer, WorkerLostError, Workers
 from fraexp.execution.job import Failure, Job
+from fraexp.execution.run_time import RunTime
 from fraexp.store import Store, StoredSweep
 from tests.trouble import study, trouble, write_plugin
 from tests.waiting import HANG_TIMEOUT_S, wait_until
@@ -74,7 +75,7 @@ def good(job: Job) -> Answer:
 def computed(path: Path, sweeps: Sequence[Sweep], workers: Workers) -> tuple[list[Event], list[StoredSweep]]:
     with Store.open(str(path / "results.db"), create=True) as store:
         run = store.begin_run("scripted", "scripted.toml", "", {}, sweeps)
-        context = RunContext(run, store, Registry(), "", is_rerun=False)
+        context = RunContext(run, store, Registry(), "", False, RunTime(sweeps, {}))
         heartbeat = Heartbeat(store, run, len(sweeps))
         events = list(Computation(sweeps, context, workers, lambda reference: reference, heartbeat).events())
         assert store.lease_holders([sweep.key for sweep in sweeps]) == {}

@@ -20,6 +20,7 @@ from fraexp.execution.database_retry import DatabaseRetry
 from fraexp.execution.events import Ended, Event, Finished, Noticed, Progress
 from fraexp.execution.executors import Answer
 from fraexp.execution.job import Job
+from fraexp.execution.run_time import RunTime
 from fraexp.execution.scheduler import Spool, compute_recorded
 from fraexp.store import Store
 from fraexp.study.study_file import ResolvedStudy
@@ -49,7 +50,9 @@ def events_of(path: Path, timeout: float, store: Store) -> Iterator[Event]:
     provenance = {"run_id": "0123456789abcdef"}
     run = store.begin_run("study", "study.toml", "", provenance, GRID)
     spool = Spool(STUDY, "", provenance, path.parent).keep_results
-    context = RunContext(run, store, Registry(), "", False, retry=DatabaseRetry(timeout=timeout), spool=spool)
+    context = RunContext(
+        run, store, Registry(), "", False, RunTime(GRID, {}), retry=DatabaseRetry(timeout=timeout), spool=spool
+    )
     yield from compute_recorded(STUDY, GRID, context, Scripted(number_of))
 
 

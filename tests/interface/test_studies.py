@@ -76,7 +76,7 @@ def test_a_saved_study_finds_its_records(tmp_path: Path) -> None:
     study.save(tmp_path / "studies" / "bench.toml")
     workspace = fraexp.Workspace(tmp_path)
     first = workspace.run(study, progress=False)
-    assert workspace.plan("bench") == {"total": 1, "reused": 1, "missing": 0, "seconds": 0.0}
+    assert workspace.plan("bench") == {"total": 1, "reused": 1, "missing": 0, "seconds": 0.0, "like": 0, "unlike": 0}
     assert abs(first[0].response[0]) == pytest.approx(1.0)
     with pytest.raises(fraexp.FraexpError, match="the file exists"):
         study.save(tmp_path / "studies" / "bench.toml")

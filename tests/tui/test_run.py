@@ -177,7 +177,7 @@ def test_a_bar_is_only_full_when_all_is_done(part, shown):
 def test_progress_tells_speed_and_time_left(workspace):
     with Store.open(str(workspace / "results.db"), read_only=True) as store:
         run = store.run(1)
-    assert progress_text(run, None, 4) == "████ 100 %  4 of 4 sweeps"
+    assert progress_text(run, 4) == "████ 100 %  4 of 4 sweeps"
 
 
 @pytest.mark.thorough

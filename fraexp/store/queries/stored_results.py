@@ -1,5 +1,6 @@
 """Queries of results: which sweeps have one, from which sources, and the results with their arrays."""
 
+import math
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
 
@@ -10,7 +11,7 @@ from fraexp.store import codec
 from fraexp.store.damage import DAMAGED, read_tolerantly
 from fraexp.store.digests import LISTED_COLUMNS, RESULT_COLUMNS, STATE_COLUMNS, content_digest, digest
 from fraexp.store.sealing import covered_rows
-from fraexp.store.stored_records import StoredState
+from fraexp.store.stored_records import Likeness, StoredState
 from fraexp.store.tables import MAX_KEYS_PER_QUERY, ResultRow, is_one_of, key_chunks, metadata, sweep
 from fraexp.store.tables import supplied_component as supplied
 from fraexp.store.validation import check_types
@@ -19,6 +20,15 @@ HAS_RESULT = or_(sweep.c.outcome.is_not(None), sweep.c.content.is_not(None))
 """A sweep has a result, or had one before its outcome was damaged."""
 STORED = select(*(sweep.c[name] for name in (*LISTED_COLUMNS, "digest"))).where(HAS_RESULT)
 STORED_OF_KEYS = STORED.where(is_one_of(sweep.c.key))
+MAX_NEWEST_TIMES = 2000
+"""Number of results whose computing times are read: the index on their age makes that quick in any database."""
+LIKENESS = tuple(sweep.c[f"{kind}_name"] for kind in ("plant", "friction", "controller", "excitation", "estimator"))
+NEWEST_TIMES = (
+    select(sweep.c.source, *LIKENESS, sweep.c.elapsed)
+    .where(sweep.c.created.is_not(None))
+    .order_by(sweep.c.created.desc())
+    .limit(MAX_NEWEST_TIMES)
+)
 SOURCES = select(supplied.c.key, supplied.c.kind, supplied.c.name, supplied.c.source_hash)
 SOURCES_OF_KEYS = SOURCES.where(is_one_of(supplied.c.key))
 
@@ -43,6 +53,15 @@ def stored_states(connection: Connection, keys: Iterable[str]) -> dict[str, Stor
             if key in found:
                 found[key].sources[f"{kind}:{name}"] = source_hash
     return found
+
+
+def like_times(connection: Connection) -> dict[Likeness, list[float]]:
+    """Return the computing times [s] of the newest results by the components of their sweeps, newest first."""
+    found: dict[Likeness, list[float]] = defaultdict(list)
+    for *names, elapsed in connection.execute(NEWEST_TIMES):
+        if isinstance(elapsed, float) and 0 <= elapsed < math.inf:  # it may be damaged
+            found[tuple(names)].append(elapsed)
+    return dict(found)
 
 
 def count_sources(connection: Connection) -> dict[str, dict[str, int]]:

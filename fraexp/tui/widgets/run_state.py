@@ -13,8 +13,7 @@ from fraexp.tui.page import shorten
 from fraexp.tui.services.themes import state_sign
 from fraexp.views.fields import elapsed_text, run_duration_text, run_state_text
 from fraexp.views.listing import state_text, time_text
-from fraexp.views.pace import Speed
-from fraexp.views.run_progress import counts_text, done_count, progress_text
+from fraexp.views.run_progress import counts_text, progress_text
 from fraexp.views.words import short_key
 
 if TYPE_CHECKING:
@@ -39,7 +38,6 @@ class RunState(Static):
 
     def __init__(self, text: str) -> None:
         super().__init__(text, id="state")
-        self._speed = Speed()
         self._shown: list[str | tuple[str, str]] = []
         self._failures: list[str] = []
         self._failure_count = 0
@@ -76,7 +74,7 @@ class RunState(Static):
             (f"{sign} {state}", f"bold ${colour}"),
             f"  {time_text(run.started)}{took}" if run.ended else f"  {since}",
             f"  {counts_text(run)}\n",
-            progress_text(run, self._rate(run), MAX_BAR, self.screen.size.width - PADDING),
+            progress_text(run, MAX_BAR, self.screen.size.width - PADDING),
         ]
         for line in self._failures:
             parts.append((f"\n{printable(line)}", "$error" if line.startswith(FAILURE_SIGN) else ""))
@@ -85,12 +83,6 @@ class RunState(Static):
         if run.state == "interrupted":
             parts.append(f"\n{_interruption_text(run, is_stopping)}")
         return parts
-
-    def _rate(self, run: RunSummary) -> float | None:
-        if run.state != "running":
-            return None
-        self._speed.update(run.heartbeat.timestamp(), done_count(run))
-        return None if _is_preparing(run) else self._speed.rate
 
 
 def _interruption_text(run: RunSummary, is_stopping: bool) -> str:
@@ -116,9 +108,3 @@ def _failure_lines(rows: Sequence[ListedSweep], total: int) -> list[str]:
         lines += [shorten(f"  → {remedy}")] if remedy else []
     more = total - sum(len(failed) for _, failed in shown)
     return [*lines, f"  {f'{more} more' if more else 'all'}: / state:unusable"] if total > 1 else lines
-
-
-def _is_preparing(run: RunSummary) -> bool:
-    """Return whether nothing is known of its pace: no sweep has finished, and none shows progress."""
-    moving = run.progress and any(0 < part < 1 for part in run.progress.running.values())
-    return run.state == "running" and not (run.computed or run.failed or moving)

@@ -26,6 +26,7 @@ from fraexp.errors import StoreError
 from fraexp.execution.computation import RunContext
 from fraexp.execution.database_retry import Clock, DatabaseRetry, Found
 from fraexp.execution.events import Event, Finished
+from fraexp.execution.run_time import RunTime
 from fraexp.execution.scheduler import begin_run, compute_recorded
 from fraexp.store import Store
 from fraexp.store.liveness import HEARTBEAT_TIMEOUT, HOST, Host, Process, is_alive
@@ -125,7 +126,7 @@ class Program:
         known = yield from retry.call(lambda: store.stored_states([sweep.key for sweep in study.sweeps]))
         missing = [sweep for sweep in study.sweeps if sweep.key not in known]
         self.run = yield from begin_run(study, store, "", {"run_id": str(self.pid)}, retry)
-        context = RunContext(self.run, store, Registry(), "", False, retry=retry)
+        context = RunContext(self.run, store, Registry(), "", False, RunTime(missing, {}), retry=retry)
         yield from compute_recorded(study, missing, context, self.workers if missing else None)
 
 

@@ -1,1 +1,0 @@
-"""Estimate of the duration of a run: its work, at the measured speed of this machine."""
