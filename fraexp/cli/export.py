@@ -50,7 +50,7 @@ def execute(arguments: Namespace) -> ExitCode:
 
 def _export_code(sweep: StoredSweep, result: Result, arguments: Namespace) -> ExitCode:
     """Write the controller of a sweep as code."""
-    registry = workspace_folder(arguments).registry
-    export_controller(sweep, result, registry, arguments.output, is_single=arguments.single, force=arguments.force)
+    service = workspace_folder(arguments)
+    export_controller(service, sweep, result, arguments.output, is_single=arguments.single, force=arguments.force)
     print_path(arguments.output)
     return ExitCode.OK

@@ -267,6 +267,14 @@ class Controller(Component, ABC):
     def transfer_function(self, sample_time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return numerator and denominator in ascending powers of z⁻¹; the denominator starts with 1."""
 
+    def reference_numerator(self, sample_time: float) -> NDArray[np.float64]:
+        """Return the numerator by which exported feedback acts on the reference, over the same denominator.
+
+        By default C(z) without its zeros, with the same gain at rest: nothing is derived from a reference that jumps.
+        The sum of the coefficients is that of C(z)'s numerator.
+        """
+        return np.array([self.transfer_function(sample_time)[0].sum()])
+
     def response(self, omega: NDArray[np.floating], sample_time: float) -> NDArray[np.complex128]:
         """Return C(e^{jωTs}) [N/m], shape (n,), at angular frequencies omega [rad/s], shape (n,)."""
         numerator, denominator = self.transfer_function(sample_time)

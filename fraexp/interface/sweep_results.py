@@ -189,7 +189,7 @@ class SweepResult:
         if is_there(target) and not force:
             raise FraexpError(f"{target}: the file exists; give force=True to replace it, or another name")
         if target.suffix.lower() in CONTROLLER_SUFFIXES:
-            export_controller(self.sweep, self.result, self.service.registry, target, force=force)
+            export_controller(self.service, self.sweep, self.result, target, force=force)
             return target
         header = {**self._attributes(), "models": self.service.models(self.result)}
         export(self.result, header, target, force=force)

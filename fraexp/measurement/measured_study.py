@@ -50,7 +50,9 @@ def record_study(tasks: Sequence[MeasurementTask], records: Sequence[Mapping[str
             f"{tasks[0].study}: its experiments have different estimators; measure them one at a time, with --set"
         )
     specs = [without_versions(spec) for spec in estimators]
+    limits = {name: value for name, value in tasks[0].limits.plain().items() if value is not None}
     several = {"grid": {"estimator": specs}} if len(specs) > 1 else {"estimator": specs[0]}
+    several |= {"limits": limits} if limits else {}
     if len(tasks) == 1:
         return {"title": title, "record": dict(records[0]), **several}
     cases = [{"label": task.label, "record": dict(record)} for task, record in zip(tasks, records, strict=True)]

@@ -1,6 +1,6 @@
 """What a controller needs of a study, as blocks that can be translated: friction, observer, delay, feedback, moves."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from fraexp.components.feedforward import Feedforward
 from fraexp.components.kinds import Controller, FrictionModel
 from fraexp.components.translation import blocks
-from fraexp.components.translation.blocks import Block, BlockInput
-from fraexp.simulation.delta_form import delta_form
+from fraexp.components.translation.blocks import Block, BlockInput, Setting
+from fraexp.simulation.delta_form import feedback_form
 from fraexp.simulation.discretisation import SignalPath
 from fraexp.simulation.experiments import Compensation
 
@@ -21,6 +21,8 @@ TEST_SLIDE = 30.0
 """Greatest amplitude of the test's motion, over the displacement in which the law's stiffness builds up its force."""
 RELATIVE_ZERO = 1e-9
 """Thrust at rest, relative to the greatest one, that is rounding."""
+TEST_FORCE_LIMIT = 1e3
+"""Limit of the control input [N] along a test vector where none is known."""
 DEFAULT_SCALE_M = 1e-6
 """Displacement of the test where a law states no force bound."""
 
@@ -42,6 +44,8 @@ class ControllerParts:
     compensation: Compensation | None = None
     units: tuple[str, str] = ("N", "m")
     """Units of force and displacement."""
+    force_limit: float | None = None
+    """Greatest control input [N]; None if it is not known, so that the user of the code has to state it."""
 
     def blocks(self) -> list[Block]:
         """Return the blocks for which everything is known."""
@@ -107,22 +111,40 @@ class ControllerParts:
         )
 
     def _controllers(self, controller: Controller, sample_time: float) -> Iterator[Block]:
-        constants = {"controller": delta_form(*controller.transfer_function(sample_time))}
-        error = np.sin(0.3 * np.arange(TEST_SAMPLES)) * 1e-5
-        yield Block(
-            "feedback",
-            f"Feedback C(z): {controller.name}",
-            blocks.feedback,
-            _feedback_states(constants),
-            (BlockInput("error", self._length, "position reference less measured position"),),
-            constants,
-            BlockInput("control", self._force, "control input"),
-            error[:, None],
-        )
+        constants = {"controller": feedback_form(controller, sample_time)}
+        derived = "whose derivative acts on the measured position alone"
+        yield self._feedback("feedback", blocks.feedback, {"last_setpoint": 2}, derived, constants)
+        follows = "for a reference that moves smoothly, such as a planned move: its derivative acts on the error"
+        yield self._feedback("tracking", blocks.tracking, {}, follows, constants)
         if self.feedforward is not None:
             yield self._positioning(self.feedforward, constants, sample_time)
         elif self.compensation is not None:
             yield self._compensated(self.compensation, constants, sample_time)
+
+    def _feedback(
+        self,
+        name: str,
+        function: Callable[..., float],
+        states: dict[str, int],
+        derivative: str,
+        constants: dict[str, Any],
+    ) -> Block:
+        k = np.arange(TEST_SAMPLES)
+        setpoint, position = np.where(k < TEST_SAMPLES // 2, 0.0, 2e-5), np.sin(0.3 * k) * 1e-5
+        return Block(
+            name,
+            f"Feedback C(z), {derivative}; its integral waits while the control input is at its limit",
+            function,
+            {**_feedback_states(constants), **states},
+            (
+                BlockInput("setpoint", self._length, "where it is to be"),
+                BlockInput("position", self._length, "measured position"),
+            ),
+            constants,
+            BlockInput("control", self._force, "control input"),
+            np.column_stack([setpoint, position]),
+            self._settings,
+        )
 
     def _positioning(self, feedforward: Feedforward, constants: dict[str, Any], sample_time: float) -> Block:
         short = feedforward.without_rest()
@@ -147,13 +169,20 @@ class ControllerParts:
                 BlockInput("target", self._length, "target; at the first call the position at which the axis rests"),
             ),
             {
-                "tables": (short.thrust, short.reference, np.diff(short.displacement), holding, short.points),
-                "sample_time": sample_time,
+                "tables": (
+                    short.thrust,
+                    short.reference,
+                    np.diff(short.displacement),
+                    holding,
+                    short.points,
+                    sample_time,
+                ),
                 **constants,
                 **law,
             },
             BlockInput("control", self._force, "control input"),
             np.column_stack([position, target]),
+            self._settings,
         )
 
     def _compensated(self, compensation: Compensation, constants: dict[str, Any], sample_time: float) -> Block:
@@ -163,15 +192,22 @@ class ControllerParts:
             "control",
             f"Feedback, and {compensation.gain:g} of the friction force by the law {friction.name}",
             blocks.compensated_feedback,
-            {**_feedback_states(constants), "past": 2, **_law_states(friction)},
+            {**_feedback_states(constants), "last_setpoint": 2, "past": 2, **_law_states(friction)},
             (
                 BlockInput("position", self._length, "measured position"),
-                BlockInput("reference", self._length, "position reference"),
+                BlockInput("setpoint", self._length, "where it is to be"),
             ),
-            {**constants, "gain": float(compensation.gain), "sample_time": sample_time, **_law(friction)},
+            {**constants, "compensation": (float(compensation.gain), sample_time, _law(friction)["friction"])},
             BlockInput("control", self._force, "control input"),
             np.column_stack([position, np.roll(position, -2)]),
+            self._settings,
         )
+
+    @property
+    def _settings(self) -> tuple[Setting, ...]:
+        limit = self.force_limit
+        meaning = "greatest control input of the drive"
+        return (Setting("force_limit", self._force, meaning, limit, limit or TEST_FORCE_LIMIT),)
 
     @property
     def _force(self) -> str:

@@ -2,6 +2,8 @@
 
 import re
 from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +14,16 @@ from fraexp.components.translation.st_file import st_text
 from fraexp.data.results import Outcome, Result
 from fraexp.data.rotary_axes import is_rotary
 from fraexp.data.sweep import components_by_port
-from fraexp.errors import FraexpError
+from fraexp.errors import FraexpError, StudyError
 from fraexp.figures.export import write_file
 from fraexp.simulation.controller_blocks import ControllerParts
 from fraexp.simulation.discretisation import SignalPath
 from fraexp.simulation.experiments import Compensation
+from fraexp.simulation.motion_limits import MotionLimits
 from fraexp.simulation.simulator_attributes import mjcf_text, urdf_text
 from fraexp.store import StoredSweep
+from fraexp.study.study_file import outline
+from fraexp.workspace.workspace_folder import WorkspaceFolder
 
 CODE_WRITERS = {".c": c_text, ".h": c_text, ".st": st_text}
 """What writes code, by suffix."""
@@ -35,14 +40,20 @@ UNTRUSTED = (Outcome.INACCURATE, Outcome.NOT_SETTLED)
 
 
 def export_controller(
-    sweep: StoredSweep, result: Result, registry: Registry, path: Path, *, is_single: bool = False, force: bool = False
+    service: WorkspaceFolder,
+    sweep: StoredSweep,
+    result: Result,
+    path: Path,
+    *,
+    is_single: bool = False,
+    force: bool = False,
 ) -> None:
-    """Write the controller of a sweep in the language of the file's suffix.
+    """Write the controller of a sweep in the language of the file's suffix; its limit is that of the sweep's study.
 
     FraexpError if the sweep has neither friction nor feedback, or the file cannot be written; PluginError names the
     line of a law that cannot be translated.
     """
-    parts = controller_parts(sweep, result, registry)
+    parts = replace(controller_parts(sweep, result, service.registry), force_limit=stated_force_limit(service, sweep))
     name = re.sub(r"\W+", "_", path.stem, flags=re.ASCII).strip("_").lower() or "axis"
     name = name if name[0].isalpha() else f"axis_{name}"
     notes = _notes(sweep, result)
@@ -57,6 +68,21 @@ def export_controller(
             "identified friction"
         )
     write_file(path, lambda draft: draft.write_text(text, encoding="utf-8"), force=force)
+
+
+def stated_force_limit(service: WorkspaceFolder, sweep: StoredSweep) -> float | None:
+    """Return `limits.force` [N] of the latest study of the sweep's experiment that states it, or None."""
+    with service.open_store() as store:
+        for run in sorted(store.runs(), key=lambda run: run.number, reverse=True):
+            file = Path(run.study_file)
+            if file.is_file() and any(of.experiment == sweep.experiment for of in store.sweeps(run.number)):
+                with suppress(StudyError):  # it has changed since
+                    cases, _ = outline(file, service.folder, service.registry)
+                    rotary = is_rotary(sweep.experiment)
+                    limits = [MotionLimits.parse(case.get("limits", {}), "limits", rotary=rotary) for case in cases]
+                    if found := [each.force for each in limits if each.force is not None]:
+                        return min(found)
+    return None
 
 
 def _notes(sweep: StoredSweep, result: Result) -> list[str]:

@@ -129,7 +129,7 @@ def test_gains_go_from_a_response_to_a_study_and_to_code(
     parts = controller_parts(sweep, result, workspace.registry)
     assert parts.controller is not None
     assert parts.controller.name == "notched_pid"
-    assert [block.name for block in parts.blocks()] == ["friction", "observer", "smith_delay", "feedback"]
+    assert [block.name for block in parts.blocks()] == ["friction", "observer", "smith_delay", "feedback", "tracking"]
     key = sweep.key[4:12]
     capsys.readouterr()
     assert main([*at, "tune", key, "--set", "integral_action=false"]) == 0

@@ -6,6 +6,7 @@
  */
 #include <stdio.h>
 
+#define axis_FORCE_LIMIT 1000.0
 #include "axis.h"
 
 enum { STEPS = 400, SAMPLES = 400, DELAY = 2, ELEMENTS = 20, STATES = 6 };

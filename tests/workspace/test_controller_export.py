@@ -58,7 +58,7 @@ def test_exported_c_runs_the_move_of_fig_8_on_a_machine_that_is_written_apart(
 ) -> None:
     workspace, sweeps = moves
     sweep, result = sweeps[case]
-    export_controller(sweep, result, workspace.registry, tmp_path / "axis.h")
+    export_controller(workspace, sweep, result, tmp_path / "axis.h")
     loop = checkout / "tests" / "workspace" / "positioning_loop.c"
     command = ["gcc", *STRICT, f"-I{tmp_path}", str(loop), "-o", str(tmp_path / "loop"), "-lm"]
     subprocess.run(command, check=True, timeout=120)
@@ -76,8 +76,15 @@ def test_c_of_a_whole_controller_agrees_with_plain_python(
 ) -> None:
     workspace, sweeps = moves
     sweep, result = sweeps["nominal, P_d = P"]
-    blocks = controller_parts(sweep, result, workspace.registry).blocks()
-    assert [block.name for block in blocks] == ["friction", "observer", "smith_delay", "feedback", "control"]
+    blocks = replace(controller_parts(sweep, result, workspace.registry), force_limit=1e3).blocks()
+    assert [block.name for block in blocks] == [
+        "friction",
+        "observer",
+        "smith_delay",
+        "feedback",
+        "tracking",
+        "control",
+    ]
     compiled = CompiledBlocks(tmp_path, blocks)
     for block in blocks:
         difference = compiled.run(block.name, block.test_inputs) - block.test_outputs
@@ -90,7 +97,7 @@ def test_structured_text_of_a_whole_controller_agrees_with_plain_python(
 ) -> None:
     workspace, sweeps = moves
     sweep, result = sweeps["nominal, P_d = P"]
-    export_controller(sweep, result, workspace.registry, tmp_path / "axis.st")
+    export_controller(workspace, sweep, result, tmp_path / "axis.st")
     source = (tmp_path / "axis.st").read_text("utf-8")
     assert grammar_error(source) is None
     plc = Machine(source)
@@ -107,7 +114,7 @@ def test_moves_follow_one_another_and_a_late_target_waits(moves: tuple[Workspace
     states = {name: np.zeros(size) for name, size in control.states.items()} | {"course": course}
     origins = []
     for goal in target.tolist():
-        control.function(**states, position=2e-3, target=goal, **control.constants)
+        control.function(**states, position=2e-3, target=goal, force_limit=1e3, **control.constants)
         origins.append(course[2])
     assert origins[0] == 2e-3
     assert list(dict.fromkeys(origins)) == [2e-3, 3e-3, 2.5e-3]
@@ -132,6 +139,20 @@ def test_the_observer_gives_the_thrust_that_moves_the_plant(moves: tuple[Workspa
     assert np.abs(effective[moving] - ideal[moving]).max() < 1.5  # N of 60 N: the encoder's steps, and friction between
 
 
+def test_the_limit_is_that_of_the_study_once_it_states_one(
+    tmp_path: Path, moves: tuple[WorkspaceService, Sweeps]
+) -> None:
+    workspace, sweeps = moves
+    sweep, result = sweeps["nominal, P_d = P"]
+    study = workspace.folder / "studies" / "fig08.toml"
+    before = study.read_text("utf-8")
+    for text, expected in ((before, "is not known: state it"), (f"{before}\n[limits]\nforce = 250\n", "LIMIT 250.0")):
+        study.write_text(text, "utf-8")
+        export_controller(workspace, sweep, result, tmp_path / "axis.h", force=True)
+        assert expected in (tmp_path / "axis.h").read_text("utf-8")
+    study.write_text(before, "utf-8")
+
+
 @pytest.mark.parametrize("suffix", [".c", thorough(".st")])
 def test_what_cannot_be_written_leaves_no_file(
     tmp_path: Path, moves: tuple[WorkspaceService, Sweeps], suffix: str
@@ -141,11 +162,11 @@ def test_what_cannot_be_written_leaves_no_file(
     taken = tmp_path / f"axis{suffix}"
     taken.write_text("mine", "utf-8")
     with pytest.raises(FraexpError, match="the file exists; give --force"):
-        export_controller(sweep, result, workspace.registry, taken)
+        export_controller(workspace, sweep, result, taken)
     assert taken.read_text("utf-8") == "mine"
     nothing = replace(sweep, experiment={"source": "record"}, estimator={"name": "conventional"})
     with pytest.raises(FraexpError, match="has no friction model and no feedback; expected a simulated machine"):
-        export_controller(nothing, result, workspace.registry, tmp_path / f"none{suffix}")
+        export_controller(workspace, nothing, result, tmp_path / f"none{suffix}")
     assert [file.name for file in tmp_path.iterdir()] == [taken.name]
 
 

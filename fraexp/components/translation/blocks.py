@@ -20,6 +20,18 @@ class BlockInput(NamedTuple):
     meaning: str
 
 
+class Setting(NamedTuple):
+    """A number that is the same in all samples, and that a user may change in the exported file."""
+
+    name: str
+    unit: str
+    meaning: str
+    value: float | None
+    """None if the user has to state it."""
+    test_value: float
+    """What it is along the test vector."""
+
+
 @dataclass(frozen=True)
 class Block:
     """A function of a controller's program, in Python; its states are zero before the first sample."""
@@ -37,11 +49,17 @@ class Block:
     """What it returns."""
     test_inputs: NDArray[np.float64]
     """Inputs of the test vector, shape (samples, inputs)."""
+    settings: tuple[Setting, ...] = ()
+
+    @property
+    def numbers(self) -> list[str]:
+        """Names of inputs and settings."""
+        return [*(one.name for one in self.inputs), *(one.name for one in self.settings)]
 
     @cached_property
     def program(self) -> Function:
         """The translated function."""
-        given = {**dict.fromkeys((one.name for one in self.inputs), REAL_INPUT), **self.constants}
+        given = {**dict.fromkeys(self.numbers, REAL_INPUT), **self.constants}
         return translate(self.name, self.function, given, self.states)
 
     def run(self, inputs: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -49,7 +67,8 @@ class Block:
         states = {name: np.zeros(size) for name, size in self.states.items()}
         names = [one.name for one in self.inputs]
         rows = (dict(zip(names, row, strict=True)) for row in np.asarray(inputs, dtype=float).tolist())
-        return np.array([self.function(**states, **row, **self.constants) for row in rows])
+        settings = {one.name: one.test_value for one in self.settings}
+        return np.array([self.function(**states, **row, **settings, **self.constants) for row in rows])
 
     @cached_property
     def test_outputs(self) -> NDArray[np.float64]:
@@ -60,8 +79,9 @@ class Block:
 Numbers = NDArray[np.float64]
 FrictionLaw = tuple[Callable[..., float], tuple[Any, ...], float]
 """A friction law, its arguments behind z_next, and the viscous coefficient [N s/m]."""
-DeltaForm = tuple[Numbers, Numbers, Numbers]
-"""Numerator, denominator and centres of a controller, as `delta_form` returns them, of the same size."""
+FeedbackForm = tuple[Numbers, Numbers, Numbers, Numbers, Numbers, float]
+"""A controller as `feedback_form` returns it: numerator, derivative of the reference, denominator, integral, centres,
+all of the same size, and the gain of the integral [N/m]."""
 
 
 def friction_force(z: Numbers, z_next: Numbers, moved: float, time: float, friction: FrictionLaw) -> float:
@@ -73,22 +93,64 @@ def friction_force(z: Numbers, z_next: Numbers, moved: float, time: float, frict
     return force + viscous * (moved / time)
 
 
-def feedback(filtered: Numbers, error: float, controller: DeltaForm) -> float:
-    """Control input [N] of C(z) from the position error [m].
+def limited_feedback(
+    filtered: Numbers, error: float, moved: float, added: float, force_limit: float, controller: FeedbackForm
+) -> float:
+    """Control input [N] within its limit: C(z) of the position error [m], and what is added to it [N].
+
+    `moved` [m] is the movement of the setpoint since the last sample, whose derivative is taken off again. The
+    integral waits while it would drive the control input beyond the limit. Both change nothing for a setpoint at rest
+    and a control input within the limit.
 
     A transposed direct form whose delays are 1/(z - c). The first half of `filtered` are their values, the second half
     is what rounding took of each sum, which the next one makes good (W. Kahan, Comm. ACM 8, 1965).
     """
-    numerator, denominator, centres = controller
+    numerator, derivative, denominator, integral, centres, integral_gain = controller
     size = numerator.size
-    control = numerator[0] * error + filtered[0]
+    control = numerator[0] * error - derivative[0] * moved + filtered[0]
+    limited = min(max(control + added, -force_limit), force_limit)
+    growth = integral_gain * error
+    held = 0.0
+    if (control + added - limited) * growth > 0.0:
+        held = growth
     for i in range(1, size):
         kept = centres[i] * filtered[i - 1]
-        change = numerator[i] * error - denominator[i] * control + filtered[i] - filtered[size + i - 1]
+        given = numerator[i] * error - derivative[i] * moved - integral[i] * held
+        change = given - denominator[i] * control + filtered[i] - filtered[size + i - 1]
         total = kept + change
         filtered[size + i - 1] = (total - kept) - change
         filtered[i - 1] = total
-    return float(control)
+    return float(limited)
+
+
+def feedback(
+    filtered: Numbers,
+    last_setpoint: Numbers,
+    setpoint: float,
+    position: float,
+    force_limit: float,
+    controller: FeedbackForm,
+) -> float:
+    """Control input [N] of C(z) within its limit; its derivative acts on the measured position alone."""
+    moved = setpoint_movement(last_setpoint, setpoint, position)
+    return limited_feedback(filtered, setpoint - position, moved, 0.0, force_limit, controller)
+
+
+def tracking(
+    filtered: Numbers, setpoint: float, position: float, force_limit: float, controller: FeedbackForm
+) -> float:
+    """Control input [N] of C(z) within its limit; its derivative acts on the position error."""
+    return limited_feedback(filtered, setpoint - position, 0.0, 0.0, force_limit, controller)
+
+
+def setpoint_movement(last_setpoint: Numbers, setpoint: float, position: float) -> float:
+    """Movement [m] of the setpoint since the sample before; at the first one from the measured position."""
+    moved = setpoint - last_setpoint[0]
+    if last_setpoint[1] == 0.0:
+        moved = setpoint - position
+    last_setpoint[0] = setpoint
+    last_setpoint[1] = 1.0
+    return float(moved)
 
 
 def delay_value(line: Numbers, value: float, older_share: float) -> float:
@@ -145,20 +207,24 @@ def effective_input(
 
 def compensated_feedback(
     filtered: Numbers,
+    last_setpoint: Numbers,
     past: Numbers,
     z: Numbers,
     z_next: Numbers,
     position: float,
-    reference: float,
-    controller: DeltaForm,
-    gain: float,
-    sample_time: float,
-    friction: FrictionLaw,
+    setpoint: float,
+    force_limit: float,
+    controller: FeedbackForm,
+    compensation: tuple[float, float, FrictionLaw],
 ) -> float:
-    """Control input [N]: feedback of the position error, and a share of the friction model's force."""
-    control = feedback(filtered, reference - position, controller)
-    moved = movement(past, position)
-    return control + gain * friction_force(z, z_next, moved, sample_time, friction)
+    """Control input [N] within its limit: feedback, and a share of the friction model's force.
+
+    `compensation` has this share, the sample time and the law.
+    """
+    gain, sample_time, friction = compensation
+    moved = setpoint_movement(last_setpoint, setpoint, position)
+    force = gain * friction_force(z, z_next, movement(past, position), sample_time, friction)
+    return limited_feedback(filtered, setpoint - position, moved, force, force_limit, controller)
 
 
 COURSE_STATES = 5
@@ -172,18 +238,18 @@ def positioning_control(
     z_next: Numbers,
     position: float,
     target: float,
-    tables: tuple[Numbers, Numbers, Numbers, float, int],
-    controller: DeltaForm,
-    sample_time: float,
+    force_limit: float,
+    tables: tuple[Numbers, Numbers, Numbers, float, int, float],
+    controller: FeedbackForm,
     friction: FrictionLaw,
 ) -> float:
-    """Control input [N] of a move to each new target: feedforward, friction along it, and feedback.
+    """Control input [N] within its limit of a move to each new target: feedforward, friction along it, and feedback.
 
     The axis rests at the first target when it begins. A target that changes during a move is taken after it. `tables`
     has thrust and reference of each sample and the movement of each point, per metre, the stiffness that holds the
-    machine [N/m], and the points per sample.
+    machine [N/m], the points per sample, and the sample time.
     """
-    thrust_per_metre, reference_per_metre, moved_per_metre, holding_stiffness, points = tables
+    thrust_per_metre, reference_per_metre, moved_per_metre, holding_stiffness, points, sample_time = tables
     law, arguments, viscous = friction
     samples = thrust_per_metre.size
     if course[0] == 0.0:
@@ -218,4 +284,4 @@ def positioning_control(
             course[2] = course[3]
     course[1] = float(k)
     compensation += viscous * travelled / sample_time
-    return feedback(filtered, reference - position, controller) + thrust + compensation
+    return limited_feedback(filtered, reference - position, 0.0, thrust + compensation, force_limit, controller)

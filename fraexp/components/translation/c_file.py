@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from fraexp.components.translation.blocks import Block
+from fraexp.components.translation.blocks import Block, Setting
 from fraexp.components.translation.c_code import CPrinter, comment
 from fraexp.components.translation.identifiers import C_WORDS, safe_names
 from fraexp.components.translation.syntax_tree import with_calls
@@ -23,11 +23,31 @@ def c_text(blocks: Sequence[Block], name: str, notes: Sequence[str], is_single: 
             f"#ifndef {prefix}INCLUDED\n#define {prefix}INCLUDED\n",
             "#include <math.h>\n#include <tgmath.h>\n",
             f"#ifndef {prefix}REAL\n#define {prefix}REAL {real}\n#endif\n",
+            *(_setting_text(each, prefix) for each in _settings(blocks)),
             printer.helpers(),
             *functions,
             *(_block_text(block, prefix) for block in blocks),
             _test_text(blocks, prefix),
             "#endif\n",
+        ]
+    )
+
+
+def _settings(blocks: Sequence[Block]) -> list[Setting]:
+    """Return the settings of all blocks, each once."""
+    return list(dict.fromkeys(setting for block in blocks for setting in block.settings))
+
+
+def _setting_text(setting: Setting, prefix: str) -> str:
+    """Return a setting as a macro, which the compiler's command line may define."""
+    name, unknown = f"{prefix}{setting.name.upper()}", setting.value is None
+    remedy = f"the {setting.meaning} [{setting.unit}] is not known: state it, for instance by -D{name}=100"
+    given = f'#error "{comment(remedy)}"' if unknown else f"#define {name} {setting.value!r}"
+    return "\n".join(
+        [
+            f"/* {comment(setting.meaning)} [{setting.unit}] */",
+            f"#ifdef {prefix}SELF_TEST\n#undef {name}\n#define {name} {setting.test_value!r}",
+            f"#elif !defined {name}\n{given}\n#endif\n",
         ]
     )
 
@@ -40,7 +60,8 @@ def _block_text(block: Block, prefix: str) -> str:
     members = "".join(f"    {real} {states[one]}[{max(size, 1)}];\n" for one, size in block.states.items())
     meanings = [f" * {inputs[one.name]}: {one.meaning} [{one.unit}]" for one in block.inputs]
     given = "".join(f", {real} {inputs[one.name]}" for one in block.inputs)
-    called = ", ".join([*(f"state->{states[one]}" for one in block.states), *inputs.values()])
+    settings = [f"({real}){prefix}{one.name.upper()}" for one in block.settings]
+    called = ", ".join([*(f"state->{states[one]}" for one in block.states), *inputs.values(), *settings])
     return "\n".join(
         [
             f"typedef struct {{\n{members or '    char empty;'}}} {label}_state;\n",

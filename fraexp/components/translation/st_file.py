@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from fraexp.components.translation.blocks import Block, BlockInput
+from fraexp.components.translation.blocks import Block, BlockInput, Setting
 from fraexp.components.translation.c_code import comment
 from fraexp.components.translation.identifiers import ST_WORDS, safe_names
 from fraexp.components.translation.structured_text import (
@@ -25,7 +25,7 @@ def st_text(blocks: Sequence[Block], name: str, notes: Sequence[str], is_single:
 
 
 def _block_names(block: Block) -> dict[str, str]:
-    names = [*block.states, *tables_of(block.program), *(one.name for one in block.inputs), block.output.name]
+    names = [*block.states, *tables_of(block.program), *block.numbers, block.output.name]
     return safe_names(dict.fromkeys(names), ST_WORDS, True)
 
 
@@ -39,19 +39,16 @@ def _function_names(block: Block) -> dict[str, str]:
 
 def _block_text(block: Block, printer: StPrinter) -> str:
     names, inner, tables = _block_names(block), _function_names(block), tables_of(block.program)
-    inputs = [
-        f"    {names[one.name]} : {printer.real}; (* {comment(one.meaning)} [{one.unit}] *)" for one in block.inputs
-    ]
-    output = (
-        f"    {names[block.output.name]} : {printer.real}; (* {comment(block.output.meaning)} [{block.output.unit}] *)"
-    )
+    inputs = [_declared(one, names, printer) for one in block.inputs]
+    settings = [_declared_setting(one, names, printer) for one in block.settings]
+    output = _declared(block.output, names, printer)
     states = {names[one]: printer.array_type(size) for one, size in block.states.items()}
-    given = {inner[name]: names[name] for name in (*block.states, *tables, *(one.name for one in block.inputs))}
+    given = {inner[name]: names[name] for name in (*block.states, *tables, *block.numbers)}
     held = [printer.table(names[name], values) for name, values in tables.items()]
     return "\n".join(
         [
             f"FUNCTION_BLOCK FB_{printer.prefix}{block.name} (* {comment(block.summary)} *)",
-            *("VAR_INPUT", *inputs, "END_VAR", "VAR_OUTPUT", output, "END_VAR"),
+            *("VAR_INPUT", *inputs, *settings, "END_VAR", "VAR_OUTPUT", output, "END_VAR"),
             *declaration("VAR", states),
             *(("VAR", *held, "END_VAR") if held else ()),
             f"{names[block.output.name]} := {printer.prefix}{block.name}({named_arguments(given)});",
@@ -63,6 +60,13 @@ def _block_text(block: Block, printer: StPrinter) -> str:
 
 def _declared(one: BlockInput, names: Mapping[str, str], printer: StPrinter) -> str:
     return f"    {names[one.name]} : {printer.real}; (* {comment(one.meaning)} [{one.unit}] *)"
+
+
+def _declared_setting(one: Setting, names: Mapping[str, str], printer: StPrinter) -> str:
+    """Return the declaration of an input with a first value, which is 0 as long as it has to be stated."""
+    unknown = "" if one.value is not None else "; it is not known: state it"
+    value = real_literal(one.value or 0.0)
+    return f"    {names[one.name]} : {printer.real} := {value}; (* {comment(one.meaning)} [{one.unit}]{unknown} *)"
 
 
 def _test_text(blocks: Sequence[Block], printer: StPrinter) -> str:
@@ -93,6 +97,7 @@ def _vector_lines(block: Block, printer: StPrinter) -> list[str]:
 def _test_lines(block: Block) -> list[str]:
     names, count = _block_names(block), len(block.inputs)
     places = {names[one.name]: f"{block.name}_inputs[{count} * k + {i}]" for i, one in enumerate(block.inputs)}
+    places |= {names[one.name]: real_literal(one.test_value) for one in block.settings}
     found = f"{block.name}_block.{names[block.output.name]}"
     return [
         f"    scale := {real_literal(1e-30)};",

@@ -27,9 +27,9 @@ class NotchedPid(Pid, name="notched_pid", version=1):
         if min((*self.notch_frequencies, *self.notch_widths, *self.notch_depths), default=1.0) <= 0:
             raise ParameterError("notched_pid has a notch value of 0 or less; expected all above 0")
 
-    def transfer_function(self, sample_time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the PID's transfer function times that of each notch; ParameterError above the Nyquist frequency."""
-        numerator, denominator = super().transfer_function(sample_time)
+    def _fraction(self, sample_time: float, derivative_time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the PID's fraction times that of each notch; ParameterError above the Nyquist frequency."""
+        numerator, denominator = super()._fraction(sample_time, derivative_time)
         for frequency, width, depth in zip(self.notch_frequencies, self.notch_widths, self.notch_depths, strict=True):
             if frequency >= 0.5 / sample_time:
                 raise ParameterError(

@@ -27,6 +27,14 @@ class Pid(Controller, name="pid", version=1):
 
     def transfer_function(self, sample_time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the sum of the three terms over their common denominator."""
+        return self._fraction(sample_time, self.derivative_time)
+
+    def reference_numerator(self, sample_time: float) -> NDArray[np.float64]:
+        """Return the numerator without the derivative (Åström and Hägglund, section 3.4: setpoint weight c = 0)."""
+        return self._fraction(sample_time, 0.0)[0]
+
+    def _fraction(self, sample_time: float, derivative_time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the sum of the terms, with another derivative time in its numerator, over their denominator."""
         forward, backward = np.array([1.0, -1.0]), np.array([1.0, 1.0])  # s = 2/Ts · (1 − z⁻¹)/(1 + z⁻¹)
         numerator, denominator = np.array([self.proportional]), np.array([1.0])
         if self.integral_time > 0:
@@ -34,7 +42,7 @@ class Pid(Controller, name="pid", version=1):
             numerator, denominator = _add_fractions(numerator, denominator, gain * backward, forward)
         if self.derivative_time > 0:
             filtered = 2 * self.filter_time * forward + sample_time * backward
-            gain = 2 * self.proportional * self.derivative_time
+            gain = 2 * self.proportional * derivative_time
             numerator, denominator = _add_fractions(numerator, denominator, gain * forward, filtered)
         lead = denominator[0]
         return numerator / lead, denominator / lead

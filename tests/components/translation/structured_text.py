@@ -106,14 +106,18 @@ class Parser:
         kind, value = self.type(), None
         if self.next == ":=":
             self.take()
-            self.take("[")
-            value = [self.constant()]
-            while self.next == ",":
-                self.take()
-                value.append(self.constant())
-            self.take("]")
+            value = self.constants() if self.next == "[" else self.constant()
         self.take(";")
         unit.variables[name] = (section, kind, value)
+
+    def constants(self) -> list[float]:
+        self.take("[")
+        found = [self.constant()]
+        while self.next == ",":
+            self.take()
+            found.append(self.constant())
+        self.take("]")
+        return found
 
     def constant(self) -> float:
         sign = -1.0 if self.next == "-" and self.take() else 1.0
@@ -260,7 +264,7 @@ class Machine:
             return list(value) if value else [0.0] * kind[0]
         if kind in self.units:
             return {"<type>": kind, **self.create(kind)}
-        return {"lreal": 0.0, "real": 0.0, "dint": 0, "bool": False}[kind]
+        return {"lreal": 0.0, "real": 0.0, "dint": 0, "bool": False}[kind] if value is None else value
 
     def _run_body(self, unit: Unit, variables: dict[str, Any]) -> None:
         with suppress(ReturnError):
