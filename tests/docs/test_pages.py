@@ -76,7 +76,7 @@ def test_every_command_and_option_is_in_the_reference(reference: dict[str, str])
     for command in COMMANDS:
         assert f"## `fraexp {command}`" in reference["docs/reference/commands.md"]
     assert "`--workspace DIR`" in reference["docs/reference/commands.md"]
-    assert "`table.mark`" in reference["docs/reference/keys.md"]
+    assert "| everywhere | `s` |" in reference["docs/reference/keys.md"]
 
 
 def test_every_command_is_in_the_readme_and_on_its_page() -> None:
