@@ -11,7 +11,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from fraexp_plugins.readers._shared import record_checks
+from fraexp_plugins.readers._shared import record_arrays
 from scipy.io import savemat
 
 from fraexp.cli.exits import ExitCode
@@ -225,7 +225,7 @@ def test_no_damaged_matlab_file_crashes(place: int, tmp_path: Path, registry: Re
 def test_a_compressed_variable_larger_than_it_says_is_refused(
     tmp_path: Path, registry: Registry, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(record_checks, "UNCHECKED_SIZE_BYTES", 1 << 20)
+    monkeypatch.setattr(record_arrays, "UNCHECKED_SIZE_BYTES", 1 << 20)
     path = matlab(tmp_path / "a.mat", lambda data: None)
     zeros = struct.pack("<II", 14, 100) + path.read_bytes()[136:184] + struct.pack("<II", 9, 1 << 26) + bytes(1 << 26)
     packed = zlib.compress(zeros)

@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from fraexp_plugins.readers._shared.column_headings import names_and_units
-from fraexp_plugins.readers._shared.stated_clock import stated_sample_time
+from fraexp_plugins.readers._shared.heading_rows import names_and_units, stated_sample_time
 
 from fraexp.records.channels import Channel, column_text, parse_channel
 

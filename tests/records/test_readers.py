@@ -7,7 +7,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from fraexp_plugins.readers._shared import record_checks
+from fraexp_plugins.readers._shared import record_arrays
 from fraexp_plugins.readers.csv_reader import CsvReader
 from fraexp_plugins.readers.mat_reader import MatReader
 from scipy.io import savemat
@@ -248,7 +248,7 @@ def test_a_variable_is_refused_by_its_decoded_size(
     tmp_path: Path, write: Callable[[Path], None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write(tmp_path / "a.mat")
-    monkeypatch.setattr(record_checks, "MAX_SIZE_BYTES", 20)
+    monkeypatch.setattr(record_arrays, "MAX_SIZE_BYTES", 20)
     with pytest.raises(RecordError, match=r"'column' takes .* GiB; expected up to"):
         MatReader().read(tmp_path / "a.mat", ["column"])
 

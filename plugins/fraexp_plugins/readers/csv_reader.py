@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from fraexp.api import RecordError, RecordReader, RecordTable
 from fraexp_plugins.readers._shared.text_layout import TextLayout, detect_layout
-from fraexp_plugins.readers._shared.text_lines import is_comment, is_number, split_cells, text_lines
-from fraexp_plugins.readers._shared.thousands import check_thousands
+from fraexp_plugins.readers._shared.text_lines import check_thousands, is_comment, is_number, split_cells, text_lines
 
 
 class CsvReader(RecordReader, name="csv", version=1):

@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 
 from fraexp.api import RecordReader, RecordTable
-from fraexp_plugins.readers._shared.mat_arrays import split_indices
 from fraexp_plugins.readers._shared.mat_hdf5 import attributes, read_columns, shapes
-from fraexp_plugins.readers._shared.outside_formats import real_vector
+from fraexp_plugins.readers._shared.record_arrays import real_vector, split_indices
 
 UNIT_ATTRIBUTES = ("unit", "units", "Unit", "Units")
 RATE_ATTRIBUTES = ("sample_rate", "samplerate", "sampling_rate", "fs", "Fs", "rate")

@@ -3,11 +3,8 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
-from fraexp.api import RecordError, RecordReader, RecordTable
-from fraexp_plugins.readers._shared.mat_arrays import column_hint, extract_signal, shape_text, split_indices
+from fraexp.api import RecordReader, RecordTable
+from fraexp_plugins.readers._shared.record_arrays import real_vector, split_indices
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
 HDF5_USER_BLOCK = 512
@@ -35,7 +32,7 @@ class MatReader(RecordReader, name="mat", version=1):
         if _is_hdf5(path):  # HDF5 shows MATLAB's arrays transposed
             arrays = {name: values.T for name, values in arrays.items()}
         return RecordTable(
-            {column: _column(path, name, arrays[name], indices) for column, (name, indices) in names.items()}
+            {column: real_vector(path, name, arrays[name], indices) for column, (name, indices) in names.items()}
         )
 
     def contents(self, path: Path) -> dict[str, tuple[tuple[int, ...], str]]:
@@ -51,14 +48,3 @@ def _is_hdf5(path: Path) -> bool:
     with path.open("rb") as stream:
         head = stream.read(HDF5_USER_BLOCK + len(HDF5))
     return HDF5 in (head[: len(HDF5)], head[HDF5_USER_BLOCK:])
-
-
-def _column(path: Path, name: str, values: NDArray[np.generic], indices: tuple[str, ...]) -> NDArray[np.float64]:
-    if values.dtype.kind not in "biuf":
-        kind = "complex numbers" if values.dtype.kind == "c" else "text or objects"
-        raise RecordError(f"{path.name}: '{name}' holds {kind}; expected real numbers")
-    if indices:
-        return np.asarray(extract_signal(path, name, values, indices), dtype=float)
-    if values.size != max(values.shape, default=1):
-        raise RecordError(f"{path.name}: '{name}' is {shape_text(values)}; {column_hint(name, values.shape)}")
-    return np.asarray(values, dtype=float).ravel()

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import RecordError, RecordReader, RecordTable
-from fraexp_plugins.readers._shared.outside_formats import format_errors, load_package
-from fraexp_plugins.readers._shared.record_checks import check_size, missing_column
+from fraexp_plugins.readers._shared.record_arrays import check_size, format_errors, load_package, missing_column
 
 DECODERS = ("mcap_ros2.decoder", "mcap_ros1.decoder", "mcap_protobuf.decoder")
 """Modules with a decoder of another encoding than JSON, which are used if they are installed."""

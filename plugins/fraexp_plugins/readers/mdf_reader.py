@@ -9,8 +9,14 @@ from typing import Any
 import numpy as np
 
 from fraexp.api import RecordError, RecordReader, RecordTable
-from fraexp_plugins.readers._shared.outside_formats import NUMERIC_KINDS, format_errors, load_package, real_vector
-from fraexp_plugins.readers._shared.record_checks import check_size, missing_column
+from fraexp_plugins.readers._shared.record_arrays import (
+    NUMERIC_KINDS,
+    check_size,
+    format_errors,
+    load_package,
+    missing_column,
+    real_vector,
+)
 from fraexp_plugins.readers._shared.text_lines import unique_names
 
 MAGIC = b"MDF "

@@ -8,9 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import RecordReader, RecordTable
-from fraexp_plugins.readers._shared.mat_arrays import split_indices
-from fraexp_plugins.readers._shared.outside_formats import NUMERIC_KINDS, format_errors, pick_arrays
-from fraexp_plugins.readers._shared.record_checks import check_size
+from fraexp_plugins.readers._shared.record_arrays import (
+    NUMERIC_KINDS,
+    check_size,
+    format_errors,
+    pick_arrays,
+    split_indices,
+)
 
 SINGLE_NAME = "data"
 """Name of the array in a ``.npy`` file."""

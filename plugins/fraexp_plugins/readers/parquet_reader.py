@@ -8,9 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import RecordReader, RecordTable
-from fraexp_plugins.readers._shared.column_headings import name_and_unit
-from fraexp_plugins.readers._shared.outside_formats import NUMERIC_KINDS, format_errors, load_package, real_vector
-from fraexp_plugins.readers._shared.record_checks import check_size, missing_column
+from fraexp_plugins.readers._shared.heading_rows import name_and_unit
+from fraexp_plugins.readers._shared.record_arrays import (
+    NUMERIC_KINDS,
+    check_size,
+    format_errors,
+    load_package,
+    missing_column,
+    real_vector,
+)
 
 UNIT_KEYS = (b"unit", b"units")
 """Keys of a column's metadata."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import RecordError, RecordReader, RecordTable
-from fraexp_plugins.readers._shared.record_checks import check_size
+from fraexp_plugins.readers._shared.record_arrays import check_size
 from fraexp_plugins.readers._shared.text_lines import (
     column_position,
     is_number,

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import RecordError, RecordReader, RecordTable
-from fraexp_plugins.readers._shared.outside_formats import format_errors, load_package
-from fraexp_plugins.readers._shared.record_checks import check_size, missing_column
+from fraexp_plugins.readers._shared.record_arrays import check_size, format_errors, load_package, missing_column
 
 FUNCTION_DATASET = 58
 FUNCTIONS = {

@@ -1,12 +1,69 @@
-"""Lines above a table of text: which of them are the headings and the units of its columns."""
+"""Headings of a text table: names and units of its columns, and the clock that lines above it state."""
 
 import re
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 
 from fraexp.api import RecordError
-from fraexp_plugins.readers._shared.column_headings import UNIT_PATTERN, is_time, name_and_unit, names_and_units
 from fraexp_plugins.readers._shared.text_lines import is_comment, is_number, split_cells
+
+BRACKETS = (("[", "]"), ("(", ")"))
+"""Brackets around a unit."""
+PLAIN_UNIT = (
+    r"%|°C?|[fpnuµμmkMG]?(?:m|s|N|A|V|W|g|Hz|rad|Nm|N\*m|Pa|J|bar|T)(?:[/*·^².\d-]|m|s|min|rad|Hz|N|A|V)*"
+    r"|[mkuµμ]?[AV][ _]?(?:rms|pk|eff|p)|d[Bb]|deg(?:/s\S*)?|degrees?|rpm|U/min|1/min|min\^?-1|inc\w*|counts?|cts|bool"
+    r"|ticks?|rev|in|lbf?|mdeg|arcsec|raw|[mnuµμ]?sec|seconds?|[Vv]olts?|[Aa]mp(?:ere)?s?|[Nn]ewtons?|[Hh]ertz"
+)
+UNIT_PATTERN = re.compile(rf"-|–|1|[\[(].*[\])]|{PLAIN_UNIT}|Sec|Sequence")
+"""A cell in a line of units."""
+JOINED_UNIT = re.compile(
+    rf"(?P<name>[^/]*[^/\s,])(?:\s*/\s*|\s+in\s+|,\s+)\(?(?P<unit>(?<=\()[^()]+(?=\))|{PLAIN_UNIT})\)?"
+)
+"""A heading such as ``F/kN`` or ``v/(mm/s)`` (ISO 80000-1: quantity over unit), ``Phase in °`` or ``Force, N``."""
+CLOCK_FACTORS = {
+    "s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ns": 1e-9, "sec": 1.0, "Sec": 1.0, "msec": 1e-3,
+    "usec": 1e-6, "nsec": 1e-9, "second": 1.0, "seconds": 1.0, "min": 60.0, "h": 3600.0,
+}  # fmt: skip
+"""Units of a column of time."""
+AMBIGUOUS_CLOCK_UNITS = ("min", "h")
+"""Units of a column of time that alone do not make it one."""
+TIME_NAMES = ("t", "time", "zeit", "timestamp", "x_value", "x-axis")
+
+
+def name_and_unit(heading: str) -> tuple[str, str | None]:
+    """Return name and unit of a heading such as ``Position [mm]``; in ``iq[0]`` the number is an index."""
+    for opening, closing in BRACKETS:
+        name, bracket, unit = heading.removesuffix(closing).rpartition(opening)
+        if heading.endswith(closing) and bracket and name.strip() and closing not in unit:
+            if unit.strip().isdigit() and not name.endswith(" "):
+                break
+            return name.rstrip(), unit
+    return heading, None
+
+
+def names_and_units(headings: Sequence[str]) -> list[tuple[str, str | None]]:
+    """Return name and unit of each heading of a table, with brackets around the units or without.
+
+    ``F/kN`` counts only if the table has another such heading: a name may contain a slash.
+    """
+    found = [name_and_unit(heading) for heading in headings]
+    if any(unit and not name.endswith("/") for name, unit in found):
+        return found
+    joined = [JOINED_UNIT.fullmatch(heading) for heading in headings]
+    pairs = [(match["name"], match["unit"]) for match in joined if match]
+    is_alone = len(pairs) < 2 or all(UNIT_PATTERN.fullmatch(name) for name, _ in pairs)  # m/s and mm/s are units
+    is_complete = len(pairs) == sum(map(bool, headings))
+    if is_alone or not (is_complete or any(unit in (*CLOCK_FACTORS, "Hz") for _, unit in pairs)):
+        return found
+    return [(match["name"], match["unit"]) if match else plain for match, plain in zip(joined, found, strict=True)]
+
+
+def is_time(name: str, unit: str | None) -> bool:
+    """Say whether a column of this name and unit is evidently the time."""
+    stated = (unit or "").strip()
+    return (stated in CLOCK_FACTORS and stated not in AMBIGUOUS_CLOCK_UNITS) or name.strip().lower() in TIME_NAMES
+
 
 LABEL_OF_NAMES = re.compile(r"(?:trace|signal|channel)?[ _]?names?|signals?|channels?|header|kan[aä]le?", re.IGNORECASE)
 LABEL_OF_UNITS = re.compile(r"[vy]?[ _]?units?|einheit(?:en)?", re.IGNORECASE)
@@ -109,3 +166,66 @@ def _check_no_broken_row(
             raise RecordError(
                 f"{path.name}, line {number}: '{bad}' does not fit the lines below; correct or remove the line"
             )
+
+
+NUMBER = r"(?P<number>\d[\d.,]*(?:e[+-]?\d+)?)"
+RATE_ENTRY = re.compile(
+    r"(?:(?:sampl(?:e|ing)|recording|acquisition)[ _]?(?:rate|freq\w*)|f_?s|abtast(?:rate|frequenz))"
+    r"\W*?(?P<prefix>k|M)?(?:Hz)?\W*?[\s:=,;\]]\W*?"
+    rf"{NUMBER}\s*(?P<unit>[kM]?Hz|[kM]?S/s)?\W*",
+    re.IGNORECASE,
+)
+"""A line of metadata with the sample rate, such as ``Sample rate [kHz]: 2.5`` or ``fs = 2500 Hz``."""
+TIME_ENTRY = re.compile(
+    r"(?:sampl(?:e|ing)[ _]?(?:time|interval|period)|delta[ _]?[tx]|[dt]_?[ts]|abtastzeit)"
+    r"[\W_]*?(?P<before>ms|us|µs|s)?"
+    rf"\W*?[\s:=,;\]]\W*?{NUMBER}\s*(?P<unit>ms|us|µs|s)?\W*",
+    re.IGNORECASE,
+)
+"""A line of metadata with the sample time, such as ``Sample interval (s), 4e-4`` or ``dt = 0.4 ms``."""
+INCREMENT_NAME = re.compile(r"increment|x_?incr(?:ement)?", re.IGNORECASE)
+"""Heading above a single number: an oscilloscope's sample time [s], while its first column counts the samples."""
+MAX_ENTRY_CHARACTERS = 200
+"""Characters of a line of metadata that are looked at."""
+RATE_FACTORS = {"": 1.0, "k": 1e3, "m": 1e6}
+TIME_FACTORS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6}
+
+
+def stated_sample_time(header: Sequence[str], rows: Sequence[Sequence[str]], decimal_comma: bool) -> float | None:
+    """Return the sample time [s] that the lines above a table state, or None.
+
+    `rows` are the cells of these lines that are as wide as the table: such a line may state one rate for each column.
+    """
+    repeated = [f"{row[0]}: {row[-1]}" for row in rows if len({cell for cell in row[1:] if cell}) == 1]
+    for line in (*header, *repeated):
+        text = line[:MAX_ENTRY_CHARACTERS].strip(" \t\r\n\"'#%;,")
+        if rate := RATE_ENTRY.fullmatch(text):
+            prefix = (rate["unit"] or rate["prefix"] or "")[:1].lower()
+            value = _number(rate["number"], decimal_comma) * RATE_FACTORS.get(prefix, 1.0)
+            if value > 0:
+                return 1 / value
+        time = TIME_ENTRY.fullmatch(text)
+        if time and (time["unit"] or time["before"]):
+            unit = (time["unit"] or time["before"]).lower()
+            # ſ and μ count as s and µ in a pattern
+            value = _number(time["number"], decimal_comma) * TIME_FACTORS.get(unit, 0.0)
+            if value > 0:
+                return value
+    return _increment(rows, decimal_comma)
+
+
+def _increment(rows: Sequence[Sequence[str]], decimal_comma: bool) -> float | None:
+    """Return the number below a heading such as Increment, or None."""
+    for above, below in pairwise(rows):
+        for heading, cell in zip(above, below, strict=False):
+            if INCREMENT_NAME.fullmatch(heading):
+                return _number(cell, decimal_comma) or None
+    return None
+
+
+def _number(text: str, decimal_comma: bool) -> float:
+    """Return a number; 0 if it is none: with a comma that is not the table's decimal sign it may be two."""
+    try:
+        return float(text.rstrip(",.").replace(",", ".") if decimal_comma else text)
+    except ValueError:  # such as 1.2.3
+        return 0.0

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import RecordError
-from fraexp_plugins.readers._shared.mat_arrays import COMPLEX_PARTS
-from fraexp_plugins.readers._shared.record_checks import check_size, missing_column
+from fraexp_plugins.readers._shared.record_arrays import COMPLEX_PARTS, check_size, missing_column
 
 Answer = TypeVar("Answer")
 REFERENCE_EXPANSION = 8

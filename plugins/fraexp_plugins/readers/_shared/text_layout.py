@@ -1,20 +1,17 @@
 """Layout of a text file with columns: delimiter, first line of numbers, headings, units, and columns of text."""
 
+import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from datetime import date
+from datetime import date, datetime, time
 from pathlib import Path
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 from fraexp.api import RecordError
-from fraexp_plugins.readers._shared.column_headings import CLOCK_FACTORS, is_time
-from fraexp_plugins.readers._shared.complex_cells import ComplexNotation, complex_notation, split_complex
-from fraexp_plugins.readers._shared.dates import first_day, seconds_since
-from fraexp_plugins.readers._shared.heading_rows import find_headings
-from fraexp_plugins.readers._shared.record_checks import check_size
-from fraexp_plugins.readers._shared.stated_clock import stated_sample_time
+from fraexp_plugins.readers._shared.heading_rows import CLOCK_FACTORS, find_headings, is_time, stated_sample_time
+from fraexp_plugins.readers._shared.record_arrays import check_size
 from fraexp_plugins.readers._shared.text_lines import (
     MAX_HEADER_LINES,
     column_position,
@@ -25,6 +22,90 @@ from fraexp_plugins.readers._shared.text_lines import (
     text_encoding,
     unique_names,
 )
+
+DATE_PATTERN = re.compile(
+    r"(?:(?:(?P<year>\d{4})-(?P<month>\d\d)-(?P<day>\d\d)|(?P<day_first>\d\d)\.(?P<month_next>\d\d)\.(?P<year_last>\d{4})"
+    r"|(?P<month_first>\d\d?)/(?P<day_next>\d\d?)/(?P<year_end>\d{4}))"
+    r"(?:T|\s+))?(?P<hour>\d\d?):(?P<minute>\d\d):(?P<second>\d\d)(?P<fraction>[.,;]\d+)?(?P<zone>Z|[+-]\d\d:?\d\d)?"
+    r"(?:\s*(?P<half>[AP])M)?"
+)
+"""ISO 8601 with a time of day, such as ``2026-03-05T14:02:59.500``, ``05.03.2026 14:02:59,500``, or
+``3/5/2026 2:02:59.500 PM``; a time of day alone is one of some day."""
+
+NAMES = (("year", "year_last", "year_end"), ("month", "month_next", "month_first"), ("day", "day_first", "day_next"))
+"""Groups of the pattern, in the order of ISO 8601."""
+
+
+def first_day(cells: Sequence[str]) -> date | None:
+    """Return the day of the first cell if all cells are dates with a time of day; otherwise None."""
+    try:
+        moments = [_moment(cell)[0] for cell in cells]
+    except ValueError:
+        return None
+    return moments[0].date() if moments else None
+
+
+def seconds_since(cell: str, day: date) -> float:
+    """Return the seconds [s] of a cell since the beginning of a day; ValueError if it is no date.
+
+    They are counted from that day, because a number since 1970 has no digits left for microseconds.
+    """
+    moment, fraction = _moment(cell)
+    start = datetime.combine(day, time(), moment.tzinfo)
+    return (moment - start).total_seconds() + fraction
+
+
+def _moment(cell: str) -> tuple[datetime, float]:
+    """Return whole seconds and their fraction [s]; ValueError if a cell is no date."""
+    found = DATE_PATTERN.fullmatch(cell.strip())
+    if found is None:
+        raise ValueError(f"'{cell}' is no date with a time of day")
+    year, month, day = (next((int(found[name]) for name in names if found[name]), 1) for names in NAMES)
+    hour = int(found["hour"])
+    if found["half"]:
+        hour = hour % 12 + 12 * (found["half"] == "P")
+    fraction = "." + (found["fraction"] or ".0")[1:]
+    text = f"{year:04d}-{month:02d}-{day:02d}T{hour:02d}:{found['minute']}:{found['second']}{found['zone'] or ''}"
+    return datetime.fromisoformat(text), float(f"0{fraction}")
+
+
+_NUMBER = r"(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+
+
+class ComplexNotation(NamedTuple):
+    """A way to write complex numbers."""
+
+    pattern: re.Pattern[str]
+    """Matches a cell; its groups are the two numbers."""
+    parts: tuple[str, str]
+    """What the names of the two columns end with."""
+    units: tuple[str | None, str | None]
+
+
+NOTATIONS = (
+    ComplexNotation(
+        re.compile(rf"\(?\s*([+-]?{_NUMBER})\s*(?=[+-])\+?(-?\s*{_NUMBER})\s*\*?\s*[ij]\s*\)?"),
+        ("real", "imaginary"),
+        (None, None),
+    ),
+    ComplexNotation(
+        re.compile(rf"\(([+-]?{_NUMBER})dB,([+-]?{_NUMBER})\s*(?:°|deg)?\)"), ("magnitude", "phase"), ("dB", "deg")
+    ),
+)
+"""``(1-2j)`` of Python, ``1 - 2i`` of MATLAB; ``(-12dB,45°)`` of circuit simulators."""
+
+
+def complex_notation(cells: Sequence[str]) -> ComplexNotation | None:
+    """Return the notation of a column of complex numbers; None if a cell is none, or all are empty."""
+    filled = [cell for cell in cells if cell]
+    return next((one for one in NOTATIONS if filled and all(map(one.pattern.fullmatch, filled))), None)
+
+
+def split_complex(cell: str, notation: ComplexNotation) -> list[str]:
+    """Return the two numbers in a cell; the cell and an empty one if it is no complex number."""
+    found = notation.pattern.fullmatch(cell)
+    return [part.replace(" ", "") for part in found.groups()] if found else [cell, ""]
+
 
 DELIMITERS = ("\t", ";", "|", ",", None)
 """Delimiters in the order in which they are tried; None is any run of blanks."""
