@@ -8,7 +8,7 @@ from itertools import takewhile
 from pathlib import Path
 
 from fraexp.cli.exits import ExitCode
-from fraexp.cli.options import DECLARE, RENAMED
+from fraexp.cli.options import DECLARE
 from fraexp.cli.parser import CommandParser, Parser, UsageError
 from fraexp.workspace.workspace_folder import DATABASE_VARIABLE
 
@@ -20,8 +20,8 @@ COMMANDS = {
     "compare": ("compare", "compare sweeps: parameters, metrics and frequency responses"),
     "plot": ("plot", "plot a run or sweeps to a figure file"),
     "fit": ("fit", "fit a plant model to stored frequency responses"),
-    "tune": ("tune", "tune the feedback for stored frequency responses, with margins for all plants of their band"),
-    "design": ("design", "choose the sines that tell most in a given measuring time, and write their study"),
+    "tune": ("fit", "tune the feedback for stored frequency responses, with margins for all plants of their band"),
+    "design": ("fit", "choose the sines that tell most in a given measuring time, and write their study"),
     "report": ("report", "write an HTML report of runs"),
     "export": (
         "export",
@@ -92,5 +92,4 @@ def _parser() -> Parser:
             name, parents=[common], help=summary, description=summary[0].upper() + summary[1:] + ".", allow_abbrev=False
         )
         DECLARE[name](command)
-        command.renamed_options = RENAMED.get(name, {})
     return parser

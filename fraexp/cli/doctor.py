@@ -4,13 +4,14 @@ import math
 import shlex
 import sqlite3
 from argparse import Namespace
-from collections.abc import Mapping
 from dataclasses import asdict
 from datetime import UTC, datetime, timedelta
 from importlib import metadata
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any
+
+import psutil
 
 from fraexp.cli.documents import json_value
 from fraexp.cli.exits import ExitCode
@@ -29,7 +30,6 @@ EXTRA_PACKAGES = {"postgresql": "psycopg", "dask": "distributed"}
 """Package that each optional extra installs."""
 HEARTBEAT_TIMEOUT = timedelta(minutes=1)
 """A run without a heartbeat for so long hangs, or its machine is gone."""
-MEMINFO_FILE = Path("/proc/meminfo")
 
 
 def execute(arguments: Namespace) -> ExitCode:
@@ -41,6 +41,7 @@ def execute(arguments: Namespace) -> ExitCode:
         _database_document(workspace, location_options(arguments)),
         selftest.run_self_test(),
     )
+    memory = psutil.virtual_memory()
     document = {
         "fraexp": found["fraexp"],
         "python": found["python"]["version"],
@@ -48,7 +49,7 @@ def execute(arguments: Namespace) -> ExitCode:
         "extras": {name: _version(package) for name, package in EXTRA_PACKAGES.items()},
         "sqlite": sqlite3.sqlite_version,
         "cores": found["machine"]["usable_cores"],
-        "memory": _memory(),
+        "memory": {"total": memory.total, "available": memory.available},
         "platform": found["machine"]["platform"],
         "database": stored,
         "cache": {"folder": str(cache_folder()), "error": _cache_error()},
@@ -83,16 +84,6 @@ def _cache_error() -> str:
             return ""
     except OSError as error:
         return error.strerror or str(error)
-
-
-def _memory() -> dict[str, int]:
-    """Return total and available memory [bytes]; empty where the system does not report them."""
-    try:
-        lines = MEMINFO_FILE.read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return {}
-    found = {name: int(value.split()[0]) * 1024 for name, _, value in (line.partition(":") for line in lines) if value}
-    return {"total": found["MemTotal"], "available": found["MemAvailable"]} if "MemAvailable" in found else {}
 
 
 def _database_document(workspace: WorkspaceFolder, here: str) -> dict[str, Any]:
@@ -161,7 +152,7 @@ def _print(document: dict[str, Any], tested: selftest.SelfTest) -> None:
         ("extras", extras),
         ("sqlite", document["sqlite"]),
         ("cores", str(document["cores"])),
-        ("memory", _memory_text(memory)),
+        ("memory", f"{memory['total'] / 1e9:.1f} GB, {memory['available'] / 1e9:.1f} GB available"),
         ("platform", document["platform"]),
         ("database", _located_text(stored["error"] or sound, stored["url"])),
         ("journal", stored["journal"]),
@@ -181,12 +172,6 @@ def _print(document: dict[str, Any], tested: selftest.SelfTest) -> None:
         say(text)
     if stored["file_system"].startswith(NETWORK_TYPES):
         say("the database is on a network file system, where locks are unreliable; put it on a local disk with --db")
-
-
-def _memory_text(memory: Mapping[str, int]) -> str:
-    if not memory:
-        return "unknown"
-    return f"{memory['total'] / 1e9:.1f} GB, {memory['available'] / 1e9:.1f} GB available"
 
 
 def _located_text(text: str, url: str) -> str:

@@ -1,31 +1,54 @@
-"""``fraexp fit``: a plant model fitted to stored responses."""
+"""``fraexp fit``, ``tune`` and ``design``: a plant, feedback or excitation found from stored responses."""
 
 from argparse import Namespace
 from collections.abc import Sequence
+from pathlib import Path
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.follow import RunEvents, follow, print_outcome
-from fraexp.cli.output import say
+from fraexp.cli.output import print_path, say
 from fraexp.cli.sweep_lookup import choose_sweeps, find_run_number
-from fraexp.components.kinds import Plant
+from fraexp.components.kinds import Controller, Excitation, Plant
 from fraexp.errors import FraexpError
 from fraexp.store import StoredSweep, leave_out_damaged
+from fraexp.workspace.designed_study import write_designed_study
 from fraexp.workspace.fit_specs import fit_estimator, inherited_fit_settings
 from fraexp.workspace.workspace_service import WorkspaceService
 
+KINDS = {"fit": Plant.kind, "tune": Controller.kind, "design": Excitation.kind}
+"""Kind of component that each command finds."""
+
 
 def execute(arguments: Namespace) -> ExitCode:
-    """Fit a plant to the responses of sweeps, and print the results."""
-    return fit_sweeps(arguments, Plant.kind)
-
-
-def fit_sweeps(arguments: Namespace, kind: str) -> ExitCode:
-    """Fit a component of a kind to the responses of sweeps, and print the results."""
+    """Find the component for the responses of sweeps, and print the results; a design becomes a study."""
     workspace = WorkspaceService.open(arguments.workspace, arguments.db)
-    return print_outcome(follow_fit(arguments, kind, workspace), arguments, workspace)
+    followed = _follow_fit(arguments, KINDS[arguments.command], workspace)
+    code = print_outcome(followed, arguments, workspace)
+    runs = [ended.run for ended in followed.ended if ended.run is not None]
+    if arguments.command == "design" and code is ExitCode.OK and runs:
+        _write_study(arguments, workspace, runs[-1])
+    return code
 
 
-def follow_fit(arguments: Namespace, kind: str, workspace: WorkspaceService) -> RunEvents:
+def _write_study(arguments: Namespace, workspace: WorkspaceService, run: int) -> None:
+    """Write the study of the excitation that a run has designed."""
+    output: Path = arguments.output
+    with workspace.open_store() as store:
+        sweeps = store.sweeps(run)
+        if len(sweeps) != 1:
+            raise FraexpError(
+                f"design: run {run} has {len(sweeps)} excitations; expected one: name a sweep by the beginning of its "
+                "key, which fraexp list shows"
+            )
+        result = store.result(sweeps[0].key)
+    write_designed_study(sweeps[0], result, f"{output.stem}: the sines that tell most", output, force=arguments.force)
+    if arguments.json:
+        say(f"wrote {output}")
+    else:
+        print_path(output, "study ")
+
+
+def _follow_fit(arguments: Namespace, kind: str, workspace: WorkspaceService) -> RunEvents:
     """Fit a component of a kind to the responses of sweeps, and show the events of the run."""
     command = arguments.command
     with workspace.open_store() as store:

@@ -228,7 +228,7 @@ def _print_errors(sweeps: list[StoredSweep], results: dict[str, Result], workspa
     labels = [sweep.labels for sweep in sweeps]
     if not any("case" in of for of in labels):
         return
-    from fraexp.cli.against_plant import print_errors
+    from fraexp.cli.compare import print_errors
     from fraexp.figures.kinds.plant_errors import errors_info
 
     comparable = [of for of in workspace.figures.shown_results(sweeps, results) if of.truth is not None]

@@ -1,10 +1,9 @@
 """The options of each command."""
 
 import argparse
+from contextlib import suppress
 from pathlib import Path
 
-from fraexp.cli import import_options
-from fraexp.cli.output import say
 from fraexp.cli.parser import Parser
 from fraexp.data.figure_kinds import FIGURES
 
@@ -12,27 +11,38 @@ KINDS = ("friction", "plant", "controller", "excitation", "estimator", "reader",
 """Kinds of component."""
 ID_HELP = "a run number, a study name (its newest run), or the beginning of a sweep key"
 ALL_HELP = "on a terminal, show every sweep instead of quantiles over the sweeps"
-RENAMED = {
-    "run": {"--memory": "--memory-limit"},
-    "stop": {"--hard": "--kill"},
-    "list": {"--order": "--sort"},
-    "compare": {"--at": "--frequencies"},
-    "plot": {"--band": "--frequency-range", "--wrapped": "--wrap-phase"},
-    "fit": {"--using": "--estimator"},
-    "import": import_options.RENAMED,
-}
-"""Earlier spellings of options by command, which are still understood, with their names of today."""
+
+
+def _switch(parser: Parser, name: str, meaning: str) -> None:
+    parser.add_argument(name, action="store_true", help=meaning)
+
+
+def _set(parser: Parser, metavar: str, meaning: str, target: str = "overrides") -> None:
+    parser.add_argument("--set", metavar=metavar, dest=target, action="append", default=[], help=meaning)
+
+
+def _estimator(parser: Parser, purpose: str) -> None:
+    meaning = f"estimator that {purpose} (default: the only one)"
+    parser.add_argument("--estimator", metavar="NAME", default="", help=meaning)
+
+
+def _output(parser: Parser, meaning: str) -> None:
+    parser.add_argument("-o", "--output", metavar="FILE", type=Path, required=True, help=meaning)
+
+
+def _ids(parser: Parser) -> None:
+    parser.add_argument("ids", metavar="ID", nargs="+", help=ID_HELP)
 
 
 def _json(parser: Parser) -> None:
-    parser.add_argument("--json", action="store_true", help="print one JSON document")
+    _switch(parser, "--json", "print one JSON document")
 
 
 def _terminal(parser: Parser) -> None:
     parser.add_argument(
         "--terminal",
         action="store_true",
-        help="draw a figure into the terminal: an image if it shows them, else braille",
+        help="draw a figure into the terminal, in braille",
     )
 
 
@@ -49,8 +59,8 @@ def _list(parser: Parser) -> None:
         help="list the sweeps that match all terms, such as estimator=effective_input 'excitation.amplitude>=12' "
         "state:unusable tag:baseline; quote names and texts that contain spaces: 'metric.\"peak force\">14N'",
     )  # fmt: skip
-    parser.add_argument("--studies", action="store_true", help="list the studies, and what running them would compute")
-    parser.add_argument("--sweeps", action="store_true", help="list all sweeps, as an empty filter does")
+    _switch(parser, "--studies", "list the studies, and what running them would compute")
+    _switch(parser, "--sweeps", "list all sweeps, as an empty filter does")
     parser.add_argument(
         "--sort", metavar="FIELD", default="",
         help="field to sort by, of sweeps or of runs; -FIELD sorts in descending order (default: newest first)",
@@ -66,13 +76,13 @@ def _list(parser: Parser) -> None:
 
 def _stop(parser: Parser) -> None:
     parser.add_argument("run", metavar="RUN", type=int, help="a run number")
-    parser.add_argument("--kill", action="store_true", help="kill its processes at once; stored results are kept")
+    _switch(parser, "--kill", "kill its processes at once; stored results are kept")
 
 
 def _tag(parser: Parser) -> None:
     parser.add_argument("tag", metavar="TAG", help="the tag: one word")
-    parser.add_argument("ids", metavar="ID", nargs="+", help=ID_HELP)
-    parser.add_argument("--remove", action="store_true", help="remove the tag")
+    _ids(parser)
+    _switch(parser, "--remove", "remove the tag")
 
 
 def _note(parser: Parser) -> None:
@@ -85,7 +95,7 @@ def _delete(parser: Parser) -> None:
         "ids", metavar="ID", nargs="+",
         help="a run number (its sweeps are deleted unless another run has them), or the beginning of a sweep key",
     )  # fmt: skip
-    parser.add_argument("--yes", action="store_true", help="do not ask for confirmation")
+    _switch(parser, "--yes", "do not ask for confirmation")
 
 
 def _merge(parser: Parser) -> None:
@@ -100,20 +110,10 @@ def _serve(parser: Parser) -> None:
     parser.add_argument(
         "--host", metavar="ADDRESS", default="127.0.0.1", help="address to listen on (default: this machine only)"
     )
-    parser.add_argument(
-        "--remote", action="store_true", help="allow an address that other machines can reach; requires --token"
-    )
+    _switch(parser, "--remote", "allow an address that other machines can reach; requires --token")
     parser.add_argument(
         "--token", metavar="TEXT", default="", help="token that the browser must present (default: a random one)"
     )
-
-
-def _rerun_class(text: str) -> str:
-    """Return which stored sweeps are computed again; ``failed`` is the earlier name of those without a result."""
-    if text == "failed":
-        say("--rerun failed is now --rerun unusable")
-        return "unusable"
-    return text
 
 
 def _migrate(parser: Parser) -> None:
@@ -130,13 +130,8 @@ def _run(parser: Parser) -> None:
         "--executor", metavar="NAME",
         help="serial, processes[:N] or dask:ADDRESS (default: all cores, or one process where that is faster)",
     )  # fmt: skip
-    parser.add_argument(
-        "--set", metavar="PATH=VALUE", dest="overrides", action="append", default=[],
-        help="override a value of the study, such as loop.divergence_limit=10mm",
-    )  # fmt: skip
-    parser.add_argument(
-        "--dry-run", action="store_true", help="show what would be computed, why, and how long it would take"
-    )
+    _set(parser, "PATH=VALUE", "override a value of the study, such as loop.divergence_limit=10mm")
+    _switch(parser, "--dry-run", "show what would be computed, why, and how long it would take")
     parser.add_argument(
         "--time-limit", metavar="TIME", help="time limit of each sweep: 60, 90s, 5min or none (default: 1h)"
     )
@@ -148,10 +143,10 @@ def _run(parser: Parser) -> None:
         "--memory-limit", metavar="SIZE", help="memory limit of each worker process, such as 2GB (default: none)"
     )
     parser.add_argument(
-        "--rerun", choices=("stale", "unusable", "all"), type=_rerun_class,
+        "--rerun", choices=("stale", "unusable", "all"),
         help="compute stored sweeps again: stale (a plugin has changed since), unusable (without a usable result), all",
     )  # fmt: skip
-    parser.add_argument("--detach", action="store_true", help="run in the background with a log file; see fraexp stop")
+    _switch(parser, "--detach", "run in the background with a log file; see fraexp stop")
     _json(parser)
 
 
@@ -159,49 +154,37 @@ def _measure(parser: Parser) -> None:
     parser.add_argument(
         "study", metavar="STUDY", help="study file (TOML) or study name, with [limits] and [measurement]"
     )
-    parser.add_argument(
-        "--set", metavar="PATH=VALUE", dest="overrides", action="append", default=[],
-        help="override a value of the study, such as measurement.band=0.1",
-    )  # fmt: skip
-    parser.add_argument(
-        "--dry-run", action="store_true", help="show the points, their durations and the predicted motion; play nothing"
+    _set(parser, "PATH=VALUE", "override a value of the study, such as measurement.band=0.1")
+    _switch(parser, "--dry-run", "show the points, their durations and the predicted motion; play nothing")
+    _switch(
+        parser,
+        "--autonomous",
+        "of the study take sample time, limits and machine alone, and find plant and friction in stages",
     )
-    parser.add_argument(
-        "--autonomous", action="store_true",
-        help="of the study take sample time, limits and machine alone, and find plant and friction in stages",
-    )  # fmt: skip
-    parser.add_argument(
-        "--fresh", action="store_true", help="measure anew: discard what an earlier measurement of the study recorded"
-    )
+    _switch(parser, "--fresh", "measure anew: discard what an earlier measurement of the study recorded")
     _json(parser)
 
 
 def _excite(parser: Parser) -> None:
     parser.add_argument("study", metavar="STUDY", help="study file (TOML) or study name, with [limits]")
-    parser.add_argument(
-        "-o", "--output", metavar="FILE", type=Path, required=True,
-        help="file to write: .csv, .mat, .h5, .wav, .h (C) or .st (Structured Text)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--set", metavar="PATH=VALUE", dest="overrides", action="append", default=[],
-        help="override a value of the study, such as excitation.amplitude=20",
-    )  # fmt: skip
+    _output(parser, "file to write: .csv, .mat, .h5, .wav, .h (C) or .st (Structured Text)")
+    _set(parser, "PATH=VALUE", "override a value of the study, such as excitation.amplitude=20")
     parser.add_argument(
         "--record", metavar="FILE", type=Path,
         help="name of the record that will come back (default: that of the output, with -record, as .csv)",
     )  # fmt: skip
-    parser.add_argument("--force", action="store_true", help="overwrite an existing file")
+    _switch(parser, "--force", "overwrite an existing file")
 
 
 def _show(parser: Parser) -> None:
     parser.add_argument("id", metavar="ID", help=ID_HELP)
-    parser.add_argument("--points", action="store_true", help="show every frequency of the response")
+    _switch(parser, "--points", "show every frequency of the response")
     parser.add_argument(
         "--controller",
         metavar="STUDY",
         help="study or machine (machines/NAME) whose controller closes the loop around a measured response",
     )
-    parser.add_argument("--all", action="store_true", help=ALL_HELP)
+    _switch(parser, "--all", ALL_HELP)
     _terminal(parser)
     _json(parser)
 
@@ -217,7 +200,7 @@ def _compare(parser: Parser) -> None:
         "--frequencies", metavar="HZ,...", type=_frequencies,
         help="frequencies [Hz] at which errors against the plant are shown, such as 5,39,80",
     )  # fmt: skip
-    parser.add_argument("--all", action="store_true", help=ALL_HELP)
+    _switch(parser, "--all", ALL_HELP)
     _terminal(parser)
     _json(parser)
 
@@ -247,7 +230,7 @@ def _plot(parser: Parser) -> None:
     parser.add_argument(
         "--frequency-range", metavar="LOW:HIGH", default="", help="frequency range [Hz] to show, such as 4.5:45"
     )
-    parser.add_argument("--wrap-phase", action="store_true", help="wrap the phase of a Bode plot to ±180 degrees")
+    _switch(parser, "--wrap-phase", "wrap the phase of a Bode plot to ±180 degrees")
     parser.add_argument(
         "--group-by", metavar="LABEL", nargs="*", default=None,
         help="labels that separate the colours, such as estimator; curves that differ in others share one "
@@ -256,40 +239,27 @@ def _plot(parser: Parser) -> None:
 
 
 def _fit(parser: Parser) -> None:
-    parser.add_argument("ids", metavar="ID", nargs="+", help=ID_HELP)
-    parser.add_argument(
-        "--set", metavar="PARAMETER=VALUE", dest="overrides", action="append", default=[],
-        help="set a parameter of the fit, such as modes=2 or max_frequency=150",
-    )  # fmt: skip
-    parser.add_argument(
-        "--estimator", metavar="NAME", default="", help="estimator that fits the plant (default: the only one)"
-    )
+    _ids(parser)
+    _set(parser, "PARAMETER=VALUE", "set a parameter of the fit, such as modes=2 or max_frequency=150")
+    _estimator(parser, "fits the plant")
     _json(parser)
 
 
 def _tune(parser: Parser) -> None:
-    parser.add_argument("ids", metavar="ID", nargs="+", help=ID_HELP)
-    parser.add_argument(
-        "--set", metavar="PARAMETER=VALUE", dest="overrides", action="append", default=[],
-        help="set a parameter of the tuning, such as integral_action=false or modulus_margin=0.6",
-    )  # fmt: skip
-    parser.add_argument(
-        "--estimator", metavar="NAME", default="", help="estimator that tunes the feedback (default: the only one)"
+    _ids(parser)
+    _set(
+        parser, "PARAMETER=VALUE", "set a parameter of the tuning, such as integral_action=false or modulus_margin=0.6"
     )
+    _estimator(parser, "tunes the feedback")
     _json(parser)
 
 
 def _design(parser: Parser) -> None:
-    parser.add_argument("ids", metavar="ID", nargs="+", help=ID_HELP)
-    parser.add_argument("-o", "--output", metavar="FILE", type=Path, required=True, help="study to write (.toml)")
-    parser.add_argument(
-        "--set", metavar="PARAMETER=VALUE", dest="overrides", action="append", default=[],
-        help="set a parameter of the design, such as measuring_time=120 or amplitudes=[8,12]",
-    )  # fmt: skip
-    parser.add_argument(
-        "--estimator", metavar="NAME", default="", help="estimator that designs the excitation (default: the only one)"
-    )
-    parser.add_argument("--force", action="store_true", help="overwrite another study")
+    _ids(parser)
+    _output(parser, "study to write (.toml)")
+    _set(parser, "PARAMETER=VALUE", "set a parameter of the design, such as measuring_time=120 or amplitudes=[8,12]")
+    _estimator(parser, "designs the excitation")
+    _switch(parser, "--force", "overwrite another study")
     _json(parser)
 
 
@@ -298,11 +268,9 @@ def _report(parser: Parser) -> None:
         "ids", metavar="ID", nargs="+",
         help="a run number, a study name (its newest run), or a folder of studies (the newest run of each)",
     )  # fmt: skip
-    parser.add_argument(
-        "-o", "--output", metavar="FILE", type=Path, required=True, help="report to write: .html or .pdf"
-    )
+    _output(parser, "report to write (.html)")
     parser.add_argument("--title", default="", help="title of the report")
-    parser.add_argument("--force", action="store_true", help="overwrite a file that is not a fraexp report")
+    _switch(parser, "--force", "overwrite a file that is not a fraexp report")
 
 
 def _export(parser: Parser) -> None:
@@ -312,21 +280,156 @@ def _export(parser: Parser) -> None:
         help="file to write: .csv, .json, .mat, .h5 or .unv; .c, .h (C99) or .st (Structured Text) for a "
         "controller; .mjcf or .urdf for friction in a simulator",
     )  # fmt: skip
-    parser.add_argument("--single", action="store_true", help="code in single precision instead of double")
-    parser.add_argument("--force", action="store_true", help="overwrite an existing file")
+    _switch(parser, "--single", "code in single precision instead of double")
+    _switch(parser, "--force", "overwrite an existing file")
 
 
 def _new(parser: Parser) -> None:
     parser.add_argument("kind", metavar="KIND", choices=KINDS, help=f"kind of component: {', '.join(KINDS)}")
     parser.add_argument("name", metavar="NAME", help="name of the component in studies, such as my_law")
-    parser.add_argument("--package", action="store_true", help="create an installable package with a test")
+    _switch(parser, "--package", "create an installable package with a test")
 
 
 def _check(parser: Parser) -> None:
     parser.add_argument("name", metavar="NAME", help="name of a component, or the file of a plugin")
     parser.add_argument("--kind", metavar="KIND", choices=KINDS, help="kind of component, if several share the name")
-    parser.add_argument("--quick", action="store_true", help="test few examples, and do not compile")
+    _switch(parser, "--quick", "test few examples, and do not compile")
     _json(parser)
+
+
+def _import(parser: Parser) -> None:
+    parser.add_argument(
+        "files", metavar="FILE", type=Path, nargs="+",
+        help="measured record or response: .csv, .txt, .mat, .h5, .npz, .uff, .xml, .tdms, .mf4, .mcap, .parquet; "
+        "several files are realisations of one experiment",
+    )  # fmt: skip
+    parser.add_argument(
+        "--channel", metavar="NAME=COLUMN", dest="channels", action="append", default=[],
+        help="define a channel, such as u=force, 'y=position [mm]' or 'u=(volts - 2.5) * 31.5 [N]'; the first is the "
+        "input, the second the output; without --channel, list the contents of the file",
+    )  # fmt: skip
+    parser.add_argument(
+        "--unit", metavar="UNIT", dest="response_unit",
+        help="unit of a response that was measured elsewhere, such as mm/N: its channels are frequency, magnitude and "
+        "phase, or real and imaginary",
+    )  # fmt: skip
+    parser.add_argument(
+        "--input-amplitude", metavar="VALUE", dest="input_amplitude", help="amplitude of its input, such as '12 N'"
+    )
+    parser.add_argument("--averages", metavar="COUNT", type=int, help="number of averages behind its coherence")
+    _declare_timebase(parser)
+    _declare_segments(parser)
+    _declare_lines(parser)
+    parser.add_argument(
+        "--integrate", metavar="NAME[=TIMES]", action="append", default=[],
+        help="integrate a channel over time, such as y=2 for acceleration to displacement; negative: differentiate",
+    )  # fmt: skip
+    parser.add_argument(
+        "--estimator", metavar="NAME", dest="estimators", action="append", default=[],
+        help="estimator (default: conventional); repeat it to compare several; see fraexp plugins",
+    )  # fmt: skip
+    _set(parser, "PATH=VALUE", "set a parameter of the estimator, such as estimator.order=2", "settings")
+    parser.add_argument("--study", metavar="FILE", type=Path, help="study file to write (default: studies/FILE.toml)")
+    _switch(parser, "--json", "print one JSON document")
+
+
+def _declare_timebase(parser: Parser) -> None:
+    parser.add_argument("--sample-rate", metavar="HZ", type=float, help="sample rate, if the file has no time column")
+    parser.add_argument("--time", metavar="COLUMN", dest="time_column", help="time column, such as 'time [ms]'")
+    parser.add_argument(
+        "--samples-per-period",
+        metavar="COUNT",
+        dest="samples_per_period",
+        type=int,
+        help="samples per period of the excitation",
+    )
+    parser.add_argument("--period-time", metavar="SECONDS", type=float, help="period of the excitation")
+    parser.add_argument(
+        "--frequency",
+        metavar="COLUMN",
+        dest="frequency_column",
+        help="column with the excitation frequency of a stepped sine",
+    )
+    parser.add_argument(
+        "--max-phase-slip", metavar="PERIODS", type=float,
+        help="greatest phase slip of a block of whole periods, in periods (default: 0.001)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--aperiodic", action="store_const", const=False, dest="periodic", help="the excitation is not periodic"
+    )
+    parser.add_argument(
+        "--skip-periods", metavar="COUNT", dest="skip_periods", type=int, help="number of periods to skip at the start"
+    )
+    parser.add_argument("--skip-time", metavar="SECONDS", type=float, help="time to skip at the start")
+    parser.add_argument(
+        "--resample", metavar="METHOD", choices=("cubic", "linear"),
+        help="interpolate between uneven time stamps, or channels of several sample rates: cubic or linear",
+    )  # fmt: skip
+    parser.add_argument("--start-time", metavar="SECONDS", type=float, help="begin so long after the first sample")
+    parser.add_argument("--end-time", metavar="SECONDS", type=float, help="end so long after the first sample")
+
+
+def _declare_segments(parser: Parser) -> None:
+    parser.add_argument(
+        "--level", metavar="NAME", dest="levels", action="append", type=_placeholder_value, default=[],
+        help="value of {level} in column names, file names or --select; several levels are compared",
+    )  # fmt: skip
+    parser.add_argument(
+        "--realisation", metavar="NAME", dest="realisations", action="append", type=_placeholder_value,
+        help="value of {realisation} in column or file names; several realisations are averaged",
+    )  # fmt: skip
+    parser.add_argument(
+        "--periods", metavar="COUNT", dest="periods_per_realisation", type=int,
+        help="periods per realisation, if several realisations follow one another in the record",
+    )  # fmt: skip
+    parser.add_argument(
+        "--select", metavar="COLUMN=NUMBER", dest="select", help="use only these samples, such as amplitude=12"
+    )
+    parser.add_argument(
+        "--segment",
+        metavar="COLUMN",
+        dest="segment_column",
+        help="column with the number of the realisation; 0 between realisations",
+    )
+    parser.add_argument(
+        "--join-files", action="store_const", const=True, help="take the FILEs as channels of one record"
+    )
+    _switch(parser, "--separate-files", "treat each FILE as a separate experiment")
+
+
+def _declare_lines(parser: Parser) -> None:
+    parser.add_argument(
+        "--input", metavar="NAME", dest="line_channel", help="channel in which the excited lines are detected"
+    )
+    parser.add_argument("--min-frequency", metavar="HZ", type=float, help="lowest excited frequency")
+    parser.add_argument("--max-frequency", metavar="HZ", type=float, help="highest excited frequency")
+    parser.add_argument(
+        "--harmonic-step", metavar="COUNT", type=int,
+        help="step between excited harmonics, from --min-frequency to --max-frequency",
+    )  # fmt: skip
+    parser.add_argument(
+        "--harmonics", metavar="N,...", dest="harmonics", type=_harmonics, help="excited harmonics, such as 1,3,7-15"
+    )
+
+
+def _placeholder_value(text: str) -> int | float | str:
+    for number in (int, float):
+        with suppress(ValueError):
+            return number(text)
+    return text
+
+
+def _harmonics(text: str) -> list[int]:
+    found: list[int] = []
+    try:
+        for part in text.split(","):
+            first, _, last = part.partition("-")
+            found += range(int(first), int(last or first) + 1)
+    except ValueError:
+        found = []
+    if not found or min(found) < 1:
+        raise argparse.ArgumentTypeError(f"'{text}' is invalid; expected harmonics such as 1,3,7-15")
+    return found
 
 
 DECLARE = {
@@ -343,7 +446,7 @@ DECLARE = {
     "design": _design,
     "report": _report,
     "export": _export,
-    "import": import_options.declare,
+    "import": _import,
     "plugins": _json,
     "new": _new,
     "check": _check,

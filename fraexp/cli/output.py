@@ -1,23 +1,129 @@
-"""Printing: messages to stderr, tables and JSON to stdout; texts from files cannot command the terminal."""
+"""Printing: messages to stderr, tables and JSON to stdout, fitted into a terminal; texts cannot command it."""
 
 import json
 import re
+import shutil
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TextIO
 
-from fraexp.cli.layout import COLUMN_GAP, column_blocks
-from fraexp.cli.terminal_lines import fit_lines, terminal_width
 from fraexp.data.terminal_text import printable
+
+MIN_TEXT_CELLS = 20
+"""Width below which a text is not indented any more [cells]."""
+
+
+def terminal_width(stream: TextIO) -> int | None:
+    """Return the width of the terminal behind a stream [cells]; None if there is none."""
+    return max(shutil.get_terminal_size().columns, 1) if stream.isatty() else None
+
+
+def fit_lines(text: str, stream: TextIO, indent: str = "") -> str:
+    """Return a text in lines that fit the terminal behind a stream; all but the first begin with `indent`."""
+    width = terminal_width(stream)
+    if width is None:
+        return text
+    return "\n".join("\n".join(_fit_line(line, width, indent)) for line in text.split("\n"))
+
+
+def _fit_line(line: str, width: int, indent: str) -> Iterator[str]:
+    from rich.cells import cell_len
+
+    if cell_len(line) <= width:
+        yield line
+        return
+    indent = indent if len(indent) + MIN_TEXT_CELLS <= width else ""
+    begin = line[: len(line) - len(line.lstrip())][: max(width - MIN_TEXT_CELLS, 0)]
+    so_far, is_empty = begin, True
+    for piece in _pieces(line.split(), width - max(len(indent), len(begin))):
+        candidate = f"{so_far}{piece}" if is_empty else f"{so_far} {piece}"
+        if not is_empty and cell_len(candidate) > width:
+            yield so_far
+            candidate = f"{indent}{piece}"
+        so_far, is_empty = candidate, False
+    yield so_far
+
+
+def _pieces(words: list[str], width: int) -> Iterator[str]:
+    """Yield words, those that are wider than a line in pieces."""
+    from rich.cells import cell_len, chop_cells
+
+    for word in words:
+        yield from chop_cells(word, width) if cell_len(word) > width else [word]
+
+
+COLUMN_GAP = 2
+"""Characters between two columns."""
+MAX_TEXT_WIDTH = 48
+"""Maximum width of a text column [characters] while others need the room."""
+MIN_TEXT_WIDTH = 20
+"""Minimum width to which a text column is folded [characters]."""
+
+
+def column_blocks(
+    titles: Sequence[str], cells: Sequence[Sequence[str]], solid: Sequence[bool], available: int
+) -> list[dict[int, int]]:
+    """Return the columns of each block with their widths [characters]; the first column leads every block.
+
+    `solid` columns hold numbers: their cells are folded only if one and the first column are wider than `available`.
+    """
+    floors = [_min_width(*column, available) for column in _columns(titles, cells, solid)]
+    wishes = [
+        max(floor, _wanted_width(*column)) for floor, column in zip(floors, _columns(titles, cells, solid), strict=True)
+    ]
+    found: list[list[int]] = [[0]]
+    for index in range(1, len(titles)):
+        if len(found[-1]) > 1 and _total_width([floors[i] for i in [*found[-1], index]]) > available:
+            found.append([0])
+        found[-1].append(index)
+    return [_fit_widths({i: floors[i] for i in of}, {i: wishes[i] for i in of}, available) for of in found]
+
+
+def _columns(
+    titles: Sequence[str], cells: Sequence[Sequence[str]], solid: Sequence[bool]
+) -> list[tuple[str, list[str], bool]]:
+    return [(title, [row[index] for row in cells], solid[index]) for index, title in enumerate(titles)]
+
+
+def _min_width(title: str, column: list[str], solid: bool, available: int) -> int:
+    words = max(map(len, title.split()), default=1)
+    longest = max(map(len, column), default=0)
+    if solid:
+        return max(words, longest)
+    pieces = max((len(word) for cell in column for word in cell.split()), default=0)
+    return min(max(words, pieces, min(longest, MIN_TEXT_WIDTH)), max(available, 1))
+
+
+def _wanted_width(title: str, column: list[str], solid: bool) -> int:
+    longest = max(map(len, column), default=0)
+    return max(len(title), longest if solid else min(longest, MAX_TEXT_WIDTH))
+
+
+def _fit_widths(floors: dict[int, int], wishes: dict[int, int], available: int) -> dict[int, int]:
+    """Return the wanted widths, reduced where there is most room until all columns fit."""
+    widths = dict(wishes)
+    while _total_width(list(widths.values())) > available:
+        loosest = max(widths, key=lambda index: widths[index] - floors[index])
+        if widths[loosest] == floors[loosest]:
+            break
+        widths[loosest] -= 1
+    while _total_width(list(widths.values())) > available and max(widths.values()) > 1:
+        widths[max(widths, key=lambda index: widths[index])] -= 1
+    return widths
+
+
+def _total_width(widths: Sequence[int]) -> int:
+    return sum(widths) + COLUMN_GAP * (len(widths) - 1)
+
 
 MAX_LINE_LENGTH = 1000
 """Maximum length of a line on stderr [characters]."""
 MAX_WORD_LENGTH = 240
 """Maximum length of a word in such a line [characters]: a path or a name that a file system takes fits."""
-MAX_SCANNED_LENGTH = 20_000
-"""Characters at either end of a text in which long words are looked for."""
+MAX_SCANNED_LENGTH = 40_000
+"""Characters of a text in which long words are looked for."""
 LONG_WORD_PATTERN = re.compile(rf"\S{{{MAX_WORD_LENGTH + 1},}}")
 ELLIPSIS = "..."
 NUMBER_PATTERN = re.compile(r"[+±-]?[\d.]+(e[+-]?\d+)?(/\d+)?( (?!to )[^,]*)?$")
@@ -38,17 +144,11 @@ def print_line(text: str, indent: str = "") -> None:
     print(fit_lines(printable(text), sys.stdout, indent), flush=True)
 
 
-def shorten(text: str, longest: int = MAX_LINE_LENGTH) -> str:
+def shorten(text: str) -> str:
     """Return a text with long words, and then the whole of it, cut in the middle: both ends say most."""
-    short = LONG_WORD_PATTERN.sub(
-        lambda word: _cut_middle(word.group(), MAX_WORD_LENGTH), text[: 2 * MAX_SCANNED_LENGTH]
-    )
-    if len(text) > 2 * MAX_SCANNED_LENGTH:
-        ends = text[:MAX_SCANNED_LENGTH], text[-MAX_SCANNED_LENGTH:]
-        short = "".join(
-            LONG_WORD_PATTERN.sub(lambda word: _cut_middle(word.group(), MAX_WORD_LENGTH), end) for end in ends
-        )
-    return _cut_middle(short, longest)
+    scanned = _cut_middle(text, MAX_SCANNED_LENGTH)
+    words_cut = LONG_WORD_PATTERN.sub(lambda word: _cut_middle(word.group(), MAX_WORD_LENGTH), scanned)
+    return _cut_middle(words_cut, MAX_LINE_LENGTH)
 
 
 def _cut_middle(text: str, longest: int) -> str:

@@ -5,12 +5,10 @@ its private members. tests/cli/test_usage.py fails if they change.
 """
 
 import argparse
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from itertools import takewhile
-from types import MappingProxyType
 from typing import Any, NoReturn
 
-from fraexp.cli.output import say
 from fraexp.errors import did_you_mean
 
 
@@ -46,25 +44,11 @@ class Parser(argparse.ArgumentParser):
 class CommandParser(Parser):
     """The parser of one command, which sees what follows the command's name."""
 
-    renamed_options: Mapping[str, str] = MappingProxyType({})
-    """Earlier spellings of options, which are still understood, with their names of today."""
-
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Parse after looking at every long option."""
-        arguments = self._rename_options(args or ())
+        arguments = list(args or ())
         self.check_options(arguments)
         return super().parse_known_args(_join_sort_field(arguments), namespace)
-
-    def _rename_options(self, arguments: Iterable[str]) -> list[str]:
-        """Return arguments with the options' names of today, after a line of advice for each earlier spelling."""
-        renamed = list(arguments)
-        for index, argument in enumerate(takewhile(lambda text: text != "--", list(renamed))):
-            option, equals, value = argument.partition("=")
-            if option in self.renamed_options:
-                current = self.renamed_options[option]
-                say(f"{option} is now {current}")
-                renamed[index] = f"{current}{equals}{value}"
-        return renamed
 
 
 def _join_sort_field(arguments: Iterable[str]) -> list[str]:

@@ -2,6 +2,7 @@
 
 from argparse import Namespace
 from collections.abc import Sequence
+from typing import Any
 
 from fraexp.cli.documents import json_value, run_document, sweep_document
 from fraexp.cli.exits import ExitCode
@@ -14,7 +15,10 @@ from fraexp.data.rotary_axes import is_rotary
 from fraexp.data.sweep import Plain
 from fraexp.errors import FraexpError
 from fraexp.figures.elements.scales import PLANT_UNITS
+from fraexp.reports.published_comparisons import comparison_document, verdict
+from fraexp.reports.report_tables import published_table
 from fraexp.store import RunSummary, Store, StoredSweep, mark_damaged
+from fraexp.study.published_values import PublishedComparison
 from fraexp.study.stated_controller import stated_controller
 from fraexp.views.fields import drawn_labels, remedies, run_fields, sweep_fields
 from fraexp.views.loop_margins_table import LOOP_COLUMNS, loop_margins, loop_rows
@@ -53,7 +57,6 @@ def execute(arguments: Namespace) -> ExitCode:
 
 
 def _show_run(store: Store, number_: int, arguments: Namespace) -> None:
-    from fraexp.cli.published import print_published, published_documents  # reads studies: a sweep does without
     from fraexp.reports.published_comparisons import compare_run
 
     if arguments.controller:
@@ -171,3 +174,18 @@ def _show_fit(fit: Fit) -> None:
     print()
     for line in fit_section(fit):
         print_line(line, "    ")
+
+
+def published_documents(compared: Sequence[PublishedComparison]) -> list[dict[str, Any]]:
+    """Return the published numbers beside ours as JSON documents."""
+    return [comparison_document(one) for one in compared]
+
+
+def print_published(compared: Sequence[PublishedComparison]) -> None:
+    """Print the published numbers beside ours, and how many are met."""
+    table = published_table(compared)
+    if table:
+        print()
+        rows = [[*(cell.text for cell in row), row[0].detail] for row in table.rows]
+        print_table([*table.titles, "note"], rows)
+        say(verdict(compared))

@@ -1,4 +1,4 @@
-"""Figures of sweeps in the terminal: as images where it shows them, else with the drawing of the terminal UI."""
+"""Figures of sweeps in the terminal, with the drawing of the terminal UI."""
 
 import os
 import shutil
@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from fraexp.cli.output import print_line, say
-from fraexp.cli.terminal_graphics import has_graphics, image_text
 from fraexp.errors import FraexpError
 from fraexp.store import Store, StoredSweep
 
@@ -35,9 +34,6 @@ def print_figure(
     from fraexp.tui.plotting.compared_sweeps import VIEW_NAMES, MarkedSweeps, compare_sweeps, split_group
     from fraexp.tui.plotting.plotted_curves import REFERENCE
 
-    if has_graphics(os.environ, sys.stdout.isatty()):
-        _print_images(workspace, store, sweeps, kind, by)
-        return
     view = {"errors": "difference", "hysteresis": "curves", "positioning": "curves"}.get(kind, kind)
     if view and view not in VIEW_NAMES:
         raise FraexpError(f"--terminal: {kind} figures are not drawn in a terminal; write a file with --output")
@@ -55,24 +51,6 @@ def print_figure(
         _print_picture(picture, found, view, group, facet)
     for note in found.left_out:
         say(note)
-
-
-def _print_images(
-    workspace: "WorkspaceService", store: Store, sweeps: Sequence[StoredSweep], kind: str, by: Sequence[str] | None
-) -> None:
-    """Print the figures that would be written to files, one for each unit of the responses."""
-    from fraexp.figures.elements.canvas import png_bytes
-
-    results = store.results(sweep.key for sweep in sweeps)
-    units: dict[str | None, list[StoredSweep]] = {}
-    for sweep in (sweep for sweep in sweeps if sweep.key in results):
-        response = results[sweep.key].response
-        units.setdefault(response.unit if response else None, []).append(sweep)
-    columns = min(shutil.get_terminal_size(ELSEWHERE).columns, MAX_WIDTH)
-    for alike in units.values():
-        figure = workspace.figures.figure(alike, results, kind=kind, by=by)
-        print(image_text(png_bytes(figure), columns))
-    sys.stdout.flush()
 
 
 def _print_picture(picture: "Picture", found: "ComparedSweeps", view: str, group: str, facet: str) -> None:

@@ -1,4 +1,4 @@
-"""A report of runs as one page that needs no other: verdicts, figures, tables, methods; as HTML or as PDF."""
+"""A report of runs as one page that needs no other: verdicts, figures, tables, methods."""
 
 import os
 import shlex
@@ -15,7 +15,6 @@ from fraexp.data.terminal_text import printable
 from fraexp.errors import FraexpError, StudyError
 from fraexp.figures.elements.label_units import label_units
 from fraexp.reports.figure_titles import run_title
-from fraexp.reports.pdf_printer import find_browser, print_page
 from fraexp.reports.published_comparisons import compare_published, read_study, verdict
 from fraexp.reports.report_tables import Cell, OriginTable, ReportTable, published_table, sweep_table
 from fraexp.reports.report_words import Method, describe_methods, input_table, verdict_text
@@ -25,7 +24,7 @@ from fraexp.study.study_file import ResolvedStudy, find_studies
 
 MAX_SWEEPS = 50
 """Sweeps of a run that are shown one by one."""
-SUFFIXES = (".html", ".htm", ".pdf")
+SUFFIXES = (".html", ".htm")
 TEMPLATE = "report.html.jinja"
 ORIGIN_MEANINGS = {
     "predicted": "Not used by the simulation: agreement shows that it is right about them.",
@@ -104,10 +103,8 @@ def check_target(path: Path, force: bool = False) -> None:
     """Raise FraexpError if a report cannot be written there, or would replace a file that is not a report."""
     if path.suffix.lower() not in SUFFIXES:
         raise FraexpError(
-            f"{path}: a report cannot be written as '{path.suffix}'; choose a name that ends in .html or .pdf"
+            f"{path}: a report cannot be written as '{path.suffix}'; write an .html file, and print it from a browser"
         )
-    if path.suffix.lower() == ".pdf":
-        find_browser()
     try:
         if force or not path.exists():
             return
@@ -121,22 +118,18 @@ def check_target(path: Path, force: bool = False) -> None:
 
 def write_report(path: Path, title: str, chapters: Sequence[RunChapter]) -> None:
     """Write a report; the file appears complete or not at all."""
-    prints = path.suffix.lower() == ".pdf"
-    text = render_report(title, chapters, unfolded=prints)
+    text = render_report(title, chapters)
     try:
-        if prints:
-            print_page(text, path)
-            return
         with atomic_file(path) as draft:
             draft.write_text(text, encoding="utf-8")
     except OSError as error:
         raise FraexpError(f"{path}: the report cannot be written: {error.strerror or error}") from None
 
 
-def render_report(title: str, chapters: Sequence[RunChapter], unfolded: bool = False) -> str:
+def render_report(title: str, chapters: Sequence[RunChapter]) -> str:
     """Return the report as HTML, titled like its only chapter unless there is a title.
 
-    The same runs give the same text. In an `unfolded` one all details are open, as paper cannot open them.
+    The same runs give the same text.
     """
     import jinja2  # only a report needs it
 
@@ -157,7 +150,6 @@ def render_report(title: str, chapters: Sequence[RunChapter], unfolded: bool = F
     return environment.get_template(TEMPLATE).render(
         generator=GENERATOR,
         title=title or ", ".join(chapter.title for chapter in rendered),
-        unfolded=unfolded,
         date=_date(runs),
         about=_about(runs),
         summary=_tables_by_origin(compared, links),

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from fraexp.cli.layout import column_blocks
+from fraexp.cli.output import column_blocks
 from fraexp.data.sweep import Sweep
 from fraexp.views.words import short_key
 

@@ -7,10 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from fraexp.cli.arguments import COMMANDS, parse
+from fraexp.cli.arguments import COMMANDS
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
-from fraexp.cli.options import RENAMED
 from tests.cli.conftest import Command
 from tests.waiting import HANG_TIMEOUT_S
 
@@ -39,34 +38,6 @@ def test_a_wrong_command_line_is_one_line_with_the_nearest_name(
     assert printed.out == ""
     assert printed.err.startswith(f"fraexp: {sentence}")
     assert printed.err.count("\n") == 1
-
-
-@pytest.mark.parametrize(("command", "old"), [(name, old) for name, renamed in RENAMED.items() for old in renamed])
-def test_an_earlier_spelling_of_an_option_is_understood_with_advice(
-    command: str, old: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    new = RENAMED[command][old]
-    for argument in (old, f"{old}=3"):
-        main([command, argument, "--no-such-option"])
-        advice, error = capsys.readouterr().err.splitlines()
-        assert advice == f"{old} is now {new}"
-        assert error.startswith(f"fraexp: {command}: unknown option '--no-such-option'")
-    assert main([command, "--help"]) == ExitCode.OK
-    text = capsys.readouterr().out
-    assert re.search(rf"  {new}\b", text)
-    assert not re.search(rf"{old}[ ,=]", text)
-
-
-def test_earlier_spellings_give_the_same(workspace: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    found = {}
-    for option in ("--sort", "--order"):
-        for line in ([option, "-key"], [f"{option}=-key"]):
-            assert main(["list", "--sweeps", "--workspace", str(workspace), "--json", *line]) == ExitCode.OK
-            printed = capsys.readouterr()
-            found[printed.out] = printed.err
-    assert list(found.values()) == ["--order is now --sort\n"]
-    assert parse(["run", "quick", "--rerun", "failed"]).rerun == "unusable"
-    assert capsys.readouterr().err == "--rerun failed is now --rerun unusable\n"
 
 
 def test_help_loads_nothing_heavy() -> None:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from rich.cells import cell_len
 
 from fraexp.cli.main import main
-from fraexp.cli.terminal_lines import fit_lines
+from fraexp.cli.output import fit_lines
 from fraexp.data.results import Outcome, Result
 from fraexp.data.sweep import Sweep
 from fraexp.store import Store

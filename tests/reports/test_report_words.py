@@ -1,17 +1,11 @@
 """What a report says in words, and how it becomes a PDF."""
 
-import shutil
 from datetime import UTC, datetime
-from pathlib import Path
 
 import pytest
 
 from fraexp.data.results import Outcome
-from fraexp.errors import FraexpError
-from fraexp.reports import pdf_printer
 from fraexp.reports.figure_titles import run_title
-from fraexp.reports.html_report import check_target
-from fraexp.reports.pdf_printer import find_browser, print_page
 from fraexp.reports.report_words import verdict_text
 from fraexp.store import RunSummary, StoredSweep
 from fraexp.store.liveness import Process
@@ -49,32 +43,3 @@ def test_the_verdict_is_in_words() -> None:
 )
 def test_a_title_says_what_the_run_has_changed(command: str, title: str) -> None:
     assert run_title("s", "Two amplitudes", command) == title
-
-
-def test_without_a_browser_the_remedy_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(shutil, "which", lambda _: None)
-    with pytest.raises(FraexpError, match=r"a PDF needs Chromium, Chrome or Edge .* write an .html file"):
-        check_target(tmp_path / "report.pdf")
-
-
-def test_a_browser_that_fails_leaves_no_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    broken = tmp_path / "browser"
-    broken.write_text("#!/bin/sh\necho no display >&2\nexit 3\n", encoding="utf-8")
-    broken.chmod(0o755)
-    monkeypatch.setattr(pdf_printer, "find_browser", lambda: str(broken))
-    with pytest.raises(FraexpError, match="could not print the PDF: no display"):
-        print_page("<p>", tmp_path / "report.pdf")
-    assert not (tmp_path / "report.pdf").exists()
-
-
-@pytest.mark.thorough
-def test_a_page_is_printed(tmp_path: Path) -> None:
-    try:
-        find_browser()
-    except FraexpError:
-        pytest.skip("there is no browser that prints")
-    print_page("<!DOCTYPE html><title>Loops</title><p>Loops</p>", tmp_path / "report.pdf")
-    content = (tmp_path / "report.pdf").read_bytes()
-    assert content.startswith(b"%PDF")
-    assert content.rstrip().endswith(b"%%EOF")
-    assert b"/Type /Page" in content
