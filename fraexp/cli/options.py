@@ -432,6 +432,11 @@ def _harmonics(text: str) -> list[int]:
     return found
 
 
+def _plugins(parser: Parser) -> None:
+    parser.add_argument("name", metavar="NAME", nargs="?", help="component to describe in full (default: list all)")
+    _json(parser)
+
+
 DECLARE = {
     "run": _run,
     "measure": _measure,
@@ -447,7 +452,7 @@ DECLARE = {
     "report": _report,
     "export": _export,
     "import": _import,
-    "plugins": _json,
+    "plugins": _plugins,
     "new": _new,
     "check": _check,
     "tag": _tag,

@@ -69,8 +69,11 @@ def usage_text(used: int, stale: int) -> str:
 
 
 def component_document(provider: Provider) -> dict[str, Any]:
-    """Return a component with its parameters."""
+    """Return a component with its parameters: required ones first, then its own, then those that it inherits."""
     component = provider.component
+    own = vars(component).get("__annotations__", {})
+    parameters = [parameter_document(name, info) for name, info in component.model_fields.items()]
+    parameters.sort(key=lambda parameter: (not parameter["required"], parameter["name"] not in own))
     return {
         "kind": component.kind,
         "name": component.name,
@@ -78,7 +81,7 @@ def component_document(provider: Provider) -> dict[str, Any]:
         "meaning": (component.__doc__ or "").strip().partition("\n")[0],
         "distribution": provider.distribution,
         "file": str(provider.file),
-        "parameters": [parameter_document(name, info) for name, info in component.model_fields.items()],
+        "parameters": parameters,
     }
 
 

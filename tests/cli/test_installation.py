@@ -8,6 +8,7 @@ import pytest
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
+from fraexp.components.kinds import KINDS
 from fraexp.data.sweep import Sweep
 from fraexp.store import Store
 from fraexp.testing import selftest
@@ -36,13 +37,35 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_plugins_show_parameters_with_units_and_bounds(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_all_components_are_on_one_screen_and_one_is_shown_in_full(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["plugins", "--workspace", str(folder)]) == ExitCode.OK
-    block = capsys.readouterr().out.partition("plant my mass  version 3, ")[2].partition("\n\n")[0].splitlines()
-    assert block[0] == str(folder / "plugins/mass.py")
-    assert block[1] == "  A free mass (Newton 1687)."
-    assert block[3].split() == ["mass", "kg", "required", ">", "0", "moving", "mass"]
-    assert block[4].split() == ["stiffness", "N/m", "0", "≥", "0", "stiffness", "to", "ground"]
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == len(KINDS)
+    assert "my mass (mass.py), two_mass" in next(line for line in lines if line.startswith("plant"))
+    assert main(["plugins", "my mass", "--workspace", str(folder)]) == ExitCode.OK
+    head, meaning, _, _, mass, stiffness = capsys.readouterr().out.rstrip().splitlines()
+    assert head == f"plant my mass  version 3, {folder / 'plugins/mass.py'}"
+    assert meaning == "  A free mass (Newton 1687)."
+    assert mass.split() == ["mass", "kg", "required", ">", "0", "moving", "mass"]
+    assert stiffness.split() == ["stiffness", "N/m", "0", "≥", "0", "stiffness", "to", "ground"]
+
+
+def test_main_parameters_come_first(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Required ones, then those of the component itself, then inherited ones."""
+    assert main(["plugins", "notched_pid", "--workspace", str(folder)]) == ExitCode.OK
+    names = [line.split()[0] for line in capsys.readouterr().out.splitlines()[3:] if line]
+    first, rest = names[1:6], names[7:]
+    assert first == ["proportional", "notch_frequencies", "notch_widths", "notch_depths", "integral_time"]
+    assert rest == ["derivative_time", "filter_time"]
+
+
+def test_an_unknown_component_is_refused_with_the_nearest_name(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["plugins", "notched", "--workspace", str(folder)]) == ExitCode.USAGE
+    assert "no component is called 'notched'; did you mean 'notched_pid'?" in capsys.readouterr().err
 
 
 def test_a_broken_plugin_is_named_with_its_reason(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
