@@ -2,7 +2,7 @@
 
 import gc
 import os
-from collections.abc import Generator, Iterator
+from collections.abc import Generator
 from pathlib import Path
 
 # Each test process has a processor to itself: the threads of linear algebra would only wait for each other.
@@ -13,7 +13,6 @@ from hypothesis import settings
 
 from fraexp.components.registry import Registry, discover
 from tests.examples import QUICK, THOROUGH
-from tests.ready_schema import repeated_schema
 
 # The first example compiles the law, so that no deadline fits; elsewhere a search that differs each time finds more.
 COMMON = settings(deadline=None, **({"derandomize": True, "print_blob": True} if os.environ.get("CI") else {}))
@@ -45,13 +44,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 # What tests compile, and teach about the machine's speed, is not for the user's own runs.
 os.environ.setdefault("FRAEXP_CACHE_DIR", str(Path(__file__).parents[1] / ".pytest_cache" / "fraexp"))
-
-
-@pytest.fixture(scope="session", autouse=True)
-def schema_that_is_made_once() -> Iterator[None]:
-    """New databases have the tables that the migrations have made once in this process."""
-    with repeated_schema():
-        yield
 
 
 @pytest.fixture(scope="session")

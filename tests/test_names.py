@@ -35,8 +35,6 @@ UNIT_ENDINGS = {"Seconds": ("_S", "_TIMEOUT", "_TIME_LIMIT"), "Milliseconds": ("
 ALLOWED = {
     "plugins/fraexp_plugins/readers/mat_reader.py: HDF5_USER_BLOCK": "the format's own name of that length",
     "fraexp/testing/friction_law_checks.py: bound": "checks are functions, and plugins name them in expected_failures",
-    "fraexp/store/migrations/versions/v0004_finding.py: LONGEST": "a migration stays as it was released",
-    "fraexp/store/migrations/versions/v0004_finding.py: AT_ONCE": "a migration stays as it was released",
 }
 """Exceptions, each with its reason."""
 

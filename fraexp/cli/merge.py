@@ -11,7 +11,7 @@ from typing import Any
 from fraexp.cli.documents import json_value
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.output import print_json, print_line, say
-from fraexp.cli.sweep_lookup import opened_for_writing, workspace_folder
+from fraexp.cli.sweep_lookup import workspace_folder
 from fraexp.errors import StoreError
 from fraexp.store import Conflict, MergeSummary, masked_url
 from fraexp.views.words import plural
@@ -27,7 +27,7 @@ def execute(arguments: Namespace) -> ExitCode:
     workspace = workspace_folder(arguments)
     source = replace(workspace, database=arguments.other)
     _check_database(source)
-    with source.open_store() as other, opened_for_writing(arguments, create=True) as store:
+    with source.open_store() as other, workspace.open_store("create") as store:
         merged = _report_progress(store.merge(other))
         names = {"from": other.name, "into": store.name}
     if arguments.json:

@@ -92,9 +92,10 @@ def _note(parser: Parser) -> None:
 
 def _delete(parser: Parser) -> None:
     parser.add_argument(
-        "ids", metavar="ID", nargs="+",
+        "ids", metavar="ID", nargs="*",
         help="a run number (its sweeps are deleted unless another run has them), or the beginning of a sweep key",
     )  # fmt: skip
+    _switch(parser, "--purge", "empty the trash: delete for good what is in it")
     _switch(parser, "--yes", "do not ask for confirmation")
 
 
@@ -116,12 +117,11 @@ def _serve(parser: Parser) -> None:
     )
 
 
-def _migrate(parser: Parser) -> None:
+def _undelete(parser: Parser) -> None:
     parser.add_argument(
-        "--studies", metavar="FILE", type=Path, nargs="*",
-        help="instead of the database, rewrite study files with the current names (default: all of the workspace)",
+        "ids", metavar="ID", nargs="*",
+        help="a run number, or the beginning of a sweep key (default: what was deleted last)",
     )  # fmt: skip
-    _json(parser)
 
 
 def _run(parser: Parser) -> None:
@@ -458,8 +458,8 @@ DECLARE = {
     "tag": _tag,
     "note": _note,
     "delete": _delete,
+    "undelete": _undelete,
     "merge": _merge,
-    "migrate": _migrate,
     "tui": lambda parser: None,  # those of every command
     "serve": _serve,
     "doctor": _json,

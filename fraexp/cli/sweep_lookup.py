@@ -2,12 +2,10 @@
 
 import shlex
 from argparse import Namespace
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from fraexp.cli.output import say
 from fraexp.errors import FraexpError, StoreError
 from fraexp.store import Store, StoredSweep, url_without_password
 from fraexp.workspace.workspace_folder import WorkspaceFolder
@@ -22,15 +20,6 @@ def workspace_folder(arguments: Namespace) -> WorkspaceFolder:
     """Return the workspace that the command line names; only its database has to be there, not its folder."""
     folder = Path(arguments.workspace)
     return WorkspaceFolder(folder, str(arguments.db or folder / "results.db"))
-
-
-@contextmanager
-def opened_for_writing(arguments: Namespace, create: bool = False) -> Iterator[Store]:
-    """Open the database to change it, and say so if that has migrated it."""
-    with workspace_folder(arguments).open_store("create" if create else "write") as store:
-        if store.notice:
-            say(store.notice)
-        yield store
 
 
 def location_options(arguments: Namespace) -> str:

@@ -5,13 +5,13 @@ from argparse import Namespace
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.output import say
-from fraexp.cli.sweep_lookup import choose_sweeps, location_options, opened_for_writing
+from fraexp.cli.sweep_lookup import choose_sweeps, location_options, workspace_folder
 from fraexp.views.words import plural
 
 
 def execute(arguments: Namespace) -> ExitCode:
     """Change the tags of sweeps."""
-    with opened_for_writing(arguments) as store:
+    with workspace_folder(arguments).open_store("write") as store:
         keys = [sweep.key for sweep in choose_sweeps(store, arguments.ids)]
         (store.untag if arguments.remove else store.tag)(keys, arguments.tag)
     done = "no longer tagged" if arguments.remove else "tagged"

@@ -98,7 +98,7 @@ def run(
         lambda: plan(study, store, registry, rerun, executor=executor, limits=limits)
     )
     yield planned
-    for text in filter(None, (_repeats_text(study), store.notice, store.advice)):
+    for text in filter(None, (_repeats_text(study), store.advice)):
         yield Noticed(text)
     yield from (yield from retry.call(lambda: list(_notice_new_versions(study, planned, store, registry))))
     time = yield from retry.call(lambda: run_time_of(missing, store))

@@ -1,8 +1,7 @@
 """Digests of stored rows: each is stored beside what it covers, and compared whenever that is read.
 
 A digest is a CRC-32, which notices up to three changed bits in any row for certain and more of them with a probability
-of 1 - 2⁻³². It protects from disks and memory, not from people. The columns that a digest covers are named here: a
-column that is added later is covered from the revision on that adds it here and computes the digests again.
+of 1 - 2⁻³². It protects from disks and memory, not from people. The columns that a digest covers are named here.
 
 Not covered are a run's heartbeat and progress, which are only shown while it runs, the leases, and the names that a
 filter suggests. States are words of which none becomes another one by a few bits.
@@ -38,7 +37,7 @@ LISTED_COLUMNS = (
 """Columns of a sweep that listings show, which have a digest of their own: listings do not read results."""
 RUN_COLUMNS = (
     *("number", "study", "study_file", "command", "started", "ended", "host", "boot", "pid", "process_start"),
-    *("provenance", "sweeps"),
+    *("provenance", "sweeps", "deleted"),
 )
 RUN_SWEEP_COLUMNS = ("run", "position", "key", "labels", "message", "log_digest")
 ORIGIN_COLUMNS = ("kind", "name", "version", "source_hash", "distribution")

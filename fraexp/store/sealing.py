@@ -43,19 +43,32 @@ DIGEST_RANGE = 2**32
 
 def seal_database(connection: Connection) -> None:
     """Compute all digests anew, and which sweeps runs have."""
-    in_runs = sweep.c.key.in_(select(run_sweep.c.key))
-    connection.execute(update(sweep).values(in_runs=case((in_runs, IN_RUNS), else_=WITHOUT_RUN)))
-    seal_sweeps(connection, list(connection.scalars(select(sweep.c.key))))
+    keys = list(connection.scalars(select(sweep.c.key)))
+    seal_membership(connection, keys)
+    seal_sweeps(connection, keys)
     for number in list(connection.scalars(select(run.c.number))):
         _seal_run_sweeps(connection, number)
         seal_run(connection, number)
 
 
+def seal_membership(connection: Connection, keys: Iterable[str]) -> None:
+    """Note whether a run has each of the sweeps."""
+    in_runs = case((sweep.c.key.in_(select(run_sweep.c.key)), IN_RUNS), else_=WITHOUT_RUN)
+    for chunk in key_chunks(keys):
+        connection.execute(update(sweep).where(sweep.c.key.in_(chunk)).values(in_runs=in_runs))
+
+
 def seal_sound_runs(connection: Connection, numbers: Iterable[int]) -> None:
-    """Compute the digests of runs anew after sweeps were deleted, unless they show damage that must not be hidden."""
+    """Compute the digests of runs anew after sweeps were deleted or brought back, and count the deleted ones.
+
+    A run that shows damage keeps its digest: the damage must not be hidden.
+    """
+    left = select(func.count()).where(run_sweep.c.run == run.c.number).scalar_subquery()
     for chunk in key_chunks(numbers):
         for row in connection.execute(select(run).where(run.c.number.in_(chunk))).mappings().all():
             if row["digest"] == run_digest(row):
+                chosen = update(run).where(run.c.number == row["number"])
+                connection.execute(chosen.values(deleted=run.c.deleted + run.c.sweeps - left))
                 seal_run(connection, row["number"])
 
 

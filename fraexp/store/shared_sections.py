@@ -81,7 +81,7 @@ def add_field_names(connection: Connection, kind: str, names: Iterable[str]) -> 
 
 
 def delete_unused_parts(connection: Connection) -> None:
-    """Delete the parts that no sweep uses."""
+    """Delete the parts that no sweep uses; the trash must be empty."""
     for name in PARTS:
         column = sweep.c[f"{name}_part"]
         used = select(column).where(column.is_not(None))

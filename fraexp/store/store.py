@@ -1,35 +1,35 @@
 """The store: the only access to the database."""
 
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Self
 
 from sqlalchemy import Connection, Engine
 
 from fraexp.data.results import Outcome, Result
 from fraexp.data.sweep import Plain, Sweep
-from fraexp.errors import StoreError
+from fraexp.errors import StoreError, UnavailableError
 from fraexp.store import integrity
 from fraexp.store.backends.engine import CONCURRENT, EXCLUSIVE, WRITE_MODE, Database
 from fraexp.store.backends.urls import locate_database
-from fraexp.store.changes import leases, merging, writing
+from fraexp.store.changes import leases, merging, trash, writing
 from fraexp.store.clock import steady_time
 from fraexp.store.interrupts import deferred_interrupt
 from fraexp.store.liveness import this_process
 from fraexp.store.queries import annotations, reading, stored_results, sweep_pages
 from fraexp.store.queries.known_names import UnitDeclarations, no_declared_units
-from fraexp.store.schema import Schema, check_readable, migrate_database, prepare_database
 from fraexp.store.stored_records import (
     ComponentOrigin,
+    Deletion,
     Likeness,
     ListingPage,
     MergeSummary,
-    MigrationSummary,
     RunProgress,
     RunSummary,
     StoredState,
     StoredSweep,
 )
+from fraexp.store.tables import SCHEMA_NUMBER
 from fraexp.store.validation import FOREIGN_DATA_ERRORS, DamagedError, foreign_data_error
 
 DEFAULT_TIMEOUT_S = 10.0
@@ -49,8 +49,6 @@ class Store:
         self._reader = engine.execution_options(**database.reading)
         self._identity = database.identity()
         self._written = 0
-        self.notice = ""
-        """What a user should know about the migration of the database when it was opened; empty without one."""
         self._begin_times: dict[int, float] = {}
         """Steady times at which the runs of this process began [s]."""
 
@@ -76,13 +74,12 @@ class Store:
         units : returns the units in which a parameter is declared, so that filters can refuse others.
         """
         database = locate_database(url, timeout)
-        if read_only:
-            check_readable(database, Schema())
-            return cls(database, database.reader(), units)
-        notice = prepare_database(database, create, Schema())
-        store = cls(database, database.writer(), units)
-        store.notice = notice
-        return store
+        if create and not database.exists():
+            database.create()
+        _check_schema(database)
+        if not read_only:
+            database.check_writable()
+        return cls(database, database.reader() if read_only else database.writer(), units)
 
     @staticmethod
     def exists(url: str, timeout: float = DEFAULT_TIMEOUT_S) -> bool:
@@ -97,15 +94,6 @@ class Store:
         except StoreError as error:
             return str(error)
         return ""
-
-    @staticmethod
-    def migrate(url: str, timeout: float = DEFAULT_TIMEOUT_S) -> MigrationSummary:
-        """Migrate a database to the current schema, and free unused space."""
-        database, schema = locate_database(url, timeout), Schema()
-        before, copy = migrate_database(database, schema)
-        size = database.size()
-        database.tidy()
-        return MigrationSummary(before, schema.head, size, database.size(), copy)
 
     def __enter__(self) -> Self:
         return self
@@ -279,16 +267,39 @@ class Store:
         with self._reading() as connection:
             return annotations.notes_of_sweeps(connection, [key]).get(key, "")
 
-    def delete_sweeps(self, keys: Iterable[str]) -> int:
-        """Delete sweeps with all their data and return their number; StoreError while a run uses one of them."""
-        with self._writing() as connection:
-            return annotations.delete_sweeps(connection, keys)
+    def delete(self, keys: Iterable[str] = (), runs: Sequence[int] = ()) -> int:
+        """Move sweeps, and runs with the sweeps that no other run has, to the trash; return the number of these sweeps.
 
-    def delete_run(self, number: int) -> int:
-        """Delete a run that has ended with the sweeps that no other run has, and return the number of these sweeps."""
+        StoreError while one of the runs, or one that uses a sweep, is running.
+        """
         with self._writing() as connection:
-            reading.check_run(connection, number)
-            return annotations.delete_run(connection, number)
+            for number in runs:
+                reading.check_run(connection, number)
+            return trash.move_to_trash(connection, keys, runs)
+
+    def trash(self) -> list[Deletion]:
+        """Return what is in the trash, by deletion, the latest one first."""
+        with self._reading() as connection:
+            return trash.read_trash(connection)
+
+    def undelete(self, keys: Sequence[str] = (), runs: Sequence[int] = ()) -> Deletion:
+        """Bring sweeps, and runs with their sweeps, back from the trash, and return those that came back.
+
+        Without arguments this undoes the latest deletion. A sweep that was computed again keeps its newer result.
+        """
+        with self._writing() as connection:
+            if not keys and not runs:
+                latest = (*trash.read_trash(connection), Deletion((), ()))[0]
+                keys, runs = latest.keys, latest.runs
+            return trash.take_from_trash(connection, keys, runs)
+
+    def empty_trash(self) -> Deletion:
+        """Delete what is in the trash for good, free its space, and return what it was."""
+        with self._writing() as connection:
+            gone = trash.empty_trash(connection)
+        with suppress(UnavailableError):  # another process reads: the space is reused instead
+            self._database.tidy()
+        return gone
 
     def sources(self) -> dict[str, dict[str, int]]:
         """Return the number of sweeps of each component, by ``kind:name`` and by the hash of its source."""
@@ -404,3 +415,16 @@ class Store:
         with deferred_interrupt(), self._database.translated_errors(), self._writers[mode].begin() as connection:
             yield connection
         self._written += 1
+
+
+def _check_schema(database: Database) -> None:
+    """Raise StoreError if there is no database, or one of another schema."""
+    if not database.exists():
+        raise StoreError(f"{database.name}: there is no database yet; 'fraexp run STUDY' makes one")
+    number = database.schema_number()
+    if number != SCHEMA_NUMBER:
+        found = "no schema number" if number is None else f"schema {number}"
+        raise StoreError(
+            f"{database.name}: the database has {found}, this fraexp needs schema {SCHEMA_NUMBER}; open it with the "
+            "version of fraexp that made it, or name another database with --db and run the studies again"
+        )

@@ -88,6 +88,8 @@ class RunSummary:
     """Time since the last heartbeat, by the clock of the database [s]; 0 unless it is running."""
     unusable: int = 0
     """Number of results that cannot be used, such as those of diverged sweeps; `failed` ones have none."""
+    deleted: int = 0
+    """Number of sweeps that were deleted since, which are not among the `total`."""
 
     @property
     def is_unusable(self) -> bool:
@@ -237,14 +239,10 @@ class MergeSummary:
 
 
 @dataclass(frozen=True)
-class MigrationSummary:
-    """Result of the migration of a database."""
+class Deletion:
+    """Runs and sweeps that were deleted together, or that came back from the trash."""
 
-    before: str
-    now: str
-    """Revisions of its schema."""
-    size_before: int
-    size: int
-    """Size before and after unused space was freed [bytes]."""
-    copy: str = ""
-    """Where a copy of the database before the migration is; empty if there is none."""
+    runs: tuple[int, ...]
+    """Their numbers."""
+    keys: tuple[str, ...]
+    """Keys of the sweeps."""

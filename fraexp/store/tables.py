@@ -1,6 +1,6 @@
 """The tables of the database: runs, sweeps, results, and their annotations.
 
-Types are portable to PostgreSQL. Arrays are .npy bytes. A change here needs a revision under `migrations`.
+Types are portable to PostgreSQL. Arrays are .npy bytes. A change here needs another SCHEMA_NUMBER.
 """
 
 import math
@@ -43,6 +43,8 @@ NAMING_CONVENTION = {
     "pk": "pk_%(table_name)s",
     "uq": "uq_%(table_name)s_%(column_0_N_name)s",
 }
+SCHEMA_NUMBER = 1
+"""Number of the schema that this module declares."""
 MAX_KEYS_PER_QUERY = 500
 """Keys of an IN query: databases limit the variables of a statement."""
 Key = TypeVar("Key", str, int)
@@ -132,6 +134,9 @@ def _sweep_key_column(primary_key: bool = False) -> Column[str]:
 
 metadata = MetaData(naming_convention=NAMING_CONVENTION)
 
+schema = Table("fraexp_schema", metadata, Column("number", Integer, primary_key=True, autoincrement=False))
+"""One row: the SCHEMA_NUMBER of the database."""
+
 run = Table(
     "run",
     metadata,
@@ -149,9 +154,10 @@ run = Table(
     Column("process_start", BigInteger),  # clock ticks since boot, where known
     Column("provenance", JSON, nullable=False),
     Column("progress", JSON(none_as_null=True)),  # as the run last reported it; NULL before
-    Column("sweeps", Integer, nullable=False, default=0, server_default="0"),  # number of its rows of run_sweep
+    Column("sweeps", Integer, nullable=False, default=0),  # number of its rows of run_sweep
+    Column("deleted", Integer, nullable=False, default=0),  # number of those that were deleted
     _digest_column("digest"),
-    Column("sweep_digests", BigInteger, nullable=False, default=0, server_default="0"),  # sum of those of these rows
+    Column("sweep_digests", BigInteger, nullable=False, default=0),  # sum of those of these rows
     sqlite_autoincrement=True,  # a run's number is its name: never given twice
 )
 
@@ -163,7 +169,7 @@ sweep = Table(
     Column("outcome", String(16)),  # name of the Outcome; NULL while there is no result
     _text_column("message", ""),
     Column("elapsed", Float(precision=53), nullable=False, default=0.0),
-    Column("numerics", EscapedText, nullable=False, default="", server_default=""),  # how it was computed
+    Column("numerics", EscapedText, nullable=False, default=""),  # how it was computed
     Column("created", UtcDateTime, index=True),
     Column("source", EscapedText),
     Column("plant_name", EscapedText),
@@ -172,7 +178,7 @@ sweep = Table(
     Column("excitation_name", EscapedText),
     Column("estimator_name", EscapedText, index=True),
     # So that a sweep whose run is not found, because an index is damaged, does not seem to have none.
-    Column("in_runs", String(8), nullable=False, default=WITHOUT_RUN, server_default=IN_RUNS),
+    Column("in_runs", String(8), nullable=False, default=WITHOUT_RUN),
     # Numbers of parts, NULL where there is none. Not declared as references: an index on each, which removing
     # parts would need, is larger than the table.
     *(Column(f"{name}_part", Integer) for name in PARTS),
@@ -226,8 +232,8 @@ run_sweep = Table(
     Column("state", String(16), nullable=False, default="pending"),
     _text_column("message", ""),
     _text_column("log", ""),
-    Column("standing", SmallInteger, nullable=False, default=STANDING_LATEST, server_default="0"),
-    Column("log_digest", BigInteger, nullable=False, default=0, server_default="0"),
+    Column("standing", SmallInteger, nullable=False, default=STANDING_LATEST),
+    Column("log_digest", BigInteger, nullable=False, default=0),
     _digest_column("digest"),
     # Contains all that a listing reads of a sweep's latest run, except its labels.
     Index("ix_run_sweep_key_standing_state_run", "key", "standing", "state", "run"),
@@ -323,6 +329,24 @@ supplied_component = Table(
 
 RESULT_TABLES = (curve_column, curve, metric, fit, frequency_response, supplied_component)
 """Tables of a result's parts, which are deleted with it, children first."""
+SWEEP_TABLES = (sweep, tag, note, *reversed(RESULT_TABLES))
+"""Tables with all that belongs to a sweep outside of runs, parents first."""
+
+
+def _trash_of(table: Table) -> Table:
+    columns = (Column(of.name, of.type, primary_key=of.primary_key, autoincrement=False) for of in table.columns)
+    moment = [Column("deleted_at", UtcDateTime, nullable=False)] if table in (run, sweep) else []
+    return Table(f"trash_{table.name}", metadata, *columns, *moment)
+
+
+TRASH = {table: _trash_of(table) for table in (run, run_sweep, *SWEEP_TABLES)}
+"""For each table the one in which its deleted rows are kept, as they were, until the trash is emptied."""
+
+
+def create_tables(connection: Connection) -> None:
+    """Create all tables, and note the number of the schema."""
+    metadata.create_all(connection)
+    connection.execute(schema.insert().values(number=SCHEMA_NUMBER))
 
 
 def insert_or_ignore(connection: Connection, table: Table) -> Insert:

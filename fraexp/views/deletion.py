@@ -9,6 +9,11 @@ MAX_DETAILED_SWEEPS = 1000
 """Maximum number of sweeps whose tags, notes and computing times are read."""
 
 
+def deletion_text(runs: int, sweeps: int) -> str:
+    """Return how many runs and sweeps are deleted, or come back."""
+    return f"{plural(runs, 'run')} and {plural(sweeps, 'sweep')}" if runs else plural(sweeps, "sweep")
+
+
 def sweep_loss_text(store: Store, keys: Sequence[str]) -> str:
     """Return in words what is lost when sweeps are deleted."""
     lost = f"{plural(len(keys), 'sweep')} with results, also in the runs that have {'it' if len(keys) == 1 else 'them'}"

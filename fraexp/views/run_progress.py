@@ -65,8 +65,9 @@ def progress_text(run: RunSummary, width: int = 20, room: int | None = None) -> 
 
 
 def counts_text(run: RunSummary) -> str:
-    """Return how many sweeps were computed and reused, how many failed or are unusable, and how many are left."""
+    """Return how many sweeps were computed and reused, how many failed or are unusable, are left, or were deleted."""
     pending = run.total - finished_count(run)
     left = f", {pending} to do" if pending else ""
     unusable = f", {run.unusable} without a usable result" if run.unusable else ""
-    return f"{run.computed} computed, {run.reused} reused, {run.failed} failed{unusable}{left}"
+    deleted = f", {run.deleted} deleted" if run.deleted else ""
+    return f"{run.computed} computed, {run.reused} reused, {run.failed} failed{unusable}{left}{deleted}"

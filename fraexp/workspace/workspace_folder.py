@@ -14,8 +14,6 @@ from fraexp.errors import StoreError, StudyError
 if TYPE_CHECKING:
     from fraexp.components.registry import Registry
     from fraexp.store import Store
-    from fraexp.store.stored_records import MigrationSummary
-
 
 DATABASE_VARIABLE = "FRAEXP_DB"
 """Environment variable with the path or URL of the database, unless ``--db`` names one."""
@@ -101,12 +99,6 @@ class WorkspaceFolder:
         from fraexp.store import Store
 
         return Store.refusal(self.database)
-
-    def migrate_database(self) -> "MigrationSummary":
-        """Bring the database to the current schema, and free unused space."""
-        from fraexp.store import Store
-
-        return Store.migrate(self.database)
 
     def location_options(self) -> list[str]:
         """Return the options that name this workspace from any folder."""

@@ -2,13 +2,13 @@
 
 import platform
 import shlex
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from fraexp.components.kinds import Plant
 from fraexp.data.results import Result
@@ -28,9 +28,6 @@ from fraexp.study.published_values import PublishedComparison
 from fraexp.study.study_file import ResolvedStudy, find_studies, load, outline, read, resolve
 from fraexp.workspace import fit_specs
 from fraexp.workspace.workspace_folder import WorkspaceFolder
-
-if TYPE_CHECKING:
-    from fraexp.study.rewriting import Rewritten
 
 
 @dataclass(frozen=True)
@@ -180,12 +177,6 @@ class WorkspaceService(WorkspaceFolder):
         named = stated.get("file") if isinstance(stated, dict) else None
         is_its_own = isinstance(named, str) and (path.parent / named).resolve() == file.resolve()
         return path if is_its_own else None
-
-    def rewrite_studies(self, files: Sequence[Path] = ()) -> "Iterator[Rewritten]":
-        """Replace former names in study files, all of the workspace if none is given; yield what was done to each."""
-        from fraexp.study.rewriting import rewrite_all  # which needs a TOML writer that nothing else here does
-
-        return rewrite_all(files, self.folder, self.registry)
 
     def plan(
         self, study: str, overrides: Sequence[str] = (), rerun: str | None = None, executor: str | None = None

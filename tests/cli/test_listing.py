@@ -219,14 +219,27 @@ def count(folder: Path) -> int:
         return store.page().total
 
 
-def test_sweeps_are_deleted_if_that_is_confirmed_beforehand(folder, sweeps, capsys):
-    assert "1 sweep deleted" in said(capsys, "delete", "--yes", sweeps[0].key)[1]
-    assert count(folder) == 4
+def test_deleted_sweeps_are_counted_and_brought_back(folder, sweeps, capsys):
+    keys = [sweep.key for sweep in sweeps]
+    assert "4 sweeps deleted; 'fraexp undelete' brings this back" in said(capsys, "delete", "--yes", *keys[:4])[1]
+    assert "no usable result, 4 deleted" in said(capsys, "list")[0]
+    assert ", 4 deleted" in said(capsys, "show", "1")[0]
+    assert "1 sweep deleted" in said(capsys, "delete", "--yes", keys[4])[1]
+    assert (count(folder), ", 5 deleted" in said(capsys, "list")[0]) == (0, True)
+    assert "1 sweep brought back" in said(capsys, "undelete", keys[0][4:])[1]
+    assert "1 sweep brought back" in said(capsys, "undelete")[1]
+    assert "is not in the trash, which has sweep " in said(capsys, "undelete", "ffff", code=ExitCode.USAGE)[1]
+    assert count(folder) == 2
+    assert "3 sweeps deleted for good" in said(capsys, "delete", "--purge", "--yes")[1]
+    assert "the trash is empty" in said(capsys, "undelete", code=ExitCode.USAGE)[1]
 
 
-def test_a_run_is_deleted_with_its_sweeps(folder, capsys):
+def test_a_run_is_deleted_with_its_sweeps_and_comes_back(folder, sweeps, capsys):
     assert "1 run and 5 sweeps deleted" in said(capsys, "delete", "1", "--yes")[1]
     assert count(folder) == 0
+    assert "1 run and 5 sweeps brought back" in said(capsys, "undelete", "1")[1]
+    assert count(folder) == 5
+    assert "expected runs or sweeps to delete, or --purge" in said(capsys, "delete", code=ExitCode.USAGE)[1]
 
 
 def test_nothing_is_deleted_where_nobody_can_be_asked(folder, sweeps, capsys, monkeypatch):

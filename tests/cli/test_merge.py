@@ -31,13 +31,13 @@ def test_a_file_without_a_database_is_told(tmp_path: Path, capsys: pytest.Captur
     assert not (tmp_path / "mine.db").exists()
 
 
-def test_an_older_database_is_told_with_what_brings_it_up_to_date(
+def test_a_database_of_another_schema_is_named_and_nothing_is_written(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     fill(tmp_path / "old.db")
     with closing(sqlite3.connect(tmp_path / "old.db")) as connection, connection:
-        connection.execute("UPDATE alembic_version SET version_num = '0001'")
-    assert f"fraexp migrate --db {tmp_path / 'old.db'} brings it up to date" in refused(tmp_path, capsys, "old.db")
+        connection.execute("DROP TABLE fraexp_schema")
+    assert "old.db: the database has no schema number, this fraexp needs" in refused(tmp_path, capsys, "old.db")
 
 
 def test_a_stored_outcome_that_is_none_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

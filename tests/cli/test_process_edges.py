@@ -191,7 +191,7 @@ def test_an_escaped_name_is_short_too(capsys: pytest.CaptureFixture[str]) -> Non
     ],
 )
 def test_a_password_is_in_no_error(url: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for line in (["list"], ["run", "quick"], ["merge", url], ["migrate"]):
+    for line in (["list"], ["run", "quick"], ["merge", url], ["undelete"]):
         assert main([*line, "--db", url, "--workspace", str(tmp_path)]) in (ExitCode.STORE, ExitCode.USAGE)
         printed = capsys.readouterr()
         assert "hush" not in printed.out + printed.err
@@ -295,18 +295,6 @@ def test_a_figure_makes_no_folder(workspace: Path, tmp_path: Path, capsys: pytes
     assert main(["plot", "1", "-o", str(target), "--workspace", str(workspace)]) == ExitCode.USAGE
     assert "there is no folder" in capsys.readouterr().err
     assert not target.parent.exists()
-
-
-@pytest.mark.parametrize("command", [["tag", "good", "1"], ["migrate"]])
-def test_a_command_that_migrates_a_database_says_so(
-    command: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    old = ROOT / "tests" / "store" / "assets" / "schema-0004.db"
-    overwrite(tmp_path / "results.db", old)
-    assert main([*command, "--workspace", str(tmp_path)]) == ExitCode.OK
-    copy = tmp_path / "results.db.bak-0004"
-    assert f"a copy of the earlier file is {copy}\n" in capsys.readouterr().err
-    assert copy.is_file()
 
 
 def test_a_running_run_is_deleted_after_a_command_that_exists(

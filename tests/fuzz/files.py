@@ -230,7 +230,7 @@ COLUMNS = {
     "curve_column": ("name", "unit", "samples", "position"),
     "supplied_component": ("kind", "name", "version", "source_hash", "distribution"),
     "field": ("kind", "name"),
-    "alembic_version": ("version_num",),
+    "fraexp_schema": ("number",),
 }
 
 

@@ -1,4 +1,4 @@
-"""Tags, notes, deletion, progress, and watching a database that changes."""
+"""Tags, notes, progress, and watching a database that changes."""
 
 import gc
 import os
@@ -56,35 +56,6 @@ def test_what_does_not_exist_cannot_be_marked(store, begin, sweep):
     store.tag([sweep().key], "baseline")
     with pytest.raises(StoreError, match="no sweep has the tag 'basline'; did you mean 'baseline'"):
         store.untag([sweep().key], "basline")
-
-
-def test_deleting_sweeps_takes_all_that_belongs_to_them(store, begin, sweep, result, origin, sql):
-    run = begin([sweep(1), sweep(2)])
-    store.save(run, [(sweep(1), result(), origin), (sweep(2), result(), origin)])
-    with pytest.raises(StoreError, match="run 1 is running and uses these sweeps"):
-        store.delete_sweeps([sweep(1).key])
-    store.end_run(run, "complete")
-    store.tag([sweep(1).key], "t")
-    assert store.delete_sweeps([sweep(1).key, "fx1-none"]) == 1
-    assert (store.run(run).total, store.tags(), store.health()) == (1, {}, "sound")
-    assert store.find(sweep(2).key).experiment == sweep(2).experiment
-    store.delete_sweeps([sweep(2).key])
-    for table in ("part", "frequency_response", "metric", "curve_column", "run_sweep"):
-        assert sql(f"SELECT count(*) FROM {table}") == [(0,)], table
-
-
-def test_deleting_a_run_keeps_the_sweeps_of_others(store, begin, sweep, result):
-    first, second = begin([sweep(1), sweep(2)]), begin([sweep(2), sweep(3)])
-    with pytest.raises(StoreError, match="run 2 is running"):
-        store.delete_run(second)
-    for run in (first, second):
-        store.end_run(run, "complete")
-    assert store.delete_run(second) == 1
-    assert {(row.key, row.run) for row in store.page().rows} == {(sweep(1).key, first), (sweep(2).key, first)}
-    with pytest.raises(StoreError, match="there is no run 2"):
-        store.delete_run(second)
-    assert store.delete_run(first) == 2
-    assert (store.runs(), store.page().total) == ([], 0)
 
 
 def test_a_run_tells_its_progress_and_its_process(store, begin, sweep):

@@ -229,7 +229,7 @@ def test_a_run_that_differs_is_a_conflict(store, other, sweep, result):
     other.save(run, [(sweep(0), result(), {})])
     other.end_run(run, "partial")
     joined(store, other)
-    store.delete_sweeps([sweep(1).key])
+    store.delete([sweep(1).key])
     (conflict,) = joined(store, other).run_conflicts
     assert (conflict.key, conflict.how) == ("run 1", f"sweep {sweep(1).key[4:12]} only there")
 

@@ -95,11 +95,15 @@ def test_a_folder_that_does_not_exist_is_not_made(tmp_path):
 
 
 @BOTH
-def test_a_newer_schema_is_left_alone(store, path, options):
+@pytest.mark.parametrize(
+    "statement, found",
+    [("UPDATE fraexp_schema SET number = 99", "schema 99"), ("DROP TABLE fraexp_schema", "no schema number")],
+)
+def test_a_database_of_another_schema_is_left_alone(store, path, options, statement, found):
     store.close()
     with closing(sqlite3.connect(path)) as connection, connection:
-        connection.execute("UPDATE alembic_version SET version_num = '9999'")
-    refused(path, "its schema 9999 is newer than this fraexp .*; update fraexp", **options)
+        connection.execute(statement)
+    refused(path, f"the database has {found}, this fraexp needs schema 1; open it with the version", **options)
 
 
 def test_a_damaged_database_is_reported(store, path):
@@ -110,7 +114,7 @@ def test_a_damaged_database_is_reported(store, path):
 
 def test_a_damaged_database_whose_words_are_no_text_is_reported(store, path):
     store.close()
-    path.write_bytes(path.read_bytes().replace(b'CREATE TABLE "sweep"', b'CREATE \xcd\xc6\xcd\xcd\xcd "sweep"'))
+    path.write_bytes(path.read_bytes().replace(b"CREATE TABLE sweep", b"CREATE \xcd\xc6\xcd\xcd\xcd sweep"))
     refused(path, "the database is damaged .*; restore a copy", create=True)
     refused(path, "the database is damaged .*; restore a copy", read_only=True)
 

@@ -1,7 +1,6 @@
 """What a server can do that a file cannot: refuse, be shared by hosts, need a password; and the commands on one."""
 
 import signal
-from pathlib import Path
 from urllib.parse import quote
 
 import pytest
@@ -11,25 +10,11 @@ from fraexp.data.sweep import Sweep
 from fraexp.errors import StoreError
 from fraexp.store import Store, masked_url
 from fraexp.store.backends.postgresql import WRITE_LOCK_ID
-from fraexp.store.backends.urls import locate_database
-from fraexp.store.migrations import FOLDER, HISTORY
-from fraexp.store.schema import Schema, migrate_database, prepare_database
 from tests.postgresql import running
 from tests.waiting import HANG_TIMEOUT_S
 
 pytestmark = pytest.mark.thorough
 SECRET = "s3/cr@t word"
-NEXT = """
-import sqlalchemy as sa
-from alembic import op
-
-revision = "next"
-down_revision = "{head}"
-
-def upgrade():
-    op.add_column("run", sa.Column("note", sa.Text, nullable=False, server_default="none"))
-    {more}
-"""
 FEW = ("--set", "excitation.points=3", "--set", "excitation.min_frequency=20")
 
 
@@ -92,8 +77,6 @@ def test_an_empty_database_becomes_ours_and_another_programs_does_not(server, ba
     schema = foreign.rpartition("%3D")[2]
     server.sql(f"CREATE TABLE {schema}.photos (name text)")
     refused(foreign, "there is a table 'photos' of others; make a database for fraexp", create=True)
-    server.sql(f"CREATE TABLE {schema}.alembic_version (version_num text)")
-    refused(foreign, "another program keeps its tables here", create=True)
 
 
 def test_a_reader_cannot_write_and_a_user_without_rights_is_told(server, base):
@@ -125,43 +108,10 @@ def test_a_writer_that_does_not_end_is_told_and_does_not_stop_the_heart(server, 
         assert store.begin_run("s", "f", "c", {}, []) > run
 
 
-def later(tmp_path: Path, more: str = "pass") -> Schema:
-    (tmp_path / "next.py").write_text(NEXT.format(head=HISTORY[-1], more=more))
-    return Schema((*HISTORY, "next"), (FOLDER / "versions", tmp_path))
-
-
-def test_an_older_schema_is_changed_only_when_asked(base, tmp_path):
+def test_another_schema_is_left_alone(base, server):
     Store.open(base, create=True).close()
-    database, schema = locate_database(base, 5.0), later(tmp_path)
-    with pytest.raises(StoreError, match=f"its schema {HISTORY[-1]} is older than next; fraexp migrate --db "):
-        prepare_database(database, True, schema)
-    assert migrate_database(database, schema) == (HISTORY[-1], "")
-    assert database.revision() == "next"
-    assert migrate_database(database, schema) == ("next", "")
-    refused(base, "its schema next is newer than this fraexp .*; update fraexp")
-
-
-def test_a_migration_that_fails_changes_nothing(base, tmp_path):
-    Store.open(base, create=True).close()
-    database = locate_database(base, 5.0)
-    with pytest.raises(StoreError, match="nowhere"):
-        migrate_database(database, later(tmp_path, "op.execute('INSERT INTO nowhere VALUES (1)')"))
-    assert database.revision() == HISTORY[-1]
-    with Store.open(base) as store:
-        assert store.begin_run("s", "f", "c", {}, []) == 1
-
-
-def test_the_tables_are_those_that_the_code_uses(base):
-    from alembic.autogenerate import compare_metadata
-    from alembic.migration import MigrationContext
-
-    from fraexp.store.tables import metadata
-
-    Store.open(base, create=True).close()
-    engine = locate_database(base, 5.0).reader()
-    with engine.connect() as connection:
-        assert compare_metadata(MigrationContext.configure(connection), metadata) == []
-    engine.dispose()
+    server.sql(f"UPDATE {base.rpartition('%3D')[2]}.fraexp_schema SET number = 99")
+    refused(base, "the database has schema 99, this fraexp needs schema 1; open it with the version", create=True)
 
 
 def test_a_store_survives_a_restart_of_the_server(sweep):
@@ -194,7 +144,6 @@ def test_the_commands_work_on_a_server_and_keep_its_password(server, guarded, tm
         ("tag", "baseline", "1"),
         ("list", "tag:baseline", "--json"),
         ("doctor", "--json"),
-        ("migrate",),
         ("merge", guarded, "--db", "copy.db"),
         ("merge", guarded, "--db", "copy.db", "--json"),
         ("list", "--db", f"{guarded}x"),

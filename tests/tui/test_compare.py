@@ -294,7 +294,7 @@ def test_marks_may_change_and_sweeps_may_go_while_it_is_shown(tmp_path: Path) ->
         await pilot.press("2", "right_square_bracket", "right_square_bracket")
         assert page.stack.view_range.focus == 2
         with Store.open(str(tmp_path / "results.db")) as store:
-            store.delete_sweeps([keys[0]])
+            store.delete([keys[0]])
         await until(pilot, lambda: page.compared is not None and len(page.compared.sweeps) == 2)
         await settle(pilot)
         assert page.stack.view_range.hidden == {0}  # the second one is the first now, and stays hidden

@@ -204,7 +204,7 @@ def test_a_sweep_that_is_deleted_meanwhile_is_told_of(workspace, keys):
     async def steps(app, pilot):
         await opened(app, pilot, keys[0])
         with Store.open(str(workspace / "results.db")) as store:
-            store.delete_sweeps([keys[0]])
+            store.delete([keys[0]])
         await shows(pilot, "no sweep's key starts with")
 
     pilot_of(workspace, steps)

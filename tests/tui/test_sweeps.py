@@ -305,7 +305,7 @@ def test_new_sweeps_appear_and_the_cursor_keeps_its_own(workspace):
         await pilot.press("down", "down")
         key = table.key
         with Store.open(str(workspace / "results.db")) as store:
-            store.delete_sweeps([table.keys[0]])
+            store.delete([table.keys[0]])
         await shows(pilot, "rows 1-4 of 4")
         assert table.key == key
 

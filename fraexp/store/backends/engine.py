@@ -3,7 +3,7 @@
 import json
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from typing import ClassVar
 
@@ -18,7 +18,6 @@ PASSWORD_PATTERNS = (
     (r"(://[^:/?#]*:)(.+)@", r"\1***@"),
     (r"(\bpostgres[\w+]*(?!://)[:/]+[^:/?#]*:)(.+)@", r"\1***@"),  # a URL that lacks a part of ://
 )
-Upgrade = Callable[[Connection], None]
 
 
 def masked_url(text: str) -> str:
@@ -48,8 +47,6 @@ class Database(ABC):
     """Name for messages, without password."""
     reading: ClassVar[Mapping[str, object]]
     """Execution options of a transaction that only reads: all its queries see the same state."""
-    upgrades_itself: ClassVar[bool]
-    """Whether a writer migrates an older schema automatically, because nobody else uses the database."""
 
     @property
     def location(self) -> str:
@@ -85,22 +82,12 @@ class Database(ABC):
         """Raise StoreError for the errors of the database in this context."""
 
     @abstractmethod
-    def revision(self) -> str | None:
-        """Return the revision of the schema; None without one."""
+    def schema_number(self) -> int | None:
+        """Return the number of the schema; None without one."""
 
     @abstractmethod
-    def create(self, first: str, upgrade: Callable[[Connection, str | None], None]) -> None:
-        """Create the tables, completely or not at all, unless another process has just done so.
-
-        `upgrade` is called with a connection and the revision of its tables: None, or `first`, the current one.
-        """
-
-    @abstractmethod
-    def migrate(self, head: str, upgrade: Upgrade) -> str:
-        """Migrate to the revision `head`, completely or not at all, unless another process has just done so.
-
-        Return where the data of the earlier revision are; empty if there is no copy of them.
-        """
+    def create(self) -> None:
+        """Create the tables, completely or not at all, unless another process has just done so."""
 
     @abstractmethod
     def tidy(self) -> None:

@@ -3,7 +3,7 @@
 import hashlib
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
@@ -19,12 +19,11 @@ from fraexp.store.backends.engine import (
     EXCLUSIVE,
     WRITE_MODE,
     Database,
-    Upgrade,
     compact_json,
     masked_url,
     url_without_password,
 )
-from fraexp.store.tables import metadata
+from fraexp.store.tables import create_tables
 
 if TYPE_CHECKING:
     import psycopg
@@ -105,7 +104,6 @@ class PostgresqlServer(Database):
     timeout: float
     """Time to wait for other writers [s]."""
     reading: ClassVar[Mapping[str, object]] = {"isolation_level": "REPEATABLE READ", "postgresql_readonly": True}
-    upgrades_itself: ClassVar[bool] = False
 
     @property
     def name(self) -> str:  # type: ignore[override]
@@ -126,10 +124,8 @@ class PostgresqlServer(Database):
                     "AND relkind IN ('r', 'p', 'v', 'm') LIMIT 1"
                 )
             )
-            if connection.scalar(text("SELECT to_regclass('alembic_version')")):
-                if connection.scalar(text("SELECT to_regclass('run_sweep')")):
-                    return True
-                raise StoreError(f"{self.name}: another program keeps its tables here; make a database for fraexp")
+            if connection.scalar(text("SELECT to_regclass('run_sweep')")):
+                return True
         if foreign:
             raise StoreError(f"{self.name}: there is a table '{foreign}' of others; make a database for fraexp")
         return False
@@ -146,22 +142,19 @@ class PostgresqlServer(Database):
     def reader(self) -> Engine:
         return self._create_engine(writes=False)
 
-    def revision(self) -> str | None:
+    def schema_number(self) -> int | None:
         with self._connect() as connection:
-            found = connection.scalar(text("SELECT version_num FROM alembic_version"))
-        return None if found is None else str(found)
+            found = connection.scalar(text("SELECT to_regclass('fraexp_schema')"))
+            return connection.scalar(text("SELECT number FROM fraexp_schema")) if found else None
 
-    def create(self, first: str, upgrade: Callable[[Connection, str | None], None]) -> None:
-        with self._begin_exclusive() as connection:
-            if connection.scalar(text("SELECT to_regclass('alembic_version')")) is None:
-                metadata.create_all(connection)
-                upgrade(connection, first)
-
-    def migrate(self, head: str, upgrade: Upgrade) -> str:
-        with self._begin_exclusive() as connection:
-            if connection.scalar(text("SELECT version_num FROM alembic_version")) != head:
-                upgrade(connection)
-        return ""
+    def create(self) -> None:
+        engine = self._create_engine(writes=True)
+        try:
+            with self.translated_errors(), engine.execution_options(**{WRITE_MODE: EXCLUSIVE}).begin() as connection:
+                if connection.scalar(text("SELECT to_regclass('fraexp_schema')")) is None:
+                    create_tables(connection)
+        finally:
+            engine.dispose()
 
     def tidy(self) -> None:
         with self._connect({"isolation_level": "AUTOCOMMIT"}, writes=True) as connection:
@@ -202,15 +195,6 @@ class PostgresqlServer(Database):
         engine = self._create_engine(writes)
         try:
             with self.translated_errors(), engine.execution_options(**(options or {})).connect() as connection:
-                yield connection
-        finally:
-            engine.dispose()
-
-    @contextmanager
-    def _begin_exclusive(self) -> Iterator[Connection]:
-        engine = self._create_engine(writes=True)
-        try:
-            with self.translated_errors(), engine.execution_options(**{WRITE_MODE: EXCLUSIVE}).begin() as connection:
                 yield connection
         finally:
             engine.dispose()

@@ -1,10 +1,10 @@
-"""A SQLite file: one writer, readers that cannot write, a copy before migrations; each failure is one sentence."""
+"""A SQLite file: one writer, and readers that cannot write; each failure is one sentence."""
 
 import os
 import sqlite3
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,8 +17,9 @@ from sqlalchemy.pool import QueuePool
 
 from fraexp.data.file_lock import try_lock
 from fraexp.errors import StoreError, UnavailableError
-from fraexp.store.backends.engine import EXCLUSIVE, WRITE_MODE, Database, Upgrade, compact_json
+from fraexp.store.backends.engine import EXCLUSIVE, WRITE_MODE, Database, compact_json
 from fraexp.store.backends.file_system import file_system_type, is_on_network
+from fraexp.store.tables import create_tables
 from fraexp.store.validation import parse_json
 
 APPLICATION_ID = 0x66726178
@@ -47,7 +48,6 @@ class SqliteFile(Database):
     timeout: float
     """Time to wait for another process that writes [s]."""
     reading: ClassVar[Mapping[str, object]] = {}
-    upgrades_itself: ClassVar[bool] = True
 
     @property
     def name(self) -> str:  # type: ignore[override]
@@ -104,10 +104,10 @@ class SqliteFile(Database):
             "locks may fail; put it on a local disk with --db, or use a server such as postgresql://user@host/database"
         )
 
-    def writer(self, foreign_keys: bool = True) -> Engine:
+    def writer(self) -> Engine:
         """Return an engine with one connection, which can read and write."""
         journal = JOURNAL_PRAGMAS if is_on_network(self.path.resolve().parent) else WAL_PRAGMAS
-        return self._create_engine("mode=rw", (*journal, f"PRAGMA foreign_keys = {'ON' if foreign_keys else 'OFF'}"))
+        return self._create_engine("mode=rw", (*journal, "PRAGMA foreign_keys = ON"))
 
     def reader(self) -> Engine:
         """Return an engine that cannot write."""
@@ -118,19 +118,18 @@ class SqliteFile(Database):
             return self._create_engine("mode=rw", ("PRAGMA query_only = ON",))
         return self._create_engine("mode=ro", ())
 
-    def revision(self) -> str | None:
-        """Return the revision of the schema; None without one."""
+    def schema_number(self) -> int | None:
         with self.translated_errors(), closing(self.connect(self._read_mode())) as connection:
             if strange := connection.execute(FOREIGN_OBJECTS_SQL).fetchone():
                 raise StoreError(
                     f"{self.path}: it has a {strange[0]} '{strange[1]}', which fraexp does not make and which could "
                     "run whatever its author wished; drop it, or name another file"
                 )
-            found = connection.execute("SELECT name FROM sqlite_master WHERE name = 'alembic_version'").fetchone()
-            row = connection.execute("SELECT version_num FROM alembic_version").fetchone() if found else None
-        return str(row[0]) if row else None
+            found = connection.execute("SELECT name FROM sqlite_master WHERE name = 'fraexp_schema'").fetchone()
+            row = connection.execute("SELECT number FROM fraexp_schema").fetchone() if found else None
+        return row[0] if row else None
 
-    def create(self, first: str, upgrade: Callable[[Connection, str | None], None]) -> None:
+    def create(self) -> None:
         self.check_writable()
         with _locked_folder(self):
             if not self.exists():  # another process may have created it meanwhile
@@ -140,19 +139,8 @@ class SqliteFile(Database):
                 with self.translated_errors():
                     _remove_files(draft.path)
                     draft.path.touch()
-                    draft._run_upgrade(lambda connection: upgrade(connection, None))
+                    draft._create_tables()
                     draft.path.replace(path)
-
-    def migrate(self, head: str, upgrade: Upgrade) -> str:
-        """Copy the file to ``<name>.bak-<revision>``, then change it in one transaction."""
-        self.check_writable()
-        with _locked_folder(self):
-            revision = self.revision()
-            if revision == head:
-                return ""
-            copy = self._back_up(f"bak-{revision}")
-            self._run_upgrade(upgrade)
-        return f"a copy of the earlier file is {copy}"
 
     def tidy(self) -> None:
         with self.translated_errors(), closing(self.connect("mode=rw")) as connection:
@@ -181,29 +169,12 @@ class SqliteFile(Database):
             return " ".join(finding.removeprefix("*** in database main ***").split())
         return f"a row of {orphan[0]} refers to a {orphan[2]} that does not exist" if orphan else "sound"
 
-    def _back_up(self, suffix: str) -> Path:
-        path = self.path.resolve()
-        copy = path.with_name(f"{path.name}.{suffix}")
-        draft = replace(self, path=copy.with_name(f"{copy.name}.new"))
-        with self.translated_errors():
-            _remove_files(draft.path)
-            with closing(self.connect("mode=ro")) as source, closing(draft.connect("mode=rwc")) as target:
-                source.backup(target)
-                target.execute("PRAGMA journal_mode = DELETE")  # a single file without a log
-            draft.path.replace(copy)
-        return self.path.with_name(copy.name) if self.path.name == path.name else copy
-
-    def _run_upgrade(self, step: Upgrade) -> None:
-        # Foreign keys are off, because rebuilding a table would delete the rows that refer to it; the end checks them.
-        engine = self.writer(foreign_keys=False)
+    def _create_tables(self) -> None:
+        engine = self.writer()
         try:
             with self.translated_errors(), engine.execution_options(**{WRITE_MODE: EXCLUSIVE}).begin() as connection:
                 connection.exec_driver_sql(f"PRAGMA application_id = {APPLICATION_ID}")
-                step(connection)
-                if connection.exec_driver_sql("PRAGMA foreign_key_check").first():
-                    raise StoreError(
-                        f"{self.path}: the migration breaks references between rows; the schema is unchanged"
-                    )
+                create_tables(connection)
         finally:
             engine.dispose()
 

@@ -82,7 +82,7 @@ def begin_run(
     time_now = now(connection)
     row: RowValues = {"study": study, "study_file": study_file, "command": command, "provenance": dict(provenance)}
     row |= {"state": "running", "started": time_now, "ended": None, "heartbeat": time_now, **asdict(process)}
-    row["sweeps"] = len(grid)
+    row |= {"sweeps": len(grid), "deleted": 0}
     number = int(connection.execute(INSERT_RUN, row).scalar_one())
     ensure_sweeps(connection, grid, IN_RUNS)
     for chunk in key_chunks(item.key for item in grid):

@@ -1,18 +1,15 @@
-"""Annotations by the user: tags and notes; and deletion of sweeps and runs."""
+"""Annotations by the user: tags and notes."""
 
 from collections import defaultdict
 from collections.abc import Iterable
 
-from sqlalchemy import Connection, delete, func, insert, select, update
+from sqlalchemy import Connection, delete, func, insert, select
 
 from fraexp.errors import StoreError, did_you_mean
-from fraexp.store import shared_sections
-from fraexp.store.clock import now
 from fraexp.store.damage import RESTORE_HINT
 from fraexp.store.digests import annotations_digest
-from fraexp.store.liveness import Process, host_of
-from fraexp.store.sealing import seal_annotations, seal_sound_runs
-from fraexp.store.tables import STANDING_LATEST, STANDING_OVERTAKEN, key_chunks, note, run, run_sweep, sweep, tag
+from fraexp.store.sealing import seal_annotations
+from fraexp.store.tables import key_chunks, note, sweep, tag
 
 
 def check_tag(name: str) -> None:
@@ -73,53 +70,6 @@ def notes_of_sweeps(connection: Connection, keys: Iterable[str]) -> dict[str, st
     for chunk in key_chunks(keys):
         found |= {row.key: row.text for row in connection.execute(select(note).where(note.c.key.in_(chunk)))}
     return found
-
-
-def delete_sweeps(connection: Connection, keys: Iterable[str]) -> int:
-    """Delete sweeps with all their data, and return their number."""
-    living = _living_runs(connection)
-    count = 0
-    for chunk in key_chunks(keys):
-        using = select(run_sweep.c.run).where(run_sweep.c.run.in_(living), run_sweep.c.key.in_(chunk)).limit(1)
-        number = connection.scalar(using)
-        if number is not None:
-            raise StoreError(
-                f"run {number} is running and uses these sweeps; wait until it has ended, or stop it with "
-                f"'fraexp stop {number}'"
-            )
-        of_runs = list(connection.scalars(select(run_sweep.c.run).where(run_sweep.c.key.in_(chunk)).distinct()))
-        count += connection.execute(delete(sweep).where(sweep.c.key.in_(chunk))).rowcount
-        seal_sound_runs(connection, of_runs)
-    shared_sections.delete_unused_parts(connection)
-    return count
-
-
-def delete_run(connection: Connection, number: int) -> int:
-    """Delete a run with those of its sweeps that no other run has, and return the number of these sweeps."""
-    if number in _living_runs(connection):
-        raise StoreError(
-            f"run {number} is running; wait until it has ended, or stop it with 'fraexp stop {number}', before it is "
-            "deleted"
-        )
-    keys = list(connection.scalars(select(run_sweep.c.key).where(run_sweep.c.run == number)))
-    connection.execute(delete(run).where(run.c.number == number))
-    left = run_sweep.alias()
-    count = 0
-    for chunk in key_chunks(keys):
-        latest = select(func.max(left.c.run)).where(left.c.key == run_sweep.c.key).scalar_subquery()
-        chosen = (run_sweep.c.key.in_(chunk), run_sweep.c.standing == STANDING_OVERTAKEN, run_sweep.c.run == latest)
-        connection.execute(update(run_sweep).where(*chosen).values(standing=STANDING_LATEST))
-        orphans = sweep.c.key.not_in(select(run_sweep.c.key).where(run_sweep.c.key.in_(chunk)))
-        count += connection.execute(delete(sweep).where(sweep.c.key.in_(chunk), orphans)).rowcount
-    shared_sections.delete_unused_parts(connection)
-    return count
-
-
-def _living_runs(connection: Connection) -> list[int]:
-    running = select(run.c.number, run.c.host, run.c.boot, run.c.pid, run.c.process_start, run.c.heartbeat)
-    rows = connection.execute(running.where(run.c.state == "running")).all()
-    moment, host = now(connection), host_of(connection)
-    return [number for number, *process, beat in rows if host.is_alive(Process(*process), moment - beat)]
 
 
 def _sound_keys(connection: Connection, keys: Iterable[str]) -> Iterable[list[str]]:

@@ -300,6 +300,7 @@ def _run_summary(row: RowMapping, rows: _RunRows, time_now: datetime, host: Host
             reused=rows.counts.get("reused", 0),
             failed=rows.counts.get("failed", 0),
             unusable=rows.unusable,
+            deleted=row["deleted"],
             process=process,
             heartbeat=row["heartbeat"],
             silence=silence.total_seconds() if row["state"] == "running" and not dead else 0.0,

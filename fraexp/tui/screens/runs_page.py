@@ -164,7 +164,7 @@ Enter opens a run: its sweeps, its log, and the keys that stop it or start it ag
         self.run_worker(self._delete_run(number), group="delete")
 
     async def _delete_run(self, number: int) -> None:
-        gone = await self.fetch(self.app.backend.write(lambda store: store.delete_run(number)), self._show_refusal)
+        gone = await self.fetch(self.app.backend.write(lambda store: store.delete(runs=[number])), self._show_refusal)
         if gone is not None:
             self.app.notify(f"run {number} deleted, with {plural(gone, 'sweep')}", markup=False)
             self.reload()

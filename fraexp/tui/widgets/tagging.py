@@ -97,7 +97,7 @@ class TaggingPage(Page):
 
         def apply_answer(yes: bool | None) -> None:
             if yes:
-                self._change(lambda store: store.delete_sweeps(keys), f"{plural(len(keys), 'sweep')} deleted", keys)
+                self._change(lambda store: store.delete(keys), f"{plural(len(keys), 'sweep')} deleted", keys)
 
         self.app.push_screen(ConfirmDialog(f"Delete {loss}?"), apply_answer)
 
