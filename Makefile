@@ -122,7 +122,6 @@ $(STAMP): pyproject.toml requirements.lock
 	printf %s "$$pip" > $(ENV)/.pip; \
 	printf %s "$(CURDIR)" > $@
 
-# Tests start hundreds of processes, all of which find the bytecode there.
 # Meanwhile the stamp is away: an interruption leaves what is half installed, a failure (no network) does not.
 $(TOOLS): $(STAMP) requirements-dev.lock
 	@echo "adding the tools of development to $(ENV), once: about a minute" >&2
@@ -130,6 +129,5 @@ $(TOOLS): $(STAMP) requirements-dev.lock
 	mv $(STAMP) $(STAMP).kept; \
 	$$(cat $(ENV)/.pip) $(PIP_INSTALL) --require-hashes --requirement requirements-dev.lock || \
 	  { mv $(STAMP).kept $(STAMP); exit 1; }; \
-	$(BIN)/python -m compileall -qq -j 0 $(CURDIR)/$(ENV)/lib > /dev/null 2>&1 || true; \
 	mv $(STAMP).kept $(STAMP); \
 	touch $@

@@ -15,7 +15,7 @@ from fraexp_plugins.identification.autonomous._shared.law_records import LawReco
 from fraexp.data.signals import Signals
 from tests.identification.test_law_elements import record_of
 
-FREQUENCIES, SPEEDS = np.geomspace(1.0, 20.0, 13), (1e-3, 8e-3, 0.06)
+FREQUENCIES, SPEEDS = np.geomspace(2.0, 20.0, 10), (1e-3, 8e-3, 0.06)
 LAW = RollingElements(np.log([1e-12]), np.array([1e-6, 4e-6, 0.1]))
 OBSERVER = ElementObserver(friction=Frictionless(), oversampling=4)
 KNOWN = np.array([0.5, 100.0])
@@ -46,7 +46,7 @@ def test_an_element_that_never_slips_is_a_spring_that_a_free_body_lacks() -> Non
     assert np.sqrt(np.mean(residual**2)) < 0.5
 
 
-@pytest.mark.parametrize(("mode", "is_free"), [(np.inf, True), (60.0, True), (3.5, False)])
+@pytest.mark.parametrize(("mode", "is_free"), [(60.0, True), (3.5, False)])
 def test_a_mode_near_the_lowest_frequencies_is_not_taken_for_a_free_body(
     mode: float, is_free: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -160,7 +160,7 @@ def test_bristles_that_bend_far_and_weaken_in_fast_sliding_are_found() -> None:
         bristle_stiffness=3.1e4, bristle_damping=15.7, coulomb_force=2.6, static_force=3.5, stribeck_velocity=3.5e-3
     )
     speeds, frequencies = (3e-4, 1.5e-3, 7e-3), np.array([0.5, 100.0])
-    segments = tuple(record_of(model, f, v / (2 * np.pi * f)) for f in np.geomspace(1, 20, 9) for v in speeds)
+    segments = tuple(record_of(model, f, v / (2 * np.pi * f)) for f in np.geomspace(3, 20, 6) for v in speeds)
     observer = ElementObserver(friction=Frictionless(), oversampling=2)
     inverse = frequencies, -5.0 * (2 * np.pi * frequencies) ** 2 + 0j
     choice = choose_law(Signals(segments, {"u": "N", "y": "m"}), observer, inverse, False)
@@ -175,8 +175,8 @@ def test_a_law_that_noise_does_not_explain_is_nearer_than_a_dictionary(monkeypat
     monkeypatch.setattr(law_choice, "_families", lambda *given: [next(families(*given))])
     limits, widths = np.array([4.0, 6.0]), np.array([4e-6, 2e-5])
     model = Rolling(stiffness=limits / widths, limit_force=limits)
-    gains = 1 + 3e-3 * np.random.default_rng(2).normal(size=36)  # of a drive that errs
-    segments = [record_of(model, f, v / (2 * np.pi * f)) for f in np.geomspace(1, 40, 12) for v in (1e-3, 8e-3, 0.06)]
+    gains = 1 + 3e-3 * np.random.default_rng(2).normal(size=24)  # of a drive that errs
+    segments = [record_of(model, f, v / (2 * np.pi * f)) for f in np.geomspace(3, 40, 8) for v in (1e-3, 8e-3, 0.06)]
     erring = tuple(
         replace(each, channels={**each.channels, "u": gain * each.channels["u"]})
         for each, gain in zip(segments, gains, strict=True)
@@ -196,7 +196,7 @@ def test_a_law_is_judged_by_what_the_encoder_does_to_it(error: float, monkeypatc
     monkeypatch.setattr(law_choice, "_families", lambda *given: [next(families(*given))])
     limits, widths, generator = np.array([3.0, 7.0]), np.array([3e-7, 6e-6]), np.random.default_rng(5)
     model, segments, step = Rolling(stiffness=limits / widths, limit_force=limits), [], 1e-7
-    for frequency in np.geomspace(1, 40, 12):
+    for frequency in np.geomspace(3, 40, 6):
         for size in (6e-7, 1e-5, 0.06 / (2 * np.pi * frequency)):  # m: six steps of the encoder, bending, and sliding
             record = record_of(model, frequency, size)
             y = record.channels["y"] + generator.normal(0, step / 2, record.channels["y"].shape)
@@ -250,9 +250,12 @@ MISLED = pytest.mark.xfail(strict=True, reason="elements that weaken leave less 
 
 
 @pytest.mark.parametrize(
-    "laws", [pytest.param(1, id="rolling"), pytest.param(5, id="all", marks=[pytest.mark.thorough, MISLED])]
+    ("laws", "lowest"),
+    [pytest.param(1, 3.0, id="rolling"), pytest.param(5, 1.0, id="all", marks=[pytest.mark.thorough, MISLED])],
 )
-def test_laws_are_compared_with_the_weights_that_the_encoder_gives(laws: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_laws_are_compared_with_the_weights_that_the_encoder_gives(
+    laws: int, lowest: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """An encoder moves stiff bristles: one law left as much as another there, and a wrong one was 8.8 % off."""
     families = law_choice._families
     monkeypatch.setattr(law_choice, "_families", lambda *given: islice(families(*given), laws))
@@ -262,7 +265,7 @@ def test_laws_are_compared_with_the_weights_that_the_encoder_gives(laws: int, mo
     damping = 4e-5 * limits / widths * draws.uniform(0.5, 2, widths.size)
     model = Rolling(stiffness=limits / widths, limit_force=limits, damping=damping, viscous_coefficient=1000.0)
     segments = []
-    for frequency in np.geomspace(1, 60, 12):
+    for frequency in np.geomspace(lowest, 60, 12):
         for speed in (1e-4, 1e-3, 5e-3, 0.04):
             record = record_of(model, frequency, speed / (2 * np.pi * frequency))
             y = record.channels["y"] + 2e-7 * errors.normal(size=record.channels["y"].shape)
@@ -314,12 +317,11 @@ def test_a_misled_lugre_law_is_not_the_only_start_of_elastoplastic_bristles() ->
     assert choice.best.coulomb == pytest.approx(4.53, rel=1e-3)
 
 
-@pytest.mark.parametrize("relaxation", [0.0, 4 * SAMPLE_TIME])
-def test_elements_that_slide_in_few_records_are_elements_still(relaxation: float) -> None:
+def test_elements_that_slide_in_few_records_are_elements_still() -> None:
     limits, widths = np.array([0.1, 0.2, 0.3]), np.array([3e-6, 3e-5, 1.6e-4])  # the motion reaches 1 mm
-    model = Rolling(stiffness=limits / widths, limit_force=limits, damping=relaxation * limits / widths)
+    model = Rolling(stiffness=limits / widths, limit_force=limits, damping=4 * SAMPLE_TIME * limits / widths)
     speeds = (1e-3, 3e-3, 6.3e-3)
-    segments = tuple(record_of(model, f, v / (2 * np.pi * f)) for f in np.geomspace(1, 20, 9) for v in speeds)
+    segments = tuple(record_of(model, f, v / (2 * np.pi * f)) for f in np.geomspace(3, 20, 6) for v in speeds)
     signals, observer = (
         Signals(segments, {"u": "N", "y": "m"}),
         ElementObserver(friction=Frictionless(), oversampling=4),

@@ -12,7 +12,7 @@ from fraexp.components.registry import create
 from tests.identification.test_maximum_likelihood import LUGRE, MACHINE, estimator, recorded
 
 __all__ = ["recorded"]
-SINES = {"name": "stepped_sine", "amplitude": 25.0, "points": 16, "min_frequency": 5.0}
+SINES = {"name": "stepped_sine", "amplitude": 25.0, "points": 8, "min_frequency": 5.0}
 WRONG = {"viscous_coefficient": 2.0, "bristle_damping": 0.6, "static_force": 1.1, "stribeck_velocity": 1.4}
 
 

@@ -12,15 +12,21 @@ from fraexp_plugins.identification.autonomous._shared.law_records import LawReco
 from fraexp.data.signals import Signals
 from tests.identification.test_law_elements import record_of
 
-FREQUENCIES, SPEEDS = np.geomspace(1.0, 20.0, 6), (1e-3, 8e-3, 0.06)
-LARGEST = 0.06 / (2 * np.pi)
+FREQUENCIES, SPEEDS = np.geomspace(3.0, 20.0, 4), (1e-3, 8e-3, 0.06)
+LARGEST = 0.06 / (2 * np.pi * FREQUENCIES[0])
 KNOWN = np.array([0.5, 100.0])
 INVERSE = KNOWN, -5.0 * (2 * np.pi * KNOWN) ** 2 + 0j
 SHAPES = {RollingElements: np.log([1e-12]), WeakeningElements: np.log([1e-9, 1e-3, 60.0])}
 
 
-@pytest.mark.parametrize("kind", list(SHAPES))
-@pytest.mark.parametrize(("width", "kept"), [(4e-6, 0.05), (0.1 * LARGEST, 0.2), (0.4 * LARGEST, 0.7)])
+@pytest.mark.parametrize(
+    ("kind", "width", "kept"),
+    [
+        (RollingElements, 4e-6, 0.05),
+        (RollingElements, 0.4 * LARGEST, 0.7),
+        (WeakeningElements, 0.1 * LARGEST, 0.2),
+    ],
+)
 def test_elements_are_as_wide_as_the_records_need(
     kind: type[RollingElements] | type[WeakeningElements], width: float, kept: float
 ) -> None:

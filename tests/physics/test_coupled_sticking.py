@@ -13,12 +13,13 @@ from fraexp_plugins.plants.two_mass import TwoMass
 
 from fraexp.data.results import Outcome
 from fraexp.execution.certificate import certify
-from tests.machines import FRICTIONLESS, TABLE, decibel, simulated
+from tests.machines import TABLE, decibel, simulated
 from tests.physics.coupled_events import Dry, EventLoop, Stop
 from tests.physics.test_contacts import AMPLITUDES, CONTROLLERS, SAMPLE, TwoPlaces, example, responses
 
 DRIVE = TwoMass(motor_mass=3.0, load_mass=5.0, stiffness=2e5, damping=20.0)
 CONTROLLER = CONTROLLERS["two_mass"]
+BARELY = Coulomb(coulomb_force=1e-6)
 
 
 def on_drive(frictions, frequencies, amplitude=25.0, steps=0, **settings):
@@ -116,14 +117,14 @@ def test_a_load_that_sticks_has_no_response_that_counts():
 def test_frequencies_at_which_a_load_sticks_take_no_others_with_them(forces):
     """Steps so fine that their error does not count show which responses are right."""
     frictions = dict(zip(("motor", "load"), (Coulomb(coulomb_force=force) for force in forces), strict=True))
-    frequencies = (10.0, 15.0, 20.0, 25.0, 30.0, 40.0, 50.0, 60.0, 80.0, 100.0, 125.0, 150.0)
+    frequencies = (10.0, 25.0, 40.0, 60.0, 80.0, 100.0, 125.0, 150.0)
     signals = on_drive(frictions, frequencies)
     stands = np.array([np.ptp(segment.channels["y.load"]) < 1e-9 for segment in signals.segments])
     assert stands.any()
     assert stands.sum() < stands.size - 3
     conventional = Conventional(output="y.load")
     response = certify(conventional, signals, conventional.estimate(signals), 1e-4).response
-    fine = conventional.estimate(on_drive(frictions, frequencies, steps=200)).response
+    fine = conventional.estimate(on_drive(frictions, frequencies, steps=60)).response
     error = np.abs(response.response / fine.response - 1)
     np.testing.assert_array_equal(response.settled, ~stands)
     assert np.all(error[~stands] <= response.numerical_error[~stands])
@@ -160,7 +161,7 @@ def test_the_proposed_method_says_how_far_standstill_may_put_it_off():
 
 @pytest.mark.parametrize("place", ["motor", "load"])
 def test_motion_that_shows_dry_friction_is_ok(place):
-    frictions = {"motor": FRICTIONLESS, "load": FRICTIONLESS, place: Coulomb(coulomb_force=5.0)}
+    frictions = {"motor": BARELY, "load": BARELY, place: Coulomb(coulomb_force=5.0)}
     signals = on_drive(frictions, (15.0, 25.0), 40.0)
     estimator = MultiContactEffectiveInput(frictions=frictions, nominal_plant=DRIVE, input_dead_time=1e-3)
     found = estimator.estimate(signals)
